@@ -1,0 +1,134 @@
+# Every command a person or a CI machine types. Each target does its own set-up: a Python >= 3.11 is all it needs.
+#   make run ARGS="scenarios/paper.toml --uavs 50"      make test ARGS="-k rician"      make PYTHON=python3.12 test
+
+.DEFAULT_GOAL := help
+VENV := .venv
+BIN := $(VENV)/bin
+PYTHON ?=
+ARGS ?=
+WORKERS ?= 2
+COMPOSE ?= docker compose
+PYTEST := $(BIN)/pytest
+
+# One BLAS thread in each process: a swarm is already as many processes as it has vehicles.
+export OPENBLAS_NUM_THREADS ?= 1
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+# The environment is stale when its interpreter is gone or when the checkout has been moved or copied.
+in_place := [ -x $(BIN)/python ] && [ "$$(cat $(VENV)/.home 2>/dev/null)" = "$$(pwd -P)" ]
+STALE := $(shell $(in_place) || echo stale)
+
+.PHONY: help run test check format bench picture images up test-compose constraints clean stale
+
+help: ## List the targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  \033[1m%-14s\033[0m %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+
+run: $(VENV)/.ground ## Fly the paper's scenario: 25 UAV processes, leader and world (ARGS="--method mfg --uavs 50")
+	@$(BIN)/meanflock run $(ARGS)
+
+# What starts whole swarms comes second and alone, so that its deadlines do not compete with the unit tests for the cores.
+# "No test selected" (status 5) is a failure, unless ARGS did the selecting.
+test: $(VENV)/.dev ## Run all tests but those of the containers (ARGS="-k rician")
+	@status=0; \
+	echo "== tests, on $(WORKERS) workers"; \
+	$(PYTEST) -n $(WORKERS) --dist loadgroup -m "not processes" --ignore=tests/compose $(ARGS) || status=$$?; \
+	[ $$status -ne 5 ] || [ -z '$(subst ','\'',$(ARGS))' ] || status=0; \
+	if grep -rqs --include='*.py' --exclude-dir=compose 'mark\.processes' tests; then \
+		echo "== tests that start real processes, one at a time"; \
+		second=0; $(PYTEST) -m processes --ignore=tests/compose $(ARGS) || second=$$?; \
+		[ $$second -ne 5 ] || [ -z '$(subst ','\'',$(ARGS))' ] || second=0; \
+		[ $$status -ne 0 ] || status=$$second; \
+	fi; \
+	exit $$status
+
+check: $(VENV)/.dev ## Format, lint and types, changing nothing
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+format: $(VENV)/.dev ## Mend format and what the linter can mend by itself
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: $(VENV)/.dev ## Run the benchmarks
+	@$(BIN)/python -m benchmarks $(ARGS)
+
+picture: $(VENV)/.ground ## Draw the README's picture again (needs a software or hardware Vulkan driver)
+	@$(BIN)/python docs/picture.py $(ARGS)
+
+images: ## Build the container images (BASE_IMAGE=... for another Python image)
+	$(COMPOSE) build
+
+up: ## The same run in containers, recorded into runs/ (MEANFLOCK_UAVS=25 MEANFLOCK_SET="seed=7")
+	@mkdir -p runs
+	@MEANFLOCK_UID=$${MEANFLOCK_UID:-$$(id -u)} MEANFLOCK_GID=$${MEANFLOCK_GID:-$$(id -g)} $(COMPOSE) up --build $(ARGS)
+
+test-compose: ## Test the containers, on whichever container engine is running
+	@if [ -d tests/compose ]; then \
+		$(MAKE) --no-print-directory $(VENV)/.dev images && $(PYTEST) --timeout 600 tests/compose tests/test_packaging.py $(ARGS); \
+	else \
+		echo "test-compose: there is no tests/compose, so nothing to test"; \
+	fi
+
+constraints: ## Refresh constraints.txt from a clean install (after changing a pin in pyproject.toml)
+	@set -eu; tmp=$$(mktemp -d); trap 'rm -rf "$$tmp"' EXIT; \
+	$(find_python); $(call make_venv,"$$tmp/venv"); \
+	"$$tmp/venv/bin/python" -m pip install -qq -e '.[dev]'; \
+	{ echo "# Every direct and transitive dependency of .[dev], at the version we test. Refresh: make constraints"; \
+	  "$$tmp/venv/bin/python" -m pip freeze --exclude-editable --exclude meanflock | tr 'A-Z_' 'a-z-' | LC_ALL=C sort; \
+	} > "$$tmp/constraints.txt"; \
+	cp "$$tmp/constraints.txt" constraints.txt; echo "constraints.txt: $$(grep -c == constraints.txt) packages"
+
+clean: ## Remove the environment, caches and build leftovers; runs/ stays
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# ---- set-up -----------------------------------------------------------------------------------------------------------
+# find_python sets $python: the first that is recent enough and can make an environment with pip in it; failing that, the
+# first recent enough one that has a pip of its own to lend.
+define find_python
+python=; recent=; \
+for candidate in $(or $(PYTHON),python3.13 python3.12 python3.11 python3); do \
+	"$$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || continue; \
+	recent=$${recent:-$$candidate}; \
+	if "$$candidate" -c 'import ensurepip, venv' 2>/dev/null; then python=$$candidate; pip=own; break; fi; \
+done; \
+if [ -z "$$recent" ]; then \
+	echo "meanflock needs Python 3.11 or newer; tried: $(or $(PYTHON),python3.13 python3.12 python3.11 python3)." >&2; \
+	echo "Install one (Debian, Ubuntu: apt-get install python3 python3-venv), or name yours: make PYTHON=/path/to/python3.12" >&2; \
+	exit 1; \
+fi; \
+if [ -z "$$python" ] && "$$recent" -c 'import pip, venv' 2>/dev/null; then python=$$recent; pip=lent; fi; \
+if [ -z "$$python" ]; then \
+	package=$$("$$recent" -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])'); \
+	echo "$$recent cannot make a virtual environment: its venv or ensurepip module is missing." >&2; \
+	echo "Install it (Debian, Ubuntu: apt-get install $$package), then repeat the command." >&2; \
+	exit 1; \
+fi
+endef
+
+# $(call make_venv,DIRECTORY), after find_python
+define make_venv
+if [ $$pip = own ]; then "$$python" -m venv --clear $(1); \
+else "$$python" -m venv --clear --without-pip $(1); "$$python" -m pip --python $(1)/bin/python install -qq pip; fi
+endef
+
+# $(call install,EXTRA): make the environment if there is none, then install this checkout into it.
+define install
+@set -eu; \
+if ! { $(in_place); }; then \
+	$(find_python); \
+	echo "Setting up $(VENV) with $$("$$python" --version): once, about a minute"; \
+	$(call make_venv,$(VENV)); \
+fi; \
+$(BIN)/python -m pip install -qq -c constraints.txt -e '.[$(1)]'; \
+pwd -P > $(VENV)/.home
+endef
+
+$(VENV)/.ground: pyproject.toml constraints.txt $(STALE)
+	$(call install,ground)
+	@touch $@
+
+$(VENV)/.dev: pyproject.toml constraints.txt $(STALE)
+	$(call install,dev)
+	@touch $@ $(VENV)/.ground
