@@ -1,0 +1,155 @@
+"""What the swarm asks of a bus, and the bus of one process.
+
+A `Bus` is one participant's access to keys. Everything that comes in — messages, questions, liveliness — is a
+`Delivery` in one queue, so a node is one loop with one place to wait. `MemoryBus` passes the same encoded bytes
+as the network does; an endpoint with a handler is called at once, which lets one thread run a whole swarm.
+"""
+
+import queue
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+Handler = Callable[["Delivery"], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Delivery:
+    """Something that reached this participant.
+
+    kind: "message" (someone put `payload` under `key`), "question" (someone waits for `reply`),
+        "alive" or "gone" (a liveliness token appeared or vanished under `key`).
+    """
+
+    kind: Literal["message", "question", "alive", "gone"]
+    key: str
+    payload: bytes = b""
+    reply: Callable[[bytes], None] | None = None
+
+
+class Bus(Protocol):
+    """One participant's access. Messages of one publisher under one key arrive in order; none before `subscribe`."""
+
+    def put(self, key: str, payload: bytes) -> None:
+        """Sends `payload` to every subscriber of `key`."""
+
+    def subscribe(self, key: str) -> None:
+        """From now on, messages under `key` (`*` stands for one part) are received."""
+
+    def answer(self, key: str) -> None:
+        """From now on, questions under `key` are received."""
+
+    def ask(self, key: str, payload: bytes, timeout_s: float) -> bytes | None:
+        """The first answer to `payload`, or None where none came in time."""
+
+    def announce(self, key: str) -> None:
+        """Declares a liveliness token; it vanishes with this participant."""
+
+    def watch(self, key: str) -> None:
+        """From now on, tokens that appear or vanish under `key` are received; those already there first."""
+
+    def receive(self, timeout_s: float) -> Delivery | None:
+        """The next delivery, or None where none came in time."""
+
+    def close(self) -> None:
+        """Leaves: tokens vanish, nothing is received any more. Closing twice is harmless."""
+
+
+def matches(pattern: str, key: str) -> bool:
+    """Whether `key` is under `pattern`, where a part `*` stands for any one part."""
+    wanted, parts = pattern.split("/"), key.split("/")
+    return len(wanted) == len(parts) and all(want in ("*", part) for want, part in zip(wanted, parts, strict=True))
+
+
+@dataclass
+class MemoryNetwork:
+    """The wire between the endpoints of one process."""
+
+    endpoints: list["MemoryBus"] = field(default_factory=list)
+
+    def endpoint(self, handler: Handler | None = None) -> "MemoryBus":
+        """A new participant; with a handler, deliveries are handled at once in the sender's thread."""
+        bus = MemoryBus(self, handler)
+        self.endpoints.append(bus)
+        return bus
+
+
+class MemoryBus:
+    """A `Bus` within one process."""
+
+    def __init__(self, network: MemoryNetwork, handler: Handler | None) -> None:
+        self.handler = handler
+        self._network = network
+        self._queue: queue.SimpleQueue[Delivery] = queue.SimpleQueue()
+        self._subscriptions: list[str] = []
+        self._questions: list[str] = []
+        self._watched: list[str] = []
+        self._tokens: list[str] = []
+        self._routes: dict[str, list[MemoryBus]] = {}
+
+    def put(self, key: str, payload: bytes) -> None:
+        for bus in self._route(key):
+            bus._deliver(Delivery("message", key, payload))
+
+    def subscribe(self, key: str) -> None:
+        self._subscriptions.append(key)
+        for bus in self._network.endpoints:
+            bus._routes.clear()
+
+    def answer(self, key: str) -> None:
+        self._questions.append(key)
+
+    def ask(self, key: str, payload: bytes, timeout_s: float) -> bytes | None:
+        answers: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        for bus in self._network.endpoints:
+            if any(matches(pattern, key) for pattern in bus._questions):
+                bus._deliver(Delivery("question", key, payload, answers.put))
+        try:
+            return answers.get(timeout=timeout_s)
+        except queue.Empty:
+            return None
+
+    def announce(self, key: str) -> None:
+        self._tokens.append(key)
+        self._notify("alive", key)
+
+    def watch(self, key: str) -> None:
+        self._watched.append(key)
+        for bus in self._network.endpoints:
+            for token in bus._tokens:
+                if matches(key, token):
+                    self._deliver(Delivery("alive", token))
+
+    def receive(self, timeout_s: float) -> Delivery | None:
+        try:
+            return self._queue.get(timeout=timeout_s)
+        except queue.Empty:
+            return None
+
+    def close(self) -> None:
+        if self not in self._network.endpoints:
+            return
+        self._network.endpoints.remove(self)
+        tokens, self._tokens = self._tokens, []
+        for token in tokens:
+            self._notify("gone", token)
+        for bus in self._network.endpoints:
+            bus._routes.clear()
+
+    def _route(self, key: str) -> list["MemoryBus"]:
+        if key not in self._routes:
+            self._routes[key] = [
+                bus for bus in self._network.endpoints if any(matches(pattern, key) for pattern in bus._subscriptions)
+            ]
+        return self._routes[key]
+
+    def _notify(self, kind: Literal["alive", "gone"], token: str) -> None:
+        for bus in self._network.endpoints:
+            if any(matches(pattern, token) for pattern in bus._watched):
+                bus._deliver(Delivery(kind, token))
+
+    def _deliver(self, delivery: Delivery) -> None:
+        if self.handler is not None:
+            self.handler(delivery)
+        else:
+            self._queue.put(delivery)

@@ -1,0 +1,131 @@
+"""Message ⇄ msgpack bytes. Whatever comes from the network is hostile until this module and `expect` let it through.
+
+An array travels as a msgpack extension: dtype code, number of axes, axes as 32-bit counts, then its little-endian
+buffer. Nothing is ever unpickled; a decoded array is a read-only view of the received bytes.
+"""
+
+import math
+import struct
+from typing import Any, TypeVar
+
+import msgspec
+import numpy as np
+
+from swarm.errors import MessageRejected
+from swarm.messages import Frames, Message
+
+MAX_BYTES = 64 * 2**20  # no message of a swarm within the scenario's bounds comes near
+
+_ARRAY = 1  # the extension code
+_DTYPES = tuple(np.dtype(name) for name in ("<f2", "<f4", "<f8", "<i4", "u1"))
+_CODE = {dtype: code for code, dtype in enumerate(_DTYPES)}
+_MAX_AXES = 3
+
+FLOAT_OF_BITS = {16: _DTYPES[0], 32: _DTYPES[1], 64: _DTYPES[2]}  # Radio.bits_per_float → dtype
+
+M = TypeVar("M")
+
+
+def _pack(value: Any) -> msgspec.msgpack.Ext:
+    if not isinstance(value, np.ndarray):
+        raise TypeError(f"a message cannot carry {type(value).__name__}")
+    head = struct.pack(f"<BB{value.ndim}I", _CODE[value.dtype], value.ndim, *value.shape)
+    return msgspec.msgpack.Ext(_ARRAY, head + value.tobytes())
+
+
+def _unpack(code: int, data: memoryview) -> np.ndarray:
+    if code != _ARRAY or len(data) < 2:
+        raise MessageRejected("malformed", f"extension {code} of {len(data)} bytes")
+    kind, axes = data[0], data[1]
+    start = 2 + 4 * axes
+    if kind >= len(_DTYPES) or axes > _MAX_AXES or len(data) < start:
+        raise MessageRejected("malformed", f"array header ({kind}, {axes})")
+    shape = struct.unpack_from(f"<{axes}I", data, 2)
+    dtype = _DTYPES[kind]
+    if len(data) - start != math.prod(shape) * dtype.itemsize:
+        raise MessageRejected("wrong-shape", f"array {shape} {dtype} in {len(data) - start} bytes")
+    try:
+        array = np.frombuffer(data, dtype, offset=start).reshape(shape)
+    except ValueError as error:  # an empty array whose other axes are beyond what NumPy can address
+        raise MessageRejected("wrong-shape", f"array {shape} {dtype}: {error}") from error
+    if dtype.kind == "f" and not np.isfinite(array).all():
+        raise MessageRejected("non-finite", f"array {shape} {dtype}")
+    return array
+
+
+_encoder = msgspec.msgpack.Encoder(enc_hook=_pack)
+_decoder = msgspec.msgpack.Decoder(Message, ext_hook=_unpack)
+_record_decoder = msgspec.msgpack.Decoder(dict[str, Any], ext_hook=_unpack)
+
+
+def encode(message: Message) -> bytes:
+    """The bytes of a message.
+
+    Raises:
+        KeyError: an array of a dtype that does not travel.
+    """
+    return _encoder.encode(message)
+
+
+def encode_frames(frames: Frames) -> bytes:
+    """The part of a message that radio frames are."""
+    return _encoder.encode(frames)
+
+
+def decode(raw: bytes, limit: int = MAX_BYTES) -> Message:
+    """The message in `raw`, its arrays consistent with their headers and finite.
+
+    Raises:
+        MessageRejected: `oversized`, `malformed`, `wrong-shape` or `non-finite`.
+    """
+    if len(raw) > limit:
+        raise MessageRejected("oversized", f"{len(raw)} bytes, at most {limit} expected")
+    try:
+        return _decoder.decode(raw)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, OverflowError) as error:
+        raise MessageRejected("malformed", str(error)) from error
+
+
+def encode_record(record: dict[str, Any]) -> bytes:
+    """The bytes of something that is kept rather than sent: plain values and arrays under names."""
+    return _encoder.encode(record)
+
+
+def decode_record(raw: bytes) -> dict[str, Any]:
+    """What `encode_record` wrote, its arrays consistent with their headers and finite.
+
+    Raises:
+        MessageRejected: like `decode`.
+    """
+    try:
+        return _record_decoder.decode(raw)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, OverflowError) as error:
+        raise MessageRejected("malformed", str(error)) from error
+
+
+def decode_as(kind: type[M], raw: bytes, run: int, limit: int = MAX_BYTES) -> M:
+    """Like `decode`, for a message that must be of one kind and of this run.
+
+    Raises:
+        MessageRejected: also `wrong-kind` and `wrong-run`.
+    """
+    message = decode(raw, limit)
+    if not isinstance(message, kind):
+        raise MessageRejected("wrong-kind", f"{type(message).__name__}, expected {kind.__name__}")
+    got = getattr(message, "run", None)
+    if got != run:
+        raise MessageRejected("wrong-run", f"run {got}, this is {run}")
+    return message
+
+
+def expect(name: str, array: np.ndarray, shape: tuple[int | None, ...], dtype: Any) -> np.ndarray:
+    """`array` itself, if its dtype and shape (None: any) are these.
+
+    Raises:
+        MessageRejected: `wrong-shape`; the message names the array, what was expected and what came.
+    """
+    fits = array.dtype == dtype and len(array.shape) == len(shape)
+    if not fits or any(want is not None and want != got for want, got in zip(shape, array.shape, strict=True)):
+        wanted = f"{tuple('any' if n is None else n for n in shape)} {np.dtype(dtype)}"
+        raise MessageRejected("wrong-shape", f"{name}: expected {wanted}, got {array.shape} {array.dtype}")
+    return array

@@ -1,0 +1,43 @@
+"""The exception tree, and the exit code each branch ends a process with."""
+
+EXIT_DONE = 0
+EXIT_RUN_FAILED = 1
+EXIT_BAD_INPUT = 2
+
+EXIT_CODE_HELP = {
+    EXIT_DONE: "the command did what it was asked to do",
+    EXIT_RUN_FAILED: "the run started and failed, or was interrupted; what it had written is kept",
+    EXIT_BAD_INPUT: "bad input: one line says what, where and how to mend it; nothing was written",
+}
+
+
+class MeanflockError(Exception):
+    """Anything meanflock raises on purpose; `exit_code` is what the process ends with."""
+
+    exit_code = EXIT_RUN_FAILED
+
+
+class BadInput(MeanflockError):
+    """A file, flag or variable that cannot be used; the message says what, where and how to mend it."""
+
+    exit_code = EXIT_BAD_INPUT
+
+
+class RunFailed(MeanflockError):
+    """The run began and could not be finished."""
+
+
+class BusError(RunFailed):
+    """The bus could not be opened, or the swarm could not be joined."""
+
+
+class MessageRejected(MeanflockError):
+    """Bytes from the network that are not a message of this run; `reason` is the name it is counted under.
+
+    Reasons: `malformed`, `oversized`, `wrong-kind`, `wrong-shape`, `non-finite`, `wrong-run`, `stale`,
+    `duplicate`, `unknown-node`, `wrong-name`.
+    """
+
+    def __init__(self, reason: str, detail: str) -> None:
+        super().__init__(f"{reason}: {detail}")
+        self.reason = reason

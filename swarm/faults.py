@@ -1,0 +1,121 @@
+"""The fault script of a scenario: what goes wrong, with whom, when and for how long. The world plays it.
+
+Every fault acts on the model, not on a process: the world applies it in a given tick, so the same script flies the
+same trajectory in one process and on many. All times are simulated time.
+"""
+
+import math
+from collections.abc import Iterable
+from typing import Annotated, TypeAlias
+
+import msgspec
+from msgspec import Meta
+
+Uavs: TypeAlias = Annotated[tuple[Annotated[int, Meta(ge=0)], ...], Meta(description="the UAVs it hits")]
+Duration: TypeAlias = Annotated[float, Meta(gt=0, description="how long it lasts, s")]
+
+
+class _Fault(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", omit_defaults=True
+):
+    """Begins in a tick, given as such or as simulated seconds."""
+
+    tick: Annotated[int, Meta(ge=0, description="the tick it begins in")] | None = None
+    time_s: Annotated[float, Meta(ge=0, description="or the time it begins at, s")] | None = None
+
+    def __post_init__(self) -> None:
+        if (self.tick is None) == (self.time_s is None):
+            raise ValueError("a fault begins at a `tick` or at a `time_s`: give one of them")
+        for name in self.__struct_fields__:
+            value = getattr(self, name)
+            for number in value if isinstance(value, tuple) else (value,):
+                if isinstance(number, float) and not math.isfinite(number):
+                    raise ValueError(f"`{name}` must be a finite number, not {number}")
+
+    def begins(self, dt: float) -> int:
+        """The first tick in which it acts."""
+        return self.tick if self.tick is not None else round((self.time_s or 0.0) / dt)
+
+    def ends(self, dt: float) -> int:
+        """The first tick in which it does not act any more; a fault without duration acts in one tick."""
+        duration = getattr(self, "duration_s", None)
+        return self.begins(dt) + (1 if duration is None else max(1, round(duration / dt)))
+
+    def acts(self, tick: int, dt: float) -> bool:
+        """Whether it acts in a tick."""
+        return self.begins(dt) <= tick < self.ends(dt)
+
+
+class _OfSome(_Fault, frozen=True, kw_only=True):
+    """A fault of named UAVs."""
+
+    uavs: Uavs
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.uavs:
+            raise ValueError("`uavs` names nobody")
+
+
+class _Where(_Fault, frozen=True, kw_only=True):
+    """A fault of an area, or of named UAVs."""
+
+    duration_s: Duration
+    uavs: Uavs = ()
+    centre: Annotated[tuple[float, float], Meta(description="centre of the area, m")] | None = None
+    radius_m: Annotated[float, Meta(gt=0, description="radius of the area, m")] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.centre is None) != (self.radius_m is None):
+            raise ValueError("an area needs both `centre` and `radius_m`")
+
+
+class Kill(_OfSome, frozen=True, kw_only=True, tag="kill"):
+    """UAVs are lost for good: no command, no radio; a node all of whose UAVs are lost is sent home."""
+
+
+class Pause(_OfSome, frozen=True, kw_only=True, tag="pause"):
+    """UAVs hold their last command, hear nothing, say nothing and learn nothing, as a frozen computer would."""
+
+    duration_s: Duration
+
+
+class Partition(_OfSome, frozen=True, kw_only=True, tag="partition"):
+    """Every radio link from and to these UAVs fails, also those between them; the slots are spent."""
+
+    duration_s: Duration
+
+
+class Jam(_Where, frozen=True, kw_only=True, tag="jam"):
+    """Links between two of the named UAVs, or with an end in the area, fail; the slots are spent."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (len(self.uavs) < 2) == (self.centre is None):
+            raise ValueError("a jam needs either two or more `uavs`, or an area of `centre` and `radius_m`")
+
+
+class Gust(_Where, frozen=True, kw_only=True, tag="gust"):
+    """Wind that accelerates the named UAVs, those in the area, or all."""
+
+    acceleration: Annotated[tuple[float, float], Meta(description="added to every UAV it hits, m/s²")]
+
+
+class LeaderLoss(_Fault, frozen=True, kw_only=True, tag="leader-loss"):
+    """The leader is lost for good; a standby takes over if there is one."""
+
+    standby: Annotated[bool, Meta(description="a standby leader is started for it")] = True
+
+
+Fault: TypeAlias = Kill | Pause | Partition | Jam | Gust | LeaderLoss
+
+
+def kind(fault: Fault) -> str:
+    """The word for it in a script."""
+    return str(fault.__struct_config__.tag)
+
+
+def paused(faults: Iterable[Fault], tick: int, dt: float) -> list[int]:
+    """UAVs that are paused in a tick, ascending. World and agents know it alike: no message says so."""
+    return sorted({uav for fault in faults if isinstance(fault, Pause) and fault.acts(tick, dt) for uav in fault.uavs})

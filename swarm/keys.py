@@ -1,0 +1,66 @@
+"""Every Zenoh key expression, once. A node publishes under its own name only, so access control can hold it to that."""
+
+import re
+import zlib
+
+from swarm.errors import BadInput
+
+ROOT = "meanflock"
+_RUN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+
+
+def check_run(run: str) -> str:
+    """`run` itself, if it can be part of a key.
+
+    Raises:
+        BadInput: it cannot.
+    """
+    if not _RUN_NAME.fullmatch(run):
+        raise BadInput(f"run name {run!r}: use up to 64 letters, digits, '.', '_' or '-'")
+    return run
+
+
+def fingerprint(run: str) -> int:
+    """A 32-bit number that every message of a run carries."""
+    return zlib.crc32(run.encode())
+
+
+def asker(role: str, uav: int = -1) -> str:
+    """The name a node asks to take part under: its own, or its role where it leaves the choice to the world."""
+    return f"{role}-{uav}" if uav >= 0 else role
+
+
+def join(run: str, name: str = "*") -> str:
+    """Queryable of the world: a node asks to take part, under the name `asker` gives it."""
+    return f"{ROOT}/{run}/node/{name}/join"
+
+
+def sense(run: str, node: str) -> str:
+    """World → node."""
+    return f"{ROOT}/{run}/node/{node}/sense"
+
+
+def act(run: str, node: str) -> str:
+    """Node → world; `*` for all nodes."""
+    return f"{ROOT}/{run}/node/{node}/act"
+
+
+def telemetry(run: str) -> str:
+    """World → listeners."""
+    return f"{ROOT}/{run}/telemetry"
+
+
+def received(run: str) -> str:
+    """The recording listener → world."""
+    return f"{ROOT}/{run}/received"
+
+
+def alive(run: str, role: str, node: str) -> str:
+    """Liveliness token of a node; `*` for all."""
+    return f"{ROOT}/{run}/alive/{role}/{node}"
+
+
+def node_of(key: str) -> str:
+    """The node a key of `join`, `act`, `sense` or `alive` belongs to."""
+    parts = key.split("/")
+    return parts[4] if parts[2] == "alive" else parts[3]

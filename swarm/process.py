@@ -1,0 +1,90 @@
+"""What the three kinds of process share on the command line: flags that are also variables, signals, the log."""
+
+import argparse
+import logging
+import os
+import select
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NoReturn
+
+from swarm.errors import EXIT_BAD_INPUT, EXIT_RUN_FAILED, MeanflockError
+from swarm.identity import Identity
+from swarm.session import DEFAULT_ENDPOINT
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        print(f"{self.prog}: {message}; see {self.prog} --help", file=sys.stderr)
+        raise SystemExit(EXIT_BAD_INPUT)
+
+
+def parser(module: str, what: str, example: str) -> argparse.ArgumentParser:
+    """A parser with the flags every process has; each is also a variable MEANFLOCK_<FLAG>."""
+    result = _Parser(
+        prog=f"python -m {module}",
+        description=what,
+        epilog=f"example: {example}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    flag(result, "--endpoint", DEFAULT_ENDPOINT, "where the world listens")
+    flag(result, "--run", "swarm", "name of the run; nodes of other runs never meet")
+    flag(result, "--tls", "", "folder of certificates; every link is then mutual TLS")
+    flag(result, "--wait", "60", "seconds to wait for the others", float)
+    return result
+
+
+def flag(to: argparse.ArgumentParser, name: str, default: str, what: str, type_: Callable[[str], object] = str) -> None:
+    """Adds a flag whose default is the variable of its name, if that is set."""
+    variable = "MEANFLOCK_" + name.strip("-").upper().replace("-", "_")
+    text = f"{what} (${variable}, default {default or 'none'})"
+    to.add_argument(name, default=os.environ.get(variable, default), type=type_, help=text)
+
+
+def identity(tls: str, name: str) -> Identity | None:
+    """Who this process is, where `--tls` was given."""
+    return Identity(Path(tls), name) if tls else None
+
+
+class Interrupted:
+    """True once SIGINT or SIGTERM came; the first is a wish, the second ends the process at once."""
+
+    def __init__(self) -> None:
+        self._came = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._note)
+
+    def __bool__(self) -> bool:
+        return self._came
+
+    def _note(self, number: int, _frame: object) -> None:
+        if self._came:
+            os._exit(128 + number)  # also as process 1 of a container, where the default action is ignored
+        self._came = True
+
+
+def orphaned() -> bool:
+    """Whether this process was started by a launcher (it holds our standard input open) that is gone."""
+    if os.environ.get("MEANFLOCK_CHILD") != "1":
+        return False
+    readable, _, _ = select.select([0], [], [], 0)
+    return bool(readable) and os.read(0, 1) == b""
+
+
+def main(body: Callable[[], None]) -> NoReturn:
+    """Runs a process: its errors become one line and their exit code."""
+    logging.basicConfig(
+        stream=sys.stderr,
+        level=os.environ.get("MEANFLOCK_LOG", "WARNING").upper(),
+        format="%(asctime)s %(name)s %(levelname)s %(message)s",
+    )
+    try:
+        body()
+    except MeanflockError as error:
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(error.exit_code) from None
+    except KeyboardInterrupt:
+        raise SystemExit(EXIT_RUN_FAILED) from None
+    raise SystemExit(0)

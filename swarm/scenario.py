@@ -1,0 +1,336 @@
+"""A scenario: every number a run depends on, with its unit, its bounds and the paper's value as default."""
+
+import hashlib
+import math
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, field
+
+from swarm.errors import BadInput
+from swarm.faults import Fault, LeaderLoss
+from swarm.methods import Method
+
+# Keys that came later count in the hash only where they differ from their default: older runs keep their hash.
+_LATER = (
+    "faults",
+    "federation.aggregation",
+    "federation.tolerance",
+    "federation.byzantine_fraction",
+    "federation.byzantine_kind",
+)
+
+
+class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A TOML table: no unknown key, no number that is not finite."""
+
+    def __post_init__(self) -> None:
+        for name in self.__struct_fields__:
+            value = getattr(self, name)
+            for number in value if isinstance(value, tuple) else (value,):
+                if isinstance(number, float) and not math.isfinite(number):
+                    raise ValueError(f"`{name}` must be a finite number, not {number}")
+
+
+class Start(_Table, frozen=True):
+    """Where the swarm takes off: a square grid at rest."""
+
+    centre: Annotated[tuple[float, float], Meta(description="centre of the grid, m")] = (150.0, 100.0)
+    spacing: Annotated[float, Meta(gt=0, description="distance of neighbours, m")] = math.sqrt(2.0)
+    height: Annotated[float, Meta(gt=0, description="constant altitude h, m")] = 40.0
+
+
+class Destination(_Table, frozen=True):
+    """Where it goes: the origin."""
+
+    radius: Annotated[float, Meta(gt=0, description="s_dest: arrived when ‖s‖ ≤ this, m and m/s")] = 5.0
+
+
+class Wind(_Table, frozen=True):
+    """The Ornstein–Uhlenbeck wind."""
+
+    sigma: Annotated[float, Meta(ge=0, description="σ_wind, diffusion of velocity, m/s/√s")] = 0.1
+    mean: Annotated[tuple[float, float], Meta(description="v_o, mean wind, m/s")] = (1.0, -1.0)
+    drag: Annotated[float, Meta(ge=0, description="c0, 1/s")] = 0.1
+
+
+class Cost(_Table, frozen=True):
+    """The running cost φ_L + c2 φ_G + c3 ‖a‖²."""
+
+    c1: Annotated[float, Meta(ge=0, description="weight of ‖v‖², s²/m²")] = 0.015
+    c2: Annotated[float, Meta(ge=0, description="weight of φ_G")] = 0.015
+    c3: Annotated[float, Meta(gt=0, description="weight of ‖a‖², s⁴/m²")] = 0.005
+    epsilon: Annotated[float, Meta(gt=0, description="ε of the interaction kernel, m²")] = 1.0
+    beta: Annotated[float, Meta(ge=0, description="β, exponent of the interaction kernel")] = 1.0
+
+
+class Learner(_Table, frozen=True):
+    """The two networks."""
+
+    mu_h: Annotated[float, Meta(gt=0, description="μ_H, step size of the value learner")] = 0.01
+    mu_f: Annotated[float, Meta(gt=0, description="μ_F, step size of the density learner")] = 0.01
+    c_h: Annotated[float, Meta(ge=0, description="c_H, weight of the regulariser")] = 0.5
+    kappa: Annotated[float, Meta(gt=-1, lt=1, description="κ, position–velocity term of L_s, 1/s")] = 0.01
+    position_scale: Annotated[float, Meta(gt=0, description="L_r, features see x / L_r, m")] = 200.0
+    velocity_scale: Annotated[float, Meta(gt=0, description="L_v, features see v / L_v, m/s")] = 20.0
+
+
+class Density(_Table, frozen=True):
+    """The fit of m̂ at t = 0 and the quadrature of φ_G."""
+
+    position_bandwidth: Annotated[float, Meta(gt=0, description="std of a mixture component, m")] = 3.0
+    velocity_bandwidth: Annotated[float, Meta(gt=0, description="std of a mixture component, m/s")] = 0.7
+    near_samples: Annotated[int, Meta(ge=1, le=100_000, description="fit samples near the swarm")] = 1000
+    box_samples: Annotated[int, Meta(ge=1, le=100_000, description="fit samples in the whole box ±L")] = 1000
+    ridge: Annotated[float, Meta(gt=0, description="ridge of the fit, relative to the sample count")] = 1e-6
+    node_position_std: Annotated[float, Meta(gt=0, description="spread of quadrature nodes, m")] = 5.0
+    node_velocity_std: Annotated[float, Meta(gt=0, description="spread of quadrature nodes, m/s")] = 1.5
+
+
+class Offline(_Table, frozen=True):
+    """What the program of the offline method may ask of the craft, over ground."""
+
+    speed_max: Annotated[float, Meta(ge=0.1, description="limit on ‖v‖, m/s")] = 15.0
+    acceleration_max: Annotated[float, Meta(ge=0.01, description="limit on ‖dv/dt‖, m/s²")] = 3.0
+
+
+class Federation(_Table, frozen=True):
+    """The rounds."""
+
+    period: Annotated[int, Meta(ge=1, description="n0, ticks between rounds; unset: 100, 200 for HF")] | None = None
+    fraction: Annotated[float, Meta(gt=0, le=1, description="N_h / N, share of UAVs that upload")] = 0.8
+    leader: Annotated[int, Meta(ge=0, description="h, the UAV that averages")] = 0
+    state_period: Annotated[int, Meta(ge=0, description="n_s, ticks between state shares of mfg; 0: once")] = 0
+    aggregation: Annotated[
+        Literal["fedavg", "median", "trimmed-mean", "krum"], Meta(description="how the leader makes one model of many")
+    ] = "fedavg"
+    tolerance: Annotated[
+        float, Meta(ge=0, lt=0.5, description="share of uploads trimmed-mean and krum assume to be false")
+    ] = 0.25
+    byzantine_fraction: Annotated[float, Meta(ge=0, le=1, description="share of UAVs whose uploads are false")] = 0.0
+    byzantine_kind: Annotated[
+        Literal["huge", "sign-flip", "noise"], Meta(description="what a false upload is, see agent/byzantine.py")
+    ] = "sign-flip"
+
+
+class Radio(_Table, frozen=True):
+    """The Rician FDMA link and its accounting."""
+
+    tx_power_dbm: Annotated[float, Meta(ge=-300, le=300, description="P_o, dBm")] = 20.0
+    bandwidth_hz: Annotated[float, Meta(ge=1, le=1e15, description="W_o a link, Hz")] = 2e6
+    noise_psd_dbm_hz: Annotated[float, Meta(ge=-300, le=300, description="σ_n, dBm/Hz")] = -110.0
+    path_loss_exponent: Annotated[float, Meta(ge=0, description="α")] = 0.0
+    rice_xi: Annotated[float, Meta(ge=0, description="ξ, strength of the line of sight")] = 6.649
+    rice_chi: Annotated[float, Meta(gt=0, description="χ, strength of the scattered paths")] = 1.347
+    fading: Annotated[Literal["amplitude", "power"], Meta(description="SNR ∝ z, as printed, or ∝ z²")] = "amplitude"
+    target_snr_db: Annotated[float, Meta(ge=-300, le=300, description="η, dB")] = 75.0
+    coherence_time_s: Annotated[float, Meta(ge=1e-9, le=1e3, description="θ, a slot, s")] = 5e-5
+    latency_threshold_slots: Annotated[int, Meta(ge=1, le=1_000_000, description="D_M, slots")] = 8
+    bits_per_float: Annotated[Literal[16, 32, 64], Meta(description="width of a float on the radio")] = 32
+    range_m: Annotated[float, Meta(gt=0, description="how far hjb's state broadcast reaches, m")] = 100.0
+
+
+class Vehicle(_Table, frozen=True):
+    """Constants of the rotary-wing power model, as printed: a craft of a few grams."""
+
+    blade_power: Annotated[float, Meta(ge=0, description="λ0, W")] = 0.0049
+    induced_power: Annotated[float, Meta(ge=0, description="λ1, W")] = 0.0887
+    parasite_drag: Annotated[float, Meta(ge=0, description="λ2, W s³/m³")] = 0.0092
+    tip_speed: Annotated[float, Meta(gt=0, description="ω_tip, m/s")] = 15.0
+    induced_velocity: Annotated[float, Meta(gt=0, description="χ_o, m/s")] = 1.612
+
+
+class Metrics(_Table, frozen=True):
+    """Radii of the collision metrics."""
+
+    collision_radius: Annotated[float, Meta(gt=0, description="r_coll, m")] = 0.1
+    hazard_radius: Annotated[float, Meta(gt=0, description="r_C, m")] = math.sqrt(2.0) / 2.0
+
+
+class Scenario(_Table, frozen=True):
+    """Everything a run depends on. Immutable; equal scenarios and seeds fly equal trajectories."""
+
+    method: Annotated[Method, Meta(description="what the UAVs learn and share")] = Method.MFGFL_HF
+    uavs: Annotated[int, Meta(ge=1, le=100_000, description="N")] = 25
+    seed: Annotated[int, Meta(ge=0, le=2**62, description="source of all randomness")] = 1
+    dt: Annotated[float, Meta(ge=1e-6, le=1e3, description="a tick, s")] = 0.1
+    duration: Annotated[float, Meta(gt=0, description="the run ends at the latest now, s")] = 300.0
+    stop: Annotated[Literal["arrival", "duration"], Meta(description="end when all have arrived, or at `duration`")] = (
+        "arrival"
+    )
+    start: Start = field(default_factory=Start)
+    destination: Destination = field(default_factory=Destination)
+    wind: Wind = field(default_factory=Wind)
+    cost: Cost = field(default_factory=Cost)
+    learner: Learner = field(default_factory=Learner)
+    density: Density = field(default_factory=Density)
+    offline: Offline = field(default_factory=Offline)
+    federation: Federation = field(default_factory=Federation)
+    radio: Radio = field(default_factory=Radio)
+    vehicle: Vehicle = field(default_factory=Vehicle)
+    metrics: Metrics = field(default_factory=Metrics)
+    faults: Annotated[tuple[Fault, ...], Meta(description="the fault script, see swarm/faults.py")] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.federation.leader >= self.uavs:
+            raise ValueError(
+                f"`federation.leader` is {self.federation.leader}, but the UAVs are 0…{self.uavs - 1}; name one of them"
+            )
+        if self.duration < self.dt:
+            raise ValueError(f"`duration` {self.duration} s is shorter than one tick, `dt` {self.dt} s")
+        if self.dt * self.wind.drag >= 2:
+            raise ValueError(f"`dt` {self.dt} s is unstable with `wind.drag` {self.wind.drag} 1/s; keep dt·drag < 2")
+        for number, fault in enumerate(self.faults):
+            if any(uav >= self.uavs for uav in getattr(fault, "uavs", ())):
+                raise ValueError(f"`faults[{number}].uavs` names UAV {max(fault.uavs)} of 0…{self.uavs - 1}")  # type: ignore[union-attr]
+
+    @property
+    def period_ticks(self) -> int:
+        """n0: the scenario's, or the method's own."""
+        return self.federation.period or self.method.default_period_ticks
+
+    @property
+    def participants(self) -> int:
+        """N_h, at least one."""
+        return max(1, round(self.federation.fraction * self.uavs))
+
+    @property
+    def keeps_states(self) -> bool:
+        """Whether every UAV keeps the last state it knows of every other."""
+        return self.method is Method.HJB or self.federation.state_period > 0
+
+    @property
+    def max_ticks(self) -> int:
+        """Ticks until `duration`."""
+        return max(1, round(self.duration / self.dt))
+
+    def leaders(self, tick: int = 0) -> int:
+        """Leader nodes that should be there in a tick: one, and a standby for every loss the fault script has one
+        for, without those lost before; 0 or 1 where there are no rounds."""
+        losses = [fault for fault in self.faults if isinstance(fault, LeaderLoss)]
+        started = 1 + sum(fault.standby for fault in losses)
+        left = max(0, started - sum(fault.begins(self.dt) < tick for fault in losses))
+        return left if self.method.is_federated else min(left, 1)
+
+    def resolved(self) -> "Scenario":
+        """The same scenario with what depends on the method written out."""
+        federation = msgspec.structs.replace(self.federation, period=self.period_ticks)
+        return msgspec.structs.replace(self, federation=federation)
+
+    def sha256(self) -> str:
+        """Hash of the resolved scenario; equal scenarios have equal hashes however they were written."""
+        table, default = msgspec.to_builtins(self.resolved()), msgspec.to_builtins(Scenario())
+        for path in _LATER:
+            *parents, key = path.split(".")
+            part, standard = table, default
+            for parent in parents:
+                part, standard = part[parent], standard[parent]
+            if part[key] == standard[key]:
+                del part[key]
+        return hashlib.sha256(msgspec.json.encode(table, order="sorted")).hexdigest()
+
+
+class _Script(_Table, frozen=True):
+    """A file of faults alone."""
+
+    faults: tuple[Fault, ...]
+
+
+def encode(scenario: Scenario) -> bytes:
+    """Canonical JSON, keys sorted."""
+    return msgspec.json.encode(scenario, order="sorted")
+
+
+def decode(raw: bytes) -> Scenario:
+    """A scenario from JSON.
+
+    Raises:
+        BadInput: not a valid scenario.
+    """
+    try:
+        return msgspec.json.decode(raw, type=Scenario)
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        raise BadInput(f"scenario: {error}") from error
+
+
+def read_faults(path: Path) -> list[dict[str, Any]]:
+    """The `[[faults]]` of a TOML file that holds nothing else, as `load(..., faults=...)` takes them.
+
+    Raises:
+        BadInput: unreadable file, or not a fault script; the message names the file, the fault and the key.
+    """
+    table = _read(path)
+    if set(table) != {"faults"}:
+        raise BadInput(f"{path}: a fault script holds [[faults]] and nothing else, see scenarios/faults.toml")
+    try:
+        msgspec.convert(table, _Script)
+    except msgspec.ValidationError as error:
+        raise BadInput(f"{path}: {_explain(str(error))}") from error
+    faults: list[dict[str, Any]] = table["faults"]
+    return faults
+
+
+def schema() -> dict[str, Any]:
+    """JSON schema of a scenario file, with units and bounds."""
+    return msgspec.json.schema(Scenario)
+
+
+def load(path: Path | None, settings: Iterable[str] = (), **options: Any) -> Scenario:
+    """Reads a TOML file (none: the paper's scenario), then applies `a.b=c` settings, then named options.
+
+    Raises:
+        BadInput: unreadable file, bad TOML, unknown key, wrong type or value out of range; the message names
+            the file or setting, the key and the bound.
+    """
+    table: dict[str, Any] = {}
+    where = "scenario"
+    if path is not None:
+        where = str(path)
+        table = _read(path)
+    for setting in settings:
+        _apply(table, setting)
+    table.update({name: value for name, value in options.items() if value is not None})
+    try:
+        return msgspec.convert(table, Scenario)
+    except msgspec.ValidationError as error:
+        raise BadInput(f"{where}: {_explain(str(error))}") from error
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}; give a readable scenario file") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise BadInput(f"{path}: not TOML: {error}") from error
+
+
+def _apply(table: dict[str, Any], setting: str) -> None:
+    """Sets one dotted key from the text `a.b=c`, c in TOML syntax; a bare word is a string."""
+    key, equals, text = setting.partition("=")
+    if not equals or not key.strip():
+        raise BadInput(f"--set {setting}: write it as key=value, for example --set wind.sigma=0.2")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except (tomllib.TOMLDecodeError, KeyError):
+        value = text.strip()
+    *parents, last = key.strip().split(".")
+    for parent in parents:
+        table = table.setdefault(parent, {})
+        if not isinstance(table, dict):
+            raise BadInput(f"--set {setting}: `{parent}` is not a table")
+    table[last] = value
+
+
+def _explain(message: str) -> str:
+    """A validation message with the place first and the mend last."""
+    text, _, place = message.partition(" - at ")
+    place = place.strip("`").removeprefix("$").removeprefix(".")
+    if place == "method":
+        text += f"; choose one of {', '.join(Method)}"
+    mend = "" if ";" in text else "; `meanflock scenario schema` lists every key with its unit and bounds"
+    return f"{place + ': ' if place else ''}{text}{mend}"

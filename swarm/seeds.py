@@ -1,0 +1,47 @@
+"""One scenario seed, many independent generators, each known by a name.
+
+A name's position in `STREAMS` is part of the result of every run: append, never reorder.
+"""
+
+from typing import Any
+
+import numpy as np
+
+STREAMS = (
+    "wind",  # Wiener increments of the world, drawn by the world in the order (tick, UAV, axis)
+    "radio",  # fading of every link, drawn by the world in the order of transmission
+    "participants",  # which UAVs upload in a round; every process draws the same set
+    "density-fit",  # sample points of the fit of the initial density; every UAV draws the same
+    "byzantine",  # which UAVs upload falsehoods, and the noise they add
+)
+
+
+def generator(seed: int, stream: str, index: int = 0) -> np.random.Generator:
+    """The generator `stream`, or its `index`-th child; the same arguments always give the same numbers.
+
+    Raises:
+        ValueError: `stream` is not one of `STREAMS`.
+    """
+    return np.random.default_rng(np.random.SeedSequence(entropy=seed, spawn_key=(STREAMS.index(stream), index)))
+
+
+def random_state(of: np.random.Generator) -> dict[str, Any]:
+    """Where a generator is, in words and 32-bit numbers: its own numbers are too long for a message."""
+    state = of.bit_generator.state
+    inner = {name: str(number) for name, number in state["state"].items()}
+    return {"kind": state["bit_generator"], "state": inner, "has": state["has_uint32"], "half": state["uinteger"]}
+
+
+def set_random_state(of: np.random.Generator, saved: dict[str, Any]) -> None:
+    """Puts a generator where `random_state` found it.
+
+    Raises:
+        ValueError: the state is of another kind of generator.
+    """
+    inner = {name: int(digits) for name, digits in saved["state"].items()}
+    of.bit_generator.state = {
+        "bit_generator": saved["kind"],
+        "state": inner,
+        "has_uint32": saved["has"],
+        "uinteger": saved["half"],
+    }

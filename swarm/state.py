@@ -1,0 +1,34 @@
+"""The only definition of a UAV's state: s = [x, y, vx, vy], metres and m/s, origin at the destination.
+
+Every array of states has shape `(..., 4)`; leading axes are free. Index with the names below, never with numbers.
+"""
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+SIZE = 4
+X, Y, VX, VY = range(SIZE)
+POSITION = slice(0, 2)  # r, metres
+VELOCITY = slice(2, 4)  # v, m/s
+AXES = 2  # the plane of flight: x and y
+
+States: TypeAlias = NDArray[np.float64]  # (..., 4)
+Plane: TypeAlias = NDArray[np.float64]  # (..., 2): an acceleration, a velocity, a position
+Rows: TypeAlias = NDArray[np.float64]  # (...,): one number a UAV
+
+
+def dot(first: NDArray[np.float64], second: NDArray[np.float64]) -> Rows:
+    """Inner product over the last axis, `(...,)`; a row's sum does not depend on the other rows."""
+    return np.vecdot(first, second)
+
+
+def speed(states: States) -> Rows:
+    """‖v‖ in m/s, shape `(...,)`."""
+    return np.sqrt(states[..., VX] * states[..., VX] + states[..., VY] * states[..., VY])
+
+
+def norm(states: States) -> Rows:
+    """‖s‖ as the paper prints it, mixing metres and m/s, shape `(...,)`; the destination test uses it."""
+    return np.sqrt(dot(states, states))

@@ -1,0 +1,155 @@
+"""One suite of promises that every bus keeps."""
+
+import queue
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from swarm.bus import Bus, Delivery, MemoryNetwork, matches
+from swarm.errors import BadInput, BusError
+from swarm.session import ZenohBus
+
+Open = Callable[[], Bus]
+DEADLINE_S = 10.0
+
+
+def free_endpoint() -> str:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return f"tcp/127.0.0.1:{server.getsockname()[1]}"
+
+
+@pytest.fixture(params=["memory", "zenoh"])
+def network(request: pytest.FixtureRequest) -> Iterator[Open]:
+    """Opens participants: the first is the hub."""
+    opened: list[Bus] = []
+    memory = MemoryNetwork()
+    endpoint = free_endpoint()
+
+    def open_one() -> Bus:
+        if request.param == "memory":
+            opened.append(memory.endpoint())
+        else:
+            opened.append(ZenohBus.client(endpoint) if opened else ZenohBus.router(endpoint))
+        return opened[-1]
+
+    yield open_one
+    for bus in reversed(opened):
+        bus.close()
+
+
+def next_of(bus: Bus, kind: str) -> Delivery:
+    end = time.monotonic() + DEADLINE_S
+    while time.monotonic() < end:
+        delivery = bus.receive(0.1)
+        if delivery is not None and delivery.kind == kind:
+            return delivery
+    raise AssertionError(f"no {kind} within {DEADLINE_S} s")
+
+
+def put_until_heard(sender: Bus, receiver: Bus, key: str, payload: bytes) -> Delivery:
+    """Declarations take a moment to spread, so the first message is repeated until it is heard."""
+    end = time.monotonic() + DEADLINE_S
+    while time.monotonic() < end:
+        sender.put(key, payload)
+        delivery = receiver.receive(0.2)
+        if delivery is not None:
+            return delivery
+    raise AssertionError("never heard")
+
+
+def drain(bus: Bus) -> None:
+    while bus.receive(0.2) is not None:
+        pass
+
+
+def test_a_message_reaches_every_subscriber_of_its_key_and_nobody_else(network: Open) -> None:
+    hub, one, other = network(), network(), network()
+    hub.subscribe("t/*/act")
+    one.subscribe("t/1/act")
+    other.subscribe("t/2/act")
+    assert put_until_heard(other, one, "t/1/act", b"x") == Delivery("message", "t/1/act", b"x")
+    assert next_of(hub, "message").payload == b"x"
+    assert other.receive(0.3) is None
+
+
+def test_messages_of_one_publisher_arrive_in_order_and_whole(network: Open) -> None:
+    hub, one = network(), network()
+    hub.subscribe("t/act")
+    put_until_heard(one, hub, "t/act", b"first")
+    drain(hub)
+    sent = [i.to_bytes(4, "little") * (1 + i % 5000) for i in range(200)]
+    for payload in sent:
+        one.put("t/act", payload)
+    assert [next_of(hub, "message").payload for _ in sent] == sent
+
+
+def test_a_question_is_answered_by_whoever_offers_answers(network: Open) -> None:
+    hub, one = network(), network()
+    hub.answer("t/join")
+
+    def serve() -> None:
+        delivery = next_of(hub, "question")
+        assert delivery.reply is not None
+        delivery.reply(b"welcome " + delivery.payload)
+
+    server = threading.Thread(target=serve)
+    server.start()
+    assert one.ask("t/join", b"me", DEADLINE_S) == b"welcome me"
+    server.join()
+
+
+def test_a_question_nobody_answers_times_out(network: Open) -> None:
+    _hub, one = network(), network()
+    start = time.monotonic()
+    assert one.ask("t/nobody", b"", 0.3) is None
+    assert time.monotonic() - start < DEADLINE_S
+
+
+def test_tokens_are_seen_by_watchers_early_and_late_and_vanish_with_their_owner(network: Open) -> None:
+    hub, one = network(), network()
+    hub.watch("t/alive/*/*")
+    one.announce("t/alive/agent/a0")
+    assert next_of(hub, "alive").key == "t/alive/agent/a0"
+    late = network()
+    late.watch("t/alive/*/*")
+    assert next_of(late, "alive").key == "t/alive/agent/a0"
+    one.close()
+    assert next_of(hub, "gone").key == "t/alive/agent/a0"
+    assert next_of(late, "gone").key == "t/alive/agent/a0"
+
+
+def test_closing_twice_is_harmless(network: Open) -> None:
+    bus = network()
+    bus.close()
+    bus.close()
+
+
+def test_a_taken_port_is_bad_input_that_names_the_port() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        with pytest.raises(BadInput, match=str(port)):
+            ZenohBus.router(f"tcp/127.0.0.1:{port}")
+
+
+def test_a_client_without_a_world_says_so_in_time() -> None:
+    with pytest.raises(BusError):
+        ZenohBus.client(free_endpoint(), timeout_s=0.5)
+
+
+def test_an_endpoint_with_a_handler_is_called_in_the_senders_thread() -> None:
+    memory = MemoryNetwork()
+    heard: queue.SimpleQueue[tuple[int, bytes]] = queue.SimpleQueue()
+    memory.endpoint(lambda d: heard.put((threading.get_ident(), d.payload))).subscribe("t")
+    memory.endpoint().put("t", b"x")
+    assert heard.get_nowait() == (threading.get_ident(), b"x")
+
+
+@pytest.mark.parametrize(
+    ("pattern", "key", "fits"),
+    [("a/b", "a/b", True), ("a/*", "a/b", True), ("a/*", "a/b/c", False), ("*/b", "a/c", False)],
+)
+def test_matches(pattern: str, key: str, fits: bool) -> None:
+    assert matches(pattern, key) is fits

@@ -1,0 +1,442 @@
+"""The wire: what goes in comes out, old bytes stay readable, and hostile bytes are rejected with a reason, never worse.
+
+`python -m tests.swarm.test_codec` writes the golden files anew; do that only when a message changes on purpose.
+"""
+
+import itertools
+import struct
+import types
+import typing
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from swarm import codec
+from swarm.errors import MessageRejected
+from swarm.messages import (
+    Act,
+    Event,
+    Finished,
+    FrameKind,
+    Frames,
+    Join,
+    Message,
+    Ready,
+    Received,
+    Refusal,
+    Sense,
+    Stop,
+    Telemetry,
+    Welcome,
+)
+
+GOLDEN = Path(__file__).parents[1] / "golden"
+TYPES: tuple[type, ...] = typing.get_args(Message)
+DTYPES = ("<f2", "<f4", "<f8", "<i4", "u1")
+REASONS = {"malformed", "oversized", "wrong-shape", "non-finite"}
+QUICK = settings(max_examples=60, deadline=None, database=None)
+MANY = settings(max_examples=2000, deadline=None, database=None, suppress_health_check=[HealthCheck.too_slow])
+
+# -- every message there is, made from the types of its fields ----------------------------------------------------
+
+
+def arrays() -> st.SearchStrategy[np.ndarray]:
+    """Finite arrays of every dtype that travels, up to three axes, empty ones too."""
+    shapes = hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4)
+
+    def of(name: str) -> st.SearchStrategy[np.ndarray]:
+        dtype = np.dtype(name)
+        if dtype.kind != "f":
+            return hnp.arrays(dtype, shapes)
+        numbers = st.floats(width=8 * dtype.itemsize, allow_nan=False, allow_infinity=False)  # type: ignore[arg-type]
+        return hnp.arrays(dtype, shapes, elements=numbers)
+
+    return st.sampled_from(DTYPES).flatmap(of)
+
+
+def of_type(annotation: Any) -> st.SearchStrategy[Any]:
+    """Values of a field's type."""
+    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
+    if origin in (types.UnionType, typing.Union):
+        return st.one_of(*map(of_type, arguments))
+    if origin is tuple:
+        return st.lists(of_type(arguments[0]), max_size=3).map(tuple)
+    if annotation is np.ndarray:
+        return arrays()
+    if annotation is int:
+        return st.integers(-(2**63), 2**64 - 1)
+    if annotation in (Frames, Event):
+        return of_message(annotation)
+    simple: dict[Any, st.SearchStrategy[Any]] = {
+        str: st.text(max_size=8),
+        bytes: st.binary(max_size=16),
+        bool: st.booleans(),
+        type(None): st.none(),
+        FrameKind: st.sampled_from(FrameKind),
+    }
+    return simple[annotation]
+
+
+def of_message(kind: type) -> st.SearchStrategy[Any]:
+    """Messages of one kind."""
+    return st.builds(kind, **{name: of_type(t) for name, t in typing.get_type_hints(kind).items()})
+
+
+def same(one: Any, other: Any) -> None:
+    """Equal to the last bit: types, dtypes, shapes, values."""
+    assert type(one) is type(other)
+    if isinstance(one, msgspec.Struct):
+        for name in one.__struct_fields__:
+            same(getattr(one, name), getattr(other, name))
+    elif isinstance(one, tuple):
+        assert len(one) == len(other)
+        for a, b in zip(one, other, strict=True):
+            same(a, b)
+    elif isinstance(one, np.ndarray):
+        assert (one.dtype, one.shape, one.tobytes()) == (other.dtype, other.shape, other.tobytes())
+    else:
+        assert one == other
+
+
+def arrays_in(value: Any) -> list[np.ndarray]:
+    if isinstance(value, np.ndarray):
+        return [value]
+    if isinstance(value, msgspec.Struct):
+        value = tuple(getattr(value, name) for name in value.__struct_fields__)
+    return [array for part in value for array in arrays_in(part)] if isinstance(value, tuple) else []
+
+
+@pytest.mark.parametrize("kind", TYPES, ids=lambda kind: kind.__name__)
+def test_every_message_survives_the_wire_and_its_arrays_arrive_read_only(kind: type) -> None:
+    @QUICK
+    @given(of_message(kind))
+    def check(message: Any) -> None:
+        received = codec.decode(codec.encode(message))
+        same(received, message)
+        for array in arrays_in(received):
+            assert not array.flags.writeable
+
+    check()
+
+
+def test_an_array_that_is_no_contiguous_block_travels_as_its_values() -> None:
+    table = np.arange(24.0).reshape(4, 6)
+    for view in (table[:, 1:3], table.T, table[::-2]):
+        message = Sense(1, 2, view, False)
+        np.testing.assert_array_equal(codec.decode(codec.encode(message)).states, view)  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("dtype", [">f8", "<i8", "c16", "O", "S3"])
+def test_an_array_of_a_dtype_that_does_not_travel_cannot_be_sent(dtype: str) -> None:
+    with pytest.raises(KeyError):
+        codec.encode(Sense(1, 2, np.zeros((1, 4)).astype(dtype), False))
+
+
+# -- golden bytes -------------------------------------------------------------------------------------------------
+
+
+def numbers(dtype: str, *shape: int) -> np.ndarray:
+    """A table that is easy to recognise in a hex dump."""
+    count = int(np.prod(shape))
+    return (np.arange(count) - count // 2).reshape(shape).astype(dtype)
+
+
+FRAMES = Frames(FrameKind.UPLOAD, 3, numbers("<i4", 2) + 4, numbers("<f4", 2, 5) / 2)
+DELIVERED = Frames(FrameKind.STATE, 0, numbers("<i4", 1), numbers("<f2", 1, 4), np.array([[0, 1], [0, 2]], dtype="<i4"))
+EXAMPLES: dict[str, Any] = {
+    "join": Join("agent", 5, 20),
+    "welcome": Welcome(
+        run=0xDEADBEEF,
+        node="agent-5",
+        uavs=(5, 6, 300),
+        tick=70000,
+        scenario=b'{"uavs":301}',
+        initial_states=numbers("<f4", 3, 4) + 0.25,
+        models=numbers("<f8", 3, 246) / 9,
+        known=numbers("<f8", 3, 2, 4) / 3,
+    ),
+    "refusal": Refusal("every UAV of this run has its agent already – größer"),
+    "ready": Ready(0xDEADBEEF),
+    "sense": Sense(0xDEADBEEF, 99, numbers("<f8", 2, 4) / 3, True, (FRAMES, DELIVERED)),
+    "act": Act(
+        run=0xDEADBEEF,
+        tick=99,
+        outcome=numbers("<f8", 2, 5) / 7,
+        diverged=(6,),
+        outbox=(FRAMES,),
+        report=numbers("<f8", 2, 246) / 9,
+        known=numbers("<f8", 2, 3, 4) / 3,
+        refused=(1, 300),
+    ),
+    "stop": Stop(0xDEADBEEF, "finished"),
+    "event": Event(12, "collision", "UAV 1 and UAV 2 collided", (1, 2)),
+    "telemetry": Telemetry(
+        run=0xDEADBEEF,
+        block=7,
+        first_tick=140,
+        states=numbers("<f8", 2, 3, 4) / 3,
+        accelerations=numbers("<f4", 2, 3, 2) / 7,
+        diagnostics=numbers("<f4", 2, 3, 3) / 7,
+        status=numbers("u1", 2, 3) % 3,
+        energy=numbers("<f4", 2, 3),
+        swarm=numbers("<f8", 2, 12),
+        links=numbers("<i4", 2, 5),
+        report_ticks=numbers("<i4", 1),
+        reports=numbers("<f4", 1, 246),
+        spread=numbers("<f8", 1) + 0.5,
+        events=(Event(141, "round", "round 1 averaged and broadcast"),),
+        checkpoint=b"\x93\x01\x02\x03",
+    ),
+    "received": Received(0xDEADBEEF, 7),
+    "finished": Finished(0xDEADBEEF, b'{"schema":1}'),
+}
+RAW = {name: codec.encode(message) for name, message in EXAMPLES.items()}
+
+
+def plain(value: Any) -> Any:
+    """What a reader that knows nothing of us should find."""
+    if isinstance(value, msgspec.Struct):
+        tag = value.__struct_config__.tag
+        fields = [plain(getattr(value, name)) for name in value.__struct_fields__]
+        return fields if tag is None else [tag, *fields]
+    if isinstance(value, tuple):
+        return [plain(part) for part in value]
+    if isinstance(value, np.ndarray):
+        return {"dtype": value.dtype.str, "shape": list(value.shape), "values": value.ravel().tolist()}
+    return int(value) if isinstance(value, FrameKind) else value
+
+
+def read_array(code: int, data: bytes) -> Any:
+    """The extension as the codec's docstring describes it, read with `struct` alone."""
+    assert code == 1
+    kind, axes = data[0], data[1]
+    shape = struct.unpack_from(f"<{axes}I", data, 2)
+    name, letter = (("<f2", "e"), ("<f4", "f"), ("<f8", "d"), ("<i4", "i"), ("|u1", "B"))[kind]
+    count = int(np.prod(shape, dtype=int))
+    values = struct.unpack_from(f"<{count}{letter}", data, 2 + 4 * axes)
+    return {"dtype": name, "shape": list(shape), "values": list(values)}
+
+
+def test_there_is_an_example_of_every_message() -> None:
+    assert {type(message) for message in EXAMPLES.values()} == set(TYPES)
+    assert {path.stem for path in GOLDEN.glob("*.bin")} == set(EXAMPLES)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_todays_encoder_writes_the_golden_bytes_and_reads_them(name: str) -> None:
+    golden = (GOLDEN / f"{name}.bin").read_bytes()
+    assert RAW[name] == golden
+    same(codec.decode(golden), EXAMPLES[name])
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_an_independent_reader_understands_the_golden_bytes(name: str) -> None:
+    golden = (GOLDEN / f"{name}.bin").read_bytes()
+    assert msgpack.unpackb(golden, ext_hook=read_array) == plain(EXAMPLES[name])
+
+
+# -- hostile bytes ------------------------------------------------------------------------------------------------
+
+
+def decode_or_reject(raw: bytes) -> None:
+    """The one promise to everyone who sends us bytes."""
+    try:
+        message = codec.decode(raw)
+    except MessageRejected as rejected:
+        if rejected.reason not in REASONS:
+            raise
+        return
+    assert isinstance(message, TYPES)
+    for array in arrays_in(message):
+        assert np.isfinite(array).all()
+        assert not array.flags.writeable
+    same(codec.decode(codec.encode(message)), message)
+
+
+@st.composite
+def damaged(draw: st.DrawFn) -> bytes:
+    """An honest message, hurt in up to four places: bytes changed, cut out, put in, cut off, spliced with another."""
+    raw = bytearray(draw(st.sampled_from(list(RAW.values()))))
+    for _ in range(draw(st.integers(1, 4))):
+        at = draw(st.integers(0, min(len(raw), 400)))
+        how = draw(st.sampled_from(["change", "change", "cut", "insert", "truncate", "splice"]))
+        if how == "change" and at < len(raw):
+            raw[at] = draw(st.integers(0, 255))
+        elif how == "cut":
+            del raw[at : at + draw(st.integers(1, 9))]
+        elif how == "insert":
+            raw[at:at] = draw(st.binary(min_size=1, max_size=9))
+        elif how == "truncate":
+            del raw[at:]
+        elif how == "splice":
+            other = draw(st.sampled_from(list(RAW.values())))
+            raw[at:] = other[draw(st.integers(0, min(len(other), 400))) :]
+    return bytes(raw)
+
+
+@MANY
+@given(damaged())
+def test_damaged_bytes_are_a_message_or_are_rejected(raw: bytes) -> None:
+    decode_or_reject(raw)
+
+
+@settings(MANY, max_examples=500)
+@given(st.binary(max_size=64))
+def test_any_bytes_are_a_message_or_are_rejected(raw: bytes) -> None:
+    decode_or_reject(raw)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_a_message_cut_off_anywhere_or_followed_by_anything_is_malformed(name: str) -> None:
+    raw = RAW[name]
+    for end in itertools.chain(range(min(len(raw), 300)), range(max(0, len(raw) - 50), len(raw))):
+        with pytest.raises(MessageRejected, match=r"^malformed|^wrong-shape"):
+            codec.decode(raw[:end])
+    with pytest.raises(MessageRejected, match=r"^malformed"):
+        codec.decode(raw + b"\0")
+    with pytest.raises(MessageRejected, match=r"^malformed"):
+        codec.decode(raw + raw)
+
+
+def test_nesting_without_end_is_malformed() -> None:
+    for opener in (b"\x91", b"\x81\xa1a"):
+        with pytest.raises(MessageRejected, match=r"^malformed"):
+            codec.decode(opener * 100_000)
+
+
+def test_a_field_too_many_or_of_another_type_is_malformed() -> None:
+    for wrong in (
+        ["ready", 1, 2],
+        ["ready", "1"],
+        ["ready", 1.5],
+        ["ready", None],
+        ["nobody", 1],
+        ["sense", 1, 2, [[0.0] * 4], False, []],
+        ["join", 7, "agent"],
+        [],
+        {},
+        "ready",
+    ):
+        with pytest.raises(MessageRejected, match=r"^malformed"):
+            codec.decode(msgpack.packb(wrong))
+
+
+def sense_with(array: bytes, extension: int = 1) -> bytes:
+    return msgspec.msgpack.encode(["sense", 1, 2, msgspec.msgpack.Ext(extension, array), False, []])
+
+
+def header(kind: int, shape: tuple[int, ...], axes: int | None = None) -> bytes:
+    return struct.pack(f"<BB{len(shape)}I", kind, len(shape) if axes is None else axes, *shape)
+
+
+MAX = 2**32 - 1
+F8 = 2
+HOSTILE_ARRAYS = {
+    "no header": b"",
+    "half a header": b"\x02",
+    "unknown dtype": header(5, (1,)) + bytes(8),
+    "last dtype": header(255, (1,)) + bytes(8),
+    "four axes": header(F8, (1, 1, 1, 1)) + bytes(8),
+    "255 axes": header(F8, (), axes=255),
+    "axes cut off": header(F8, (1,), axes=3),
+    "too little": header(F8, (1, 4)) + bytes(31),
+    "too much": header(F8, (1, 4)) + bytes(33),
+    "nothing of a scalar": header(F8, ()),
+    "huge": header(F8, (MAX, MAX, MAX)),
+    "product is 2⁶⁴": header(F8, (2**31, 2**31, 4)),
+    "product is 2³²": header(4, (2**16, 2**16)),
+    "−1 as a count": header(F8, (MAX,)) + bytes(8),
+    "−1 of rows": header(F8, (MAX, 4)) + bytes(32),
+    "items count, not bytes": header(F8, (8,)) + bytes(8),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE_ARRAYS)
+def test_an_array_whose_header_lies_is_rejected(name: str) -> None:
+    with pytest.raises(MessageRejected, match=r"^malformed|^wrong-shape"):
+        codec.decode(sense_with(HOSTILE_ARRAYS[name]))
+
+
+@pytest.mark.parametrize("shape", [(0, MAX), (0, MAX, MAX), (MAX, 0, MAX), (MAX, MAX, 0), (0, 2**31, 2**31)])
+def test_an_empty_array_with_huge_other_axes_is_a_message_or_is_rejected(shape: tuple[int, ...]) -> None:
+    for kind in range(len(DTYPES)):
+        decode_or_reject(sense_with(header(kind, shape)))
+
+
+@settings(MANY, max_examples=500)
+@given(
+    st.integers(0, 6),
+    st.lists(st.one_of(st.integers(0, 3), st.sampled_from([2**16, 2**31, MAX])), max_size=4),
+    st.binary(max_size=40),
+)
+def test_any_header_is_an_array_or_is_rejected(kind: int, shape: list[int], buffer: bytes) -> None:
+    decode_or_reject(sense_with(header(kind, tuple(shape)) + buffer))
+
+
+def test_only_our_own_extension_is_read() -> None:
+    honest = header(F8, (1, 4)) + bytes(32)
+    assert isinstance(codec.decode(sense_with(honest)), Sense)
+    for extension in (0, 2, 127, -1, -128):
+        with pytest.raises(MessageRejected, match=r"^malformed"):
+            codec.decode(sense_with(honest, extension))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("dtype", ["<f2", "<f4", "<f8"])
+def test_a_number_that_is_not_finite_is_named_so(dtype: str, bad: float) -> None:
+    table = np.zeros((3, 4), dtype=dtype)
+    table[2, 3] = bad
+    with pytest.raises(MessageRejected) as caught:
+        codec.decode(codec.encode(Sense(1, 2, table, False)))
+    assert caught.value.reason == "non-finite"
+
+
+def test_bytes_beyond_the_limit_are_oversized_and_are_not_even_parsed() -> None:
+    with pytest.raises(MessageRejected) as caught:
+        codec.decode(b"\xc1" * 101, limit=100)
+    assert caught.value.reason == "oversized"
+    with pytest.raises(MessageRejected) as caught:
+        codec.decode(bytes(codec.MAX_BYTES + 1))
+    assert caught.value.reason == "oversized"
+    raw = RAW["ready"]
+    assert isinstance(codec.decode(raw, limit=len(raw)), Ready)
+
+
+def test_another_kind_and_another_run_are_named_so() -> None:
+    raw = codec.encode(Received(7, 1))
+    assert codec.decode_as(Received, raw, 7).block == 1
+    with pytest.raises(MessageRejected) as caught:
+        codec.decode_as(Act, raw, 7)
+    assert caught.value.reason == "wrong-kind"
+    with pytest.raises(MessageRejected) as caught:
+        codec.decode_as(Received, raw, 8)
+    assert caught.value.reason == "wrong-run"
+
+
+def test_a_shape_or_dtype_that_was_not_expected_is_named_with_what_came() -> None:
+    table = np.zeros((3, 4))
+    assert codec.expect("states", table, (3, 4), np.float64) is table
+    assert codec.expect("states", table, (None, 4), np.float64) is table
+    for shape, dtype in (
+        ((2, 4), np.float64),
+        ((3,), np.float64),
+        ((3, 4, 1), np.float64),
+        ((3, 4), np.float32),
+        ((), np.float64),
+    ):
+        with pytest.raises(MessageRejected, match=r"states: expected .*, got \(3, 4\) float64") as caught:
+            codec.expect("states", table, shape, dtype)
+        assert caught.value.reason == "wrong-shape"
+
+
+if __name__ == "__main__":
+    GOLDEN.mkdir(exist_ok=True)
+    for title, raw_bytes in RAW.items():
+        (GOLDEN / f"{title}.bin").write_bytes(raw_bytes)
