@@ -1,0 +1,66 @@
+"""One link: from distance to SNR threshold, from bits to slots, from slots to latency or outage."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from channel.rician import squared_amplitude
+from swarm.scenario import Radio
+
+Floats = NDArray[np.float64]
+Counts = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Transmission:
+    """What became of one message on each of K links.
+
+    slots: (K,) slots spent: D_m where delivered, D_M where not. delivered: (K,) bool.
+    """
+
+    slots: Counts
+    delivered: NDArray[np.bool_]
+
+
+def bits_per_slot(radio: Radio) -> float:
+    """θ W_o log₂(1 + η): what a slot carries if its SNR reaches the target."""
+    return radio.coherence_time_s * radio.bandwidth_hz * math.log2(1.0 + 10.0 ** (radio.target_snr_db / 10.0))
+
+
+def slots_needed(radio: Radio, bits: int) -> int:
+    """K: successful slots a message of `bits` needs, at least one."""
+    return max(1, math.ceil(bits / bits_per_slot(radio)))
+
+
+def squared_threshold(radio: Radio, distance_m: Floats) -> Floats:
+    """The z² at which SNR = P_o z r^−α / (W_o σ_n) reaches η (with `fading = "power"`: P_o z² …); same shape."""
+    power_w = 10.0 ** (radio.tx_power_dbm / 10.0) * 1e-3
+    noise_w = radio.bandwidth_hz * 10.0 ** (radio.noise_psd_dbm_hz / 10.0) * 1e-3
+    target = 10.0 ** (radio.target_snr_db / 10.0)
+    gain = target * noise_w / power_w * np.power(distance_m, radio.path_loss_exponent)
+    return gain if radio.fading == "power" else gain * gain
+
+
+def transmit(radio: Radio, draw: np.random.Generator, distance_m: Floats, bits: int) -> Transmission:
+    """Sends one message over K independent links, slot by slot, until it is through or D_M slots are spent.
+
+    In every slot an amplitude is drawn for each link still busy, in link order, so the result depends on the
+    generator and the order of the links only.
+
+    Args:
+        distance_m: (K,). bits: length of the message.
+    """
+    needed = slots_needed(radio, bits)
+    threshold = squared_threshold(radio, distance_m)
+    slots = np.zeros(len(distance_m), dtype=np.int64)
+    missing = np.full(len(distance_m), needed)
+    busy = np.arange(len(distance_m))
+    for _ in range(radio.latency_threshold_slots):
+        if not len(busy):
+            break
+        slots[busy] += 1
+        missing[busy] -= squared_amplitude(draw, len(busy), radio.rice_xi, radio.rice_chi) >= threshold[busy]
+        busy = busy[missing[busy] > 0]
+    return Transmission(slots, missing <= 0)

@@ -1,0 +1,122 @@
+"""What the radio cost: bits, link copies, deliveries, outages, airtime, by kind of traffic and by link."""
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from channel import theory
+from channel.link import Transmission
+from swarm.messages import FrameKind
+from swarm.scenario import Radio
+
+TRAFFIC = {FrameKind.UPLOAD: "uplink", FrameKind.GLOBAL: "broadcast", FrameKind.STATE: "state"}
+
+
+@dataclass
+class Traffic:
+    """Totals of one kind since take-off."""
+
+    transmissions: int = 0
+    payload_bits: int = 0  # floats × bits_per_float, once a transmission: the paper's count
+    wire_bytes: int = 0  # encoded frames, as they crossed the bus on the way to the radio
+    sent: int = 0  # link copies
+    delivered: int = 0
+    outages: int = 0
+    slots: int = 0  # spent on all links, lost messages included
+    delivered_slots: int = 0
+    airtime_s: float = 0.0  # a transmission lasts until its last link is served or given up
+    expected_outages: float = 0.0  # closed form, summed over the links used
+    expected_delivered_slots: float = 0.0
+
+
+@dataclass
+class Meter:
+    """The bill of a run."""
+
+    radio: Radio
+    uavs: int
+    traffic: dict[FrameKind, Traffic] = field(default_factory=lambda: {kind: Traffic() for kind in FrameKind})
+
+    def __post_init__(self) -> None:
+        self._link_sent = np.zeros((self.uavs, self.uavs), dtype=np.int32)
+        self._link_outages = np.zeros((self.uavs, self.uavs), dtype=np.int32)
+
+    def count(
+        self,
+        kind: FrameKind,
+        payload_bits: int,
+        sources: NDArray[np.intp],
+        links: NDArray[np.intp],
+        distance_m: NDArray[np.float64],
+        sent: Transmission,
+    ) -> None:
+        """Enters one batch of transmissions of a kind.
+
+        Args:
+            payload_bits: of one transmission. sources: (S,) UAVs that transmitted.
+            links: (K, 2) [row of sources, receiving UAV]. distance_m: (K,). sent: what became of the K links.
+        """
+        bill = self.traffic[kind]
+        bill.transmissions += len(sources)
+        bill.payload_bits += payload_bits * len(sources)
+        bill.sent += len(links)
+        delivered = int(sent.delivered.sum())
+        bill.delivered += delivered
+        bill.outages += len(links) - delivered
+        bill.slots += int(sent.slots.sum())
+        bill.delivered_slots += int(sent.slots[sent.delivered].sum())
+        longest = np.zeros(len(sources), dtype=np.int64)
+        np.maximum.at(longest, links[:, 0], sent.slots)
+        bill.airtime_s += float(longest.sum()) * self.radio.coherence_time_s
+        self._expect(bill, payload_bits, distance_m)
+        pair = sources[links[:, 0]], links[:, 1]
+        self._link_sent[pair] += 1
+        self._link_outages[pair] += ~sent.delivered
+
+    def initial(self, payload_bits: int) -> None:
+        """The mission plan: one state broadcast a UAV before take-off, never in outage."""
+        bill = self.traffic[FrameKind.STATE]
+        bill.transmissions += self.uavs
+        bill.payload_bits += payload_bits * self.uavs
+
+    def wire(self, kind: FrameKind, bytes_: int) -> None:
+        """Encoded size of frames handed to the radio."""
+        self.traffic[kind].wire_bytes += bytes_
+
+    def links(self) -> list[list[int]]:
+        """[source, target, sent, outages] of every link that was used, ascending."""
+        used = np.argwhere(self._link_sent)
+        return [[int(s), int(t), int(self._link_sent[s, t]), int(self._link_outages[s, t])] for s, t in used]
+
+    def total(self, name: str) -> float:
+        """Sum of one field of `Traffic` over all kinds."""
+        return sum(getattr(bill, name) for bill in self.traffic.values())
+
+    def snapshot(self) -> dict[str, Any]:
+        """The bill so far, for `restore`."""
+        return {
+            "traffic": [asdict(self.traffic[kind]) for kind in FrameKind],
+            "sent": self._link_sent,
+            "outages": self._link_outages,
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Goes on with the bill of a snapshot."""
+        self.traffic = {kind: Traffic(**bill) for kind, bill in zip(FrameKind, snapshot["traffic"], strict=True)}
+        self._link_sent[:] = snapshot["sent"]
+        self._link_outages[:] = snapshot["outages"]
+
+    def _expect(self, bill: Traffic, payload_bits: int, distance_m: NDArray[np.float64]) -> None:
+        if self.radio.path_loss_exponent == 0.0:  # every link is alike
+            if not len(distance_m):
+                return
+            distance_m, copies = distance_m[:1], len(distance_m)
+        else:
+            copies = 1
+        success = theory.slot_success(self.radio, distance_m)
+        bill.expected_outages += copies * float(theory.outage(self.radio, success, payload_bits).sum())
+        bill.expected_delivered_slots += copies * float(
+            theory.delivered_latency(self.radio, success, payload_bits).sum()
+        )

@@ -1,0 +1,17 @@
+"""Rice fading: the amplitude of a line of sight plus scattered paths, Eq. Rice.
+
+The printed density writes I₀(zξ/χ²) for I₀(ζξ/χ²), and Rayleigh as ζ = 0 for ξ = 0; both are read as slips.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def squared_amplitude(draw: np.random.Generator, count: int, xi: float, chi: float) -> Floats:
+    """z² of `count` independent slots, `(count,)`; z = |ξ + χ(n₁ + jn₂)| with standard normal n₁, n₂."""
+    normal = draw.standard_normal((count, 2))
+    in_phase = xi + chi * normal[:, 0]
+    quadrature = chi * normal[:, 1]
+    return in_phase * in_phase + quadrature * quadrature

@@ -1,0 +1,292 @@
+"""The air: which links carry a frame, when it is delivered, what it costs, and that nobody's order matters."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from channel.air import Air
+from groundstation.engine import Engine
+from swarm import state
+from swarm.messages import FrameKind, Frames
+from swarm.methods import Method
+from swarm.rounds import Rounds
+from swarm.scenario import Scenario, load
+
+UAVS = 6
+TICKS = 240
+PERIOD = 50
+
+
+def scenario(*settings: str, **options: Any) -> Scenario:
+    return load(None, [f"uavs={UAVS}", *settings], **options)
+
+
+def line(*metres: float) -> state.States:
+    """UAVs at rest along x."""
+    states = np.zeros((len(metres), state.SIZE))
+    states[:, state.X] = metres
+    return states
+
+
+def frames(kind: FrameKind, source: list[int], floats: int, number: int = 0) -> Frames:
+    payload = np.arange(len(source) * floats, dtype=np.float32).reshape(len(source), floats)
+    return Frames(kind, number, np.array(source, dtype=np.int32), payload)
+
+
+def links_of(batches: list[Frames]) -> set[tuple[int, int]]:
+    """[source, target] of what was delivered, each once."""
+    found = [
+        (int(batch.source[row]), int(target))
+        for batch in batches
+        if batch.links is not None
+        for row, target in batch.links
+    ]
+    assert len(found) == len(set(found))
+    return set(found)
+
+
+# -- who hears whom -----------------------------------------------------------------------------------------------
+
+
+def test_an_upload_goes_to_the_leader_a_global_model_to_everyone_a_state_to_those_in_range() -> None:
+    air = Air(scenario("federation.leader=2", "radio.target_snr_db=60"))
+    states = line(0.0, 99.9, 100.0, 100.1, 200.0, 1e6)
+    records = air.send(
+        5,
+        [
+            frames(FrameKind.STATE, [0, 4], 4),
+            frames(FrameKind.GLOBAL, [2], 246, 1),
+            frames(FrameKind.UPLOAD, [0, 2, 5], 246, 1),
+        ],
+        states,
+    )
+    by_radio = {
+        kind: {(int(s), int(t)) for _, s, t, k, slots in records if k == kind and slots > 0} for kind in FrameKind
+    }
+    assert by_radio[FrameKind.UPLOAD] == {(0, 2), (5, 2)}
+    assert by_radio[FrameKind.GLOBAL] == {(2, t) for t in (0, 1, 3, 4, 5)}
+    assert by_radio[FrameKind.STATE] == {(0, 1), (0, 2), (4, 2), (4, 3)}
+    assert (records[:, 0] == 5).all()
+    delivered = air.due(6)
+    of_kind = {kind: links_of([batch for batch in delivered if batch.kind == kind]) for kind in FrameKind}
+    # On board there is no radio, but the leader has its own upload and UAV h the global model.
+    assert of_kind[FrameKind.UPLOAD] == by_radio[FrameKind.UPLOAD] | {(2, 2)}
+    assert of_kind[FrameKind.GLOBAL] == by_radio[FrameKind.GLOBAL] | {(2, 2)}
+    assert of_kind[FrameKind.STATE] == by_radio[FrameKind.STATE]
+
+
+def test_what_is_delivered_is_what_was_sent() -> None:
+    air = Air(scenario("radio.target_snr_db=60"))
+    sent = frames(FrameKind.UPLOAD, [1, 3, 4], 108, 9)
+    air.send(0, [sent], line(*range(UAVS)))
+    (batch,) = air.due(1)
+    assert (batch.kind, batch.round) == (FrameKind.UPLOAD, 9)
+    for row, (source, _) in zip((0, 1, 2), sorted(links_of([batch])), strict=True):
+        where = batch.source.tolist().index(source)
+        np.testing.assert_array_equal(batch.payload[where], sent.payload[row])
+
+
+def test_a_swarm_of_one_pays_for_its_broadcast_and_nobody_hears_it() -> None:
+    air = Air(load(None, ["uavs=1"]))
+    records = air.send(0, [frames(FrameKind.STATE, [0], 4)], line(0.0))
+    assert records.shape == (0, 5)
+    assert air.due(1) == []
+    assert air.meter.traffic[FrameKind.STATE].payload_bits == 128
+    assert air.meter.traffic[FrameKind.STATE].sent == 0
+
+
+# -- when ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("dt", "theta", "slots"), [(0.1, 5e-5, 8), (0.125, 0.125, 8), (0.125, 0.1875, 12), (0.125, 1.0, 5)]
+)
+def test_a_frame_is_delivered_after_its_slots_at_least_a_tick_later_once_or_never(
+    dt: float, theta: float, slots: int
+) -> None:
+    flown = scenario(
+        f"dt={dt}",
+        f"radio.coherence_time_s={theta}",
+        f"radio.latency_threshold_slots={slots}",
+        f"radio.bandwidth_hz={100 / theta}",
+        f"radio.target_snr_db={75.5 + 10 * math.log10(2e6 * theta / 100)}",  # another band, the same chance
+    )
+    air, states = Air(flown), line(*range(UAVS))
+    expected: dict[int, set[tuple[int, int, int]]] = {}
+    outages, several = 0, 0
+    for tick in range(0, 400, 2):
+        for _, source, target, _, used in air.send(tick, [frames(FrameKind.GLOBAL, [0], 246, tick)], states):
+            if used < 0:
+                outages += 1
+                assert used == -slots
+                continue
+            due = tick + max(1, math.ceil(int(used) * theta / dt))
+            several += due > tick + 1
+            expected.setdefault(due, set()).add((tick, int(source), int(target)))
+        expected.setdefault(tick + 1, set()).add((tick, 0, 0))  # on board
+    assert outages
+    assert bool(several) == (theta > dt / 8)
+    for tick in range(400 + math.ceil(slots * theta / dt) + 2):
+        found = {(batch.round, *link) for batch in air.due(tick) for link in links_of([batch])}
+        assert found == expected.get(tick, set())
+
+
+@pytest.mark.parametrize(
+    ("dt", "theta", "slots"), [(0.1, 5e-5, 8), (0.125, 0.1875, 12), (0.03, 0.01, 9), (0.03, 0.02, 15)]
+)
+def test_an_upload_that_takes_every_slot_it_may_is_there_when_its_round_closes(
+    dt: float, theta: float, slots: int
+) -> None:
+    flown = scenario(
+        f"dt={dt}",
+        f"radio.coherence_time_s={theta}",
+        f"radio.latency_threshold_slots={slots}",
+        "radio.target_snr_db=-10",
+        f"radio.bandwidth_hz={246 * 32 / theta / math.log2(1.1) / (slots - 0.5)}",
+        "radio.noise_psd_dbm_hz=-200",
+    )
+    air, rounds = Air(flown), Rounds(flown)
+    tick = flown.period_ticks
+    records = air.send(tick, [frames(FrameKind.UPLOAD, [1], 246, rounds.opens(tick))], line(*range(UAVS)))
+    assert records[:, 4].tolist() == [slots]
+    closing = next(t for t in range(tick, tick + 1000) if rounds.closes(t))
+    arriving = next(t for t in range(tick, tick + 1000) if air.due(t))
+    assert arriving <= closing
+
+
+# -- what it costs ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def bills() -> dict[Method, dict[str, Any]]:
+    """The summaries of a whole short flight of every method."""
+    flights = {}
+    for method in Method:
+        flown = scenario(f"method={method}", f"duration={TICKS / 10}", 'stop="duration"', f"federation.period={PERIOD}")
+        engine = Engine(flown, f"bill-{method}")
+        assert sum(1 for _ in engine.fly()) == TICKS
+        flights[method] = engine.world.finish()
+    return flights
+
+
+@pytest.mark.parametrize("method", Method)
+def test_a_transmission_costs_its_floats_and_the_bill_is_their_count(
+    method: Method, bills: dict[Method, dict[str, Any]]
+) -> None:
+    summary = bills[method]
+    traffic, bits = summary["radio"]["traffic"], summary["payload_bits"]
+    flown = scenario(f"method={method}", f"federation.period={PERIOD}")
+    rounds = range(1, (TICKS - 1) // PERIOD + 1) if method.is_federated else range(0)
+    leader = flown.federation.leader
+    uploads = sum(int((Rounds(flown).participants(k) != leader).sum()) for k in rounds)
+    model_bits = {Method.MFGFL_H: 108, Method.MFGFL_F: 138, Method.MFGFL_HF: 246}.get(method, 0) * 32
+    states = UAVS * TICKS if method is Method.HJB else UAVS  # the mission plan is the first, then every tick
+
+    assert summary["rounds"] == len(rounds)
+    assert traffic["uplink"]["transmissions"] == uploads
+    assert traffic["broadcast"]["transmissions"] == len(rounds)
+    assert traffic["state"]["transmissions"] == states
+    assert bits == {
+        "uplink": uploads * model_bits,
+        "broadcast": len(rounds) * model_bits,
+        "state": states * 4 * 32,
+        "total": (uploads + len(rounds)) * model_bits + states * 128,
+    }
+    assert traffic["uplink"]["sent"] == uploads
+    assert traffic["broadcast"]["sent"] == len(rounds) * (UAVS - 1)
+    assert traffic["state"]["sent"] == (UAVS * (UAVS - 1) * (TICKS - 1) if method is Method.HJB else 0)
+
+
+@pytest.mark.parametrize("method", Method)
+def test_every_copy_is_delivered_or_in_outage_and_the_wire_carries_at_least_the_payload(
+    method: Method, bills: dict[Method, dict[str, Any]]
+) -> None:
+    for name, bill in bills[method]["radio"]["traffic"].items():
+        assert bill["sent"] == bill["delivered"] + bill["outages"]
+        on_air = bill["payload_bits"] - (UAVS * 128 if name == "state" else 0)  # the plan came with the Welcome
+        assert bill["wire_bytes"] * 8 >= on_air
+        assert (bill["airtime_s"] > 0) == (on_air > 0)
+
+
+def test_the_leader_s_own_upload_costs_nothing() -> None:
+    air = Air(scenario("federation.leader=3"))
+    records = air.send(1, [frames(FrameKind.UPLOAD, [3], 246)], line(*range(UAVS)))
+    bill = air.meter.traffic[FrameKind.UPLOAD]
+    assert records.shape == (0, 5)
+    assert (bill.transmissions, bill.payload_bits, bill.sent, bill.slots, bill.airtime_s) == (0, 0, 0, 0, 0.0)
+    assert links_of(air.due(2)) == {(3, 3)}
+
+
+@pytest.mark.parametrize("bits", [16, 32, 64])
+def test_a_float_is_as_wide_as_the_scenario_says(bits: int) -> None:
+    air = Air(scenario(f"radio.bits_per_float={bits}"))
+    air.send(1, [frames(FrameKind.UPLOAD, [1, 2], 108), frames(FrameKind.STATE, [0], 4)], line(*range(UAVS)))
+    assert air.meter.traffic[FrameKind.UPLOAD].payload_bits == 2 * 108 * bits
+    assert air.meter.traffic[FrameKind.STATE].payload_bits == 4 * bits
+
+
+def test_airtime_lasts_until_the_last_link_is_served_or_given_up() -> None:
+    air = Air(scenario("radio.target_snr_db=76"))
+    records = air.send(1, [frames(FrameKind.GLOBAL, [0], 246)], line(*range(UAVS)))
+    assert air.meter.traffic[FrameKind.GLOBAL].airtime_s == pytest.approx(np.abs(records[:, 4]).max() * 5e-5)
+    assert air.meter.traffic[FrameKind.GLOBAL].slots == np.abs(records[:, 4]).sum()
+    assert sorted(map(tuple, air.meter.links())) == [
+        (0, int(target), 1, int(slots < 0)) for _, _, target, _, slots in records
+    ]
+
+
+# -- nobody's order matters ---------------------------------------------------------------------------------------
+
+
+def test_the_order_in_which_kinds_are_handed_over_does_not_matter() -> None:
+    batches = [
+        frames(FrameKind.UPLOAD, [0, 1, 4], 246, 1),
+        frames(FrameKind.GLOBAL, [0], 246, 1),
+        frames(FrameKind.STATE, [0, 2, 5], 4),
+    ]
+    one, other = (Air(scenario("radio.target_snr_db=76")) for _ in range(2))
+    for tick in range(50):
+        np.testing.assert_array_equal(
+            one.send(tick, batches, line(*range(UAVS))), other.send(tick, batches[::-1], line(*range(UAVS)))
+        )
+    assert one.meter.traffic == other.meter.traffic
+
+
+class Shuffled:
+    """Holds back what the world asks until it waits, then passes it on in another order every tick."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._bus = engine.world._bus
+        self._put, self._held = self._bus.put, []
+        self._draw = np.random.default_rng(8)
+        self._bus.put, self._bus.receive = self.put, self.receive  # type: ignore[method-assign]
+
+    def put(self, key: str, payload: bytes) -> None:
+        if key.endswith("/sense"):
+            self._held.append((key, payload))
+        else:
+            self._put(key, payload)
+
+    def receive(self, _timeout_s: float) -> None:
+        for k in self._draw.permutation(len(self._held)):
+            self._put(*self._held[k])
+        self._held.clear()
+
+
+@pytest.mark.parametrize("method", [Method.HJB, Method.MFGFL_HF])
+def test_the_order_in_which_nodes_answer_does_not_matter(method: Method) -> None:
+    flown = scenario(f"method={method}", "duration=9", "federation.period=20", "radio.target_snr_db=76")
+    summaries = []
+    for shuffled in (False, True):
+        engine = Engine(flown, "order", uavs_per_node=1)
+        if shuffled:
+            Shuffled(engine)
+        for _ in engine.fly():
+            pass
+        summaries.append(engine.world.finish())
+    for volatile in ("wall_time_s", "real_time_factor"):
+        assert {summary.pop(volatile) is None for summary in summaries} == {False}
+    assert summaries[0]["radio"]["outages"] > 0
+    assert summaries[0] == summaries[1]

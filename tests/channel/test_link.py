@@ -1,0 +1,193 @@
+"""One link: closed forms against the oracle, and what the emulation does against the closed forms."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from channel import theory
+from channel.link import bits_per_slot, slots_needed, transmit
+from channel.rician import squared_amplitude
+from swarm.scenario import Radio, load
+
+ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "radio.json").read_text())
+RTOL = 1e-9
+LINKS = 20_000
+
+SETTINGS: dict[str, tuple[tuple[str, ...], float, int]] = {  # settings, distance in m, bits
+    "the paper's, H upload": ((), 100.0, 108 * 32),
+    "the paper's, HF upload": ((), 100.0, 246 * 32),
+    "state broadcast": ((), 3.0, 4 * 32),
+    "a target often missed": (("target_snr_db=75.7",), 50.0, 246 * 32),
+    "SNR ∝ z²": (('fading="power"', "target_snr_db=82.5"), 50.0, 108 * 32),
+    "SNR ∝ z², with path loss": (('fading="power"', "target_snr_db=43", "path_loss_exponent=2"), 90.0, 108 * 32),
+    "free-space path loss": (("path_loss_exponent=2", "target_snr_db=36"), 80.0, 246 * 32),
+    "Rayleigh": (("rice_xi=0", "target_snr_db=69"), 50.0, 108 * 32),
+    "one slot only": (("latency_threshold_slots=1", "target_snr_db=74.5"), 50.0, 4 * 32),
+    "more slots than the threshold allows": (("latency_threshold_slots=3",), 50.0, 246 * 32),
+}
+
+
+def radio(*settings: str) -> Radio:
+    return load(None, [f"radio.{setting}" for setting in settings]).radio
+
+
+def of_case(case: dict[str, Any]) -> Radio:
+    return radio(
+        f"path_loss_exponent={float(case['path_loss_exponent'])}",
+        f"target_snr_db={case['target_snr_dB']}",
+        f"coherence_time_s={case['coherence_time_s']}",
+        f"latency_threshold_slots={case['latency_threshold_slots']}",
+        f"tx_power_dbm={case['tx_power_dBm']}",
+        f"bandwidth_hz={case['bandwidth_Hz']}",
+        f"noise_psd_dbm_hz={case['noise_psd_dBm_Hz']}",
+        f"rice_chi={case['rice_chi']}",
+        f"rice_xi={case['rice_xi']}",
+    )
+
+
+def brute_force(p: float, needed: int, slots: int) -> tuple[float, float]:
+    """P[D ≤ D_M] and E[D; D ≤ D_M], term by term."""
+    terms = [(d, math.comb(d - 1, needed - 1) * p**needed * (1 - p) ** (d - needed)) for d in range(needed, slots + 1)]
+    return math.fsum(q for _, q in terms), math.fsum(d * q for d, q in terms)
+
+
+def within_four_standard_errors(sample: np.ndarray, expected: float, variance: float | None = None) -> None:
+    spread = sample.var() if variance is None else variance
+    assert abs(sample.mean() - expected) <= 4 * math.sqrt(spread / len(sample)) + 1e-12
+
+
+# -- closed forms -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("case", ORACLE, ids=lambda case: f"{case['target_snr_dB']}dB-{case['bits']}b")
+def test_the_closed_forms_are_the_oracle_s(case: dict[str, Any]) -> None:
+    given, distance, bits = of_case(case), np.array([case["distance_m"]]), case["bits"]
+    success = theory.slot_success(given, distance)
+    assert success == pytest.approx([case["slot_success_probability"]], rel=RTOL)
+    assert bits_per_slot(given) == pytest.approx(case["bits_per_slot"], rel=RTOL)
+    assert slots_needed(given, bits) == case["slots_needed"]
+    assert theory.mean_latency(given, success, bits) == pytest.approx([case["mean_latency_slots"]], rel=RTOL)
+    assert theory.outage(given, success, bits) == pytest.approx([case["latency_outage_probability"]], rel=RTOL)
+
+
+@pytest.mark.parametrize("slots", [1, 2, 5, 8, 40])
+@pytest.mark.parametrize("needed", [1, 2, 4, 9])
+def test_outage_and_delivered_latency_are_their_own_sums(needed: int, slots: int) -> None:
+    given = radio(f"latency_threshold_slots={slots}")
+    bits = math.floor(needed * bits_per_slot(given))
+    assert slots_needed(given, bits) == needed
+    for p in (1e-3, 0.1, 0.5, 0.95, 1.0):
+        through, latency = brute_force(p, needed, slots)
+        success = np.array([p])
+        np.testing.assert_allclose(1 - theory.outage(given, success, bits), [through], rtol=1e-9, atol=1e-14)
+        np.testing.assert_allclose(theory.delivered_latency(given, success, bits), [latency], rtol=1e-9)
+
+
+def test_without_a_threshold_the_delivered_latency_is_the_mean_latency() -> None:
+    given, success = radio("latency_threshold_slots=100000"), np.array([0.05, 0.5, 0.99])
+    for bits in (128, 7872):
+        np.testing.assert_allclose(
+            theory.delivered_latency(given, success, bits), theory.mean_latency(given, success, bits), rtol=1e-9
+        )
+
+
+def test_a_link_that_never_succeeds_is_always_in_outage_and_delivers_nothing() -> None:
+    given, never = radio(), np.zeros(2)
+    np.testing.assert_array_equal(theory.outage(given, never, 128), [1.0, 1.0])
+    np.testing.assert_array_equal(theory.delivered_latency(given, never, 128), [0.0, 0.0])
+
+
+def test_without_path_loss_every_distance_is_alike_and_with_it_nearer_is_better() -> None:
+    distance = np.array([0.0, 1.0, 10.0, 100.0])
+    alike = theory.slot_success(radio(), distance)
+    assert len(set(alike.tolist())) == 1
+    falling = theory.slot_success(radio("path_loss_exponent=2", "target_snr_db=40"), distance)
+    assert (np.diff(falling) <= 0).all()
+    assert falling[0] == 1.0
+    assert falling[-1] < 0.01
+
+
+def test_rayleigh_is_an_exponential_tail() -> None:
+    given = radio("rice_xi=0", "target_snr_db=69")
+    threshold = 10 ** (6.9) * 2e6 * 1e-14 / 0.1
+    expected = math.exp(-(threshold**2) / (2 * 1.347**2))
+    assert theory.slot_success(given, np.array([7.0])) == pytest.approx([expected], rel=1e-9)
+
+
+# -- the emulation ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("xi", "chi"), [(6.649, 1.347), (0.0, 1.347), (2.0, 0.5)])
+def test_the_squared_amplitude_has_the_moments_of_rice(xi: float, chi: float) -> None:
+    squared = squared_amplitude(np.random.default_rng(1), 100_000, xi, chi)
+    variance = 4 * chi**2 * (xi**2 + chi**2)  # of χ² (non-central χ² with two degrees of freedom)
+    within_four_standard_errors(squared, xi**2 + 2 * chi**2, variance)
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_successes_outages_and_latencies_are_those_of_the_closed_form(name: str) -> None:
+    settings, metres, bits = SETTINGS[name]
+    given, draw = radio(*settings), np.random.default_rng(20200309)
+    distance = np.full(LINKS, metres)
+    p = float(theory.slot_success(given, distance[:1])[0])
+    assert 0.05 < p < 1.0 - 1e-6, "a setting that tests nothing"
+
+    one_slot = radio(*(s for s in settings if "threshold" not in s), "latency_threshold_slots=1")
+    single = transmit(one_slot, draw, distance, 1)
+    within_four_standard_errors(single.delivered.astype(float), p, p * (1 - p))
+
+    sent = transmit(given, draw, distance, bits)
+    outage = float(theory.outage(given, np.array([p]), bits)[0])
+    within_four_standard_errors((~sent.delivered).astype(float), outage, outage * (1 - outage))
+    observed = np.where(sent.delivered, sent.slots, 0).astype(float)
+    within_four_standard_errors(observed, float(theory.delivered_latency(given, np.array([p]), bits)[0]))
+    np.testing.assert_array_equal(sent.slots[~sent.delivered], given.latency_threshold_slots)
+    if sent.delivered.any():
+        assert sent.slots[sent.delivered].min() >= slots_needed(given, bits)
+        assert sent.slots[sent.delivered].max() <= given.latency_threshold_slots
+
+
+def test_the_latency_without_a_threshold_is_k_over_p() -> None:
+    given, bits = radio("target_snr_db=75.7", "latency_threshold_slots=2000"), 246 * 32
+    distance = np.full(LINKS, 10.0)
+    sent = transmit(given, np.random.default_rng(3), distance, bits)
+    assert sent.delivered.all()
+    p = float(theory.slot_success(given, distance[:1])[0])
+    needed = slots_needed(given, bits)
+    within_four_standard_errors(sent.slots.astype(float), needed / p, needed * (1 - p) / p**2)
+
+
+def test_every_link_has_its_own_distance() -> None:
+    given = radio("path_loss_exponent=2", "target_snr_db=36", "latency_threshold_slots=1")
+    metres = np.tile([60.0, 80.0, 90.0], LINKS)
+    delivered = transmit(given, np.random.default_rng(4), metres, 128).delivered
+    for value, p in zip((60.0, 80.0, 90.0), theory.slot_success(given, metres[:3]), strict=True):
+        within_four_standard_errors(delivered[metres == value].astype(float), p, p * (1 - p))
+
+
+def test_links_fade_independently_of_each_other_and_of_the_past() -> None:
+    given, draw = radio("target_snr_db=76", "latency_threshold_slots=6"), np.random.default_rng(5)
+    n = LINKS
+    first, second = (transmit(given, draw, np.full(2 * n, 50.0), 246 * 32) for _ in range(2))
+    for one, other in (
+        (first.delivered[0::2], first.delivered[1::2]),  # neighbours
+        (first.delivered[:n], first.delivered[n:]),
+        (first.delivered, second.delivered),  # the same link, later
+        (first.slots[0::2], first.slots[1::2]),
+        (first.slots, second.slots),
+    ):
+        assert abs(np.corrcoef(one, other)[0, 1]) < 4 / math.sqrt(len(one))
+
+
+def test_the_same_generator_gives_the_same_fading_and_no_links_are_no_work() -> None:
+    given = radio("target_snr_db=76")
+    one, other = (transmit(given, np.random.default_rng(6), np.full(50, 9.0), 7872) for _ in range(2))
+    np.testing.assert_array_equal(one.slots, other.slots)
+    draw = np.random.default_rng(6)
+    nothing = transmit(given, draw, np.zeros(0), 7872)
+    assert nothing.slots.shape == nothing.delivered.shape == (0,)
+    np.testing.assert_array_equal(draw.random(3), np.random.default_rng(6).random(3))
