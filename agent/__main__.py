@@ -1,0 +1,34 @@
+"""`python -m agent`: one process of the swarm, holding one UAV or more."""
+
+from pathlib import Path
+
+from agent.node import Agent
+from swarm import keys
+from swarm.errors import BadInput
+from swarm.identity import only_agent
+from swarm.messages import Join
+from swarm.process import Interrupted, flag, identity, main, orphaned, parser
+from swarm.session import ZenohBus
+from swarm.spoke import Spoke
+
+
+def _run() -> None:
+    options = parser("agent", "One UAV, or a few as rows of one process.", "python -m agent --run test")
+    flag(options, "--rows", "1", "UAVs this process holds at the most", int)
+    flag(options, "--uav", "-1", "its first UAV; the world decides where it is negative and --tls is not given", int)
+    given = options.parse_args()
+    if given.rows < 1:
+        raise BadInput(f"--rows {given.rows}: an agent holds at least one UAV")
+    uav = only_agent(Path(given.tls)) if given.tls and given.uav < 0 else given.uav
+    interrupted = Interrupted()
+    bus = ZenohBus.client(given.endpoint, given.wait, identity(given.tls, keys.asker("agent", uav)))
+    try:
+        spoke = Spoke(bus, keys.check_run(given.run))
+        spoke.join(Join("agent", given.rows, uav), Agent, given.wait)
+        spoke.serve(interrupted.__bool__, orphaned)
+    finally:
+        bus.close()
+
+
+if __name__ == "__main__":
+    main(_run)

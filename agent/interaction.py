@@ -1,0 +1,86 @@
+"""The interaction term φ_G: how differently the neighbourhood flies.
+
+Where states are shared it is the paper's empirical mean over the states received; where a density is learned it is
+a quadrature of m̂ over nodes that travel with the UAV.
+"""
+
+from importlib.resources import files
+from itertools import product
+from math import factorial, prod
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.basis import DENSITY_EXPONENTS, scales
+from swarm import state
+from swarm.scenario import Cost, Scenario
+
+Floats = NDArray[np.float64]
+
+
+def kernel(velocity_difference: Floats, position_difference: Floats, cost: Cost) -> Floats:
+    """K = ‖Δv‖²/(ε + ‖Δr‖²)^β of differences `(..., 2)`; `(...)`."""
+    distance = cost.epsilon + state.dot(position_difference, position_difference)
+    if cost.beta != 1.0:
+        distance = distance**cost.beta
+    return state.dot(velocity_difference, velocity_difference) / distance
+
+
+def empirical(states: Floats, known: Floats, cost: Cost) -> Floats:
+    """φ_G(s_i; s_−i), Eq. InterAction01: the mean of K over the states a UAV knows.
+
+    Args:
+        states: (..., 4). known: (..., N, 4), each UAV's own knowledge of all N, itself included.
+    """
+    difference = known - states[..., None, :]
+    return kernel(difference[..., state.VELOCITY], difference[..., state.POSITION], cost).mean(axis=-1)
+
+
+def standard_nodes() -> Floats:
+    """The 64 scrambled-Sobol points of the standard normal in four dimensions, `(64, 4)`; a fixed table."""
+    text = files("agent").joinpath("nodes.csv").read_text(encoding="ascii")
+    return np.array([[float(cell) for cell in line.split(",")] for line in text.splitlines()])
+
+
+class Quadrature:
+    """φ_G(s; m̂) = Σ ω_q K(s, s + δ_q), Eq. InterAction03, ω = max(m̂, 0) normalised over fixed offsets δ.
+
+    K depends on δ alone, so it is computed once. m̂(s + δ) is a polynomial in δ whose coefficients are those of m̂
+    re-expanded about s, exactly: c_n = Σ_r ŵ_{n+r} (n+r choose n) s̄^r = (1/n!) Σ_r (ŵ_{n+r} (n+r)!) (s̄^r / r!).
+    That costs 494 products instead of evaluating 69 monomials at 64 nodes.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        spread = scenario.density
+        std = np.array([spread.node_position_std] * 2 + [spread.node_velocity_std] * 2)
+        offsets = standard_nodes() * std
+        of_offset = kernel(offsets[:, state.VELOCITY], offsets[:, state.POSITION], scenario.cost)
+        self._one_and_kernel = np.stack([np.ones_like(of_offset), of_offset], axis=-1)
+        terms = [(0,) * state.SIZE, *map(tuple, DENSITY_EXPONENTS.tolist())]
+        number = {term: k for k, term in enumerate(terms)}
+        pairs = [
+            (number[n], number[whole] - 1, number[r])
+            for n, r in product(terms, repeat=2)
+            if (whole := tuple(a + b for a, b in zip(n, r, strict=True))) in number and any(whole)
+        ]
+        self._weight = np.array([weight for _, weight, _ in pairs])
+        self._term = np.array([term for _, _, term in pairs])
+        self._starts = np.searchsorted([n for n, _, _ in pairs], np.arange(len(terms)))
+        self._factorial = np.array([float(prod(map(factorial, term))) for term in terms])
+        scaled = offsets / scales(scenario.learner)
+        monomials = (scaled[None, :, :] ** np.array(terms)[:, None, :]).prod(axis=-1)
+        self._monomials = np.ascontiguousarray(monomials / self._factorial[:, None])
+
+    def density(self, weights: Floats, terms: Floats) -> Floats:
+        """m̂ at the nodes about each state, `(..., 64)`; weights ŵ_F0 `(..., 69)`, terms [1, σ_F] there `(..., 70)`."""
+        products = (weights * self._factorial[1:]).take(self._weight, axis=-1)
+        products *= (terms / self._factorial).take(self._term, axis=-1)
+        expansion = np.add.reduceat(products, self._starts, axis=-1)
+        # One row at a time: a product of all rows at once would sum in an order that depends on their number.
+        return np.matmul(expansion[..., None, :], self._monomials)[..., 0, :]
+
+    def __call__(self, weights: Floats, terms: Floats) -> Floats:
+        """φ_G, `(...)`; 0 where m̂ is nowhere positive."""
+        mass = np.maximum(self.density(weights, terms), 0.0)
+        sums = np.matmul(mass[..., None, :], self._one_and_kernel)[..., 0, :]  # Σ max(m̂, 0) and Σ max(m̂, 0) K
+        return sums[..., 1] / np.maximum(sums[..., 0], np.finfo(np.float64).tiny)

@@ -1,0 +1,177 @@
+"""The agent node: M UAVs as rows of one process. It senses, listens, learns, acts and speaks, once a tick."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.byzantine import Byzantine
+from agent.learner import Learner, Minds, Outcome
+from agent.offline import Program
+from swarm import faults, model, state
+from swarm.codec import FLOAT_OF_BITS, expect
+from swarm.errors import MessageRejected
+from swarm.messages import OUTCOME_FLOATS, Act, FrameKind, Frames, Sense, Welcome
+from swarm.methods import Method
+from swarm.model import BEYOND_SENSE
+from swarm.rounds import Rounds
+from swarm.scenario import Scenario, decode
+
+Floats = NDArray[np.float64]
+
+
+class Agent:
+    """What a node does with a Sense; whoever carries the messages calls `act`."""
+
+    def __init__(self, welcome: Welcome) -> None:
+        self.uavs = np.array(welcome.uavs, dtype=np.intp)
+        self._scenario: Scenario = decode(welcome.scenario)
+        self._method = self._scenario.method
+        self._float = FLOAT_OF_BITS[self._scenario.radio.bits_per_float]
+        self._rounds = Rounds(self._scenario)
+        self._shared = model.shared(self._method)
+        self._byzantine = Byzantine(self._scenario)
+        plan = expect("initial_states", welcome.initial_states, (self._scenario.uavs, state.SIZE), self._float)
+        plan = plan.astype(np.float64)
+        self._learner = Learner(self._scenario)
+        self._minds: Minds = self._learner.init(len(self.uavs), plan)
+        if welcome.models is not None:  # a run that is resumed: the minds go on where they were
+            models = expect("models", welcome.models, (len(self.uavs), model.MODEL_FLOATS), np.float64)
+            self._minds = self._minds.with_models(np.arange(len(self.uavs)), slice(None), models)
+        self._program = Program(self._scenario, plan[self.uavs]) if self._method is Method.OFFLINE else None
+        self._diverged = np.zeros(len(self.uavs), dtype=bool)
+        self._own = np.zeros(self._scenario.uavs, dtype=bool)
+        self._own[self.uavs] = True
+        # What each row knows of everyone's state: the mission plan, then whatever its radio brings.
+        self._known: Floats | None = None
+        if self._scenario.keeps_states:
+            self._known = np.repeat(plan[None], len(self.uavs), axis=0)
+            if welcome.known is not None:
+                self._known[...] = expect("known", welcome.known, self._known.shape, np.float64)
+
+    def act(self, sense: Sense) -> Act:
+        """One tick.
+
+        Raises:
+            MessageRejected: the Sense does not fit this node; nothing has changed.
+        """
+        states = expect("states", sense.states, (len(self.uavs), state.SIZE), np.float64)
+        for frames in sense.inbox:
+            self._check(frames)
+
+        # 0. Rows the fault script pauses are as they were when the tick is over, whatever the others do.
+        asleep = self._asleep(sense.tick)
+        before = self._minds, self._known[asleep] if asleep is not None and self._known is not None else None
+        # 1. Take in what the radio brought: a global model overwrites, a neighbour's state replaces the last one.
+        for frames in sense.inbox:
+            self._receive(frames)
+        # 2. Speak: in a round's tick the participants' models as they are now, and states where the method shares them.
+        outbox = tuple(self._uploads(sense.tick) + self._state_broadcasts(sense.tick, states))
+        # 3. Learn one step of each network, and act on it.
+        if self._known is not None:
+            self._known[np.arange(len(self.uavs)), self.uavs] = states
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            outcome = self._think(sense.tick, states)
+        self._minds = outcome.minds
+        numbers = np.empty((len(self.uavs), OUTCOME_FLOATS))
+        numbers[:, : state.AXES] = outcome.accelerations
+        for column, values in enumerate((outcome.hjb_residual, outcome.fpk_residual, outcome.phi_g), state.AXES):
+            numbers[:, column] = values
+        # 4. A learner that has left all bounds is reported and silenced; the other rows go on.
+        if asleep is not None:
+            numbers[asleep] = 0.0
+            self._wake(asleep, *before)
+        if not np.abs(numbers).max() < BEYOND_SENSE or self._diverged.any():  # NaN is below nothing
+            self._silence(~np.all(np.abs(numbers) < BEYOND_SENSE, axis=-1), numbers)
+        return Act(
+            run=sense.run,
+            tick=sense.tick,
+            outcome=numbers,
+            diverged=tuple(self.uavs[self._diverged].tolist()),
+            outbox=outbox,
+            report=self._minds.models() if sense.report else None,
+            known=self._known if sense.checkpoint else None,
+        )
+
+    def _asleep(self, tick: int) -> NDArray[np.bool_] | None:
+        """Which rows the fault script pauses in this tick, (M,); None for none."""
+        if not self._scenario.faults:
+            return None
+        asleep = np.isin(self.uavs, faults.paused(self._scenario.faults, tick, self._scenario.dt))
+        return asleep if asleep.any() else None
+
+    def _think(self, tick: int, states: Floats) -> Outcome:
+        if self._program is None:
+            return self._learner.step(self._minds, states, self._known)
+        nothing = np.zeros(len(self.uavs))
+        return Outcome(self._minds, self._program(tick), nothing, nothing, nothing)
+
+    def _check(self, frames: Frames) -> None:
+        """A batch this node can receive, or MessageRejected."""
+        rows = len(expect("source", frames.source, (None,), np.int32))
+        floats = model.shared_floats(self._method) if frames.kind == FrameKind.GLOBAL else state.SIZE
+        if frames.kind == FrameKind.UPLOAD or floats == 0:
+            raise MessageRejected("wrong-kind", f"{frames.kind.name} frames are not for an agent")
+        expect("payload", frames.payload, (rows, floats), self._float)
+        if frames.links is None:
+            raise MessageRejected("wrong-shape", "frames without links")
+        links = expect("links", frames.links, (None, 2), np.int32)
+        everyone = self._scenario.uavs
+        if not (_within(frames.source, everyone) and _within(links[:, 1], everyone) and self._own[links[:, 1]].all()):
+            raise MessageRejected("wrong-shape", "frames name UAVs that are not here")
+        if not _within(links[:, 0], rows):
+            raise MessageRejected("wrong-shape", "links beyond the payload")
+
+    def _receive(self, frames: Frames) -> None:
+        assert frames.links is not None
+        payload, row = frames.links[:, 0], np.searchsorted(self.uavs, frames.links[:, 1])
+        if frames.kind == FrameKind.GLOBAL:
+            received = frames.payload[payload].astype(np.float64)
+            self._minds = self._minds.with_models(row, self._shared, received)
+        elif self._known is not None:
+            self._known[row, frames.source[payload]] = frames.payload[payload]
+            if self._method.learns_density:  # only the rows that heard something: another row is another UAV
+                hearing = np.unique(row)
+                heard = Minds(self._minds.value[hearing], self._minds.density[hearing])
+                density = self._minds.density.copy()
+                density[hearing] = self._learner.refit(heard, self._known[hearing]).density
+                self._minds = Minds(self._minds.value, density)
+
+    def _uploads(self, tick: int) -> list[Frames]:
+        number = self._rounds.opens(tick)
+        if not number:
+            return []
+        takes_part = np.isin(self.uavs, self._rounds.participants(number)) & ~self._diverged
+        with np.errstate(over="ignore"):
+            payload = self._minds.models()[takes_part, self._shared].astype(self._float)
+        source = self.uavs[takes_part].astype(np.int32)
+        payload = self._byzantine.distort(number, source, payload)
+        fits = np.isfinite(payload).all(axis=-1)  # a model beyond the range of a radio float cannot be sent
+        return [Frames(FrameKind.UPLOAD, number, source[fits], payload[fits])] if fits.any() else []
+
+    def _state_broadcasts(self, tick: int, states: Floats) -> list[Frames]:
+        period = 1 if self._method is Method.HJB else self._scenario.federation.state_period
+        if self._program is not None or not period or tick % period or tick == 0:  # at 0 the mission plan has said it
+            return []
+        with np.errstate(over="ignore"):
+            payload = states.astype(self._float)
+        speaks = ~self._diverged & np.isfinite(payload).all(axis=-1)
+        return [Frames(FrameKind.STATE, 0, self.uavs[speaks].astype(np.int32), payload[speaks])] if speaks.any() else []
+
+    def _wake(self, asleep: NDArray[np.bool_], minds: Minds, known: Floats | None) -> None:
+        """Puts back what the sleeping rows had in mind."""
+        kept = asleep[:, None, None]
+        value = np.where(kept, minds.value, self._minds.value)
+        self._minds = Minds(value, np.where(kept, minds.density, self._minds.density))
+        if self._known is not None and known is not None:
+            self._known[asleep] = known
+
+    def _silence(self, broken: NDArray[np.bool_], numbers: Floats) -> None:
+        """Zeros what diverged rows know and say, so that nothing non-finite ever leaves or spreads."""
+        self._diverged |= broken
+        numbers[self._diverged] = 0.0
+        keep = ~self._diverged[:, None, None]
+        self._minds = Minds(np.where(keep, self._minds.value, 0.0), np.where(keep, self._minds.density, 0.0))
+
+
+def _within(numbers: NDArray[np.int32], end: int) -> bool:
+    """Whether all of them are 0…end − 1."""
+    return not len(numbers) or bool(numbers.min() >= 0 and numbers.max() < end)

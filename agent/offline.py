@@ -1,0 +1,70 @@
+"""The offline method: every UAV alone flies a program computed before take-off, blind to the others and to the wind.
+
+The program is time-optimal for σ_wind = 0: a straight line to the origin at rest, as fast as the limits on speed and
+acceleration over ground allow (bang, coast, bang). The commands also cancel the drag and the mean wind, which are
+known beforehand, so that without randomness the discrete motion follows the program exactly; with it, the error of
+velocity and position adds up, and nothing looks.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarm import state
+from swarm.scenario import Scenario
+
+Floats = NDArray[np.float64]
+
+
+def speeds(distance_m: float, speed_max: float, acceleration_max: float, dt: float) -> Floats:
+    """The fastest profile from rest to rest over a distance, `(n,)` m/s: speed during tick 1…n, the last one 0.
+
+    In n ticks a craft covers at most Σ min(k, n − k, v_max/(a_max dt)) a_max dt²; n is the fewest that reach
+    `distance_m`, and the profile is scaled down to end there exactly, so both limits hold.
+    """
+    if distance_m == 0:
+        return np.zeros(0)
+    step = acceleration_max * dt
+    enough = 2 * (math.ceil(speed_max / step) + 1) + math.ceil(distance_m / (speed_max * dt))
+
+    def fastest(ticks: int) -> Floats:
+        k = np.arange(1, ticks + 1)
+        return np.minimum(np.minimum(k, ticks - k) * step, speed_max)
+
+    fewest, most = 1, enough  # reach grows with the number of ticks: bisect
+    while fewest < most:
+        middle = (fewest + most) // 2
+        if fastest(middle).sum() * dt < distance_m:
+            fewest = middle + 1
+        else:
+            most = middle
+    profile = fastest(fewest)
+    return profile * (distance_m / (profile.sum() * dt))
+
+
+class Program:
+    """The commands of M UAVs, tick by tick."""
+
+    def __init__(self, scenario: Scenario, starts: Floats) -> None:
+        """`starts`: their own states in the mission plan, `(M, 4)`."""
+        limits, wind, dt = scenario.offline, scenario.wind, scenario.dt
+        distance = np.sqrt((starts[:, state.POSITION] * starts[:, state.POSITION]).sum(axis=-1))
+        flown = scenario.max_ticks  # of a program longer than the flight the rest is never asked for
+        profiles = [speeds(float(d), limits.speed_max, limits.acceleration_max, dt)[:flown] for d in distance]
+        along = np.zeros((1 + max(map(len, profiles), default=0), len(starts)))
+        for uav, profile in enumerate(profiles):
+            along[1 : 1 + len(profile), uav] = profile
+        heading = -starts[:, state.POSITION] / np.where(distance > 0, distance, 1.0)[:, None]
+        velocity = along[..., None] * heading  # before tick k + 1, over ground
+        cancel = wind.drag * (velocity - np.array(wind.mean))
+        self._commands = cancel
+        self._commands[:-1] += np.diff(velocity, axis=0) / dt
+
+    def __len__(self) -> int:
+        """Ticks until the last UAV rests at the origin."""
+        return len(self._commands) - 1
+
+    def __call__(self, tick: int) -> Floats:
+        """Accelerations `(M, 2)`, m/s², of a tick: (v_{k+1} − v_k)/dt + c0(v_k − v_o), and the hover after the end."""
+        return self._commands[min(tick, len(self._commands) - 1)].copy()

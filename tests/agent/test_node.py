@@ -1,0 +1,322 @@
+"""The agent node: what comes by radio, what diverges, what does not fit, and a Sense heard twice."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agent.node import Agent
+from swarm import codec, keys, model, scenario, state
+from swarm.bus import Delivery, MemoryNetwork
+from swarm.codec import FLOAT_OF_BITS
+from swarm.errors import MessageRejected
+from swarm.messages import Act, FrameKind, Frames, Join, Ready, Sense, Stop, Welcome
+from swarm.methods import Method
+from swarm.rounds import Rounds
+from swarm.scenario import Scenario, load
+from swarm.spoke import Spoke
+from worldsim.formation import initial_states
+
+RUN = "node-test"
+NUMBER = keys.fingerprint(RUN)
+UAVS = (2, 3, 5)  # of eight
+
+
+def flown(*settings: str, method: str = "mfgfl-hf") -> Scenario:
+    return load(None, ["uavs=8", "federation.period=5", *settings], method=method)
+
+
+def welcome(of: Scenario, uavs: tuple[int, ...] = UAVS) -> Welcome:
+    plan = initial_states(of).astype(FLOAT_OF_BITS[of.radio.bits_per_float])
+    return Welcome(NUMBER, f"agent-{uavs[0]}", uavs, 0, scenario.encode(of), plan)
+
+
+def states_at(tick: int, uavs: tuple[int, ...] = UAVS) -> state.States:
+    """Made-up states of some UAVs: the same UAV is at the same place whoever holds it."""
+    everyone = np.random.default_rng(tick).uniform([0, 0, -5, -5], [160, 110, 5, 5], (8, state.SIZE))
+    return everyone[list(uavs)]
+
+
+def sense(tick: int, *inbox: Frames, states: np.ndarray | None = None, report: bool = True) -> Sense:
+    return Sense(NUMBER, tick, states_at(tick) if states is None else states, report, inbox)
+
+
+def frames(kind: FrameKind, source: list[int], payload: Any, links: list[list[int]] | None, number: int = 1) -> Frames:
+    on_wire = None if links is None else np.array(links, dtype=np.int32).reshape(-1, 2)
+    return Frames(kind, number, np.array(source, dtype=np.int32), np.asarray(payload, dtype=np.float32), on_wire)
+
+
+def models(act: Act) -> np.ndarray:
+    assert act.report is not None
+    return act.report
+
+
+# -- federation ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", ["mfgfl-h", "mfgfl-f", "mfgfl-hf"])
+def test_a_global_model_overwrites_only_the_rows_it_was_sent_to_and_only_what_is_shared(method: str) -> None:
+    of = flown(method=method)
+    quiet, told = Agent(welcome(of)), Agent(welcome(of))
+    for tick in range(3):
+        quiet.act(sense(tick))
+        told.act(sense(tick))
+    shared = model.shared(Method(method))
+    vector = np.random.default_rng(1).normal(0, 1e-3, model.shared_floats(Method(method)))
+    before, after = quiet.act(sense(3)), told.act(sense(3, frames(FrameKind.GLOBAL, [0], [vector], [[0, 3]])))
+    for row in (0, 2):
+        np.testing.assert_array_equal(after.outcome[row], before.outcome[row])
+        np.testing.assert_array_equal(models(after)[row], models(before)[row])
+    # One step was learned from the model that came: it is near that model, and far from the one it replaced.
+    assert not np.array_equal(models(after)[1, shared], models(before)[1, shared])
+    everyone = Agent(welcome(of))
+    for tick in range(3):
+        everyone.act(sense(tick))
+    all_told = everyone.act(sense(3, frames(FrameKind.GLOBAL, [0], [vector], [[0, 2], [0, 3], [0, 5]])))
+    np.testing.assert_array_equal(models(all_told)[1], models(after)[1])
+    np.testing.assert_array_equal(all_told.outcome[1], after.outcome[1])
+
+
+def test_the_global_model_is_in_place_before_the_update_of_the_tick() -> None:
+    """Algorithm 3's order: with the zero value model a UAV learns exactly what a newcomer does."""
+    of = flown("cost.c2=0", method="mfgfl-h")  # no φ_G: the density models differ
+    old, new = Agent(welcome(of)), Agent(welcome(of))
+    old.act(sense(0))
+    nothing = frames(FrameKind.GLOBAL, [0], np.zeros((1, 108)), [[0, 2], [0, 3], [0, 5]])
+    taught, fresh = old.act(sense(1, nothing)), new.act(sense(1))
+    assert fresh.outcome[:, :2].all()
+    np.testing.assert_array_equal(taught.outcome[:, :2], fresh.outcome[:, :2])
+
+
+def test_participants_upload_their_model_as_it_is_in_the_round_s_tick() -> None:
+    of = flown(method="mfgfl-hf")
+    agent, rounds = Agent(welcome(of)), Rounds(of)
+    seen = models(agent.act(sense(0)))
+    for tick in range(1, 16):
+        act = agent.act(sense(tick))
+        expected = [u for u in UAVS if u in rounds.participants(tick // 5)] if tick % 5 == 0 else []
+        assert [batch.kind for batch in act.outbox] == [FrameKind.UPLOAD] * bool(expected)
+        for batch in act.outbox:
+            assert batch.round == tick // 5
+            assert batch.source.tolist() == expected
+            rows = [UAVS.index(u) for u in expected]
+            np.testing.assert_array_equal(batch.payload, seen[rows].astype(np.float32))
+            assert batch.links is None
+        seen = models(act)
+
+
+@pytest.mark.parametrize("method", ["hjb", "mfg", "offline"])
+def test_without_rounds_nothing_is_uploaded(method: str) -> None:
+    agent = Agent(welcome(flown(method=method)))
+    for tick in range(12):
+        assert all(batch.kind == FrameKind.STATE for batch in agent.act(sense(tick)).outbox)
+
+
+def test_hjb_says_where_it_is_every_tick_after_the_mission_plan_and_the_others_never() -> None:
+    for method in Method:
+        agent = Agent(welcome(flown(method=str(method))))
+        for tick in (0, 1, 2):
+            said = [batch for batch in agent.act(sense(tick)).outbox if batch.kind == FrameKind.STATE]
+            assert len(said) == (method is Method.HJB and tick > 0)
+            for batch in said:
+                assert batch.source.tolist() == list(UAVS)
+                np.testing.assert_array_equal(batch.payload, states_at(tick).astype(np.float32))
+
+
+def test_the_offline_program_says_nothing_whatever_the_period_of_states() -> None:
+    agent = Agent(welcome(flown("federation.state_period=1", method="offline")))
+    assert not any(agent.act(sense(tick)).outbox for tick in range(6))
+
+
+def test_hjb_knows_of_others_only_what_the_radio_brought() -> None:
+    of = flown(method="hjb")
+    quiet, told = Agent(welcome(of)), Agent(welcome(of))
+    news = frames(FrameKind.STATE, [7], [[0.0, 0.0, 9.0, 9.0]], [[0, 5]], 0)
+    before, after = quiet.act(sense(0)), told.act(sense(0, news))
+    np.testing.assert_array_equal(before.outcome[:2], after.outcome[:2])
+    assert before.outcome[2, 4] != after.outcome[2, 4]  # φ_G
+    # What came once stays known.
+    before, after = quiet.act(sense(1)), told.act(sense(1))
+    np.testing.assert_array_equal(before.outcome[:2], after.outcome[:2])
+    assert before.outcome[2, 4] != after.outcome[2, 4]
+
+
+# -- divergence ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", ["hjb", "mfg", "mfgfl-hf"])
+def test_a_row_that_diverges_is_silenced_and_reported_and_the_others_never_notice(method: str) -> None:
+    of = flown(method=method)
+    agent, honest, silent = Agent(welcome(of)), Agent(welcome(of)), []
+    for tick in range(12):
+        states = states_at(tick)
+        if tick >= 3:
+            states[1] = [1e8, -1e8, 1e8, 1e8]
+        act, expected = agent.act(sense(tick, states=states)), honest.act(sense(tick))
+        assert isinstance(codec.decode(codec.encode(act)), Act)  # finite, whatever happens
+        np.testing.assert_array_equal(act.outcome[[0, 2]], expected.outcome[[0, 2]])
+        np.testing.assert_array_equal(models(act)[[0, 2]], models(expected)[[0, 2]])
+        if act.diverged:
+            assert act.diverged == (3,)
+            assert not act.outcome[1].any()
+            assert not models(act)[1].any()
+            silent.append([batch.source.tolist() for batch in act.outbox])
+    assert act.diverged == (3,), "it never diverged"
+    assert all(3 not in source for said in silent[1:] for source in said)
+
+
+def test_who_has_diverged_stays_silent_even_where_its_state_returns() -> None:
+    agent = Agent(welcome(flown(method="hjb")))
+    wild = states_at(0)
+    wild[0] = [1e8, 1e8, 1e8, 1e8]
+    tick = 0
+    while not agent.act(sense(tick, states=wild)).diverged:
+        tick += 1
+        assert tick < 20, "it never diverged"
+    act = agent.act(sense(tick + 1))
+    assert act.diverged == (2,)
+    assert not act.outcome[0].any()
+    assert [batch.source.tolist() for batch in act.outbox] == [[3, 5]]
+
+
+def test_a_state_beyond_a_narrow_radio_float_does_not_spoil_the_whole_answer() -> None:
+    """A half ends at 65504; what a UAV cannot say must not make its node's Act non-finite, which the world drops."""
+    agent = Agent(welcome(flown("radio.bits_per_float=16", method="hjb")))
+    states = states_at(0)
+    states[1, state.X] = 1e5
+    with np.errstate(over="ignore"):
+        act = agent.act(sense(0, states=states))
+    assert isinstance(codec.decode(codec.encode(act)), Act)
+
+
+# -- what does not fit --------------------------------------------------------------------------------------------
+
+ZERO = np.zeros((1, model.MODEL_FLOATS))
+MISFITS: dict[str, Sense] = {
+    "too few rows": sense(1, states=np.zeros((2, 4))),
+    "too many columns": sense(1, states=np.zeros((3, 5))),
+    "half precision": sense(1, states=np.zeros((3, 4), dtype=np.float32)),
+    "a state without axes": sense(1, states=np.zeros(())),
+    "an upload": sense(1, frames(FrameKind.UPLOAD, [0], ZERO, [[0, 2]])),
+    "no links": sense(1, frames(FrameKind.GLOBAL, [0], ZERO, None)),
+    "a model too short": sense(1, frames(FrameKind.GLOBAL, [0], ZERO[:, :-1], [[0, 2]])),
+    "more sources than payload": sense(1, frames(FrameKind.GLOBAL, [0, 1], ZERO, [[0, 2]])),
+    "a UAV that is not here": sense(1, frames(FrameKind.GLOBAL, [0], ZERO, [[0, 4]])),
+    "a UAV that is nowhere": sense(1, frames(FrameKind.GLOBAL, [0], ZERO, [[0, 99]])),
+    "a source that is nowhere": sense(1, frames(FrameKind.GLOBAL, [8], ZERO, [[0, 2]])),
+    "a negative source": sense(1, frames(FrameKind.GLOBAL, [-1], ZERO, [[0, 2]])),
+    "a link beyond the payload": sense(1, frames(FrameKind.GLOBAL, [0], ZERO, [[1, 2]])),
+    "a negative link": sense(1, frames(FrameKind.GLOBAL, [0], ZERO, [[-1, 2]])),
+    "a payload in doubles": sense(1, Frames(FrameKind.GLOBAL, 1, np.zeros(1, "<i4"), ZERO, np.array([[0, 2]], "<i4"))),
+    "a good frame before a bad one": sense(
+        1,
+        frames(FrameKind.GLOBAL, [0], ZERO, [[0, 2]]),
+        frames(FrameKind.STATE, [0], np.zeros((1, 3)), [[0, 2]]),
+    ),
+    "a source without axes": sense(
+        1, Frames(FrameKind.GLOBAL, 1, np.array(0, "<i4"), ZERO.astype("<f4"), np.array([[0, 2]], "<i4"))
+    ),
+    "links without axes": sense(
+        1, Frames(FrameKind.GLOBAL, 1, np.zeros(1, "<i4"), ZERO.astype("<f4"), np.array(0, "<i4"))
+    ),
+}
+
+
+@pytest.mark.parametrize("what", MISFITS)
+def test_a_sense_that_does_not_fit_is_rejected_and_nothing_has_changed(what: str) -> None:
+    of = flown()
+    agent, untouched = Agent(welcome(of)), Agent(welcome(of))
+    agent.act(sense(0))
+    untouched.act(sense(0))
+    with pytest.raises(MessageRejected):
+        agent.act(MISFITS[what])
+    after, expected = agent.act(sense(1)), untouched.act(sense(1))
+    assert codec.encode(after) == codec.encode(expected)
+
+
+# -- the spoke ----------------------------------------------------------------------------------------------------
+
+
+class World:
+    """The other end of a spoke: welcomes whoever asks, and keeps what it is told."""
+
+    def __init__(self, of: Scenario) -> None:
+        network = MemoryNetwork()
+        self.said: list[Any] = []
+        self.raw: list[bytes] = []
+        self._bus = network.endpoint(self._handle)
+        self._of = of
+        self._bus.answer(keys.join(RUN))
+        self._bus.subscribe(keys.act(RUN, "*"))
+        endpoint = network.endpoint()
+        self.spoke = Spoke(endpoint, RUN)
+        endpoint.handler = self.spoke.handle
+        self.spoke.join(Join("agent", 3), Agent, timeout_s=1.0)
+
+    def ask(self, raw: bytes) -> None:
+        self._bus.put(keys.sense(RUN, f"agent-{UAVS[0]}"), raw)
+
+    def _handle(self, delivery: Delivery) -> None:
+        if delivery.reply is not None:
+            delivery.reply(codec.encode(welcome(self._of)))
+        else:
+            self.raw.append(delivery.payload)
+            self.said.append(codec.decode(delivery.payload))
+
+
+def test_a_node_that_joined_says_it_is_ready() -> None:
+    assert [type(message) for message in World(flown()).said] == [Ready]
+
+
+def test_the_same_sense_twice_gets_the_same_bytes_and_is_learned_once() -> None:
+    world, reference = World(flown()), Agent(welcome(flown()))
+    for tick in range(3):
+        raw = codec.encode(sense(tick))
+        world.ask(raw)
+        world.ask(raw)
+        assert world.raw[-1] == world.raw[-2] == codec.encode(reference.act(sense(tick)))
+    assert len(world.raw) == 1 + 6
+    assert not world.spoke.dropped
+
+
+def test_what_is_old_foreign_or_broken_is_dropped_counted_and_never_answered() -> None:
+    world, reference = World(flown()), Agent(welcome(flown()))
+    for tick in range(2):
+        world.ask(codec.encode(sense(tick)))
+        expected = codec.encode(reference.act(sense(tick)))
+        assert world.raw[-1] == expected
+    answers = len(world.raw)
+    good = codec.encode(sense(2))
+    spoiled = states_at(2)
+    spoiled[0, 0] = np.nan
+    for raw in (
+        codec.encode(sense(0)),
+        codec.encode(Sense(NUMBER ^ 1, 2, states_at(2), False)),
+        codec.encode(Ready(NUMBER)),
+        codec.encode(Stop(NUMBER ^ 1, "not ours")),
+        good[:-1],
+        good + b"\0",
+        b"",
+        codec.encode(sense(2, states=spoiled)),
+        codec.encode(sense(2, states=np.zeros((4, 4)))),
+    ):
+        world.ask(raw)
+    assert len(world.raw) == answers
+    assert world.spoke.dropped == {
+        "stale": 1,
+        "wrong-run": 1,
+        "wrong-kind": 2,
+        "malformed": 3,
+        "non-finite": 1,
+        "wrong-shape": 1,
+    }
+    world.ask(good)
+    assert world.raw[-1] == codec.encode(reference.act(sense(2)))
+    assert world.spoke.stopped is None
+
+
+def test_a_stop_of_this_run_ends_the_service() -> None:
+    world = World(flown())
+    world.ask(codec.encode(Stop(NUMBER, "finished")))
+    assert world.spoke.stopped == "finished"
+    assert world.spoke.serve(lambda: False, lambda: False) == "finished"

@@ -1,0 +1,113 @@
+"""Rows are independent to the last bit: what a UAV learns does not depend on who shares its process."""
+
+import numpy as np
+import pytest
+
+from agent.learner import Learner, Minds, Outcome
+from swarm import state
+from swarm.methods import Method
+from swarm.scenario import Scenario, load
+from worldsim.formation import initial_states
+
+TICKS = 4
+LEARNING = [method for method in Method if method.learns_value]
+
+
+def scenario(method: Method, uavs: int = 8) -> Scenario:
+    return load(None, [f"uavs={uavs}"], method=str(method))
+
+
+def flight(rows: int, seed: int) -> np.ndarray:
+    """States of `rows` UAVs over a few ticks, all over the box and beyond the destination, `(T, rows, 4)`."""
+    draw = np.random.default_rng(seed)
+    states = draw.uniform([-50, -50, -8, -8], [180, 130, 8, 8], (rows, state.SIZE))
+    states[0] = 0.0  # r = 0, where the local cost is undefined
+    return (
+        states + 0.3 * draw.standard_normal((TICKS, rows, state.SIZE)).cumsum(axis=0) * (np.arange(rows) > 0)[:, None]
+    )
+
+
+def known_of(method: Method, rows: int, seed: int) -> np.ndarray | None:
+    if method.learns_density:
+        return None
+    return np.random.default_rng(seed).normal(0, 30, (TICKS, rows, 8, state.SIZE))
+
+
+def learn(
+    flown: Scenario, states: np.ndarray, known: np.ndarray | None, rows: np.ndarray
+) -> tuple[list[Outcome], Minds]:
+    """Some rows of a flight, learned together."""
+    learner = Learner(flown)
+    minds = learner.init(len(rows), initial_states(flown))
+    outcomes = []
+    for tick in range(TICKS):
+        outcome = learner.step(minds, states[tick][rows], None if known is None else known[tick][rows])
+        outcomes.append(outcome)
+        minds = outcome.minds
+    return outcomes, minds
+
+
+def bits(outcomes: list[Outcome], row: int) -> bytes:
+    """Everything a row came to, as bytes."""
+    return b"".join(
+        np.ascontiguousarray(array[row], dtype=np.float64).tobytes()
+        for o in outcomes
+        for array in (o.accelerations, o.hjb_residual, o.fpk_residual, o.phi_g, o.minds.models())
+    )
+
+
+@pytest.mark.parametrize("rows", [1, 2, 5, 25, 64])
+@pytest.mark.parametrize("method", LEARNING)
+def test_rows_together_learn_what_each_learns_alone(method: Method, rows: int) -> None:
+    flown, states, known = scenario(method), flight(rows, rows), known_of(method, rows, rows)
+    together, minds = learn(flown, states, known, np.arange(rows))
+    assert np.isfinite(minds.models()).all()
+    for row in sorted({0, 1, rows // 2, rows - 2, rows - 1, *range(0, rows, 7)} & set(range(rows))):
+        alone, _ = learn(flown, states, known, np.array([row]))
+        assert bits(alone, 0) == bits(together, row)
+
+
+@pytest.mark.parametrize("method", [Method.HJB, Method.MFGFL_HF])
+@pytest.mark.parametrize("seed", range(5))
+def test_neither_the_order_of_the_rows_nor_the_company_they_keep_matters(method: Method, seed: int) -> None:
+    rows = 13
+    flown, states, known = scenario(method), flight(rows, seed), known_of(method, rows, seed)
+    together, _ = learn(flown, states, known, np.arange(rows))
+    chosen = np.random.default_rng(seed).permutation(rows)[:9]
+    other, _ = learn(flown, states, known, chosen)
+    for place, row in enumerate(chosen):
+        assert bits(other, place) == bits(together, row)
+
+
+@pytest.mark.parametrize("method", [Method.HJB, Method.MFGFL_HF])
+def test_a_row_that_diverges_leaves_the_others_as_they_were(method: Method) -> None:
+    flown, states, known = scenario(method), flight(6, 1), known_of(method, 6, 1)
+    honest, _ = learn(flown, states, known, np.arange(6))
+    states[1:, 2] = 1e9
+    states[2:, 4] = np.nan
+    with np.errstate(all="ignore"):
+        disturbed, _ = learn(flown, states, known, np.arange(6))
+    for row in (0, 1, 3, 5):
+        assert bits(disturbed, row) == bits(honest, row)
+
+
+def test_a_step_changes_none_of_its_arguments() -> None:
+    for method in (Method.HJB, Method.MFG):
+        flown, states, known = scenario(method), flight(5, 2), known_of(method, 5, 2)
+        learner = Learner(flown)
+        minds = learner.init(5, initial_states(flown))
+        minds = learner.step(minds, states[0], None if known is None else known[0]).minds
+        before = minds.models().copy(), states.copy(), None if known is None else known.copy()
+        learner.step(minds, states[1], None if known is None else known[1])
+        np.testing.assert_array_equal(minds.models(), before[0])
+        np.testing.assert_array_equal(states, before[1])
+        if known is not None:
+            np.testing.assert_array_equal(known, before[2])
+
+
+def test_states_that_may_not_be_written_to_are_enough() -> None:
+    flown, states = scenario(Method.MFG), flight(3, 3)
+    states.flags.writeable = False
+    learn(flown, states, None, np.arange(3))
+    learner = Learner(flown)
+    learner.step(learner.init(3, initial_states(flown)), states[0], None)
