@@ -1,0 +1,1 @@
+"""The leader: averages the models that arrive. It rides on one UAV and flies with it."""

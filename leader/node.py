@@ -1,0 +1,59 @@
+"""The leader node: collects the uploads of a round, averages them when the round closes, broadcasts the result."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from leader.aggregate import refuse, rule
+from swarm import model
+from swarm.codec import FLOAT_OF_BITS, expect
+from swarm.errors import MessageRejected
+from swarm.messages import OUTCOME_FLOATS, Act, FrameKind, Frames, Sense, Welcome
+from swarm.rounds import Rounds
+from swarm.scenario import decode
+
+Floats = NDArray[np.float64]
+
+
+class Leader:
+    """What the leader does with a Sense; whoever carries the messages calls `act`."""
+
+    def __init__(self, welcome: Welcome) -> None:
+        self._scenario = decode(welcome.scenario)
+        self._rounds = Rounds(self._scenario)
+        self._float = FLOAT_OF_BITS[self._scenario.radio.bits_per_float]
+        self._floats = model.shared_floats(self._scenario.method)
+        self._rule = rule(self._scenario.federation.aggregation, self._scenario.federation.tolerance)
+        self.refused = 0  # uploads that were not averaged
+        self._arrived: dict[int, dict[int, Floats]] = {}  # round → UAV → model
+
+    def act(self, sense: Sense) -> Act:
+        """One tick.
+
+        Raises:
+            MessageRejected: the Sense does not fit; nothing has changed.
+        """
+        for frames in sense.inbox:
+            self._check(frames)
+
+        # 1. Collect what arrived, by round and UAV; a second copy of the same upload changes nothing.
+        for frames in sense.inbox:
+            of_round = self._arrived.setdefault(frames.round, {})
+            for uav, payload in zip(frames.source.tolist(), frames.payload, strict=True):
+                of_round.setdefault(uav, payload.astype(np.float64))
+        # 2. When the round closes, refuse what cannot be a model, average and broadcast the rest; a round in which
+        #    nothing is left is void.
+        number = self._rounds.closes(sense.tick)
+        arrived, refused = refuse(self._arrived.pop(number, {}) if number else {})
+        self.refused += len(refused)
+        outbox = (self._broadcast(number, arrived),) if arrived else ()
+        return Act(sense.run, sense.tick, np.zeros((0, OUTCOME_FLOATS)), outbox=outbox, refused=tuple(refused))
+
+    def _broadcast(self, number: int, arrived: dict[int, Floats]) -> Frames:
+        source = np.array([self._scenario.federation.leader], dtype=np.int32)
+        return Frames(FrameKind.GLOBAL, number, source, self._rule(arrived)[None].astype(self._float))
+
+    def _check(self, frames: Frames) -> None:
+        if frames.kind != FrameKind.UPLOAD:
+            raise MessageRejected("wrong-kind", f"{frames.kind.name} frames are not for the leader")
+        rows = len(expect("source", frames.source, (None,), np.int32))
+        expect("payload", frames.payload, (rows, self._floats), self._float)

@@ -1,0 +1,154 @@
+"""The leader node: collects a round's uploads, averages once when the round closes, and broadcasts the result."""
+
+import numpy as np
+import pytest
+
+from leader.node import Leader
+from swarm import codec, keys, model, scenario
+from swarm.errors import MessageRejected
+from swarm.messages import Act, FrameKind, Frames, Sense, Welcome
+from swarm.methods import Method
+from swarm.rounds import Rounds
+from swarm.scenario import Scenario, load
+from worldsim.formation import initial_states
+
+RUN = keys.fingerprint("leader-test")
+PERIOD = 10
+
+
+def flown(*settings: str, method: str = "mfgfl-h") -> Scenario:
+    return load(None, ["uavs=8", f"federation.period={PERIOD}", "federation.leader=3", *settings], method=method)
+
+
+def leader(of: Scenario) -> Leader:
+    return Leader(Welcome(RUN, "leader", (), 0, scenario.encode(of), initial_states(of).astype(np.float32)))
+
+
+def sense(tick: int, *inbox: Frames) -> Sense:
+    return Sense(RUN, tick, np.zeros((0, 4)), False, inbox)
+
+
+def upload(source: list[int], number: int = 1, floats: int = 108, seed: int = 0) -> Frames:
+    payload = np.stack([model_of(uav, seed)[:floats] for uav in source])
+    links = np.array([[row, 3] for row in range(len(source))], dtype=np.int32)
+    return Frames(FrameKind.UPLOAD, number, np.array(source, dtype=np.int32), payload, links)
+
+
+def model_of(uav: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng([uav, seed]).standard_normal(246).astype(np.float32)
+
+
+def mean_of(uavs: list[int], floats: int = 108) -> np.ndarray:
+    total = np.zeros(floats)
+    for uav in sorted(uavs):
+        total += model_of(uav)[:floats]
+    return (total / len(uavs)).astype(np.float32)
+
+
+def said(act: Act) -> list[tuple[FrameKind, int, list[int]]]:
+    return [(batch.kind, batch.round, batch.source.tolist()) for batch in act.outbox]
+
+
+def closing(of: Scenario, number: int) -> int:
+    return next(t for t in range(1000) if Rounds(of).closes(t) == number)
+
+
+@pytest.mark.parametrize("method", ["mfgfl-h", "mfgfl-f", "mfgfl-hf"])
+def test_when_a_round_closes_the_mean_of_what_arrived_is_broadcast_from_uav_h(method: str) -> None:
+    of, floats = flown(method=method), model.shared_floats(Method(method))
+    node, end = leader(of), closing(flown(method=method), 1)
+    for tick in range(PERIOD, end):
+        assert not node.act(sense(tick)).outbox
+    act = node.act(sense(end, upload([0, 5, 6], floats=floats)))
+    assert said(act) == [(FrameKind.GLOBAL, 1, [3])]
+    np.testing.assert_array_equal(act.outbox[0].payload, mean_of([0, 5, 6], floats)[None])
+    assert act.outbox[0].payload.dtype == np.float32
+    assert act.outbox[0].links is None
+    assert isinstance(codec.decode(codec.encode(act)), Act)
+
+
+def test_uploads_that_arrive_over_several_ticks_count_together_in_any_order() -> None:
+    of = flown("radio.coherence_time_s=0.1", "radio.latency_threshold_slots=4")
+    end = closing(of, 1)
+    assert end == PERIOD + 4
+    batches = [upload([6, 1]), upload([4]), upload([0, 2, 7])]
+    bits = set()
+    for order in ((0, 1, 2), (2, 1, 0), (1, 2, 0)):
+        node = leader(of)
+        for tick, k in enumerate(order, PERIOD + 1):
+            assert not node.act(sense(tick, batches[k])).outbox
+        act = node.act(sense(end))
+        bits.add(act.outbox[0].payload.tobytes())
+    assert bits == {mean_of([0, 1, 2, 4, 6, 7]).tobytes()}
+
+
+def test_a_second_copy_of_an_upload_changes_nothing_even_if_it_says_otherwise() -> None:
+    of = flown("radio.coherence_time_s=0.1", "radio.latency_threshold_slots=3")
+    node = leader(of)
+    node.act(sense(PERIOD + 1, upload([0, 1])))
+    node.act(sense(PERIOD + 2, upload([1]), upload([1], seed=9)))
+    act = node.act(sense(closing(of, 1)))
+    np.testing.assert_array_equal(act.outbox[0].payload[0], mean_of([0, 1]))
+
+
+def test_a_round_in_which_nothing_arrived_is_void() -> None:
+    of = flown()
+    node = leader(of)
+    assert said(node.act(sense(closing(of, 1)))) == []
+    end = closing(of, 2)
+    assert said(node.act(sense(end, upload([4], number=2)))) == [(FrameKind.GLOBAL, 2, [3])]
+
+
+def test_a_round_is_averaged_once_and_its_models_do_not_reach_the_next() -> None:
+    of = flown()
+    node, end = leader(of), closing(of, 1)
+    assert node.act(sense(end, upload([0, 1]))).outbox
+    assert not node.act(sense(end + 1)).outbox
+    act = node.act(sense(closing(of, 2), upload([5], number=2)))
+    np.testing.assert_array_equal(act.outbox[0].payload[0], mean_of([5]))
+
+
+def test_an_upload_of_another_round_is_not_averaged_into_this_one() -> None:
+    of = flown()
+    node = leader(of)
+    act = node.act(sense(closing(of, 2), upload([5], number=2), upload([0, 1], number=7)))
+    np.testing.assert_array_equal(act.outbox[0].payload[0], mean_of([5]))
+
+
+@pytest.mark.parametrize("bits", [16, 64])
+def test_models_travel_at_the_radio_s_width(bits: int) -> None:
+    of = flown(f"radio.bits_per_float={bits}")
+    node, dtype = leader(of), codec.FLOAT_OF_BITS[bits]
+    batch = upload([0, 1])
+    wide = Frames(batch.kind, 1, batch.source, batch.payload.astype(dtype), batch.links)
+    assert node.act(sense(closing(of, 1), wide)).outbox[0].payload.dtype == dtype
+    with pytest.raises(MessageRejected):
+        node.act(sense(closing(of, 2), batch))
+
+
+def spoiled(**changes: object) -> Frames:
+    good = upload([0, 1])
+    fields = {name: getattr(good, name) for name in good.__struct_fields__}
+    return Frames(**{**fields, **changes})
+
+
+MISFITS = {
+    "a global model": spoiled(kind=FrameKind.GLOBAL),
+    "a state": spoiled(kind=FrameKind.STATE),
+    "models too short": spoiled(payload=np.zeros((2, 107), np.float32)),
+    "too few models": spoiled(payload=np.zeros((1, 108), np.float32)),
+    "models in doubles": spoiled(payload=np.zeros((2, 108))),
+    "sources in doubles": spoiled(source=np.zeros(2)),
+    "sources without axes": spoiled(source=np.array(0, np.int32)),
+    "models without axes": spoiled(payload=np.array(0, np.float32)),
+}
+
+
+@pytest.mark.parametrize("what", MISFITS)
+def test_what_does_not_fit_is_rejected_and_nothing_of_it_is_kept(what: str) -> None:
+    of = flown()
+    node, end = leader(of), closing(of, 1)
+    with pytest.raises(MessageRejected):
+        node.act(sense(end, upload([7]), MISFITS[what]))
+    act = node.act(sense(end, upload([2])))
+    np.testing.assert_array_equal(act.outbox[0].payload[0], mean_of([2]))
