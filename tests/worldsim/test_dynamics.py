@@ -1,0 +1,130 @@
+"""Motion: exact limits without noise, exact moments with it, and the order at which the integrator converges."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarm import state
+from swarm.scenario import Scenario, load
+from worldsim import dynamics
+
+ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "wind.json").read_text())
+ROWS = 4000
+
+
+def scenario(
+    dt: float = 0.1, sigma: float = 0.1, drag: float = 0.1, mean: tuple[float, float] = (1.0, -1.0)
+) -> Scenario:
+    return load(None, [f"dt={dt}", f"wind.sigma={sigma}", f"wind.drag={drag}", f"wind.mean={list(mean)}"])
+
+
+def fly(flown: Scenario, states: state.States, acceleration: Any, ticks: int, seed: int = 1) -> state.States:
+    draw = np.random.default_rng(seed)
+    command = np.broadcast_to(np.asarray(acceleration, dtype=float), (*states.shape[:-1], 2))
+    for _ in range(ticks):
+        states = dynamics.step(flown, states, command, draw.standard_normal(command.shape))
+    return states
+
+
+# -- without noise ------------------------------------------------------------------------------------------------
+
+
+def test_without_wind_and_drag_a_constant_acceleration_is_integrated_exactly() -> None:
+    flown, n, a = scenario(dt=0.125, sigma=0, drag=0), 64, np.array([0.5, -2.0])
+    start = np.array([1.0, 2.0, 3.0, -4.0])
+    end = fly(flown, start, a, n)
+    np.testing.assert_array_equal(end[state.VELOCITY], start[state.VELOCITY] + n * 0.125 * a)
+    # The new velocity moves the position: Σ v_k dt = n v0 dt + n(n+1)/2 a dt².
+    expected = start[state.POSITION] + n * 0.125 * start[state.VELOCITY] + n * (n + 1) / 2 * 0.125**2 * a
+    np.testing.assert_array_equal(end[state.POSITION], expected)
+
+
+def test_drag_pulls_the_velocity_to_the_mean_wind_geometrically() -> None:
+    flown, n = scenario(sigma=0, drag=0.3, mean=(2.0, -1.0)), 50
+    start = np.array([0.0, 0.0, -5.0, 3.0])
+    left = (1 - 0.3 * 0.1) ** n
+    expected = np.array([2.0, -1.0]) + left * (start[state.VELOCITY] - np.array([2.0, -1.0]))
+    np.testing.assert_allclose(fly(flown, start, 0.0, n)[state.VELOCITY], expected, rtol=1e-12)
+
+
+def test_who_drifts_with_the_mean_wind_goes_on_drifting() -> None:
+    end = fly(scenario(sigma=0), np.array([5.0, 6.0, 1.0, -1.0]), 0.0, 100)
+    np.testing.assert_allclose(end, [15.0, -4.0, 1.0, -1.0], rtol=1e-12)
+
+
+def test_against_drag_a_command_reaches_its_terminal_velocity() -> None:
+    end = fly(scenario(sigma=0, drag=0.5, mean=(1.0, 0.0)), np.zeros(4), [0.0, 2.0], 1000)
+    np.testing.assert_allclose(end[state.VELOCITY], [1.0, 4.0], rtol=1e-12)
+
+
+def test_the_velocity_moves_first_and_the_position_with_the_new_one() -> None:
+    flown = scenario(dt=0.5, sigma=2.0, drag=0.25, mean=(1.0, 0.0))
+    noise = np.array([0.3, -0.7])
+    moved = dynamics.step(flown, np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.5, 0.6]), noise)
+    velocity = np.array([3.0 + 0.5 * (0.5 - 0.25 * 2.0), 4.0 + 0.5 * (0.6 - 0.25 * 4.0)])
+    velocity += 2.0 * math.sqrt(0.5) * noise
+    np.testing.assert_allclose(moved, [*(np.array([1.0, 2.0]) + 0.5 * velocity), *velocity], rtol=1e-14)
+
+
+def test_a_step_changes_no_argument_and_no_row_sees_another() -> None:
+    draw = np.random.default_rng(3)
+    flown = scenario()
+    states, command, noise = (draw.standard_normal((3, 7, width)) for width in (4, 2, 2))
+    before = states.copy(), command.copy(), noise.copy()
+    moved = dynamics.step(flown, states, command, noise)
+    for now, then in zip((states, command, noise), before, strict=True):
+        np.testing.assert_array_equal(now, then)
+    for where in np.ndindex(3, 7):
+        np.testing.assert_array_equal(moved[where], dynamics.step(flown, states[where], command[where], noise[where]))
+
+
+# -- with noise ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("case", ORACLE, ids=lambda case: f"{case['t_s']}s")
+def test_mean_and_variance_are_those_of_the_ornstein_uhlenbeck_wind(case: dict[str, Any]) -> None:
+    dt = {1.0: 0.01, 10.0: 0.02, 50.0: 0.05}[case["t_s"]]
+    end = fly(scenario(dt=dt), np.zeros((ROWS, 4)), 0.0, round(case["t_s"] / dt))
+    for part, name in ((state.VELOCITY, "velocity"), (state.POSITION, "position")):
+        mean, variance = np.array(case[f"{name}_mean"]), case[f"{name}_variance"]
+        error = np.abs(end[:, part].mean(axis=0) - mean) / math.sqrt(variance / ROWS)
+        assert (error < 4).all(), (name, error)
+        error = np.abs(end[:, part].var(axis=0) - variance) / (variance * math.sqrt(2 / ROWS))
+        assert (error < 4).all(), (name, error)
+    across = np.corrcoef(end[:, state.VX], end[:, state.VY])[0, 1]
+    assert abs(across) < 4 / math.sqrt(ROWS)
+
+
+def test_the_integrator_converges_strongly_with_order_one() -> None:
+    """Against the exact solution on the same Wiener path; the noise is additive, so Euler–Maruyama has order one."""
+    c, sigma, mean, total, rows = 0.5, 0.8, np.array([1.0, -1.0]), 4.0, 400
+    finest = 2**9
+    h = total / finest
+    draw = np.random.default_rng(4)
+    # (ΔW, ∫e^{−c(h−u)}dW) over a fine step are jointly Gaussian.
+    decay = math.exp(-c * h)
+    covariance = np.array([[h, (1 - decay) / c], [(1 - decay) / c, (1 - decay**2) / (2 * c)]])
+    path = draw.standard_normal((finest, rows, 2, 2)) @ np.linalg.cholesky(covariance).T
+    increments, filtered = path[..., 0], path[..., 1]
+    exact = np.tile([0.0, 0.0, 3.0, 2.0], (rows, 1))
+    for k in range(finest):
+        velocity = exact[:, state.VELOCITY]
+        drift = mean * h + (velocity - mean) * (1 - decay) / c
+        exact[:, state.POSITION] += drift + sigma * (increments[k] - filtered[k]) / c
+        exact[:, state.VELOCITY] = mean + decay * (velocity - mean) + sigma * filtered[k]
+    steps = 2 ** np.arange(3, 8)
+    errors = []
+    for n in steps:
+        dt = total / n
+        flown = scenario(dt=dt, sigma=sigma, drag=c, mean=(1.0, -1.0))
+        coarse = increments.reshape(n, finest // n, rows, 2).sum(axis=1)
+        states = np.tile([0.0, 0.0, 3.0, 2.0], (rows, 1))
+        for k in range(n):
+            states = dynamics.step(flown, states, np.zeros((rows, 2)), coarse[k] / math.sqrt(dt))
+        errors.append(np.sqrt(((states - exact) ** 2).mean(axis=0)))
+    orders = -np.polyfit(np.log(steps), np.log(np.array(errors)), 1)[0]
+    assert (np.abs(orders - 1) < 0.12).all(), orders

@@ -1,0 +1,237 @@
+"""A flight: arrivals, energy, collisions and losses are counted once and in time, and the hash sees every tick."""
+
+import hashlib
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarm import state
+from swarm.messages import Status
+from swarm.scenario import load
+from worldsim.energy import power
+from worldsim.flight import Flight
+from worldsim.summary import flight_summary
+
+
+def calm(*settings: str, uavs: int = 3) -> Flight:
+    """A flight in which only commands move anyone; the UAVs stand 10 m apart."""
+    return Flight(load(None, [f"uavs={uavs}", "wind.sigma=0", "wind.drag=0", "start.spacing=10", *settings]))
+
+
+def put(flight: Flight, uav: int, *, position: Any, velocity: Any = (0.0, 0.0)) -> None:
+    states = flight.states.copy()
+    states[uav, state.POSITION], states[uav, state.VELOCITY] = position, velocity
+    flight.states = states
+
+
+def idle(flight: Flight, ticks: int = 1) -> None:
+    for _ in range(ticks):
+        flight.advance(np.zeros((flight.scenario.uavs, 2)))
+
+
+def kinds(flight: Flight) -> list[tuple[str, tuple[int, ...]]]:
+    return [(event.kind, event.uavs) for event in flight.events]
+
+
+# -- arrival ------------------------------------------------------------------------------------------------------
+
+
+def test_an_arrival_is_recorded_once_and_energy_distance_and_time_stand_from_then_on() -> None:
+    flight = calm('stop="duration"')
+    put(flight, 1, position=(7.5, 0.0), velocity=(-1.0, 0.0))
+    idle(flight, 60)  # passes the destination and leaves it again in the end
+    arrived = int(flight.arrival_tick[1])
+    # ‖s‖ ≤ 5 mixes metres and m/s: √(x² + 1) ≤ 5 first holds at x = 4.8.
+    assert arrived == pytest.approx(27, abs=1)
+    assert flight.status.tolist() == [Status.FLYING, Status.ARRIVED, Status.FLYING]
+    energy, distance = flight.arrival_energy[1], flight.distance[1]
+    assert energy == pytest.approx(arrived * 0.1 * power(flight.scenario.vehicle, np.ones(1))[0])
+    assert distance == pytest.approx(0.1 * arrived)
+    idle(flight, 100)
+    assert not (state.norm(flight.states)[1] <= 5.0)
+    assert (flight.arrival_tick[1], flight.arrival_energy[1], flight.distance[1]) == (arrived, energy, distance)
+    assert flight.energy[1] > energy
+    assert kinds(flight) == [("arrived", (1,))]
+    assert flight.events[0].tick == arrived
+    assert flight_summary(flight)["t_avg_s"] == pytest.approx(0.1 * arrived)
+
+
+def test_an_arrived_uav_goes_on_flying_by_its_commands() -> None:
+    flight = calm('stop="duration"', uavs=1)
+    put(flight, 0, position=(1.0, 0.0))
+    idle(flight)
+    assert flight.status[0] == Status.ARRIVED
+    flight.advance(np.array([[2.0, 0.0]]))
+    assert flight.states[0, state.VX] == pytest.approx(0.2)
+
+
+def test_the_flight_is_over_when_everyone_arrived_or_is_lost_or_at_its_duration() -> None:
+    flight = calm("duration=2", uavs=2)
+    put(flight, 0, position=(0.0, 0.0))
+    idle(flight)
+    assert not flight.over
+    flight.lose(np.array([1]), "lost", "a test")
+    assert flight.over
+    until_the_end = calm("duration=2", 'stop="duration"', uavs=1)
+    put(until_the_end, 0, position=(0.0, 0.0))
+    while not until_the_end.over:
+        idle(until_the_end)
+    assert until_the_end.tick == 20
+
+
+# -- collisions ---------------------------------------------------------------------------------------------------
+
+
+def test_a_collision_is_counted_once_a_pair_however_often_it_touches() -> None:
+    flight = calm()
+    put(flight, 1, position=flight.states[0, state.POSITION] + [0.05, 0.0])
+    idle(flight, 3)
+    assert flight.collisions == 1
+    put(flight, 1, position=flight.states[0, state.POSITION] + [5.0, 0.0])
+    idle(flight)
+    put(flight, 1, position=flight.states[0, state.POSITION] + [0.0, -0.09])
+    idle(flight, 2)
+    assert flight.collisions == 1
+    put(flight, 2, position=flight.states[0, state.POSITION])
+    idle(flight, 2)
+    assert flight.collisions == 3
+    assert kinds(flight) == [("collision", (0, 1)), ("collision", (0, 2)), ("collision", (1, 2))]
+
+
+def test_just_outside_the_radius_nobody_collides() -> None:
+    flight = calm()
+    put(flight, 1, position=flight.states[0, state.POSITION] + [0.1000001, 0.0])
+    idle(flight)
+    assert flight.collisions == 0
+
+
+@pytest.mark.parametrize("status", [Status.ARRIVED, Status.LOST])
+@pytest.mark.parametrize("which", [0, 1])
+def test_only_pairs_that_are_both_on_the_way_collide(which: int, status: Status) -> None:
+    flight = calm()
+    flight.status[which] = status
+    put(flight, 1, position=flight.states[0, state.POSITION])
+    idle(flight, 2)
+    assert flight.collisions == 0
+
+
+def test_a_swarm_that_starts_too_close_collides_at_take_off() -> None:
+    flight = Flight(load(None, ["uavs=4", "start.spacing=0.08"]))
+    assert (flight.tick, flight.collisions) == (0, 4)  # the diagonals are 0.113 m
+
+
+# -- losses -------------------------------------------------------------------------------------------------------
+
+
+def test_a_lost_uav_gets_no_command_and_nobody_waits_for_it() -> None:
+    flight = calm()
+    put(flight, 0, position=(500.0, 500.0), velocity=(1.0, 2.0))
+    flight.lose(np.array([0]), "lost", "a test")
+    flight.lose(np.array([0]), "lost", "twice")
+    for _ in range(5):
+        flight.advance(np.ones((3, 2)))
+    np.testing.assert_allclose(flight.states[0], [500.5, 501.0, 1.0, 2.0])
+    np.testing.assert_allclose(flight.states[1, state.VELOCITY], 0.5)
+    assert kinds(flight) == [("lost", (0,))]
+    assert flight_summary(flight)["lost"] == 1
+
+
+def test_a_lost_uav_never_arrives() -> None:
+    flight = calm()
+    flight.lose(np.array([0]), "lost", "a test")
+    put(flight, 0, position=(0.0, 0.0))
+    idle(flight)
+    assert flight.status[0] == Status.LOST
+    assert flight.arrival_tick[0] == -1
+
+
+@pytest.mark.parametrize("command", [np.nan, np.inf, -np.inf, 1e308, -1e12])
+def test_an_absurd_command_loses_the_uav_and_leaves_the_others_as_they_were(command: float) -> None:
+    settings = ["uavs=4", "wind.sigma=0.3"]
+    flight, honest = Flight(load(None, settings)), Flight(load(None, settings))
+    draw = np.random.default_rng(1)
+    for tick in range(20):
+        wanted = draw.standard_normal((4, 2))
+        honest.advance(wanted)
+        if tick >= 5:
+            wanted[2, 1] = command
+        flight.advance(wanted)
+        assert np.isfinite(flight.states).all()
+    assert flight.status.tolist() == [0, 0, Status.LOST, 0]
+    assert kinds(flight) == [("diverged", (2,))]
+    assert flight.events[0].tick == 6
+    others = [0, 1, 3]
+    np.testing.assert_array_equal(flight.states[others], honest.states[others])
+    np.testing.assert_array_equal(flight.energy[others], honest.energy[others])
+    for value in flight_summary(flight).values():
+        assert not isinstance(value, float) or np.isfinite(value)
+
+
+# -- numbers ------------------------------------------------------------------------------------------------------
+
+
+def test_a_swarm_of_one_has_no_pairs_to_speak_of() -> None:
+    flight = Flight(load(None, ["uavs=1", "duration=1"]))
+    idle(flight, 5)
+    assert flight.phi_c_distinct is None
+    assert (flight.phi_a, flight.phi_c, flight.collisions) == (0.0, 1.0, 0)
+    summary = flight_summary(flight)
+    assert summary["phi_C_distinct"] is None
+    assert (summary["t_avg_s"], summary["t_max_s"], summary["arrived"]) == (None, None, 0)
+
+
+def test_energy_speed_and_distance_are_sums_over_the_states_flown() -> None:
+    flight, draw = Flight(load(None, ["uavs=3"])), np.random.default_rng(5)
+    energy, distance, speeds = np.zeros(3), np.zeros(3), []
+    for _ in range(40):
+        flight.advance(draw.standard_normal((3, 2)))
+        speed = np.hypot(flight.states[:, state.VX], flight.states[:, state.VY])
+        energy += 0.1 * power(flight.scenario.vehicle, speed)
+        distance += 0.1 * speed
+        speeds.append(speed)
+    np.testing.assert_allclose(flight.energy, energy, rtol=1e-12)
+    np.testing.assert_allclose(flight.distance, distance, rtol=1e-12)
+    assert flight.speed_max == pytest.approx(np.max(speeds), rel=1e-12)
+    assert flight.mean_speed == pytest.approx(np.mean(speeds), rel=1e-12)
+    summary = flight_summary(flight)
+    assert summary["energy_mean_J"] == pytest.approx(energy.mean())
+    assert summary["energy_std_J"] == pytest.approx(energy.std())
+    assert summary["sim_time_s"] == pytest.approx(4.0)
+
+
+def test_the_hash_is_of_all_states_from_take_off_as_little_endian_doubles() -> None:
+    flight, draw, expected = Flight(load(None, ["uavs=3"])), np.random.default_rng(6), hashlib.sha256()
+    expected.update(flight.states.astype("<f8").tobytes())
+    hashes = {flight.trajectory_sha256}
+    for _ in range(10):
+        flight.advance(draw.standard_normal((3, 2)))
+        expected.update(flight.states.astype("<f8").tobytes())
+        assert flight.trajectory_sha256 == expected.hexdigest()
+        hashes.add(flight.trajectory_sha256)
+    assert len(hashes) == 11
+
+
+def test_the_slightest_change_at_any_tick_changes_the_hash() -> None:
+    def fly(odd_tick: int | None) -> str:
+        flight = calm(uavs=2)
+        for tick in range(5):
+            command = np.ones((2, 2))
+            if tick == odd_tick:
+                command[1, 1] += 1e-12
+            flight.advance(command)
+        return flight.trajectory_sha256
+
+    assert fly(None) == fly(None)
+    assert len({fly(tick) for tick in (None, 0, 4)}) == 3
+
+
+def test_the_same_seed_draws_the_same_wind_whatever_is_commanded() -> None:
+    one, other = (Flight(load(None, ["uavs=2", "seed=9"])) for _ in range(2))
+    one.advance(np.zeros((2, 2)))
+    other.advance(np.full((2, 2), 8.0))
+    difference = other.states[:, state.VELOCITY] - one.states[:, state.VELOCITY]
+    np.testing.assert_allclose(difference, 0.8, rtol=1e-12)
+    third = Flight(load(None, ["uavs=2", "seed=10"]))
+    third.advance(np.zeros((2, 2)))
+    assert third.trajectory_sha256 != one.trajectory_sha256

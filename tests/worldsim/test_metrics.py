@@ -1,0 +1,81 @@
+"""Metrics of a flock: the oracle's cases, and a flight measured again by hand."""
+
+import json
+import math
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agent.interaction import empirical
+from swarm import state
+from swarm.scenario import load
+from worldsim.flight import Flight
+from worldsim.metrics import pairs
+
+ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "metrics.json").read_text())
+METRICS = load(None).metrics
+RTOL = 1e-9
+cases = pytest.mark.parametrize("case", ORACLE, ids=lambda case: f"N{case['N']}")
+
+
+def states_of(case: dict[str, Any]) -> state.States:
+    return np.concatenate([case["position"], case["velocity"]], axis=-1)
+
+
+@cases
+def test_alignment_and_risk_are_the_oracle_s(case: dict[str, Any]) -> None:
+    n, seen = case["N"], pairs(METRICS, states_of(case))
+    assert seen.speed_difference.mean() == pytest.approx(case["phi_A_as_printed"], rel=RTOL)
+    near = 2 * seen.near.mean()
+    assert (near + n) / n**2 == pytest.approx(case["phi_C_as_printed"], rel=RTOL)
+    assert near / (n * (n - 1)) == pytest.approx(case["phi_C_distinct_pairs"], rel=RTOL)
+
+
+@cases
+def test_the_empirical_interaction_is_the_oracle_s(case: dict[str, Any]) -> None:
+    states = states_of(case)
+    known = np.repeat(states[:, None], case["N"], axis=1)  # everyone knows everyone
+    found = empirical(states, known, load(None).cost)
+    np.testing.assert_allclose(found, case["phi_G_eps1_beta1"], rtol=RTOL)
+
+
+@cases
+def test_many_instants_at_once_are_the_instants_one_by_one(case: dict[str, Any]) -> None:
+    states = states_of(case)
+    together = pairs(METRICS, states)
+    for t, instant in enumerate(states):
+        alone = pairs(METRICS, instant)
+        assert together.speed_difference[t] == alone.speed_difference
+        assert together.near[t] == alone.near
+        np.testing.assert_array_equal(together.colliding[t], alone.colliding)
+
+
+def test_a_flight_s_running_metrics_are_those_of_its_states_measured_by_hand() -> None:
+    flown = load(None, ["uavs=5", "start.spacing=0.6", "wind.sigma=0.5", "metrics.hazard_radius=0.8"])
+    flight, draw = Flight(flown), np.random.default_rng(2)
+    history = [flight.states]
+    for _ in range(30):
+        flight.advance(draw.standard_normal((5, 2)))
+        history.append(flight.states)
+    alignment, near = [], 0
+    for states in history:
+        for i, j in product(range(5), repeat=2):
+            alignment.append(math.dist(states[i, state.VELOCITY], states[j, state.VELOCITY]))
+            near += math.dist(states[i, state.POSITION], states[j, state.POSITION]) <= 0.8
+    assert flight.phi_a == pytest.approx(np.mean(alignment), rel=RTOL)
+    assert flight.phi_c == pytest.approx(near / 25 / len(history), rel=RTOL)
+    assert flight.phi_c_distinct == pytest.approx((near - 5 * len(history)) / 20 / len(history), rel=RTOL)
+    assert 1 / 5 < flight.phi_c < 1
+
+
+def test_who_flies_alike_has_no_difference_and_colliding_pairs_are_named_once() -> None:
+    states = np.zeros((4, 4))
+    states[:, state.VX] = 3.0
+    states[:, state.X] = [0.0, 0.05, 5.0, 5.2]
+    seen = pairs(METRICS, states)
+    assert seen.speed_difference == 0.0
+    assert seen.near == 2
+    assert np.argwhere(seen.colliding).tolist() == [[0, 1]]

@@ -1,0 +1,76 @@
+"""`python -m worldsim`: the world and channel emulator, which is also the router of the bus. Prints the summary."""
+
+import json
+import os
+from pathlib import Path
+
+from swarm import access, keys, scenario
+from swarm.errors import BadInput, RunFailed
+from swarm.identity import WORLD
+from swarm.process import Interrupted, flag, identity, main, orphaned, parser
+from swarm.refusals import Refusals
+from swarm.session import ZenohBus
+from worldsim.checkpoint import Resumption
+from worldsim.node import World
+
+
+def _run() -> None:
+    options = parser(
+        "worldsim",
+        "The world and channel emulator; waits for the nodes, flies the scenario, prints the summary.",
+        "python -m worldsim --run test --set uavs=4 --set method=hjb",
+    )
+    flag(options, "--scenario", "", "scenario file (TOML)")
+    flag(options, "--barrier", "10", "seconds a tick waits for a node before it is lost", float)
+    flag(options, "--stations", "0", "ground stations that must listen before the first tick", int)
+    flag(options, "--realtime", "", "follow the wall clock, this many times faster")
+    flag(options, "--uavs-per-process", "1", "with --tls: UAVs an agent may hold, from the one on its certificate", int)
+    flag(options, "--resume", "", "go on where this file says; `meanflock resume` writes it")
+    options.add_argument(
+        "--set",
+        action="append",
+        default=os.environ.get("MEANFLOCK_SET", "").split(),
+        metavar="KEY=VALUE",
+        help="one setting of the scenario, repeatable ($MEANFLOCK_SET: several, between spaces)",
+    )
+    given = options.parse_args()
+    flown = scenario.load(Path(given.scenario) if given.scenario else None, given.set)
+    rows = given.uavs_per_process
+    if rows < 1:
+        raise BadInput(f"--uavs-per-process {rows}: an agent holds at least one UAV")
+    interrupted = Interrupted()
+    refusals = Refusals()
+    refusals.listen()
+    bus = ZenohBus.router(
+        given.endpoint,
+        identity(given.tls, WORLD),
+        access.rules(keys.check_run(given.run), flown.uavs, rows),
+        refusals,
+    )
+    try:
+        bus.announce(keys.alive(given.run, "world", "world"))
+        world = World(
+            flown,
+            bus,
+            given.run,
+            barrier_s=given.barrier,
+            stations=given.stations,
+            realtime=float(given.realtime) if given.realtime else None,
+            resume=Resumption.load(Path(given.resume)) if given.resume else None,
+            rows_at_most=rows if given.tls else None,
+            refused=refusals.counts,
+        )
+        world.gather(given.wait, interrupted.__bool__)
+        for tick in world.fly():
+            if interrupted or (tick % 50 == 0 and orphaned()):
+                break
+        print(json.dumps(world.finish(), indent=1), flush=True)
+        if interrupted:
+            raise RunFailed("interrupted; the summary is of what was flown")
+    finally:
+        bus.close()
+        refusals.close()
+
+
+if __name__ == "__main__":
+    main(_run)

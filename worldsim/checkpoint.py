@@ -1,0 +1,127 @@
+"""All it takes to go on with a run: the state of the world and the minds of the UAVs, between two ticks.
+
+A checkpoint travels in the block of telemetry whose last row it goes on from: the ground keeps the run folder, the
+world may have no disk, and whoever has the one has the other. The hash of the trajectory cannot be taken up in the
+middle, so whoever resumes a run also brings the states of all ticks flown, which the run folder has.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarm import codec, model, state
+from swarm.errors import BadInput, MessageRejected
+from swarm.messages import Act
+from worldsim.members import Member
+
+SCHEMA = 1
+EVERY_TICKS = 100
+MAX_BYTES = 24 * 2**20  # a larger one would push the telemetry out of the outbox
+
+Floats = NDArray[np.float64]
+
+
+class Minds:
+    """What the UAVs answered to a Sense that asked for all they know."""
+
+    def __init__(self, uavs: int, keeps_states: bool) -> None:
+        self.models = np.full((uavs, model.MODEL_FLOATS), np.nan)
+        self.known = np.full((uavs, uavs, state.SIZE), np.nan) if keeps_states else None
+
+    def take(self, member: Member, act: Act) -> None:
+        """Enters the answer of one node."""
+        if act.report is not None:
+            self.models[member.uavs] = act.report
+        if self.known is not None and act.known is not None:
+            self.known[member.uavs] = act.known
+
+    @property
+    def sane(self) -> NDArray[np.bool_]:
+        """Which UAVs told a model that can be one, `(N,)`."""
+        fits: NDArray[np.bool_] = (np.abs(self.models) < model.BEYOND_SENSE).all(axis=-1)
+        return fits
+
+    def complete(self, needed: NDArray[np.bool_]) -> bool:
+        """Whether every UAV that is `needed` (N,) has told all."""
+        told = np.isfinite(self.models).all(axis=-1)
+        if self.known is not None:
+            told &= np.isfinite(self.known).all(axis=(-2, -1))
+        return bool(told[needed].all())
+
+    def snapshot(self) -> dict[str, Any]:
+        """Models and known states; zeros where a UAV is lost and nobody could be asked."""
+        known = None if self.known is None else np.nan_to_num(self.known)
+        return {"models": np.nan_to_num(self.models), "known": known}
+
+
+@dataclass(frozen=True)
+class Resumption:
+    """Where to go on: a checkpoint, and the states (tick + 1, N, 4) of the ticks before it."""
+
+    checkpoint: Mapping[str, Any]
+    history: Floats
+
+    @property
+    def tick(self) -> int:
+        """The first tick to be flown."""
+        return int(self.checkpoint["flight"]["tick"])
+
+    @property
+    def block(self) -> int:
+        """The block of telemetry that carried it."""
+        return int(self.checkpoint["block"])
+
+    def minds(self, uavs: NDArray[np.intp]) -> tuple[Floats, Floats | None]:
+        """What a node with these UAVs had learned, and the states it knew."""
+        known = self.checkpoint["minds"]["known"]
+        return self.checkpoint["minds"]["models"][uavs], None if known is None else known[uavs]
+
+    def encode(self) -> bytes:
+        """The bytes a world process is started with."""
+        return codec.encode_record({"checkpoint": dict(self.checkpoint), "history": self.history})
+
+    @staticmethod
+    def of(body: bytes, history: Floats) -> "Resumption":
+        """From the bytes of a checkpoint, as telemetry carries them.
+
+        Raises:
+            BadInput: it is none.
+        """
+        return Resumption(_checked(_record(body, "checkpoint")), history)
+
+    @staticmethod
+    def load(path: Path) -> "Resumption":
+        """From a file with the bytes of `encode`.
+
+        Raises:
+            BadInput: the file cannot be read or is something else.
+        """
+        try:
+            record = _record(path.read_bytes(), str(path))
+        except OSError as error:
+            raise BadInput(f"{path}: {error.strerror}; give a file made by `meanflock resume`") from error
+        if set(record) != {"checkpoint", "history"} or not isinstance(record["history"], np.ndarray):
+            raise BadInput(f"{path}: not what a run is resumed from; use `meanflock resume`")
+        return Resumption(_checked(record["checkpoint"]), record["history"])
+
+
+def encode(parts: Mapping[str, Any]) -> bytes:
+    """The bytes of a checkpoint, as telemetry carries them."""
+    return codec.encode_record({"schema": SCHEMA, **parts})
+
+
+def _record(raw: bytes, what: str) -> dict[str, Any]:
+    try:
+        return codec.decode_record(raw)
+    except MessageRejected as error:
+        raise BadInput(f"{what}: damaged ({error}); the run cannot be resumed from it") from error
+
+
+def _checked(checkpoint: Any) -> Mapping[str, Any]:
+    if not isinstance(checkpoint, dict) or checkpoint.get("schema") != SCHEMA:
+        raise BadInput(f"the checkpoint is not of schema {SCHEMA}; resume the run with the version that flew it")
+    return checkpoint

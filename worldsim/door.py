@@ -1,0 +1,189 @@
+"""The door of the world: who comes, who goes, who comes back, and whether what they say is let in."""
+
+import logging
+from collections.abc import Callable
+
+import numpy as np
+
+from swarm import codec, keys, scenario
+from swarm.bus import Bus, Delivery
+from swarm.errors import MessageRejected
+from swarm.messages import Join, Ready, Received, Refusal, Stop, Welcome
+from swarm.scenario import Scenario
+from worldsim import inbound
+from worldsim.barrier import Barrier
+from worldsim.checkpoint import Resumption
+from worldsim.flight import Flight
+from worldsim.ledger import Ledger
+from worldsim.members import LEADER, JoinRefused, Member, Members
+from worldsim.telemetry import Outbox
+
+log = logging.getLogger("meanflock.world")
+
+STATION = "station"
+MAX_DROP_EVENTS = 100  # the counters go on
+
+Note = Callable[[str, str], None]  # kind and text of an event
+
+
+class Door:
+    """Takes every delivery of the world's bus; the members and the listeners of a run are its own."""
+
+    def __init__(
+        self,
+        flown: Scenario,
+        bus: Bus,
+        run: str,
+        members: Members,
+        flight: Flight,
+        barrier: Barrier,
+        outbox: Outbox,
+        ledger: Ledger,
+        note: Note,
+        clock: Callable[[], float],
+    ) -> None:
+        self.members = members
+        self.listeners: set[str] = set()
+        self.flying = False  # from the first tick on; before it, who is lost is merely missing
+        self.closed = False  # after the last: who leaves is not lost
+        self.minds: Resumption | None = None  # whose minds are handed out until then
+        self.on_leader_lost: Callable[[], None] = lambda: None  # one that was asked in this tick
+        self._scenario, self._bus, self._run = flown, bus, run
+        self._fingerprint = keys.fingerprint(run)
+        self._float = codec.FLOAT_OF_BITS[flown.radio.bits_per_float]
+        self._plan = flight.states.astype(self._float)
+        self._flight, self._barrier, self._outbox, self._ledger = flight, barrier, outbox, ledger
+        self._note, self._clock = note, clock
+        bus.subscribe(keys.act(run, "*"))
+        bus.subscribe(keys.received(run))
+        bus.watch(keys.alive(run, "*", "*"))
+        bus.answer(keys.join(run))
+
+    def handle(self, delivery: Delivery) -> None:
+        """One delivery, whatever it is. Never raises for what the network sent."""
+        try:
+            if delivery.kind == "question":
+                self._answer(delivery)
+            elif delivery.kind == "message" and delivery.key == keys.received(self._run):
+                received = codec.decode_as(Received, delivery.payload, self._fingerprint, limit=64)
+                self._outbox.acknowledge(received.block)
+            elif delivery.kind == "message":
+                self._hear(keys.node_of(delivery.key), delivery.payload)
+            else:
+                self._presence(delivery)
+        except MessageRejected as error:
+            self.drop(error, delivery.key)
+
+    def drop(self, error: MessageRejected, where: str) -> None:
+        """Counts something that was not let in."""
+        self._ledger.drops[error.reason] += 1
+        if self._ledger.drops.total() <= MAX_DROP_EVENTS:  # a flood fills neither log nor record
+            log.warning("dropped a message under %s: %s", where, error)
+            self._note("dropped", f"{where}: {error}")
+
+    def lose(self, member: Member, why: str) -> None:
+        """A node is gone, or as good as gone: nobody waits for it any more, and if it still hears, it goes home."""
+        if member.lost or self.closed:
+            return
+        log.warning("lost %s: %s", member.name, why)
+        self._ledger.nodes_lost += self.flying
+        self.dismiss(member, f"lost: {why}")
+        if len(member.uavs) and self.flying:
+            self._flight.lose(member.uavs, "lost", f"{member.name}: {why}")
+        else:
+            self._note("lost", f"{member.name}: {why}")
+
+    def dismiss(self, member: Member, why: str) -> None:
+        """Sends a node home; its UAVs are free for another."""
+        self.members.lose(member)
+        self._stop(member.name, why)
+        if self._barrier.forget(member.name) and member.role == LEADER:
+            self.on_leader_lost()
+
+    def expire(self, patience_s: float) -> None:
+        """Loses who was admitted during the flight and never became ready: nobody else could have its UAVs."""
+        for member in self.members.present:
+            if not member.ready and self._clock() - member.since_s > patience_s:
+                self.lose(member, f"not ready after {patience_s:.0f} s")
+
+    # -- messages -----------------------------------------------------------------------------------------------
+
+    def _hear(self, name: str, raw: bytes) -> None:
+        member = self.members.get(name)
+        if member is None:
+            raise MessageRejected("unknown-node", name)
+        if member.lost:
+            self._stop(name, "lost: nobody waits for this node any more")
+            raise MessageRejected("unknown-node", f"{name}, which was lost")
+        message = codec.decode(raw, inbound.limit(len(member.uavs), self._scenario))
+        if isinstance(message, Ready) and message.run == self._fingerprint:
+            self._welcome(member)
+            return
+        tick = self._flight.tick
+        self._barrier.answer(name, inbound.check(message, self._fingerprint, tick, member, self._scenario, self._float))
+
+    def _welcome(self, member: Member) -> None:
+        if member.ready:
+            return
+        member.ready = True
+        if self.flying and member.role == LEADER:
+            self._note("rejoined", f"{member.name} stands by")
+        elif self.flying:
+            self._flight.rejoin(member.uavs, member.name)
+
+    # -- questions ----------------------------------------------------------------------------------------------
+
+    def _answer(self, delivery: Delivery) -> None:
+        assert delivery.reply is not None
+        join = codec.decode(delivery.payload, limit=256)
+        if not isinstance(join, Join):
+            raise MessageRejected("wrong-kind", f"{type(join).__name__} as a question")
+        if keys.node_of(delivery.key) != (asker := keys.asker(join.role, join.uav)):
+            raise MessageRejected("wrong-name", f"a Join of {asker}")
+        name, uavs = STATION, np.zeros(0, dtype=np.intp)  # a ground station only asks what is flown
+        if join.role != STATION:
+            try:
+                member = self.members.admit(join, self._clock())
+            except JoinRefused as error:
+                delivery.reply(codec.encode(Refusal(str(error))))
+                return
+            name, uavs = member.name, member.uavs
+            log.info("%s joined with UAVs %s", name, uavs.tolist())
+        has_past = self.minds is not None and not self.flying and len(uavs) > 0
+        models, known = self.minds.minds(uavs) if has_past and self.minds is not None else (None, None)
+        delivery.reply(
+            codec.encode(
+                Welcome(
+                    run=self._fingerprint,
+                    node=name,
+                    uavs=tuple(uavs.tolist()),
+                    tick=self._flight.tick,
+                    scenario=scenario.encode(self._scenario),
+                    initial_states=self._plan,
+                    models=models,
+                    known=known,
+                )
+            )
+        )
+
+    # -- liveliness ---------------------------------------------------------------------------------------------
+
+    def _presence(self, delivery: Delivery) -> None:
+        role, name = delivery.key.split("/")[-2:]
+        if role == STATION:
+            if delivery.kind == "alive":
+                self.listeners.add(name)
+                self._outbox.rewind()
+            else:
+                self.listeners.discard(name)
+            return
+        member = self.members.get(name)
+        if member is None:
+            return
+        if delivery.kind == "gone":
+            self.lose(member, "its liveliness token vanished")
+        elif member.lost:
+            self._stop(name, "lost: nobody waits for this node any more")
+
+    def _stop(self, name: str, why: str) -> None:
+        self._bus.put(keys.sense(self._run, name), codec.encode(Stop(self._fingerprint, why)))

@@ -1,0 +1,103 @@
+"""Plays the fault script: what is wrong in a tick, as masks and forces the world applies in a fixed order."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from channel.air import Cut, Indices
+from swarm import state
+from swarm.faults import Fault, Gust, Jam, Kill, LeaderLoss, Partition, Pause, kind, paused
+from swarm.messages import Event
+from swarm.scenario import Scenario
+
+
+class Script:
+    """The faults of one scenario. Nothing here depends on what happened before: a resumed run plays on."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario, self._dt = scenario, scenario.dt
+        self._faults = scenario.faults
+
+    def events(self, tick: int) -> list[Event]:
+        """What begins and what is over, one line each."""
+        told = []
+        for fault in self._faults:
+            uavs = getattr(fault, "uavs", ())
+            if fault.begins(self._dt) == tick:
+                told.append(Event(tick, "fault", _words(fault), uavs))
+            if fault.ends(self._dt) == tick and hasattr(fault, "duration_s"):
+                told.append(Event(tick, "fault", f"{_words(fault)} is over", uavs))
+        return told
+
+    def killed(self, tick: int) -> NDArray[np.intp]:
+        """UAVs that die at the beginning of a tick, ascending."""
+        dying = {uav for fault in self._acting(tick) if isinstance(fault, Kill) for uav in fault.uavs}
+        return np.array(sorted(dying), dtype=np.intp)
+
+    def leaders_lost(self, tick: int) -> int:
+        """How many leaders are lost at the beginning of a tick."""
+        return sum(isinstance(fault, LeaderLoss) for fault in self._acting(tick))
+
+    def paused(self, tick: int) -> NDArray[np.bool_]:
+        """Which UAVs hold their command and neither hear, speak nor learn, `(N,)`."""
+        mask = np.zeros(self._scenario.uavs, dtype=bool)
+        mask[paused(self._faults, tick, self._dt)] = True
+        return mask
+
+    def cut(self, tick: int, states: state.States) -> Cut | None:
+        """Which links fail while the UAVs are where `states` (N, 4) says; None: none."""
+        acting = [fault for fault in self._acting(tick) if isinstance(fault, Partition | Jam)]
+        if not acting:
+            return None
+
+        def fails(sources: Indices, targets: Indices) -> NDArray[np.bool_]:
+            failed = np.zeros(len(sources), dtype=bool)
+            for fault in acting:
+                named = np.zeros(len(states), dtype=bool)
+                named[list(fault.uavs)] = True
+                if isinstance(fault, Partition):
+                    failed |= named[sources] | named[targets]
+                else:
+                    failed |= named[sources] & named[targets]
+                    inside = _inside(fault, states)
+                    failed |= inside[sources] | inside[targets]
+            return failed
+
+        return fails
+
+    def gust(self, tick: int, states: state.States) -> state.Plane | None:
+        """What the air adds to every UAV's acceleration, (N, 2) in m/s²; None: nothing."""
+        acting = [fault for fault in self._acting(tick) if isinstance(fault, Gust)]
+        if not acting:
+            return None
+        pushed = np.zeros((len(states), state.AXES))
+        for fault in acting:
+            hit = _inside(fault, states)
+            hit[list(fault.uavs)] = True
+            if not fault.uavs and fault.centre is None:
+                hit[:] = True
+            pushed[hit] += fault.acceleration
+        return pushed
+
+    def _acting(self, tick: int) -> list[Fault]:
+        return [fault for fault in self._faults if fault.acts(tick, self._dt)]
+
+
+def _inside(fault: Jam | Gust, states: state.States) -> NDArray[np.bool_]:
+    if fault.centre is None or fault.radius_m is None:
+        return np.zeros(len(states), dtype=bool)
+    from_centre = states[:, state.POSITION] - np.array(fault.centre)
+    within: NDArray[np.bool_] = (from_centre * from_centre).sum(axis=-1) <= fault.radius_m**2
+    return within
+
+
+def _words(fault: Fault) -> str:
+    words = kind(fault)
+    if uavs := getattr(fault, "uavs", ()):
+        words += f" of UAV {', '.join(map(str, uavs))}"
+    if isinstance(fault, Jam | Gust) and fault.centre is not None:
+        words += f" within {fault.radius_m:g} m of ({fault.centre[0]:g}, {fault.centre[1]:g}) m"
+    if isinstance(fault, Gust):
+        words += f" with ({fault.acceleration[0]:g}, {fault.acceleration[1]:g}) m/s²"
+    if isinstance(fault, Pause | Partition | Jam | Gust):
+        words += f" for {fault.duration_s:g} s"
+    return words

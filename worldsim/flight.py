@@ -1,0 +1,197 @@
+"""The flight of one swarm: states, wind, energy, arrivals and metrics, advanced tick by tick. No bus, no clock."""
+
+import hashlib
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarm import state
+from swarm.messages import Event, Status
+from swarm.scenario import Scenario
+from swarm.seeds import generator, random_state, set_random_state
+from worldsim import dynamics, energy
+from worldsim.formation import initial_states
+from worldsim.metrics import pairs
+
+Floats = NDArray[np.float64]
+
+_SCALARS = ("tick", "collisions", "speed_difference_sum", "near_sum", "speed_max")
+_ARRAYS = {  # as what they are kept
+    "states": "<f8",
+    "status": "u1",
+    "energy": "<f8",
+    "arrival_tick": "<i4",
+    "arrival_energy": "<f8",
+    "distance": "<f8",
+    "_speed_sum": "<f8",
+    "_ticks_on_way": "<i4",
+}
+
+
+@dataclass
+class Flight:
+    """Everything the world knows of the UAVs. All arrays have one row a UAV unless named otherwise."""
+
+    scenario: Scenario
+    tick: int = 0
+    collisions: int = 0
+    speed_difference_sum: float = 0.0  # over ticks 0…tick of the mean over pairs, m/s
+    near_sum: int = 0  # over ticks, of pairs i < j within the hazard radius
+    speed_max: float = 0.0  # of UAVs on the way, m/s
+    events: list[Event] = field(default_factory=list)  # of the last tick; the owner empties it
+
+    def __post_init__(self) -> None:
+        n = self.scenario.uavs
+        self.states: state.States = initial_states(self.scenario)
+        self.status = np.full(n, Status.FLYING, dtype=np.uint8)
+        self.energy = np.zeros(n)  # J since take-off
+        self.arrival_tick = np.full(n, -1)
+        self.arrival_energy = np.zeros(n)
+        self.distance = np.zeros(n)  # m flown until arrival
+        self._speed_sum = np.zeros(n)
+        self._ticks_on_way = np.zeros(n, dtype=np.int64)
+        self._collided: set[tuple[int, int]] = set()
+        self._wind = generator(self.scenario.seed, "wind")
+        self._hash = hashlib.sha256()
+        self._observe()
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time."""
+        return self.tick * self.scenario.dt
+
+    @property
+    def phi_a(self) -> float:
+        """φ_A(t): mean over time and all N² pairs of ‖v_j − v_i‖, m/s."""
+        return self.speed_difference_sum / (self.tick + 1)
+
+    @property
+    def phi_c(self) -> float:
+        """φ_C(t) as printed, the pairs i = j included: never below 1/N."""
+        n = self.scenario.uavs
+        return (2.0 * self.near_sum / (self.tick + 1) + n) / n**2
+
+    @property
+    def phi_c_distinct(self) -> float | None:
+        """The same over distinct pairs; None for a swarm of one."""
+        n = self.scenario.uavs
+        return 2.0 * self.near_sum / (self.tick + 1) / (n * (n - 1)) if n > 1 else None
+
+    @property
+    def mean_speed(self) -> float | None:
+        """Mean over UAVs and ticks on the way, m/s."""
+        ticks = int(self._ticks_on_way.sum())
+        return float(self._speed_sum.sum()) / ticks if ticks else None
+
+    @property
+    def trajectory_sha256(self) -> str:
+        """Hash of the little-endian float64 states of ticks 0…tick."""
+        return self._hash.hexdigest()
+
+    @property
+    def over(self) -> bool:
+        """Whether the mission has ended."""
+        if self.tick >= self.scenario.max_ticks:
+            return True
+        return self.scenario.stop == "arrival" and not (self.status == Status.FLYING).any()
+
+    def lose(self, uavs: NDArray[np.intp], kind: str, why: str) -> None:
+        """Takes UAVs out of the mission: physics goes on without command, nobody waits for them."""
+        uavs = uavs[self.status[uavs] != Status.LOST]
+        if len(uavs):
+            self.status[uavs] = Status.LOST
+            self._event(kind, f"{why}: UAV {', '.join(map(str, uavs))} lost", uavs)
+
+    def rejoin(self, uavs: NDArray[np.intp], who: str) -> None:
+        """UAVs that were lost have a mind again; who had arrived has arrived still."""
+        uavs = uavs[self.status[uavs] == Status.LOST]
+        if len(uavs):
+            self.status[uavs] = np.where(self.arrival_tick[uavs] >= 0, Status.ARRIVED, Status.FLYING)
+            self._event("rejoined", f"{who} rejoined with UAV {', '.join(map(str, uavs))}", uavs)
+
+    def advance(self, accelerations: state.Plane, gust: state.Plane | None = None) -> None:
+        """One tick under `accelerations` (N, 2) in m/s²; lost UAVs get none, whatever is asked.
+
+        `gust`: (N, 2) in m/s², of the air: it spares nobody.
+        """
+        alive = (self.status != Status.LOST)[:, None]
+        noise = self._wind.standard_normal((self.scenario.uavs, state.AXES))
+        with np.errstate(over="ignore", invalid="ignore"):
+            pushed = np.where(alive, accelerations, 0.0)
+            moved = dynamics.step(self.scenario, self.states, pushed if gust is None else pushed + gust, noise)
+            sane = (np.abs(moved) < 1e9).all(axis=-1)  # a million kilometres: no metric is left worth having
+        on_way = self.status == Status.FLYING
+        self.tick += 1
+        if not sane.all():
+            moved[~sane] = self.states[~sane]
+            moved[~sane, state.VELOCITY] = 0.0
+            self.lose(np.flatnonzero(~sane), "diverged", "left every bound")
+        self.states = moved
+        speed = state.speed(moved)
+        self.energy = self.energy + energy.power(self.scenario.vehicle, speed) * self.scenario.dt
+        self._speed_sum += np.where(on_way, speed, 0.0)
+        self._ticks_on_way += on_way
+        self.distance += np.where(on_way, speed * self.scenario.dt, 0.0)
+        if on_way.any():
+            self.speed_max = max(self.speed_max, float(speed[on_way].max()))
+        self._observe()
+        self._arrive()
+
+    def snapshot(self) -> dict[str, Any]:
+        """The flight as it is now, for `restore`; the hash can be had from the states of all ticks only."""
+        return {
+            **{name: getattr(self, name) for name in _SCALARS},
+            **{name: getattr(self, name).astype(kind) for name, kind in _ARRAYS.items()},
+            "collided": sorted(self._collided),
+            "wind": random_state(self._wind),
+        }
+
+    def restore(self, snapshot: dict[str, Any], history: Floats) -> None:
+        """Goes on where a snapshot was taken.
+
+        Args:
+            history: (tick + 1, N, 4), the states of all ticks until then.
+
+        Raises:
+            ValueError: the history does not end in the state of the snapshot, or an array does not fit.
+        """
+        for name in _SCALARS:
+            setattr(self, name, type(getattr(self, name))(snapshot[name]))
+        for name in _ARRAYS:
+            getattr(self, name)[...] = snapshot[name]
+        self._collided = {(first, second) for first, second in snapshot["collided"]}
+        set_random_state(self._wind, snapshot["wind"])
+        if history.shape != (self.tick + 1, *self.states.shape) or history[-1].tobytes() != self.states.tobytes():
+            raise ValueError(f"the time series does not end in the states of tick {self.tick}")
+        self._hash = hashlib.sha256(np.ascontiguousarray(history, dtype="<f8").tobytes())
+
+    def _observe(self) -> None:
+        self._hash.update(self.states.astype("<f8", copy=False).tobytes())
+        seen = pairs(self.scenario.metrics, self.states)
+        self.speed_difference_sum += float(seen.speed_difference)
+        self.near_sum += int(seen.near)
+        if seen.colliding.any():
+            self._collide(np.argwhere(seen.colliding))
+
+    def _collide(self, touching: NDArray[np.intp]) -> None:
+        """Counts a pair once, and only while both are on the way."""
+        flying = self.status == Status.FLYING
+        for first, second in touching[flying[touching].all(axis=-1)].tolist():
+            if (first, second) not in self._collided:
+                self._collided.add((first, second))
+                self.collisions += 1
+                self._event("collision", f"UAV {first} and UAV {second} collided", np.array([first, second]))
+
+    def _arrive(self) -> None:
+        within = state.norm(self.states) <= self.scenario.destination.radius
+        new = np.flatnonzero(within & (self.status == Status.FLYING))
+        if len(new):
+            self.status[new] = Status.ARRIVED
+            self.arrival_tick[new] = self.tick
+            self.arrival_energy[new] = self.energy[new]
+            self._event("arrived", f"UAV {', '.join(map(str, new))} arrived", new)
+
+    def _event(self, kind: str, text: str, uavs: NDArray[np.intp]) -> None:
+        self.events.append(Event(self.tick, kind, text, tuple(uavs.tolist())))

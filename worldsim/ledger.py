@@ -1,0 +1,62 @@
+"""What the world counts of the protocol: rounds, losses, drops, residuals. The flight and the radio keep their own."""
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+_SCALARS = ("rounds", "averaged", "held", "nodes_lost", "uploads_refused", "wall_s")
+
+
+class Ledger:
+    """The counters of one run, from take-off on, however often it was resumed."""
+
+    def __init__(self, refused: Counter[str] | None = None) -> None:
+        """`refused`: what the router keeps from the world, counted by whoever reads its log."""
+        self._refused = refused if refused is not None else Counter()
+        self.rounds = 0  # averaged and broadcast
+        self.averaged = 0  # the last of them by number: none is averaged twice
+        self.held = 0  # commands held over in real time
+        self.nodes_lost = 0
+        self.uploads_refused = 0
+        self.wall_s = 0.0  # flown before the run was resumed, s
+        self.residual_max = np.zeros(2)  # |e_H|, |e_F|
+        self.spread: float | None = None
+        self.drops: Counter[str] = Counter()
+
+    def residuals(self, diagnostics: np.ndarray) -> None:
+        """Takes note of the diagnostics (N, 3) of a tick."""
+        self.residual_max = np.maximum(self.residual_max, np.abs(diagnostics[:, :2]).max(axis=0))
+
+    def snapshot(self, wall_s: float) -> dict[str, Any]:
+        """All of it, for `restore`."""
+        scalars = {name: getattr(self, name) for name in _SCALARS}
+        return {
+            **scalars,
+            "wall_s": wall_s,
+            "residual_max": self.residual_max,
+            "spread": self.spread,
+            "drops": dict(self.drops),
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Goes on with the counts of a snapshot."""
+        for name in _SCALARS:
+            setattr(self, name, type(getattr(self, name))(snapshot[name]))
+        self.residual_max = snapshot["residual_max"].copy()
+        self.spread = snapshot["spread"]
+        self.drops = Counter(snapshot["drops"])
+
+    def summary(self, *, realtime: bool, learns_density: bool, blocks_dropped: int) -> dict[str, Any]:
+        """Its part of the summary."""
+        return {
+            "rounds": self.rounds,
+            "hjb_residual_max": float(self.residual_max[0]),
+            "fpk_residual_max": float(self.residual_max[1]) if learns_density else None,
+            "weight_spread_final": self.spread,
+            "nodes_lost": self.nodes_lost,
+            "uploads_refused": self.uploads_refused,
+            "dropped_messages": dict(self.drops + self._refused),
+            "held_commands": self.held if realtime else None,
+            "telemetry_blocks_dropped": blocks_dropped,
+        }

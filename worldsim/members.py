@@ -1,0 +1,123 @@
+"""Who takes part: the nodes of a run, the UAVs each holds, who leads, and who is still there."""
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarm.election import elect
+from swarm.errors import MeanflockError
+from swarm.messages import Join
+
+LEADER = "leader"
+MAX_LEADERS = 8  # living at once; a standby is cheap, but not free
+
+
+class JoinRefused(MeanflockError):
+    """A node cannot take part; the text says why."""
+
+
+@dataclass
+class Member:
+    """One node, from its admission until it is lost."""
+
+    name: str
+    role: str
+    uavs: NDArray[np.intp]  # ascending; none for a leader
+    since_s: float = 0.0  # when it was admitted, on the world's clock
+    ready: bool = False
+    lost: bool = False
+
+
+class Members:
+    """The nodes of a run of N UAVs, by name. UAVs without an agent are free: from the start, or since it was lost."""
+
+    def __init__(self, uavs: int, leaders: int, *, standbys: bool = True, rows_at_most: int | None = None) -> None:
+        """`leaders`: how many must be there before take-off. `standbys`: whether more than one leader can be of use.
+        `rows_at_most`: how many UAVs one agent may hold; None for as many as it offers.
+        """
+        self._by_name: dict[str, Member] = {}
+        self._uavs, self._rows_at_most = uavs, rows_at_most
+        self._free = np.arange(uavs)
+        self._leaders, self._standbys = leaders, standbys
+        self._lives: Counter[str] = Counter()
+        self._incumbent: str | None = None
+
+    def admit(self, join: Join, now_s: float = 0.0) -> Member:
+        """Gives a node its name and the UAVs it asks for, or the next free ones.
+
+        Whoever comes after a node that was lost, or stands by for the leader, has the same name with a number behind
+        it: what the old one may still say is then not mistaken for the new one's.
+
+        Raises:
+            JoinRefused: no UAV is free, or not the one asked for; no further leader is needed; the role is unknown.
+        """
+        if join.role == LEADER:
+            if self._living(LEADER) and not self._standbys:
+                raise JoinRefused("this run has a leader already, and no rounds that a standby could take over")
+            if len(self._living(LEADER)) >= max(MAX_LEADERS, self._leaders):
+                raise JoinRefused(f"this run has {MAX_LEADERS} leaders already")
+            base, taken = LEADER, np.zeros(0, dtype=np.intp)
+        elif join.role == "agent" and join.rows >= 1:
+            taken = self._wanted(join)
+            base = f"agent-{taken[0]}"
+        else:
+            raise JoinRefused(f"role {join.role!r} with {join.rows} UAVs: agents hold at least one, a leader none")
+        self._free = np.setdiff1d(self._free, taken)
+        self._lives[base] += 1
+        name = base if self._lives[base] == 1 else f"{base}.{self._lives[base]}"
+        member = self._by_name[name] = Member(name, join.role, taken, now_s)
+        return member
+
+    def lose(self, member: Member) -> None:
+        """A node is gone; its UAVs are free for another."""
+        member.lost = True
+        self._free = np.union1d(self._free, member.uavs)
+
+    def lead(self) -> Member | None:
+        """The leader that is elected among those that live and listen; the incumbent as long as it does."""
+        self._incumbent = elect((member.name for member in self._living(LEADER) if member.ready), self._incumbent)
+        return self._by_name.get(self._incumbent or "")
+
+    def get(self, name: str) -> Member | None:
+        """The node of that name."""
+        return self._by_name.get(name)
+
+    @property
+    def present(self) -> list[Member]:
+        """Nodes that are not lost, in order of their UAVs, the leaders last."""
+        alive = [member for member in self._by_name.values() if not member.lost]
+        return sorted(alive, key=lambda member: (member.role == LEADER, member.uavs[:1].tolist()))
+
+    @property
+    def complete(self) -> bool:
+        """Whether every UAV has an agent that listens, and the leaders do where rounds need them."""
+        led = len(self._living(LEADER)) >= self._leaders
+        return led and not len(self._free) and all(member.ready for member in self.present)
+
+    def missing(self) -> str:
+        """What the swarm still waits for, in words."""
+        waiting = []
+        if len(self._free):
+            waiting.append(f"{len(self._free)} UAVs without an agent")
+        if absent := max(0, self._leaders - len(self._living(LEADER))):
+            waiting.append("the leader" if self._leaders == 1 else f"{absent} of {self._leaders} leaders")
+        waiting += [f"{member.name} to be ready" for member in self.present if not member.ready]
+        return ", ".join(waiting)
+
+    def _living(self, role: str) -> list[Member]:
+        return [member for member in self._by_name.values() if member.role == role and not member.lost]
+
+    def _wanted(self, join: Join) -> NDArray[np.intp]:
+        if not len(self._free):
+            raise JoinRefused("every UAV of this run has its agent already")
+        rows = min(join.rows, self._rows_at_most or join.rows)
+        if join.uav < 0:
+            return self._free[:rows]
+        if join.uav >= self._uavs:
+            raise JoinRefused(f"UAV {join.uav}: this run has UAVs 0 to {self._uavs - 1}")
+        wanted = np.arange(join.uav, min(join.uav + rows, self._uavs))
+        if (taken := np.setdiff1d(wanted, self._free)).size:
+            raise JoinRefused(f"UAV {taken[0]} has its agent already")
+        return wanted

@@ -1,0 +1,397 @@
+"""The world node: the clock of the run. It asks everyone, waits for the answers, moves the world, tells the story."""
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from channel.air import Air
+from swarm import __version__, codec, keys, model, state
+from swarm.bus import Bus
+from swarm.errors import BadInput, MessageRejected, RunFailed
+from swarm.messages import Act, Event, Finished, FrameKind, Frames, Sense, Status, Stop
+from swarm.rounds import Rounds
+from swarm.scenario import Scenario
+from worldsim import checkpoint, inbox
+from worldsim.barrier import Barrier
+from worldsim.checkpoint import Minds, Resumption
+from worldsim.door import Door
+from worldsim.faults import Script
+from worldsim.flight import Flight
+from worldsim.ledger import Ledger
+from worldsim.members import LEADER, Members
+from worldsim.summary import summary, weight_spread
+from worldsim.telemetry import Outbox, Rows
+
+REPORT_EVERY_TICKS = 10
+BLOCK_ROWS = 20
+ASK_AGAIN_S = 1.0  # a Sense nobody answered is repeated: the first after a declaration can get lost
+
+Clock = Callable[[], float]
+
+
+class World:
+    """One run, from the first node that joins to the summary."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        bus: Bus,
+        run: str,
+        *,
+        mode: str = "processes",
+        stations: int = 0,
+        barrier_s: float = 10.0,
+        realtime: float | None = None,
+        rows_at_most: int | None = None,
+        refused: Counter[str] | None = None,
+        resume: Resumption | None = None,
+        checkpoint_every: int = checkpoint.EVERY_TICKS,
+        clock: Clock = time.monotonic,
+    ) -> None:
+        """`barrier_s`: how long a tick waits for a node before the node is lost. `realtime`: ticks follow the wall
+        clock, this many times faster. `stations`: how many recording listeners must be there before the first tick.
+        `rows_at_most`: UAVs one agent may hold. `refused`: what the router kept out, by reason. `mode` goes into the
+        summary. `resume`: where to go on, instead of at tick 0. `checkpoint_every`: ticks, a multiple of
+        ten; 0 for never. `clock`: seconds, monotonic.
+
+        Raises:
+            BadInput: what is to be resumed is of another scenario, or incomplete.
+        """
+        self._scenario = scenario
+        self._bus, self._run, self._fingerprint = bus, run, keys.fingerprint(run)
+        self._mode, self._barrier_s, self._realtime, self._clock = mode, barrier_s, realtime, clock
+        self._stations, self._checkpoint_every = stations, checkpoint_every
+        self._rounds = Rounds(scenario)
+        self._script = Script(scenario)
+        self.flight = Flight(scenario)
+        self.air = Air(scenario)
+        self._rows = Rows(self._fingerprint, scenario.uavs, BLOCK_ROWS if realtime is None else 2)
+        self._outbox = Outbox()
+        self._ledger = Ledger(refused)
+        self._uploads = inbox.Uploads()
+        self._barrier = Barrier(bus, run)
+        self._commands = np.zeros((scenario.uavs, state.AXES))
+        self._awake = np.ones(scenario.uavs, dtype=bool)
+        self._minds: Minds | None = None  # where, in the last tick, all were asked for all they know
+        self._leads: str | None = None
+        self._resumed = resume
+        if resume is not None:
+            self._restore(resume)
+        federated = scenario.method.is_federated
+        wanted = scenario.leaders(self.flight.tick) if federated else 0
+        self._members = Members(scenario.uavs, wanted, standbys=federated, rows_at_most=rows_at_most)
+        self._door = Door(
+            scenario,
+            bus,
+            run,
+            self._members,
+            self.flight,
+            self._barrier,
+            self._outbox,
+            self._ledger,
+            self._note,
+            clock,
+        )
+        self._door.minds = resume
+        self._door.on_leader_lost = self._ask_leader
+        self.handle = self._door.handle  # one delivery; never raises for what the network sent
+
+    # -- the run ------------------------------------------------------------------------------------------------
+
+    def gather(self, timeout_s: float, cancelled: Callable[[], bool] = lambda: False) -> None:
+        """Waits until every UAV has its agent, and the rounds their leader; `cancelled` is asked now and then.
+
+        Raises:
+            RunFailed: not in time; the message says who is missing.
+        """
+        end = self._clock() + timeout_s
+        while not self._members.complete or len(self._door.listeners) < self._stations:
+            if cancelled():
+                self.stop("interrupted")
+                raise RunFailed(f"interrupted while waiting for {self._missing()}")
+            if self._clock() > end:
+                self.stop("the swarm is not complete")
+                raise RunFailed(f"after {timeout_s:.0f} s the swarm still waits for {self._missing()}")
+            self._wait(0.1)
+        nodes = f"{len(self._members.present)} nodes hold {self._scenario.uavs} UAVs"
+        if self._resumed is None:
+            self._note("joined", nodes)
+        else:
+            self._note("resumed", f"{nodes} and go on from tick {self.flight.tick}")
+
+    def fly(self) -> Iterator[int]:
+        """The flight; yields the number of every tick flown, so that the caller can stop in between."""
+        self._started, self._first_tick = self._clock(), self.flight.tick
+        self._door.flying = True
+        self._leads = leader.name if (leader := self._members.lead()) is not None else None
+        if self._resumed is None:
+            self.air.meter.initial(state.SIZE * self._scenario.radio.bits_per_float)
+            nothing = np.zeros((self._scenario.uavs, 3))
+            self._rows.add(self.flight, self.air, self._commands, nothing, np.zeros((0, 5), np.int32), 0)
+        while not self.flight.over:
+            self._tick()
+            yield self.flight.tick
+
+    def finish(self, linger_s: float = 10.0) -> dict[str, Any]:
+        """Ends the run: everyone is told, the last block is handed over, the summary made."""
+        record = summary(self.flight, self.air.meter, self._run, self._mode, self._wall_s(), self._protocol())
+        self._note("finished", f"{record['arrived']} of {self._scenario.uavs} arrived")
+        self._outbox.add(self._rows.take())
+        self._door.closed = True
+        self.stop("finished")
+        end = self._clock() + linger_s
+        while self._door.listeners and not self._outbox.empty and self._clock() < end:
+            self._publish()
+            self._wait(0.1)
+        self._put(keys.telemetry(self._run), Finished(self._fingerprint, msgspec.json.encode(record)))
+        return record
+
+    def stop(self, reason: str) -> None:
+        """Sends every node home."""
+        for member in self._members.present:
+            self._put(keys.sense(self._run, member.name), Stop(self._fingerprint, reason))
+
+    def _missing(self) -> str:
+        absent = self._stations - len(self._door.listeners)
+        return ", ".join(filter(None, [self._members.missing(), f"{absent} ground station" if absent > 0 else ""]))
+
+    def _tick(self) -> None:
+        tick = self.flight.tick
+        # 1. What must be kept is kept, who never came is given up, what the script says goes wrong.
+        self._keep()
+        self._door.expire(self._barrier_s)
+        self._play(tick)
+        # 2. Ask: every node gets its own states and what its radios received.
+        reporting = tick % REPORT_EVERY_TICKS == 0
+        whole = reporting and self._checkpoint_every > 0 and tick % self._checkpoint_every == 0
+        self._ask(tick, reporting, whole)
+        # 3. Wait for everyone, or lose who does not answer.
+        self._wait_for_all()
+        # 4. What they want to say goes on the air.
+        diagnostics = np.zeros((self._scenario.uavs, 3))
+        frames = self._collect(diagnostics)
+        links = self.air.send(tick, frames, self.flight.states, self._script.cut(tick, self.flight.states))
+        # 5. The world moves.
+        self.flight.advance(self._commands, self._script.gust(tick, self.flight.states))
+        # 6. Whoever listens is told.
+        self._ledger.residuals(diagnostics)
+        if reporting:
+            self._report(tick, whole)
+        if self._rows.full:
+            self._outbox.add(self._rows.take())
+        self._rows.add(self.flight, self.air, self._commands, diagnostics, links, self._ledger.rounds)
+        self._publish()
+
+    # -- step 1 -------------------------------------------------------------------------------------------------
+
+    def _play(self, tick: int) -> None:
+        """The fault script, as far as it takes somebody out of the mission or puts them to sleep."""
+        for event in self._script.events(tick):
+            self._rows.note(event)
+        killed = self._script.killed(tick)
+        self.flight.lose(killed, "lost", "killed by the fault script")
+        lost = self.flight.status == Status.LOST
+        for member in self._members.present if len(killed) else ():
+            if np.isin(member.uavs, killed).any() and lost[member.uavs].all():
+                self._door.dismiss(member, "killed by the fault script")
+        for _ in range(self._script.leaders_lost(tick)):
+            if (leader := self._members.lead()) is not None:
+                self._door.dismiss(leader, "killed by the fault script")
+                self._note("lost", f"{leader.name}: killed by the fault script")
+        self._awake = ~lost & ~self._script.paused(tick)
+
+    # -- step 2 -------------------------------------------------------------------------------------------------
+
+    def _ask(self, tick: int, reporting: bool, whole: bool) -> None:
+        due = self.air.due(tick)
+        self._uploads.receive(due)
+        self._barrier.open()
+        for member in self._members.present:
+            if member.role != LEADER and member.ready and self._awake[member.uavs].any():
+                heard = tuple(inbox.of_agent(member, due, self._awake))
+                states = self.flight.states[member.uavs]
+                self._barrier.ask(member, Sense(self._fingerprint, tick, states, reporting, heard, whole))
+        self._ask_leader()
+
+    def _ask_leader(self) -> None:
+        """Asks the elected leader, if a round is open; again if another is elected before the tick is over."""
+        tick = self.flight.tick
+        if not self._barrier.standing or not self._rounds.is_open(tick):
+            return
+        leader = self._members.lead()
+        if leader is None:
+            if number := self._rounds.closes(tick):
+                self._note("void", f"round {number} is void: there is no leader")
+            return
+        if self._leads not in (None, leader.name):
+            self._note("leader", f"{leader.name} takes over from {self._leads}")
+        self._leads = leader.name
+        nowhere = np.zeros((0, state.SIZE))
+        unheard = self._uploads.read(leader.name)
+        self._barrier.ask(leader, Sense(self._fingerprint, tick, nowhere, False, unheard))
+
+    # -- step 3 -------------------------------------------------------------------------------------------------
+
+    def _wait_for_all(self) -> None:
+        if self._realtime is not None:
+            ticks = self.flight.tick + 1 - self._first_tick
+            end = self._started + ticks * self._scenario.dt / self._realtime
+            while (left := end - self._clock()) > 0:
+                self._wait(left)
+            self._ledger.held += sum(len(self._barrier.asked[name].uavs) for name in self._barrier.missing)
+            return
+        start = asked = self._clock()
+        while not self._barrier.complete:
+            self._wait(0.1)
+            now = self._clock()
+            if now - start > self._barrier_s:
+                for name in self._barrier.missing:
+                    self._door.lose(self._barrier.asked[name], f"no answer for {self._barrier_s:.0f} s")
+                start = asked = self._clock()  # whoever takes over has its own time to answer
+            elif now - asked > ASK_AGAIN_S:
+                asked = now
+                self._barrier.ask_again()
+
+    def _wait(self, timeout_s: float) -> None:
+        delivery = self._bus.receive(timeout_s)
+        if delivery is not None:
+            self.handle(delivery)
+
+    # -- step 4 -------------------------------------------------------------------------------------------------
+
+    def _collect(self, diagnostics: NDArray[np.float64]) -> list[Frames]:
+        """Commands and diagnostics into their rows; frames of one kind joined, sources ascending."""
+        self._barrier.standing = False
+        by_kind: dict[FrameKind, list[Frames]] = {}
+        for name, member in self._barrier.asked.items():
+            act = self._barrier.acts.get(name)
+            if act is None:
+                continue  # held over in real time
+            self._enter(member.uavs, act, diagnostics)
+            for batch in act.outbox:
+                if (heard := self._heard(batch)) is not None:
+                    by_kind.setdefault(batch.kind, []).append(heard)
+                    self.air.meter.wire(batch.kind, len(codec.encode_frames(heard)))
+        if number := self._rounds.closes(self.flight.tick):
+            self._uploads.close(number)
+        self._commands[self.flight.status == Status.LOST] = 0.0
+        return [
+            Frames(
+                kind,
+                batches[0].round,
+                np.concatenate([batch.source for batch in batches]),
+                np.concatenate([batch.payload for batch in batches]),
+            )
+            for kind, batches in by_kind.items()
+        ]
+
+    def _enter(self, uavs: NDArray[np.intp], act: Act, diagnostics: NDArray[np.float64]) -> None:
+        self._ledger.uploads_refused += len(act.refused)
+        if act.refused:
+            self._note("refused", f"uploads of UAV {', '.join(map(str, act.refused))} were not averaged")
+        sane = (np.abs(act.outcome) < model.BEYOND_SENSE).all(axis=-1)
+        if not sane.all():
+            self.flight.lose(uavs[~sane], "diverged", "an answer beyond all bounds")
+        if act.diverged:
+            self.flight.lose(np.array(act.diverged), "diverged", "the learner left the finite numbers")
+        used = sane & self._awake[uavs]
+        self._commands[uavs[used]] = act.outcome[used, : state.AXES]
+        diagnostics[uavs[used]] = act.outcome[used, state.AXES :]
+
+    def _heard(self, batch: Frames) -> Frames | None:
+        """What of a batch goes on the air: the lost and the paused are silent, and no round is averaged twice."""
+        if batch.kind == FrameKind.GLOBAL:
+            if batch.round <= self._ledger.averaged:
+                twice = MessageRejected("duplicate", f"round {batch.round} has been averaged")
+                self._door.drop(twice, "the leader's broadcast")
+                return None
+            self._ledger.rounds += 1
+            self._ledger.averaged = batch.round
+            self._note("round", f"round {batch.round} averaged and broadcast")
+            return batch
+        speaks = self._awake[batch.source]
+        if speaks.all():
+            return batch
+        return Frames(batch.kind, batch.round, batch.source[speaks], batch.payload[speaks]) if speaks.any() else None
+
+    # -- step 6 -------------------------------------------------------------------------------------------------
+
+    def _report(self, tick: int, whole: bool) -> None:
+        minds = Minds(self._scenario.uavs, whole and self._scenario.keeps_states)
+        for name, act in self._barrier.acts.items():
+            minds.take(self._barrier.asked[name], act)
+        alive = self.flight.status != Status.LOST
+        sane = minds.sane & alive & self._awake
+        if sane.any():
+            self._ledger.spread = weight_spread(minds.models[sane])
+            leader = self._scenario.federation.leader
+            shown = minds.models[leader] if minds.sane[leader] else np.zeros(model.MODEL_FLOATS)
+            self._rows.report(tick, shown, self._ledger.spread)
+        if whole and minds.complete(alive) and self._awake[alive].all():
+            self._minds = minds
+
+    def _keep(self) -> None:
+        """A checkpoint, if everyone told everything in the last tick; it goes out with all rows before it."""
+        minds, self._minds = self._minds, None
+        if minds is None or self._outbox.holds_checkpoint:
+            return
+        body = checkpoint.encode(
+            {
+                "scenario": self._scenario.sha256(),
+                "version": __version__,
+                "block": self._rows.block,
+                "flight": self.flight.snapshot(),
+                "air": self.air.snapshot(),
+                "ledger": self._ledger.snapshot(self._wall_s()),
+                "uploads": self._uploads.snapshot(),
+                "commands": self._commands,
+                "minds": minds.snapshot(),
+            }
+        )
+        if len(body) <= checkpoint.MAX_BYTES:
+            self._outbox.add(self._rows.take(body))
+
+    def _restore(self, resume: Resumption) -> None:
+        kept = resume.checkpoint
+        if kept.get("scenario") != self._scenario.sha256():
+            raise BadInput("the checkpoint is of another scenario; resume a run with its own scenario.toml")
+        try:
+            self.flight.restore(kept["flight"], resume.history)
+            self.air.restore(kept["air"])
+            self._ledger.restore(kept["ledger"])
+            self._uploads.restore(kept["uploads"])
+            self._commands[...] = kept["commands"]
+            self._rows.resume(kept["block"] + 1, self.flight.tick + 1)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise BadInput(f"the run cannot be resumed: {error}") from error
+
+    # -- what goes out ------------------------------------------------------------------------------------------
+
+    def _publish(self) -> None:
+        for raw in self._outbox.next():
+            self._bus.put(keys.telemetry(self._run), raw)
+
+    def _note(self, kind: str, text: str) -> None:
+        self._rows.note(Event(self.flight.tick, kind, text))
+
+    def _put(self, key: str, message: Any) -> None:
+        self._bus.put(key, codec.encode(message))
+
+    def _wall_s(self) -> float:
+        return self._ledger.wall_s + self._clock() - self._started
+
+    def _protocol(self) -> dict[str, Any]:
+        return self._ledger.summary(
+            realtime=self._realtime is not None,
+            learns_density=self._scenario.method.learns_density,
+            blocks_dropped=self._outbox.dropped,
+        )
+
+    @property
+    def _drops(self) -> Counter[str]:
+        return self._ledger.drops

@@ -1,0 +1,137 @@
+"""The summary of a run: what was flown, what it cost and how well it went. Unknown is None, never 0."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from channel.meter import TRAFFIC, Meter
+from swarm import __version__
+from swarm.messages import FrameKind, Status
+from worldsim.flight import Flight
+
+SCHEMA = 1
+MAX_LINKS_LISTED = 1000
+
+
+def weight_spread(models: NDArray[np.float64]) -> float:
+    """Root-mean-square distance of N models `(N, 246)` from their mean."""
+    deviation = models - models.mean(axis=0)
+    return float(np.sqrt((deviation * deviation).sum(axis=-1).mean()))
+
+
+def flight_summary(flight: Flight) -> dict[str, Any]:
+    """What the flight itself says; energies until own arrival, and until the end under `energy_end_…`."""
+    scenario = flight.scenario
+    arrived = flight.arrival_tick >= 0
+    times = flight.arrival_tick[arrived] * scenario.dt
+    energy = np.where(arrived, flight.arrival_energy, flight.energy)
+    return {
+        "ticks": flight.tick,
+        "sim_time_s": flight.time_s,
+        "arrived": int(arrived.sum()),
+        "lost": int((flight.status == Status.LOST).sum()),
+        "t_avg_s": float(times.mean()) if arrived.any() else None,
+        "t_max_s": float(times.max()) if arrived.any() else None,
+        "energy_mean_J": float(energy.mean()),
+        "energy_std_J": float(energy.std()),
+        "energy_end_mean_J": float(flight.energy.mean()),
+        "energy_end_std_J": float(flight.energy.std()),
+        "phi_A": flight.phi_a,
+        "phi_C": flight.phi_c,
+        "phi_C_distinct": flight.phi_c_distinct,
+        "collisions": flight.collisions,
+        "speed_max_m_s": flight.speed_max,
+        "speed_mean_m_s": flight.mean_speed,
+        "distance_mean_m": float(flight.distance.mean()),
+        "trajectory_sha256": flight.trajectory_sha256,
+    }
+
+
+def radio_summary(meter: Meter) -> dict[str, Any]:
+    """What the radio cost, observed beside the closed forms."""
+    sent = int(meter.total("sent"))
+    links = meter.links()
+    return {
+        "payload_bits": {
+            **{name: meter.traffic[kind].payload_bits for kind, name in TRAFFIC.items()},
+            "total": int(meter.total("payload_bits")),
+        },
+        "wire_bytes": int(meter.total("wire_bytes")),
+        "radio": {
+            **_observed(
+                sent,
+                int(meter.total("delivered")),
+                int(meter.total("outages")),
+                meter.total("delivered_slots"),
+                meter.total("expected_outages"),
+                meter.total("expected_delivered_slots"),
+            ),
+            "airtime_s": meter.total("airtime_s"),
+            "traffic": {name: _kind(meter, kind) for kind, name in TRAFFIC.items()},
+            "links_used": len(links),
+            "links": links if len(links) <= MAX_LINKS_LISTED else None,  # [source, target, sent, outages]
+        },
+    }
+
+
+def _kind(meter: Meter, kind: FrameKind) -> dict[str, Any]:
+    bill = meter.traffic[kind]
+    return {
+        "transmissions": bill.transmissions,
+        "payload_bits": bill.payload_bits,
+        "wire_bytes": bill.wire_bytes,
+        "airtime_s": bill.airtime_s,
+        **_observed(
+            bill.sent,
+            bill.delivered,
+            bill.outages,
+            bill.delivered_slots,
+            bill.expected_outages,
+            bill.expected_delivered_slots,
+        ),
+    }
+
+
+def _observed(
+    sent: int, delivered: int, outages: int, slots: float, expected_outages: float, expected_slots: float
+) -> dict[str, Any]:
+    """Latency is of delivered messages: what a lost one would have taken nobody has seen."""
+    expected_delivered = sent - expected_outages
+    return {
+        "sent": sent,
+        "delivered": delivered,
+        "outages": outages,
+        "outage_rate": outages / sent if sent else None,
+        "outage_rate_theory": expected_outages / sent if sent else None,
+        "latency_slots_mean": slots / delivered if delivered else None,
+        "latency_slots_mean_theory": expected_slots / expected_delivered if expected_delivered > 0 else None,
+    }
+
+
+def summary(
+    flight: Flight,
+    meter: Meter,
+    run_id: str,
+    mode: str,
+    wall_time_s: float,
+    protocol: Mapping[str, Any],
+) -> dict[str, Any]:
+    """The whole record; `protocol` is what only the node knows: rounds, residuals, drops."""
+    scenario = flight.scenario
+    return {
+        "schema": SCHEMA,
+        "run_id": run_id,
+        "version": __version__,
+        "scenario_sha256": scenario.sha256(),
+        "method": str(scenario.method),
+        "uavs": scenario.uavs,
+        "seed": scenario.seed,
+        "mode": mode,
+        "wall_time_s": wall_time_s,
+        "real_time_factor": flight.time_s / wall_time_s if wall_time_s > 0 else None,
+        **flight_summary(flight),
+        **radio_summary(meter),
+        **protocol,
+    }

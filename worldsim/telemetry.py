@@ -1,0 +1,173 @@
+"""What the world tells whoever listens: rows of the flight gathered into blocks, kept until they are safe.
+
+The world never waits for a listener. Blocks go out while few are unacknowledged; the rest wait here, bounded, and a
+listener that comes back is sent what it missed.
+"""
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from channel.air import Air
+from swarm import codec, model
+from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
+from worldsim.flight import Flight
+
+Floats = NDArray[np.float64]
+
+MAX_WAITING_BYTES = 64 * 2**20
+WINDOW_BLOCKS = 8
+STATE_LINKS_EVERY_TICKS = 10  # hjb uses N(N−1) links a tick; all their outages are kept, of the rest a sample
+
+
+class Rows:
+    """The rows of the block being filled."""
+
+    def __init__(self, run: int, uavs: int, capacity: int) -> None:
+        self._run, self._capacity = run, capacity
+        self.block = 0  # the number of the one being filled
+        self._states = np.zeros((capacity, uavs, 4))
+        self._accelerations = np.zeros((capacity, uavs, 2), dtype=np.float32)
+        self._diagnostics = np.zeros((capacity, uavs, len(DIAGNOSTICS)), dtype=np.float32)
+        self._status = np.zeros((capacity, uavs), dtype=np.uint8)
+        self._energy = np.zeros((capacity, uavs), dtype=np.float32)
+        self._swarm = np.zeros((capacity, len(SWARM_COLUMNS)))
+        self._clear(0)
+
+    @property
+    def full(self) -> bool:
+        """Whether the block must be taken before the next row."""
+        return self._filled == self._capacity
+
+    def add(
+        self,
+        flight: Flight,
+        air: Air,
+        accelerations: Floats,
+        diagnostics: Floats,
+        links: NDArray[np.int32],
+        round_number: int,
+    ) -> None:
+        """One row: the flight as it is now, with the commands (N, 2) and diagnostics (N, 3) that led here."""
+        k = self._filled
+        self._states[k] = flight.states
+        self._accelerations[k] = accelerations
+        self._diagnostics[k] = diagnostics
+        self._status[k] = flight.status
+        self._energy[k] = flight.energy
+        meter = air.meter
+        self._swarm[k] = (
+            meter.traffic[FrameKind.UPLOAD].payload_bits,
+            meter.traffic[FrameKind.GLOBAL].payload_bits,
+            meter.traffic[FrameKind.STATE].payload_bits,
+            meter.total("delivered"),
+            meter.total("outages"),
+            meter.total("airtime_s"),
+            flight.phi_a,
+            flight.phi_c,
+            flight.phi_c_distinct or 0.0,
+            flight.collisions,
+            (flight.status == Status.ARRIVED).sum(),
+            round_number,
+        )
+        if len(links):
+            if flight.tick % STATE_LINKS_EVERY_TICKS:
+                links = links[(links[:, 3] != FrameKind.STATE) | (links[:, 4] < 0)]
+            self._links.append(links)
+        self._events += flight.events
+        flight.events = []
+        self._filled += 1
+
+    def note(self, event: Event) -> None:
+        """An event that is not the flight's own."""
+        self._events.append(event)
+
+    def report(self, tick: int, leader_model: Floats, spread: float) -> None:
+        """The leader UAV's whole model (246,) and the spread of all models, as of a tick."""
+        self._reports.append((tick, leader_model, spread))
+
+    def resume(self, block: int, first_tick: int) -> None:
+        """Of a resumed run: the number of the next block, and the tick of its first row."""
+        self.block, self._first_tick = block, first_tick
+
+    def take(self, checkpoint: bytes = b"") -> Telemetry:
+        """The block so far, with a checkpoint of its last row if there is one; the next one begins."""
+        n = self._filled
+        block = Telemetry(
+            run=self._run,
+            block=self.block,
+            first_tick=self._first_tick,
+            states=self._states[:n].copy(),
+            accelerations=self._accelerations[:n].copy(),
+            diagnostics=self._diagnostics[:n].copy(),
+            status=self._status[:n].copy(),
+            energy=self._energy[:n].copy(),
+            swarm=self._swarm[:n].copy(),
+            links=np.concatenate([np.zeros((0, 5), dtype=np.int32), *self._links]),
+            report_ticks=np.array([tick for tick, _, _ in self._reports], dtype=np.int32),
+            reports=np.array([vector for _, vector, _ in self._reports], dtype=np.float32).reshape(
+                -1, model.MODEL_FLOATS
+            ),
+            spread=np.array([spread for _, _, spread in self._reports]),
+            events=tuple(self._events),
+            checkpoint=checkpoint,
+        )
+        self.block += 1
+        self._clear(self._first_tick + n)
+        return block
+
+    def _clear(self, first_tick: int) -> None:
+        self._first_tick = first_tick
+        self._filled = 0
+        self._links: list[NDArray[np.int32]] = []
+        self._reports: list[tuple[int, Floats, float]] = []
+        self._events: list[Event] = []
+
+
+class Outbox:
+    """Encoded blocks on their way to a recording listener."""
+
+    def __init__(self) -> None:
+        self.dropped = 0  # blocks given up because too many waited
+        self._checkpoint = -1  # the last block that has one
+        self._waiting: deque[tuple[int, bytes]] = deque()
+        self._bytes = 0
+        self._sent_up_to = -1
+
+    def add(self, block: Telemetry) -> None:
+        """Keeps a block until it is acknowledged, or until there are too many."""
+        raw = codec.encode(block)
+        if block.checkpoint:
+            self._checkpoint = block.block
+        self._waiting.append((block.block, raw))
+        self._bytes += len(raw)
+        while self._bytes > MAX_WAITING_BYTES:
+            self._bytes -= len(self._waiting.popleft()[1])
+            self.dropped += 1
+
+    def acknowledge(self, block: int) -> None:
+        """Every block up to this one is safe."""
+        while self._waiting and self._waiting[0][0] <= block:
+            self._bytes -= len(self._waiting.popleft()[1])
+
+    def rewind(self) -> None:
+        """A listener is new: it is sent everything that waits."""
+        self._sent_up_to = -1
+
+    def next(self) -> list[bytes]:
+        """Blocks to send now: in order, at most a window of them unacknowledged."""
+        ready = [(n, raw) for n, raw in list(self._waiting)[:WINDOW_BLOCKS] if n > self._sent_up_to]
+        if ready:
+            self._sent_up_to = ready[-1][0]
+        return [raw for _, raw in ready]
+
+    @property
+    def holds_checkpoint(self) -> bool:
+        """Whether the last checkpoint still waits: another one would only take the room of telemetry."""
+        return bool(self._waiting) and self._waiting[0][0] <= self._checkpoint
+
+    @property
+    def empty(self) -> bool:
+        """Whether everything is safe."""
+        return not self._waiting
