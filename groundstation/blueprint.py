@@ -1,0 +1,320 @@
+"""How a recording opens in Rerun: the fixed parts of every entity and the arrangement of the views.
+
+Only this file and `recording.py`, which fills the entities named here, import rerun. The map is in metres
+with the goal at the origin and y up.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from swarm.messages import Status
+from swarm.model import VALUE_FEATURES
+from swarm.scenario import Scenario
+
+TIMELINE = "sim_time"  # seconds since take-off
+TICKS = "tick"
+
+# Entities. What lies under MAP is drawn on the plane of flight, what lies under PLOTS over time.
+MAP = "map"
+UAVS = "map/uavs"
+VELOCITY = "map/velocity"
+TRAILS = "map/trails"
+MODEL_LINKS = "map/links/models"
+STATE_LINKS = "map/links/states"
+COLLISIONS = "map/collisions"
+LEADER = "map/leader"
+PLOTS = "plots"
+LANES = "UAVs"
+ROUND = "round"
+EVENTS = "events"
+HITS = "plots/risk/hits"
+
+LARGE_SWARM = 200  # UAVs; a larger swarm is recorded more coarsely, or its recording costs more than its flight
+ARROW_S = 2.0  # an arrow reaches to where its UAV will be this much later, s
+TRAIL_S = 30.0  # length of a trail, s; a third of it for a large swarm
+LINK_S = 1.0  # how long a model's way through the air stays visible, s
+STAR_S = 10.0  # how long a collision stays on the map, s
+CLOSE_UP_M = 12.0  # half the width of the close-up on the leader
+PHI_G_LOW, PHI_G_HIGH = 1e-3, 1.0  # ends of the logarithmic colour scale of φ_G, 1/s²
+
+BLUE, ORANGE, GREEN, RED = 0x5AA9E6FF, 0xF4A259FF, 0x57CC78FF, 0xEF5350FF
+VIOLET, WHITE, GREY = 0xB388EBFF, 0xECEFF4FF, 0x8A93A6FF
+_CANVAS = (16, 19, 26)
+# Viridis at even steps from an eighth of its length on, for what is darker is lost on the canvas.
+_VIRIDIS = np.array(
+    [
+        (84, 62, 150),
+        (64, 90, 150),
+        (44, 114, 142),
+        (33, 145, 140),
+        (40, 174, 128),
+        (94, 201, 98),
+        (173, 220, 48),
+        (253, 231, 37),
+    ],
+    dtype=np.float64,
+)
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A time series view: one entity of scalars, a column a line."""
+
+    entity: str
+    title: str  # with the unit
+    names: tuple[str, ...]
+    colors: tuple[int, ...]
+    widths: tuple[float, ...] = ()
+    legend: bool = False  # only where the lines stay out of the upper left corner, as sums do
+
+
+_RANGE = ("mean", "min", "max")
+_RANGE_COLORS = (WHITE, BLUE, ORANGE)
+_RANGE_WIDTHS = (2.5, 1.2, 1.2)
+_SIZES, _SIZES_COLORS, _SIZES_WIDTHS = ("max", "mean"), (ORANGE, WHITE), (1.2, 2.5)
+
+ENERGY = Plot("plots/energy", "energy since take-off, J", _RANGE, _RANGE_COLORS, _RANGE_WIDTHS, True)
+SPEED = Plot("plots/speed", "speed, m/s: mean, min, max", _RANGE, _RANGE_COLORS, _RANGE_WIDTHS)
+BITS = Plot("plots/bits", "payload sent, Mbit", ("uplink", "broadcast", "state"), (BLUE, ORANGE, VIOLET), legend=True)
+ALIGNMENT = Plot("plots/alignment", "misalignment φ_A", ("φ_A",), (VIOLET,))
+RISK = Plot(
+    "plots/risk",
+    "collision risk φ_C; grey: distinct pairs, *: a collision",
+    ("φ_C", "φ_C, distinct pairs"),
+    (ORANGE, GREY),
+)
+FAILURES = Plot(
+    "plots/failures", "outages and collisions, count", ("outages", "collisions"), (ORANGE, RED), legend=True
+)
+HJB = Plot("plots/hjb_residual", "HJB residual, log10 |e_H|: mean, max", _SIZES, _SIZES_COLORS, _SIZES_WIDTHS)
+FPK = Plot("plots/fpk_residual", "FPK residual, log10 |e_F|: mean, max", _SIZES, _SIZES_COLORS, _SIZES_WIDTHS)
+PHI_G = Plot("plots/phi_g", "interaction cost φ_G, 1/s²: mean, min, max", _RANGE, _RANGE_COLORS, _RANGE_WIDTHS)
+SPREAD = Plot("plots/spread", "spread of the models, RMS distance from their mean", ("spread",), (VIOLET,))
+WEIGHTS = "plots/weights"
+
+
+def viridis(share: NDArray[np.float64]) -> NDArray[np.uint32]:
+    """RGBA colours, shape `(...)`, of numbers in [0, 1]; those outside take the colour of the nearer end."""
+    steps = np.linspace(0.0, 1.0, len(_VIRIDIS))
+    red, green, blue = (np.interp(share, steps, column).astype(np.uint32) for column in _VIRIDIS.T)
+    return (red << 24) | (green << 16) | (blue << 8) | np.uint32(0xFF)
+
+
+def phi_g_colors(phi_g: NDArray[np.float32]) -> NDArray[np.uint32]:
+    """RGBA colours, shape `(...)`, of φ_G ≥ 0 on the logarithmic scale that the map's legend shows."""
+    low, high = math.log10(PHI_G_LOW), math.log10(PHI_G_HIGH)
+    return viridis((np.log10(np.maximum(phi_g, PHI_G_LOW)) - low) / (high - low))
+
+
+def lane(uav: int, status: Status) -> str:
+    """What a UAV's lane reads in a state; the number is in it because lanes have no names."""
+    return f"UAV {uav}: {status.name.lower()}"
+
+
+def log_static(stream: rr.RecordingStream, scenario: Scenario) -> None:
+    """Logs what does not change in flight: the map's furniture, and names and colours of all series."""
+
+    def log(entity: str, *parts: rr.AsComponents) -> None:
+        stream.log(entity, *parts, static=True)
+
+    log(MAP, rr.Transform3D(scale=[1.0, -1.0, 1.0]))  # 2-D views are y-down
+    half = start_half_side(scenario)
+    x, y = scenario.start.centre
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * half + (x, y)
+    angle = np.linspace(0.0, 2.0 * math.pi, 65)
+    circle = scenario.destination.radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    log("map/start", rr.LineStrips2D([corners], colors=[GREY], radii=rr.Radius.ui_points(1.0), draw_order=1.0))
+    log("map/goal", rr.LineStrips2D([circle], colors=[GREEN], radii=rr.Radius.ui_points(1.5), draw_order=1.0))
+    _log_label(stream, "map/start/label", (x, y - half), "start", GREY)
+    _log_label(stream, "map/goal/label", (0.0, -scenario.destination.radius), "goal", GREEN)
+    _log_legend(stream, scenario)
+
+    log(UAVS, rr.Points2D.from_fields(radii=rr.Radius.ui_points(3.0), draw_order=30.0))
+    log(VELOCITY, rr.Arrows2D.from_fields(colors=[WHITE], radii=rr.Radius.ui_points(0.6), draw_order=25.0))
+    log(TRAILS, rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(0.9), draw_order=10.0))
+    log(MODEL_LINKS, rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(1.0), draw_order=15.0))
+    log(STATE_LINKS, rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(0.3), draw_order=14.0))
+    log(COLLISIONS, rr.LineStrips2D.from_fields(colors=[RED], radii=rr.Radius.ui_points(1.2), draw_order=40.0))
+    log(
+        f"{LEADER}/ring",
+        rr.Points2D([(0.0, 0.0)], radii=rr.Radius.ui_points(5.5), colors=[WHITE], draw_order=20.0),
+    )
+
+    for plot in (ENERGY, SPEED, BITS, ALIGNMENT, RISK, FAILURES, HJB, FPK, PHI_G, SPREAD):
+        log(
+            plot.entity,
+            rr.SeriesLines(names=plot.names, colors=_rgba(plot.colors), widths=plot.widths or 2.0),
+        )
+    log(HITS, rr.SeriesPoints(names="collision", colors=RED, markers="asterisk", marker_sizes=5.0))
+    shades = viridis(np.linspace(0.0, 1.0, VALUE_FEATURES))
+    log(
+        WEIGHTS,
+        rr.SeriesLines(names=[f"ŵ_H0[{i}]" for i in range(VALUE_FEATURES)], colors=shades, widths=1.0),
+    )
+    if scenario.uavs <= LARGE_SWARM:
+        texts = [lane(uav, status) for uav in range(scenario.uavs) for status in Status]
+        colors = _rgba((BLUE, GREEN, RED) * scenario.uavs)
+        log(LANES, rr.StateConfiguration(values=texts, labels=texts, colors=colors))
+
+
+def blueprint(scenario: Scenario, live: bool) -> rrb.Blueprint:
+    """The views, arranged; a live recording follows the flight, a finished one plays it from the start."""
+    leader = scenario.federation.leader
+    maps = rrb.Spatial2DView(
+        origin="/",
+        contents=[f"/{MAP}/**"],
+        name="swarm map, m: trails coloured by φ_G, arrows reach 2 s ahead",
+        background=_CANVAS,
+        visual_bounds=_map_bounds(scenario),
+        overrides=_recent(scenario),
+    )
+    close_up = rrb.Spatial2DView(
+        origin=f"/{LEADER}",
+        contents=[f"/{MAP}/**", "- /map/legend/**", "- /map/start/label", "- /map/goal/label"],
+        name=f"around UAV {leader}, the leader, ±{CLOSE_UP_M:.0f} m",
+        background=_CANVAS,
+        visual_bounds=rrb.VisualBounds2D(x_range=[-CLOSE_UP_M, CLOSE_UP_M], y_range=[-CLOSE_UP_M, CLOSE_UP_M]),
+        overrides=_recent(scenario),
+    )
+    details: list[rrb.View | rrb.Container] = [
+        rrb.TextLogView(
+            origin=f"/{EVENTS}",
+            name="events",
+            columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]),
+        ),
+        rrb.Vertical(_series(FPK), _series(PHI_G), _series(SPREAD), name="learning"),
+    ]
+    if scenario.uavs <= LARGE_SWARM:
+        lanes = rrb.StateTimelineView(origin=f"/{LANES}", name="UAVs", time_view=_whole_flight())
+        details = [lanes, *details, rrb.GraphView(origin=f"/{ROUND}", name="last round")]
+    grid = rrb.Grid(
+        _series(ENERGY),
+        _series(SPEED),
+        _series(BITS),
+        _series(FAILURES),
+        _series(ALIGNMENT),
+        _series(RISK),
+        _series(HJB),
+        rrb.TimeSeriesView(
+            origin=f"/{WEIGHTS}",
+            name=f"value weights ŵ_H0 of UAV {leader}",
+            axis_x=_whole_flight(),
+            plot_legend=rrb.PlotLegend(visible=False),
+        ),
+        grid_columns=2,
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(
+                maps,
+                rrb.Horizontal(close_up, rrb.Tabs(*details, active_tab=0), column_shares=[2, 3]),
+                row_shares=[4, 3],
+            ),
+            grid,
+            column_shares=[1, 1],
+        ),
+        rrb.TimePanel(
+            state="collapsed",
+            timeline=TIMELINE,
+            play_state="following" if live else "playing",
+            playback_speed=1.0 if live else 10.0,
+        ),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        auto_layout=False,
+        auto_views=False,
+    )
+
+
+def start_half_side(scenario: Scenario) -> float:
+    """Half the side of the square around the take-off grid, m."""
+    return (math.ceil(math.sqrt(scenario.uavs)) + 1) / 2 * scenario.start.spacing
+
+
+def trail_seconds(scenario: Scenario) -> float:
+    """How long a trail is, s."""
+    return TRAIL_S if scenario.uavs <= LARGE_SWARM else TRAIL_S / 3
+
+
+def _rgba(colors: tuple[int, ...]) -> NDArray[np.uint32]:
+    """As rerun wants to be told that these are colours and not channels."""
+    return np.array(colors, dtype=np.uint32)
+
+
+def _series(plot: Plot) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=f"/{plot.entity}",
+        name=plot.title,
+        axis_x=_whole_flight(),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=plot.legend),
+    )
+
+
+def _whole_flight() -> rrb.TimeAxis:
+    """Without it a plot shows half a minute around the cursor."""
+    return rrb.TimeAxis(
+        link=rrb.components.LinkAxis.Independent,
+        view_range=rr.TimeRange(rr.TimeRangeBoundary.infinite(), rr.TimeRangeBoundary.infinite()),
+    )
+
+
+def _recent(scenario: Scenario) -> dict[Any, rrb.VisibleTimeRanges]:
+    """Trails, links and stars are drawn while their rows are recent: nothing is logged twice or cleared."""
+
+    def last(seconds: float) -> rrb.VisibleTimeRanges:
+        start = rr.TimeRangeBoundary.cursor_relative(seconds=-seconds)
+        return rrb.VisibleTimeRanges(timeline=TIMELINE, start=start, end=rr.TimeRangeBoundary.cursor_relative())
+
+    return {
+        TRAILS: last(trail_seconds(scenario)),
+        MODEL_LINKS: last(LINK_S),
+        STATE_LINKS: last(scenario.dt),
+        COLLISIONS: last(STAR_S),
+    }
+
+
+def _map_bounds(scenario: Scenario) -> rrb.VisualBounds2D:
+    """What the map shows with a margin, in the view's own y-down metres."""
+    low, high = _box(scenario)
+    margin = 0.04 * float(np.max(high - low))
+    return rrb.VisualBounds2D(
+        x_range=[low[0] - margin, high[0] + margin], y_range=[-high[1] - margin, -low[1] + margin]
+    )
+
+
+def _box(scenario: Scenario) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lower left and upper right corner of the map: the start, and the goal with room to overshoot."""
+    centre, half = np.asarray(scenario.start.centre), start_half_side(scenario)
+    room = max(2 * scenario.destination.radius, 0.22 * math.hypot(*scenario.start.centre))
+    return np.minimum(centre - half, -room), np.maximum(centre + half, room)
+
+
+def _log_legend(stream: rr.RecordingStream, scenario: Scenario) -> None:
+    """A colour bar for φ_G, in the corner of the map the way from start to goal leaves free."""
+    low, high = _box(scenario)
+    length = 0.2 * float(np.max(high - low))
+    right = scenario.start.centre[0] >= 0
+    x = high[0] - length if right else low[0]
+    y = low[1] + 0.03 * (high[1] - low[1]) if scenario.start.centre[1] >= 0 else high[1]
+    marks = np.linspace(x, x + length, 33)
+    ends = np.stack([marks[:-1], marks[1:]], axis=-1)
+    strips = np.stack([ends, np.full_like(ends, y)], axis=-1)  # (32, 2, 2)
+    bar = rr.LineStrips2D(
+        strips.astype(np.float32), colors=viridis(np.linspace(0, 1, 32)), radii=rr.Radius.ui_points(3.0)
+    )
+    stream.log("map/legend/bar", bar, static=True)
+    y -= 0.012 * float(np.max(high - low))
+    _log_label(stream, "map/legend/low", (x, y), f"φ_G ≤ {PHI_G_LOW:g}", GREY)
+    _log_label(stream, "map/legend/high", (x + length, y), f"≥ {PHI_G_HIGH:g}", GREY)
+
+
+def _log_label(stream: rr.RecordingStream, entity: str, at: tuple[float, float], text: str, color: int) -> None:
+    """Text on the map, under the point `at`, metres."""
+    point = rr.Points2D([at], labels=[text], colors=[color], radii=0.0, show_labels=True)
+    stream.log(entity, point, static=True)

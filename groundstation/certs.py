@@ -1,0 +1,250 @@
+"""Certificates of a swarm: an authority of its own and a certificate for every node. A library does the cryptography.
+
+DIR/ca.pem, ca.key; world, leader, station and agent-0 … agent-(N-1), each as .pem and .key. The common name is the
+node's name, which is what the router's access-control list goes by. Only the world's certificate is good for being
+connected to, and only the others' for connecting, so a node cannot pass itself off as the world.
+"""
+
+import ipaddress
+import json
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+from cryptography import x509
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from swarm import keys
+from swarm.errors import BadInput
+from swarm.identity import LEADER, STATION, WORLD, Identity
+
+HOSTS = ("127.0.0.1", "::1", "localhost", "worldsim")  # where a world is found: this machine, or its container
+DAYS = 90
+COMPOSE = "compose.yaml"  # JSON, which is YAML too
+SOON_DAYS = 7
+
+_SKEW = timedelta(minutes=5)  # clocks of two machines differ
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Why a certificate would be refused."""
+
+    path: Path
+    why: str
+    mend: str
+
+
+def names(uavs: int, uavs_per_process: int = 1) -> list[str]:
+    """Everyone a swarm of that size needs a certificate for."""
+    return [WORLD, LEADER, STATION, *(keys.asker("agent", uav) for uav in range(0, uavs, uavs_per_process))]
+
+
+def init(folder: Path, uavs: int, days: int = DAYS, hosts: Sequence[str] = ()) -> list[Path]:
+    """Makes an authority and a certificate for every node, and returns the files.
+
+    `hosts`: more names or addresses the world is reached under.
+
+    Raises:
+        BadInput: `folder` has something in it, or cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            raise BadInput(f"{folder}: not empty, and keys are not overwritten; name a new folder or remove this one")
+        authority = Authority(f"meanflock {os.urandom(4).hex()}", days)
+        written = authority.write(folder)
+        for name in names(uavs):
+            written += authority.issue(folder, name, days, (*HOSTS, *hosts) if name == WORLD else ())
+        written.append(folder / COMPOSE)
+        written[-1].write_text(json.dumps(compose(folder.resolve(), uavs), indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise BadInput(f"{error.filename or folder}: {error.strerror}; name a folder that can be written") from error
+    return written
+
+
+def compose(folder: Path, uavs: int) -> dict[str, Any]:
+    """What to lay over docker-compose.yml: profile `secure`, in which a container is given its own key and no other."""
+
+    def service(name: str, **more: Any) -> dict[str, Any]:
+        files = ("ca.pem", f"{name}.pem", f"{name}.key")
+        return {
+            "user": f"${{MEANFLOCK_UID:-{os.getuid()}}}:${{MEANFLOCK_GID:-{os.getgid()}}}",  # who may read the keys
+            "environment": {"MEANFLOCK_TLS": "/certs", **more.pop("environment", {})},
+            "volumes": [f"{folder / file}:/certs/{file}:ro" for file in files],
+            **more,
+        }
+
+    listening = "grep -q ':1D17 .* 0A ' /proc/net/tcp"  # without a connection, which would count as a refused one
+    return {
+        "services": {
+            "worldsim": service(
+                WORLD,
+                environment={"MEANFLOCK_SET": f"uavs={uavs} ${{MEANFLOCK_SET:-}}"},
+                healthcheck={"test": ["CMD-SHELL", listening]},
+            ),
+            "leader": service(LEADER),
+            "groundstation": service(STATION),
+            "agent": {"deploy": {"replicas": 0}},  # an agent without a name is not let in
+            **{
+                name: service(
+                    name,
+                    extends={"file": "docker-compose.yml", "service": "agent"},
+                    profiles=["secure"],
+                    deploy={"replicas": 1},
+                )
+                for name in names(uavs)
+                if name not in (WORLD, LEADER, STATION)
+            },
+        }
+    }
+
+
+class Authority:
+    """Someone whose signature makes a certificate believed."""
+
+    def __init__(self, name: str, days: float = DAYS) -> None:
+        """A new key and a certificate that signs itself, valid for `days`."""
+        self._key = ec.generate_private_key(ec.SECP256R1())
+        self._name = _common_name(name)
+        usage = x509.KeyUsage(False, False, False, False, False, True, True, False, False)
+        self._certificate = (
+            self._valid(days)
+            .subject_name(self._name)
+            .public_key(self._key.public_key())
+            .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+            .add_extension(usage, critical=True)
+            .add_extension(x509.SubjectKeyIdentifier.from_public_key(self._key.public_key()), critical=False)
+            .sign(self._key, hashes.SHA256())
+        )
+
+    def write(self, folder: Path) -> list[Path]:
+        """ca.pem and ca.key."""
+        return _write(folder, "ca", self._certificate, self._key)
+
+    def issue(self, folder: Path, name: str, days: float = DAYS, hosts: Sequence[str] = ()) -> list[Path]:
+        """A certificate for `name`, and its key: to be connected to at `hosts`, or to connect where there are none.
+
+        Negative `days`: one that expired that long ago.
+        """
+        key = ec.generate_private_key(ec.SECP256R1())
+        purpose = ExtendedKeyUsageOID.SERVER_AUTH if hosts else ExtendedKeyUsageOID.CLIENT_AUTH
+        usage = x509.KeyUsage(True, False, False, False, False, False, False, False, False)
+        certificate = (
+            self._valid(days)
+            .subject_name(_common_name(name))
+            .public_key(key.public_key())
+            .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+            .add_extension(usage, critical=True)
+            .add_extension(x509.ExtendedKeyUsage([purpose]), critical=False)
+            .add_extension(
+                x509.SubjectAlternativeName([_alternative(host) for host in hosts or (name,)]), critical=False
+            )
+            .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(self._key.public_key()), critical=False)
+            .sign(self._key, hashes.SHA256())
+        )
+        return _write(folder, name, certificate, key)
+
+    def _valid(self, days: float) -> x509.CertificateBuilder:
+        end = datetime.now(UTC) + timedelta(days=days)
+        begin = min(datetime.now(UTC), end) - _SKEW
+        return (
+            x509.CertificateBuilder()
+            .issuer_name(self._name)
+            .serial_number(x509.random_serial_number())
+            .not_valid_before(begin)
+            .not_valid_after(end)
+        )
+
+
+def check(folder: Path, uavs: int, uavs_per_process: int) -> None:
+    """Makes sure that a swarm of that size can fly with the certificates in `folder`.
+
+    Raises:
+        BadInput: it cannot; the message names the first file that is amiss.
+    """
+    for problem in problems(folder, names(uavs, uavs_per_process)):
+        raise BadInput(f"{problem.path}: {problem.why}; {problem.mend}")
+
+
+def problems(folder: Path, wanted: Sequence[str], at: datetime | None = None) -> Iterator[Problem]:
+    """What would be refused of the certificates in `folder`, at a time (now)."""
+    at = at or datetime.now(UTC)
+    again = "make new ones: meanflock certs init DIR --uavs N"
+    authority = _read(folder / "ca.pem")
+    if isinstance(authority, str):
+        yield Problem(folder / "ca.pem", authority, again)
+        return
+    if not authority.not_valid_before_utc <= at <= authority.not_valid_after_utc:
+        yield Problem(folder / "ca.pem", _not_valid(authority, at), again)
+    for name in wanted:
+        identity = Identity(folder, name)
+        certificate = _read(identity.certificate)
+        if isinstance(certificate, str):
+            yield Problem(identity.certificate, certificate, again)
+            continue
+        if not certificate.not_valid_before_utc <= at <= certificate.not_valid_after_utc:
+            yield Problem(identity.certificate, _not_valid(certificate, at), again)
+        if certificate.subject != _common_name(name):
+            yield Problem(identity.certificate, f"is of {certificate.subject.rfc4514_string()}, not of {name}", again)
+        try:
+            certificate.verify_directly_issued_by(authority)
+        except (ValueError, TypeError, InvalidSignature):
+            yield Problem(identity.certificate, f"not signed by {folder / 'ca.pem'}", again)
+        try:
+            identity.check()
+        except BadInput as error:
+            yield Problem(identity.key, str(error).partition("; ")[0].removeprefix(f"{identity.key}: "), again)
+            continue
+        if identity.key.stat().st_mode & 0o077:
+            yield Problem(identity.key, "others on this machine can read it", f"chmod 600 {identity.key}")
+
+
+def expires(folder: Path, wanted: Sequence[str]) -> datetime:
+    """When the first certificate of `folder` expires; all must be readable."""
+    read = [_read(folder / f"{name}.pem") for name in ("ca", *wanted)]
+    return min(certificate.not_valid_after_utc for certificate in read if not isinstance(certificate, str))
+
+
+def _read(path: Path) -> x509.Certificate | str:
+    """The certificate, or why there is none."""
+    try:
+        return x509.load_pem_x509_certificate(path.read_bytes())
+    except OSError as error:
+        return str(error.strerror)
+    except ValueError:
+        return "not a certificate"
+
+
+def _not_valid(certificate: x509.Certificate, at: datetime) -> str:
+    if at < certificate.not_valid_before_utc:
+        return f"not valid before {certificate.not_valid_before_utc:%Y-%m-%d %H:%M} UTC"
+    return f"expired on {certificate.not_valid_after_utc:%Y-%m-%d %H:%M} UTC"
+
+
+def _common_name(name: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
+
+
+def _alternative(host: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        return x509.DNSName(host)
+
+
+def _write(folder: Path, name: str, certificate: x509.Certificate, key: ec.EllipticCurvePrivateKey) -> list[Path]:
+    public, private = folder / f"{name}.pem", folder / f"{name}.key"
+    public.write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
+    text = key.private_bytes(
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    )
+    with open(os.open(private, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+        file.write(text)
+    return [public, private]

@@ -1,0 +1,298 @@
+"""The command line. A verb is a call of the library; what is here is flags, words and exit codes."""
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from groundstation import doctor as checks
+from groundstation.progress import summary_table
+from groundstation.results import RECORDING, recover, to_toml
+from groundstation.resume import back
+from groundstation.run import Options, Run, fly
+from swarm import __version__, scenario
+from swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput, MeanflockError
+from swarm.methods import Method
+from swarm.refusals import divert
+
+_METHODS = " | ".join(Method)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(__version__, prog_name="meanflock")
+def cli() -> None:
+    """A swarm of UAVs that learns, in flight and over a radio it pays for by the bit, to travel as a flock.
+
+    \b
+    Exit codes: 0 done, 1 the run failed or was interrupted, 2 bad input (nothing was written).
+    Example: meanflock run --method mfgfl-hf --seed 7
+    """
+
+
+_OF_A_SCENARIO = {
+    "file": click.argument("file", metavar="[SCENARIO.toml]", required=False, type=click.Path(path_type=Path)),
+    "method": click.option("--method", metavar="NAME", help=f"{_METHODS}"),
+    "uavs": click.option("--uavs", type=int, metavar="N", help="Number of UAVs."),
+    "seed": click.option("--seed", type=int, metavar="S", help="Seed of all randomness."),
+    "duration": click.option("--duration", type=float, metavar="SECONDS", help="The run ends at the latest then."),
+    "settings": click.option(
+        "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Any scenario key, e.g. wind.sigma=0.2."
+    ),
+}
+
+
+def scenario_arguments(*names: str) -> Callable[[Any], Any]:
+    """Adds the arguments a scenario is made of; all of them, or those named."""
+
+    def decorate(command: Any) -> Any:
+        for name in reversed(names or tuple(_OF_A_SCENARIO)):
+            command = _OF_A_SCENARIO[name](command)
+        return command
+
+    return decorate
+
+
+@cli.command()
+@scenario_arguments()
+@click.option("--in-process", is_flag=True, help="All nodes in this process, without the network.")
+@click.option("--uavs-per-process", type=click.IntRange(1), default=1, show_default=True, metavar="M")
+@click.option(
+    "--realtime",
+    type=click.FloatRange(0, min_open=True),
+    is_flag=False,
+    flag_value=1.0,
+    metavar="[FACTOR]",
+    help="Ticks follow the wall clock, FACTOR (default 1) times faster; late commands are held.",
+)
+@click.option("--faults", type=click.Path(path_type=Path), metavar="FILE", help="A fault script: [[faults]] in TOML.")
+@click.option("--record/--no-record", default=True, show_default=True, help="Write recording.rrd.")
+@click.option("--view", is_flag=True, help="Stream live to a Rerun viewer.")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("runs"), show_default=True, metavar="DIR")
+@click.option(
+    "--endpoint",
+    metavar="ADDRESS",
+    help="Where the world listens, e.g. tcp/127.0.0.1:7447. [default: a free port]",
+)
+@click.option("--tls", type=click.Path(path_type=Path), metavar="DIR", help="Mutual TLS; see `meanflock certs init`.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object, nothing else.")
+@click.option("--quiet", is_flag=True, help="No progress bar.")
+def run(
+    file: Path | None,
+    method: str | None,
+    uavs: int | None,
+    seed: int | None,
+    duration: float | None,
+    settings: tuple[str, ...],
+    in_process: bool,
+    uavs_per_process: int,
+    realtime: float | None,
+    faults: Path | None,
+    record: bool,
+    view: bool,
+    out: Path,
+    endpoint: str | None,
+    tls: Path | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Fly a scenario (default: the paper's) and leave OUT/<id>/ with summary, time series, events and recording.
+
+    \b
+    Example: meanflock run --method hjb --uavs 9 --seed 3 --set wind.sigma=0.2
+    """
+    script = scenario.read_faults(faults) if faults is not None else None
+    flown = scenario.load(file, settings, method=method, uavs=uavs, seed=seed, duration=duration, faults=script)
+    if not in_process:
+        _refuse_if_too_large(flown.uavs, uavs_per_process)
+    options = Options(
+        out=out,
+        in_process=in_process,
+        uavs_per_process=uavs_per_process,
+        realtime=realtime,
+        record=record or view,
+        serve=("127.0.0.1", checks.VIEWER_PORT) if view else None,
+        endpoint=endpoint,
+        tls=tls,
+        quiet=quiet,
+        view=view,
+    )
+    _tell(fly(flown, options), as_json, quiet)
+
+
+@cli.command()
+@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+@click.option("--in-process", is_flag=True, help="All nodes in this process, without the network.")
+@click.option("--uavs-per-process", type=click.IntRange(1), default=1, show_default=True, metavar="M")
+@click.option("--tls", type=click.Path(path_type=Path), metavar="DIR", help="Mutual TLS; see `meanflock certs init`.")
+@click.option("--record/--no-record", default=True, show_default=True, help="Go on with recording.rrd.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object, nothing else.")
+@click.option("--quiet", is_flag=True, help="No progress bar.")
+def resume(
+    folder: Path, in_process: bool, uavs_per_process: int, tls: Path | None, record: bool, as_json: bool, quiet: bool
+) -> None:
+    """Go on with a run that died, from its last checkpoint, to the end it would have had.
+
+    \b
+    Example: meanflock resume runs/20261121-101500-mfgfl-hf-s7
+    """
+    dead = back(folder)
+    if not in_process:
+        _refuse_if_too_large(dead.scenario.uavs, uavs_per_process)
+    options = Options(
+        out=dead.folder.parent,
+        in_process=in_process,
+        uavs_per_process=uavs_per_process,
+        tls=tls,
+        record=record,
+        quiet=quiet,
+    )
+    _tell(fly(dead.scenario, options, dead), as_json, quiet)
+
+
+def _tell(done: Run, as_json: bool, quiet: bool) -> None:
+    if as_json:
+        click.echo(json.dumps(done.summary))
+    else:
+        Console().print(summary_table(done.summary))
+    if not quiet:
+        Console(stderr=True).print(f"[dim]run folder[/] {done.folder}", highlight=False, soft_wrap=True)
+
+
+@cli.command()
+@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+def view(folder: Path) -> None:
+    """Open a finished run in the Rerun viewer.
+
+    \b
+    Example: meanflock view runs/20261121-101500-mfgfl-hf-s7
+    """
+    from groundstation.recording import open_viewer, repair, verify
+
+    path = folder if folder.suffix == ".rrd" else folder / RECORDING
+    if not path.is_file():
+        raise BadInput(f"{path}: no recording; name the folder of a run that was recorded")
+    if folder.is_dir():
+        recover(folder)
+    if verify(path) is not None:
+        repair(path)
+    open_viewer(path)
+
+
+@cli.command()
+@click.option("--uavs", type=click.IntRange(1), default=25, show_default=True, metavar="N")
+@click.option("--uavs-per-process", type=click.IntRange(1), default=1, show_default=True, metavar="M")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("runs"), show_default=True, metavar="DIR")
+@click.option("--tls", type=click.Path(path_type=Path), metavar="DIR", help="Also look at these certificates.")
+def doctor(uavs: int, uavs_per_process: int, out: Path, tls: Path | None) -> None:
+    """Say what this machine has, and what would fail for a run of N UAVs. Exit code 1 if anything would.
+
+    \b
+    Example: meanflock doctor --uavs 64
+    """
+    findings = checks.examine(uavs, uavs_per_process, out, tls)
+    table = Table("what", "verdict", "found", "mend", title=f"meanflock {__version__}")
+    colours = {"ok": "green", "warning": "yellow", "fails": "red"}
+    for finding in findings:
+        colour = colours[finding.verdict]
+        table.add_row(finding.what, f"[{colour}]{finding.verdict}[/]", finding.found, finding.mend)
+    Console().print(table)
+    if any(finding.verdict == "fails" for finding in findings):
+        raise SystemExit(EXIT_RUN_FAILED)
+
+
+@cli.group("certs")
+def certs_group() -> None:
+    """Make certificates: who is who on the network. See docs/security.md."""
+
+
+@certs_group.command("init")
+@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@click.option("--uavs", type=click.IntRange(1, 10_000), default=25, show_default=True, metavar="N")
+@click.option("--days", type=click.IntRange(1, 3650), default=90, show_default=True, help="They expire after that.")
+@click.option("--host", "hosts", multiple=True, metavar="NAME", help="Another name or address of the world's machine.")
+def certs_init(folder: Path, uavs: int, days: int, hosts: tuple[str, ...]) -> None:
+    """Make DIR with an authority and one certificate each for the world, leader, station and N agents.
+
+    \b
+    Example: meanflock certs init out/certs --uavs 4
+    """
+    from groundstation import certs
+
+    written = certs.init(folder, uavs, days, hosts)
+    click.echo(
+        f"{folder}: {len(written)} files, valid for {days} days; keep the keys, and above all ca.key, to yourself"
+    )
+
+
+@cli.group("scenario")
+def scenario_group() -> None:
+    """Look at scenarios."""
+
+
+@scenario_group.command()
+@scenario_arguments()
+def show(
+    file: Path | None,
+    method: str | None,
+    uavs: int | None,
+    seed: int | None,
+    duration: float | None,
+    settings: tuple[str, ...],
+) -> None:
+    """Print a scenario, resolved, as TOML that can be flown again.
+
+    \b
+    Example: meanflock scenario show --method hjb > my.toml
+    """
+    click.echo(to_toml(scenario.load(file, settings, method=method, uavs=uavs, seed=seed, duration=duration)), nl=False)
+
+
+@scenario_group.command()
+def schema() -> None:
+    """Print the JSON schema of scenario files: every key with its unit and bounds.
+
+    \b
+    Example: meanflock scenario schema
+    """
+    click.echo(json.dumps(scenario.schema(), indent=1))
+
+
+def _refuse_if_too_large(uavs: int, uavs_per_process: int) -> None:
+    """A swarm that does not fit into memory is refused before it starts."""
+    for finding in (checks.memory(uavs, uavs_per_process), checks.open_files(uavs, uavs_per_process)):
+        if finding.verdict == "fails":
+            raise BadInput(f"{finding.what}: {finding.found}; {finding.mend}")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The `meanflock` command: every error is one line and an exit code."""
+    from groundstation import cli_study  # noqa: F401  # its verbs join the group
+
+    if arguments is None:
+        divert()  # standard output is what we say; what libraries say in native code is not
+    try:
+        cli.main(arguments, prog_name="meanflock", standalone_mode=False)
+        code = EXIT_DONE
+    except MeanflockError as error:
+        click.echo(f"error: {error}", err=True)
+        code = error.exit_code
+    except click.ClickException as error:
+        place = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "meanflock"
+        click.echo(f"error: {error.format_message()} See `{place} --help`.", err=True)
+        code = EXIT_BAD_INPUT
+    except click.Abort:
+        code = EXIT_RUN_FAILED
+    except SystemExit as leaving:
+        code = leaving.code if isinstance(leaving.code, int) else EXIT_RUN_FAILED
+    if arguments is None:
+        sys.exit(code)
+    return code
+
+
+if __name__ == "__main__":
+    main()

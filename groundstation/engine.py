@@ -1,0 +1,63 @@
+"""All rooms in one process and one thread: the same nodes, messages and codec as the swarm of processes."""
+
+from collections.abc import Callable, Iterator, Sequence
+
+from agent.node import Agent
+from groundstation.station import Sink, Station
+from leader.node import Leader
+from swarm.bus import MemoryNetwork
+from swarm.messages import Join, Welcome
+from swarm.scenario import Scenario
+from swarm.spoke import Node, Spoke
+from worldsim.checkpoint import Resumption
+from worldsim.node import World
+
+
+class Engine:
+    """One run in this process. Every node answers the moment it is asked, so the world never waits."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        run: str,
+        *,
+        uavs_per_node: int | None = None,
+        sinks: Sequence[Sink] = (),
+        realtime: float | None = None,
+        resume: Resumption | None = None,
+        leaders: int | None = None,
+    ) -> None:
+        """`uavs_per_node`: None for all in one node. `sinks` are given the telemetry as it comes. `resume`: where to
+        go on. `leaders`: one and its standbys; None for as many as the fault script needs.
+
+        Raises:
+            BadInput: what is to be resumed does not fit the scenario.
+        """
+        self._run = run
+        self.network = network = MemoryNetwork()
+        hub = network.endpoint()
+        self.world = World(scenario, hub, run, mode="in-process", realtime=realtime, resume=resume)
+        hub.handler = self.world.handle
+        station_bus = network.endpoint()
+        first_block = None if resume is None else resume.block + 1
+        self.station = Station(station_bus, run, sinks, first_block=first_block)
+        station_bus.handler = self.station.handle
+        rows = uavs_per_node or scenario.uavs
+        for _ in range(-(-scenario.uavs // rows)):
+            self.join(Join("agent", rows), Agent)
+        wanted = scenario.leaders(self.world.flight.tick)
+        for _ in range(wanted if leaders is None else leaders):
+            self.join(Join("leader", 0), Leader)
+        self.world.gather(0.0)
+
+    def fly(self) -> Iterator[int]:
+        """See `World.fly`."""
+        return self.world.fly()
+
+    def join(self, request: Join, make: Callable[[Welcome], Node]) -> Spoke:
+        """Another node of this process takes part."""
+        bus = self.network.endpoint()
+        spoke = Spoke(bus, self._run)
+        bus.handler = spoke.handle
+        spoke.join(request, make, timeout_s=1.0)
+        return spoke

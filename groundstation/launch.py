@@ -1,0 +1,157 @@
+"""A swarm of processes on this machine: starts them, watches them, ends them. No orphan is ever left."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import IO
+
+from swarm.errors import RunFailed
+from swarm.identity import STATION, Identity
+from swarm.session import ZenohBus
+
+LAST_LINES = 8
+_TERM_GRACE_S = 5.0
+
+
+def free_endpoint() -> str:
+    """A loopback endpoint nobody listens on."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return f"tcp/127.0.0.1:{server.getsockname()[1]}"
+
+
+@dataclass(frozen=True)
+class Child:
+    """One process of the swarm, and where its words go."""
+
+    name: str
+    process: "subprocess.Popen[bytes]"
+    log: Path
+
+    def last_lines(self) -> str:
+        """The end of what it said."""
+        text = self.log.read_text(encoding="utf-8", errors="replace").splitlines()
+        return "\n".join(f"    {line}" for line in text[-LAST_LINES:]) or "    (it said nothing)"
+
+
+def end_all(processes: Sequence["subprocess.Popen[bytes]"]) -> None:
+    """Ends those that still run: first asked, then killed."""
+    running = [process for process in processes if process.poll() is None]
+    for process in running:
+        process.terminate()
+        process.send_signal(signal.SIGCONT)  # one that is frozen hears nothing
+    end = time.monotonic() + _TERM_GRACE_S
+    for process in running:
+        try:
+            process.wait(max(0.0, end - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+class Swarm:
+    """World, leader and agents as processes of this one; a context manager that leaves none behind."""
+
+    def __init__(self, run: str, endpoint: str | None = None, tls: Path | None = None) -> None:
+        """`tls`: folder of certificates, for links that are mutual TLS."""
+        self.endpoint = endpoint or free_endpoint()
+        self._tls = tls
+        self._run = run
+        self._children: list[Child] = []
+        self._logs = tempfile.TemporaryDirectory(prefix="meanflock-")
+        # Every child holds the reading end of this pipe as its standard input; when this process dies, however it
+        # dies, they read its end.
+        self._child_stdin, self._hold = os.pipe()
+
+    def __enter__(self) -> "Swarm":
+        return self
+
+    def __exit__(self, _t: type[BaseException] | None, _e: BaseException | None, _b: TracebackType | None) -> None:
+        self.close()
+
+    def start_world(
+        self, scenario: str, *, wait_s: float, realtime: float | None, rows: int = 1, resume: bytes | None = None
+    ) -> None:
+        """The world, flying a scenario given as TOML; `resume`: from where, an encoded Resumption."""
+        path = Path(self._logs.name) / "scenario.toml"
+        path.write_text(scenario, encoding="utf-8")
+        extra = ["--realtime", str(realtime)] if realtime is not None else []
+        extra += ["--uavs-per-process", str(rows)] if self._tls is not None else []
+        if resume is not None:
+            kept = path.with_name("resume.msgpack")
+            kept.write_bytes(resume)
+            extra += ["--resume", str(kept)]
+        self._start("worldsim", "world", ["--scenario", str(path), "--wait", str(wait_s), "--stations", "1", *extra])
+
+    def start_leaders(self, count: int, wait_s: float) -> None:
+        """The leader, and standbys if more than one are wanted."""
+        for number in range(count):
+            self._start("leader", f"standby leader {number}" if number else "leader", ["--wait", str(wait_s)])
+
+    def start_agents(self, uavs: int, rows: int, wait_s: float) -> None:
+        """As many agents as `uavs` need, `rows` UAVs in each."""
+        for number in range(-(-uavs // rows)):
+            who = ["--uav", str(number * rows)] if self._tls is not None else []
+            self._start("agent", f"agent process {number}", ["--rows", str(rows), "--wait", str(wait_s), *who])
+
+    def connect(self, timeout_s: float) -> ZenohBus:
+        """This process as a listener of the swarm."""
+        identity = Identity(self._tls, STATION) if self._tls is not None else None
+        return ZenohBus.client(self.endpoint, timeout_s, identity)
+
+    def check(self) -> None:
+        """Raises RunFailed if a process has crashed, with its last lines."""
+        for child in self._children:
+            code = child.process.poll()
+            if code:
+                how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+                raise RunFailed(f"{child.name} {how}; its last lines:\n{child.last_lines()}")
+
+    def interrupt(self) -> None:
+        """Asks the world to end the flight here and now; everyone follows."""
+        if self._children and self._children[0].process.poll() is None:
+            self._children[0].process.send_signal(signal.SIGINT)
+
+    def wait(self, timeout_s: float, meanwhile: Callable[[], None] = lambda: None) -> bool:
+        """Waits until every process has ended by itself; False if some did not in time."""
+        end = time.monotonic() + timeout_s
+        while any(child.process.poll() is None for child in self._children):
+            if time.monotonic() > end:
+                return False
+            meanwhile()
+            time.sleep(0.01)
+        return True
+
+    def close(self) -> None:
+        """Ends whatever still runs: first asked, then killed."""
+        end_all([child.process for child in self._children])
+        self._children = []
+        for descriptor in (self._hold, self._child_stdin):
+            if descriptor >= 0:
+                os.close(descriptor)
+        self._hold = self._child_stdin = -1
+        self._logs.cleanup()
+
+    def _start(self, module: str, name: str, flags: list[str]) -> None:
+        log = Path(self._logs.name) / f"{name.replace(' ', '-')}.log"
+        command = [sys.executable, "-m", module, "--endpoint", self.endpoint, "--run", self._run, *flags]
+        if self._tls is not None:
+            command += ["--tls", str(self._tls)]
+        output: IO[bytes]
+        with log.open("wb") as output:
+            process = subprocess.Popen(
+                command,
+                stdin=self._child_stdin,
+                stdout=subprocess.DEVNULL,
+                stderr=output,
+                env={**os.environ, "MEANFLOCK_CHILD": "1"},
+                start_new_session=True,  # Ctrl-C in the terminal is this process's to handle
+            )
+        self._children.append(Child(name, process, log))

@@ -1,0 +1,365 @@
+"""The kinds of check a claim is made of: each turns columns of the tables into estimates held against thresholds."""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from groundstation.paper import statistics
+from groundstation.paper.claims import Check
+from groundstation.paper.statistics import Estimate
+from groundstation.paper.turn import turn
+from groundstation.paper.view import COORDINATE, View, paired
+
+Floats = NDArray[np.float64]
+Tests = Iterator[tuple[str, "Test"]]  # each with the place on the grid it belongs to
+
+SYMBOL = {"uavs": "N", "period": "n0", "sigma": "σ"}
+
+
+@dataclass(frozen=True, slots=True)
+class Test:
+    """One estimate against one threshold. holds: None if the data do not say.
+
+    against: whether the whole interval lies on the wrong side.
+    """
+
+    what: str
+    estimate: Estimate
+    need: str
+    holds: bool | None
+    against: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.what} = {show(self.estimate)}, needs {self.need}"
+
+
+@dataclass
+class Findings:
+    """What the checks of a claim found: the tests, and the plain values behind them by (metric, method, point)."""
+
+    tests: list[Test] = field(default_factory=list)
+    values: dict[tuple[str, str, str], Estimate] = field(default_factory=dict)
+    missing: list[str] = field(default_factory=list)
+
+
+def show(estimate: Estimate) -> str:
+    """`1.23 [1.10, 1.36]`."""
+
+    def number(value: float) -> str:
+        return f"{value:.3g}" if abs(value) < 1000 else f"{value:,.0f}"
+
+    return f"{number(estimate.value)} [{number(estimate.low)}, {number(estimate.high)}]"
+
+
+def below(what: str, estimate: Estimate, limit: float, strict: bool = False) -> Test:
+    """Holds if the whole interval is ≤ `limit` (< if strict)."""
+    sign = "<" if strict else "≤"
+    return _judge(
+        what,
+        estimate,
+        f"{sign} {limit:.4g}",
+        estimate.high < limit or (not strict and estimate.high == limit),
+        estimate.low > limit,
+    )
+
+
+def above(what: str, estimate: Estimate, limit: float, strict: bool = False) -> Test:
+    """Holds if the whole interval is ≥ `limit` (> if strict)."""
+    sign = ">" if strict else "≥"
+    return _judge(
+        what,
+        estimate,
+        f"{sign} {limit:.4g}",
+        estimate.low > limit or (not strict and estimate.low == limit),
+        estimate.high < limit,
+    )
+
+
+def within(what: str, estimate: Estimate, low: float, high: float) -> Test:
+    """Holds if the whole interval lies in [low, high]."""
+    inside = estimate.low >= low and estimate.high <= high
+    outside = estimate.low > high or estimate.high < low
+    return _judge(what, estimate, f"in [{low:.4g}, {high:.4g}]", inside, outside)
+
+
+def _judge(what: str, estimate: Estimate, need: str, holds: bool, against: bool) -> Test:
+    known = (estimate.n >= 2 or estimate.low == estimate.high) and not math.isnan(estimate.value)
+    return Test(what, estimate, need, holds if known else None, against and known)
+
+
+# -- where the numbers of a check come from ----------------------------------------------------------------------------
+
+
+def _label(check: Check, point: float | None) -> str:
+    return "" if point is None else f"{SYMBOL[COORDINATE[check.experiment]]} = {point:g}"
+
+
+def _points(view: View, check: Check) -> list[float]:
+    """The points of the grid a check is about."""
+
+    def chosen(point: float) -> bool:
+        return (
+            (check.start is None or point >= check.start - 1e-9)
+            and (check.stop is None or point <= check.stop + 1e-9)
+            and (check.above is None or point > check.above + 1e-9)
+        )
+
+    return [point for point in view.points(check.experiment) if chosen(point)]
+
+
+def _cells(view: View, check: Check) -> list[float | None]:
+    """One entry a place where the check is made: points of the grid, or the whole experiment."""
+    if check.experiment not in COORDINATE:
+        return [None]
+    return [check.at] if check.at is not None else list(_points(view, check))
+
+
+def _by_seed(view: View, check: Check, method: str, point: float | None) -> dict[int, float]:
+    if check.source == "theory":
+        return dict(enumerate(view.measured.get(check.metric, ())))
+    if check.source == "turn":
+        return dict(enumerate(turn(view, method, check.metric)))
+    more = {
+        name: value for name, value in (("setting", check.setting), ("trained", check.trained)) if value is not None
+    }
+    return view.cell(check.experiment, method, point, **more).by_seed(check.metric)
+
+
+def _is_certain(check: Check, point: float | None) -> bool:
+    """Whether there is no chance in the runs: one of them says everything."""
+    return COORDINATE.get(check.experiment) == "sigma" and point == 0.0
+
+
+def _mean(check: Check, point: float | None, values: Mapping[int, float]) -> Estimate:
+    if _is_certain(check, point) and len(values) == 1:
+        return statistics.exact(next(iter(values.values())))
+    return statistics.mean(list(values.values()))
+
+
+def _subjects(check: Check) -> tuple[str, ...]:
+    return check.subject or ("",)
+
+
+def named(*parts: str) -> str:
+    """The parts that say something, joined."""
+    return ", ".join(part for part in parts if part)
+
+
+def _value(found: Findings, view: View, check: Check, method: str, point: float | None) -> dict[int, float]:
+    """A method's values by seed; their mean is noted, or that there are none."""
+    values = _by_seed(view, check, method, point)
+    where = _label(check, point)
+    if not values:
+        found.missing.append(named(check.metric, method, where or check.experiment))
+        return values
+    if check.kind == "rate":
+        found.values[check.metric, method, where] = statistics.rate(list(values.values()))
+    elif check.kind != "share":
+        found.values.setdefault((check.metric, method, where), _mean(check, point, values))
+    return values
+
+
+# -- one function a kind of check: every one yields tests --------------------------------------------------------------
+
+
+def _pairs(view: View, check: Check, found: Findings) -> Iterator[tuple[str, str, float | None, list[Floats]]]:
+    """Subject, against, point and the two paired columns, of every comparison of the check."""
+    for point in _cells(view, check):
+        for subject in check.subject:
+            mine = _value(found, view, check, subject, point)
+            for other in check.against:
+                theirs = _value(found, view, check, other, point)
+                yield subject, other, point, paired(mine, theirs)
+
+
+def _order(view: View, check: Check, found: Findings) -> Tests:
+    judge = above if check.direction == "higher" else below
+    for subject, other, point, columns in _pairs(view, check, found):
+        where = _label(check, point)
+        what = named(f"{check.metric}: {subject} − {other}", where)
+        yield where, judge(what, statistics.difference(*columns), 0.0, strict=True)
+
+
+def _ratio(view: View, check: Check, found: Findings) -> Tests:
+    assert check.threshold is not None
+    for subject, other, point, columns in _pairs(view, check, found):
+        where = _label(check, point)
+        what = named(f"{check.metric}: {subject} / {other}", where)
+        yield where, below(what, statistics.ratio(*columns), check.threshold)
+
+
+def _equal(view: View, check: Check, found: Findings) -> Tests:
+    assert check.threshold is not None
+    low, high = check.threshold * (1 - check.tolerance), check.threshold * (1 + check.tolerance)
+    if check.against:
+        for subject, other, point, columns in _pairs(view, check, found):
+            where = _label(check, point)
+            what = named(f"{check.metric}: {subject} / {other}", where)
+            yield where, within(what, statistics.ratio(*columns), low, high)
+        return
+    for point in _cells(view, check):
+        for subject in _subjects(check):
+            where = _label(check, point)
+            values = _value(found, view, check, subject, point)
+            estimate = _mean(check, point, values)
+            yield where, within(named(check.metric, subject, where), estimate, low, high)
+
+
+def _bound(view: View, check: Check, found: Findings) -> Tests:
+    assert check.threshold is not None
+    judge = above if check.direction == "higher" else below
+    for point in _cells(view, check):
+        for subject in _subjects(check):
+            where = _label(check, point)
+            estimate = _mean(check, point, _value(found, view, check, subject, point))
+            yield where, judge(named(check.metric, subject, where), estimate, check.threshold, strict=True)
+
+
+def _share(view: View, check: Check, found: Findings) -> Tests:
+    assert check.threshold is not None
+    for point in _cells(view, check):
+        for subject in _subjects(check):
+            where = _label(check, point)
+            values = np.array(list(_value(found, view, check, subject, point).values()))
+            values = values[~np.isnan(values)]
+            hits = values > 0 if check.event == "some" else values == 0
+            certain = _is_certain(check, point) and len(hits) == 1
+            estimate = statistics.exact(float(hits[0])) if certain else statistics.share(hits)
+            what = f"share of runs with {'some' if check.event == 'some' else 'no'} {check.metric}"
+            if estimate.n:
+                found.values[what, subject, where] = estimate
+            yield where, above(named(what, subject, where), estimate, check.threshold, strict=True)
+
+
+def _rate(view: View, check: Check, found: Findings) -> Tests:
+    assert check.threshold is not None
+    for subject in _subjects(check):
+        estimate = statistics.rate(list(_value(found, view, check, subject, check.at).values()))
+        yield "", below(named(f"{check.metric} a run", subject), estimate, check.threshold, strict=True)
+
+
+def _table(view: View, check: Check, found: Findings, method: str) -> tuple[list[float], Floats]:
+    """The grid and a row a seed, (seeds, K), of the seeds that flew at every point."""
+    grid = _points(view, check)
+    columns = [_value(found, view, check, method, point) for point in grid]
+    return grid, np.array(paired(*columns)).T.reshape(-1, max(1, len(grid)))
+
+
+def _trend(view: View, check: Check, found: Findings) -> Tests:
+    for subject in check.subject:
+        grid, rows = _table(view, check, found, subject)
+        if len(grid) < 2:
+            found.missing.append(named(f"a grid of {check.experiment}", subject))
+            continue
+        rise = statistics.slopes(grid, rows) * (grid[-1] - grid[0])
+        what = f"{check.metric}: {subject}, fitted change over {_label(check, grid[0])}…{grid[-1]:g}"
+        if check.direction == "little gain":
+            assert check.threshold is not None
+            yield "", above(f"{what}, relative", statistics.ratio(rise, rows.mean(axis=-1)), -check.threshold)
+        elif check.direction == "falling":
+            yield "", below(what, statistics.mean(rise), 0.0, strict=True)
+        else:
+            yield "", above(what, statistics.mean(rise), 0.0, strict=True)
+
+
+def _slope(view: View, check: Check, found: Findings) -> Tests:
+    for subject in check.subject:
+        grid, _ = _table(view, check, found, subject)
+        if len(grid) < 2:
+            found.missing.append(named(f"a grid of {check.experiment}", subject))
+            continue
+        for other in check.against:
+            columns = [_by_seed(view, check, name, point) for name in (subject, other) for point in grid]
+            for point in grid:
+                _value(found, view, check, other, point)
+            both = np.array(paired(*columns)).T.reshape(-1, 2 * len(grid))
+            gap = statistics.slopes(grid, both[:, : len(grid)]) - statistics.slopes(grid, both[:, len(grid) :])
+            yield "", below(f"slope of {check.metric}: {subject} − {other}", statistics.mean(gap), 0.0, strict=True)
+
+
+def _point(view: View, check: Check, found: Findings) -> Tests:
+    assert check.at is not None
+    for subject in check.subject:
+        grid, rows = _table(view, check, found, subject)
+        others = [k for k, point in enumerate(grid) if abs(point - check.at) > 1e-9]
+        if len(others) != len(grid) - 1 or not others:
+            found.missing.append(named(check.metric, subject, _label(check, check.at)))
+            continue
+        here = rows[:, next(k for k in range(len(grid)) if k not in others)]
+        what = f"{check.metric}: {subject}, {_label(check, check.at)} − mean of the others"
+        yield "", above(what, statistics.difference(here, rows[:, others].mean(axis=-1)), 0.0, strict=True)
+
+
+def _best(view: View, check: Check, found: Findings) -> Tests:
+    assert check.threshold is not None
+    cases: list[tuple[str, str, str, list[Floats]]] = []
+    for experiment in check.experiments:
+        grid: list[float | None] = list(view.points(experiment)) if experiment in COORDINATE else [None]
+        for point in grid:
+            for subject in check.subject:
+                mine = view.cell(experiment, subject, point).by_seed(check.metric)
+                for other in check.against:
+                    theirs = view.cell(experiment, other, point).by_seed(check.metric)
+                    columns = paired(mine, theirs)
+                    if len(columns[0]) >= 2:
+                        where = "S0" if point is None else f"{SYMBOL[COORDINATE[experiment]]} = {point:g}"
+                        cases.append((subject, other, where, columns))
+    if not cases:
+        found.missing.append(named(check.metric, *check.experiments))
+        return
+    level = 1.0 - (1.0 - statistics.CONFIDENCE) / len(cases)
+    best: tuple[float, Estimate, tuple[str, str, str, list[Floats]]] | None = None
+    for case in cases:
+        kept = statistics.ratio(*case[3], confidence=level)
+        saved = Estimate(1.0 - kept.value, 1.0 - kept.high, 1.0 - kept.low, kept.n)
+        rank = saved.low if math.isfinite(saved.low) else -1e9 + saved.value
+        if not math.isnan(saved.value) and (best is None or rank > best[0]):
+            best = (rank, saved, case)
+    if best is None:
+        found.missing.append(named(check.metric, *check.experiments))
+        return
+    _, saved, (subject, other, where, columns) = best
+    for name, column in ((subject, columns[0]), (other, columns[1])):
+        found.values[check.metric, name, where] = statistics.mean(column)
+    what = f"{check.metric}: best of {len(cases)} savings, {subject} against {other} at {where}"
+    yield "", above(what, saved, check.threshold)
+
+
+_KINDS: dict[str, Callable[[View, Check, Findings], Tests]] = {
+    "order": _order,
+    "ratio": _ratio,
+    "equal": _equal,
+    "bound": _bound,
+    "share": _share,
+    "rate": _rate,
+    "trend": _trend,
+    "slope": _slope,
+    "point": _point,
+    "best": _best,
+}
+
+
+def run_check(view: View, check: Check, found: Findings) -> bool | None:
+    """Whether a check holds; None if the data do not say. Its tests go into `found`."""
+    by_place: dict[str, list[Test]] = {}
+    for where, test in _KINDS[check.kind](view, check, found):
+        by_place.setdefault(where, []).append(test)
+        found.tests.append(test)
+    places = [conjunction(test.holds for test in tests) for tests in by_place.values()]
+    if not places:
+        return None
+    if check.points == "most":
+        held, open_ = places.count(True), places.count(None)
+        if 2 * held > len(places):
+            return True
+        return None if 2 * (held + open_) > len(places) else False
+    return conjunction(places)
+
+
+def conjunction(holds: Iterable[bool | None]) -> bool | None:
+    """False if any is False, else None if any is None, else True."""
+    seen = list(holds)
+    return False if False in seen else None if None in seen else True

@@ -1,0 +1,305 @@
+"""Flies the grid: in parallel, with the time left, resumable, and proof against what happens to processes and disks."""
+
+import importlib
+import os
+import signal
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import joblib
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from groundstation.paper.batch import Batch, Flown
+from groundstation.paper.grid import EXPERIMENTS, Point, Wanted, wanted
+from groundstation.paper.store import Results, Store, StoredRun, encode, stored, tables
+from swarm.errors import BadInput, MeanflockError, RunFailed
+from swarm.methods import Method
+
+BACKENDS = ("loky", "dask")
+ROWS = 256  # UAVs flown as one array: more of them fall out of the cache, fewer cost Python
+_ATTEMPTS = 2
+
+
+@dataclass(frozen=True)
+class Job:
+    """Seeds of one point that are flown as one batch."""
+
+    point: Point
+    runs: tuple[Wanted, ...]
+
+    @property
+    def work(self) -> float:
+        """Roughly how long it takes, in UAV-ticks of a federated method."""
+        flown = self.point.flown
+        price = {Method.HJB: 1.3, Method.OFFLINE: 0.3}.get(flown.method, 1.0)
+        flights = 1 if self.point.training is None else 2
+        return price * flights * flown.uavs * flown.max_ticks * len(self.runs)
+
+
+def run_grid(
+    out: Path,
+    seeds: int = 30,
+    only: set[str] | None = None,
+    jobs: int = -1,
+    backend: str = "loky",
+    scheduler: str | None = None,
+    quiet: bool = False,
+    plan: Sequence[Wanted] | None = None,
+) -> Results:
+    """Flies what is missing of the grid and makes the tables of all that is there.
+
+    Args:
+        out: results go to `out/data`. seeds: per point; S0 gets 10/3 as many, sensitivity 1/3, random 1/6.
+        only: names of experiments to fly now; None for all. Other experiments' finished runs stay in the tables.
+        jobs: processes, -1 for one a core. backend: "loky", or "dask" with the address of a `scheduler`.
+        quiet: no progress. plan: runs to fly in the place of the grid.
+
+    Raises:
+        BadInput: an unknown experiment or backend, or a folder that cannot be written.
+        RunFailed: interrupted, disk full, or a job whose process died twice; what was finished is kept, and the
+            same call goes on from there.
+    """
+    unknown = sorted((only or set()) - set(EXPERIMENTS))
+    if unknown:
+        raise BadInput(f"no experiment is called {', '.join(unknown)}; there are {', '.join(EXPERIMENTS)}")
+    if backend not in BACKENDS or (backend == "dask") != (scheduler is not None):
+        raise BadInput(f"backend {backend!r}: loky without a scheduler, or dask with the address of one")
+    if seeds < 1:
+        raise BadInput(f"{seeds} seeds: at least one")
+    table = list(wanted(seeds) if plan is None else plan)
+    store = Store(out)
+    finished = store.finished()
+    missing = to_do([run for run in table if only is None or run.point.experiment in only], finished)
+    with _reports(missing, quiet) as done, _terminable(), _backend(backend, scheduler):
+        try:
+            for job, raw in _all(missing, jobs):
+                store.add(raw)
+                done(job)
+        except KeyboardInterrupt:
+            raise RunFailed(f"interrupted; what is finished is in {store.data}, repeat the command to go on") from None
+        except MeanflockError:
+            raise
+        except Exception as error:  # a scheduler or worker of dask is gone: its exceptions have no common name
+            if backend != "dask":
+                raise
+            raise RunFailed(f"dask: {error!r}; what is finished is kept, repeat the command to go on") from error
+    results = tables(_rows(table, store.finished() if missing else finished))
+    for name in ("runs", "series", "trajectories", "weights"):
+        store.save(name, getattr(results, name))
+    if not quiet:
+        Console(stderr=True).print(f"{results.runs.num_rows} runs in the table, {results.diverged} of them diverged")
+    return results
+
+
+def to_do(table: Sequence[Wanted], finished: dict[str, StoredRun]) -> list[Job]:
+    """The jobs that are left: each run once, whatever number of experiments want it, the long ones first."""
+    missing: dict[str, Wanted] = {}
+    for run in table:
+        there = finished.get(run.key)
+        # A run kept without what an experiment shows of it is flown again; the first to want it decides otherwise.
+        if there is not None and (there.series is not None or not _kept(run)[0]) and (there.trace or not run.traced):
+            continue
+        before = missing.get(run.key)
+        if before is None or _kept(run) > _kept(before):
+            missing[run.key] = run
+    groups: dict[Any, list[Wanted]] = {}
+    for run in missing.values():
+        training = run.point.training
+        groups.setdefault((run.key.count("<"), _kept(run)[0], run.point.flown, training), []).append(run)
+    jobs = []
+    for runs in groups.values():
+        size = max(1, ROWS // runs[0].point.flown.uavs)
+        jobs += [Job(runs[0].point, tuple(runs[k : k + size])) for k in range(0, len(runs), size)]
+    return sorted(jobs, key=lambda job: -job.work)
+
+
+def _kept(run: Wanted) -> tuple[bool, bool]:
+    return EXPERIMENTS[run.point.experiment][1], run.traced
+
+
+def execute(job: Job) -> bytes:
+    """Flies one job; the content of its file."""
+    seeds = [run.seed for run in job.runs]
+    trace = [run.seed for run in job.runs if run.traced]
+    minds = None
+    if job.point.training is not None:
+        trainings = [run.training for run in job.runs]
+        first = Batch(job.point.training, [one.seed for one in trainings if one is not None]).fly()
+        minds = [flown.minds for flown in first]
+    flights = Batch(job.point.flown, seeds, minds=minds, trace=trace).fly()
+    return encode(
+        stored(run.key, scalars(flown), flown.record, _kept(run)[0])
+        for run, flown in zip(job.runs, flights, strict=True)
+    )
+
+
+def scalars(flown: Flown) -> dict[str, Any]:
+    """The columns of runs.parquet that a run itself decides."""
+    summary, radio = flown.summary, flown.summary["radio"]
+    learns = flown.scenario.method.learns_value
+    result = {
+        name: summary[name]
+        for name in (
+            "ticks", "sim_time_s", "arrived", "lost", "t_avg_s", "t_max_s", "energy_mean_J", "energy_std_J",
+            "energy_end_mean_J", "energy_end_std_J", "phi_A", "phi_C", "phi_C_distinct", "collisions",
+            "speed_max_m_s", "speed_mean_m_s", "distance_mean_m", "rounds", "hjb_residual_max", "fpk_residual_max",
+            "weight_spread_final", "trajectory_sha256",
+        )
+    }  # fmt: skip
+    if not learns:
+        result["hjb_residual_max"] = result["weight_spread_final"] = None
+    result |= {f"bits_{name}": bits for name, bits in summary["payload_bits"].items()}
+    result |= {
+        name: radio[name]
+        for name in (
+            "sent", "delivered", "outages", "outage_rate", "outage_rate_theory", "latency_slots_mean",
+            "latency_slots_mean_theory", "airtime_s",
+        )
+    }  # fmt: skip
+    traffic = radio["traffic"]
+    result |= {
+        "uplink_sent": traffic["uplink"]["sent"],
+        "uplink_outage_rate": traffic["uplink"]["outage_rate"],
+        "uplink_outage_rate_theory": traffic["uplink"]["outage_rate_theory"],
+        "broadcast_outage_rate": traffic["broadcast"]["outage_rate"],
+        "state_outage_rate": traffic["state"]["outage_rate"],
+    }
+    return result | flown.record.scalars
+
+
+def _rows(
+    table: Sequence[Wanted], finished: dict[str, StoredRun]
+) -> Iterator[tuple[dict[str, Any], StoredRun, bool, bool]]:
+    for run in table:
+        there = finished.get(run.key)
+        if there is None:
+            continue
+        flown = run.scenario
+        coordinates = {
+            "experiment": run.point.experiment,
+            "method": str(flown.method),
+            "uavs": flown.uavs,
+            "period": flown.period_ticks if flown.method.is_federated else None,
+            "sigma": flown.wind.sigma,
+            "setting": run.point.setting,
+            "seed": run.seed,
+            "trained": run.point.training is not None,
+        }
+        yield coordinates, there, _kept(run)[0], run.traced
+
+
+# -- processes ---------------------------------------------------------------------------------------------------------
+
+
+def _all(missing: Sequence[Job], jobs: int) -> Iterator[tuple[Job, bytes]]:
+    """Every job and its file, in any order. A job whose process died is flown once more.
+
+    A pool says that a process died, not on which job: all that had been handed out and had not come back are suspects.
+    """
+    waiting = dict(enumerate(missing))
+    deaths: Counter[int] = Counter()
+    while waiting:
+        out: set[int] = set()
+
+        def hand_out(numbers: list[int], out: set[int] = out) -> Iterator[Any]:
+            for number in numbers:
+                out.add(number)
+                yield joblib.delayed(_one)(number, waiting[number], os.getpid())
+
+        try:
+            parallel = joblib.Parallel(
+                n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs"
+            )
+            for number, raw in parallel(hand_out(list(waiting))):
+                out.discard(number)
+                yield waiting.pop(number), raw
+        except BrokenProcessPool as error:
+            deaths.update(out)
+            guilty = [waiting[number] for number in out if deaths[number] >= _ATTEMPTS]
+            if guilty:
+                names = ", ".join(sorted({f"{job.point.experiment} {job.point.flown.method}" for job in guilty}))
+                raise RunFailed(
+                    f"a process died twice on one of: {names} ({error}); the rest is kept, repeat the command to go on"
+                ) from error
+
+
+def _one(number: int, job: Job, parent: int) -> tuple[int, bytes]:
+    if os.getpid() != parent and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the parent decides
+    try:
+        return number, execute(job)
+    except MeanflockError:
+        raise
+    except Exception as error:
+        point = job.point
+        where = f"{point.experiment} {point.flown.method} {point.setting}".strip()
+        raise RunFailed(f"{where}, seeds {[run.seed for run in job.runs]}: {error!r}") from error
+
+
+@contextmanager
+def _backend(backend: str, scheduler: str | None) -> Iterator[None]:
+    if backend == "loky":
+        with joblib.parallel_config(backend="loky"):
+            yield
+        return
+    try:
+        client_of = importlib.import_module("distributed").Client
+    except ImportError as error:
+        raise BadInput("--backend dask: not installed; pip install 'meanflock[dask]'") from error
+    try:
+        client = client_of(scheduler, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise BadInput(f"--scheduler {scheduler}: {error}") from error
+    with client, joblib.parallel_config(backend="dask"):
+        yield
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """SIGTERM ends the grid as Ctrl-C does; workers do not outlive it."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    in_main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGTERM, interrupt) if in_main else None
+    try:
+        yield
+    finally:
+        if in_main:
+            signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def _reports(missing: Sequence[Job], quiet: bool) -> Iterator[Callable[[Job], None]]:
+    """A line that says how much is flown and how long the rest will take."""
+    total = sum(len(job.runs) for job in missing)
+    bar = Progress(
+        TextColumn("[bold]flying"),
+        BarColumn(bar_width=32),
+        TextColumn("{task.fields[runs]} of {task.fields[total_runs]} runs"),
+        TextColumn("{task.fields[last]}"),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        disable=quiet or not missing,
+        transient=True,
+    )
+    task = bar.add_task("", total=sum(job.work for job in missing), runs=0, total_runs=total, last="")
+    flown = 0
+
+    def done(job: Job) -> None:
+        nonlocal flown
+        flown += len(job.runs)
+        last = f"{job.point.experiment} {job.point.flown.method}"
+        bar.update(task, advance=job.work, runs=flown, last=last)
+
+    with bar:
+        yield done

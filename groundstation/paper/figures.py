@@ -1,0 +1,68 @@
+"""The paper's figures 2 to 8, redrawn from our tables."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from groundstation import plotstyle
+from groundstation.paper.figures_curves import residuals, six_panels
+from groundstation.paper.figures_grids import against_period, against_uavs, against_wind
+from groundstation.paper.figures_paths import offline, trajectories
+from groundstation.paper.store import Results
+from groundstation.paper.view import View
+from swarm.errors import BadInput
+
+_GRID = "; mean over seeds with 95 % interval. Dotted in (d): the floor 1/N of φ_C."
+
+FIGURES: dict[str, tuple[Callable[[View], Figure | None], str]] = {
+    "fig2": (
+        trajectories,
+        "One S0 run a method (seed 1), UAVs coloured by φ_G among the true states; stars are collisions, the square is "
+        "the start, the ring the destination. Right: the 54 weights ŵ_H1 of UAV 0; ticks above mark the rounds.",
+    ),
+    "fig3": (
+        six_panels,
+        "S0 over time. (a) Energy until own arrival: mean and, shaded, ± one standard deviation over UAVs, both "
+        "averaged over seeds. (b, c, d, f) Mean over seeds with 95 % interval. (e) Mean speed of all UAVs; thin: the "
+        "fastest and the slowest. The dotted line is the paper's 175 s.",
+    ),
+    "fig4": (
+        residuals,
+        "Residuals of the two learners in S0: mean over UAVs (thick) and largest of any UAV (thin), averaged over "
+        "seeds. The dotted line is the paper's bound.",
+    ),
+    "fig5": (against_uavs, "Against the size of the swarm" + _GRID),
+    "fig6": (against_period, "Against the length of a round" + _GRID),
+    "fig7": (against_wind, "Against the strength of the wind" + _GRID),
+    "fig8": (
+        offline,
+        "A programmed swarm without and with random wind, and one trained at σ = 0.1 that flies at σ = 1.5 (seed 1 "
+        "each); stars are collisions.",
+    ),
+}
+
+
+def draw(results: Results, out: Path, only: Iterable[str] | None = None) -> list[Path]:
+    """Writes the figures into `out` as PNG and SVG; one whose data are not there is left out.
+
+    Args:
+        only: names as in `FIGURES`, or their numbers; None for all.
+
+    Raises:
+        BadInput: a figure that does not exist was asked for.
+    """
+    asked = list(FIGURES) if only is None else [f"fig{each.removeprefix('fig')}" for each in only]
+    unknown = sorted(set(asked) - set(FIGURES))
+    if unknown:
+        raise BadInput(f"no figure is called {', '.join(unknown)}; there are {', '.join(FIGURES)}")
+    view = View.of(results)
+    paths: list[Path] = []
+    for name in FIGURES:
+        if name not in asked:
+            continue
+        with plotstyle.style():
+            made = FIGURES[name][0](view)
+        if made is not None:
+            paths += plotstyle.save(made, out, name)
+    return paths

@@ -1,0 +1,175 @@
+"""Many flights of one scenario, seed by seed, advanced as one array. The books of each are kept by a `Flight`."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarm import state
+from swarm.messages import Status
+from swarm.scenario import Scenario
+from worldsim import dynamics, energy
+from worldsim.flight import Flight
+from worldsim.metrics import pairs
+
+Floats = NDArray[np.float64]
+
+CHUNK_TICKS = 64  # wind is drawn and states are hashed this many ticks at a time
+
+
+class _Row(Flight):
+    """A flight whose arrays are rows of a batch. Rare events go through its own methods; `Flights` does the rest."""
+
+    ARRAYS = (
+        "states",
+        "status",
+        "energy",
+        "arrival_tick",
+        "arrival_energy",
+        "distance",
+        "_speed_sum",
+        "_ticks_on_way",
+    )
+
+    def draw_wind(self, ticks: int) -> Floats:
+        """What `advance` would draw in as many ticks, `(ticks, N, 2)`."""
+        return self._wind.standard_normal((ticks, self.scenario.uavs, state.AXES))
+
+    def hash_states(self, states: Floats) -> None:
+        """The states of the next ticks, `(T, N, 4)`."""
+        self._hash.update(states.astype("<f8", copy=False).tobytes())
+
+    def touch(self, colliding: NDArray[np.bool_]) -> None:
+        """Pairs within the collision radius now, `(N, N)`."""
+        self._collide(np.argwhere(colliding))
+
+    def land(self) -> None:
+        """UAVs may have come within the destination."""
+        self._arrive()
+
+
+class Flights:
+    """R flights that took off together. Arrays have shape `(R, N, …)`, R shrinking as flights end.
+
+    Every number is computed by the operation `Flight.advance` would use, on a row of the same length, so that each
+    flight has the bits it would have alone.
+    """
+
+    def __init__(self, scenarios: list[Scenario]) -> None:
+        """`scenarios`: equal but for the seed."""
+        self.scenario = scenarios[0]
+        self.tick = 0
+        self._rows = [_Row(scenario) for scenario in scenarios]
+        self.states: state.States
+        self.status: NDArray[np.uint8]
+        self.energy: Floats
+        self.arrival_tick: NDArray[np.int64]
+        self.arrival_energy: Floats
+        self.distance: Floats
+        self._speed_sum: Floats
+        self._ticks_on_way: NDArray[np.int64]
+        self._bind({name: np.stack([getattr(row, name) for row in self._rows]) for name in _Row.ARRAYS})
+        self.speed_difference_sum = np.array([row.speed_difference_sum for row in self._rows])
+        self.near_sum = np.array([row.near_sum for row in self._rows])
+        self.speed_max = np.array([row.speed_max for row in self._rows])
+        self._history = np.empty((len(self._rows), CHUNK_TICKS, self.scenario.uavs, state.SIZE))
+        self._filled = 0  # rows of the history not hashed yet
+        self._noise = np.empty((len(self._rows), 0, self.scenario.uavs, state.AXES))
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @property
+    def over(self) -> NDArray[np.bool_]:
+        """Which flights have ended, `(R,)`."""
+        if self.tick >= self.scenario.max_ticks:
+            return np.ones(len(self), dtype=bool)
+        if self.scenario.stop == "duration":
+            return np.zeros(len(self), dtype=bool)
+        return ~(self.status == Status.FLYING).any(axis=-1)
+
+    @property
+    def collisions(self) -> NDArray[np.int64]:
+        """So far, `(R,)`."""
+        return np.array([row.collisions for row in self._rows])
+
+    def flight(self, row: int) -> Flight:
+        """One flight, its books up to date."""
+        self._hash()
+        flight = self._rows[row]
+        flight.tick = self.tick
+        flight.speed_difference_sum = float(self.speed_difference_sum[row])
+        flight.near_sum = int(self.near_sum[row])
+        flight.speed_max = float(self.speed_max[row])
+        return flight
+
+    def lose(self, row: int, uavs: NDArray[np.intp], kind: str, why: str) -> None:
+        """See `Flight.lose`."""
+        self._rows[row].tick = self.tick
+        self._rows[row].lose(uavs, kind, why)
+
+    def keep(self, rows: NDArray[np.bool_]) -> None:
+        """Drops the flights that ended; what `flight` gave of them stays as it was."""
+        self._hash()
+        self._rows = [row for row, kept in zip(self._rows, rows, strict=True) if kept]
+        self._bind({name: getattr(self, name)[rows] for name in _Row.ARRAYS})
+        self.speed_difference_sum = self.speed_difference_sum[rows]
+        self.near_sum = self.near_sum[rows]
+        self.speed_max = self.speed_max[rows]
+        self._history = self._history[rows]
+        self._noise = self._noise[rows]
+
+    def advance(self, accelerations: Floats) -> None:
+        """One tick of all flights under `accelerations` (R, N, 2), m/s²."""
+        lost = self.status == Status.LOST
+        commands = np.where(lost[..., None], 0.0, accelerations) if lost.any() else accelerations
+        with np.errstate(over="ignore", invalid="ignore"):
+            moved = dynamics.step(self.scenario, self.states, commands, self._next_noise())
+            sane: NDArray[np.bool_] = np.all(np.abs(moved) < 1e9, axis=-1)
+        on_way = self.status == Status.FLYING
+        self.tick += 1
+        if not sane.all():
+            moved[~sane] = self.states[~sane]
+            moved[~sane, state.VELOCITY] = 0.0
+            for row in np.flatnonzero(~sane.all(axis=-1)):
+                self.lose(int(row), np.flatnonzero(~sane[row]), "diverged", "left every bound")
+        self.states[...] = moved
+        speed = state.speed(moved)
+        self.energy += energy.power(self.scenario.vehicle, speed) * self.scenario.dt
+        speed_on_way = np.where(on_way, speed, 0.0)
+        self._speed_sum += speed_on_way
+        self._ticks_on_way += on_way
+        self.distance += np.where(on_way, speed * self.scenario.dt, 0.0)
+        np.maximum(self.speed_max, speed_on_way.max(axis=-1), out=self.speed_max)
+        self._observe()
+        within = (state.norm(moved) <= self.scenario.destination.radius) & (self.status == Status.FLYING)
+        for row in np.flatnonzero(within.any(axis=-1)):
+            self._rows[row].tick = self.tick
+            self._rows[row].land()
+
+    def _observe(self) -> None:
+        if self._filled == CHUNK_TICKS:
+            self._hash()
+        self._history[:, self._filled] = self.states
+        self._filled += 1
+        seen = pairs(self.scenario.metrics, self.states)
+        self.speed_difference_sum += seen.speed_difference
+        self.near_sum += seen.near
+        for row in np.flatnonzero(seen.colliding.any(axis=(-2, -1))):
+            self._rows[row].tick = self.tick
+            self._rows[row].touch(seen.colliding[row])
+
+    def _next_noise(self) -> Floats:
+        used = self.tick % CHUNK_TICKS
+        if not used:
+            self._noise = np.stack([row.draw_wind(CHUNK_TICKS) for row in self._rows])
+        return self._noise[:, used]
+
+    def _hash(self) -> None:
+        for row, history in zip(self._rows, self._history, strict=True):
+            row.hash_states(history[: self._filled])
+        self._filled = 0
+
+    def _bind(self, stacks: dict[str, NDArray]) -> None:
+        for name, stack in stacks.items():
+            setattr(self, name, stack)
+            for row, of_row in zip(self._rows, stack, strict=True):
+                setattr(row, name, of_row)

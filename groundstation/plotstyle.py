@@ -1,0 +1,217 @@
+"""One look for every figure: a colour, marker and dash a method, units on every axis, bytes that do not change."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+COLUMN_IN = 4.6  # drawn a little larger than a printed column (3.5 in); text is 8 to 9 points here, 6 to 7 in print
+PAGE_IN = 7.6
+DPI = 200
+
+# Okabe and Ito's palette, told apart with every common colour vision; marker and dash say the same once more.
+COLOURS = {
+    "hjb": "#D55E00",
+    "mfg": "#7F7F7F",
+    "mfgfl-h": "#E69F00",
+    "mfgfl-f": "#009E73",
+    "mfgfl-hf": "#0072B2",
+    "offline": "#CC79A7",
+}
+MARKERS = {"hjb": "s", "mfg": "D", "mfgfl-h": "^", "mfgfl-f": "v", "mfgfl-hf": "o", "offline": "X"}
+DASHES: dict[str, tuple[float, tuple[float, ...]]] = {
+    "hjb": (0, (5, 1.6)),
+    "mfg": (0, (1, 1.2)),
+    "mfgfl-h": (0, (3, 1, 1, 1)),
+    "mfgfl-f": (0, (2, 1)),
+    "mfgfl-hf": (0, ()),
+    "offline": (0, (6, 1, 1, 1, 1, 1)),
+}
+NAMES = {
+    "hjb": "Hjb",
+    "mfg": "Mfg",
+    "mfgfl-h": "MfgFL-H",
+    "mfgfl-f": "MfgFL-F",
+    "mfgfl-hf": "MfgFL-HF",
+    "offline": "Offline",
+}
+INK, PALE = "#222222", "#9A9A9A"
+
+AXES = {  # column of a table or summary → what an axis calls it, with its unit
+    "t_s": "time (s)",
+    "uavs": "number of UAVs $N$",
+    "period": "ticks a round $n_0$",
+    "sigma": r"wind $\sigma$ (m s$^{-1}$ s$^{-1/2}$)",
+    "energy_mean_J": "motion energy (J)",
+    "energy_std_J": "std of energy (J)",
+    "t_avg_s": r"$T_\mathrm{avg}$ (s)",
+    "t_avg_censored_s": r"$T_\mathrm{avg}$ (s)",
+    "t_max_s": r"$T_\mathrm{max}$ (s)",
+    "phi_A": r"$\phi_A$ (m/s)",
+    "phi_C": r"$\phi_C$ (1)",
+    "phi_A_tavg": r"$\phi_A(T_\mathrm{avg})$ (m/s)",
+    "phi_C_tavg": r"$\phi_C(T_\mathrm{avg})$ (1)",
+    "phi_C_distinct": r"$\phi_C$, distinct pairs (1)",
+    "collisions": "collisions (pairs)",
+    "speed_max_m_s": "top speed (m/s)",
+    "speed_mean_m_s": "mean speed (m/s)",
+    "distance_mean_m": "distance flown (m)",
+    "payload_bits": "payload (bit)",
+    "bits": "payload (bit)",
+    "arrived": "arrived (UAVs)",
+    "hjb_residual_max": r"largest $|e_H|$ (m/s)",
+    "fpk_residual_max": r"largest $|e_F|$ (1/s)",
+    "weight_spread_final": "weight spread (1)",
+}
+
+_RC: Any = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.5,
+    "axes.titlesize": 8.5,
+    "axes.labelsize": 8.5,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "legend.fontsize": 8.0,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.linewidth": 0.7,
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "xtick.major.size": 2.8,
+    "ytick.major.size": 2.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#E4E4E4",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.5,
+    "lines.markersize": 4.2,
+    "legend.frameon": False,
+    "figure.constrained_layout.use": True,
+    "figure.constrained_layout.h_pad": 0.05,
+    "figure.constrained_layout.w_pad": 0.05,
+    "savefig.dpi": DPI,
+    "svg.hashsalt": "meanflock",
+    "svg.fonttype": "path",  # looks the same on a machine without the font
+}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """The look, for the figures made and saved inside."""
+    with mpl.rc_context(_RC):
+        yield
+
+
+def figure(width_in: float, height_in: float) -> Figure:
+    """An empty figure on the Agg canvas; no global state, no window."""
+    made = Figure(figsize=(width_in, height_in))
+    FigureCanvasAgg(made)
+    return made
+
+
+def save(made: Figure, folder: Path, name: str) -> list[Path]:
+    """Writes `name`.png and `name`.svg; equal figures give equal bytes."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{name}.png", folder / f"{name}.svg"]
+    with style():
+        made.savefig(paths[0], metadata={"Software": None})
+        made.savefig(paths[1], metadata={"Date": None, "Creator": None})
+    return paths
+
+
+def colour(method: str) -> str:
+    """A method's colour in every figure; black for what is no method."""
+    return COLOURS.get(method, INK)
+
+
+def name(method: str) -> str:
+    """A method as the paper writes it."""
+    return NAMES.get(method, method)
+
+
+def axis(column: str) -> str:
+    """The label of an axis; a column without one is called by its own name, which carries its unit."""
+    return AXES.get(column, column)
+
+
+def titled(ax: Axes, letter: str, text: str) -> None:
+    """A panel's letter and title, flush left."""
+    ax.set_title(f"({letter}) {text}" if letter else text, loc="left", pad=4)
+
+
+def legend(made: Figure, methods: Sequence[str], markers: bool = False, extra: Sequence[Line2D] = ()) -> None:
+    """One legend above all panels."""
+    handles = [
+        Line2D(
+            [],
+            [],
+            color=colour(method),
+            linestyle="-" if markers else DASHES.get(method, "-"),
+            marker=MARKERS.get(method, "o") if markers else None,
+            label=name(method),
+        )
+        for method in methods
+    ]
+    handles += list(extra)
+    made.legend(
+        handles=handles, loc="outside upper center", ncols=min(len(handles), 4), handlelength=2.6, columnspacing=1.4
+    )
+
+
+def curve(ax: Axes, method: str, x: Floats, y: Floats, low: Floats | None = None, high: Floats | None = None) -> None:
+    """A method's line over x, and a band where one is given."""
+    if low is not None and high is not None:
+        ax.fill_between(x, low, high, color=colour(method), alpha=0.16, linewidth=0)
+    strong = 1.9 if method == "mfgfl-hf" else 1.4
+    ax.plot(x, y, color=colour(method), linestyle=DASHES.get(method, "-"), linewidth=strong)
+
+
+def dots(ax: Axes, method: str, x: Floats, y: Floats, low: Floats, high: Floats) -> None:
+    """A method's points with their intervals, joined; an end that is not finite is not drawn."""
+    bars = np.nan_to_num(np.stack([y - low, high - y]), nan=0.0, posinf=0.0, neginf=0.0)
+    ax.errorbar(
+        x,
+        y,
+        yerr=np.maximum(bars, 0.0),
+        color=colour(method),
+        marker=MARKERS.get(method, "o"),
+        markeredgecolor="white",
+        markeredgewidth=0.5,
+        linewidth=1.3,
+        elinewidth=1.0,
+        capsize=2.0,
+        capthick=0.9,
+    )
+
+
+def log_axis(ax: Axes) -> None:
+    """A logarithmic y axis; with 1 and 3 of every decade written out where it spans less than two."""
+    ax.set_yscale("log")
+    low, high = ax.get_ylim()
+    narrow = high < 100 * low
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0) if narrow else (1.0,), numticks=8))
+    if narrow:
+        ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.yaxis.set_minor_formatter(NullFormatter())
+
+
+def bit_axis(axis: Axis) -> None:
+    """Ticks of bits as 500 k, 2 M."""
+    axis.set_major_formatter(EngFormatter())

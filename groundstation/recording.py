@@ -1,0 +1,389 @@
+"""The flight as a Rerun recording: written to a file, served to viewers, read back as a picture.
+
+`Recorder` turns telemetry into columns and sends them in batches; `blueprint.py` says how they look. These
+two are the only files that import rerun. What a run holds in memory here does not grow with its length.
+"""
+
+import math
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+from rerun.experimental import ViewerClient
+
+from groundstation import blueprint as look
+from groundstation.viewer import listening_address, open_viewer, repair, start_headless, verify
+from swarm import state
+from swarm.errors import BadInput, RunFailed
+from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
+from swarm.model import VALUE_FEATURES
+from swarm.scenario import Scenario
+
+__all__ = ["Recorder", "open_viewer", "repair", "screenshot", "verify"]
+
+APPLICATION = "meanflock"
+BATCH_TICKS = 100  # rows sent at once; a few at a time, a recording is mostly headers
+BATCH_WALL_S = 0.5  # ... but a live viewer waits no longer than this
+TRAIL_STEP_S = 0.5  # a trail is made of pieces this long
+LARGE_SWARM_STRIDE = 5  # a large swarm's positions are recorded every this many ticks
+LINKS_PER_TICK = 2000  # of a tick's links, as many are drawn; all are counted
+STAR_M = 1.4  # radius of a collision's star
+VIEWER_DEADLINE_S = 60.0  # software rendering on a busy machine
+MISSING_GRAPHICS = "apt-get install mesa-vulkan-drivers libgl1 libegl1"
+
+_LEVELS = {"outage": "WARN", "dropped": "WARN", "collision": "ERROR", "lost": "ERROR", "diverged": "ERROR"}
+_LEVEL_COLORS = {"INFO": look.WHITE, "WARN": look.ORANGE, "ERROR": look.RED}
+_COLUMN = {name: index for index, name in enumerate(SWARM_COLUMNS)}
+_DIAGNOSTIC = {name: index for index, name in enumerate(DIAGNOSTICS)}
+_CORNERS = np.arange(11) * (math.pi / 5) + math.pi / 2
+_STAR = np.stack([np.cos(_CORNERS), np.sin(_CORNERS)], axis=-1) * np.where(np.arange(11) % 2, 0.4, 1.0)[:, None]
+
+Ticks = NDArray[np.int64]
+Floats = NDArray[np.float32]
+
+
+class Recorder:
+    """Writes a run's telemetry to a file, to live viewers, or both.
+
+    Args:
+        scenario: what is flown.
+        run_id: name of the recording.
+        path: the `.rrd` file to write; an existing one is replaced. None: no file.
+        serve: address and port on which viewers find the recording, also when they come late; port 0 takes
+            a free one. None: not served.
+        memory_limit: what the server keeps for late viewers; beyond it, it forgets the oldest first.
+
+    Raises:
+        BadInput: the file cannot be written, or the address cannot be listened on.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        run_id: str,
+        path: Path | None,
+        serve: tuple[str, int] | None = None,
+        memory_limit: str = "256MB",
+    ) -> None:
+        sinks: list[rr.FileSink | rr.GrpcServerSink] = []
+        self.live_url: str | None = None  # where `rerun` or `meanflock view` finds the live recording
+        if serve is not None:
+            host, port = listening_address(*serve)
+            self.live_url = f"rerun+http://{f'[{host}]' if ':' in host else host}:{port}/proxy"
+            sinks.append(rr.GrpcServerSink(bind_ip=host, port=port, server_memory_limit=memory_limit))
+        if path is not None:
+            _check_writable(path)
+            sinks.append(rr.FileSink(path))
+        if not sinks:
+            raise ValueError("a recorder needs a file, an address to serve on, or both")
+
+        self._scenario = scenario
+        self._large = scenario.uavs > look.LARGE_SWARM
+        self._trail_ticks = max(1, round(TRAIL_STEP_S / scenario.dt))
+        self._pending: list[Telemetry] = []
+        self._pending_ticks = 0
+        self._sent_at = time.monotonic()
+        self._status: NDArray[np.uint8] = np.full(scenario.uavs, 255, dtype=np.uint8)  # none known yet
+        self._trail_start: Floats = np.empty((0, scenario.uavs, 2), dtype=np.float32)  # not yet in a piece
+
+        self._stream: rr.RecordingStream | None = rr.RecordingStream(APPLICATION, recording_id=run_id)
+        self._stream.set_sinks(*sinks, default_blueprint=look.blueprint(scenario, live=serve is not None))
+        self._stream.send_recording_name(run_id)
+        look.log_static(self._stream, scenario)
+
+    def __enter__(self) -> "Recorder":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def write(self, block: Telemetry) -> None:
+        """Records a block of T ≥ 1 ticks. Blocks come in the order of the flight; one may be missing."""
+        if self._stream is None:
+            raise ValueError("the recording is closed")
+        self._pending.append(block)
+        self._pending_ticks += len(block.states)
+        if self._pending_ticks >= BATCH_TICKS or time.monotonic() - self._sent_at >= BATCH_WALL_S:
+            self.flush()
+
+    def flush(self) -> None:
+        """Sends what `write` still holds back."""
+        if self._stream is None or not self._pending:
+            return
+        blocks, self._pending, self._pending_ticks = self._pending, [], 0
+        ticks = np.concatenate([block.first_tick + np.arange(len(block.states)) for block in blocks])
+        states = np.concatenate([block.states for block in blocks])
+        diagnostics = np.concatenate([block.diagnostics for block in blocks])
+        swarm = np.concatenate([block.swarm for block in blocks])
+        events = [event for block in blocks for event in block.events]
+        positions = states[..., state.POSITION].astype(np.float32)
+
+        self._send_map(ticks, positions, states, diagnostics[..., _DIAGNOSTIC["phi_G"]])
+        self._send_links(ticks, positions, np.concatenate([block.links for block in blocks]))
+        self._send_plots(ticks, states, diagnostics, swarm, np.concatenate([block.energy for block in blocks]))
+        self._send_reports(blocks)
+        self._send_events(ticks, positions, swarm, events)
+        if not self._large:
+            self._send_lanes(ticks, np.concatenate([block.status for block in blocks]))
+        self._sent_at = time.monotonic()
+
+    def close(self) -> None:
+        """Writes what is left and the file's footer, and stops serving. May be called again."""
+        self.flush()
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            stream.flush()
+            stream.disconnect()
+
+    def _send(self, entity: str, ticks: Ticks, *columns: Any) -> None:
+        """Sends component columns with one row a tick of `ticks`, (R,)."""
+        index = (
+            rr.TimeColumn(look.TIMELINE, duration=ticks * self._scenario.dt),
+            rr.TimeColumn(look.TICKS, sequence=ticks),
+        )
+        flat = [column for group in columns for column in group]
+        rr.send_columns(entity, index, flat, recording=self._stream)
+
+    def _send_scalars(self, plot: str, ticks: Ticks, values: NDArray[Any]) -> None:
+        """Sends the lines of a plot, `values` being (R,) or (R, lines)."""
+        if len(ticks):
+            self._send(plot, ticks, rr.Scalars.columns(scalars=values))
+
+    def _send_map(self, ticks: Ticks, positions: Floats, states: state.States, phi_g: Floats) -> None:
+        """UAVs, velocities and the leader's frame at every tick, and the pieces of trail now complete."""
+        colors = look.phi_g_colors(phi_g)
+        kept = ticks % LARGE_SWARM_STRIDE == 0 if self._large else np.full(len(ticks), True)
+        if kept.any():
+            rows, points = ticks[kept], positions[kept]
+            counts = np.full(len(rows), self._scenario.uavs)
+            points_flat = points.reshape(-1, 2)
+            arrows = (states[kept][..., state.VELOCITY] * look.ARROW_S).astype(np.float32).reshape(-1, 2)
+            uavs = rr.Points2D.columns(positions=points_flat, colors=colors[kept].reshape(-1))
+            velocity = rr.Arrows2D.columns(origins=points_flat, vectors=arrows)
+            self._send(look.UAVS, rows, uavs.partition(counts))
+            self._send(look.VELOCITY, rows, velocity.partition(counts))
+            leader = points[:, self._scenario.federation.leader]
+            frame = np.concatenate([leader, np.zeros_like(leader[:, :1])], axis=-1)
+            self._send(look.LEADER, rows, rr.Transform3D.columns(translation=frame))
+
+        path = np.concatenate([self._trail_start, positions])  # (P, N, 2)
+        begun = len(self._trail_start)
+        pieces = (len(path) - 1) // self._trail_ticks
+        ends = np.arange(1, pieces + 1) * self._trail_ticks
+        self._trail_start = path[pieces * self._trail_ticks :].copy()
+        if pieces:
+            steps = np.arange(self._trail_ticks + 1)
+            if self._large:
+                steps = steps[[0, -1]]
+            strips = path[ends[:, None] - self._trail_ticks + steps].swapaxes(1, 2)  # (pieces, N, points, 2)
+            strips = strips.reshape(-1, *strips.shape[2:])
+            shades = (colors[ends - begun].reshape(-1) & ~np.uint32(0xFF)) | np.uint32(0x80)  # the dots stand out
+            columns = rr.LineStrips2D.columns(strips=strips, colors=shades)
+            counts = np.full(pieces, self._scenario.uavs)
+            self._send(look.TRAILS, ticks[ends - begun], columns.partition(counts))
+
+    def _send_links(self, ticks: Ticks, positions: Floats, links: NDArray[np.int32]) -> None:
+        """A line from source to target for every transmission, green where delivered, red where in outage."""
+        if not len(links):
+            return
+        links = links[np.argsort(links[:, 0], kind="stable")]
+        models = links[:, 3] != FrameKind.STATE
+        for entity, chosen in ((look.MODEL_LINKS, links[models]), (look.STATE_LINKS, links[~models])):
+            if not len(chosen):
+                continue
+            _, first, count = np.unique(chosen[:, 0], return_index=True, return_counts=True)
+            chosen = chosen[np.arange(len(chosen)) - np.repeat(first, count) < LINKS_PER_TICK]
+            at, count = np.unique(chosen[:, 0], return_counts=True)
+            row = np.clip(np.searchsorted(ticks, chosen[:, 0]), 0, len(ticks) - 1)
+            ends = np.stack([positions[row, chosen[:, 1]], positions[row, chosen[:, 2]]], axis=1)  # (K, 2, 2)
+            colors = np.where(chosen[:, 4] < 0, look.RED, look.GREEN).astype(np.uint32)
+            columns = rr.LineStrips2D.columns(strips=ends, colors=colors)
+            self._send(entity, at.astype(np.int64), columns.partition(count))
+        uploads = links[links[:, 3] == FrameKind.UPLOAD]
+        if len(uploads) and not self._large:
+            self._send_round(uploads[uploads[:, 0] == uploads[-1, 0]])
+
+    def _send_round(self, uploads: NDArray[np.int32]) -> None:
+        """The last round as a graph: who was heard (green), who was not (red), who was not asked (grey)."""
+        uavs, leader = self._scenario.uavs, self._scenario.federation.leader
+        colors = np.full(uavs, look.GREY, dtype=np.uint32)
+        colors[uploads[:, 1]] = np.where(uploads[:, 4] < 0, look.RED, look.GREEN)
+        colors[leader] = look.WHITE
+        angle = np.arange(uavs) * (2 * math.pi / uavs)
+        places = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * max(80.0, 9.0 * uavs)
+        places[leader] = 0.0
+        names = [str(uav) for uav in range(uavs)]
+        heard = [(str(source), str(leader)) for source in uploads[uploads[:, 4] >= 0, 1] if source != leader]
+        nodes = rr.GraphNodes.columns(node_ids=names, labels=names, positions=places, colors=colors)
+        edges = rr.GraphEdges.columns(edges=heard)
+        at = uploads[:1, 0].astype(np.int64)
+        self._send(look.ROUND, at, nodes.partition([uavs]), edges.partition([len(heard)]))
+
+    def _send_plots(
+        self,
+        ticks: Ticks,
+        states: state.States,
+        diagnostics: Floats,
+        swarm: NDArray[np.float64],
+        energy: Floats,
+    ) -> None:
+        """Scalars over time, a row a tick."""
+
+        def columns(*names: str) -> NDArray[np.float64]:
+            return swarm[:, [_COLUMN[name] for name in names]]
+
+        bits = columns("uplink_bits", "broadcast_bits", "state_bits") / 1e6
+        self._send_scalars(look.ENERGY.entity, ticks, _range(energy))
+        self._send_scalars(look.SPEED.entity, ticks, _range(state.speed(states)))
+        self._send_scalars(look.BITS.entity, ticks, bits)
+        self._send_scalars(look.ALIGNMENT.entity, ticks, columns("phi_A"))
+        self._send_scalars(look.RISK.entity, ticks, columns("phi_C", "phi_C_distinct"))
+        self._send_scalars(look.FAILURES.entity, ticks, columns("outages", "collisions"))
+        self._send_scalars(look.PHI_G.entity, ticks, _range(diagnostics[..., _DIAGNOSTIC["phi_G"]]))
+        for plot, name in ((look.HJB, "hjb_residual"), (look.FPK, "fpk_residual")):
+            known, lines = _log_range(diagnostics[..., _DIAGNOSTIC[name]])
+            self._send_scalars(plot.entity, ticks[known], lines)
+
+    def _send_reports(self, blocks: list[Telemetry]) -> None:
+        """The leader's value weights and the spread of all models, where the world asked for them."""
+        ticks = np.concatenate([block.report_ticks for block in blocks]).astype(np.int64)
+        reports = np.concatenate([block.reports for block in blocks])
+        self._send_scalars(look.WEIGHTS, ticks, reports[:, :VALUE_FEATURES])
+        self._send_scalars(look.SPREAD.entity, ticks, np.concatenate([block.spread for block in blocks]))
+
+    def _send_events(self, ticks: Ticks, positions: Floats, swarm: NDArray[np.float64], events: list[Event]) -> None:
+        """Lines of the log; a collision is also a star on the map and a mark on the risk it was taken at."""
+        if not events:
+            return
+        levels = [_LEVELS.get(event.kind, "INFO") for event in events]
+        log = rr.TextLog.columns(
+            text=[e.text if e.kind in e.text else f"{e.kind}: {e.text}" for e in events],
+            level=levels,
+            color=np.array([_LEVEL_COLORS[level] for level in levels], dtype=np.uint32),
+        )
+        self._send(look.EVENTS, np.array([event.tick for event in events], dtype=np.int64), log)
+
+        hits = [event for event in events if event.kind == "collision" and event.uavs]
+        if not hits:
+            return
+        at = np.array([event.tick for event in hits], dtype=np.int64)
+        rows = np.clip(np.searchsorted(ticks, at), 0, len(ticks) - 1)
+        centres = np.stack(
+            [positions[row, list(event.uavs)].mean(axis=0) for row, event in zip(rows, hits, strict=True)]
+        )
+        stars = (centres[:, None] + STAR_M * _STAR).astype(np.float32)  # (hits, 11, 2)
+        self._send(look.COLLISIONS, at, rr.LineStrips2D.columns(strips=stars))
+        self._send_scalars(look.HITS, at, swarm[rows, _COLUMN["phi_C"]])
+
+    def _send_lanes(self, ticks: Ticks, status: NDArray[np.uint8]) -> None:
+        """The states of all UAVs at the ticks where one changes."""
+        changed = (np.concatenate([self._status[None], status[:-1]]) != status).any(axis=1)
+        self._status = status[-1].copy()
+        if changed.any():
+            texts = [look.lane(uav, Status(int(now))) for row in status[changed] for uav, now in enumerate(row)]
+            counts = np.full(int(changed.sum()), self._scenario.uavs)
+            self._send(look.LANES, ticks[changed], rr.StateChange.columns(state=texts).partition(counts))
+
+
+def _range(values: NDArray[Any]) -> NDArray[np.float64]:
+    """Mean, minimum and maximum over the UAVs: (T, N) to (T, 3)."""
+    lines = [values.mean(axis=1, dtype=np.float64), values.min(axis=1), values.max(axis=1)]
+    return np.stack(lines, axis=-1).astype(np.float64)
+
+
+def _log_range(values: Floats) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Which ticks have a residual at all, (T,), and log10 of its largest and mean size there, (R, 2).
+
+    A residual of exactly 0 is one nobody computed: before the first step, or of a lost UAV. It has no
+    logarithm and counts for nothing.
+    """
+    size = np.abs(values.astype(np.float64))
+    some = size > 0
+    known: NDArray[np.bool_] = np.any(some, axis=1)
+    size, some = size[known], some[known]
+    mean = size.sum(axis=1) / some.sum(axis=1)
+    lines: NDArray[np.float64] = np.log10(np.stack([size.max(axis=1), mean], axis=-1))
+    return known, lines
+
+
+def screenshot(path: Path, png: Path, at_s: float, size: tuple[int, int] = (1920, 1080)) -> None:
+    """Renders a recording at `at_s` seconds of flight as a picture of `size` pixels; needs no display.
+
+    Raises:
+        BadInput: no such recording, or the picture cannot be written.
+        RunFailed: the viewer does not start or answer, or one of the views reports an error.
+    """
+    if not path.is_file():
+        raise BadInput(f"{path}: no such recording; give the `recording.rrd` of a run")
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "viewer.log"
+        viewer, url = start_headless(path, size, log)
+        try:
+            picture = _render(viewer, url, at_s)
+        except (OSError, RuntimeError, ValueError) as error:
+            said = log.read_text(encoding="utf-8", errors="replace").splitlines()
+            cause = next((line for line in said if "panicked" in line or "ERROR" in line), str(error))
+            raise RunFailed(
+                f"{path}: no picture: {cause}; without a display the viewer needs software rendering: "
+                f"{MISSING_GRAPHICS}"
+            ) from error
+        finally:
+            viewer.terminate()
+            try:
+                viewer.wait(timeout=5)
+            except subprocess.TimeoutExpired:
+                viewer.kill()
+                viewer.wait()
+    _check_writable(png)
+    png.write_bytes(picture)
+
+
+def _render(viewer: "subprocess.Popen[bytes]", url: str, at_s: float) -> bytes:
+    """The picture once the recording is loaded and no new picture comes any more.
+
+    Two in a row need not be the same: a plot may swap for ever between two widths of its labels.
+    """
+    deadline = time.monotonic() + VIEWER_DEADLINE_S
+    client: ViewerClient | None = None
+    prepared = False
+    pictures: set[bytes] = set()
+    while time.monotonic() < deadline:
+        if viewer.poll() is not None:
+            raise OSError(f"the viewer ended with {viewer.returncode}")
+        time.sleep(0.2)  # between two questions
+        try:
+            client = client or ViewerClient.connect(url)
+            seen = client.get_state()
+            if not seen.recordings or not seen.recordings[0].timelines or seen.loading:
+                continue
+            if not prepared:
+                client.set_time(look.TIMELINE, duration=at_s, play_state="paused")
+                client.run_command("ui.toggle_top_panel")  # it only says that this is a software rasterizer
+                prepared = True
+                continue
+            picture = client.take_screenshot()
+        except (RuntimeError, ConnectionError):
+            continue  # not listening yet
+        if picture in pictures:
+            reports = [(view.name, report) for view in seen.views for report in view.reports]
+            errors = [f"{name}: {report.summary}" for name, report in reports if report.severity == "error"]
+            if errors:
+                raise RunFailed(f"views report errors: {'; '.join(errors)}")
+            return picture
+        pictures.add(picture)
+    raise TimeoutError(f"the viewer gave no steady picture within {VIEWER_DEADLINE_S:.0f} s")
+
+
+def _check_writable(path: Path) -> None:
+    try:
+        path.open("ab").close()
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}; give a file in a folder that can be written") from error

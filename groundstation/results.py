@@ -1,0 +1,254 @@
+"""The run folder: what a run leaves on disk, complete at the end and usable if the run is killed."""
+
+import fcntl
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import tomli_w
+from numpy.typing import NDArray
+
+from swarm import codec, scenario
+from swarm.errors import BadInput, MessageRejected
+from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Status, Telemetry
+from swarm.scenario import Scenario
+
+SCENARIO, SUMMARY, TIMESERIES = "scenario.toml", "summary.json", "timeseries.parquet"
+EVENTS, RECORDING = "events.jsonl", "recording.rrd"
+CHECKPOINT = "checkpoint.msgpack"  # only while the run is not finished
+_MARK_BLOCK, _MARK_EVENTS = "meanflock.block", "meanflock.events_bytes"
+_SPOOL = ".timeseries.arrow"  # a Parquet file without its footer is lost, an Arrow stream is not
+
+
+def schema() -> pa.Schema:
+    """Columns of `timeseries.parquet`: one row a tick; lists have one entry a UAV."""
+    each = pa.list_(pa.float32())
+    return pa.schema(
+        [
+            ("tick", pa.int32()),
+            ("sim_time_s", pa.float64()),
+            *[(name, pa.list_(pa.float64())) for name in ("x_m", "y_m", "vx_m_s", "vy_m_s")],
+            *[(name, each) for name in ("ax_m_s2", "ay_m_s2", "energy_J", *DIAGNOSTICS)],
+            ("status", pa.list_(pa.uint8())),
+            *[(name, pa.float64()) for name in SWARM_COLUMNS],
+            ("weight_spread", pa.float64()),  # null between reports
+            ("leader_model", each),  # [ŵ_H0, ŵ_H1, ŵ_F0, ŵ_F1] of the leader UAV; null between reports
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class Past:
+    """What a run folder holds of a flight that is to go on: rows of ticks 0…n, and up to where its events belong."""
+
+    rows: pa.Table
+    next_block: int  # the first block of telemetry it does not hold
+    events_bytes: int
+
+
+class RunFolder:
+    """Writes one run; a `Sink`."""
+
+    def __init__(self, parent: Path, run_id: str, flown: Scenario, past: Past | None = None) -> None:
+        """Creates `parent/run_id` and writes the resolved scenario into it; with a `past`, goes on in that folder.
+
+        Raises:
+            BadInput: the folder cannot be created or written, or another process still writes it.
+        """
+        self.path = parent / run_id
+        try:
+            self.path.mkdir(parents=True, exist_ok=past is not None)
+            if past is None:
+                (self.path / SCENARIO).write_text(to_toml(flown), encoding="utf-8")
+            self._events = (self.path / EVENTS).open("ab")
+        except OSError as error:
+            raise BadInput(f"--out {parent}: {error.strerror}; name a folder that can be written") from error
+        try:
+            fcntl.flock(self._events, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            self._events.close()
+            raise BadInput(f"{self.path}: another process still writes this run; let it end first") from error
+        self._flown, self._dt = flown, flown.dt
+        self._over, self._resumed = False, past is not None
+        self._schema = schema()
+        spool = self.path / _SPOOL
+        part = spool.with_suffix(".part")
+        self._stream = pa.OSFile(str(part), "wb")
+        self._spool = pa.ipc.new_stream(self._stream, self._schema)
+        if past is not None:
+            self._events.truncate(past.events_bytes)
+            for batch in past.rows.to_batches(max_chunksize=1000):
+                self._spool.write_batch(batch, custom_metadata=_mark(past.next_block - 1, past.events_bytes))
+            self._stream.flush()
+            (self.path / SUMMARY).unlink(missing_ok=True)
+        os.replace(part, spool)
+
+    def write(self, block: Telemetry) -> None:
+        """Appends a block and its events: first these, so that a block that is whole has all of them."""
+        for event in block.events:
+            row = {"tick": event.tick, "sim_time_s": round(event.tick * self._dt, 6), "kind": event.kind}
+            line = json.dumps({**row, "text": event.text, "uavs": list(event.uavs)}) + "\n"
+            self._events.write(line.encode())
+        if block.events:
+            self._events.flush()
+        events_bytes = os.fstat(self._events.fileno()).st_size
+        batch = _batch(block, self._dt, self._schema)
+        self._spool.write_batch(batch, custom_metadata=_mark(block.block, events_bytes))
+        self._stream.flush()
+        if block.checkpoint:
+            tick = block.first_tick + len(block.states) - 1
+            kept = {"tick": tick, "block": block.block, "events_bytes": events_bytes, "body": block.checkpoint}
+            _replace(self.path / CHECKPOINT, codec.encode_record(kept))
+        if len(block.states):
+            last = block.first_tick + len(block.states) - 1
+            done = self._flown.stop == "arrival" and not (block.status[-1] == Status.FLYING).any()
+            self._over = done or last >= self._flown.max_ticks
+
+    def summarise(self, summary: dict[str, Any]) -> None:
+        """Writes `summary.json`, whole or not at all; a run that failed has none. One that finished needs no
+        checkpoint any more."""
+        _replace(self.path / SUMMARY, (json.dumps(summary, indent=1) + "\n").encode())
+        if self._over:
+            (self.path / CHECKPOINT).unlink(missing_ok=True)
+
+    def __enter__(self) -> "RunFolder":
+        return self
+
+    def __exit__(self, failure: type[BaseException] | None, *_: object) -> None:
+        """Completes the time series; a folder of bad input, in which nothing was flown, is taken away again."""
+        self._spool.close()
+        self._stream.close()
+        if failure is not None and issubclass(failure, BadInput) and not self._resumed:
+            shutil.rmtree(self.path)
+        else:
+            recover(self.path)
+        self._events.close()
+
+
+def recover(folder: Path) -> None:
+    """Turns what a run has spooled, to its end or to where it was killed, into `timeseries.parquet`."""
+    spool = folder / _SPOOL
+    if not spool.exists():
+        return
+    part = folder / f".{TIMESERIES}"
+    with pq.ParquetWriter(part, schema(), compression="zstd") as writer:
+        gathered = []
+        last: dict[str, str] = {}
+        for batch, mark in _whole_batches(spool):
+            gathered.append(batch)
+            last = mark
+            if len(gathered) == 50:
+                writer.write_table(pa.Table.from_batches(gathered, schema()))
+                gathered = []
+        if gathered:
+            writer.write_table(pa.Table.from_batches(gathered, schema()))
+        writer.add_key_value_metadata(last)
+    os.replace(part, folder / TIMESERIES)
+    spool.unlink()
+
+
+def past(folder: Path, tick: int | None = None) -> Past:
+    """What a folder holds: all of it, or up to the checkpoint of a tick.
+
+    Raises:
+        BadInput: there is no time series, or it has a gap before the tick.
+    """
+    try:
+        if (folder / _SPOOL).exists():
+            read = list(_whole_batches(folder / _SPOOL))
+            rows = pa.Table.from_batches([batch for batch, _ in read], schema())
+            mark = read[-1][1] if read else {}
+        else:
+            rows = pq.read_table(folder / TIMESERIES, schema=schema())
+            mark = {k.decode(): v.decode() for k, v in (pq.read_metadata(folder / TIMESERIES).metadata or {}).items()}
+    except (OSError, pa.ArrowInvalid) as error:
+        raise BadInput(f"{folder}: no time series to go on from ({error})") from error
+    if tick is not None:
+        rows = rows.slice(0, tick + 1)
+        if rows["tick"].to_pylist() != list(range(tick + 1)):
+            raise BadInput(f"{folder / TIMESERIES}: rows before tick {tick} are missing; the run cannot be resumed")
+    return Past(rows, int(mark.get(_MARK_BLOCK, -1)) + 1, int(mark.get(_MARK_EVENTS, 0)))
+
+
+def states_of(rows: pa.Table) -> NDArray[np.float64]:
+    """The states (T, N, 4) in rows of a time series."""
+    columns = [rows[name].combine_chunks() for name in ("x_m", "y_m", "vx_m_s", "vy_m_s")]
+    flat = [(column.flatten() if isinstance(column, pa.ListArray) else column).to_numpy() for column in columns]
+    return np.stack(flat, axis=-1).reshape(len(rows), -1, len(columns))
+
+
+def read_checkpoint(folder: Path) -> dict[str, Any]:
+    """The last checkpoint of a run: `tick`, `block`, `events_bytes` and the world's own `body`.
+
+    Raises:
+        BadInput: there is none, or it is damaged.
+    """
+    path = folder / CHECKPOINT
+    try:
+        kept = codec.decode_record(path.read_bytes())
+        return {name: kept[name] for name in ("tick", "block", "events_bytes", "body")}
+    except OSError as error:
+        mend = "name the folder of a run that was flown for a hundred ticks and did not finish"
+        raise BadInput(f"{path}: {error.strerror}; {mend}") from error
+    except (MessageRejected, KeyError) as error:
+        raise BadInput(f"{path}: damaged ({error}); the run cannot be resumed") from error
+
+
+def _whole_batches(spool: Path) -> Iterator[tuple[pa.RecordBatch, dict[str, str]]]:
+    """Everything before the cut a kill may have left, each batch with its mark."""
+    with pa.OSFile(str(spool), "rb") as source:
+        try:
+            stream = pa.ipc.open_stream(source)
+            while True:
+                batch, mark = stream.read_next_batch_with_custom_metadata()
+                yield batch, {k.decode(): v.decode() for k, v in (mark or {}).items()}
+        except (StopIteration, pa.ArrowInvalid, OSError):
+            return
+
+
+def _mark(block: int, events_bytes: int) -> dict[str, str]:
+    """What a batch of the spool says of itself: its block, and where the events of it and all before it end."""
+    return {_MARK_BLOCK: str(block), _MARK_EVENTS: str(events_bytes)}
+
+
+def _replace(path: Path, content: bytes) -> None:
+    part = path.with_name(f".{path.name}.part")
+    part.write_bytes(content)
+    os.replace(part, path)
+
+
+def to_toml(flown: Scenario) -> str:
+    """The resolved scenario as a file that flies the same run again."""
+    return tomli_w.dumps(json.loads(scenario.encode(flown.resolved())))
+
+
+def _batch(block: Telemetry, dt: float, columns: pa.Schema) -> pa.RecordBatch:
+    ticks = block.first_tick + np.arange(len(block.states))
+
+    def lists(values: np.ndarray) -> pa.Array:
+        rows, width = values.shape
+        return pa.ListArray.from_arrays(np.arange(0, rows * width + 1, width, dtype=np.int32), values.ravel())
+
+    per_uav = [block.states[..., k] for k in range(4)]
+    per_uav += [block.accelerations[..., k] for k in range(2)]
+    per_uav += [block.energy, *(block.diagnostics[..., k] for k in range(len(DIAGNOSTICS))), block.status]
+    report_of = dict(zip(block.report_ticks.tolist(), range(len(block.report_ticks)), strict=True))
+    reported = [report_of.get(tick) for tick in ticks.tolist()]
+    return pa.RecordBatch.from_arrays(
+        [
+            pa.array(ticks, pa.int32()),
+            pa.array(ticks * dt),
+            *map(lists, per_uav),
+            *[pa.array(block.swarm[:, k]) for k in range(len(SWARM_COLUMNS))],
+            pa.array([None if k is None else block.spread[k] for k in reported], pa.float64()),
+            pa.array([None if k is None else block.reports[k] for k in reported], pa.list_(pa.float32())),
+        ],
+        schema=columns,
+    )

@@ -1,0 +1,43 @@
+"""Where a run goes on: its last checkpoint, and what its folder holds up to there."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from groundstation.results import CHECKPOINT, SCENARIO, SUMMARY, Past, past, read_checkpoint, states_of
+from swarm import keys, scenario
+from swarm.errors import BadInput
+from swarm.scenario import Scenario
+from worldsim.checkpoint import Resumption
+
+
+@dataclass(frozen=True)
+class Back:
+    """A run that died, ready to go on."""
+
+    folder: Path
+    scenario: Scenario
+    past: Past
+    start: Resumption
+
+    @property
+    def run_id(self) -> str:
+        """Its name, which is that of its folder."""
+        return keys.check_run(self.folder.name)
+
+
+def back(folder: Path) -> Back:
+    """The run in `folder` at its last checkpoint.
+
+    Raises:
+        BadInput: no such run, it has finished, it died before its first checkpoint, or its files are damaged.
+    """
+    folder = folder.resolve()
+    if not (folder / SCENARIO).is_file():
+        raise BadInput(f"{folder}: no run; name the folder of one that did not finish")
+    flown = scenario.load(folder / SCENARIO)
+    if (folder / SUMMARY).exists() and not (folder / CHECKPOINT).exists():
+        raise BadInput(f"{folder}: this run has finished; fly it again with `meanflock run {folder / SCENARIO}`")
+    kept = read_checkpoint(folder)
+    rows = past(folder, kept["tick"]).rows
+    start = Resumption.of(kept["body"], states_of(rows))
+    return Back(folder, flown, Past(rows, kept["block"] + 1, kept["events_bytes"]), start)

@@ -1,0 +1,207 @@
+"""One run, from a scenario to a finished folder: in this process, or on a swarm of processes."""
+
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from groundstation.engine import Engine
+from groundstation.launch import Swarm
+from groundstation.progress import FlightProgress
+from groundstation.results import RECORDING, Past, RunFolder, to_toml
+from groundstation.resume import Back
+from groundstation.station import Sink, Station
+from swarm.errors import BadInput, BusError, RunFailed
+from swarm.process import Interrupted
+from swarm.scenario import Scenario
+from swarm.session import ZenohBus, check_free
+from worldsim.checkpoint import Resumption
+
+_CONNECT_S = 60.0
+_JOIN_S = 60.0
+_LAST_WORDS_S = 15.0
+_LAST_WORDS_OF_THE_LOST_S = 2.0  # a node that was lost may be frozen, and is then ended without them
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to fly a scenario; nothing here changes the trajectory."""
+
+    out: Path
+    in_process: bool = False
+    uavs_per_process: int = 1
+    realtime: float | None = None
+    record: bool = True
+    serve: tuple[str, int] | None = None  # where a live viewer connects
+    endpoint: str | None = None
+    tls: Path | None = None  # folder of certificates
+    quiet: bool = False
+    view: bool = False  # also open a viewer there
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run that ended: its folder and its summary."""
+
+    folder: Path
+    summary: dict[str, Any]
+
+
+def new_run_id(scenario: Scenario, parent: Path) -> str:
+    """A name nobody has used in `parent`: time, method, seed."""
+    stem = f"{datetime.now():%Y%m%d-%H%M%S}-{scenario.method}-s{scenario.seed}"
+    taken = 0
+    while (parent / (name := stem if not taken else f"{stem}-{taken}")).exists():
+        taken += 1
+    return name
+
+
+def fly(scenario: Scenario, options: Options, back: Back | None = None) -> Run:
+    """Flies a scenario and leaves its folder; with `back`, goes on in the folder of a run that died.
+
+    Raises:
+        BadInput: something asked for cannot be had; nothing was written.
+        RunFailed: a process crashed, or the run was interrupted; the folder holds what there was.
+    """
+    interrupted = Interrupted()
+    run_id = new_run_id(scenario, options.out) if back is None else back.run_id
+    if options.tls is not None:
+        from groundstation import certs  # a library that most runs need not load
+
+        if options.in_process:
+            raise BadInput("--tls: a run in one process has no links; leave out --in-process")
+        certs.check(options.tls, scenario.uavs, options.uavs_per_process)
+    if options.endpoint is not None:
+        check_free(options.endpoint)
+    start = None if back is None else back.start
+    with Desk(scenario, run_id, options, None if back is None else back.past) as desk:
+        if options.in_process:
+            desk.summary = _in_process(scenario, run_id, options, desk.sinks, interrupted, start)
+        else:
+            desk.summary = _processes(scenario, run_id, options, desk, interrupted, start)
+    if interrupted:
+        raise RunFailed(f"interrupted; {desk.folder.path} holds what was flown")
+    return Run(desk.folder.path, desk.summary)
+
+
+class Desk:
+    """Everything that keeps or shows a run: folder, recording, viewer, progress. A context manager that completes them.
+
+    `summary` is written with the folder if it is set before the end.
+    """
+
+    def __init__(self, scenario: Scenario, run_id: str, options: Options, past: Past | None = None) -> None:
+        """`past`: what the folder holds of the run already.
+
+        Raises BadInput, with nothing written, where a file or port cannot be had.
+        """
+        self.summary: dict[str, Any] = {}
+        self._stack = ExitStack()
+        with ExitStack() as opening:
+            self.folder = opening.enter_context(RunFolder(options.out, run_id, scenario, past))
+            self.progress = FlightProgress(scenario, options.quiet)
+            self.sinks: list[Sink] = [self.folder, self.progress]
+            if options.record:
+                from groundstation.recording import Recorder  # rerun takes a third of a second to load
+                from groundstation.viewer import Continued, open_viewer
+
+                opening.enter_context(Continued(self.folder.path / RECORDING))
+                recorder = Recorder(scenario, run_id, self.folder.path / RECORDING, options.serve)
+                opening.enter_context(recorder)
+                self.sinks.append(recorder)
+                if options.view and recorder.live_url is not None:
+                    open_viewer(recorder.live_url)
+            opening.enter_context(self.progress)
+            self._stack = opening.pop_all()
+
+    def __enter__(self) -> "Desk":
+        return self
+
+    def __exit__(self, *failure: Any) -> None:
+        if self.summary:
+            self.folder.summarise(self.summary)
+        self._stack.__exit__(*failure)
+
+
+def _in_process(
+    scenario: Scenario,
+    run_id: str,
+    options: Options,
+    sinks: list[Sink],
+    interrupted: Interrupted,
+    start: Resumption | None,
+) -> dict[str, Any]:
+    rows = options.uavs_per_process if options.uavs_per_process > 1 else None
+    engine = Engine(scenario, run_id, uavs_per_node=rows, sinks=sinks, realtime=options.realtime, resume=start)
+    for _ in engine.fly():
+        if interrupted:
+            break
+    return engine.world.finish()
+
+
+def _processes(
+    scenario: Scenario,
+    run_id: str,
+    options: Options,
+    desk: Desk,
+    interrupted: Interrupted,
+    start: Resumption | None,
+) -> dict[str, Any]:
+    with Swarm(run_id, options.endpoint, options.tls) as swarm:
+        desk.progress.say("starting processes")
+        swarm.start_world(
+            to_toml(scenario),
+            wait_s=_JOIN_S,
+            realtime=options.realtime,
+            rows=options.uavs_per_process,
+            resume=None if start is None else start.encode(),
+        )
+        swarm.start_leaders(scenario.leaders(0 if start is None else start.tick), _JOIN_S)
+        swarm.start_agents(scenario.uavs, options.uavs_per_process, _JOIN_S)
+        bus = _connect(swarm, interrupted)
+        try:
+            desk.progress.say("joining")
+            station = Station(bus, run_id, desk.sinks, first_block=None if start is None else start.block + 1)
+            _listen(bus, station, swarm, interrupted)
+        finally:
+            bus.close()
+        assert station.summary is not None
+        some_lost = station.summary["nodes_lost"] > 0
+        if not swarm.wait(_LAST_WORDS_OF_THE_LOST_S if some_lost else _LAST_WORDS_S) and not some_lost:
+            raise RunFailed("the flight is over but some processes did not end")
+        if not interrupted:
+            swarm.check()
+    return station.summary
+
+
+def _connect(swarm: Swarm, interrupted: Interrupted) -> ZenohBus:
+    """Waits for the world in short steps, so that a world that cannot start is noticed at once."""
+    end = time.monotonic() + _CONNECT_S
+    while True:
+        if interrupted:
+            raise RunFailed("interrupted while the swarm was starting")
+        swarm.check()
+        try:
+            return swarm.connect(timeout_s=1.0)
+        except BusError:
+            if time.monotonic() > end:
+                raise
+
+
+def _listen(bus: ZenohBus, station: Station, swarm: Swarm, interrupted: Interrupted) -> None:
+    told = checked = 0.0
+    while station.summary is None:
+        delivery = bus.receive(0.05)
+        if delivery is not None:
+            station.handle(delivery)
+        now = time.monotonic()
+        if interrupted and not told:
+            told = now
+            swarm.interrupt()
+        if told and now - told > _LAST_WORDS_S:
+            raise RunFailed("interrupted; the world did not answer any more")
+        if not told and now - checked > 0.1:
+            checked = now
+            swarm.check()

@@ -1,0 +1,138 @@
+"""Rerun's own program as a child process: it checks and mends recordings, and shows them.
+
+The binary is started itself, not through the `rerun` script, which leaves the viewer behind when it is ended.
+It listens on loopback only and does not phone home.
+"""
+
+import importlib.util
+import logging
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+from swarm.errors import BadInput, RunFailed
+
+LOOPBACK = "127.0.0.1"
+
+log = logging.getLogger("meanflock.viewer")
+
+
+def verify(path: Path) -> str | None:
+    """What is wrong with a recording; None: nothing."""
+    done = _run("rrd", "verify", str(path))
+    return None if done.returncode == 0 else _reason(done)
+
+
+def repair(path: Path) -> None:
+    """Rewrites a recording that was cut off, in place, with all that can be read of it.
+
+    Raises:
+        RunFailed: nothing can be read of it; the file is left as it was.
+    """
+    mended = path.with_name(f".{path.name}.mended")
+    try:
+        done = _run("rrd", "optimize", str(path), "-o", str(mended))
+        if done.returncode != 0 or not mended.exists():
+            raise RunFailed(f"{path}: the recording cannot be repaired: {_reason(done)}")
+        mended.replace(path)
+    finally:
+        mended.unlink(missing_ok=True)
+
+
+class Continued:
+    """Lets a new recording be written in the place of an older one of the same run; in the end they are one."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._earlier = path, path.with_name(f".earlier.{path.name}")
+
+    def __enter__(self) -> "Continued":
+        if self._path.exists():
+            self._path.replace(self._earlier)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Joins the two; where the earlier one cannot be read, it is left aside and the new one stands alone."""
+        if not self._earlier.exists() or not self._path.exists():
+            return
+        joined = self._path.with_name(f".joined.{self._path.name}")
+        parts = [str(self._earlier), str(self._path)]
+        try:
+            if verify(self._earlier) is not None:
+                repair(self._earlier)
+            if _run("rrd", "merge", *parts, "-o", str(joined)).returncode == 0 and joined.exists():
+                joined.replace(self._path)
+                self._earlier.unlink()
+        except RunFailed as error:
+            log.warning("%s", error)
+        finally:
+            joined.unlink(missing_ok=True)
+
+
+def open_viewer(path_or_url: Path | str) -> "subprocess.Popen[bytes]":
+    """Opens a recording, or a live one by its URL, in a window of its own; the caller may wait for its end.
+
+    Raises:
+        BadInput: there is no such file.
+    """
+    target = str(path_or_url)
+    if "://" not in target and not Path(target).is_file():
+        raise BadInput(f"{target}: no such recording; give the `recording.rrd` of a run, or a rerun+http:// URL")
+    return subprocess.Popen([*_program(), target, "--bind", LOOPBACK, "--port", "auto"], env=_environment())
+
+
+def start_headless(path: Path, size: tuple[int, int], log: Path) -> tuple["subprocess.Popen[bytes]", str]:
+    """Starts a viewer without a window, `size` in pixels, that writes to `log`; returns it and its URL."""
+    _, port = listening_address(LOOPBACK, 0)
+    window = f"{size[0]}x{size[1]}"
+    arguments = ["--headless", "--bind", LOOPBACK, "--port", str(port), "--window-size", window]
+    with log.open("wb") as output:
+        viewer = subprocess.Popen(
+            [*_program(), str(path), *arguments], env=_environment(), stdout=output, stderr=subprocess.STDOUT
+        )
+    return viewer, f"rerun+http://{LOOPBACK}:{port}/proxy"
+
+
+def listening_address(host: str, port: int) -> tuple[str, int]:
+    """The numeric address and the port to serve on, 0 being any; rerun itself would only log a failure.
+
+    Raises:
+        BadInput: `port` is taken, or `host` is not this machine.
+    """
+    try:
+        address = str(socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][4][0])
+        with socket.socket(socket.AF_INET6 if ":" in address else socket.AF_INET) as probe:
+            if os.name == "posix":  # a port just closed is free; elsewhere the option would share one in use
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((address, port))
+            return address, int(probe.getsockname()[1])
+    except (OSError, OverflowError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise BadInput(f"cannot serve the recording on {host}:{port}: {reason}; choose another port, or 0") from error
+
+
+def _run(*arguments: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run([*_program(), *arguments], env=_environment(), capture_output=True, text=True, check=False)
+
+
+def _program() -> list[str]:
+    """Where the wheel put the binary; macOS may have it in a bundle."""
+    package = importlib.util.find_spec("rerun_cli")
+    if package is None or package.origin is None:
+        raise RunFailed("rerun is not installed; pip install 'meanflock[ground]'")
+    folder = Path(package.origin).parent
+    bundle = folder / "Rerun.app" / "Contents" / "MacOS" / "Rerun"
+    binary = folder / ("rerun.exe" if sys.platform == "win32" else "rerun")
+    return [str(bundle if bundle.exists() else binary)]
+
+
+def _environment() -> dict[str, str]:
+    """The environment of a child that neither asks about analytics nor sends any."""
+    return {**os.environ, "CI": "1", "NO_COLOR": "1"}
+
+
+def _reason(done: "subprocess.CompletedProcess[str]") -> str:
+    """What the program said, on one line."""
+    said = " ".join((done.stderr or done.stdout).split())
+    return said or f"rerun ended with {done.returncode}"

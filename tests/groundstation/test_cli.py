@@ -1,0 +1,163 @@
+"""The command line: what it refuses, how it says so, and that a refusal leaves nothing behind."""
+
+import json
+import os
+import socket
+from pathlib import Path
+
+import pytest
+
+from groundstation.cli import main
+from swarm import scenario
+from swarm.errors import EXIT_BAD_INPUT, EXIT_CODE_HELP, EXIT_DONE, MeanflockError
+
+
+@pytest.fixture
+def run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+    """Calls `meanflock ARGUMENTS` in an empty folder; returns exit code, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        code = main(list(arguments))
+        said = capsys.readouterr()
+        return code, said.out, said.err
+
+    return call
+
+
+QUICK = ("run", "--in-process", "--no-record", "--quiet", "--uavs", "3", "--duration", "2")
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (("--set", "wind.sgima=0.1"), "sgima"),
+        (("--set", "wind.sigma=strong"), "wind.sigma"),
+        (("--set", "wind.sigma=-1"), "wind.sigma"),
+        (("--set", "wind.sigma=nan"), "wind.sigma"),
+        (("--set", "radio.rice_chi=0"), "radio.rice_chi"),
+        (("--set", "nonsense"), "key=value"),
+        (("--uavs", "0"), "uavs"),
+        (("--uavs", "-3"), "uavs"),
+        (("--uavs", "many"), "--uavs"),
+        (("--seed", "-1"), "seed"),
+        (("--duration", "nan"), "duration"),
+        (("--method", "magic"), "mfgfl-hf"),
+        (("--set", "federation.leader=3"), "federation.leader"),
+        (("--set", "federation.period=0"), "federation.period"),
+        (("missing.toml",), "missing.toml"),
+        (("--uavs-per-process", "0"), "--uavs-per-process"),
+        (("--realtime", "0"), "--realtime"),
+        (("--no-such-flag",), "--no-such-flag"),
+    ],
+)
+def test_bad_input_is_one_line_that_names_it_and_nothing_is_written(run, tmp_path, flags, says) -> None:
+    code, out, err = run(*QUICK, *flags)
+    assert code == EXIT_BAD_INPUT
+    assert out == ""
+    assert err.startswith("error: ")
+    assert err.strip().count("\n") == 0
+    assert says in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_scenario_file_that_is_no_toml_or_not_readable(run, tmp_path) -> None:
+    (tmp_path / "bad.toml").write_text("uavs = = 3")
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    for name in ("bad.toml", "binary.toml", "."):
+        code, _, err = run(*QUICK, name)
+        assert code == EXIT_BAD_INPUT
+        assert err.strip().count("\n") == 0
+    assert not (tmp_path / "runs").exists()
+
+
+def test_an_output_folder_that_cannot_be_written(run, tmp_path) -> None:
+    (tmp_path / "file").write_text("")
+    code, _, err = run(*QUICK, "--out", "file/runs")
+    assert code == EXIT_BAD_INPUT
+    assert "--out" in err
+    assert os.listdir(tmp_path) == ["file"]
+
+
+def test_an_occupied_port_leaves_nothing_behind(run, tmp_path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        code, _, err = run("run", "--quiet", "--no-record", "--uavs", "2", "--endpoint", f"tcp/127.0.0.1:{port}")
+    assert code == EXIT_BAD_INPUT
+    assert str(port) in err
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_swarm_that_does_not_fit_into_memory_is_refused_with_the_estimate(run) -> None:
+    code, _, err = run("run", "--uavs", "9000", "--quiet")
+    assert code == EXIT_BAD_INPUT
+    assert "MB" in err
+
+
+@pytest.mark.parametrize("uavs", [1, 2, 7, 200])
+def test_one_uav_a_number_that_is_no_square_and_many_in_one_process_fly(run, uavs) -> None:
+    code, out, _ = run(
+        "run", "--in-process", "--no-record", "--uavs", str(uavs), "--duration", "2", "--json", "--quiet"
+    )
+    assert code == EXIT_DONE
+    summary = json.loads(out)
+    assert summary["ticks"] == 20
+    assert (summary["phi_C_distinct"] is None) == (uavs == 1)
+
+
+def test_json_is_exactly_the_summary_even_with_progress(run, tmp_path) -> None:
+    code, out, _ = run("run", "--in-process", "--no-record", "--json", "--uavs", "3", "--duration", "2")
+    assert code == EXIT_DONE
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert json.loads(out) == json.loads((folder / "summary.json").read_text())
+
+
+def test_show_prints_a_scenario_that_loads_as_the_same(run, tmp_path) -> None:
+    code, out, _ = run("scenario", "show", "--method", "hjb", "--uavs", "9", "--set", "wind.sigma=0.3")
+    assert code == EXIT_DONE
+    path = tmp_path / "shown.toml"
+    path.write_text(out)
+    wanted = scenario.load(None, ["wind.sigma=0.3"], method="hjb", uavs=9)
+    assert scenario.load(path).sha256() == wanted.sha256()
+
+
+def test_schema_is_json(run) -> None:
+    code, out, _ = run("scenario", "schema")
+    assert code == EXIT_DONE
+    assert "$defs" in json.loads(out)
+
+
+def test_view_of_a_folder_without_a_recording_says_so(run, tmp_path) -> None:
+    code, _, err = run("view", str(tmp_path))
+    assert code == EXIT_BAD_INPUT
+    assert "recording" in err
+
+
+def test_doctor_reports_everything_and_fails_where_a_run_would(run) -> None:
+    code, out, _ = run("doctor", "--uavs", "4")
+    assert code == EXIT_DONE
+    for word in ("Python", "numpy", "memory", "loopback", "output folder"):
+        assert word in out
+    code, out, _ = run("doctor", "--uavs", "9000")
+    assert code == 1
+    assert "fails" in out
+
+
+def test_the_recorder_does_not_alter_the_flight(run) -> None:
+    flags = ("run", "--in-process", "--json", "--quiet", "--uavs", "4", "--duration", "10")
+    hashes = {json.loads(run(*flags, record)[1])["trajectory_sha256"] for record in ("--record", "--no-record")}
+    assert len(hashes) == 1
+
+
+def test_every_exit_code_has_a_help_text() -> None:
+    def codes(kind: type[MeanflockError]) -> set[int]:
+        return {kind.exit_code}.union(*map(codes, kind.__subclasses__()))
+
+    assert codes(MeanflockError) | {EXIT_DONE} == set(EXIT_CODE_HELP)
+
+
+@pytest.mark.parametrize("command", [(), ("run",), ("view",), ("doctor",), ("scenario",), ("scenario", "show")])
+def test_help_shows_an_example(run, command) -> None:
+    code, out, _ = run(*command, "--help")
+    assert code == EXIT_DONE
+    assert "Example" in out or command == ("scenario",)

@@ -1,0 +1,334 @@
+"""The grid is flown once, whatever happens while it is flown."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from groundstation.paper import experiments, grid, store
+from groundstation.paper.experiments import Job, run_grid, to_do
+from groundstation.paper.grid import EXPERIMENTS, Point, Wanted
+from groundstation.paper.series import SERIES
+from groundstation.paper.store import COORDINATES, Results, Store
+from swarm.errors import BadInput, RunFailed
+from swarm.scenario import load
+
+
+def tiny(method: str, *settings: str, uavs: int = 3, duration: float = 3.0) -> Any:
+    return load(None, settings, method=method, uavs=uavs, duration=duration, stop="duration")
+
+
+def plan() -> list[Wanted]:
+    points = [
+        Point("s0", tiny("mfgfl-hf", "federation.period=10")),
+        Point("s0", tiny("hjb")),
+        Point("uavs", tiny("mfgfl-hf", "federation.period=10")),
+        Point("offline", tiny("offline", "start.spacing=6"), "start.spacing=6"),
+        Point("trained", tiny("mfgfl-hf", "wind.sigma=1.5"), training=tiny("mfgfl-hf")),
+        Point("sensitivity", tiny("mfg", "learner.kappa=0.1"), "learner.kappa=0.1"),
+    ]
+    return [Wanted(point, seed) for point in points for seed in (1, 2)]
+
+
+@pytest.fixture
+def executed(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+    """How often every run was flown in this process."""
+    count: Counter[str] = Counter()
+    execute = experiments.execute
+
+    def counting(job: Job) -> bytes:
+        count.update(run.key for run in job.runs)
+        return execute(job)
+
+    monkeypatch.setattr(experiments, "execute", counting)
+    return count
+
+
+def fly(out: Path, **options: Any) -> Results:
+    return run_grid(out, 1, jobs=options.pop("jobs", 1), quiet=True, plan=options.pop("plan", plan()), **options)
+
+
+def same(left: Results, right: Results) -> bool:
+    return all(
+        getattr(left, name).equals(getattr(right, name)) for name in ("runs", "series", "trajectories", "weights")
+    )
+
+
+def test_tables_are_those_the_docstring_promises(tmp_path: Path, executed: Counter[str]) -> None:
+    results = fly(tmp_path)
+    runs = results.runs.to_pylist()
+    assert [(row["experiment"], row["method"], row["seed"]) for row in runs] == [
+        (run.point.experiment, run.scenario.method, run.seed) for run in plan()
+    ]
+    assert set(executed.values()) == {1}
+    assert len(executed) == len(runs) - 2  # `uavs` shares its runs with `s0`
+    assert results.runs.schema.names[: len(COORDINATES)] == COORDINATES.names
+    words = set((store.__doc__ or "").replace(",", " ").replace("(", " ").split())
+    for name in ("t_avg_s", "key", "uplink_outage_rate", "phi_G_125", "value_norm_max", *SERIES, *COORDINATES.names):
+        assert name in words, name
+        assert name in {*results.runs.column_names, *results.series.column_names}, name
+    hf, offline = runs[0], next(row for row in runs if row["experiment"] == "offline")
+    assert (hf["period"], hf["sigma"], hf["setting"], hf["trained"]) == (10, 0.1, "", False)
+    assert offline["hjb_residual_max"] is None
+    assert offline["period"] is None
+    assert hf["phi_A_175"] is None
+    shown = {(row["experiment"], row["method"], row["seed"]) for row in results.series.to_pylist()}
+    assert ("sensitivity", "mfg", 1) not in shown
+    assert len(shown) == len(runs) - 2
+    first = results.series.to_pylist()[0]
+    assert first["t_s"] == 0.0
+    assert first["hjb_abs_mean"] is None
+    traced = {(row["experiment"], row["method"], row["seed"]) for row in results.trajectories.to_pylist()}
+    assert traced == {("s0", "mfgfl-hf", 1), ("s0", "hjb", 1), ("offline", "offline", 1), ("trained", "mfgfl-hf", 1)}
+    assert len(results.weights["model"][0].as_py()) == 246
+    assert same(store.load(tmp_path), results)
+
+
+def test_a_finished_run_is_never_flown_again(tmp_path: Path, executed: Counter[str]) -> None:
+    first = fly(tmp_path, only={"s0"})
+    assert len(executed) == 4
+    assert first.runs.num_rows == 6  # the runs of `uavs` are there as well
+    whole = fly(tmp_path)
+    assert set(executed.values()) == {1}
+    assert same(whole, fly(tmp_path))
+    assert set(executed.values()) == {1}
+
+
+def test_more_seeds_add_to_what_is_there(tmp_path: Path, executed: Counter[str]) -> None:
+    point = Point("uavs", tiny("mfg"))
+    fly(tmp_path, plan=[Wanted(point, 1)])
+    fly(tmp_path, plan=[Wanted(point, seed) for seed in (1, 2, 3)])
+    assert sorted(executed.values()) == [1, 1, 1]
+
+
+def test_processes_change_nothing(tmp_path: Path) -> None:
+    assert same(fly(tmp_path / "one", jobs=1), fly(tmp_path / "two", jobs=2))
+
+
+@pytest.mark.parametrize("damage", ["cut", "flipped", "empty", "foreign"])
+def test_a_damaged_file_is_flown_again(tmp_path: Path, executed: Counter[str], damage: str) -> None:
+    whole = fly(tmp_path)
+    path = sorted((tmp_path / "data/jobs").glob("*.job"))[0]
+    raw = path.read_bytes()
+    flipped = bytearray(raw)
+    flipped[len(raw) // 2] ^= 1
+    path.write_bytes(
+        {"cut": raw[: len(raw) // 2], "flipped": bytes(flipped), "empty": b"", "foreign": b"hello"}[damage]
+    )
+    executed.clear()
+    assert same(fly(tmp_path), whole)
+    assert 0 < len(executed) < whole.runs.num_rows - 2
+
+
+def test_results_of_other_code_are_flown_again(
+    tmp_path: Path, executed: Counter[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fly(tmp_path)
+    monkeypatch.setattr(store, "version", lambda: "9.9.9+other")
+    fly(tmp_path)
+    assert set(executed.values()) == {2}
+
+
+def test_words_are_not_code() -> None:
+    before = store._syntax('def f() -> int:\n    """One."""\n    return 1\n')
+    assert store._syntax('def f() -> int:\n    """Two words."""\n    # why\n    return 1\n') == before
+    assert store._syntax('def f() -> int:\n    """One."""\n    return 2\n') != before
+
+
+def test_interrupted_and_taken_up_again(
+    tmp_path: Path, executed: Counter[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    add, calls = Store.add, []
+
+    def interrupted(self: Store, raw: bytes) -> None:
+        if calls:
+            raise KeyboardInterrupt
+        calls.append(1)
+        add(self, raw)
+
+    monkeypatch.setattr(Store, "add", interrupted)
+    with pytest.raises(RunFailed, match="repeat the command"):
+        fly(tmp_path)
+    done = len(list((tmp_path / "data/jobs").glob("*.job")))
+    assert done == 1
+    monkeypatch.setattr(Store, "add", add)
+    results = fly(tmp_path)
+    assert results.runs.num_rows == len(plan())
+    assert Counter(executed.values())[2] <= 2  # only the job that was under way
+
+
+def test_a_full_disk_is_said_and_costs_nothing(
+    tmp_path: Path, executed: Counter[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sync, calls = os.fsync, []
+
+    def full(descriptor: int) -> None:
+        calls.append(1)
+        if len(calls) > 2:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        sync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(RunFailed, match=r"No space left on device.*kept"):
+        fly(tmp_path)
+    monkeypatch.setattr(os, "fsync", sync)
+    left = {path.suffix for path in (tmp_path / "data/jobs").iterdir()}
+    assert left == {".job"}
+    assert len(Store(tmp_path).finished()) >= 2
+    assert fly(tmp_path).runs.num_rows == len(plan())
+
+
+def test_a_killed_worker_costs_a_second_try(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    marker = str(tmp_path / "killed")
+
+    def killed_once(number: int, job: Job, parent: int) -> tuple[int, bytes]:
+        import os
+        import signal
+
+        from groundstation.paper import experiments
+
+        try:
+            os.close(os.open(marker, os.O_CREAT | os.O_EXCL))
+        except FileExistsError:
+            return number, experiments.execute(job)
+        os.kill(os.getpid(), signal.SIGKILL)
+        raise AssertionError
+
+    monkeypatch.setattr(experiments, "_one", killed_once)
+    killed = fly(tmp_path / "killed-once", jobs=2)
+    monkeypatch.undo()
+    assert same(killed, fly(tmp_path / "plain"))
+
+
+def test_a_job_that_always_dies_ends_the_grid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def killed(number: int, job: Job, parent: int) -> tuple[int, bytes]:
+        import os
+        import signal
+
+        from groundstation.paper import experiments
+
+        if job.point.flown.method == "hjb":
+            os.kill(os.getpid(), signal.SIGKILL)
+        return number, experiments.execute(job)
+
+    monkeypatch.setattr(experiments, "_one", killed)
+    with pytest.raises(RunFailed, match=r"died twice.*hjb"):
+        fly(tmp_path, jobs=2)
+    monkeypatch.undo()
+    assert fly(tmp_path).runs.num_rows == len(plan())
+
+
+def test_an_error_says_where(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(job: Job) -> bytes:
+        raise ZeroDivisionError("no")
+
+    monkeypatch.setattr(experiments, "execute", broken)
+    with pytest.raises(RunFailed, match=r"trained .*seeds \[1, 2\].*ZeroDivisionError"):
+        fly(tmp_path)
+
+
+def test_a_worker_with_other_code_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    raw = store.encode([])
+    monkeypatch.setattr(store, "version", lambda: "9.9.9+other")
+    with pytest.raises(RunFailed, match="same code"):
+        Store(tmp_path).add(raw)
+
+
+def test_diverged_runs_stay_and_are_counted(tmp_path: Path) -> None:
+    wild = tiny("mfg", "learner.position_scale=30", "learner.velocity_scale=3", duration=30.0)
+    results = fly(tmp_path, plan=[Wanted(Point("sensitivity", wild), 1), Wanted(Point("s0", tiny("mfg")), 1)])
+    assert results.runs.num_rows == 2
+    assert results.diverged == 1
+    assert results.runs["diverged"].to_pylist() == [True, False]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"only": {"s1"}}, {"backend": "ray"}, {"backend": "dask"}, {"scheduler": "tcp://127.0.0.1:1"}],
+)
+def test_what_cannot_be_asked_for(tmp_path: Path, options: dict[str, Any]) -> None:
+    with pytest.raises(BadInput):
+        fly(tmp_path / "out", **options)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadInput, match="--out"):
+        fly(tmp_path / "file")
+
+
+@pytest.mark.processes
+def test_ctrl_c_ends_the_grid_and_its_workers(tmp_path: Path) -> None:
+    code = (
+        "import sys; from pathlib import Path; from groundstation.paper.experiments import run_grid\n"
+        f"run_grid(Path({str(tmp_path)!r}), 1, {{'s0'}}, jobs=2)"
+    )
+    grid_process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, start_new_session=True)
+    family: list[psutil.Process] = []
+    deadline = time.monotonic() + 60
+    working = 0
+    while working < 2 and time.monotonic() < deadline:
+        time.sleep(0.05)
+        family = psutil.Process(grid_process.pid).children(recursive=True)
+        working = sum(process.cpu_times().user > 1.0 for process in family)
+    assert working >= 2
+    os.killpg(grid_process.pid, signal.SIGINT)
+    _, said = grid_process.communicate(timeout=30)
+    assert grid_process.returncode == 1
+    assert b"RunFailed: interrupted" in said
+    _, alive = psutil.wait_procs(family, timeout=10)
+    assert not alive
+
+
+# -- the grid itself ---------------------------------------------------------------------------------------------------
+
+
+def test_the_grid_flies_what_the_claims_need() -> None:
+    points = list(grid.points())
+    flown = {
+        (p.experiment, str(p.flown.method), p.flown.uavs, p.flown.period_ticks, p.flown.wind.sigma) for p in points
+    }
+    for method, period in (("hjb", 100), ("mfg", 100), ("mfgfl-h", 100), ("mfgfl-f", 100), ("mfgfl-hf", 200)):
+        assert ("s0", method, 25, period, 0.1) in flown
+        assert {n for e, m, n, _, _ in flown if e == "uavs" and m == method} == {16, 25, 36, 49, 64}
+    for method in ("mfgfl-h", "mfgfl-f", "mfgfl-hf"):
+        assert {n0 for e, m, _, n0, _ in flown if e == "period" and m == method} == {50, 100, 200, 300, 400, 500}
+    for method in ("hjb", "mfgfl-h", "mfgfl-f", "mfgfl-hf"):
+        assert {s for e, m, _, _, s in flown if e == "wind" and m == method} == {0.1, 0.2, 0.3, 0.4, 0.5}
+    assert {s for e, m, _, _, s in flown if e == "offline"} == {0.0, 0.1}
+    trained = [p for p in points if p.training is not None]
+    assert [(p.flown.wind.sigma, p.training.wind.sigma) for p in trained if p.training] == [(1.5, 0.1)]
+    assert {p.experiment for p in points} == set(EXPERIMENTS)
+    assert all(p.flown.stop == "duration" and p.flown.max_ticks == 3000 for p in points)
+
+
+def test_rows_are_unique_and_shared_runs_are_flown_once() -> None:
+    rows = grid.wanted(3)
+    labels = Counter(
+        (r.point.experiment, r.scenario.sha256(), r.point.setting, r.point.training is not None) for r in rows
+    )
+    assert set(labels.values()) == {1}
+    jobs = to_do(rows, {})
+    flown = Counter(run.key for job in jobs for run in job.runs)
+    assert set(flown.values()) == {1}
+    assert set(flown) == {row.key for row in rows}
+    assert all(len(job.runs) * job.point.flown.uavs <= experiments.ROWS for job in jobs)
+    s0 = [run for job in jobs for run in job.runs if run.traced]
+    assert {run.point.experiment for run in s0} == {"s0", "offline", "trained"}
+
+
+def test_the_random_design_is_the_same_every_time_and_fills_every_range() -> None:
+    design = grid.random_design()
+    assert design == grid.random_design()
+    assert len(design) == grid.RANDOM_POINTS
+    for column in range(len(design[0])):
+        assert len({row[column] for row in design}) == grid.RANDOM_POINTS

@@ -1,0 +1,311 @@
+"""Figures and report from synthetic tables: complete, deterministic, with units, and true to the numbers."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from matplotlib.figure import Figure
+
+from groundstation import plots, plotstyle
+from groundstation.paper import figures, report
+from groundstation.paper.figures_curves import Bundle, bundle
+from groundstation.paper.grid import COMPARED, FEDERATED, PERIODS, SIGMAS, UAVS
+from groundstation.paper.store import Results
+from groundstation.paper.traces import Trace, collisions
+from groundstation.paper.verdict import evaluate
+from groundstation.paper.view import Frame, View, keep_measured, load_measured
+from groundstation.run import Options, fly
+from swarm.errors import BadInput
+from swarm.methods import Method
+from swarm.scenario import load
+from tests.groundstation.synthetic import results, row
+
+METRICS = ("energy_mean_J", "t_avg_censored_s", "phi_A_tavg", "phi_C_tavg")
+CURVES = (
+    "energy_trip_mean_J",
+    "energy_trip_std_J",
+    "bits",
+    "phi_A",
+    "phi_C",
+    "speed_mean_m_s",
+    "speed_max_m_s",
+    "speed_min_m_s",
+    "distance_mean_m",
+    "hjb_abs_mean",
+    "hjb_abs_max",
+    "fpk_abs_mean",
+    "fpk_abs_max",
+)
+
+
+def _runs() -> list[dict[str, Any]]:
+    draw = np.random.default_rng(1)
+
+    def one(experiment: str, method: str, seed: int, **where: Any) -> dict[str, Any]:
+        values = {metric: 1.0 + float(draw.random()) for metric in METRICS}
+        key = f"{experiment}-{method}-{seed}-{where}"
+        return row(
+            experiment, method, seed, **where, **values, key=key, version="0.1.0+x", diverged=False, all_arrived=True
+        )
+
+    rows = [one("uavs", m, s, uavs=n) for m in COMPARED for n in UAVS for s in (1, 2)]
+    rows += [one("period", m, s, period=n) for m in FEDERATED for n in PERIODS for s in (1, 2)]
+    rows += [one("wind", m, s, sigma=x) for m in COMPARED for x in SIGMAS for s in (1, 2)]
+    return rows + [one("s0", m, s) for m in COMPARED for s in (1, 2)]
+
+
+def _series() -> pa.Table:
+    draw = np.random.default_rng(2)
+    return pa.Table.from_pylist(
+        [
+            {**row("s0", m, s), "t_s": float(t), **{name: 1.0 + float(draw.random()) for name in CURVES}}
+            for m in COMPARED
+            for s in (1, 2)
+            for t in range(0, 301, 10)
+        ]
+    )
+
+
+def _path(where: dict[str, Any], uavs: int = 3) -> list[dict[str, Any]]:
+    rows = []
+    for k in range(301):
+        left = 1.0 - k / 300
+        for uav in range(uavs):
+            place = {"x_m": 150.0 * left + 3 * uav, "y_m": 100.0 * left, "vx_m_s": -0.5, "vy_m_s": 0.1 * uav}
+            rows.append({**where, "t_s": k * 1.0, "uav": uav, **place, "status": 0})
+    return rows
+
+
+def _traces() -> tuple[pa.Table, pa.Table]:
+    flown = [row("s0", m, 1) for m in COMPARED]
+    apart = {"setting": "start.spacing=6"}
+    flown += [row("offline", "offline", 1, sigma=sigma, **apart) for sigma in (0.0, 0.1)]
+    flown += [row("trained", "mfgfl-hf", 1, sigma=1.5, trained=True)]
+    weights = [
+        {**where, "t_s": float(t), "model": np.linspace(0, t, 246).tolist()}
+        for where in flown
+        for t in range(0, 300, 50)
+    ]
+    paths = [each for where in flown for each in _path(where)]
+    return pa.Table.from_pylist(paths), pa.Table.from_pylist(weights)
+
+
+@pytest.fixture(scope="module")
+def tables() -> Results:
+    trajectories, weights = _traces()
+    return results(_runs(), series=_series(), trajectories=trajectories, weights=weights)
+
+
+@pytest.fixture(scope="module")
+def drawn(tables: Results, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("paper")
+    figures.draw(tables, out / "figures")
+    return out
+
+
+# -- the paper's figures ------------------------------------------------------------
+
+
+def test_every_figure_is_drawn_twice_and_not_blank(drawn: Path) -> None:
+    for name in figures.FIGURES:
+        for suffix in ("png", "svg"):
+            assert (drawn / "figures" / f"{name}.{suffix}").stat().st_size > 20_000
+
+
+@pytest.mark.parametrize("name", ["fig5", "fig8"])
+def test_the_same_tables_give_the_same_bytes(name: str, tables: Results, drawn: Path, tmp_path: Path) -> None:
+    for path in figures.draw(tables, tmp_path, only=[name]):
+        assert path.read_bytes() == (drawn / "figures" / path.name).read_bytes()
+
+
+def test_svg_says_neither_when_nor_by_whom(drawn: Path) -> None:
+    text = (drawn / "figures" / "fig5.svg").read_text()
+    assert "<dc:date>" not in text
+    assert "matplotlib.org" not in text.split("</metadata>")[0]
+
+
+def test_only_what_was_asked_for_and_exists(tables: Results, tmp_path: Path) -> None:
+    assert {path.name for path in figures.draw(tables, tmp_path, only=["5"])} == {"fig5.png", "fig5.svg"}
+    with pytest.raises(BadInput, match="fig9"):
+        figures.draw(tables, tmp_path, only=["9"])
+
+
+def test_what_has_no_data_is_left_out(tmp_path: Path) -> None:
+    assert figures.draw(results([row("nothing", "hjb", 1)]), tmp_path) == []
+
+
+def every_axis(made: Figure) -> list[str]:
+    """The labels of the panels, those a shared axis leaves to its neighbour not counted."""
+    return [label for ax in made.axes if ax.get_visible() for label in (ax.get_xlabel(), ax.get_ylabel()) if label]
+
+
+@pytest.mark.parametrize("name", list(figures.FIGURES))
+def test_every_axis_has_a_unit(name: str, tables: Results) -> None:
+    with plotstyle.style():
+        made = figures.FIGURES[name][0](View.of(tables))
+    assert made is not None
+    methods = set(plotstyle.NAMES.values())
+    for label in every_axis(made):
+        assert "(" in label or label in methods or "N$" in label or "n_0" in label, label
+
+
+def test_a_method_has_one_colour_marker_and_dash() -> None:
+    for look in (plotstyle.COLOURS, plotstyle.MARKERS, plotstyle.DASHES, plotstyle.NAMES):
+        assert set(look) == set(Method)
+        assert len({str(each) for each in look.values()}) == len(look)
+
+
+def test_every_experiment_of_the_grid_has_its_figure_points(tables: Results) -> None:
+    view = View.of(tables)
+    assert view.points("uavs") == list(UAVS)
+    assert view.points("wind") == pytest.approx(list(SIGMAS))
+
+
+# -- what is drawn is what is in the tables ------------------------------------------------------------
+
+
+def test_bundle_puts_every_value_in_its_place() -> None:
+    table = pa.table({"seed": [2, 1, 1, 2], "t_s": [0.0, 1.0, 0.0, 1.0], "x": [20.0, 11.0, 10.0, None]})
+    curves = bundle(Frame(table), "x")
+    assert curves.rows[0].tolist() == [10.0, 11.0]
+    assert curves.mean.tolist() == [15.0, 11.0]
+    assert Bundle(curves.times, curves.rows[:1]).half.tolist() == [0.0, 0.0]
+
+
+def test_collisions_between_samples_are_found() -> None:
+    """Two UAVs meet at the odd tick between two samples, and only there."""
+    states = np.zeros((3, 2, 4))
+    states[:, 1, 0] = [1.0, -1.0, -3.0]
+    states[1:, 1, 2] = -10.0  # m/s: 1 m back at the tick between
+    times, flying = np.array([0.0, 0.2, 0.4]), np.zeros((3, 2), dtype=np.uint8)
+    assert collisions(Trace(times, states, flying)) == pytest.approx(np.array([[0.1, 0.0, 0.0]]))
+    assert len(collisions(Trace(times, states, np.ones((3, 2), dtype=np.uint8)))) == 0
+
+
+def test_mission_ends_with_the_last_arrival() -> None:
+    status = np.array([[0, 0], [1, 0], [1, 2], [1, 2]], dtype=np.uint8)
+    assert Trace(np.arange(4.0), np.zeros((4, 2, 4)), status).mission_s == 2.0
+    assert Trace(np.arange(4.0), np.zeros((4, 2, 4)), np.zeros((4, 2), dtype=np.uint8)).mission_s == 3.0
+
+
+# -- the report ------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def written(tables: Results, drawn: Path) -> tuple[str, str]:
+    measured = {"hjb_value_growth": [1.0, 1.01, 0.99]}
+    paths = report.write_report(tables, evaluate(tables, measured), drawn, measured)
+    return paths[0].read_text(), paths[1].read_text()
+
+
+def test_report_has_every_claim_figure_and_reading(written: tuple[str, str]) -> None:
+    markdown, html = written
+    for k in range(1, 54):
+        assert f"| C{k} |" in markdown
+        assert f"id='C{k}'" in html
+    for name in figures.FIGURES:
+        assert f"figures/{name}.png" in markdown
+    assert html.count("data:image/png;base64,") == len(figures.FIGURES)
+    for text in (markdown, html):
+        assert "Lyapunov function L_s" in text
+        assert "diverged" in text
+        assert "0.1.0+x" in text
+        assert "Prop. 1" in text
+
+
+def test_html_needs_nothing_else(written: tuple[str, str]) -> None:
+    html = written[1]
+    assert not re.search(r"(src|href)=.(https?:|/|figures)", html)
+    assert "<script" not in html
+    assert "width=device-width" in html
+
+
+def test_report_tables_are_rectangular(written: tuple[str, str]) -> None:
+    widths: list[int] = []
+    for line in written[0].splitlines():
+        if not line.startswith("|"):
+            widths = []
+            continue
+        widths.append(len(re.findall(r"(?<!\\)\|", line)))
+        assert widths[-1] == widths[0], line
+
+
+def test_measured_numbers_are_kept_and_found_while_they_fit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert load_measured(tmp_path) == {}
+    keep_measured(tmp_path, {"x": [1.0, 2.0]}, [1, 2], 60.0)
+    assert load_measured(tmp_path) == load_measured(tmp_path, [1, 2], 60.0) == {"x": [1.0, 2.0]}
+    assert load_measured(tmp_path, [1, 2, 3]) == {}
+    monkeypatch.setattr("groundstation.paper.view.version", lambda: "other code")
+    assert load_measured(tmp_path) == {}
+    (tmp_path / "data" / "theory.json").write_text("{")
+    with pytest.raises(BadInput, match=r"theory\.json"):
+        load_measured(tmp_path)
+
+
+# -- anyone's own scenario ------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    flown = load(None, method="mfgfl-h", uavs=4, duration=20.0)
+    return fly(flown, Options(out=tmp_path_factory.mktemp("runs"), in_process=True, record=False, quiet=True)).folder
+
+
+def test_a_run_is_plotted_from_its_folder(run_folder: Path, tmp_path: Path) -> None:
+    made = plots.plot_run(run_folder)
+    assert {path.name for path in plots.write(made, tmp_path)} == {"paths.png", "paths.svg", "curves.png", "curves.svg"}
+    for each in made.values():
+        assert every_axis(each)
+
+
+def test_a_run_whose_events_were_cut_off_is_still_plotted(run_folder: Path) -> None:
+    with (run_folder / "events.jsonl").open("a") as events:
+        events.write('{"tick": 3, "kind": "coll')
+    assert plots.plot_run(run_folder)
+
+
+def test_no_run_is_bad_input(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="name the folder of a run"):
+        plots.plot_run(tmp_path)
+
+
+def summaries(level: float, seeds: int = 4) -> list[dict[str, Any]]:
+    return [
+        {
+            "t_avg_s": level + seed,
+            "energy_mean_J": level,
+            "payload_bits": {"total": 1e6 * level},
+            "phi_A": level / 10,
+            "phi_C_distinct": None if seed == 0 else 0.01,
+            "collisions": seed,
+        }
+        for seed in range(seeds)
+    ]
+
+
+def test_comparison_has_a_row_a_method_and_a_panel_a_metric() -> None:
+    made = plots.plot_compare({"hjb": summaries(20.0), "mfgfl-hf": summaries(18.0)})
+    panels = [ax for ax in made.axes if ax.get_visible()]
+    assert len(panels) == len(plots.COMPARED)
+    assert [text.get_text() for text in panels[0].get_yticklabels()] == ["Hjb", "MfgFL-HF"]
+
+
+@pytest.mark.parametrize("values", [(0.1, 0.2, 0.3), ("amplitude", "power")])
+def test_sweep_runs_along_numbers_or_names(values: tuple[Any, ...], tmp_path: Path) -> None:
+    points = {value: {"hjb": summaries(20.0), "mfg": summaries(19.0)} for value in values}
+    made = plots.plot_sweep("wind.sigma", points)
+    assert len(made.axes) == 4
+    assert "m s" in made.axes[-1].get_xlabel()
+    assert len(plots.write({"sweep": made}, tmp_path)) == 2
+
+
+def test_one_seed_has_no_interval_and_still_a_dot() -> None:
+    assert plots.plot_compare({"hjb": summaries(20.0, 1)}, [("t_avg_s", "travel time")]).axes
+
+
+def test_unknown_metric_is_bad_input() -> None:
+    with pytest.raises(BadInput, match="nonsense"):
+        plots.plot_compare({"hjb": summaries(1.0)}, [("nonsense", "x")])

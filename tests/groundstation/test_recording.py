@@ -1,0 +1,428 @@
+"""The recorder: what a viewer finds in the file is what the telemetry said, whatever ends the recording."""
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rerun as rr
+from rerun.chunk import RrdReader
+
+from groundstation import blueprint as look
+from groundstation import viewer
+from groundstation.recording import MISSING_GRAPHICS, Recorder, repair, screenshot, verify
+from swarm import state
+from swarm.errors import BadInput, RunFailed
+from swarm.messages import SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
+from swarm.model import MODEL_FLOATS, VALUE_FEATURES
+from swarm.scenario import Scenario
+
+ROUND_TICKS = 100
+COLLISIONS = ((120, (3, 4)), (121, (5, 6)), (333, (0, 24)))  # tick, pair
+
+
+@pytest.fixture(autouse=True)
+def _strict() -> Iterator[None]:
+    """Bad data raises instead of warning."""
+    rr.set_strict_mode(True)
+    yield
+    rr.set_strict_mode(False)
+
+
+def flight(uavs: int = 25, ticks: int = 600, block: int = 20) -> list[Telemetry]:
+    """A made-up flight from (150, 100) to the origin in 60 s, with rounds, collisions and a lost UAV."""
+    rng = np.random.default_rng(1)
+    tick = np.arange(ticks)
+    share = (tick / 600)[:, None, None]
+    position = np.array([150.0, 100.0]) * (1 - share) + rng.normal(size=(1, uavs, 2)) * 3
+    velocity = np.broadcast_to([-2.5, -1.7], position.shape) + 0.1 * rng.normal(size=position.shape)
+    states = np.concatenate([position, velocity], axis=-1)
+    diagnostics = np.abs(rng.normal(size=(ticks, uavs, 3))).astype(np.float32)
+    diagnostics[0] = 0  # nobody has learned yet
+    diagnostics[:, -1, :2] = 0  # nobody ever hears of the last one
+    status = np.zeros((ticks, uavs), dtype=np.uint8)
+    status[500:, 0] = Status.ARRIVED
+    status[400:, min(7, uavs - 1)] = Status.LOST
+    swarm = rng.random(size=(ticks, len(SWARM_COLUMNS)))
+    return [
+        Telemetry(
+            run=1,
+            block=number,
+            first_tick=first,
+            states=states[first : first + block],
+            accelerations=np.zeros((len(tick[first : first + block]), uavs, 2), dtype=np.float32),
+            diagnostics=diagnostics[first : first + block],
+            status=status[first : first + block],
+            energy=np.cumsum(np.ones((ticks, uavs), dtype=np.float32), axis=0)[first : first + block],
+            swarm=swarm[first : first + block],
+            links=_links(uavs, first, block),
+            report_ticks=np.array([first], dtype=np.int32),
+            reports=rng.normal(size=(1, MODEL_FLOATS)).astype(np.float32),
+            spread=np.array([1.0]),
+            events=_events(uavs, first, block),
+        )
+        for number, first in enumerate(range(0, ticks, block))
+    ]
+
+
+def _links(uavs: int, first: int, block: int) -> np.ndarray:
+    rows = [
+        (tick, source, 0, FrameKind.UPLOAD, -8 if source % 5 == 0 else 4)
+        for tick in range(first, first + block)
+        if tick and tick % ROUND_TICKS == 0
+        for source in range(1, uavs - 1)
+    ]
+    if first == 0:
+        rows += [(0, source, (source + 1) % uavs, FrameKind.STATE, 1) for source in range(uavs)]
+    return np.array(rows, dtype=np.int32).reshape(-1, 5)
+
+
+def _events(uavs: int, first: int, block: int) -> tuple[Event, ...]:
+    events = [Event(tick, "collision", "too near", pair) for tick, pair in COLLISIONS if uavs > max(pair)]
+    events += [Event(400, "lost", "UAV 7 is silent", (7,)), Event(100, "round", "round 1 averaged")]
+    return tuple(event for event in events if first <= event.tick < first + block)
+
+
+def record(path: Path, blocks: list[Telemetry], **changes: Any) -> Scenario:
+    scenario = Scenario(**{"uavs": blocks[0].states.shape[1], **changes})
+    with Recorder(scenario, "test", path) as recorder:
+        for block in blocks:
+            recorder.write(block)
+    return scenario
+
+
+def column(path: Path, entity: str, name: str) -> tuple[np.ndarray, list[Any]]:
+    """Ticks (R,) and a component's rows, in the order of the ticks."""
+    rows: list[tuple[int, Any]] = []
+    for chunk in RrdReader(path).stream().filter(content=f"/{entity}"):
+        batch = chunk.to_record_batch()
+        if look.TICKS in batch.schema.names and name in batch.schema.names:
+            ticks, values = batch.column(look.TICKS).to_pylist(), batch.column(name).to_pylist()
+            rows += zip(ticks, values, strict=True)
+    rows.sort(key=lambda row: row[0])
+    return np.array([tick for tick, _ in rows]), [value for _, value in rows]
+
+
+def scalars(path: Path, plot: look.Plot | str) -> tuple[np.ndarray, np.ndarray]:
+    entity = plot if isinstance(plot, str) else plot.entity
+    ticks, values = column(path, entity, "Scalars:scalars")
+    return ticks, np.array(values)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Telemetry]]:
+    path = tmp_path_factory.mktemp("recording") / "recording.rrd"
+    blocks = flight()
+    record(path, blocks)
+    return path, blocks
+
+
+def test_a_closed_recording_verifies(recorded: tuple[Path, list[Telemetry]]) -> None:
+    assert verify(recorded[0]) is None
+
+
+def test_positions_velocities_and_the_leaders_frame_are_the_telemetrys(
+    recorded: tuple[Path, list[Telemetry]],
+) -> None:
+    path, blocks = recorded
+    states = np.concatenate([block.states for block in blocks])
+    ticks, positions = column(path, look.UAVS, "Points2D:positions")
+    np.testing.assert_array_equal(ticks, np.arange(600))
+    np.testing.assert_array_equal(np.array(positions), states[..., state.POSITION].astype(np.float32))
+    _, vectors = column(path, look.VELOCITY, "Arrows2D:vectors")
+    np.testing.assert_allclose(np.array(vectors), states[..., state.VELOCITY] * look.ARROW_S, rtol=1e-6)
+    _, frames = column(path, look.LEADER, "Transform3D:translation")
+    np.testing.assert_array_equal(np.array(frames)[:, 0, :2], states[:, 0, :2].astype(np.float32))
+
+
+def test_the_timeline_is_seconds_since_take_off(recorded: tuple[Path, list[Telemetry]]) -> None:
+    for chunk in RrdReader(recorded[0]).stream().filter(content=f"/{look.UAVS}"):
+        batch = chunk.to_record_batch()
+        if look.TIMELINE in batch.schema.names:
+            nanoseconds = batch.column(look.TIMELINE).cast("int64").to_numpy()
+            ticks = batch.column(look.TICKS).to_numpy()
+            np.testing.assert_allclose(nanoseconds, ticks * 0.1e9, atol=1)
+
+
+def test_trails_are_an_unbroken_path_across_blocks(recorded: tuple[Path, list[Telemetry]]) -> None:
+    path, blocks = recorded
+    states = np.concatenate([block.states for block in blocks])
+    ticks, strips = column(path, look.TRAILS, "LineStrips2D:strips")
+    pieces = np.array(strips)  # (pieces, N, points, 2)
+    np.testing.assert_array_equal(ticks, np.arange(5, 600, 5))
+    np.testing.assert_array_equal(pieces[1:, :, 0], pieces[:-1, :, -1])
+    np.testing.assert_array_equal(pieces[:, :, -1], states[ticks, :, :2].astype(np.float32))
+
+
+def test_plots_hold_the_telemetrys_numbers(recorded: tuple[Path, list[Telemetry]]) -> None:
+    path, blocks = recorded
+    swarm = {name: np.concatenate([b.swarm for b in blocks])[:, i] for i, name in enumerate(SWARM_COLUMNS)}
+    energy = np.concatenate([block.energy for block in blocks])
+    ticks, values = scalars(path, look.ENERGY)
+    np.testing.assert_array_equal(ticks, np.arange(600))
+    np.testing.assert_allclose(values, np.stack([energy.mean(1), energy.min(1), energy.max(1)], axis=-1))
+    for plot, names, unit in (
+        (look.BITS, ("uplink_bits", "broadcast_bits", "state_bits"), 1e6),
+        (look.ALIGNMENT, ("phi_A",), 1),
+        (look.RISK, ("phi_C", "phi_C_distinct"), 1),
+        (look.FAILURES, ("outages", "collisions"), 1),
+    ):
+        _, values = scalars(path, plot)
+        np.testing.assert_allclose(values, np.stack([swarm[name] for name in names], axis=-1) / unit)
+    ticks, values = scalars(path, look.WEIGHTS)
+    np.testing.assert_array_equal(ticks, np.arange(0, 600, 20))
+    np.testing.assert_array_equal(values, np.concatenate([b.reports for b in blocks])[:, :VALUE_FEATURES])
+
+
+def test_residuals_nobody_computed_have_no_logarithm(recorded: tuple[Path, list[Telemetry]]) -> None:
+    path, blocks = recorded
+    sizes = np.abs(np.concatenate([block.diagnostics for block in blocks])[1:, :-1, 0].astype(np.float64))
+    ticks, values = scalars(path, look.HJB)
+    np.testing.assert_array_equal(ticks, np.arange(1, 600))
+    np.testing.assert_allclose(values, np.log10(np.stack([sizes.max(1), sizes.mean(1)], axis=-1)))
+
+
+def test_a_collision_is_a_star_a_mark_and_a_line_of_the_log(recorded: tuple[Path, list[Telemetry]]) -> None:
+    path, blocks = recorded
+    states = np.concatenate([block.states for block in blocks])
+    ticks, strips = column(path, look.COLLISIONS, "LineStrips2D:strips")
+    np.testing.assert_array_equal(ticks, [tick for tick, _ in COLLISIONS])
+    for (tick, pair), star in zip(COLLISIONS, strips, strict=True):
+        corners = np.array(star)[0, :-1]
+        np.testing.assert_allclose(corners.mean(axis=0), states[tick, pair, :2].mean(axis=0), atol=1e-3)
+    hit_ticks, risks = scalars(path, look.HITS)
+    np.testing.assert_array_equal(hit_ticks, ticks)
+    np.testing.assert_array_equal(risks, scalars(path, look.RISK)[1][ticks, :1])
+    _, texts = column(path, look.EVENTS, "TextLog:text")
+    _, levels = column(path, look.EVENTS, "TextLog:level")
+    log = [(text[0], level[0]) for text, level in zip(texts, levels, strict=True)]
+    assert log.count(("collision: too near", "ERROR")) == len(COLLISIONS)
+    assert ("lost: UAV 7 is silent", "ERROR") in log
+    assert ("round 1 averaged", "INFO") in log
+
+
+def test_links_are_green_where_delivered_and_red_in_outage(recorded: tuple[Path, list[Telemetry]]) -> None:
+    path, blocks = recorded
+    states = np.concatenate([block.states for block in blocks])
+    ticks, strips = column(path, look.MODEL_LINKS, "LineStrips2D:strips")
+    _, colors = column(path, look.MODEL_LINKS, "LineStrips2D:colors")
+    np.testing.assert_array_equal(ticks, np.arange(ROUND_TICKS, 600, ROUND_TICKS))
+    sources = np.arange(1, 24)
+    expected = np.where(sources % 5 == 0, look.RED, look.GREEN)
+    for tick, ends, shown in zip(ticks, strips, colors, strict=True):
+        np.testing.assert_array_equal(np.array(ends)[:, 0], states[tick, sources, :2].astype(np.float32))
+        np.testing.assert_array_equal(np.array(ends)[:, 1], states[tick, [0] * 23, :2].astype(np.float32))
+        np.testing.assert_array_equal(shown, expected)
+    ticks, strips = column(path, look.STATE_LINKS, "LineStrips2D:strips")
+    assert ticks.tolist() == [0]
+    assert len(strips[0]) == 25
+    _, edges = column(path, look.ROUND, "GraphEdges:edges")
+    assert len(edges[-1]) == np.count_nonzero(sources % 5)
+
+
+def test_lanes_change_where_a_status_does(recorded: tuple[Path, list[Telemetry]]) -> None:
+    ticks, texts = column(recorded[0], look.LANES, "StateChange:state")
+    assert ticks.tolist() == [0, 400, 500]
+    assert texts[0] == [f"UAV {uav}: flying" for uav in range(25)]
+    assert texts[1][7] == "UAV 7: lost"
+    assert texts[2][0] == "UAV 0: arrived"
+
+
+def test_the_blueprint_is_in_the_file(recorded: tuple[Path, list[Telemetry]]) -> None:
+    assert len(RrdReader(recorded[0]).blueprints()) == 1
+
+
+def test_rows_that_come_one_by_one_are_recorded_the_same(tmp_path: Path) -> None:
+    whole, single = tmp_path / "whole.rrd", tmp_path / "single.rrd"
+    record(whole, flight(uavs=4, ticks=63))
+    record(single, flight(uavs=4, ticks=63, block=1))
+    for entity, name in (
+        (look.UAVS, "Points2D:positions"),
+        (look.TRAILS, "LineStrips2D:strips"),
+        (look.LANES, "StateChange:state"),
+        (look.ENERGY.entity, "Scalars:scalars"),
+    ):
+        ticks, rows = column(whole, entity, name)
+        single_ticks, single_rows = column(single, entity, name)
+        np.testing.assert_array_equal(single_ticks, ticks)
+        assert single_rows == rows
+
+
+def test_a_missing_block_leaves_a_gap_and_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "recording.rrd"
+    blocks = flight(ticks=100)
+    record(path, blocks[:1] + blocks[2:])
+    ticks, _ = column(path, look.UAVS, "Points2D:positions")
+    np.testing.assert_array_equal(ticks, [*range(20), *range(40, 100)])
+    assert verify(path) is None
+
+
+@pytest.mark.parametrize("uavs", [1, 2])
+def test_the_smallest_swarms(tmp_path: Path, uavs: int) -> None:
+    path = tmp_path / "recording.rrd"
+    blocks = flight(uavs=uavs, ticks=120)
+    record(path, blocks)
+    _, positions = column(path, look.UAVS, "Points2D:positions")
+    assert np.array(positions).shape == (120, uavs, 2)
+
+
+def test_a_large_swarm_is_recorded_coarsely(tmp_path: Path) -> None:
+    path = tmp_path / "recording.rrd"
+    record(path, flight(uavs=300, ticks=60))
+    ticks, positions = column(path, look.UAVS, "Points2D:positions")
+    np.testing.assert_array_equal(ticks, np.arange(0, 60, 5))
+    assert len(positions[0]) == 300
+    assert not len(column(path, look.LANES, "StateChange:state")[0])
+    assert len(scalars(path, look.ENERGY)[0]) == 60
+
+
+def test_the_colours_of_phi_g_end_where_the_legend_says() -> None:
+    below, low, high, above = look.phi_g_colors(np.array([0.0, look.PHI_G_LOW, look.PHI_G_HIGH, 1e9], dtype="f4"))
+    assert below == low
+    assert high == above == 0xFDE725FF
+    assert low != high
+
+
+def test_an_unwritable_file_is_bad_input(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match=r"nowhere/recording\.rrd: No such file or directory; give"):
+        Recorder(Scenario(), "test", tmp_path / "nowhere" / "recording.rrd")
+
+
+def test_an_occupied_port_is_bad_input_and_no_file_is_begun(tmp_path: Path) -> None:
+    path = tmp_path / "recording.rrd"
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        with pytest.raises(BadInput, match=rf"127\.0\.0\.1:{port}: Address already in use; choose another port"):
+            Recorder(Scenario(), "test", path, serve=("127.0.0.1", port))
+    assert not path.exists()
+
+
+def test_close_may_be_called_again(tmp_path: Path) -> None:
+    recorder = Recorder(Scenario(), "test", tmp_path / "recording.rrd")
+    recorder.close()
+    recorder.close()
+    with pytest.raises(ValueError, match="closed"):
+        recorder.write(flight(ticks=20)[0])
+    assert verify(tmp_path / "recording.rrd") is None
+
+
+def test_a_late_viewer_gets_the_history(tmp_path: Path) -> None:
+    blocks = flight(uavs=4, ticks=60)
+    late = tmp_path / "late.rrd"
+    with Recorder(Scenario(uavs=4), "test", tmp_path / "own.rrd", serve=("localhost", 0)) as recorder:
+        assert recorder.live_url is not None
+        assert "://127.0.0.1:" in recorder.live_url or "://[::1]:" in recorder.live_url
+        for block in blocks:
+            recorder.write(block)
+        recorder.flush()
+        listener = save_live(recorder.live_url, late)
+        try:
+            wait_for(lambda: len(ticks_so_far(late)) == 60, "the late viewer did not get the whole history")
+        finally:
+            listener.terminate()
+            listener.wait(timeout=20)
+    assert verify(tmp_path / "own.rrd") is None
+    np.testing.assert_array_equal(ticks_so_far(late), np.arange(60))
+
+
+def ticks_so_far(growing: Path) -> np.ndarray:
+    """The ticks in a recording that another process may still be writing: its size says little about what is in it."""
+    if not growing.exists():
+        return np.array([])
+    read = growing.with_name(f"read.{growing.name}")
+    shutil.copyfile(growing, read)
+    try:
+        repair(read)
+        return column(read, look.UAVS, "Points2D:positions")[0]
+    except (RunFailed, ValueError):  # not yet a recording, or only the blueprint has come
+        return np.array([])
+    finally:
+        read.unlink()
+
+
+@pytest.mark.processes
+def test_a_killed_recording_is_repaired(tmp_path: Path) -> None:
+    path = tmp_path / "recording.rrd"
+    child = subprocess.Popen(
+        [sys.executable, __file__, str(path)], stdout=subprocess.PIPE, env={**os.environ, "CI": "1"}
+    )
+    try:
+        assert child.stdout is not None
+        assert child.stdout.readline() == b"recorded\n"
+        wait_for(lambda: len(ticks_so_far(path)) > 0, "nothing reached the file")
+    finally:
+        child.send_signal(signal.SIGKILL)
+        child.wait()
+    assert verify(path) is not None
+    repair(path)
+    assert verify(path) is None
+    ticks, positions = column(path, look.UAVS, "Points2D:positions")
+    states = np.concatenate([block.states for block in flight()])
+    assert len(ticks) > 0
+    np.testing.assert_array_equal(np.array(positions), states[ticks, :, :2].astype(np.float32))
+    assert [file.name for file in tmp_path.iterdir()] == ["recording.rrd"]
+
+
+def test_what_is_no_recording_cannot_be_repaired_and_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "recording.rrd"
+    path.write_bytes(b"not a recording")
+    assert verify(path) is not None
+    with pytest.raises(RunFailed, match="cannot be repaired"):
+        repair(path)
+    assert path.read_bytes() == b"not a recording"
+
+
+def test_a_run_that_is_not_there_is_not_opened(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="no such recording"):
+        viewer.open_viewer(tmp_path / "recording.rrd")
+
+
+@pytest.mark.processes
+def test_a_picture_needs_no_display_and_shows_no_error(recorded: tuple[Path, list[Telemetry]], tmp_path: Path) -> None:
+    png = tmp_path / "swarm.png"
+    try:
+        screenshot(recorded[0], png, at_s=33.4, size=(1280, 720))
+    except RunFailed as error:
+        if "No graphics adapter" in str(error) and MISSING_GRAPHICS in str(error):
+            pytest.skip(str(error))
+        raise
+    header = png.read_bytes()[:24]
+    assert header[:8] == b"\x89PNG\r\n\x1a\n"
+    assert (int.from_bytes(header[16:20], "big"), int.from_bytes(header[20:24], "big")) == (1280, 720)
+
+
+def test_no_picture_of_what_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="no such recording"):
+        screenshot(tmp_path / "recording.rrd", tmp_path / "swarm.png", at_s=0.0)
+
+
+def save_live(url: str, path: Path) -> "subprocess.Popen[bytes]":
+    """Something that listens like a viewer, but writes what it gets to a file."""
+    return subprocess.Popen(
+        [*viewer._program(), url, "--save", str(path)], env=viewer._environment(), stderr=subprocess.DEVNULL
+    )
+
+
+def wait_for(condition: Any, otherwise: str, seconds: float = 30.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, otherwise
+        time.sleep(0.05)
+
+
+if __name__ == "__main__":  # the child that is killed
+    interrupted = Recorder(Scenario(), "test", Path(sys.argv[1]))
+    for part in flight():
+        interrupted.write(part)
+    print("recorded", flush=True)
+    signal.pause()

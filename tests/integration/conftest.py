@@ -1,0 +1,88 @@
+"""Runs of the real command, and a look at what they leave behind."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+DEADLINE_S = 60.0
+Spawn = Callable[..., "subprocess.Popen[str]"]
+
+
+def processes_of(text: str) -> list[psutil.Process]:
+    """Living processes with `text` in their command line, this one excepted."""
+    found = []
+    for process in psutil.process_iter(["cmdline", "status"]):
+        alive = process.info["status"] != psutil.STATUS_ZOMBIE
+        if alive and process.pid != os.getpid() and any(text in part for part in process.info["cmdline"] or []):
+            found.append(process)
+    return found
+
+
+def until(true: Callable[[], Any], what: str, deadline_s: float = DEADLINE_S) -> Any:
+    """Polls until `true()` is, and returns it."""
+    end = time.monotonic() + deadline_s
+    while time.monotonic() < end:
+        if result := true():
+            return result
+        time.sleep(0.02)
+    raise AssertionError(f"not within {deadline_s} s: {what}")
+
+
+@pytest.fixture
+def spawn() -> Iterator[Spawn]:
+    """Starts `python -m …`; whatever still runs at the end of the test, passed or failed, is killed."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(*arguments: str) -> "subprocess.Popen[str]":
+        line = [sys.executable, "-m", *arguments]
+        started.append(subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
+        return started[-1]
+
+    yield start
+    for process in started:
+        if process.poll() is None:
+            process.kill()
+            process.communicate()
+
+
+class Command:
+    """`meanflock run` in a folder of its own."""
+
+    def __init__(self, out: Path, spawn: Spawn) -> None:
+        self.out, self._spawn = out, spawn
+
+    def start(self, *flags: str) -> "subprocess.Popen[str]":
+        return self._spawn("groundstation.cli", "run", "--out", str(self.out), *flags)
+
+    def summary(self, *flags: str) -> dict[str, Any]:
+        """Runs to the end and returns what `--json` printed, which must be all of stdout."""
+        process = self.start("--json", "--quiet", *flags)
+        out, err = process.communicate(timeout=DEADLINE_S)
+        assert process.returncode == 0, err
+        return json.loads(out)
+
+    @property
+    def folder(self) -> Path:
+        """The only run folder."""
+        (folder,) = self.out.iterdir()
+        return folder
+
+    def flying(self) -> str:
+        """Waits until telemetry reaches the disk; the run's name."""
+        until(lambda: list(self.out.glob("*/.timeseries.arrow")), "a run folder")
+        spool = next(self.out.glob("*/.timeseries.arrow"))
+        until(lambda: spool.stat().st_size > 20_000, "rows in the time series")
+        return spool.parent.name
+
+
+@pytest.fixture
+def command(tmp_path: Path, spawn: Spawn) -> Command:
+    return Command(tmp_path / "runs", spawn)

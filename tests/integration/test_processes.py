@@ -1,0 +1,132 @@
+"""The real thing: processes over Zenoh, started, flown, interrupted and killed."""
+
+import json
+import signal
+from collections import Counter
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from groundstation.launch import free_endpoint
+from groundstation.viewer import verify
+from swarm.methods import Method
+from tests.integration.conftest import DEADLINE_S, Command, Spawn, processes_of, until
+
+pytestmark = pytest.mark.processes
+
+SHORT = ("--uavs", "4", "--seed", "7", "--duration", "30", "--set", "federation.period=40")
+ENDLESS = ("--uavs", "4", "--duration", "100000", "--set", "stop=duration", "--json", "--quiet")
+
+
+@pytest.mark.parametrize("method", list(Method))
+def test_every_method_flies_the_same_run_in_one_process_in_two_and_in_four(method: str, command: Command) -> None:
+    flags = ("--method", method, "--no-record", *SHORT)
+    alone = command.summary("--in-process", *flags)
+    halves = command.summary("--uavs-per-process", "2", *flags)
+    each = command.summary(*flags)
+    assert alone["ticks"] == 300
+    assert alone["mode"] == "in-process"
+    assert each["mode"] == "processes"
+    timing = ("wall_time_s", "real_time_factor", "mode", "run_id", "wire_bytes", "radio")
+    for other in (halves, each):
+        assert {k: v for k, v in other.items() if k not in timing} == {
+            k: v for k, v in alone.items() if k not in timing
+        }
+    assert each["dropped_messages"] == {}
+
+
+def test_a_finished_run_leaves_all_five_files_and_reruns_bit_identically(command: Command, spawn: Spawn) -> None:
+    first = command.summary(*SHORT)
+    folder = command.folder
+    names = {"scenario.toml", "summary.json", "timeseries.parquet", "events.jsonl", "recording.rrd"}
+    assert {path.name for path in folder.iterdir()} == names
+    assert json.loads((folder / "summary.json").read_text()) == first
+    table = pq.read_table(folder / "timeseries.parquet")
+    assert table["tick"].to_pylist() == list(range(first["ticks"] + 1))
+    assert verify(folder / "recording.rrd") is None
+    kinds = Counter(json.loads(line)["kind"] for line in (folder / "events.jsonl").read_text().splitlines())
+    assert kinds["finished"] == 1
+    assert kinds["round"] == first["rounds"] > 0
+    again = Command(command.out.parent / "again", spawn).summary(str(folder / "scenario.toml"), "--in-process")
+    assert again["trajectory_sha256"] == first["trajectory_sha256"]
+    assert again["scenario_sha256"] == first["scenario_sha256"]
+    assert processes_of(first["run_id"]) == []
+
+
+def test_processes_started_by_hand_in_any_order_find_each_other(command: Command, spawn: Spawn) -> None:
+    base = ("--endpoint", free_endpoint(), "--run", "by-hand")
+    others = [spawn("agent", *base), spawn("agent", *base, "--rows", "2"), spawn("leader", *base)]
+    settings = ("uavs=4", "seed=7", "duration=30", "federation.period=40")
+    world = spawn("worldsim", *base, *(flag for setting in settings for flag in ("--set", setting)))
+    others.append(spawn("agent", *base))
+    out, err = world.communicate(timeout=DEADLINE_S)
+    assert world.returncode == 0, err
+    for process in others:
+        _, err = process.communicate(timeout=DEADLINE_S)
+        assert process.returncode == 0, err
+    expected = command.summary("--in-process", "--no-record", *SHORT)
+    assert json.loads(out)["trajectory_sha256"] == expected["trajectory_sha256"]
+
+
+def test_a_station_of_its_own_records_a_swarm_it_did_not_start(tmp_path: Path, spawn: Spawn) -> None:
+    base = ("--endpoint", free_endpoint(), "--run", "watched")
+    station = spawn("groundstation", *base, "--out", str(tmp_path), "--rerun", "")
+    flags = ("--set", "uavs=2", "--set", "method=mfg", "--set", "duration=20", "--stations", "1")
+    world = spawn("worldsim", *base, *flags)
+    agent = spawn("agent", *base, "--rows", "2")
+    out, _ = world.communicate(timeout=DEADLINE_S)
+    told, err = station.communicate(timeout=DEADLINE_S)
+    assert agent.wait(DEADLINE_S) == 0
+    assert station.returncode == 0, err
+    assert json.loads(told) == json.loads(out)
+    (folder,) = tmp_path.iterdir()
+    assert len(pq.read_table(folder / "timeseries.parquet")) == 201
+
+
+def test_ctrl_c_ends_the_run_cleanly_and_keeps_what_was_flown(command: Command) -> None:
+    process = command.start(*ENDLESS)
+    run = command.flying()
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 1
+    assert err.strip().count("\n") == 0
+    assert "interrupted" in err
+    assert processes_of(run) == []
+    table = pq.read_table(command.folder / "timeseries.parquet")
+    assert table["tick"].to_pylist() == list(range(len(table)))
+    assert json.loads((command.folder / "summary.json").read_text())["ticks"] == len(table) - 1
+    assert verify(command.folder / "recording.rrd") is None
+
+
+def test_ctrl_c_in_one_process_too(command: Command) -> None:
+    process = command.start("--in-process", *ENDLESS)
+    command.flying()
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 1
+    assert "interrupted" in err
+    assert verify(command.folder / "recording.rrd") is None
+
+
+@pytest.mark.parametrize("victim", ["agent", "leader", "worldsim"])
+def test_a_killed_process_ends_the_run_with_its_name_and_leaves_no_orphan(victim: str, command: Command) -> None:
+    process = command.start("--no-record", *ENDLESS)
+    run = command.flying()
+    killed = next(p for p in processes_of(run) if victim in p.cmdline())
+    killed.kill()
+    _, err = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 1
+    assert "SIGKILL" in err
+    assert {"worldsim": "world"}.get(victim, victim) in err
+    assert processes_of(run) == []
+    assert len(pq.read_table(command.folder / "timeseries.parquet")) > 0
+
+
+def test_when_the_launcher_itself_is_killed_everyone_leaves(command: Command) -> None:
+    process = command.start("--no-record", *ENDLESS)
+    run = command.flying()
+    assert len(processes_of(run)) >= 6
+    process.kill()
+    process.communicate()
+    until(lambda: processes_of(run) == [], "all processes gone")
