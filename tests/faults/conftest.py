@@ -1,0 +1,143 @@
+"""Swarms in one process that lose nodes, and swarms of processes that are frozen, killed and started again."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from agent.node import Agent
+from groundstation.engine import Engine
+from groundstation.launch import free_endpoint
+from leader.node import Leader
+from swarm import keys
+from swarm.bus import MemoryBus
+from swarm.messages import Event, Join, Telemetry
+from swarm.scenario import Scenario, load
+from swarm.spoke import Spoke
+
+RUN = "faults"
+DEADLINE_S = 40.0
+
+
+def scenario(*settings: str, method: str = "mfgfl-h") -> Scenario:
+    fixed = ["uavs=6", "seed=3", "duration=12", 'stop="duration"', "federation.period=20"]
+    return load(None, [*fixed, *settings], method=method)
+
+
+def until(true: Callable[[], Any], what: str, deadline_s: float = DEADLINE_S) -> Any:
+    """Polls until `true()` is, and returns it."""
+    end = time.monotonic() + deadline_s
+    while time.monotonic() < end:
+        if result := true():
+            return result
+        time.sleep(0.01)
+    raise AssertionError(f"not within {deadline_s} s: {what}")
+
+
+class Told:
+    """A sink that keeps the blocks."""
+
+    def __init__(self) -> None:
+        self.blocks: list[Telemetry] = []
+
+    def write(self, block: Telemetry) -> None:
+        self.blocks.append(block)
+
+    @property
+    def events(self) -> list[Event]:
+        return [event for block in self.blocks for event in block.events]
+
+    def kinds(self, *kinds: str) -> list[tuple[int, str]]:
+        return [(event.tick, event.kind) for event in self.events if event.kind in kinds]
+
+
+class Lab:
+    """An engine whose nodes can die and be started again between two ticks."""
+
+    def __init__(self, flown: Scenario, **options: Any) -> None:
+        self.told = Told()
+        self.engine = Engine(flown, RUN, sinks=[self.told], **options)
+        self.world = self.engine.world
+
+    def fly(self, at: dict[int, Callable[[], Any]] | None = None) -> dict[str, Any]:
+        """To the end; what is in `at` happens before the tick of that number."""
+        for tick in self.engine.fly():
+            if at and tick in at:
+                at[tick]()
+        return self.world.finish()
+
+    def bus_of(self, name: str) -> MemoryBus:
+        """The endpoint of a node."""
+        key = keys.sense(RUN, name)
+        (bus,) = (bus for bus in self.engine.network.endpoints if key in bus._subscriptions)
+        return bus
+
+    def kill(self, name: str) -> None:
+        """The node is gone, and its token with it."""
+        self.bus_of(name).close()
+
+    def agent(self, rows: int = 1) -> Spoke:
+        """Another agent asks to take part."""
+        return self.engine.join(Join("agent", rows), Agent)
+
+    def leader(self) -> Spoke:
+        """Another leader asks to take part."""
+        return self.engine.join(Join("leader", 0), Leader)
+
+
+class Processes:
+    """World, leaders, agents and stations as processes somebody starts by hand."""
+
+    def __init__(self, run: str) -> None:
+        self.base = ("--endpoint", free_endpoint(), "--run", run)
+        self._started: list[subprocess.Popen[str]] = []
+
+    def start(self, module: str, *flags: str, base: tuple[str, ...] | None = None) -> "subprocess.Popen[str]":
+        line = [sys.executable, "-m", module, *(self.base if base is None else base), *flags]
+        process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self._started.append(process)
+        return process
+
+    def world(self, *flags: str, settings: tuple[str, ...] = ()) -> "subprocess.Popen[str]":
+        return self.start("worldsim", *flags, *(word for setting in settings for word in ("--set", setting)))
+
+    def station(self, out: Path, *flags: str) -> "subprocess.Popen[str]":
+        return self.start("groundstation", "--out", str(out), "--rerun", "", *flags)
+
+    def close(self) -> None:
+        for process in self._started:
+            if process.poll() is None:
+                process.kill()
+            process.communicate()
+
+
+@pytest.fixture
+def processes(request: pytest.FixtureRequest) -> Iterator[Processes]:
+    swarm = Processes(f"faults-{os.getpid()}")
+    yield swarm
+    swarm.close()
+
+
+def summary_of(world: "subprocess.Popen[str]") -> dict[str, Any]:
+    """What a world prints at its end."""
+    out, err = world.communicate(timeout=DEADLINE_S)
+    assert world.returncode == 0, err
+    return json.loads(out)
+
+
+def events_in(folder: Path) -> list[dict[str, Any]]:
+    """The whole lines of `events.jsonl` so far."""
+    path = folder / "events.jsonl"
+    lines = path.read_bytes().split(b"\n")[:-1] if path.exists() else []
+    return [json.loads(line) for line in lines]
+
+
+def spool_bytes(out: Path) -> int:
+    """How much of the only run has reached the disk."""
+    return sum(path.stat().st_size for path in out.glob("*/.timeseries.arrow"))

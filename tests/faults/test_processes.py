@@ -1,0 +1,252 @@
+"""Real processes that are killed, frozen and cut off, over Zenoh on loopback."""
+
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pyarrow.parquet as pq
+import pytest
+
+from groundstation.launch import free_endpoint
+from swarm import keys
+from swarm import scenario as scenarios
+from swarm.session import ZenohBus
+from tests.faults.conftest import DEADLINE_S, Lab, Processes, events_in, spool_bytes, summary_of, until
+
+pytestmark = pytest.mark.processes
+
+SETTINGS = ("uavs=3", "seed=7", "stop=duration", "federation.period=40", "method=mfgfl-h")
+ENDLESS = (*SETTINGS, "duration=100000")
+
+
+class Flight:
+    """World, station, a leader and three agents, each of its own UAV."""
+
+    def __init__(
+        self, processes: Processes, out: Path, barrier_s: float = 10.0, leaders: int = 1, **start: Any
+    ) -> None:
+        self.processes, self.out = processes, out
+        flags = ("--stations", "1", "--barrier", str(barrier_s))
+        self.world = processes.world(*flags, settings=start.get("settings", ENDLESS))
+        self.station = processes.station(out, "--resume", "latest")
+        self.agents = [processes.start("agent", "--uav", str(uav)) for uav in range(start.get("agents", 3))]
+        self.leaders = [self.leader() for _ in range(leaders)]
+
+    def leader(self) -> "subprocess.Popen[str]":
+        return self.processes.start("leader")
+
+    def flying(self, more: int = 5_000) -> None:
+        """Waits until that many more bytes of telemetry are on the disk."""
+        before = spool_bytes(self.out)
+        until(lambda: spool_bytes(self.out) > before + more, "telemetry")
+
+    def event(self, kind: str, count: int = 1) -> dict[str, Any]:
+        """Waits for the count-th event of a kind."""
+
+        def found() -> dict[str, Any] | None:
+            of_kind = [e for folder in self.out.glob("*") for e in events_in(folder) if e["kind"] == kind]
+            return of_kind[count - 1] if len(of_kind) >= count else None
+
+        return until(found, f"{count} events {kind}")
+
+    def end(self) -> dict[str, Any]:
+        """Ends an endless flight; its summary."""
+        self.world.send_signal(signal.SIGINT)
+        out, _ = self.world.communicate(timeout=DEADLINE_S)
+        return json.loads(out)
+
+
+def ends_by_itself(process: "subprocess.Popen[str]") -> str:
+    _, err = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 0, err
+    return err
+
+
+def test_a_killed_agent_is_lost_and_a_new_process_flies_its_uav_on(processes: Processes, tmp_path: Path) -> None:
+    flight = Flight(processes, tmp_path)
+    flight.flying()
+    flight.agents[1].kill()
+    assert flight.event("lost")["uavs"] == [1]
+    flight.flying()
+    successor = processes.start("agent")
+    assert flight.event("rejoined")["uavs"] == [1]
+    flight.flying()
+    summary = flight.end()
+    assert (summary["lost"], summary["nodes_lost"]) == (0, 1)
+    ends_by_itself(successor)
+
+
+def test_a_frozen_agent_stalls_the_others_one_deadline_and_goes_home_when_it_wakes(
+    processes: Processes, tmp_path: Path
+) -> None:
+    flight = Flight(processes, tmp_path, barrier_s=1.0)
+    flight.flying()
+    frozen = flight.agents[2]
+    frozen.send_signal(signal.SIGSTOP)
+    assert "no answer for 1 s" in flight.event("lost")["text"]
+    flight.flying()
+    successor = processes.start("agent", "--uav", "2")
+    flight.event("rejoined")
+    frozen.send_signal(signal.SIGCONT)
+    ends_by_itself(frozen)
+    flight.flying()
+    summary = flight.end()
+    assert (summary["lost"], summary["nodes_lost"]) == (0, 1)
+    ends_by_itself(successor)
+
+
+class Wire:
+    """A TCP relay that can be cut: nothing passes, and neither side is told."""
+
+    def __init__(self, endpoint: str) -> None:
+        self._to = ("127.0.0.1", int(endpoint.rpartition(":")[2]))
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.endpoint = f"tcp/127.0.0.1:{self._server.getsockname()[1]}"
+        self._pairs: dict[socket.socket, socket.socket] = {}
+        self._open = threading.Event()
+        self._open.set()
+        self._over = False
+        self._thread = threading.Thread(target=self._relay, daemon=True)
+        self._thread.start()
+
+    def cut(self) -> None:
+        self._open.clear()
+
+    def heal(self) -> None:
+        self._open.set()
+
+    def close(self) -> None:
+        self._over = True
+        self._open.set()
+        self._thread.join()
+        for end in (self._server, *self._pairs):
+            end.close()
+
+    def _relay(self) -> None:
+        while not self._over:
+            self._open.wait()
+            for ready in select.select([self._server, *self._pairs], [], [], 0.05)[0]:
+                if not self._open.is_set():
+                    break
+                if ready is self._server:
+                    near = self._server.accept()[0]
+                    try:
+                        far = socket.create_connection(self._to, 5.0)
+                    except OSError:
+                        near.close()
+                        continue
+                    self._pairs.update({near: far, far: near})
+                elif ready in self._pairs:
+                    self._pass(ready)
+
+    def _pass(self, ready: socket.socket) -> None:
+        other = self._pairs[ready]
+        try:
+            if data := ready.recv(1 << 16):
+                other.sendall(data)
+                return
+        except OSError:
+            pass
+        for end in (ready, other):
+            self._pairs.pop(end, None)
+            end.close()
+
+
+def test_an_agent_cut_off_from_the_world_is_lost_when_its_lease_ends_though_the_barrier_would_wait(
+    processes: Processes, tmp_path: Path
+) -> None:
+    wire = Wire(processes.base[1])
+    try:
+        flight = Flight(processes, tmp_path, barrier_s=300.0, agents=2)
+        base = ("--endpoint", wire.endpoint, *processes.base[2:])
+        far = processes.start("agent", "--uav", "2", base=base)
+        flight.flying()
+        wire.cut()
+        lost = flight.event("lost")
+        assert lost["uavs"] == [2]
+        assert "liveliness" in lost["text"]
+        flight.flying()
+        wire.heal()
+        ends_by_itself(far)
+        assert flight.end()["lost"] == 1
+    finally:
+        wire.close()
+
+
+def test_a_standby_leader_takes_over_from_a_killed_one_and_the_flight_is_the_same(
+    processes: Processes, tmp_path: Path
+) -> None:
+    settings = (*SETTINGS, "duration=150")
+    expected = Lab(scenarios.load(None, settings)).fly()
+    flight = Flight(processes, tmp_path, settings=settings, agents=2, leaders=0)
+    watcher = ZenohBus.client(processes.base[1])
+    try:
+        watcher.watch(keys.alive(processes.base[3], "leader", "*"))
+        for name in ("leader", "leader.2"):  # who joins first leads
+            flight.leaders.append(flight.leader())
+            token = keys.alive(processes.base[3], "leader", name)
+            until(lambda token=token: (d := watcher.receive(0.1)) is not None and d.key == token, token)
+    finally:
+        watcher.close()
+    processes.start("agent")
+    flight.event("round", 3)
+    flight.leaders[0].kill()
+    summary = summary_of(flight.world)
+    assert summary["trajectory_sha256"] == expected["trajectory_sha256"]
+    assert summary["rounds"] == expected["rounds"] == 37
+    ends_by_itself(flight.station)
+    told = [event for folder in tmp_path.glob("*") for event in events_in(folder)]
+    assert [event["tick"] for event in told if event["kind"] == "round"] == list(range(41, 1500, 40))
+    assert [event["text"] for event in told if event["kind"] == "leader"] == ["leader.2 takes over from leader"]
+    assert not [event for event in told if event["kind"] == "void"]
+
+
+def test_a_killed_ground_station_that_is_started_again_leaves_no_gap_in_rows_and_events(
+    processes: Processes, tmp_path: Path
+) -> None:
+    settings = (*SETTINGS, "duration=180")
+    lab = Lab(scenarios.load(None, settings))
+    lab.fly()
+    flight = Flight(processes, tmp_path, settings=settings)
+    for number in range(2):
+        flight.flying(5_000)
+        flight.station.send_signal(signal.SIGTERM if number else signal.SIGKILL)
+        flight.station.communicate(timeout=DEADLINE_S)
+        flight.station = processes.station(tmp_path, "--resume", "latest")
+    summary = summary_of(flight.world)
+    ends_by_itself(flight.station)
+    (folder,) = tmp_path.iterdir()
+    table = pq.read_table(folder / "timeseries.parquet")
+    assert table["tick"].to_pylist() == list(range(1801))
+    expected = [(e.tick, e.kind, e.text) for e in lab.told.events if e.kind != "joined"]
+    assert [(e["tick"], e["kind"], e["text"]) for e in events_in(folder) if e["kind"] != "joined"] == expected
+    assert json.loads((folder / "summary.json").read_text())["trajectory_sha256"] == summary["trajectory_sha256"]
+    assert summary["telemetry_blocks_dropped"] == 0
+
+
+def test_a_frozen_agent_does_not_make_the_command_fail(tmp_path: Path) -> None:
+    settings = [word for setting in (*SETTINGS, "duration=100") for word in ("--set", setting)]
+    run = ["-m", "groundstation.cli", "run", "--out", str(tmp_path), "--no-record", "--quiet", "--json", *settings]
+    command = subprocess.Popen(
+        [sys.executable, *run, "--endpoint", free_endpoint()],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "MEANFLOCK_BARRIER": "1"},
+    )
+    until(lambda: spool_bytes(tmp_path) > 5_000, "telemetry")
+    frozen = next(p for p in psutil.Process(command.pid).children() if "agent" in p.cmdline())
+    frozen.suspend()
+    out, err = command.communicate(timeout=DEADLINE_S)
+    assert command.returncode == 0, err
+    summary = json.loads(out)
+    assert (summary["ticks"], summary["lost"], summary["nodes_lost"]) == (1000, 1, 1)
+    assert not frozen.is_running() or frozen.status() == psutil.STATUS_ZOMBIE

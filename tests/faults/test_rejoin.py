@@ -1,0 +1,178 @@
+"""A node that is lost costs nobody else anything, and another may take its place."""
+
+import numpy as np
+import pytest
+
+from agent.node import Agent
+from swarm import codec, keys
+from swarm.bus import Delivery
+from swarm.errors import BusError
+from swarm.messages import Act, Join, Ready, Status, Stop
+from tests.faults.conftest import RUN, Lab, scenario
+
+NUMBER = keys.fingerprint(RUN)
+
+
+def test_an_agent_that_joins_while_uavs_are_lost_takes_them_over_and_they_fly_again() -> None:
+    lab = Lab(scenario(), uavs_per_node=1)
+    seen = {}
+
+    def kill() -> None:
+        lab.kill("agent-2")
+        seen["lost"] = lab.world.flight.status.tolist()
+
+    def rejoin() -> None:
+        lab.agent()
+        seen["rejoined"] = lab.world.flight.status.tolist()
+
+    summary = lab.fly({30: kill, 50: rejoin})
+    assert seen["lost"] == [0, 0, Status.LOST, 0, 0, 0]
+    assert seen["rejoined"] == [0] * 6
+    assert (summary["lost"], summary["nodes_lost"], summary["ticks"]) == (0, 1, 120)
+    assert lab.told.kinds("lost", "rejoined") == [(30, "lost"), (50, "rejoined")]
+    commands = np.concatenate([block.accelerations for block in lab.told.blocks])
+    assert not commands[31:51, 2].any()
+    assert commands[52:, 2].any(axis=-1).all()
+
+
+def test_several_uavs_of_one_lost_node_are_taken_over_by_several_agents_until_none_is_free() -> None:
+    lab = Lab(scenario(), uavs_per_node=3)
+
+    def rejoin() -> None:
+        for _ in range(3):
+            lab.agent()
+        with pytest.raises(BusError, match="refused"):
+            lab.agent()
+
+    summary = lab.fly({10: lambda: lab.kill("agent-3"), 20: rejoin})
+    assert summary["lost"] == 0
+    assert [event.uavs for event in lab.told.events if event.kind == "rejoined"] == [(3,), (4,), (5,)]
+
+
+def test_a_uav_that_had_arrived_has_arrived_still_after_its_agent_came_back() -> None:
+    lab = Lab(scenario("start.centre=[0.0, 0.0]", "start.spacing=0.5"), uavs_per_node=1)
+    summary = lab.fly({30: lambda: lab.kill("agent-4"), 40: lab.agent})
+    assert lab.world.flight.arrival_tick[4] > 0
+    assert lab.world.flight.status[4] == Status.ARRIVED
+    assert summary["arrived"] == 6
+
+
+def test_a_fresh_mind_knows_the_mission_plan_and_takes_the_next_global_model_from_the_radio() -> None:
+    lab = Lab(scenario(), uavs_per_node=1)
+    minds: dict[str, np.ndarray] = {}
+
+    def mind(name: str) -> np.ndarray:
+        spoke = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
+        assert isinstance(spoke._node, Agent)
+        return spoke._node._minds.models()[0]
+
+    def before() -> None:
+        minds["old"] = mind("agent-0")
+        lab.agent()
+        minds["fresh"] = mind("agent-2.2")
+
+    apart = {}
+
+    def compare(tick: int) -> None:
+        apart[tick] = float(np.abs(mind("agent-0")[:108] - mind("agent-2.2")[:108]).max())
+
+    lab.fly({25: lambda: lab.kill("agent-2"), 30: before, 42: lambda: compare(42), 43: lambda: compare(43)})
+    assert not minds["fresh"][:108].any()
+    assert minds["fresh"][108:177].any()
+    assert minds["old"][:108].any()
+    # Round 2 was averaged in tick 41 and heard in tick 42: both began that tick with the same value model.
+    assert apart[43] < apart[42] / 5
+
+
+def test_the_old_process_that_comes_back_is_refused_and_told_to_go_home_and_its_successor_is_not() -> None:
+    lab = Lab(scenario(), uavs_per_node=1)
+    old = lab.bus_of("agent-1")
+    spoke = old.handler.__self__  # type: ignore[union-attr]
+    heard = []
+
+    def freeze() -> None:
+        old.handler = heard.append
+        lab.world.handle(Delivery("gone", keys.alive(RUN, "agent", "agent-1")))
+
+    def thaw() -> None:
+        spoke.stopped = None
+        old.handler = spoke.handle
+        before = lab.world._drops.copy()
+        old.put(keys.act(RUN, "agent-1"), codec.encode(Act(NUMBER, 60, np.zeros((1, 5)))))
+        assert lab.world._drops - before == {"unknown-node": 1}
+        assert "lost" in (spoke.stopped or "")
+        spoke.stopped = None
+        old.put(keys.act(RUN, "agent-1"), codec.encode(Ready(NUMBER)))
+        assert "lost" in (spoke.stopped or "")
+        spoke.stopped = None
+        lab.world.handle(Delivery("alive", keys.alive(RUN, "agent", "agent-1")))
+        assert "lost" in (spoke.stopped or "")
+
+    successor = {}
+    summary = lab.fly({20: freeze, 40: lambda: successor.update(spoke=lab.agent()), 60: thaw})
+    assert isinstance(codec.decode(heard[0].payload), Stop)
+    assert not [d for d in heard if not isinstance(codec.decode(d.payload), Stop)]
+    assert summary["lost"] == 0
+    assert successor["spoke"].stopped == "finished"
+
+
+def test_a_node_that_was_admitted_and_never_became_ready_frees_its_place_for_another() -> None:
+    clock = [0.0]
+    lab = Lab(scenario(), uavs_per_node=1)
+    lab.world._door._clock = lambda: clock[0]
+
+    def half() -> None:
+        answers: list[bytes] = []
+        raw = codec.encode(Join("agent", 1))
+        lab.world.handle(Delivery("question", keys.join(RUN, "agent"), raw, answers.append))
+        assert codec.decode(answers[0]).node == "agent-5.2"  # type: ignore[union-attr]
+
+    def patience_ends() -> None:
+        clock[0] += 11.0
+
+    summary = lab.fly({10: lambda: lab.kill("agent-5"), 20: half, 30: patience_ends, 32: lab.agent})
+    assert summary["lost"] == 0
+    assert [event.tick for event in lab.told.events if event.kind == "rejoined"] == [32]
+
+
+def test_who_is_lost_before_take_off_is_missing_and_another_takes_the_place() -> None:
+    from agent.node import Agent
+    from leader.node import Leader
+    from swarm.bus import MemoryNetwork
+    from swarm.spoke import Spoke
+    from worldsim.node import World
+
+    network = MemoryNetwork()
+    hub = network.endpoint()
+    world = World(scenario("uavs=1"), hub, RUN)
+    hub.handler = world.handle
+    for request, make in ((Join("agent", 1), Agent), (Join("leader", 0), Leader), (Join("agent", 1), Agent)):
+        bus = network.endpoint()
+        spoke = Spoke(bus, RUN)
+        bus.handler = spoke.handle
+        spoke.join(request, make, 1.0)  # type: ignore[arg-type]
+        if request.role == "leader":
+            assert "every UAV" not in world._missing()
+        elif not world._members.complete:
+            first = bus
+            first.close()
+            assert "1 UAVs without an agent" in world._missing()
+    world.gather(0.0)
+    for _ in world.fly():
+        pass
+    assert world.finish(0.0)["lost"] == 0
+
+
+def test_two_nodes_lost_in_the_last_tick_that_anyone_flies_do_not_hold_up_the_end() -> None:
+    """Both miss the same barrier, and losing the first already ends a mission that waits for arrivals only."""
+    lab = Lab(scenario("uavs=2", "stop=arrival", "federation.period=1000"), uavs_per_node=1)
+    times = iter(range(10**9))
+    lab.world._clock = lambda: float(next(times))
+
+    def deaf() -> None:
+        for name in ("agent-0", "agent-1"):
+            lab.bus_of(name).handler = lambda delivery: None
+
+    lab.world._wait = lambda timeout_s: None  # type: ignore[method-assign]
+    summary = lab.fly({5: deaf})
+    assert (summary["lost"], summary["ticks"]) == (2, 6)

@@ -1,0 +1,208 @@
+"""A fault script flies the same trajectory however the swarm is cut into nodes, and each fault does what it says."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from groundstation.cli import main
+from swarm import scenario as scenarios
+from swarm.errors import BadInput
+from swarm.messages import FrameKind
+from swarm.methods import Method
+from swarm.scenario import Scenario, load
+from tests.faults.conftest import Lab, scenario
+
+SCRIPT = Path(__file__).parents[2] / "scenarios" / "faults.toml"
+CLEAR = ("federation.fraction=1.0", "radio.target_snr_db=70")  # no outage but those of the script
+EVERYTHING = """faults=[
+    {kind="pause", tick=15, duration_s=2.0, uavs=[1, 4]}, {kind="partition", time_s=3.5, duration_s=1.5, uavs=[2]},
+    {kind="jam", tick=18, duration_s=0.4, centre=[150.0, 100.0], radius_m=2.0},
+    {kind="jam", tick=58, duration_s=0.6, uavs=[0, 3]},
+    {kind="gust", tick=50, duration_s=1.0, acceleration=[0.4, -0.2]},
+    {kind="gust", tick=65, duration_s=0.1, acceleration=[0.0, 9.0], uavs=[5]}, {kind="kill", time_s=7.0, uavs=[4]},
+    {kind="leader-loss", tick=81}]""".replace("\n", " ")
+
+
+def flown(*faults: str, method: str = "mfgfl-h", settings: tuple[str, ...] = ()) -> Scenario:
+    return scenario(*settings, f"faults=[{', '.join(faults)}]", method=method)
+
+
+def steady(summary: dict[str, Any]) -> dict[str, Any]:
+    volatile = {"wall_time_s", "real_time_factor", "wire_bytes", "radio"}
+    radio = {k: v for k, v in summary["radio"].items() if k != "traffic"}
+    return {**{k: v for k, v in summary.items() if k not in volatile}, "radio": radio}
+
+
+@pytest.mark.parametrize("method", Method)
+def test_every_script_flies_the_same_however_the_swarm_is_cut_into_nodes(method: Method) -> None:
+    of = scenario(EVERYTHING, method=str(method))
+    if method is Method.MFG:
+        of = scenario(EVERYTHING, "federation.state_period=15", method=str(method))
+    runs = [Lab(of, uavs_per_node=rows) for rows in (1, 4, None)]
+    summaries = [steady(run.fly()) for run in runs]
+    assert summaries[0] == summaries[1] == summaries[2]
+    assert summaries[0]["lost"] == 1
+    faults = [[(e.tick, e.text, e.uavs) for e in run.told.events if e.kind == "fault"] for run in runs]
+    assert faults[0] == faults[1] == faults[2]
+    assert len(faults[0]) == 8 + 6
+
+
+def test_a_script_without_faults_is_no_script_and_changes_no_hash() -> None:
+    assert load(None, ["faults=[]"]).sha256() == load(None).sha256()
+    one = flown('{kind="kill", tick=1, uavs=[0]}')
+    assert one.sha256() != scenario().sha256()
+    assert scenarios.decode(scenarios.encode(one)) == one
+
+
+def test_a_killed_uav_falls_silent_and_flies_on_without_command_and_its_process_goes_home() -> None:
+    lab = Lab(flown('{kind="kill", tick=30, uavs=[1, 2]}'), uavs_per_node=1)
+    spoke = lab.bus_of("agent-1").handler.__self__  # type: ignore[union-attr]
+    summary = lab.fly({35: lambda: lab.agent()})  # a new process may take over
+    assert "killed" in spoke.stopped
+    assert summary["lost"] == 1
+    assert summary["nodes_lost"] == 0
+    assert lab.told.kinds("lost", "rejoined") == [(30, "lost"), (35, "rejoined")]
+    commands = np.concatenate([block.accelerations for block in lab.told.blocks])
+    assert not commands[31:, 2].any()
+    assert commands[1:31, 2].any(axis=-1).all()
+    links = np.concatenate([block.links for block in lab.told.blocks])
+    uploads = links[links[:, 3] == FrameKind.UPLOAD]
+    assert (uploads[uploads[:, 1] == 2, 0] < 30).all()
+
+
+def test_a_paused_uav_holds_its_last_command_and_learns_nothing_and_then_goes_on() -> None:
+    lab = Lab(flown('{kind="pause", tick=30, duration_s=1.0, uavs=[3]}'))
+    agent = lab.bus_of("agent-0").handler.__self__._node  # type: ignore[union-attr]
+    minds = {}
+    hold = {tick: (lambda tick=tick: minds.update({tick: agent._minds.models()})) for tick in (30, 31, 40, 41)}
+    lab.fly(hold)
+    commands = np.concatenate([block.accelerations for block in lab.told.blocks])
+    assert (commands[31:41, 3] == commands[30, 3]).all()
+    assert (commands[41, 3] != commands[30, 3]).any()
+    assert (commands[31:41, 2] != commands[30, 2]).any()
+    np.testing.assert_array_equal(minds[40][3], minds[30][3])
+    assert (minds[41][3] != minds[40][3]).any()
+    assert (minds[31][2] != minds[30][2]).any()
+
+
+def outages(lab: Lab, first: int, last: int) -> np.ndarray:
+    links = np.concatenate([block.links for block in lab.told.blocks])
+    return links[(links[:, 4] < 0) & (links[:, 0] >= first) & (links[:, 0] <= last)]
+
+
+def test_a_partitioned_uav_loses_every_link_both_ways_and_nobody_else_loses_any() -> None:
+    lab = Lab(flown('{kind="partition", tick=20, duration_s=2.0, uavs=[2]}', settings=CLEAR))
+    summary = lab.fly()
+    lost = outages(lab, 0, 1000)
+    assert sorted({(int(s), int(t), int(k)) for _, s, t, k, _ in lost}) == [
+        (0, 2, FrameKind.GLOBAL),
+        (2, 0, FrameKind.UPLOAD),
+    ]
+    assert (lost[:, 4] == -lab.world.air._scenario.radio.latency_threshold_slots).all()
+    assert summary["rounds"] == 5
+    assert summary["radio"]["outages"] == 2
+
+
+def test_a_jam_between_two_uavs_is_theirs_alone_and_fading_elsewhere_is_what_it_was() -> None:
+    jam = '{kind="jam", tick=0, duration_s=1.0, uavs=[1, 2]}'
+    runs = [Lab(of) for of in (flown(jam, method="hjb"), scenario(method="hjb"))]
+    for run in runs:
+        run.fly()
+    jammed, free = (outages(run, 0, 9) for run in runs)
+    assert len(free) == 0 or not set(map(tuple, free[:, :3])) & set(map(tuple, jammed[:, :3]))
+    assert {tuple(sorted(pair)) for pair in jammed[:, 1:3].tolist()} == {(1, 2)}
+    assert len(jammed) == 2 * 9  # in tick 0 the mission plan has said it
+
+
+def test_a_jammed_area_silences_who_is_inside_while_he_is_inside() -> None:
+    lab = Lab(flown('{kind="jam", tick=0, duration_s=12.0, centre=[0.0, 0.0], radius_m=500.0}', method="hjb"))
+    summary = lab.fly()
+    assert summary["radio"]["delivered"] == 0
+    away = Lab(flown('{kind="jam", tick=0, duration_s=12.0, centre=[9000.0, 0.0], radius_m=5.0}', method="hjb"))
+    assert away.fly()["trajectory_sha256"] == Lab(scenario(method="hjb")).fly()["trajectory_sha256"]
+
+
+def test_a_gust_adds_its_acceleration_to_whom_it_hits_for_as_long_as_it_blows() -> None:
+    gust = '{kind="gust", tick=40, duration_s=0.3, acceleration=[2.0, 0.0], uavs=[1]}'
+    with_gust, without = Lab(flown(gust, method="offline")), Lab(scenario(method="offline"))
+    with_gust.fly()
+    without.fly()
+    moved, still = (np.concatenate([b.states for b in lab.told.blocks]) for lab in (with_gust, without))
+    difference = moved - still
+    assert not difference[:41].any()
+    assert not difference[:, [0, 2, 3, 4, 5]].any()
+    np.testing.assert_allclose(difference[41, 1], [0.02, 0.0, 0.2, 0.0], atol=1e-12)
+    kick = 0.2 * np.array([0.99**2 + 0.99 + 1.0])  # what drag has left of three pushes
+    np.testing.assert_allclose(difference[43, 1, 2], kick[0], atol=1e-12)
+    np.testing.assert_allclose(difference[44, 1, 2], kick[0] * 0.99, atol=1e-12)
+
+
+def test_a_scripted_loss_of_the_leader_is_taken_over_by_the_standby_started_for_it() -> None:
+    plain = Lab(scenario()).fly()
+    lab = Lab(flown('{kind="leader-loss", tick=41}'))
+    assert lab.fly()["trajectory_sha256"] == plain["trajectory_sha256"]
+    assert lab.told.kinds("leader") == [(41, "leader")]
+    alone = Lab(flown('{kind="leader-loss", tick=41, standby=false}'))
+    assert alone.fly()["rounds"] == 1
+    assert [tick for tick, _ in alone.told.kinds("void")] == [41, 61, 81, 101]
+
+
+BAD = {
+    "no time": ('[[faults]]\nkind = "kill"\nuavs = [1]', "tick"),
+    "two times": ('[[faults]]\nkind = "kill"\nuavs = [1]\ntick = 1\ntime_s = 1.0', "one of them"),
+    "nobody": ('[[faults]]\nkind = "kill"\nuavs = []\ntick = 1', "nobody"),
+    "an unknown kind": ('[[faults]]\nkind = "flood"\ntick = 1', "flood"),
+    "an unknown key": ('[[faults]]\nkind = "kill"\nuavs = [1]\ntick = 1\nwhy = "x"', "why"),
+    "a negative UAV": ('[[faults]]\nkind = "kill"\nuavs = [-1]\ntick = 1', "uavs"),
+    "an endless gust": ('[[faults]]\nkind = "gust"\ntick = 1\nduration_s = 1.0\nacceleration = [inf, 0.0]', "finite"),
+    "half an area": ('[[faults]]\nkind = "jam"\ntick = 1\nduration_s = 1.0\ncentre = [0.0, 0.0]', "radius_m"),
+    "no area": ('[[faults]]\nkind = "jam"\ntick = 1\nduration_s = 1.0\nuavs = [1]', "two or more"),
+    "more than faults": ('seed = 3\n[[faults]]\nkind = "kill"\nuavs = [1]\ntick = 1', "nothing else"),
+    "no TOML": ("[[faults", "TOML"),
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_a_bad_script_is_bad_input_with_one_line_naming_file_and_key(what: str, tmp_path: Path) -> None:
+    text, part = BAD[what]
+    path = tmp_path / "bad.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(BadInput) as caught:
+        scenarios.read_faults(path)
+    assert str(path) in str(caught.value)
+    assert part in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_script_that_names_a_uav_the_swarm_does_not_have_is_bad_input() -> None:
+    with pytest.raises(BadInput, match=r"faults\[0\].*UAV 6 of 0…5"):
+        flown('{kind="kill", tick=1, uavs=[6]}')
+
+
+def test_the_script_of_the_repository_flies_from_the_command_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flags = ["run", "--in-process", "--faults", str(SCRIPT), "--duration", "70", "--no-record", "--json", "--quiet"]
+    assert main([*flags, "--out", str(tmp_path)]) == 0
+    assert '"lost": 1' in capsys.readouterr().out
+    (folder,) = tmp_path.iterdir()
+    assert (folder / "events.jsonl").read_text().count('"kind": "fault"') == 12
+    again = load(folder / "scenario.toml")
+    assert again.faults == load(None, faults=scenarios.read_faults(SCRIPT)).faults
+
+
+@pytest.mark.processes
+def test_the_script_of_the_repository_flies_the_same_on_processes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hashes = []
+    for cut in (["--in-process"], ["--uavs-per-process", "9"]):
+        flags = ["run", *cut, "--faults", str(SCRIPT), "--duration", "65", "--no-record", "--json", "--quiet"]
+        assert main([*flags, "--out", str(tmp_path / cut[0])]) == 0
+        summary = json.loads(capsys.readouterr().out)
+        hashes.append((summary["trajectory_sha256"], summary["lost"], summary["rounds"]))
+    assert hashes[0] == hashes[1]
+    assert hashes[0][1:] == (1, 3)

@@ -1,0 +1,99 @@
+"""What no station has acknowledged the world keeps, bounded and counted; what comes twice is kept once."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import worldsim.telemetry
+from groundstation.engine import Engine
+from groundstation.results import RunFolder, past
+from groundstation.station import Station
+from swarm.errors import BadInput
+from tests.faults.conftest import RUN, Lab, Told, scenario
+
+
+def test_a_station_that_comes_late_is_sent_everything_from_the_first_row() -> None:
+    engine = Engine(scenario(), RUN)
+    engine.network.endpoints.remove(engine.network.endpoints[1])
+    told = Told()
+    for tick in engine.fly():
+        if tick == 60:
+            bus = engine.network.endpoint()
+            station = Station(bus, RUN, [told])
+            bus.handler = station.handle
+    engine.world.finish()
+    assert np.concatenate([b.first_tick + np.arange(len(b.states)) for b in told.blocks]).tolist() == list(range(121))
+    assert station.missed_blocks == 0
+    assert next(event.kind for event in told.events) == "joined"
+
+
+def test_beyond_its_bound_the_world_gives_up_the_oldest_blocks_and_counts_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(worldsim.telemetry, "MAX_WAITING_BYTES", 60_000)
+    lab = Lab(scenario("duration=40"))
+    bus = lab.engine.network.endpoints[1]
+    lab.engine.network.endpoints.remove(bus)
+    most = 0
+    for _ in lab.engine.fly():
+        most = max(most, lab.world._outbox._bytes)
+    assert most <= 60_000
+    told = Told()
+    late = lab.engine.network.endpoint()
+    station = Station(late, RUN, [told])
+    late.handler = station.handle
+    summary = lab.world.finish()
+    assert summary["telemetry_blocks_dropped"] > 0
+    assert told.blocks[0].block >= summary["telemetry_blocks_dropped"]
+    assert summary["trajectory_sha256"] == Lab(scenario("duration=40")).fly()["trajectory_sha256"]
+
+
+def test_without_a_station_one_checkpoint_waits_and_not_all_of_them() -> None:
+    lab = Lab(scenario("duration=60"))
+    lab.engine.network.endpoints.remove(lab.engine.network.endpoints[1])
+    for _ in lab.engine.fly():
+        pass
+    told = Told()
+    late = lab.engine.network.endpoint()
+    late.handler = Station(late, RUN, [told]).handle
+    lab.world.finish()
+    assert sum(bool(block.checkpoint) for block in told.blocks) == 1
+
+
+@pytest.mark.parametrize("orderly", [False, True])
+def test_a_folder_taken_up_again_holds_every_row_and_event_once(orderly: bool, tmp_path: Path) -> None:
+    flown = scenario("duration=30")
+    expected = Lab(flown)
+    expected.fly()
+    engine = Engine(flown, RUN, sinks=[folder := RunFolder(tmp_path, "run", flown)])
+    for tick in engine.fly():
+        if tick == 155:
+            old = engine.network.endpoints[1]
+            old.close()  # in the middle of a block
+            if orderly:
+                with folder:
+                    pass
+            else:
+                folder._events.write(b'{"half')
+                folder._events.close()
+                folder._spool = folder._stream = None  # type: ignore[assignment]
+        if tick == 230:
+            so_far = past(tmp_path / "run")
+            folder = RunFolder(tmp_path, "run", flown, so_far)
+            bus = engine.network.endpoint()
+            station = Station(bus, RUN, [folder], first_block=so_far.next_block)
+            bus.handler = station.handle
+    summary = engine.world.finish()
+    with folder:
+        folder.summarise(summary)
+    table = pq.read_table(tmp_path / "run" / "timeseries.parquet")
+    assert table["tick"].to_pylist() == list(range(301))
+    told = [json.loads(line) for line in (tmp_path / "run" / "events.jsonl").read_text().splitlines()]
+    assert [(e["tick"], e["kind"], e["text"]) for e in told] == [(e.tick, e.kind, e.text) for e in expected.told.events]
+    assert station.missed_blocks == 0
+
+
+def test_a_folder_without_rows_cannot_be_taken_up(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="no time series"):
+        past(tmp_path)

@@ -1,0 +1,198 @@
+"""A small swarm under mutual TLS that stands still in mid-flight, so that it can be attacked at leisure."""
+
+import json
+import re
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from agent.node import Agent
+from groundstation.certs import HOSTS, Authority, names
+from groundstation.engine import Engine
+from groundstation.launch import free_endpoint
+from leader.node import Leader
+from swarm import codec, keys, scenario
+from swarm.bus import Bus
+from swarm.identity import LEADER, WORLD, Identity
+from swarm.messages import Act, Join
+from swarm.session import ZenohBus
+from swarm.spoke import Spoke
+
+RUN = "attacked"
+UAVS = 5
+HELD = 4  # the agent that stands still
+HOLD_TICK = 25
+SETTINGS = (f"uavs={UAVS}", "seed=7", "duration=6", "federation.period=10")
+DEADLINE_S = 30.0
+
+
+def until(true: Callable[[], Any], what: str) -> None:
+    """Polls until `true()` is."""
+    end = time.monotonic() + DEADLINE_S
+    while not true():
+        assert time.monotonic() < end, f"not within {DEADLINE_S} s: {what}"
+        time.sleep(0.02)
+
+
+@dataclass(frozen=True)
+class Folders:
+    """Certificates: the swarm's own, and those of an attacker who calls itself agent-3."""
+
+    good: Path
+    foreign: Path  # signed by another authority
+    expired: Path
+    stranger: Path  # agent-99: signed by the swarm's authority, but no node of this run
+
+
+@pytest.fixture(scope="session")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> Folders:
+    authority = Authority("the swarm's")
+    made = Folders(*(tmp_path_factory.mktemp(name) for name in ("good", "foreign", "expired", "stranger")))
+    for folder in (made.good, made.foreign, made.expired, made.stranger):
+        authority.write(folder)  # the attacker, too, believes the world's certificate
+    for name in names(UAVS):
+        authority.issue(made.good, name, hosts=HOSTS if name == WORLD else ())
+    Authority("another").issue(made.foreign, "agent-3")
+    authority.issue(made.expired, "agent-3", days=-1)
+    authority.issue(made.stranger, "agent-99")
+    return made
+
+
+@pytest.fixture(scope="session")
+def undisturbed() -> str:
+    """The trajectory of the flight if nobody disturbs it."""
+    engine = Engine(scenario.load(None, SETTINGS), RUN)
+    for _ in engine.fly():
+        pass
+    return str(engine.world.finish()["trajectory_sha256"])
+
+
+class Holding:
+    """A bus that keeps what is put, and stands still before the answer to one tick is out."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._bus = bus
+        self.sent: list[bytes] = []
+        self.reached, self.go_on = threading.Event(), threading.Event()
+
+    def put(self, key: str, payload: bytes) -> None:
+        """Like a bus."""
+        message = codec.decode(payload)
+        if isinstance(message, Act) and message.tick == HOLD_TICK:
+            self.reached.set()
+            assert self.go_on.wait(DEADLINE_S)
+        self.sent.append(payload)
+        self._bus.put(key, payload)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._bus, name)
+
+
+@dataclass
+class Flight:
+    """A world in a process of its own, and everyone else in threads of this one."""
+
+    folders: Folders | None  # None: without TLS
+    log: Path
+    endpoint: str = field(default_factory=free_endpoint)
+    opened: list[ZenohBus] = field(default_factory=list)
+    crew: list[threading.Thread] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        flags = ["--endpoint", self.endpoint, "--run", RUN, "--barrier", "60"]
+        flags += [flag for setting in SETTINGS for flag in ("--set", setting)]
+        if self.folders is not None:
+            flags += ["--tls", str(self.folders.good)]
+        with self.log.open("wb") as log:
+            command = [sys.executable, "-m", "worldsim", *flags]
+            self.world = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log)
+        for uav in range(UAVS):
+            bus: Any = self.client(keys.asker("agent", uav))
+            if uav == HELD:
+                bus = self.held = Holding(bus)
+            self._board(bus, Join("agent", 1, uav), Agent)
+        self._board(self.client(LEADER), Join(LEADER, 0), Leader)
+        assert self.held.reached.wait(DEADLINE_S), self.said()
+
+    @property
+    def certificates(self) -> Path:
+        """The swarm's own."""
+        assert self.folders is not None
+        return self.folders.good
+
+    def client(self, name: str, folder: Path | None = None) -> ZenohBus:
+        """A session that shows the certificate of `name`."""
+        identity = Identity(folder or self.certificates, name) if self.folders is not None else None
+        self.opened.append(ZenohBus.client(self.endpoint, DEADLINE_S, identity))
+        return self.opened[-1]
+
+    def said(self) -> str:
+        """The world's log."""
+        return self.log.read_text()
+
+    def logs(self, *texts: str) -> None:
+        """Waits until the world has said all these."""
+        until(lambda: all(text in self.said() for text in texts), f"{texts} in the world's log")
+
+    def rss_mb(self) -> float:
+        """What the world keeps in memory now, MB."""
+        return psutil.Process(self.world.pid).memory_info().rss / 2**20
+
+    def land(self) -> dict[str, Any]:
+        """Lets the flight end, and returns its summary."""
+        self.held.go_on.set()
+        out, _ = self.world.communicate(timeout=DEADLINE_S)
+        assert self.world.returncode == 0, self.said()
+        for thread in self.crew:
+            thread.join(DEADLINE_S)
+        return json.loads(out)
+
+    def refused(self, what: str) -> int:
+        """How many of a kind the world counted by the end."""
+        total = re.search(r"refused in all: (.*)", self.said())
+        found = re.search(rf"(\d+) × {what}", total[1]) if total else None
+        return int(found[1]) if found else 0
+
+    def close(self) -> None:
+        """Ends whatever still runs."""
+        self.held.go_on.set()
+        for bus in self.opened:
+            bus.close()
+        if self.world.poll() is None:
+            self.world.kill()
+        self.world.wait()
+        assert self.world.stdout is not None
+        self.world.stdout.close()
+
+    def _board(self, bus: Any, join: Join, make: Callable[..., Any]) -> None:
+        def serve() -> None:
+            spoke = Spoke(bus, RUN)
+            spoke.join(join, make, DEADLINE_S)
+            spoke.serve(lambda: self.world.poll() is not None, lambda: False)
+
+        self.crew.append(threading.Thread(target=serve, daemon=True))
+        self.crew[-1].start()
+
+
+@pytest.fixture
+def flight(folders: Folders, tmp_path: Path) -> Iterator[Flight]:
+    """A swarm under TLS, held at `HOLD_TICK`."""
+    started = Flight(folders, tmp_path / "world.log")
+    yield started
+    started.close()
+
+
+@pytest.fixture
+def open_flight(tmp_path: Path) -> Iterator[Flight]:
+    """The same without TLS."""
+    started = Flight(None, tmp_path / "world.log")
+    yield started
+    started.close()

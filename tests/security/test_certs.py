@@ -1,0 +1,154 @@
+"""Certificates: what `certs init` makes, and that `run` and `doctor` see what is amiss before a process starts."""
+
+import json
+import stat
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from groundstation import certs
+from groundstation.cli import main
+from groundstation.doctor import certificates
+from swarm import access, keys
+from swarm.errors import BadInput
+from swarm.identity import Identity, only_agent
+from swarm.session import secured
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("made") / "certs"
+    certs.init(folder, 3)
+    return folder
+
+
+def test_there_is_a_certificate_and_a_private_key_for_everyone(made: Path) -> None:
+    wanted = ["ca", "world", "leader", "station", "agent-0", "agent-1", "agent-2"]
+    files = {f"{name}.{kind}" for name in wanted for kind in ("pem", "key")}
+    assert {path.name for path in made.iterdir()} == {*files, certs.COMPOSE}
+    assert {stat.S_IMODE(path.stat().st_mode) for path in made.glob("*.key")} == {0o600}
+    assert list(certs.problems(made, certs.names(3))) == []
+    assert Identity(made, "agent-1").check().name == "agent-1"
+    assert [finding.verdict for finding in certificates(made, 3, 1)] == ["ok"]
+
+
+def test_a_container_is_given_its_own_key_and_no_other(made: Path) -> None:
+    services = json.loads((made / certs.COMPOSE).read_text())["services"]
+    assert services.pop("agent") == {"deploy": {"replicas": 0}}
+    keys_of = {name: [v for v in service["volumes"] if ".key" in v] for name, service in services.items()}
+    own = {"worldsim": "world", "groundstation": "station"}
+    assert keys_of == {
+        name: [f"{made / own.get(name, name)}.key:/certs/{own.get(name, name)}.key:ro"]
+        for name in ("worldsim", "leader", "groundstation", "agent-0", "agent-1", "agent-2")
+    }
+    assert services["agent-1"]["profiles"] == ["secure"]
+
+
+def test_keys_are_never_overwritten(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = (made / "ca.key").read_bytes()
+    assert main(["certs", "init", str(made), "--uavs", "3"]) == 2
+    said = capsys.readouterr()
+    assert said.err.startswith("error: ")
+    assert said.err.strip().count("\n") == 0
+    assert str(made) in said.err
+    assert (made / "ca.key").read_bytes() == before
+
+
+def broken(folder: Path, how: str) -> Path:
+    """A folder of certificates for one agent, of which that agent's is amiss."""
+    authority = certs.Authority("one")
+    authority.write(folder)
+    for name in ("world", "leader", "station"):
+        authority.issue(folder, name, hosts=certs.HOSTS if name == "world" else ())
+    if how == "missing":
+        return folder
+    signed_by = certs.Authority("two") if how == "foreign" else authority
+    signed_by.issue(folder, "agent-0" if how != "misnamed" else "agent-7", days=-1 if how == "expired" else 30)
+    if how == "misnamed":
+        for kind in ("pem", "key"):
+            (folder / f"agent-7.{kind}").rename(folder / f"agent-0.{kind}")
+    if how == "mismatched":
+        (folder / "agent-0.key").write_bytes((folder / "leader.key").read_bytes())
+    if how == "not a certificate":
+        (folder / "agent-0.pem").write_text("hello")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("how", "says"),
+    [
+        ("missing", "No such file"),
+        ("foreign", "not signed by"),
+        ("expired", "expired on"),
+        ("misnamed", "CN=agent-7"),
+        ("mismatched", "does not fit"),
+        ("not a certificate", "not a certificate"),
+    ],
+)
+def test_what_is_amiss_is_said_before_anything_starts(
+    how: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "certs"
+    folder.mkdir()
+    broken(folder, how)
+    out = tmp_path / "runs"
+    assert main(["run", "--uavs", "1", "--tls", str(folder), "--out", str(out), "--quiet"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: ")
+    assert said.strip().count("\n") == 0
+    assert str(folder / "agent-0") in said
+    assert says in said
+    assert not out.exists()
+    findings = certificates(folder, 1, 1)
+    assert [finding.verdict for finding in findings] == ["fails"]
+    assert says in findings[0].found
+
+
+def test_doctor_warns_of_keys_others_can_read_and_of_an_end_that_is_near(tmp_path: Path) -> None:
+    folder = tmp_path / "certs"
+    certs.init(folder, 1, days=3)
+    (finding,) = certificates(folder, 1, 1)
+    assert finding.verdict == "warning"
+    (folder / "leader.key").chmod(0o644)
+    (finding,) = certificates(folder, 1, 1)
+    assert finding.verdict == "warning"
+    assert finding.mend == f"chmod 600 {folder / 'leader.key'}"
+    (problem, *_) = certs.problems(folder, ["world"], at=datetime.now(UTC) + timedelta(days=4))
+    assert "expired" in problem.why
+
+
+def test_an_agent_finds_its_own_key_if_it_is_the_only_one(made: Path, tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="--uav"):
+        only_agent(made)
+    with pytest.raises(BadInput, match="--uav"):
+        only_agent(tmp_path)
+    (tmp_path / "agent-12.key").touch()
+    assert only_agent(tmp_path) == 12
+
+
+def test_an_endpoint_is_over_tls_exactly_if_there_are_certificates(made: Path) -> None:
+    me = Identity(made, "leader")
+    assert secured("tcp/127.0.0.1:7447", None) == "tcp/127.0.0.1:7447"
+    assert secured("tcp/127.0.0.1:7447", me) == secured("tls/127.0.0.1:7447", me) == "tls/127.0.0.1:7447"
+    with pytest.raises(BadInput, match="--tls"):
+        secured("tls/127.0.0.1:7447", None)
+    with pytest.raises(BadInput, match="--tls"):
+        secured("udp/127.0.0.1:7447", me)
+
+
+def test_a_run_in_one_process_has_nothing_to_secure(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "--in-process", "--uavs", "3", "--tls", str(made)]) == 2
+    assert "--in-process" in capsys.readouterr().err
+
+
+def test_the_rules_let_everyone_speak_under_its_own_name_only() -> None:
+    made = access.rules("r", uavs=4, uavs_per_process=2)
+    assert made["default_permission"] == "deny"
+    assert {subject["id"] for subject in made["subjects"]} == {"leader", "station", "agent-0", "agent-2"}
+    for rule in made["rules"]:
+        name = rule["id"].partition("/")[0]
+        if rule["flows"] == ["ingress"] and {"put", "query", "liveliness_token"} & set(rule["messages"]):
+            for key in rule["key_exprs"]:
+                assert key == keys.received("r") or keys.node_of(key) in (name, f"{name}.$*")
+    assert not any("delete" in rule["messages"] for rule in made["rules"])

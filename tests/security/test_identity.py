@@ -1,0 +1,274 @@
+"""Attacks on a flying swarm, over real sessions: each is kept out or dropped, counted, logged, and changes nothing."""
+
+import json
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from groundstation.cli import main
+from groundstation.launch import free_endpoint
+from swarm import codec, keys
+from swarm.errors import BusError
+from swarm.identity import LEADER, Identity
+from swarm.messages import Act, FrameKind, Frames, Join, Ready, Refusal
+from swarm.session import _COMMON, ZenohBus, _config, _tls, secured
+from tests.security.conftest import DEADLINE_S, HELD, HOLD_TICK, RUN, UAVS, Flight, Folders, until
+
+pytestmark = pytest.mark.processes
+
+ME, VICTIM = "agent-3", f"agent-{HELD}"
+PATIENCE_S = 0.5
+
+
+def forged(tick: int = HOLD_TICK) -> bytes:
+    """An Act that would send a UAV off at full tilt."""
+    return codec.encode(Act(keys.fingerprint(RUN), tick, np.array([[50.0, -50.0, 0.0, 0.0, 0.0]])))
+
+
+def without_certificate(endpoint: str, folders: Folders) -> ZenohBus:
+    """A client that believes the world's certificate and shows none."""
+    settings = {
+        **_COMMON,
+        "mode": "client",
+        "connect/endpoints": [secured(endpoint, Identity(folders.good, ME))],
+        "connect/timeout_ms": int(PATIENCE_S * 1000),
+        "connect/exit_on_failure": True,
+        "transport/link/tls/root_ca_certificate": str(folders.good / "ca.pem"),
+    }
+    return ZenohBus(_config(settings))
+
+
+# -- who cannot connect ---------------------------------------------------------------------------------------------
+
+
+def test_who_has_no_certificate_of_this_swarm_is_not_let_in(flight: Flight, folders: Folders, undisturbed: str) -> None:
+    with pytest.raises(BusError):
+        without_certificate(flight.endpoint, folders)
+    flight.logs("refused-link: peer sent no certificates")
+    with pytest.raises(BusError, match="refuses"):
+        ZenohBus.client(flight.endpoint, PATIENCE_S, Identity(folders.foreign, ME))
+    flight.logs("refused-link: invalid peer certificate: UnknownIssuer")
+    with pytest.raises(BusError, match="refuses"):
+        ZenohBus.client(flight.endpoint, PATIENCE_S, Identity(folders.expired, ME))
+    flight.logs("refused-link: invalid peer certificate: certificate expired")
+    with pytest.raises(BusError):
+        ZenohBus.client(flight.endpoint, PATIENCE_S)  # not even TLS
+    summary = flight.land()
+    assert flight.refused("refused-link") >= 3
+    assert summary["trajectory_sha256"] == undisturbed
+    assert summary["lost"] == 0
+
+
+def test_no_node_can_pass_itself_off_as_the_world(folders: Folders) -> None:
+    endpoint = free_endpoint()
+    impostor = ZenohBus.router(endpoint, Identity(folders.good, ME))
+    try:
+        with pytest.raises(BusError):
+            ZenohBus.client(endpoint, PATIENCE_S, Identity(folders.good, VICTIM))
+    finally:
+        impostor.close()
+
+
+def test_a_certificate_of_no_node_of_this_run_opens_nothing(flight: Flight, folders: Folders, undisturbed: str) -> None:
+    stranger = flight.client("agent-99", folders.stranger)
+    stranger.subscribe(keys.telemetry(RUN))
+    stranger.subscribe(keys.sense(RUN, "*"))
+    stranger.put(keys.act(RUN, VICTIM), forged())
+    assert stranger.ask(keys.join(RUN, "agent-99"), codec.encode(Join("agent", 1, 99)), PATIENCE_S) is None
+    flight.logs("denied: a certificate of our authority")
+    summary = flight.land()
+    assert stranger.receive(0.0) is None
+    assert flight.refused("denied") > 0
+    assert summary["trajectory_sha256"] == undisturbed
+
+
+# -- who is in, and wants to be someone else ------------------------------------------------------------------------
+
+
+def test_without_tls_the_forged_act_is_taken_for_real(open_flight: Flight, undisturbed: str) -> None:
+    """The attack of the next test is one: nothing but the access-control list stands against it."""
+    publisher = open_flight.client(ME)
+    publisher.put(keys.act(RUN, VICTIM), codec.encode(Ready(keys.fingerprint(RUN))))
+    publisher.put(keys.act(RUN, VICTIM), forged())
+    publisher.ask(keys.join(RUN, ME), codec.encode(Join("agent", 1, 3)), DEADLINE_S)  # what came before has arrived
+    assert open_flight.land()["trajectory_sha256"] != undisturbed
+
+
+def test_agent_3_publishing_as_agent_4_is_denied(flight: Flight, undisturbed: str) -> None:
+    attacker = flight.client(ME)
+    attacker.put(keys.act(RUN, VICTIM), forged())
+    raw = attacker._session
+    raw.put(keys.act(RUN, VICTIM), forged())
+    raw.put(keys.act(RUN, "*"), forged())
+    raw.put(keys.act(RUN, f"{VICTIM}.2"), forged())
+    raw.put(f"{keys.ROOT}/**", forged())
+    raw.put(keys.sense(RUN, VICTIM), forged())
+    raw.put(keys.telemetry(RUN), forged())
+    raw.put(keys.received(RUN), forged())
+    raw.delete(keys.act(RUN, VICTIM))
+    flight.logs(
+        f"denied: {ME}: Put under {keys.act(RUN, VICTIM)}",
+        f"denied: {ME}: Put under {keys.act(RUN, '*')}",
+        f"denied: {ME}: Put under {keys.received(RUN)}",
+        f"denied: {ME}: Delete under {keys.act(RUN, VICTIM)}",
+    )
+    summary = flight.land()
+    assert flight.refused("denied") >= 8
+    assert summary["trajectory_sha256"] == undisturbed
+    assert summary["dropped_messages"].keys() <= {"denied"}
+
+
+def test_an_agent_subscribing_to_anothers_sense_hears_nothing(flight: Flight, undisturbed: str) -> None:
+    spy = flight.client(ME)
+    for key in (keys.sense(RUN, VICTIM), keys.act(RUN, "*"), keys.telemetry(RUN), keys.act(RUN, VICTIM)):
+        spy.subscribe(key)
+    spy.watch(keys.alive(RUN, "*", "*"))
+    spy.answer(keys.join(RUN, VICTIM))  # to be asked what the world is asked
+    flight.logs(
+        f"denied: {ME}: Declare Subscriber under {keys.sense(RUN, VICTIM)}",
+        f"denied: {ME}: Declare Subscriber under {keys.telemetry(RUN)}",
+        f"denied: {ME}: Declare Liveliness Subscriber under {keys.alive(RUN, '*', '*')}",
+        f"denied: {ME}: Declare Queryable under {keys.join(RUN, VICTIM)}",
+    )
+    summary = flight.land()
+    assert spy.receive(0.0) is None
+    assert flight.refused("denied") >= 6
+    assert summary["trajectory_sha256"] == undisturbed
+
+
+@pytest.mark.parametrize("mode", ["router", "peer"])
+def test_an_agent_that_connects_as_a_router_may_no_more(flight: Flight, undisturbed: str, mode: str) -> None:
+    settings = {**_COMMON, "mode": mode, "listen/endpoints": [], "connect/exit_on_failure": True}
+    me = Identity(flight.certificates, ME)
+    settings |= {"connect/endpoints": [secured(flight.endpoint, me)], **_tls(me, "connect")}
+    attacker = ZenohBus(_config(settings))
+    flight.opened.append(attacker)
+    attacker.subscribe(f"{keys.ROOT}/{RUN}/**")
+
+    def denied() -> bool:
+        attacker.put(keys.act(RUN, VICTIM), forged())  # goes out once the world's subscription is known
+        return f"denied: {ME}: Put under {keys.act(RUN, VICTIM)}" in flight.said()
+
+    until(denied, "the forged Act denied")
+    assert flight.land()["trajectory_sha256"] == undisturbed
+    heard = set()
+    while (delivery := attacker.receive(0.0)) is not None:
+        heard.add(delivery.key)
+    assert heard <= {keys.act(RUN, VICTIM), keys.sense(RUN, ME)}  # its own words, and what agent 3 may hear
+
+
+def test_an_agent_sending_as_leader_is_denied(flight: Flight, undisturbed: str) -> None:
+    attacker = flight.client(ME)
+    model = np.full((1, 246), 7.0, np.float32)
+    poison = Frames(FrameKind.GLOBAL, 3, np.zeros(1, np.int32), model)
+    act = Act(keys.fingerprint(RUN), HOLD_TICK, np.zeros((0, 5)), outbox=(poison,))
+    attacker.put(keys.act(RUN, LEADER), codec.encode(act))
+    attacker.put(keys.act(RUN, ME), codec.encode(act))  # and under its own name, where only the world can tell
+    assert attacker.ask(keys.join(RUN, LEADER), codec.encode(Join(LEADER, 0)), PATIENCE_S) is None
+    flight.logs(
+        f"denied: {ME}: Put under {keys.act(RUN, LEADER)}", f"denied: {ME}: Query under {keys.join(RUN, LEADER)}"
+    )
+    flight.logs(f"dropped a message under {keys.act(RUN, ME)}")
+    summary = flight.land()
+    assert flight.refused("denied") >= 2
+    assert summary["dropped_messages"]["wrong-shape"] == 1
+    assert summary["trajectory_sha256"] == undisturbed
+
+
+def test_nobody_joins_or_lives_or_dies_in_anothers_name(flight: Flight, undisturbed: str) -> None:
+    attacker = flight.client(ME)
+    assert attacker.ask(keys.join(RUN, VICTIM), codec.encode(Join("agent", 1, HELD)), PATIENCE_S) is None
+    assert attacker.ask(keys.join(RUN), codec.encode(Join("agent", 1)), PATIENCE_S) is None
+    assert attacker.ask(keys.join(RUN, ME), codec.encode(Join("agent", 1, HELD)), PATIENCE_S) is None
+    flight.logs(f"dropped a message under {keys.join(RUN, ME)}")
+    answer = attacker.ask(keys.join(RUN, ME), codec.encode(Join("agent", UAVS, 3)), DEADLINE_S)
+    assert answer is not None
+    assert isinstance(refusal := codec.decode(answer), Refusal)
+    assert "its agent already" in refusal.reason
+    attacker.announce(keys.alive(RUN, "agent", VICTIM))
+    flight.logs(f"denied: {ME}: Liveliness Token under {keys.alive(RUN, 'agent', VICTIM)}")
+    attacker.close()  # and the forged token with it
+    summary = flight.land()
+    assert summary["lost"] == 0
+    assert summary["dropped_messages"]["wrong-name"] >= 1
+    assert summary["trajectory_sha256"] == undisturbed
+
+
+# -- who has the right certificate and means ill --------------------------------------------------------------------
+
+
+def test_replayed_frames_are_dropped(flight: Flight, undisturbed: str) -> None:
+    thief = flight.client(VICTIM)  # with the victim's own key
+    recorded = [raw for raw in flight.held.sent if isinstance(codec.decode(raw), Act)]
+    assert len(recorded) == HOLD_TICK
+    for raw in recorded:
+        thief.put(keys.act(RUN, VICTIM), raw)
+    flight.logs(f"answer to tick {HOLD_TICK - 1} in tick {HOLD_TICK}")
+    summary = flight.land()
+    assert summary["dropped_messages"]["stale"] >= HOLD_TICK
+    assert summary["trajectory_sha256"] == undisturbed
+
+
+def test_a_flood_of_oversize_frames_costs_neither_the_flight_nor_the_memory(flight: Flight, undisturbed: str) -> None:
+    attacker = flight.client(ME)
+    most, ended = [flight.rss_mb()], threading.Event()
+    before = most[0]
+
+    def flood() -> None:
+        frame = bytes(2**20)
+        while not ended.is_set():
+            attacker.put(keys.act(RUN, ME), frame)
+
+    def watch() -> bool:
+        most.append(flight.rss_mb())
+        return flight.said().count("oversized") >= 50
+
+    thread = threading.Thread(target=flood)
+    thread.start()
+    try:
+        until(watch, "fifty frames dropped")
+        summary = flight.land()  # while it goes on
+    finally:
+        ended.set()
+        thread.join()
+    assert summary["dropped_messages"]["oversized"] >= 50
+    assert summary["lost"] == 0
+    assert summary["trajectory_sha256"] == undisturbed
+    assert max(most) - before < 200, "MB more than before the flood"
+
+
+# -- the commands ---------------------------------------------------------------------------------------------------
+
+
+def test_the_command_flies_under_tls_as_without(tmp_path: Path) -> None:
+    folder = tmp_path / "certs"
+
+    def fly(*flags: str) -> dict[str, Any]:
+        command = [
+            sys.executable,
+            "-m",
+            "groundstation.cli",
+            "run",
+            "--out",
+            str(tmp_path / "runs"),
+            "--json",
+            "--quiet",
+            "--no-record",
+            *flags,
+        ]
+        command += ["--uavs", "4", "--seed", "7", "--duration", "10", "--set", "federation.period=20"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S)
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)
+
+    assert main(["certs", "init", str(folder), "--uavs", "4"]) == 0
+    secure = fly("--tls", str(folder))
+    halves = fly("--tls", str(folder), "--uavs-per-process", "2")
+    alone = fly("--in-process")
+    assert secure["trajectory_sha256"] == halves["trajectory_sha256"] == alone["trajectory_sha256"]
+    assert secure["dropped_messages"] == halves["dropped_messages"] == {}
