@@ -1,0 +1,79 @@
+# Three images of one source tree, each with what its process needs and no more:
+#   agent     NumPy, msgspec, Zenoh           python -m agent, python -m leader
+#   world     + SciPy                         python -m worldsim
+#   station   + Rerun, PyArrow, the CLI       python -m groundstation, meanflock
+# docker build --target agent -t meanflock-agent:local .
+ARG BASE_IMAGE=python:3.12-slim
+
+FROM ${BASE_IMAGE} AS base
+ENV PYTHONUNBUFFERED=1 \
+    PYTHONDONTWRITEBYTECODE=1 \
+    OPENBLAS_NUM_THREADS=1 \
+    HOME=/tmp \
+    PATH=/venv/bin:$PATH
+
+# ---- builders: dependencies first (their layers change with the pins only), then the code ----------------------------
+FROM base AS builder
+ENV PIP_DISABLE_PIP_VERSION_CHECK=1 \
+    PIP_NO_CACHE_DIR=1 \
+    PIP_ROOT_USER_ACTION=ignore
+WORKDIR /build
+
+FROM builder AS wheel
+COPY pyproject.toml LICENSE ./
+COPY swarm swarm
+COPY agent agent
+COPY leader leader
+COPY channel channel
+COPY worldsim worldsim
+COPY groundstation groundstation
+RUN python -m venv /venv && pip wheel -q --no-deps --wheel-dir /wheel .
+
+# With no package beside it, pyproject.toml installs as its dependencies alone.
+FROM builder AS agent-dependencies
+RUN python -m venv /venv
+COPY pyproject.toml LICENSE constraints.txt ./
+RUN pip install -q -c constraints.txt .
+
+FROM agent-dependencies AS world-dependencies
+RUN pip install -q -c constraints.txt '.[world]'
+
+FROM world-dependencies AS station-dependencies
+RUN pip install -q -c constraints.txt '.[ground]'
+
+FROM agent-dependencies AS agent-venv
+COPY --from=wheel /wheel /wheel
+RUN pip install -q --no-deps --force-reinstall /wheel/*.whl && pip uninstall -q -y pip
+
+FROM world-dependencies AS world-venv
+COPY --from=wheel /wheel /wheel
+RUN pip install -q --no-deps --force-reinstall /wheel/*.whl && pip uninstall -q -y pip
+
+FROM station-dependencies AS station-venv
+COPY --from=wheel /wheel /wheel
+RUN pip install -q --no-deps --force-reinstall /wheel/*.whl && pip uninstall -q -y pip
+
+# ---- what runs --------------------------------------------------------------------------------------------------------
+FROM base AS process
+RUN groupadd --gid 1000 meanflock \
+    && useradd --uid 1000 --gid 1000 --no-create-home --home-dir /tmp --shell /usr/sbin/nologin meanflock \
+    && install -d -o meanflock -g meanflock /app /runs
+WORKDIR /app
+USER 1000:1000
+# As process 1, Python leaves by itself on SIGINT (KeyboardInterrupt), but has no handler for SIGTERM.
+STOPSIGNAL SIGINT
+ENTRYPOINT ["python", "-m"]
+
+FROM process AS agent
+COPY --from=agent-venv /venv /venv
+CMD ["agent"]
+
+FROM process AS world
+COPY --from=world-venv /venv /venv
+EXPOSE 7447
+CMD ["worldsim"]
+
+FROM process AS station
+COPY --from=station-venv /venv /venv
+EXPOSE 9876
+CMD ["groundstation"]

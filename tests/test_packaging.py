@@ -1,0 +1,186 @@
+"""What a fresh machine builds from: pins, constraints, Makefile, images, compose file."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import tomllib
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
+
+
+def direct(*lists: list[str]) -> list[Requirement]:
+    """The requirements of these lists, without the project's references to its own extras."""
+    parsed = [Requirement(line) for requirements in lists for line in requirements]
+    return [requirement for requirement in parsed if requirement.name != PROJECT["name"]]
+
+
+def constraint_lines() -> list[str]:
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    return [line for line in lines if line and not line.startswith("#")]
+
+
+def constraints() -> dict[str, str]:
+    return dict(line.split("==") for line in constraint_lines())
+
+
+def closure(requirements: list[Requirement]) -> set[str]:
+    """Canonical names of the requirements and of all they require here, by what is installed."""
+    found: set[str] = set()
+    seen: set[tuple[str, frozenset[str]]] = set()
+    queue = list(requirements)
+    while queue:
+        requirement = queue.pop()
+        name, extras = canonicalize_name(requirement.name), frozenset(requirement.extras)
+        if (name, extras) in seen:
+            continue
+        seen.add((name, extras))
+        found.add(name)
+        for line in metadata.requires(name) or []:
+            child = Requirement(line)
+            if child.marker is None or any(child.marker.evaluate({"extra": e}) for e in ("", *extras)):
+                queue.append(child)
+    return found
+
+
+def stages() -> dict[str, str]:
+    """Stage of the Dockerfile → what it starts from."""
+    lines = re.findall(r"^FROM (\S+) AS (\S+)$", (ROOT / "Dockerfile").read_text(), re.MULTILINE)
+    return {name: base for base, name in lines}
+
+
+EVERYTHING = direct(PROJECT["dependencies"], *EXTRAS.values())
+
+
+@pytest.mark.parametrize("requirement", EVERYTHING, ids=lambda requirement: requirement.name)
+def test_a_direct_dependency_is_pinned_and_constrained_alike(requirement: Requirement) -> None:
+    (pin,) = requirement.specifier
+    assert pin.operator == "=="
+    assert "*" not in pin.version
+    assert constraints()[canonicalize_name(requirement.name)] == pin.version
+
+
+def test_constraints_are_names_and_versions_only() -> None:
+    lines = constraint_lines()
+    for line in lines:
+        assert re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*==[0-9][0-9a-z.+]*", line), line
+    assert len(constraints()) == len(lines), "a package is there twice"
+    assert "://" not in (ROOT / "constraints.txt").read_text()
+
+
+def test_constraints_cover_every_transitive_dependency() -> None:
+    assert closure(EVERYTHING) <= constraints().keys(), "run: make constraints"
+
+
+def test_a_process_of_the_swarm_stays_small() -> None:
+    base = closure(direct(PROJECT["dependencies"]))
+    assert base == {"eclipse-zenoh", "msgspec", "numpy"}
+    world = closure(direct(PROJECT["dependencies"], EXTRAS["world"]))
+    assert world == base | {"scipy"}
+
+
+def test_every_make_target_is_documented() -> None:
+    makefile = (ROOT / "Makefile").read_text()
+    (phony,) = re.findall(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)
+    targets = set(phony.split()) - {"stale"}
+    environment = {key: value for key, value in os.environ.items() if key not in ("MAKEFLAGS", "MFLAGS", "MAKELEVEL")}
+    shown = subprocess.run(
+        ["make", "--no-print-directory"],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    plain = re.sub(r"\x1b\[\d*m", "", shown)
+    documented = dict(re.findall(r"^  ([a-z-]+) +(\S.*)$", plain, re.MULTILINE))
+    assert documented.keys() == targets
+    assert {"run", "test", "check", "bench", "test-compose", "clean", "picture"} <= targets
+
+
+def test_images_start_from_the_one_base_image() -> None:
+    text = (ROOT / "Dockerfile").read_text()
+    assert "# syntax" not in text
+    assert re.findall(r"^ARG BASE_IMAGE=(.*)$", text, re.MULTILINE) == ["python:3.12-slim"]
+    known = {"${BASE_IMAGE}", *stages()}
+    assert set(stages().values()) <= known
+    assert len(re.findall(r"^FROM ", text, re.MULTILINE)) == len(stages())
+    assert {"agent", "world", "station"} <= stages().keys()
+
+
+def test_every_package_enters_the_images() -> None:
+    find = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]["find"]
+    packages = {pattern.rstrip("*") for pattern in find["include"]}
+    copied = set(re.findall(r"^COPY (\w+) \1$", (ROOT / "Dockerfile").read_text(), re.MULTILINE))
+    admitted = set(re.findall(r"^!(\w+)$", (ROOT / ".dockerignore").read_text(), re.MULTILINE))
+    assert copied == packages
+    assert packages <= admitted
+
+
+@pytest.fixture(scope="module")
+def compose() -> dict[str, Any]:
+    """The compose file as the engine's own tool resolves it for seven UAVs; no engine has to run."""
+    command = ["docker", "compose"]
+    if not shutil.which("docker") or subprocess.run([*command, "version"], capture_output=True).returncode != 0:
+        pytest.skip("no `docker compose` here to read docker-compose.yml with")
+    ours = {key: value for key, value in os.environ.items() if not key.startswith(("MEANFLOCK_", "COMPOSE_"))}
+    resolved = subprocess.run(
+        [
+            *command,
+            "--env-file",
+            os.devnull,
+            "-f",
+            str(ROOT / "docker-compose.yml"),
+            "config",
+            "--format",
+            "json",
+        ],
+        env={**ours, "MEANFLOCK_UAVS": "7", "MEANFLOCK_SET": "seed=3"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    services: dict[str, Any] = json.loads(resolved.stdout)["services"]
+    return services
+
+
+def test_compose_has_the_four_rooms_as_services(compose: dict[str, Any]) -> None:
+    assert {name: service["command"] for name, service in compose.items()} == {
+        room: [room] for room in ("worldsim", "leader", "agent", "groundstation")
+    }
+    for service in compose.values():
+        assert service["build"]["target"] in stages()
+        assert service["image"] == f"meanflock-{service['build']['target']}:local"
+
+
+def test_compose_gives_one_number_to_agents_and_world(compose: dict[str, Any]) -> None:
+    assert compose["agent"]["deploy"]["replicas"] == 7
+    assert compose["worldsim"]["environment"]["MEANFLOCK_SET"] == "uavs=7 seed=3"
+    assert len({service["environment"]["MEANFLOCK_RUN"] for service in compose.values()}) == 1
+
+
+def test_compose_services_can_do_no_more_than_they_must(compose: dict[str, Any]) -> None:
+    for name, service in compose.items():
+        assert service["read_only"], name
+        assert service["cap_drop"] == ["ALL"], name
+        assert service["security_opt"] == ["no-new-privileges:true"], name
+        assert service["restart"] == "no", name
+        assert {"cpus", "memory", "pids"} <= service["deploy"]["resources"]["limits"].keys(), name
+        assert "privileged" not in service, name
+
+
+def test_compose_publishes_the_viewer_on_loopback_only(compose: dict[str, Any]) -> None:
+    published = {name: service["ports"] for name, service in compose.items() if service.get("ports")}
+    assert published.keys() == {"groundstation"}
+    assert [(port["host_ip"], port["published"]) for port in published["groundstation"]] == [("127.0.0.1", "9876")]
+    assert set(compose["agent"]["networks"]) == {"swarm"}
