@@ -1,0 +1,175 @@
+"""What a process of the swarm weighs, and how long it takes to be there."""
+
+import re
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+
+from benchmarks import sizes
+from benchmarks.figure import Effort, Figure, Outcome, Say
+from benchmarks.lockstep_floor import FloorWorld
+from benchmarks.processes import Children
+from groundstation.station import Station
+from swarm import keys, scenario
+from swarm.errors import BusError
+from swarm.session import ZenohBus
+from worldsim.node import World
+
+TITLE = "A process of the swarm"
+ABOUT = (
+    "Memory of the agents in flight: RSS as `top` shows it, and PSS, in which what 25 processes share is counted once "
+    "in all. *Up and joined* is the time from launching world, leader and 25 agents to the first tick. The floor is as "
+    "many processes that load Python, NumPy, msgspec and Zenoh, open a session and answer once."
+)
+AGENTS = 25
+UP_TARGET_S, UP_STRETCH_S = 6.0, 3.0
+TICKS_BEFORE_WEIGHING = 60
+_DEADLINE_S = 60.0
+
+
+def run(effort: Effort, say: Say) -> Outcome:
+    """Swarm and floor in turns, then single agents."""
+    up: dict[str, list[float]] = {"swarm": [], "floor": []}
+    rss: dict[str, list[float]] = {"swarm": [], "floor": []}
+    pss: dict[str, list[float]] = {"swarm": [], "floor": []}
+    for repeat in range(effort.of(3, 1)):
+        for who, launch in (("floor", _floor), ("swarm", _swarm)):
+            say(f"25 processes, {repeat + 1}: {who}")
+            seconds, weights = launch()
+            up[who].append(seconds)
+            rss[who].append(median(weight[0] for weight in weights))
+            pss[who].append(median(weight[1] for weight in weights))
+    one: dict[str, list[float]] = {"agent": [], "floor": []}
+    for repeat in range(effort.of(5, 2)):
+        say(f"one process, {repeat + 1}")
+        one["floor"].append(_join_floor())
+        one["agent"].append(_join_agent())
+    up_floor = Figure("the floor's 25 processes up and answering", "s", up["floor"])
+    rss_floor = Figure("RSS of a floor process", "MiB", rss["floor"])
+    pss_floor = Figure("PSS of a floor process", "MiB", pss["floor"])
+    one_floor = Figure("one floor process up", "s", one["floor"])
+    return Outcome(
+        [
+            Figure(
+                "25 agents, leader and world up and joined",
+                "s",
+                up["swarm"],
+                floor=up_floor,
+                target=UP_TARGET_S,
+                stretch=UP_STRETCH_S,
+            ),
+            up_floor,
+            Figure("one agent joins a waiting world", "s", one["agent"], floor=one_floor),
+            one_floor,
+            Figure("RSS of an agent in flight", "MiB", rss["swarm"], floor=rss_floor),
+            rss_floor,
+            Figure("PSS of an agent in flight", "MiB", pss["swarm"], floor=pss_floor),
+            pss_floor,
+        ]
+    )
+
+
+def memory_mib(process: "subprocess.Popen[bytes]") -> tuple[float, float]:
+    """RSS and PSS of a living process."""
+    text = Path(f"/proc/{process.pid}/smaps_rollup").read_text(encoding="ascii")
+    found = dict(re.findall(r"^(Rss|Pss):\s+(\d+) kB", text, re.MULTILINE))
+    return int(found["Rss"]) / 1024, int(found["Pss"]) / 1024
+
+
+def _swarm() -> tuple[float, list[tuple[float, float]]]:
+    """Seconds to the first tick, and the weights of the agents some ticks later."""
+    with Children("weigh") as children:
+        start = time.perf_counter()
+        flags = ("--set", "stop=duration", "--set", "duration=3600", "--set", f"uavs={AGENTS}")
+        world = children.start("worldsim", "--stations", "1", *flags)
+        children.start("leader")
+        agents = [children.start("agent") for _ in range(AGENTS)]
+        bus = _connected(children)
+        try:
+            bus.subscribe(keys.sense(children.run, "*"))
+            station = Station(bus, children.run, [])
+            asked = 0
+            first_s = 0.0
+            while asked < TICKS_BEFORE_WEIGHING * AGENTS:
+                delivery = bus.receive(0.5)
+                if delivery is None:
+                    children.check()
+                    if time.perf_counter() - start > _DEADLINE_S:
+                        raise TimeoutError("the swarm does not fly")
+                elif delivery.key.endswith("/sense"):
+                    first_s = first_s or time.perf_counter() - start
+                    asked += 1
+                else:
+                    station.handle(delivery)
+            weights = [memory_mib(agent) for agent in agents]
+        finally:
+            bus.close()
+        world.terminate()
+        children.wait(10.0)
+    return first_s, weights
+
+
+def _connected(children: Children) -> ZenohBus:
+    """In short steps, as `meanflock run` does: whoever asks before the world listens waits for the next try."""
+    end = time.monotonic() + _DEADLINE_S
+    while True:
+        children.check()
+        try:
+            return ZenohBus.client(children.endpoint, 1.0)
+        except BusError:
+            if time.monotonic() > end:
+                raise
+
+
+def _floor() -> tuple[float, list[tuple[float, float]]]:
+    names = [f"agent-{number}" for number in range(AGENTS)]
+    asked = {name: (sizes.of(sizes.sense()), sizes.of(sizes.act())) for name in names}
+    with Children("floor") as children:
+        start = time.perf_counter()
+        world = FloorWorld(children.endpoint, children.run, names)
+        try:
+            clients = [children.start("benchmarks.lockstep_floor", "--imports", "--node", name) for name in names]
+            world.gather()
+            world.tick(asked)
+            first_s = time.perf_counter() - start
+            for _ in range(TICKS_BEFORE_WEIGHING):
+                world.tick(asked)
+            weights = [memory_mib(client) for client in clients]
+        finally:
+            world.close()
+            children.wait(2.0)
+    return first_s, weights
+
+
+def _join_agent() -> float:
+    """Seconds from the launch of `python -m agent` until the world has nobody left to wait for."""
+    with Children("single") as children:
+        bus = ZenohBus.router(children.endpoint)
+        try:
+            world = World(scenario.load(None, method="mfg", uavs=1), bus, children.run)
+            seconds = _seconds(lambda: (children.start("agent"), world.gather(_DEADLINE_S)))
+            world.stop("weighed")
+            children.wait(2.0)
+        finally:
+            bus.close()
+    return seconds
+
+
+def _join_floor() -> float:
+    with Children("single") as children:
+        world = FloorWorld(children.endpoint, children.run, ["agent-0"])
+        try:
+            start = ("benchmarks.lockstep_floor", "--imports", "--node", "agent-0")
+            seconds = _seconds(lambda: (children.start(*start), world.gather()))
+        finally:
+            world.close()
+            children.wait(2.0)
+    return seconds
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start

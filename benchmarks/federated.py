@@ -1,0 +1,118 @@
+"""One federated round: upload, average, broadcast, apply; on processes."""
+
+import time
+from collections.abc import Callable
+from statistics import median
+
+from benchmarks import sizes
+from benchmarks.figure import Effort, Figure, Outcome, Say
+from benchmarks.lockstep_floor import FloorWorld
+from benchmarks.processes import Children
+from swarm import scenario
+from swarm.messages import FrameKind
+from swarm.methods import Method
+from swarm.session import ZenohBus
+from worldsim.node import REPORT_EVERY_TICKS, World
+
+TITLE = "A federated round"
+ABOUT = (
+    "25 agent processes and the leader's, mfgfl-hf, a round every 25 ticks. A round takes three ticks: uploads are "
+    "sent; they are averaged and the result is broadcast; it is applied. Compared with three ordinary ticks of the "
+    "same run, and with a bare Zenoh lockstep that carries messages of the same sizes on the same ways: 20 × 984 bytes "
+    "in, all of them to the leader, 984 bytes back, 984 bytes to each of 25."
+)
+UAVS = 25
+PERIOD = 25
+ROUND_TICKS = 3
+CHUNK = 2 * PERIOD  # a round at PERIOD and one at 2 PERIOD, which is also a tick of reports and is left out
+_HF = Method.MFGFL_HF
+
+
+def run(effort: Effort, say: Say) -> Outcome:
+    """Swarm and floor alive side by side, flown in turns."""
+    chunks = effort.of(12, 3)
+    flown = scenario.load(
+        None, ["stop=duration", "duration=1e6", f"federation.period={PERIOD}"], uavs=UAVS, method=str(_HF)
+    )
+    names = [f"agent-{number}" for number in range(UAVS)]
+    rounds: dict[str, list[float]] = {"swarm": [], "floor": []}
+    ordinary: dict[str, list[float]] = {"swarm": [], "floor": []}
+    with Children("rounds") as swarm, Children("floor") as floor:
+        say("starting 2 × 26 processes")
+        bus = ZenohBus.router(swarm.endpoint)
+        bare = FloorWorld(floor.endpoint, floor.run, [*names, "leader"])
+        try:
+            world = World(flown, bus, swarm.run)
+            swarm.start("leader")
+            for name in names:
+                swarm.start("agent")
+                floor.start("benchmarks.lockstep_floor", "--node", name)
+            floor.start("benchmarks.lockstep_floor", "--node", "leader")
+            world.gather(60.0)
+            bare.gather()
+            ticks = world.fly()
+            shape = _shape(flown.participants, names)
+            for _ in range(CHUNK):
+                next(ticks)
+            for chunk in range(chunks):
+                say(f"round {chunk + 1} of {chunks}")
+                mine = [_ms(lambda: next(ticks)) for _ in range(CHUNK)]
+                its = [_ms(lambda k=k: bare.tick(shape(k))) for k in range(CHUNK)]
+                for who, times in (("swarm", mine), ("floor", its)):
+                    rounds[who].append(sum(times[PERIOD : PERIOD + ROUND_TICKS]))
+                    calm = [t for k, t in enumerate(times) if k % PERIOD >= ROUND_TICKS and k % REPORT_EVERY_TICKS]
+                    ordinary[who].append(median(calm))
+            uploads = world.air.meter.traffic[FrameKind.UPLOAD]
+            broadcasts = world.air.meter.traffic[FrameKind.GLOBAL]
+            world.stop("measured")
+            swarm.wait(3.0)
+        finally:
+            bare.close()
+            bus.close()
+            floor.wait(2.0)
+    payload = flown.participants * sizes.upload(_HF).payload.nbytes
+    return _outcome(rounds, ordinary, uploads.wire_bytes, broadcasts.transmissions, payload)
+
+
+def _shape(participants: int, names: list[str]) -> Callable[[int], dict[str, tuple[int, int]]]:
+    """Bytes out and back for each name in tick k of a chunk."""
+    calm = (sizes.of(sizes.sense()), sizes.of(sizes.act()))
+    sends = (calm[0], sizes.of(sizes.act((sizes.upload(_HF),))))
+    hears = (sizes.of(sizes.sense((sizes.broadcast(_HF),))), calm[1])
+    averages = (sizes.of(sizes.sense((sizes.upload(_HF, participants),))), sends[1])
+    ordinary = dict.fromkeys(names, calm)
+    upload = ordinary | dict.fromkeys(names[:participants], sends) | {"leader": calm}
+    average = ordinary | {"leader": averages}
+    applied = dict.fromkeys(names, hears)
+    special = {0: upload, 1: average, 2: applied}
+    return lambda tick: special.get(tick % PERIOD, ordinary)
+
+
+def _outcome(
+    rounds: dict[str, list[float]], ordinary: dict[str, list[float]], wire: int, rounds_flown: int, payload: int
+) -> Outcome:
+    extra = {
+        who: [r - ROUND_TICKS * o for r, o in zip(rounds[who], ordinary[who], strict=True)]
+        for who in ("swarm", "floor")
+    }
+    bare_round = Figure("bare Zenoh, three ticks of those sizes", "ms", rounds["floor"])
+    models = Figure("models of a round, payload", "B", [float(payload)], "neither")
+    bare_tick = Figure("bare Zenoh, ordinary tick", "ms", ordinary["floor"])
+    return Outcome(
+        [
+            Figure("the three ticks of a round", "ms", rounds["swarm"], floor=bare_round),
+            bare_round,
+            Figure("an ordinary tick", "ms", ordinary["swarm"], floor=bare_tick),
+            bare_tick,
+            Figure("what a round adds", "ms", extra["swarm"]),
+            Figure("what those sizes add to bare Zenoh", "ms", extra["floor"], "neither"),
+            models,
+            Figure("its wire bytes, up", "B", [wire / rounds_flown], floor=models),
+        ]
+    )
+
+
+def _ms(work: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    work()
+    return (time.perf_counter() - start) * 1e3

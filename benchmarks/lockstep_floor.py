@@ -1,0 +1,105 @@
+"""The floor of a networked tick: a lockstep of raw bytes over the same Zenoh session settings, and nothing else.
+
+The benchmark process is router and world; every client is a process that answers each message with as many bytes as
+it is told. No codec, no learning, no physics. `python -m benchmarks.lockstep_floor` is such a client.
+"""
+
+import argparse
+import struct
+import time
+from collections.abc import Mapping, Sequence
+
+from swarm import keys
+from swarm.process import orphaned
+from swarm.session import ZenohBus
+
+_HEAD = struct.Struct("<II")  # tick, size of the answer wanted
+_HELLO = 0xFFFFFFFF
+_AGAIN_S = 0.2
+_GATHER_S = 60.0
+
+
+class FloorWorld:
+    """The world's side. Names are those of the swarm's nodes, so keys are as long."""
+
+    def __init__(self, endpoint: str, run: str, names: Sequence[str]) -> None:
+        self._run, self._names = run, names
+        self._tick = 0
+        self._bus = ZenohBus.router(endpoint)
+        self._bus.subscribe(keys.act(run, "*"))
+        self._sense = {name: keys.sense(run, name) for name in names}
+
+    def gather(self) -> None:
+        """Waits for every client.
+
+        Raises:
+            TimeoutError: one did not come.
+        """
+        end = time.monotonic() + _GATHER_S
+        missing = set(self._names)
+        while missing:
+            delivery = self._bus.receive(0.1)
+            if delivery is not None:
+                missing.discard(keys.node_of(delivery.key))
+            if time.monotonic() > end:
+                raise TimeoutError(f"no word from {len(missing)} floor clients")
+
+    def tick(self, asked: Mapping[str, tuple[int, int]]) -> None:
+        """Puts `bytes out` to each name of `asked` and waits until each has answered with `bytes in`."""
+        self._tick += 1
+        for name, (out, back) in asked.items():
+            self._bus.put(self._sense[name], _HEAD.pack(self._tick, back).ljust(out, b"\0"))
+        left = len(asked)
+        end = time.monotonic() + _GATHER_S
+        while left:
+            delivery = self._bus.receive(1.0)
+            if delivery is None:
+                if time.monotonic() > end:
+                    raise TimeoutError("a floor client does not answer")
+                continue
+            left -= _HEAD.unpack_from(delivery.payload)[0] == self._tick
+
+    def close(self) -> None:
+        """Sends the clients home."""
+        for key in self._sense.values():
+            self._bus.put(key, b"")
+        time.sleep(0.05)  # a router that closes at once takes its last words with it
+        self._bus.close()
+
+
+def main() -> None:
+    """One client: says hello until it is asked, then answers."""
+    options = argparse.ArgumentParser()
+    options.add_argument("--endpoint", required=True)
+    options.add_argument("--run", required=True)
+    options.add_argument("--node", required=True)
+    options.add_argument("--imports", action="store_true", help="load what an agent loads, too")
+    given = options.parse_args()
+    if given.imports:
+        import msgspec  # noqa: F401
+        import numpy as np  # noqa: F401
+    bus = ZenohBus.client(given.endpoint)
+    try:
+        bus.subscribe(keys.sense(given.run, given.node))
+        speak = keys.act(given.run, given.node)
+        hello = _HEAD.pack(_HELLO, 0)
+        bus.put(speak, hello)
+        asked = False
+        while True:
+            delivery = bus.receive(_AGAIN_S)
+            if delivery is None:
+                if orphaned():
+                    break
+                if not asked:
+                    bus.put(speak, hello)
+                continue
+            if not delivery.payload:
+                break
+            asked = True
+            bus.put(speak, delivery.payload[: _HEAD.size].ljust(_HEAD.unpack_from(delivery.payload)[1], b"\0"))
+    finally:
+        bus.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,122 @@
+"""Processes of a benchmark: nodes of a swarm, floor clients, the command itself. Ended by their ids, never orphaned."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from benchmarks.machine import ROOT
+from groundstation.launch import end_all, free_endpoint
+
+_COMMAND_S = 150.0
+
+
+class BenchmarkFailed(Exception):
+    """A process of the benchmark did not do its part; the text says which and what it said."""
+
+
+class Children:
+    """Modules run as processes that share an endpoint and a run name; a context manager that leaves none behind."""
+
+    def __init__(self, run: str) -> None:
+        self.run, self.endpoint = run, free_endpoint()
+        self.processes: list[subprocess.Popen[bytes]] = []
+        self._folder = tempfile.TemporaryDirectory(prefix="meanflock-bench-")
+        self.folder = Path(self._folder.name)
+        self._stdin, self._hold = os.pipe()  # children read its end when this process dies, see `orphaned`
+
+    def __enter__(self) -> "Children":
+        return self
+
+    def __exit__(self, _t: type[BaseException] | None, _e: BaseException | None, _b: TracebackType | None) -> None:
+        self.close()
+
+    def start(self, module: str, *flags: str) -> "subprocess.Popen[bytes]":
+        """`python -m module --endpoint … --run … flags`."""
+        command = [sys.executable, "-m", module, "--endpoint", self.endpoint, "--run", self.run, *flags]
+        with (self.folder / f"{len(self.processes)}.log").open("wb") as log:
+            process = subprocess.Popen(
+                command,
+                cwd=ROOT,
+                stdin=self._stdin,
+                stdout=subprocess.DEVNULL,
+                stderr=log,
+                env={**os.environ, "MEANFLOCK_CHILD": "1"},
+                start_new_session=True,
+            )
+        self.processes.append(process)
+        return process
+
+    def check(self) -> None:
+        """Raises BenchmarkFailed if a process has crashed, with the last thing it said."""
+        for number, process in enumerate(self.processes):
+            if process.poll():
+                said = (self.folder / f"{number}.log").read_text(errors="replace").splitlines()[-1:]
+                raise BenchmarkFailed(f"{process.args[2]} ended with {process.returncode}: {said}")  # type: ignore[index]
+
+    def wait(self, timeout_s: float) -> None:
+        """Waits until all have ended by themselves; whoever has not by then is ended at `close`."""
+        end = time.monotonic() + timeout_s
+        for process in self.processes:
+            try:
+                process.wait(max(0.0, end - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                return
+
+    def close(self) -> None:
+        """Ends whatever still runs: first asked, then killed."""
+        end_all(self.processes)
+        self.processes = []
+        for descriptor in (self._hold, self._stdin):
+            if descriptor >= 0:
+                os.close(descriptor)
+        self._hold = self._stdin = -1
+        self._folder.cleanup()
+
+
+def meanflock(*flags: str) -> tuple[dict[str, Any], float]:
+    """`meanflock run --json --quiet …` in a folder that is thrown away: its summary, and its wall time in s.
+
+    Raises:
+        BenchmarkFailed: it failed; the text is the last line it said.
+    """
+    with tempfile.TemporaryDirectory(prefix="meanflock-bench-") as out:
+        command = [sys.executable, "-m", "groundstation.cli", "run", "--json", "--quiet", "--out", out, *flags]
+        start = time.perf_counter()
+        printed, said, code = captured(command, _COMMAND_S)
+        wall_s = time.perf_counter() - start
+    if code:
+        raise BenchmarkFailed(f"meanflock run {' '.join(flags)}: {(said.splitlines() or ['it said nothing'])[-1]}")
+    return json.loads(printed), wall_s
+
+
+def captured(command: list[str], timeout_s: float) -> tuple[str, str, int]:
+    """Standard output, standard error and exit code; interrupted with us, and with it whatever it started."""
+    process = subprocess.Popen(
+        command,
+        cwd=ROOT,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        printed, said = process.communicate(timeout=timeout_s)
+    except BaseException as error:
+        process.send_signal(signal.SIGINT)  # a run that is interrupted ends its own processes
+        try:
+            process.communicate(timeout=20.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+        if isinstance(error, subprocess.TimeoutExpired):
+            raise BenchmarkFailed(f"{' '.join(command[1:4])}: not done within {timeout_s:.0f} s") from error
+        raise
+    return printed, said, process.returncode

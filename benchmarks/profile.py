@@ -1,0 +1,278 @@
+"""Where a tick goes. Functions of the product are wrapped from outside and put back; nothing in it is changed.
+
+Times are exclusive: what a wrapped function spends in another wrapped one counts there only. `python -m
+benchmarks.profile` is an agent that weighs itself.
+"""
+
+import argparse
+import importlib
+import json
+import resource
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from agent.node import Agent
+from benchmarks.figure import Effort, Figure, Outcome, Say
+from swarm import keys
+from swarm.messages import Act, Join, Sense
+from swarm.process import orphaned
+from swarm.session import ZenohBus
+from swarm.spoke import Spoke
+
+TITLE = "Where a tick goes"
+ABOUT = (
+    "Exclusive times by wrapping functions from outside. In one process: wall time of 25 UAVs, mfgfl-hf. Over the "
+    "network: wall time in the world's process, and CPU time in one agent among 25, recorded by a ground station."
+)
+UAVS = 25
+
+Part = tuple[str, str]  # "module:name" or "module:Class.name", label
+
+LEARNER: list[Part] = [
+    ("agent.basis:Powers.__call__", "features"),
+    ("agent.basis:ValueBasis.__call__", "features"),
+    ("agent.basis:DensityBasis.pairs", "features"),
+    ("agent.basis:DensityBasis.terms", "features"),
+    ("agent.interaction:Quadrature.__call__", "quadrature of φ_G"),
+    ("agent.hjb:HjbLearner.step", "HJB step"),
+    ("agent.fpk:FpkLearner.step", "FPK step"),
+    ("agent.learner:Learner.step", "learner, the rest"),
+    ("agent.node:Agent.act", "agent: inbox, outbox, checks"),
+    ("swarm.spoke:Spoke.handle", "agent: protocol"),
+]
+CODEC: list[Part] = [(f"swarm.codec:{name}", "codec") for name in ("encode", "decode", "encode_frames")]
+WORLD: list[Part] = [
+    ("worldsim.node:World._tick", "world, the rest of the tick"),
+    ("worldsim.node:World._ask", "address and fill inboxes"),
+    ("worldsim.barrier:Barrier.ask", "address and fill inboxes"),
+    ("worldsim.node:World._wait_for_all", "barrier, the loop"),
+    ("worldsim.door:Door.handle", "take in answers: dispatch"),
+    ("worldsim.inbound:check", "take in answers: check"),
+    ("worldsim.node:World._collect", "collect commands and frames"),
+    ("worldsim.node:World._play", "fault script"),
+    ("worldsim.node:World._keep", "checkpoints"),
+    ("worldsim.node:World._report", "telemetry"),
+    ("worldsim.telemetry:Rows.add", "telemetry"),
+    ("worldsim.telemetry:Rows.take", "telemetry"),
+    ("worldsim.telemetry:Outbox.add", "telemetry"),
+    ("worldsim.telemetry:Outbox.next", "telemetry"),
+    ("groundstation.station:Station.handle", "telemetry"),
+    ("channel.air:Air.send", "channel"),
+    ("channel.air:Air.due", "channel"),
+    ("worldsim.flight:Flight.advance", "flight: motion, energy, arrival"),
+    ("worldsim.flight:pairs", "flight: metrics of all pairs"),
+]
+MEMORY_BUS: list[Part] = [("swarm.bus:MemoryBus.put", "bus: put")]
+ZENOH_BUS: list[Part] = [("swarm.session:ZenohBus.put", "bus: put")]
+
+
+class Stopwatch:
+    """Exclusive time and calls by label; a context manager, the wraps go when it ends."""
+
+    def __init__(self, clock: Callable[[], int] = time.perf_counter_ns) -> None:
+        self.ns: Counter[str] = Counter()
+        self.calls: Counter[str] = Counter()
+        self._clock = clock
+        self._inner = [0]
+        self._undo: list[tuple[Any, str, Any]] = []
+        self.absent: list[str] = []  # names that are no longer there
+
+    def __enter__(self) -> "Stopwatch":
+        return self
+
+    def __exit__(self, _t: type[BaseException] | None, _e: BaseException | None, _b: TracebackType | None) -> None:
+        for owner, attribute, original in reversed(self._undo):
+            setattr(owner, attribute, original)
+
+    def wrap(self, parts: Iterable[Part]) -> None:
+        """Times these functions from now on; objects that already hold a bound method of one keep it as it was."""
+        for name, label in parts:
+            module, _, path = name.partition(":")
+            *owners, attribute = path.split(".")
+            try:
+                owner: Any = importlib.import_module(module)
+                for part in owners:
+                    owner = getattr(owner, part)
+                original = getattr(owner, attribute)
+            except (ImportError, AttributeError):
+                self.absent.append(name)
+                continue
+            self._undo.append((owner, attribute, original))
+            setattr(owner, attribute, self._timed(original, label))
+
+    def clear(self) -> None:
+        """Forgets what was measured so far."""
+        self.ns.clear()
+        self.calls.clear()
+
+    def _timed(self, original: Callable[..., Any], label: str) -> Callable[..., Any]:
+        clock, inner, ns, calls = self._clock, self._inner, self.ns, self.calls
+
+        def timed(*args: Any, **named: Any) -> Any:
+            inner.append(0)
+            start = clock()
+            try:
+                return original(*args, **named)
+            finally:
+                elapsed = clock() - start
+                ns[label] += elapsed - inner.pop()
+                calls[label] += 1
+                inner[-1] += elapsed
+
+        return timed
+
+    def parts(self, ticks: int, total_us: float) -> list[dict[str, Any]]:
+        """Largest first: µs, share and calls a tick; what no label has is "everything else"."""
+        rows = [
+            {"part": label, "us": ns / 1e3 / ticks, "calls": self.calls[label] / ticks} for label, ns in self.ns.items()
+        ]
+        rest = total_us - sum(row["us"] for row in rows)
+        rows.append({"part": "everything else", "us": rest, "calls": None})
+        return [row | {"share": row["us"] / total_us} for row in sorted(rows, key=lambda row: -row["us"])]
+
+
+def run(effort: Effort, say: Say) -> Outcome:
+    """Both breakdowns."""
+    say("in one process")
+    details = {"in_process": _in_process(effort)}
+    say("over the network")
+    details |= _networked(effort)
+    world, agent = details["world"], details["agent"]
+    absent = sorted({name for part in details.values() for name in part["absent"]})
+    compute_ms = agent["cpu_us"] / 1e3 * UAVS
+    return Outcome(
+        [
+            Figure("networked tick, profiled", "ms/tick", [world["tick_us"] / 1e3], "neither"),
+            Figure("CPU of one agent", "µs/tick", [agent["cpu_us"]]),
+            Figure("CPU of 25 agents together", "ms/tick", [compute_ms]),
+            Figure("CPU of the world, all threads", "µs/tick", [world["cpu_us"]]),
+            Figure("context switches of one agent", "1/tick", [agent["switches"]]),
+        ],
+        [f"Not found, so counted with what calls it: {', '.join(absent)}"] if absent else [],
+        details,
+    )
+
+
+def _in_process(effort: Effort) -> dict[str, Any]:
+    from benchmarks.in_process import flight
+
+    ticks = effort.of(1000, 200)
+    plain = flight("mfgfl-hf", UAVS).fly()
+    start = time.perf_counter()
+    for _ in range(ticks):
+        next(plain)
+    plain_us = (time.perf_counter() - start) / ticks * 1e6
+    with Stopwatch() as watch:
+        watch.wrap([*LEARNER, *CODEC, *WORLD, *MEMORY_BUS])
+        flown = flight("mfgfl-hf", UAVS).fly()
+        next(flown)
+        watch.clear()
+        start = time.perf_counter()
+        for _ in range(ticks):
+            next(flown)
+        total_us = (time.perf_counter() - start) / ticks * 1e6
+    parts = watch.parts(ticks, total_us)
+    return {"tick_us": total_us, "unprofiled_tick_us": plain_us, "parts": parts, "absent": watch.absent}
+
+
+def _networked(effort: Effort) -> dict[str, Any]:
+    """World here, one agent of 25 weighs itself, a ground station records."""
+    from benchmarks.processes import Children
+    from swarm import scenario
+    from worldsim.node import World
+
+    ticks = effort.of(600, 150)
+    flown = scenario.load(None, uavs=UAVS, stop="duration", duration=1e6)
+    with Children("profile") as children, Stopwatch() as watch:
+        bus = ZenohBus.router(children.endpoint)
+        try:
+            bus.announce(keys.alive(children.run, "world", "world"))
+            report, out = children.folder / "agent.json", children.folder / "runs"
+            watch.wrap([*CODEC, *WORLD, *ZENOH_BUS, ("swarm.session:ZenohBus.receive", "wait for answers")])
+            world = World(flown, bus, children.run, stations=1)
+            children.start("groundstation", "--out", str(out), "--rerun", "")
+            children.start("leader")
+            children.start("benchmarks.profile", "--report", str(report), "--ticks", str(ticks))
+            for _ in range(UAVS - 1):
+                children.start("agent")
+            world.gather(60.0)
+            flight = world.fly()
+            for _ in range(20):
+                next(flight)
+            watch.clear()
+            wall, cpu = time.perf_counter(), time.process_time()
+            for _ in range(ticks):
+                next(flight)
+            tick_us = (time.perf_counter() - wall) / ticks * 1e6
+            cpu_us = (time.process_time() - cpu) / ticks * 1e6
+            parts = watch.parts(ticks, tick_us)
+            for _ in range(30):  # until the agent that weighs itself has written
+                next(flight)
+            children.check()
+            agent = json.loads(report.read_text(encoding="utf-8"))
+            world.finish(0.0)
+            children.wait(8.0)
+        finally:
+            bus.close()
+    found = {"tick_us": tick_us, "cpu_us": cpu_us, "parts": parts, "absent": watch.absent}
+    return {"world": found, "agent": agent}
+
+
+class _Weighed(Agent):
+    """An agent that notes what its process had used at two ticks."""
+
+    stopwatch: Stopwatch
+    first, last, report = 20, 0, Path()
+
+    def act(self, sense: Sense) -> Act:
+        """As any agent; at the last tick it writes what it found."""
+        if sense.tick == self.first:
+            self.stopwatch.clear()
+            self._before = _used()
+        if sense.tick == self.last:
+            ticks = self.last - self.first
+            cpu, main, switches = (now - then for now, then in zip(_used(), self._before, strict=True))
+            parts = self.stopwatch.parts(ticks, main / 1e3 / ticks)
+            zenoh = {"part": "Zenoh's threads", "us": (cpu - main) / 1e3 / ticks, "calls": None}
+            total = cpu / 1e3 / ticks
+            rows = [{**row, "share": row["us"] / total} for row in (*parts, zenoh)]
+            rows.sort(key=lambda row: -row["us"])
+            absent = self.stopwatch.absent
+            found = {"cpu_us": total, "switches": switches / ticks, "parts": rows, "absent": absent}
+            self.report.write_text(json.dumps(found), encoding="utf-8")
+        return super().act(sense)
+
+
+def _used() -> tuple[int, int, int]:
+    """CPU of the process and of this thread in ns, context switches."""
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    return time.process_time_ns(), time.thread_time_ns(), usage.ru_nvcsw + usage.ru_nivcsw
+
+
+def main() -> None:
+    """`python -m agent`, weighed."""
+    options = argparse.ArgumentParser()
+    options.add_argument("--endpoint", required=True)
+    options.add_argument("--run", required=True)
+    options.add_argument("--report", type=Path, required=True)
+    options.add_argument("--ticks", type=int, required=True)
+    given = options.parse_args()
+    bus = ZenohBus.client(given.endpoint)
+    try:
+        with Stopwatch(time.thread_time_ns) as watch:
+            _Weighed.stopwatch, _Weighed.report = watch, given.report
+            _Weighed.last = _Weighed.first + given.ticks
+            watch.wrap([*LEARNER, *CODEC, *ZENOH_BUS, ("swarm.session:ZenohBus.receive", "bus: receive")])
+            spoke = Spoke(bus, given.run)
+            spoke.join(Join("agent", 1), _Weighed, 60.0)
+            spoke.serve(lambda: False, orphaned)
+    finally:
+        bus.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,75 @@
+"""What recording costs a tick, and a disk."""
+
+import tempfile
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+from benchmarks.figure import Effort, Figure, Outcome, Say
+from groundstation.engine import Engine
+from groundstation.recording import Recorder
+from groundstation.results import RECORDING, TIMESERIES, RunFolder
+from swarm import scenario
+
+TITLE = "The recorder"
+ABOUT = (
+    "The in-process swarm of 25 UAVs (mfgfl-hf) flown in turns without any recording, with the run folder alone (time "
+    "series and events), and with `recording.rrd` too. In the swarm of processes all this happens in the ground "
+    "station's process, beside the flight."
+)
+UAVS = 25
+CHUNK = 100  # the recorder sends its rows in batches of as many ticks
+
+
+def run(effort: Effort, say: Say) -> Outcome:
+    """Three engines in turns, 100 ticks each."""
+    flown = scenario.load(None, uavs=UAVS, stop="duration", duration=1e6)
+    repeats = effort.of(17, 4)
+    with tempfile.TemporaryDirectory(prefix="meanflock-bench-") as out, ExitStack() as stack:
+        plain_folder = stack.enter_context(RunFolder(Path(out), "folder", flown))
+        full_folder = stack.enter_context(RunFolder(Path(out), "recorded", flown))
+        rrd = full_folder.path / RECORDING
+        recorder = stack.enter_context(Recorder(flown, "recorded", rrd))
+        flights = {
+            "without": Engine(flown, "without").fly(),
+            "folder": Engine(flown, "folder", sinks=[plain_folder]).fly(),
+            "recorded": Engine(flown, "recorded", sinks=[full_folder, recorder]).fly(),
+        }
+        wall: dict[str, list[float]] = {name: [] for name in flights}
+        cpu: dict[str, list[float]] = {name: [] for name in flights}
+        for repeat in range(repeats + 1):
+            say(f"{repeat} of {repeats}")
+            for name, ticks in flights.items():
+                started, used = time.perf_counter(), time.process_time()
+                for _ in range(CHUNK):
+                    next(ticks)
+                if repeat:  # the first batch pays for what is made once
+                    wall[name].append((time.perf_counter() - started) / CHUNK * 1e3)
+                    cpu[name].append((time.process_time() - used) / CHUNK * 1e3)
+        closing = time.perf_counter()
+        recorder.close()
+        closing_s = time.perf_counter() - closing
+        stack.close()
+        ticks_flown = (repeats + 1) * CHUNK
+        rrd_mib = rrd.stat().st_size / 2**20 / ticks_flown * 1000
+        series_mib = (full_folder.path / TIMESERIES).stat().st_size / 2**20 / ticks_flown * 1000
+    floor = Figure("tick without recording", "ms/tick", wall["without"])
+    share = [
+        100 * (full - none) / full for full, none in zip(wall["recorded"], wall["without"], strict=True)
+    ]  # of the recorded tick
+    return Outcome(
+        [
+            Figure("tick recorded", "ms/tick", wall["recorded"], floor=floor),
+            Figure("tick with the run folder only", "ms/tick", wall["folder"], floor=floor),
+            floor,
+            Figure("recorder's share of a tick", "%", share),
+            Figure(
+                "CPU of recording, all threads",
+                "ms/tick",
+                [full - none for full, none in zip(cpu["recorded"], cpu["without"], strict=True)],
+            ),
+            Figure("`recording.rrd`, 1000 ticks", "MiB", [rrd_mib]),
+            Figure("`timeseries.parquet`, 1000 ticks", "MiB", [series_mib]),
+            Figure("closing the recording", "s", [closing_s]),
+        ]
+    )

@@ -1,0 +1,40 @@
+"""The messages of a tick as they really are, and their sizes in bytes; floors carry as many."""
+
+import numpy as np
+
+from swarm import codec, model, state
+from swarm.codec import FLOAT_OF_BITS
+from swarm.keys import fingerprint
+from swarm.messages import OUTCOME_FLOATS, Act, FrameKind, Frames, Sense
+from swarm.methods import Method
+from swarm.scenario import Radio
+
+RUN = fingerprint("benchmark")
+TICK = 1000  # as wide on the wire as most
+
+
+def sense(inbox: tuple[Frames, ...] = ()) -> Sense:
+    """What one UAV is asked."""
+    return Sense(RUN, TICK, np.full((1, state.SIZE), 1.5), False, inbox)
+
+
+def act(outbox: tuple[Frames, ...] = ()) -> Act:
+    """What one UAV answers."""
+    return Act(RUN, TICK, np.full((1, OUTCOME_FLOATS), 1.5), outbox=outbox)
+
+
+def upload(method: Method, rows: int = 1) -> Frames:
+    """Models on their way to the leader."""
+    payload = np.full((rows, model.shared_floats(method)), 1.5, FLOAT_OF_BITS[Radio().bits_per_float])
+    return Frames(FrameKind.UPLOAD, 5, np.arange(rows, dtype=np.int32), payload)
+
+
+def broadcast(method: Method) -> Frames:
+    """The averaged model as one UAV receives it."""
+    sent = upload(method)
+    return Frames(FrameKind.GLOBAL, 5, sent.source, sent.payload, np.zeros((1, 2), dtype=np.int32))
+
+
+def of(message: Sense | Act) -> int:
+    """Encoded bytes."""
+    return len(codec.encode(message))

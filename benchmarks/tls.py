@@ -1,0 +1,43 @@
+"""What encryption and certificates cost the swarm of processes."""
+
+import sys
+import tempfile
+from pathlib import Path
+
+from benchmarks.figure import Effort, Figure, Outcome, Say
+from benchmarks.processes import BenchmarkFailed, captured, meanflock
+
+TITLE = "With TLS"
+ABOUT = (
+    "`meanflock run --tls` in turns with the same run without: 25 agent processes, mutual TLS on every link, and the "
+    "access rules that come with it."
+)
+UAVS = 25
+
+
+def run(effort: Effort, say: Say) -> Outcome:
+    """With and without, in turns."""
+    command = [sys.executable, "-m", "groundstation.cli"]
+    said, _, _ = captured([*command, "run", "--help"], 30.0)
+    if "--tls" not in said:
+        raise BenchmarkFailed("meanflock run has no --tls")
+    flags = ("--uavs", str(UAVS), "--set", "stop=duration", "--duration", str(effort.of(400, 60) / 10))
+    ms: dict[str, list[float]] = {"plain": [], "tls": []}
+    with tempfile.TemporaryDirectory(prefix="meanflock-bench-") as folder:
+        certificates = str(Path(folder) / "certs")
+        _, said, code = captured([*command, "certs", "init", certificates, "--uavs", str(UAVS)], 60.0)
+        if code:
+            raise BenchmarkFailed(f"meanflock certs init: {said.strip()}")
+        for repeat in range(effort.of(3, 1)):
+            for name, more in (("plain", ()), ("tls", ("--tls", certificates))):
+                say(f"{name}, {repeat + 1}")
+                summary, _ = meanflock(*flags, *more)
+                ms[name].append(summary["wall_time_s"] / summary["ticks"] * 1e3)
+    plain = Figure("tick over TCP", "ms/tick", ms["plain"])
+    return Outcome(
+        [
+            Figure("tick over TLS", "ms/tick", ms["tls"], floor=plain),
+            plain,
+            Figure("ticks a second over TLS", "1/s", [1e3 / t for t in ms["tls"]], "higher"),
+        ]
+    )
