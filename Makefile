@@ -125,10 +125,10 @@ $(BIN)/python -m pip install -qq -c constraints.txt -e '.[$(1)]'; \
 pwd -P > $(VENV)/.home
 endef
 
-$(VENV)/.ground: pyproject.toml constraints.txt $(STALE)
+$(VENV)/.ground: pyproject.toml constraints.txt agent/kernel.c $(STALE)
 	$(call install,ground)
 	@touch $@
 
-$(VENV)/.dev: pyproject.toml constraints.txt $(STALE)
+$(VENV)/.dev: pyproject.toml constraints.txt agent/kernel.c $(STALE)
 	$(call install,dev)
 	@touch $@ $(VENV)/.ground

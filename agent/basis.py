@@ -85,16 +85,16 @@ class ValueBasis:
                 second.append((axis + state.VX) * _POWERS + (j_left if inside else 0))
                 unit = scale[axis] ** by_position * scale[axis + state.VX] ** by_velocity
                 factor.append(falling / unit if inside else 0.0)
-        self._first: Indices = np.array(first)
-        self._second: Indices = np.array(second)
-        self._factor: Floats = np.array(factor)
+        self.first: Indices = np.array(first)
+        self.second: Indices = np.array(second)
+        self.factor: Floats = np.array(factor)
 
     def __call__(self, powers: Floats) -> Floats:
         """Powers to `(..., 4, 2, 27)`: [σ, ∂σ/∂r, ∂σ/∂v, ∂²σ/∂v²] of the features of axis x and of axis y."""
         flat = powers.reshape(*powers.shape[:-2], -1)
-        values = flat.take(self._first, axis=-1)
-        values *= flat.take(self._second, axis=-1)
-        values *= self._factor
+        values = flat.take(self.first, axis=-1)
+        values *= flat.take(self.second, axis=-1)
+        values *= self.factor
         return values.reshape(*flat.shape[:-1], 4, state.AXES, _PER_AXIS)
 
 
@@ -124,30 +124,30 @@ class DensityBasis:
                 first.append(base * _POWERS + max(i - by_first, 0))
                 second.append((base + 1) * _POWERS + max(j - by_second, 0))
                 factor.append(falling / scale[base] ** (by_first + by_second) if inside else 0.0)
-        self._first: Indices = np.array(first)
-        self._second: Indices = np.array(second)
-        self._factor: Floats = np.array(factor)
+        self.first: Indices = np.array(first)
+        self.second: Indices = np.array(second)
+        self.factor: Floats = np.array(factor)
         self._count = count
         self._half_variance = 0.5 * diffusion**2
         terms = [(0, 0, 0, 0), *DENSITY_EXPONENTS.tolist()]
         at_position = np.array([number[a, b] for a, b, _, _ in terms])
         at_velocity = np.array([number[c, d] for _, _, c, d in terms])
-        self._position, self._velocity = at_position, at_velocity
+        self.at_position, self.at_velocity = at_position, at_velocity
         # Into [A, LA, V, LV]: pairs and their images; a term's image is LA·V + A·LV.
-        self._left: Indices = np.concatenate([count + at_position[1:], at_position[1:]])
-        self._right: Indices = np.concatenate([2 * count + at_velocity[1:], 3 * count + at_velocity[1:]])
+        self.left: Indices = np.concatenate([count + at_position[1:], at_position[1:]])
+        self.right: Indices = np.concatenate([2 * count + at_velocity[1:], 3 * count + at_velocity[1:]])
 
     def pairs(self, powers: Floats) -> Floats:
         """`(..., 8, 15)`: position pairs A, ∂A/∂x, ∂A/∂y, velocity pairs V, ∂V/∂vx, ∂V/∂vy, ∂²V/∂vx², ∂²V/∂vy²."""
         flat = powers.reshape(*powers.shape[:-2], -1)
-        values = flat.take(self._first, axis=-1)
-        values *= flat.take(self._second, axis=-1)
-        values *= self._factor
+        values = flat.take(self.first, axis=-1)
+        values *= flat.take(self.second, axis=-1)
+        values *= self.factor
         return values.reshape(*flat.shape[:-1], 8, self._count)
 
     def terms(self, pairs: Floats) -> Floats:
         """[1, σ_F], `(..., 70)`."""
-        return pairs[..., 0, :].take(self._position, axis=-1) * pairs[..., 3, :].take(self._velocity, axis=-1)
+        return pairs[..., 0, :].take(self.at_position, axis=-1) * pairs[..., 3, :].take(self.at_velocity, axis=-1)
 
     def operator(self, pairs: Floats, drift: Floats, divergence: Floats) -> Floats:
         """∇_{ŵF0} e_F = σ_F ∇·b + [∇σ_F] b − ½ [tr(GGᵀ Hess σ_F)], `(..., 69)`.
@@ -157,17 +157,19 @@ class DensityBasis:
             drift: b, `(..., 4)`, m/s and m/s².
             divergence: ∇·b, `(...)`, 1/s.
         """
-        factors = np.empty((*drift.shape[:-1], 8))
-        factors[..., 0] = divergence
-        factors[..., 1:3] = drift[..., state.POSITION]  # ṙ of the state, in the order of the derivatives
-        factors[..., 4:6] = drift[..., state.VELOCITY]
-        factors[..., 6:8] = -self._half_variance
+        factors = np.empty((*drift.shape[:-1], 8, 1))
+        factors[..., 0, 0] = divergence
+        factors[..., 1:3, 0] = drift[..., state.POSITION]  # ṙ of the state, in the order of the derivatives
+        factors[..., 4:6, 0] = drift[..., state.VELOCITY]
+        factors[..., 6:8, 0] = -self._half_variance
+        factors[..., 3, 0] = 0.0
+        images = factors * pairs
         blocks = np.empty((*drift.shape[:-1], 4, self._count))
         blocks[..., 0, :] = pairs[..., 0, :]
-        np.matmul(factors[..., None, 0:3], pairs[..., 0:3, :], out=blocks[..., 1:2, :])
+        blocks[..., 1, :] = images[..., 0, :] + images[..., 1, :] + images[..., 2, :]
         blocks[..., 2, :] = pairs[..., 3, :]
-        np.matmul(factors[..., None, 4:8], pairs[..., 4:8, :], out=blocks[..., 3:4, :])
+        blocks[..., 3, :] = images[..., 4, :] + images[..., 5, :] + images[..., 6, :] + images[..., 7, :]
         flat = blocks.reshape(*blocks.shape[:-2], -1)
-        products = flat.take(self._left, axis=-1)
-        products *= flat.take(self._right, axis=-1)
+        products = flat.take(self.left, axis=-1)
+        products *= flat.take(self.right, axis=-1)
         return products[..., :DENSITY_FEATURES] + products[..., DENSITY_FEATURES:]

@@ -45,14 +45,15 @@ class HjbLearner:
     """The step, with the scenario's constants."""
 
     def __init__(self, scenario: Scenario) -> None:
-        self._basis = ValueBasis(scenario.learner)
+        self.basis = ValueBasis(scenario.learner)
         self._cost = scenario.cost
         self._learner = scenario.learner
-        self._drag = scenario.wind.drag
-        self._wind = np.array(scenario.wind.mean)
-        self._half_variance = 0.5 * scenario.wind.sigma**2
-        self._gain = 1.0 / (2.0 * scenario.cost.c3)
-        self._arrived_norm = scenario.destination.radius
+        self.drag_coefficient = scenario.wind.drag
+        self.wind = np.array(scenario.wind.mean)
+        self.half_variance = 0.5 * scenario.wind.sigma**2
+        self.gain = 1.0 / (2.0 * scenario.cost.c3)
+        self.push = self._learner.mu_h * self._learner.c_h * self.gain  # of the regulariser
+        self.arrived_squared = scenario.destination.radius**2
 
     def init(self, rows: int) -> Floats:
         """ŵ_H0 = ŵ_H1 = 0, `(rows, 2, 54)`."""
@@ -60,7 +61,7 @@ class HjbLearner:
 
     def drift(self, states: Floats, action: Floats) -> Floats:
         """Velocity part of f + Bâ, `(..., 2)`, m/s²."""
-        return action - self._drag * (states[..., state.VELOCITY] - self._wind)
+        return action - self.drag_coefficient * (states[..., state.VELOCITY] - self.wind)
 
     def step(self, weights: Floats, states: Floats, powers: Floats, phi_g: Floats) -> HjbResult:
         """Eq. HJB_update0 and HJB_update1.
@@ -71,17 +72,18 @@ class HjbLearner:
         Args:
             weights: (..., 2, 54). states: (..., 4). powers: of the states, (..., 4, 7). phi_g: φ_G, (...).
         """
-        features = self._basis(powers)  # of axis x and axis y: (..., 2, 27) each
+        features = self.basis(powers)  # of axis x and axis y: (..., 2, 27) each
         sigma, by_position = features[..., 0, :, :], features[..., 1, :, :]
         by_velocity, curvature = features[..., 2, :, :], features[..., 3, :, :]
         per_axis = (*weights.shape[:-1], *sigma.shape[-2:])  # [ŵ_H0, ŵ_H1] of axis x and axis y
+        whole = (*weights.shape[:-2], VALUE_FEATURES)
         flat = (*weights.shape[:-2], 2 * VALUE_FEATURES)
 
-        action_before = -self._gain * state.dot(by_velocity, weights.reshape(per_axis)[..., 0, :, :])
+        action_before = -self.gain * state.dot(by_velocity, weights.reshape(per_axis)[..., 0, :, :])
         drift = self.drift(states, action_before)
         gradient = np.empty(per_axis)
         first = gradient[..., 0, :, :]
-        np.multiply(curvature, self._half_variance, out=first)
+        np.multiply(curvature, self.half_variance, out=first)
         first += states[..., state.VELOCITY, None] * by_position
         first += drift[..., None] * by_velocity
         gradient[..., 1, :, :] = sigma
@@ -93,18 +95,18 @@ class HjbLearner:
 
         stepped = weights.reshape(per_axis) - (self._learner.mu_h * residual)[..., None, None, None] * gradient
         active = self._regularised(states, drift)
+        value = stepped[..., 0, :, :]
         if active.any():
             slope = self._learner.kappa * states[..., state.POSITION] + states[..., state.VELOCITY]  # Bᵀ∇L_s
-            push = (self._learner.mu_h * self._learner.c_h * self._gain) * active[..., None] * slope
-            stepped[..., 0, :, :] += push[..., None] * by_velocity
+            push = (self.push * slope)[..., None] * by_velocity
+            np.add(value, push, out=value, where=active[..., None, None])
 
-        value = stepped[..., 0, :, :]
         return HjbResult(
             weights=stepped.reshape(weights.shape),
             action_before=action_before,
-            action=-self._gain * state.dot(by_velocity, value),
+            action=-self.gain * state.dot(by_velocity, value),
             residual=residual,
-            curvature=np.einsum("...ak,...ak->...", curvature, value),
+            curvature=state.dot(curvature.reshape(whole), value.reshape(whole)),
         )
 
     def lyapunov_rate(self, states: Floats, drift: Floats) -> Floats:
@@ -119,4 +121,4 @@ class HjbLearner:
 
         There ∇_{ŵH0}R = −(1/2c3)[∇σ]B Bᵀ∇L_s; the appendix prints the opposite sign, which would drive L̇_s up.
         """
-        return (self.lyapunov_rate(states, drift) > 0) & (state.dot(states, states) >= self._arrived_norm**2)
+        return (self.lyapunov_rate(states, drift) > 0) & (state.dot(states, states) >= self.arrived_squared)

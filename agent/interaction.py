@@ -17,6 +17,8 @@ from swarm.scenario import Cost, Scenario
 
 Floats = NDArray[np.float64]
 
+_ROWS_AT_ONCE = 64  # 36 KB each, while they are summed
+
 
 def kernel(velocity_difference: Floats, position_difference: Floats, cost: Cost) -> Floats:
     """K = ‖Δv‖²/(ε + ‖Δr‖²)^β of differences `(..., 2)`; `(...)`."""
@@ -54,8 +56,7 @@ class Quadrature:
         spread = scenario.density
         std = np.array([spread.node_position_std] * 2 + [spread.node_velocity_std] * 2)
         offsets = standard_nodes() * std
-        of_offset = kernel(offsets[:, state.VELOCITY], offsets[:, state.POSITION], scenario.cost)
-        self._one_and_kernel = np.stack([np.ones_like(of_offset), of_offset], axis=-1)
+        self.kernel = kernel(offsets[:, state.VELOCITY], offsets[:, state.POSITION], scenario.cost)
         terms = [(0,) * state.SIZE, *map(tuple, DENSITY_EXPONENTS.tolist())]
         number = {term: k for k, term in enumerate(terms)}
         pairs = [
@@ -63,24 +64,27 @@ class Quadrature:
             for n, r in product(terms, repeat=2)
             if (whole := tuple(a + b for a, b in zip(n, r, strict=True))) in number and any(whole)
         ]
-        self._weight = np.array([weight for _, weight, _ in pairs])
-        self._term = np.array([term for _, _, term in pairs])
-        self._starts = np.searchsorted([n for n, _, _ in pairs], np.arange(len(terms)))
-        self._factorial = np.array([float(prod(map(factorial, term))) for term in terms])
+        self.weight = np.array([weight for _, weight, _ in pairs])
+        self.term = np.array([term for _, _, term in pairs])
+        self.starts = np.searchsorted([n for n, _, _ in pairs], np.arange(len(terms) + 1))
+        self.factorial = np.array([float(prod(map(factorial, term))) for term in terms])
         scaled = offsets / scales(scenario.learner)
         monomials = (scaled[None, :, :] ** np.array(terms)[:, None, :]).prod(axis=-1)
-        self._monomials = np.ascontiguousarray(monomials / self._factorial[:, None])
+        self.monomials = np.ascontiguousarray(monomials / self.factorial[:, None])
 
     def density(self, weights: Floats, terms: Floats) -> Floats:
         """m̂ at the nodes about each state, `(..., 64)`; weights ŵ_F0 `(..., 69)`, terms [1, σ_F] there `(..., 70)`."""
-        products = (weights * self._factorial[1:]).take(self._weight, axis=-1)
-        products *= (terms / self._factorial).take(self._term, axis=-1)
-        expansion = np.add.reduceat(products, self._starts, axis=-1)
-        # One row at a time: a product of all rows at once would sum in an order that depends on their number.
-        return np.matmul(expansion[..., None, :], self._monomials)[..., 0, :]
+        products = (weights * self.factorial[1:]).take(self.weight, axis=-1)
+        products *= (terms / self.factorial).take(self.term, axis=-1)
+        expansion = np.add.reduceat(products, self.starts[:-1], axis=-1).reshape(-1, len(self.monomials))
+        # Term after term and not by a BLAS, whose order depends on the machine and on the number of rows.
+        at_nodes = [
+            np.add.reduce(expansion[start : start + _ROWS_AT_ONCE, :, None] * self.monomials, axis=-2)
+            for start in range(0, len(expansion), _ROWS_AT_ONCE)
+        ]
+        return np.concatenate(at_nodes).reshape(*weights.shape[:-1], -1)
 
     def __call__(self, weights: Floats, terms: Floats) -> Floats:
         """φ_G, `(...)`; 0 where m̂ is nowhere positive."""
         mass = np.maximum(self.density(weights, terms), 0.0)
-        sums = np.matmul(mass[..., None, :], self._one_and_kernel)[..., 0, :]  # Σ max(m̂, 0) and Σ max(m̂, 0) K
-        return sums[..., 1] / np.maximum(sums[..., 0], np.finfo(np.float64).tiny)
+        return (mass * self.kernel).sum(axis=-1) / np.maximum(mass.sum(axis=-1), np.finfo(np.float64).tiny)

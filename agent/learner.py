@@ -10,7 +10,9 @@ from agent.basis import Powers
 from agent.density import fit
 from agent.fpk import FpkLearner
 from agent.hjb import HjbLearner
-from swarm import model
+from agent.kernel import Kernel
+from swarm import model, state
+from swarm.messages import OUTCOME_FLOATS
 from swarm.scenario import Scenario
 
 Floats = NDArray[np.float64]
@@ -40,24 +42,54 @@ class Minds:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """One tick: minds after it, accelerations (M, 2) in m/s², and e_H, e_F, φ_G, each (M,)."""
+    """One tick: minds after it, and the rows [a_x, a_y, e_H, e_F, φ_G] of an Act, (M, 5)."""
 
     minds: Minds
-    accelerations: Floats
-    hjb_residual: Floats
-    fpk_residual: Floats
-    phi_g: Floats
+    numbers: Floats
+
+    @classmethod
+    def of(cls, minds: Minds, accelerations: Floats, *diagnostics: Floats) -> "Outcome":
+        """Puts the columns together: accelerations (M, 2), then e_H, e_F, φ_G, each (M,); zeros where left out."""
+        numbers = np.zeros((len(accelerations), OUTCOME_FLOATS))
+        numbers[:, : state.AXES] = accelerations
+        for column, values in enumerate(diagnostics, state.AXES):
+            numbers[:, column] = values
+        return cls(minds, numbers)
+
+    @property
+    def accelerations(self) -> Floats:
+        """(M, 2), m/s²."""
+        return self.numbers[:, : state.AXES]
+
+    @property
+    def hjb_residual(self) -> Floats:
+        """e_H, (M,)."""
+        return self.numbers[:, state.AXES]
+
+    @property
+    def fpk_residual(self) -> Floats:
+        """e_F, (M,)."""
+        return self.numbers[:, state.AXES + 1]
+
+    @property
+    def phi_g(self) -> Floats:
+        """φ_G, (M,)."""
+        return self.numbers[:, state.AXES + 2]
 
 
 class Learner:
     """Algorithm 1 (hjb) and the local part of Algorithms 2 and 3 (all others)."""
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, *, compiled: bool = True) -> None:
+        """`compiled`: with the compiled kernel, if this installation has it; the bits are the same."""
         self._scenario = scenario
         self._powers = Powers(scenario.learner)
         self._hjb = HjbLearner(scenario)
         self._fpk = FpkLearner(scenario)
         self._quadrature = interaction.Quadrature(scenario)
+        self._kernel: Kernel | None = None
+        if compiled and Kernel.serves(scenario):
+            self._kernel = Kernel(scenario, self._hjb, self._fpk, self._quadrature)
 
     def init(self, rows: int, initial_states: Floats) -> Minds:
         """Minds at take-off; every UAV fits the same density to the initial states of all, `(N, 4)`."""
@@ -77,18 +109,24 @@ class Learner:
         Args:
             states: (M, 4). known: (M, N, 4), the states each row knows, for hjb; None for the others.
         """
+        learns_density = self._scenario.method.learns_density
+        if not learns_density and known is None:
+            raise ValueError("hjb needs the states its rows know")
+        if self._kernel is not None:
+            value, density, numbers = self._kernel(
+                minds.value, minds.density, states, None if learns_density else known
+            )
+            return Outcome(Minds(value, density), numbers)
         powers = self._powers(states)
-        if not self._scenario.method.learns_density:
-            if known is None:
-                raise ValueError("hjb needs the states its rows know")
+        if known is not None and not learns_density:
             phi_g = interaction.empirical(states, known, self._scenario.cost)
             hjb = self._hjb.step(minds.value, states, powers, phi_g)
             minds = replace(minds, value=hjb.weights)
-            return Outcome(minds, hjb.action, hjb.residual, np.zeros_like(hjb.residual), phi_g)
+            return Outcome.of(minds, hjb.action, hjb.residual, np.zeros_like(phi_g), phi_g)
         pairs = self._fpk.basis.pairs(powers)
         terms = self._fpk.basis.terms(pairs)
         phi_g = self._quadrature(minds.density[:, 0], terms)
         hjb = self._hjb.step(minds.value, states, powers, phi_g)
         drift = self._hjb.drift(states, hjb.action)
         fpk = self._fpk.step(minds.density, states, pairs, terms[:, 1:], drift, hjb.curvature)
-        return Outcome(Minds(hjb.weights, fpk.weights), hjb.action, hjb.residual, fpk.residual, phi_g)
+        return Outcome.of(Minds(hjb.weights, fpk.weights), hjb.action, hjb.residual, fpk.residual, phi_g)

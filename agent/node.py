@@ -9,7 +9,7 @@ from agent.offline import Program
 from swarm import faults, model, state
 from swarm.codec import FLOAT_OF_BITS, expect
 from swarm.errors import MessageRejected
-from swarm.messages import OUTCOME_FLOATS, Act, FrameKind, Frames, Sense, Welcome
+from swarm.messages import Act, FrameKind, Frames, Sense, Welcome
 from swarm.methods import Method
 from swarm.model import BEYOND_SENSE
 from swarm.rounds import Rounds
@@ -70,11 +70,7 @@ class Agent:
             self._known[np.arange(len(self.uavs)), self.uavs] = states
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             outcome = self._think(sense.tick, states)
-        self._minds = outcome.minds
-        numbers = np.empty((len(self.uavs), OUTCOME_FLOATS))
-        numbers[:, : state.AXES] = outcome.accelerations
-        for column, values in enumerate((outcome.hjb_residual, outcome.fpk_residual, outcome.phi_g), state.AXES):
-            numbers[:, column] = values
+        self._minds, numbers = outcome.minds, outcome.numbers
         # 4. A learner that has left all bounds is reported and silenced; the other rows go on.
         if asleep is not None:
             numbers[asleep] = 0.0
@@ -101,8 +97,7 @@ class Agent:
     def _think(self, tick: int, states: Floats) -> Outcome:
         if self._program is None:
             return self._learner.step(self._minds, states, self._known)
-        nothing = np.zeros(len(self.uavs))
-        return Outcome(self._minds, self._program(tick), nothing, nothing, nothing)
+        return Outcome.of(self._minds, self._program(tick))
 
     def _check(self, frames: Frames) -> None:
         """A batch this node can receive, or MessageRejected."""

@@ -20,8 +20,12 @@ Rows: TypeAlias = NDArray[np.float64]  # (...,): one number a UAV
 
 
 def dot(first: NDArray[np.float64], second: NDArray[np.float64]) -> Rows:
-    """Inner product over the last axis, `(...,)`; a row's sum does not depend on the other rows."""
-    return np.vecdot(first, second)
+    """Inner product over the last axis, `(...,)`.
+
+    Products first, then NumPy's pairwise sum: its order is the same on every machine and for any number of rows,
+    which that of a BLAS is not.
+    """
+    return (first * second).sum(axis=-1)
 
 
 def speed(states: States) -> Rows:

@@ -24,7 +24,7 @@ from leader.node import Leader
 from swarm import model, scenario, state
 from swarm.codec import FLOAT_OF_BITS
 from swarm.errors import BadInput
-from swarm.messages import DIAGNOSTICS, OUTCOME_FLOATS, FrameKind, Frames, Sense, Status, Welcome
+from swarm.messages import DIAGNOSTICS, FrameKind, Frames, Sense, Status, Welcome
 from swarm.methods import Method
 from swarm.rounds import Rounds
 from swarm.scenario import Scenario
@@ -174,15 +174,11 @@ class Batch:
         if self._program is None:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 return self._learner.step(self._minds, states, self._known)
-        nothing = np.zeros(len(states))
-        return Outcome(self._minds, np.tile(self._program(tick), (len(self._runs), 1)), nothing, nothing, nothing)
+        return Outcome.of(self._minds, np.tile(self._program(tick), (len(self._runs), 1)))
 
     def _settle(self, outcome: Outcome) -> Floats:
         """Takes over the minds; silences rows that are no longer finite. [a (2), e_H, e_F, φ_G] by row, `(RN, 5)`."""
-        numbers = np.empty((len(outcome.accelerations), OUTCOME_FLOATS))
-        numbers[:, : state.AXES] = outcome.accelerations
-        for column, values in enumerate((outcome.hjb_residual, outcome.fpk_residual, outcome.phi_g), state.AXES):
-            numbers[:, column] = values
+        numbers = outcome.numbers
         sane: Mask = np.all(np.abs(numbers) < BEYOND_SENSE, axis=-1)
         self._minds = outcome.minds
         if not sane.all() or self._diverged.any():

@@ -393,7 +393,8 @@ def test_a_picture_needs_no_display_and_shows_no_error(recorded: tuple[Path, lis
     try:
         screenshot(recorded[0], png, at_s=33.4, size=(1280, 720))
     except RunFailed as error:
-        if "No graphics adapter" in str(error) and MISSING_GRAPHICS in str(error):
+        no_graphics = ("No graphics adapter", "Failed to get render context")  # with and without drivers installed
+        if any(reason in str(error) for reason in no_graphics) and MISSING_GRAPHICS in str(error):
             pytest.skip(str(error))
         raise
     header = png.read_bytes()[:24]

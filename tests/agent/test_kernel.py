@@ -1,0 +1,146 @@
+"""The compiled tick gives the bits of NumPy's, whatever the numbers; and what does not fit it is refused."""
+
+import shutil
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from agent import kernel
+from agent.learner import Learner, Minds
+from groundstation.engine import Engine
+from swarm import state
+from swarm.methods import Method
+from swarm.scenario import Scenario, load
+from worldsim.formation import initial_states
+
+LEARNING = [method for method in Method if method.learns_value]
+
+needs_kernel = pytest.mark.skipif(not kernel.is_compiled(), reason="installed without a C compiler")
+
+
+def scenario(method: Method, *changes: str) -> Scenario:
+    return load(None, ["uavs=9", *changes], method=str(method))
+
+
+def tick_both_ways(flown: Scenario, minds: Minds, states: np.ndarray, known: np.ndarray | None) -> list[bytes]:
+    """The bits of a tick by the kernel and by NumPy, and what the minds were afterwards."""
+    results = []
+    for compiled in (True, False):
+        with np.errstate(all="ignore"):
+            outcome = Learner(flown, compiled=compiled).step(minds, states, known)
+        # A NaN is a NaN: its sign and payload mean nothing.
+        whole = np.concatenate([outcome.minds.models().ravel(), outcome.numbers.ravel()])
+        results.append(np.where(np.isnan(whole), np.nan, whole).tobytes())
+    return results
+
+
+def test_where_there_is_a_compiler_there_is_a_kernel() -> None:
+    assert kernel.is_compiled() or shutil.which("cc") is None
+
+
+@needs_kernel
+@pytest.mark.parametrize("method", LEARNING)
+@pytest.mark.parametrize("rows", [1, 2, 25, 130])
+def test_a_flight_of_the_kernel_is_that_of_numpy(method: Method, rows: int) -> None:
+    flown, draw = scenario(method), np.random.default_rng(rows)
+    states = draw.uniform([-50, -50, -8, -8], [180, 130, 8, 8], (rows, state.SIZE))
+    states[0] = 0.0  # r = 0, where the local cost is undefined
+    known = None if method.learns_density else draw.normal(0, 30, (rows, 300, state.SIZE))
+    minds = Learner(flown).init(rows, initial_states(flown))
+    for _ in range(20):
+        compiled, plain = tick_both_ways(flown, minds, states, known)
+        assert compiled == plain
+        outcome = Learner(flown).step(minds, states, known)
+        minds = outcome.minds
+        states = states + 0.1 * np.concatenate([states[:, state.VELOCITY], outcome.accelerations], axis=-1)
+
+
+numbers = st.floats(allow_nan=True, allow_infinity=True, width=64)
+
+
+@needs_kernel
+@settings(max_examples=60, deadline=None)
+@given(
+    arrays(np.float64, (3, 2, 54), elements=numbers),
+    arrays(np.float64, (3, 2, 69), elements=numbers),
+    arrays(np.float64, (3, 4), elements=numbers),
+    arrays(np.float64, (3, 9, 4), elements=numbers),
+)
+def test_numbers_beyond_all_bounds_are_treated_alike(
+    value: np.ndarray, density: np.ndarray, states: np.ndarray, known: np.ndarray
+) -> None:
+    for method in (Method.MFG, Method.HJB):
+        compiled, plain = tick_both_ways(
+            scenario(method), Minds(value, density), states, None if method.learns_density else known
+        )
+        assert compiled == plain
+
+
+@needs_kernel
+@pytest.mark.parametrize("method", [Method.MFGFL_HF, Method.HJB])
+def test_whole_flights_end_in_the_same_hash(method: Method, monkeypatch: pytest.MonkeyPatch) -> None:
+    flown = scenario(method, "duration=30")
+    hashes = []
+    for _ in range(2):
+        engine = Engine(flown, "kernel-test")
+        for _ in engine.fly():
+            pass
+        hashes.append(engine.world.finish()["trajectory_sha256"])
+        monkeypatch.setattr(kernel, "_kernel", None)
+    assert hashes[0] == hashes[1]
+
+
+@needs_kernel
+def test_other_powers_than_squares_are_left_to_numpy() -> None:
+    assert kernel.Kernel.serves(scenario(Method.HJB))
+    assert not kernel.Kernel.serves(scenario(Method.HJB, "cost.beta=0.5"))
+    assert kernel.Kernel.serves(scenario(Method.MFG, "cost.beta=0.5"))
+
+
+@needs_kernel
+def test_what_does_not_fit_is_refused_before_anything_is_written() -> None:
+    learner = Learner(scenario(Method.MFG))
+    minds = learner.init(2, initial_states(scenario(Method.MFG)))
+    tables = learner._kernel._tables  # type: ignore[union-attr]
+    good = [np.zeros((2, 4)), minds.value, minds.density, None]
+    out = [np.full((2, 2, 54), 7.0), np.full((2, 2, 69), 7.0), np.full((2, 5), 7.0)]
+    for place, wrong in [
+        (0, np.zeros((3, 4))),
+        (1, minds.value[:1]),
+        (2, minds.density.astype(np.float32)),
+        (2, minds.density[:, :, ::2]),
+        (3, np.zeros((2, 9, 3))),
+    ]:
+        arguments = [*good[:place], wrong, *good[place + 1 :], *out]
+        with pytest.raises((ValueError, BufferError), match=r"expected|contiguous"):
+            kernel._kernel.step(tables, *arguments)
+    with pytest.raises(ValueError, match="PyCapsule"):
+        kernel._kernel.step(object(), *good, *out)
+    assert all((array == 7.0).all() for array in out)
+
+
+@needs_kernel
+def test_tables_that_point_outside_are_refused() -> None:
+    learner = Learner(scenario(Method.MFG))
+    made: dict[str, np.ndarray] = {}
+
+    def keep(arrays: dict[str, np.ndarray]) -> object:
+        made.update(arrays)
+        return None
+
+    real = kernel._kernel
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(kernel, "_kernel", type("Fake", (), {"tables": staticmethod(keep)}))
+        kernel.Kernel(learner._scenario, learner._hjb, learner._fpk, learner._quadrature)
+    real.tables(made)
+    for name in ("weight", "starts", "left", "value_first"):
+        for bad in (-1, 10_000):
+            broken = {**made, name: made[name].copy()}
+            broken[name][-1] = bad
+            with pytest.raises(ValueError, match="outside"):
+                real.tables(broken)
+    with pytest.raises(KeyError):
+        real.tables({})
