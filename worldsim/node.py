@@ -23,7 +23,7 @@ from worldsim.door import Door
 from worldsim.faults import Script
 from worldsim.flight import Flight
 from worldsim.ledger import Ledger
-from worldsim.members import LEADER, Members
+from worldsim.members import LEADER, Member, Members
 from worldsim.summary import summary, weight_spread
 from worldsim.telemetry import Outbox, Rows
 
@@ -211,9 +211,10 @@ class World:
         due = self.air.due(tick)
         self._uploads.receive(due)
         self._barrier.open()
+        all_awake = bool(self._awake.all())
         for member in self._members.present:
-            if member.role != LEADER and member.ready and self._awake[member.uavs].any():
-                heard = tuple(inbox.of_agent(member, due, self._awake))
+            if member.role != LEADER and member.ready and (all_awake or self._awake[member.uavs].any()):
+                heard = tuple(inbox.of_agent(member, due, self._awake)) if due else ()
                 states = self.flight.states[member.uavs]
                 self._barrier.ask(member, Sense(self._fingerprint, tick, states, reporting, heard, whole))
         self._ask_leader()
@@ -268,11 +269,10 @@ class World:
         """Commands and diagnostics into their rows; frames of one kind joined, sources ascending."""
         self._barrier.standing = False
         by_kind: dict[FrameKind, list[Frames]] = {}
-        for name, member in self._barrier.asked.items():
-            act = self._barrier.acts.get(name)
-            if act is None:
-                continue  # held over in real time
-            self._enter(member.uavs, act, diagnostics)
+        acts = self._barrier.acts  # without those held over in real time
+        answered = [(member, acts[name]) for name, member in self._barrier.asked.items() if name in acts]
+        self._enter(answered, diagnostics)
+        for _, act in answered:
             for batch in act.outbox:
                 if (heard := self._heard(batch)) is not None:
                     by_kind.setdefault(batch.kind, []).append(heard)
@@ -290,18 +290,23 @@ class World:
             for kind, batches in by_kind.items()
         ]
 
-    def _enter(self, uavs: NDArray[np.intp], act: Act, diagnostics: NDArray[np.float64]) -> None:
-        self._ledger.uploads_refused += len(act.refused)
-        if act.refused:
-            self._note("refused", f"uploads of UAV {', '.join(map(str, act.refused))} were not averaged")
-        sane = (np.abs(act.outcome) < model.BEYOND_SENSE).all(axis=-1)
+    def _enter(self, answered: list[tuple[Member, Act]], diagnostics: NDArray[np.float64]) -> None:
+        for _, act in answered:
+            self._ledger.uploads_refused += len(act.refused)
+            if act.refused:
+                self._note("refused", f"uploads of UAV {', '.join(map(str, act.refused))} were not averaged")
+            if act.diverged:
+                self.flight.lose(np.array(act.diverged), "diverged", "the learner left the finite numbers")
+        if not answered:
+            return
+        uavs = np.concatenate([member.uavs for member, _ in answered])
+        outcome = np.concatenate([act.outcome for _, act in answered])
+        sane = (np.abs(outcome) < model.BEYOND_SENSE).all(axis=-1)
         if not sane.all():
             self.flight.lose(uavs[~sane], "diverged", "an answer beyond all bounds")
-        if act.diverged:
-            self.flight.lose(np.array(act.diverged), "diverged", "the learner left the finite numbers")
         used = sane & self._awake[uavs]
-        self._commands[uavs[used]] = act.outcome[used, : state.AXES]
-        diagnostics[uavs[used]] = act.outcome[used, state.AXES :]
+        self._commands[uavs[used]] = outcome[used, : state.AXES]
+        diagnostics[uavs[used]] = outcome[used, state.AXES :]
 
     def _heard(self, batch: Frames) -> Frames | None:
         """What of a batch goes on the air: the lost and the paused are silent, and no round is averaged twice."""
