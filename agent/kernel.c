@@ -296,7 +296,12 @@ static PyObject *step(PyObject *module, PyObject *args) {
         row_step(t, states + m * SIZE, t->learns_density ? NULL : known + m * others * SIZE, others, scratch,
                  value + m * 2 * VALUES, density + m * 2 * DENSITIES, value_out + m * 2 * VALUES,
                  density_out + m * 2 * DENSITIES, numbers + m * NUMBERS);
-    result = Py_NewRef(Py_None);
+    double largest = 0.0; /* and what is not a number stays so */
+    for (Py_ssize_t k = 0; k < rows * NUMBERS && largest == largest; k++) {
+        double size = fabs(numbers[k]);
+        if (!(size <= largest)) largest = size;
+    }
+    result = PyFloat_FromDouble(largest);
 done:
     PyMem_Free(scratch);
     while (held--)
@@ -307,7 +312,8 @@ done:
 static PyMethodDef methods[] = {
     {"tables", tables, METH_O, "Tables of a scenario, from a dict of arrays; checked once."},
     {"step", step, METH_VARARGS,
-     "step(tables, states, value, density, known | None, value_out, density_out, numbers_out): all float64, rows first."},
+     "step(tables, states, value, density, known | None, value_out, density_out, numbers_out)\n\n"
+     "All float64, rows first. Returns the largest of the numbers, or NaN."},
     {NULL, NULL, 0, NULL},
 };
 

@@ -11,6 +11,7 @@ from agent.basis import scales
 from agent.fpk import FpkLearner
 from agent.hjb import HjbLearner
 from agent.interaction import Quadrature
+from agent.minds import Minds, Outcome
 from swarm.messages import OUTCOME_FLOATS
 from swarm.scenario import Scenario
 
@@ -78,12 +79,11 @@ class Kernel:
             | {name: np.ascontiguousarray(index, dtype=np.int32) for name, index in indices.items()}
         )
 
-    def __call__(
-        self, value: Floats, density: Floats, states: Floats, known: Floats | None
-    ) -> tuple[Floats, Floats, Floats]:
-        """Weights after the step, (M, 2, 54) and (M, 2, 69), and [a_x, a_y, e_H, e_F, φ_G], (M, 5)."""
-        value, density = np.ascontiguousarray(value), np.ascontiguousarray(density)
-        value_out, numbers = np.empty_like(value), np.empty((len(value), OUTCOME_FLOATS))
-        density_out = np.empty_like(density) if known is None else density
-        _kernel.step(self._tables, np.ascontiguousarray(states), value, density, known, value_out, density_out, numbers)
-        return value_out, density_out, numbers
+    def __call__(self, minds: Minds, states: Floats, known: Floats | None) -> Outcome:
+        """One tick of M rows; `known` (M, N, 4) for hjb only."""
+        value, density = np.ascontiguousarray(minds.value), np.ascontiguousarray(minds.density)
+        stepped, numbers = np.empty_like(value), np.empty((len(value), OUTCOME_FLOATS))
+        moved = np.empty_like(density) if known is None else density
+        states = np.ascontiguousarray(states)
+        largest = _kernel.step(self._tables, states, value, density, known, stepped, moved, numbers)
+        return Outcome(Minds(stepped, moved), numbers, largest)

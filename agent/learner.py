@@ -1,7 +1,5 @@
 """One tick of a UAV's mind: φ_G, value step, density step, action. State in, state out; all arrays are rows."""
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,70 +9,11 @@ from agent.density import fit
 from agent.fpk import FpkLearner
 from agent.hjb import HjbLearner
 from agent.kernel import Kernel
-from swarm import model, state
-from swarm.messages import OUTCOME_FLOATS
+from agent.minds import Minds, Outcome
+from swarm import model
 from swarm.scenario import Scenario
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class Minds:
-    """What M UAVs have learned: value (M, 2, 54), density (M, 2, 69)."""
-
-    value: Floats
-    density: Floats
-
-    def models(self) -> Floats:
-        """Whole models in the order of the radio, `(M, 246)`."""
-        rows = len(self.value)
-        return np.concatenate([self.value.reshape(rows, -1), self.density.reshape(rows, -1)], axis=-1)
-
-    def with_models(self, rows: NDArray[np.intp], part: slice, vectors: Floats) -> "Minds":
-        """The same minds, the `part` of the models of `rows` overwritten by `vectors` (len(rows), L)."""
-        models = self.models()
-        models[rows, part] = vectors
-        return Minds(
-            models[:, model.VALUE].reshape(self.value.shape),
-            models[:, model.DENSITY].reshape(self.density.shape),
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """One tick: minds after it, and the rows [a_x, a_y, e_H, e_F, φ_G] of an Act, (M, 5)."""
-
-    minds: Minds
-    numbers: Floats
-
-    @classmethod
-    def of(cls, minds: Minds, accelerations: Floats, *diagnostics: Floats) -> "Outcome":
-        """Puts the columns together: accelerations (M, 2), then e_H, e_F, φ_G, each (M,); zeros where left out."""
-        numbers = np.zeros((len(accelerations), OUTCOME_FLOATS))
-        numbers[:, : state.AXES] = accelerations
-        for column, values in enumerate(diagnostics, state.AXES):
-            numbers[:, column] = values
-        return cls(minds, numbers)
-
-    @property
-    def accelerations(self) -> Floats:
-        """(M, 2), m/s²."""
-        return self.numbers[:, : state.AXES]
-
-    @property
-    def hjb_residual(self) -> Floats:
-        """e_H, (M,)."""
-        return self.numbers[:, state.AXES]
-
-    @property
-    def fpk_residual(self) -> Floats:
-        """e_F, (M,)."""
-        return self.numbers[:, state.AXES + 1]
-
-    @property
-    def phi_g(self) -> Floats:
-        """φ_G, (M,)."""
-        return self.numbers[:, state.AXES + 2]
 
 
 class Learner:
@@ -101,7 +40,7 @@ class Learner:
     def refit(self, minds: Minds, known: Floats) -> Minds:
         """Fits the density of every row anew to the states it knows, `(M, N, 4)`."""
         fitted = np.stack([fit(self._scenario, states) for states in known])
-        return replace(minds, density=np.stack([fitted[:, 0], minds.density[:, 1]], axis=1))
+        return Minds(minds.value, np.stack([fitted[:, 0], minds.density[:, 1]], axis=1))
 
     def step(self, minds: Minds, states: Floats, known: Floats | None) -> Outcome:
         """One update of each network and the action that follows.
@@ -113,15 +52,16 @@ class Learner:
         if not learns_density and known is None:
             raise ValueError("hjb needs the states its rows know")
         if self._kernel is not None:
-            value, density, numbers = self._kernel(
-                minds.value, minds.density, states, None if learns_density else known
-            )
-            return Outcome(Minds(value, density), numbers)
+            return self._kernel(minds, states, None if learns_density else known)
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            return self._step(minds, states, known)
+
+    def _step(self, minds: Minds, states: Floats, known: Floats | None) -> Outcome:
         powers = self._powers(states)
-        if known is not None and not learns_density:
+        if known is not None and not self._scenario.method.learns_density:
             phi_g = interaction.empirical(states, known, self._scenario.cost)
             hjb = self._hjb.step(minds.value, states, powers, phi_g)
-            minds = replace(minds, value=hjb.weights)
+            minds = Minds(hjb.weights, minds.density)
             return Outcome.of(minds, hjb.action, hjb.residual, np.zeros_like(phi_g), phi_g)
         pairs = self._fpk.basis.pairs(powers)
         terms = self._fpk.basis.terms(pairs)

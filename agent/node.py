@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.byzantine import Byzantine
-from agent.learner import Learner, Minds, Outcome
+from agent.learner import Learner
+from agent.minds import Minds, Outcome
 from agent.offline import Program
 from swarm import faults, model, state
 from swarm.codec import FLOAT_OF_BITS, expect
@@ -16,6 +17,8 @@ from swarm.rounds import Rounds
 from swarm.scenario import Scenario, decode
 
 Floats = NDArray[np.float64]
+
+_STATE = np.dtype(np.float64)
 
 
 class Agent:
@@ -38,6 +41,8 @@ class Agent:
             self._minds = self._minds.with_models(np.arange(len(self.uavs)), slice(None), models)
         self._program = Program(self._scenario, plan[self.uavs]) if self._method is Method.OFFLINE else None
         self._diverged = np.zeros(len(self.uavs), dtype=bool)
+        self._silenced = False  # whether any has
+        self._shape = (len(self.uavs), state.SIZE)
         self._own = np.zeros(self._scenario.uavs, dtype=bool)
         self._own[self.uavs] = True
         # What each row knows of everyone's state: the mission plan, then whatever its radio brings.
@@ -53,7 +58,7 @@ class Agent:
         Raises:
             MessageRejected: the Sense does not fit this node; nothing has changed.
         """
-        states = expect("states", sense.states, (len(self.uavs), state.SIZE), np.float64)
+        states = expect("states", sense.states, self._shape, _STATE)
         for frames in sense.inbox:
             self._check(frames)
 
@@ -68,20 +73,19 @@ class Agent:
         # 3. Learn one step of each network, and act on it.
         if self._known is not None:
             self._known[np.arange(len(self.uavs)), self.uavs] = states
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            outcome = self._think(sense.tick, states)
+        outcome = self._think(sense.tick, states)
         self._minds, numbers = outcome.minds, outcome.numbers
         # 4. A learner that has left all bounds is reported and silenced; the other rows go on.
         if asleep is not None:
             numbers[asleep] = 0.0
             self._wake(asleep, *before)
-        if not np.abs(numbers).max() < BEYOND_SENSE or self._diverged.any():  # NaN is below nothing
+        if self._silenced or not outcome.largest < BEYOND_SENSE:  # NaN is below nothing
             self._silence(~np.all(np.abs(numbers) < BEYOND_SENSE, axis=-1), numbers)
         return Act(
             run=sense.run,
             tick=sense.tick,
             outcome=numbers,
-            diverged=tuple(self.uavs[self._diverged].tolist()),
+            diverged=tuple(self.uavs[self._diverged].tolist()) if self._silenced else (),
             outbox=outbox,
             report=self._minds.models() if sense.report else None,
             known=self._known if sense.checkpoint else None,
@@ -162,6 +166,7 @@ class Agent:
     def _silence(self, broken: NDArray[np.bool_], numbers: Floats) -> None:
         """Zeros what diverged rows know and say, so that nothing non-finite ever leaves or spreads."""
         self._diverged |= broken
+        self._silenced = bool(self._diverged.any())
         numbers[self._diverged] = 0.0
         keep = ~self._diverged[:, None, None]
         self._minds = Minds(np.where(keep, self._minds.value, 0.0), np.where(keep, self._minds.density, 0.0))

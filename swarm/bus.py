@@ -10,11 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
+import msgspec
+
 Handler = Callable[["Delivery"], None]
 
 
-@dataclass(frozen=True, slots=True)
-class Delivery:
+class Delivery(msgspec.Struct, frozen=True):
     """Something that reached this participant.
 
     kind: "message" (someone put `payload` under `key`), "question" (someone waits for `reply`),

@@ -4,6 +4,7 @@ An array travels as a msgpack extension: dtype code, number of axes, axes as 32-
 buffer. Nothing is ever unpickled; a decoded array is a read-only view of the received bytes.
 """
 
+import functools
 import math
 import struct
 from typing import Any, TypeVar
@@ -33,19 +34,25 @@ def _pack(value: Any) -> msgspec.msgpack.Ext:
     return msgspec.msgpack.Ext(_ARRAY, head + value.tobytes())
 
 
+@functools.lru_cache(maxsize=256)  # a run knows a dozen; what is malformed is not kept
+def _layout(head: bytes) -> tuple[np.dtype, tuple[int, ...], int]:
+    """dtype, shape and bytes of an array, as the head of its extension says."""
+    kind, axes = head[0], head[1]
+    if kind >= len(_DTYPES) or axes > _MAX_AXES or len(head) < 2 + 4 * axes:
+        raise MessageRejected("malformed", f"array header ({kind}, {axes})")
+    shape = struct.unpack_from(f"<{axes}I", head, 2)
+    return _DTYPES[kind], shape, math.prod(shape) * _DTYPES[kind].itemsize
+
+
 def _unpack(code: int, data: memoryview) -> np.ndarray:
     if code != _ARRAY or len(data) < 2:
         raise MessageRejected("malformed", f"extension {code} of {len(data)} bytes")
-    kind, axes = data[0], data[1]
-    start = 2 + 4 * axes
-    if kind >= len(_DTYPES) or axes > _MAX_AXES or len(data) < start:
-        raise MessageRejected("malformed", f"array header ({kind}, {axes})")
-    shape = struct.unpack_from(f"<{axes}I", data, 2)
-    dtype = _DTYPES[kind]
-    if len(data) - start != math.prod(shape) * dtype.itemsize:
+    start = 2 + 4 * data[1]
+    dtype, shape, size = _layout(bytes(data[:start]))
+    if len(data) - start != size:
         raise MessageRejected("wrong-shape", f"array {shape} {dtype} in {len(data) - start} bytes")
     try:
-        array = np.frombuffer(data, dtype, offset=start).reshape(shape)
+        array: np.ndarray = np.ndarray(shape, dtype, data, start)
     except ValueError as error:  # an empty array whose other axes are beyond what NumPy can address
         raise MessageRejected("wrong-shape", f"array {shape} {dtype}: {error}") from error
     if dtype.kind == "f" and not np.isfinite(array).all():
@@ -124,6 +131,8 @@ def expect(name: str, array: np.ndarray, shape: tuple[int | None, ...], dtype: A
     Raises:
         MessageRejected: `wrong-shape`; the message names the array, what was expected and what came.
     """
+    if array.shape == shape and array.dtype == dtype:
+        return array
     fits = array.dtype == dtype and len(array.shape) == len(shape)
     if not fits or any(want is not None and want != got for want, got in zip(shape, array.shape, strict=True)):
         wanted = f"{tuple('any' if n is None else n for n in shape)} {np.dtype(dtype)}"

@@ -148,18 +148,21 @@ class ZenohBus:
 
     def subscribe(self, key: str) -> None:
         put = self._queue.put
+        only = None if "*" in key else key
 
         def receive(sample: zenoh.Sample) -> None:
-            name = str(sample.key_expr)
-            if self._has_room(name, len(sample.payload)):
-                put(Delivery("message", name, sample.payload.to_bytes()))
+            put(Delivery("message", only or str(sample.key_expr), sample.payload.to_bytes()))
 
-        self._declared.append(self._session.declare_subscriber(key, receive))
+        def receive_if_room(sample: zenoh.Sample) -> None:
+            if self._has_room(only or str(sample.key_expr), len(sample.payload)):
+                receive(sample)
+
+        self._declared.append(self._session.declare_subscriber(key, receive_if_room if self._limited else receive))
 
     def answer(self, key: str) -> None:
         def receive(query: zenoh.Query) -> None:
             name = str(query.key_expr)
-            if not self._has_room(name, len(query.payload) if query.payload is not None else 0):
+            if self._limited and not self._has_room(name, len(query.payload) if query.payload is not None else 0):
                 return
             payload = query.payload.to_bytes() if query.payload is not None else b""
 
@@ -207,8 +210,6 @@ class ZenohBus:
 
     def _has_room(self, key: str, more: int) -> bool:
         """Whether one more message of that many bytes may wait under `key`; then it is counted in."""
-        if not self._limited:
-            return True
         with self._counting:
             count, size = self._waiting.get(key, (0, 0))
             if fits := count < _BACKLOG_MESSAGES and (not count or size + more <= _BACKLOG_BYTES):

@@ -13,7 +13,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.learner import Learner, Minds, Outcome
+from agent.learner import Learner
+from agent.minds import Minds, Outcome
 from agent.node import BEYOND_SENSE
 from agent.offline import Program
 from channel.air import Air
@@ -172,8 +173,7 @@ class Batch:
 
     def _think(self, tick: int, states: Floats) -> Outcome:
         if self._program is None:
-            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                return self._learner.step(self._minds, states, self._known)
+            return self._learner.step(self._minds, states, self._known)
         return Outcome.of(self._minds, np.tile(self._program(tick), (len(self._runs), 1)))
 
     def _settle(self, outcome: Outcome) -> Floats:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent import interaction
-from agent.learner import Minds
+from agent.minds import Minds
 from groundstation.paper.flights import Flights
 from swarm import state
 from swarm.messages import Status

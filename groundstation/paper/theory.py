@@ -16,7 +16,8 @@ from scipy import linalg
 
 from agent.basis import DENSITY_EXPONENTS, VALUE_EXPONENTS, Powers, scales
 from agent.fpk import FpkLearner
-from agent.learner import Learner, Minds
+from agent.learner import Learner
+from agent.minds import Minds
 from swarm import state
 from swarm.messages import Status
 from swarm.methods import Method

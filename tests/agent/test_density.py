@@ -5,7 +5,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from agent.learner import Learner, Minds
+from agent.learner import Learner
+from agent.minds import Minds
 from swarm import model
 from swarm.scenario import Scenario, load
 from swarm.seeds import generator

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm, qmc
 
-from agent.learner import Learner, Minds
+from agent.learner import Learner
+from agent.minds import Minds
 from swarm import model, state
 from swarm.methods import Method
 from swarm.scenario import Scenario, load

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from agent import kernel
-from agent.learner import Learner, Minds
+from agent.learner import Learner
+from agent.minds import Minds
 from groundstation.engine import Engine
 from swarm import state
 from swarm.methods import Method

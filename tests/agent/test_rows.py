@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from agent.learner import Learner, Minds, Outcome
+from agent.learner import Learner
+from agent.minds import Minds, Outcome
 from swarm import state
 from swarm.methods import Method
 from swarm.scenario import Scenario, load

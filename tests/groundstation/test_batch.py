@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from agent.learner import Minds
+from agent.minds import Minds
 from groundstation.engine import Engine
 from groundstation.paper.batch import Batch, Flown
 from groundstation.paper.series import SERIES
