@@ -87,7 +87,7 @@ class Members:
     @property
     def present(self) -> list[Member]:
         """Nodes that are not lost, in order of their UAVs, the leaders last."""
-        alive = [member for member in self._by_name.values() if not member.lost]
+        alive = [member for member in list(self._by_name.values()) if not member.lost]
         return sorted(alive, key=lambda member: (member.role == LEADER, member.uavs[:1].tolist()))
 
     @property
