@@ -41,7 +41,8 @@ class Address(NamedTuple):
 
     def refused(self, flag: str, error: OSError) -> BadInput:
         """What to say where it cannot be listened on."""
-        return BadInput(f"{flag} {self}: {error.strerror}; choose a free port of this machine, or 0 for any")
+        why = str(error.strerror).partition(" (while ")[0]  # the address stands there already
+        return BadInput(f"{flag} {self}: {why}; choose a free port of this machine, or 0 for any")
 
     def __str__(self) -> str:
         return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"

@@ -34,7 +34,7 @@ def test_any_free_port_is_one_that_can_be_had_and_a_taken_one_is_refused() -> No
     free = Address("127.0.0.1", 0).free("--metrics")
     assert free.port > 0
     with socket.create_server(free):
-        with pytest.raises(BadInput, match=rf"--metrics 127.0.0.1:{free.port}: Address already in use"):
+        with pytest.raises(BadInput, match=rf"--metrics 127.0.0.1:{free.port}: Address already in use; choose"):
             free.free("--metrics")
-        with pytest.raises(BadInput, match=r"192.0.2.1:0: Cannot assign"):
+        with pytest.raises(BadInput, match=r"192.0.2.1:0: Cannot assign requested address; choose"):
             Address("192.0.2.1", 0).free("--metrics")
