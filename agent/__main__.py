@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from agent.node import Agent
-from swarm import keys
+from swarm import keys, logs
 from swarm.errors import BadInput
 from swarm.identity import only_agent
 from swarm.messages import Join
@@ -19,12 +19,14 @@ def _run() -> None:
     given = options.parse_args()
     if given.rows < 1:
         raise BadInput(f"--rows {given.rows}: an agent holds at least one UAV")
+    known = logs.start(given.log_format, run=given.run, node=keys.asker("agent", given.uav))
     uav = only_agent(Path(given.tls)) if given.tls and given.uav < 0 else given.uav
     interrupted = Interrupted()
     bus = ZenohBus.client(given.endpoint, given.wait, identity(given.tls, keys.asker("agent", uav)))
     try:
         spoke = Spoke(bus, keys.check_run(given.run))
-        spoke.join(Join("agent", given.rows, uav), Agent, given.wait)
+        welcome = spoke.join(Join("agent", given.rows, uav), Agent, given.wait)
+        known |= {"node": welcome.node, "uavs": welcome.uavs}
         spoke.serve(interrupted.__bool__, orphaned)
     finally:
         bus.close()

@@ -49,7 +49,7 @@ WORLD: list[Part] = [
     ("worldsim.node:World._tick", "world, the rest of the tick"),
     ("worldsim.node:World._ask", "address and fill inboxes"),
     ("worldsim.barrier:Barrier.ask", "address and fill inboxes"),
-    ("worldsim.node:World._wait_for_all", "barrier, the loop"),
+    ("worldsim.waiting:Waiting.for_answers", "barrier, the loop"),
     ("worldsim.door:Door.handle", "take in answers: dispatch"),
     ("worldsim.inbound:check", "take in answers: check"),
     ("worldsim.node:World._collect", "collect commands and frames"),

@@ -8,7 +8,8 @@ from pathlib import Path
 from groundstation.results import SCENARIO, SUMMARY, Past, past
 from groundstation.run import Desk, Options
 from groundstation.station import Station
-from swarm import codec, keys, scenario
+from swarm import codec, keys, logs, scenario
+from swarm.address import Address
 from swarm.errors import BadInput, BusError, RunFailed
 from swarm.identity import STATION
 from swarm.messages import Join, Welcome
@@ -16,13 +17,6 @@ from swarm.process import Interrupted, flag, identity, main, parser
 from swarm.session import ZenohBus
 
 _ASK_S = 2.0
-
-
-def _address(text: str) -> tuple[str, int]:
-    host, _, port = text.rpartition(":")
-    if not host or not port.isdigit():
-        raise BadInput(f"--rerun {text}: write it as host:port, for example 127.0.0.1:9876")
-    return host, int(port)
 
 
 def _run() -> None:
@@ -37,7 +31,8 @@ def _run() -> None:
         options, "--resume", "", "run folder in which to go on; `latest`: the newest unfinished one of this run, if any"
     )
     given = options.parse_args()
-    serve = _address(given.rerun) if given.rerun else None
+    logs.start(given.log_format, run=given.run, node=STATION)
+    serve = Address.parse("--rerun", given.rerun) if given.rerun else None
     interrupted = Interrupted()
     bus = ZenohBus.client(given.endpoint, given.wait, identity(given.tls, STATION))
     try:

@@ -183,6 +183,8 @@ def problems(folder: Path, wanted: Sequence[str], at: datetime | None = None) ->
         return
     if not authority.not_valid_before_utc <= at <= authority.not_valid_after_utc:
         yield Problem(folder / "ca.pem", _not_valid(authority, at), again)
+    if (signing := folder / "ca.key").exists() and signing.stat().st_mode & 0o077:
+        yield Problem(signing, "others on this machine can read it", f"chmod 600 {signing}")
     for name in wanted:
         identity = Identity(folder, name)
         certificate = _read(identity.certificate)

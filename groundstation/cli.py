@@ -1,8 +1,11 @@
 """The command line. A verb is a call of the library; what is here is flags, words and exit codes."""
 
 import json
+import logging
+import re
 import sys
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +18,12 @@ from groundstation.progress import summary_table
 from groundstation.results import RECORDING, recover, to_toml
 from groundstation.resume import back
 from groundstation.run import Options, Run, fly
-from swarm import __version__, scenario
+from swarm import __version__, logs, scenario
+from swarm.address import Address
 from swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput, MeanflockError
 from swarm.methods import Method
 from swarm.refusals import divert
+from worldsim.schedule import factor
 
 _METHODS = " | ".join(Method)
 
@@ -46,6 +51,18 @@ _OF_A_SCENARIO = {
 }
 
 
+class _Run(click.Command):
+    """Click takes a number below zero for a flag; we say what is wrong with it."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """As any command does, once `--realtime` has been looked at."""
+        for first, second in pairwise([*args, ""]):
+            given = second if first == "--realtime" else first.removeprefix("--realtime=")
+            if given != first and re.match(r"-[.\d]", given):
+                factor(given)
+        return super().parse_args(ctx, args)
+
+
 def scenario_arguments(*names: str) -> Callable[[Any], Any]:
     """Adds the arguments a scenario is made of; all of them, or those named."""
 
@@ -57,15 +74,14 @@ def scenario_arguments(*names: str) -> Callable[[Any], Any]:
     return decorate
 
 
-@cli.command()
+@cli.command(cls=_Run)
 @scenario_arguments()
 @click.option("--in-process", is_flag=True, help="All nodes in this process, without the network.")
 @click.option("--uavs-per-process", type=click.IntRange(1), default=1, show_default=True, metavar="M")
 @click.option(
     "--realtime",
-    type=click.FloatRange(0, min_open=True),
     is_flag=False,
-    flag_value=1.0,
+    flag_value="1",
     metavar="[FACTOR]",
     help="Ticks follow the wall clock, FACTOR (default 1) times faster; late commands are held.",
 )
@@ -79,6 +95,18 @@ def scenario_arguments(*names: str) -> Callable[[Any], Any]:
     help="Where the world listens, e.g. tcp/127.0.0.1:7447. [default: a free port]",
 )
 @click.option("--tls", type=click.Path(path_type=Path), metavar="DIR", help="Mutual TLS; see `meanflock certs init`.")
+@click.option(
+    "--metrics",
+    envvar="MEANFLOCK_METRICS",
+    metavar="[HOST:]PORT",
+    help="Where Prometheus can read the run; 0 for any free port.",
+)
+@click.option(
+    "--log-format",
+    type=click.Choice((logs.TEXT, logs.JSON)),
+    envvar="MEANFLOCK_LOG_FORMAT",
+    help="Pass on the logs of all processes, on stderr; with json it has nothing else.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object, nothing else.")
 @click.option("--quiet", is_flag=True, help="No progress bar.")
 def run(
@@ -90,13 +118,15 @@ def run(
     settings: tuple[str, ...],
     in_process: bool,
     uavs_per_process: int,
-    realtime: float | None,
+    realtime: str | None,
     faults: Path | None,
     record: bool,
     view: bool,
     out: Path,
     endpoint: str | None,
     tls: Path | None,
+    metrics: str | None,
+    log_format: str | None,
     as_json: bool,
     quiet: bool,
 ) -> None:
@@ -105,6 +135,7 @@ def run(
     \b
     Example: meanflock run --method hjb --uavs 9 --seed 3 --set wind.sigma=0.2
     """
+    quiet = quiet or log_format == logs.JSON
     script = scenario.read_faults(faults) if faults is not None else None
     flown = scenario.load(file, settings, method=method, uavs=uavs, seed=seed, duration=duration, faults=script)
     if not in_process:
@@ -113,13 +144,15 @@ def run(
         out=out,
         in_process=in_process,
         uavs_per_process=uavs_per_process,
-        realtime=realtime,
+        realtime=factor(realtime) if realtime is not None else None,
         record=record or view,
         serve=("127.0.0.1", checks.VIEWER_PORT) if view else None,
         endpoint=endpoint,
         tls=tls,
         quiet=quiet,
         view=view,
+        metrics=Address.parse("--metrics", metrics) if metrics is not None else None,
+        log_format=log_format,
     )
     _tell(fly(flown, options), as_json, quiet)
 
@@ -279,7 +312,7 @@ def main(arguments: list[str] | None = None) -> int:
         cli.main(arguments, prog_name="meanflock", standalone_mode=False)
         code = EXIT_DONE
     except MeanflockError as error:
-        click.echo(f"error: {error}", err=True)
+        logs.tell(f"error: {error}", logging.ERROR)
         code = error.exit_code
     except click.ClickException as error:
         place = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "meanflock"
@@ -289,6 +322,8 @@ def main(arguments: list[str] | None = None) -> int:
         code = EXIT_RUN_FAILED
     except SystemExit as leaving:
         code = leaving.code if isinstance(leaving.code, int) else EXIT_RUN_FAILED
+    finally:
+        logs.stop()
     if arguments is None:
         sys.exit(code)
     return code

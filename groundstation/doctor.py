@@ -5,6 +5,7 @@ import os
 import platform
 import shutil
 import socket
+import subprocess
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -12,11 +13,21 @@ from typing import Literal
 
 import psutil
 
+from swarm.session import DEFAULT_ENDPOINT
+
 MEGABYTE = 2**20
 AGENT_MB = 45  # resident, measured: see docs/performance.md
 FIXED_MB = 400  # world, leader and the recording ground station
-PACKAGES = ("eclipse-zenoh", "numpy", "msgspec", "scipy", "pyarrow", "rerun-sdk", "click", "rich", "cryptography")
+THREADS = 8  # of a process of the swarm, measured
+PACKAGES = (
+    *("eclipse-zenoh", "numpy", "msgspec", "scipy", "prometheus-client"),
+    *("pyarrow", "rerun-sdk", "click", "rich", "cryptography"),
+)
 VIEWER_PORT = 9876
+_BUS_PORT = int(DEFAULT_ENDPOINT.rpartition(":")[2])
+GROUPS = Path("/sys/fs/cgroup")  # where a container finds its own limits
+COMPOSE_MAJOR = 2
+_ENGINE_S = 10.0
 
 Verdict = Literal["ok", "warning", "fails"]
 
@@ -38,11 +49,13 @@ def examine(uavs: int, uavs_per_process: int, out: Path, tls: Path | None = None
         *map(_package, PACKAGES),
         memory(uavs, uavs_per_process),
         open_files(uavs, uavs_per_process),
+        threads(uavs, uavs_per_process),
         _loopback(),
-        _viewer_port(),
+        _port("bus port", _BUS_PORT, "only in the way of processes started by hand: give them another with --endpoint"),
+        _port("live viewer port", VIEWER_PORT, "end what listens there, or run without --view"),
         _writable(out),
         _disk(out),
-        _docker(),
+        *engine(),
         *([] if tls is None else certificates(tls, uavs, uavs_per_process)),
     ]
 
@@ -68,11 +81,61 @@ def _package(name: str) -> Finding:
 def memory(uavs: int, uavs_per_process: int) -> Finding:
     """Whether the processes of such a run fit into memory."""
     needed = memory_needed_mb(uavs, uavs_per_process)
-    available = psutil.virtual_memory().available // MEGABYTE
+    available = available_mb()
     found = f"{needed} MB for {uavs} UAVs, {available} MB available"
     if needed > available:
         return Finding("memory", "fails", found, "fewer UAVs, or more of them in a process: --uavs-per-process 25")
     return Finding("memory", "ok", found)
+
+
+def available_mb(groups: Path = GROUPS) -> int:
+    """Memory that can still be had, MB: of the machine, or of the container this is in where that has less."""
+    machine = psutil.virtual_memory().available
+    for limit, used, cache in (
+        ("memory.max", "memory.current", "memory.stat"),
+        ("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes", "memory/memory.stat"),
+    ):
+        most, now = _number(groups / limit), _number(groups / used)
+        if most is not None and now is not None:
+            stat = dict(line.split() for line in (groups / cache).read_text().splitlines())
+            now -= int(stat.get("total_inactive_file", stat.get("inactive_file", 0)))  # is given back when needed
+            return max(0, min(machine, most - now)) // MEGABYTE
+    return machine // MEGABYTE
+
+
+def _number(path: Path) -> int | None:
+    """The number in a file of the kernel; None where there is none, or no limit."""
+    try:
+        return int(path.read_text())
+    except (OSError, ValueError):
+        return None
+
+
+def threads(uavs: int, uavs_per_process: int, groups: Path = GROUPS) -> Finding:
+    """Whether the swarm may have as many threads as it needs; the kernel counts them as processes."""
+    import resource
+
+    needed = THREADS * (-(-uavs // uavs_per_process) + 3)
+    limits = []
+    soft, _ = resource.getrlimit(resource.RLIMIT_NPROC)
+    if soft != resource.RLIM_INFINITY and os.getuid() != 0:
+        mine = os.getuid()
+        running = sum(p.info["num_threads"] or 0 for p in psutil.process_iter(["uids", "num_threads"]) if _of(p, mine))
+        limits.append((soft - running, f"ulimit -u {running + needed}"))
+    for folder in (groups, groups / "pids"):
+        most, now = _number(folder / "pids.max"), _number(folder / "pids.current")
+        if most is not None and now is not None:
+            limits.append((most - now, f"give this container a limit of {now + needed} processes"))
+    if not limits:
+        return Finding("threads", "ok", f"{needed} needed, no limit")
+    left, mend = min(limits)
+    found = f"{needed} needed, {max(0, left)} left"
+    return Finding("threads", "ok", found) if needed <= left else Finding("threads", "fails", found, mend)
+
+
+def _of(process: psutil.Process, uid: int) -> bool:
+    uids = process.info["uids"]
+    return uids is not None and uids.real == uid
 
 
 def open_files(uavs: int, uavs_per_process: int) -> Finding:
@@ -95,13 +158,12 @@ def _loopback() -> Finding:
         return Finding("loopback", "fails", str(error), "bring the loopback interface up: ip link set lo up")
 
 
-def _viewer_port() -> Finding:
+def _port(what: str, port: int, mend: str) -> Finding:
     try:
-        with socket.create_server(("127.0.0.1", VIEWER_PORT)):
-            return Finding("live viewer port", "ok", f"{VIEWER_PORT} is free")
+        with socket.create_server(("127.0.0.1", port)):
+            return Finding(what, "ok", f"{port} is free")
     except OSError as error:
-        mend = "end what listens there, or run without --view"
-        return Finding("live viewer port", "warning", f"{VIEWER_PORT}: {error.strerror}", mend)
+        return Finding(what, "warning", f"{port}: {os.strerror(error.errno or 0)}", mend)
 
 
 def _existing(path: Path) -> Path:
@@ -149,7 +211,47 @@ def certificates(folder: Path, uavs: int, uavs_per_process: int) -> list[Finding
     return [Finding("certificates", "ok", text)]
 
 
-def _docker() -> Finding:
+def engine() -> list[Finding]:
+    """Whether the containers could be started: the client, the engine it reaches, and its compose plugin."""
     if shutil.which("docker") is None:
-        return Finding("docker", "warning", "not found", "only needed for `docker compose up`")
-    return Finding("docker", "ok", "client found; `docker compose up` also needs a running engine")
+        return [_engineless("not found", "install Docker Engine and its compose plugin")]
+    code, said = _docker("version", "--format", "{{.Server.Version}}")
+    if code:
+        return [_engineless(*_unreachable(said)), _compose()]
+    return [Finding("container engine", "ok", f"version {said}"), _compose()]
+
+
+def _engineless(found: str, mend: str) -> Finding:
+    return Finding("container engine", "warning", found, f"only needed for containers: {mend}")
+
+
+def _unreachable(said: str) -> tuple[str, str]:
+    """What was found, and how to mend it, by what the client says."""
+    if "permission denied" in said.lower():
+        return "you may not talk to it", "sudo usermod -aG docker $USER, then log in again"
+    where = os.environ.get("DOCKER_HOST", "")
+    if where:
+        return f"no engine at DOCKER_HOST={where}", "start it there, or unset DOCKER_HOST"
+    return f"does not run ({said.splitlines()[-1] if said else 'no answer'})", "sudo systemctl start docker"
+
+
+def _compose() -> Finding:
+    code, said = _docker("compose", "version", "--short")
+    mend = f"only needed for containers: install the compose plugin, version {COMPOSE_MAJOR} or newer"
+    if code:
+        return Finding("docker compose", "warning", "no such plugin", mend)
+    major = said.removeprefix("v").partition(".")[0]
+    if not major.isdigit() or int(major) < COMPOSE_MAJOR:
+        return Finding("docker compose", "warning", f"version {said}", mend)
+    return Finding("docker compose", "ok", f"version {said}")
+
+
+def _docker(*arguments: str) -> tuple[int, str]:
+    """Exit code and words of the client; an engine that does not answer is as good as none."""
+    try:
+        done = subprocess.run(["docker", *arguments], capture_output=True, text=True, timeout=_ENGINE_S)
+    except subprocess.TimeoutExpired:
+        return 1, f"no answer within {_ENGINE_S:.0f} s"
+    except OSError as error:
+        return 1, str(error)
+    return done.returncode, (done.stdout if done.returncode == 0 else done.stderr).strip()

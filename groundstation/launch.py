@@ -13,6 +13,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO
 
+from swarm import logs
+from swarm.address import Address
 from swarm.errors import RunFailed
 from swarm.identity import STATION, Identity
 from swarm.session import ZenohBus
@@ -27,13 +29,14 @@ def free_endpoint() -> str:
         return f"tcp/127.0.0.1:{server.getsockname()[1]}"
 
 
-@dataclass(frozen=True)
+@dataclass
 class Child:
     """One process of the swarm, and where its words go."""
 
     name: str
     process: "subprocess.Popen[bytes]"
     log: Path
+    passed_on: int = 0  # bytes of the log that standard error has had
 
     def last_lines(self) -> str:
         """The end of what it said."""
@@ -59,10 +62,14 @@ def end_all(processes: Sequence["subprocess.Popen[bytes]"]) -> None:
 class Swarm:
     """World, leader and agents as processes of this one; a context manager that leaves none behind."""
 
-    def __init__(self, run: str, endpoint: str | None = None, tls: Path | None = None) -> None:
-        """`tls`: folder of certificates, for links that are mutual TLS."""
+    def __init__(
+        self, run: str, endpoint: str | None = None, tls: Path | None = None, log_format: str | None = None
+    ) -> None:
+        """`tls`: folder of certificates, for links that are mutual TLS. `log_format`: the logs of all processes are
+        passed on to standard error in that form; None: they are kept for what goes wrong.
+        """
         self.endpoint = endpoint or free_endpoint()
-        self._tls = tls
+        self._tls, self._log_format = tls, log_format
         self._run = run
         self._children: list[Child] = []
         self._logs = tempfile.TemporaryDirectory(prefix="meanflock-")
@@ -77,12 +84,21 @@ class Swarm:
         self.close()
 
     def start_world(
-        self, scenario: str, *, wait_s: float, realtime: float | None, rows: int = 1, resume: bytes | None = None
+        self,
+        scenario: str,
+        *,
+        wait_s: float,
+        realtime: float | None,
+        rows: int = 1,
+        resume: bytes | None = None,
+        metrics: Address | None = None,
     ) -> None:
-        """The world, flying a scenario given as TOML; `resume`: from where, an encoded Resumption."""
+        """The world, flying a scenario given as TOML; `resume`: from where, an encoded Resumption. `metrics`: where
+        Prometheus can read it.
+        """
         path = Path(self._logs.name) / "scenario.toml"
         path.write_text(scenario, encoding="utf-8")
-        extra = ["--realtime", str(realtime)] if realtime is not None else []
+        extra = [f"--realtime={realtime or ''}", f"--metrics={metrics or ''}"]  # whatever the environment says
         extra += ["--uavs-per-process", str(rows)] if self._tls is not None else []
         if resume is not None:
             kept = path.with_name("resume.msgpack")
@@ -107,7 +123,8 @@ class Swarm:
         return ZenohBus.client(self.endpoint, timeout_s, identity)
 
     def check(self) -> None:
-        """Raises RunFailed if a process has crashed, with its last lines."""
+        """Passes on what the processes say; raises RunFailed if one has crashed, with its last lines."""
+        self._pass_on()
         for child in self._children:
             code = child.process.poll()
             if code:
@@ -132,6 +149,7 @@ class Swarm:
     def close(self) -> None:
         """Ends whatever still runs: first asked, then killed."""
         end_all([child.process for child in self._children])
+        self._pass_on()
         self._children = []
         for descriptor in (self._hold, self._child_stdin):
             if descriptor >= 0:
@@ -139,11 +157,23 @@ class Swarm:
         self._hold = self._child_stdin = -1
         self._logs.cleanup()
 
+    def _pass_on(self) -> None:
+        """Whole lines only: what several processes say does not get mixed up within one."""
+        for child in self._children if self._log_format else ():
+            with child.log.open("rb") as log:
+                log.seek(child.passed_on)
+                said = log.read()
+            whole = said[: said.rfind(b"\n") + 1]
+            child.passed_on += len(whole)
+            for line in whole.decode(errors="replace").splitlines():
+                print(line if self._log_format == logs.JSON else f"{child.name}: {line}", file=sys.stderr, flush=True)
+
     def _start(self, module: str, name: str, flags: list[str]) -> None:
         log = Path(self._logs.name) / f"{name.replace(' ', '-')}.log"
         command = [sys.executable, "-m", module, "--endpoint", self.endpoint, "--run", self._run, *flags]
         if self._tls is not None:
             command += ["--tls", str(self._tls)]
+        command += ["--log-format", self._log_format or logs.TEXT]
         output: IO[bytes]
         with log.open("wb") as output:
             process = subprocess.Popen(

@@ -53,6 +53,8 @@ class FlightProgress:
             f"arrived {row[_COLUMN['arrived']]:.0f}/{self._scenario.uavs}  {bits / 1e6:.2f} Mbit  "
             f"outages {row[_COLUMN['outages']]:.0f}"
         )
+        if held := row[_COLUMN["held_commands"]]:
+            detail += f"  held {held:.0f} in {row[_COLUMN['deadline_misses']]:.0f} late ticks"
         self._bar.update(self._task, completed=tick, description="flying", detail=detail)
 
 
@@ -96,4 +98,11 @@ def summary_table(summary: dict[str, object]) -> Table:
     add("rounds", summary["rounds"], "")
     add("simulated time", summary["sim_time_s"], "s", 1)
     add("real-time factor", summary["real_time_factor"], "×", 1)
+    if isinstance(kept := summary["realtime"], dict):
+        jitter = kept["tick_start_jitter_ms"]
+        add("commands held", summary["held_commands"], "came late", 0)
+        add("deadline misses", kept["deadline_misses"], f"of {summary['ticks']:,} ticks", 0)
+        add("tick starts late by, mean", jitter["mean"], "ms")
+        add("tick starts late by, 99 %", jitter["p99"], "ms")
+        add("tick starts late by, at most", jitter["max"], "ms")
     return table

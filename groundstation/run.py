@@ -2,7 +2,7 @@
 
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,10 @@ from groundstation.progress import FlightProgress
 from groundstation.results import RECORDING, Past, RunFolder, to_toml
 from groundstation.resume import Back
 from groundstation.station import Sink, Station
+from swarm import logs
+from swarm.address import Address
 from swarm.errors import BadInput, BusError, RunFailed
+from swarm.identity import STATION
 from swarm.process import Interrupted
 from swarm.scenario import Scenario
 from swarm.session import ZenohBus, check_free
@@ -39,6 +42,10 @@ class Options:
     tls: Path | None = None  # folder of certificates
     quiet: bool = False
     view: bool = False  # also open a viewer there
+    metrics: Address | None = None  # where Prometheus can read the run
+    log_format: str | None = (
+        None  # what all processes say goes to standard error in that form; None: only warnings here
+    )
 
 
 @dataclass(frozen=True)
@@ -67,6 +74,8 @@ def fly(scenario: Scenario, options: Options, back: Back | None = None) -> Run:
     """
     interrupted = Interrupted()
     run_id = new_run_id(scenario, options.out) if back is None else back.run_id
+    if options.log_format is not None:
+        logs.start(options.log_format, run=run_id, node="in-process" if options.in_process else STATION)
     if options.tls is not None:
         from groundstation import certs  # a library that most runs need not load
 
@@ -75,6 +84,8 @@ def fly(scenario: Scenario, options: Options, back: Back | None = None) -> Run:
         certs.check(options.tls, scenario.uavs, options.uavs_per_process)
     if options.endpoint is not None:
         check_free(options.endpoint)
+    if options.metrics is not None:
+        options = replace(options, metrics=options.metrics.free("--metrics"))
     start = None if back is None else back.start
     with Desk(scenario, run_id, options, None if back is None else back.past) as desk:
         if options.in_process:
@@ -135,10 +146,15 @@ def _in_process(
 ) -> dict[str, Any]:
     rows = options.uavs_per_process if options.uavs_per_process > 1 else None
     engine = Engine(scenario, run_id, uavs_per_node=rows, sinks=sinks, realtime=options.realtime, resume=start)
-    for _ in engine.fly():
-        if interrupted:
-            break
-    return engine.world.finish()
+    with ExitStack() as stack:
+        if options.metrics is not None:
+            from worldsim.exporter import exported  # a library that most runs need not load
+
+            logs.tell(f"metrics at {stack.enter_context(exported(engine.world.instruments, options.metrics))}")
+        for _ in engine.fly():
+            if interrupted:
+                break
+        return engine.world.finish()
 
 
 def _processes(
@@ -149,7 +165,7 @@ def _processes(
     interrupted: Interrupted,
     start: Resumption | None,
 ) -> dict[str, Any]:
-    with Swarm(run_id, options.endpoint, options.tls) as swarm:
+    with Swarm(run_id, options.endpoint, options.tls, options.log_format) as swarm:
         desk.progress.say("starting processes")
         swarm.start_world(
             to_toml(scenario),
@@ -157,7 +173,10 @@ def _processes(
             realtime=options.realtime,
             rows=options.uavs_per_process,
             resume=None if start is None else start.encode(),
+            metrics=options.metrics,
         )
+        if options.metrics is not None and options.log_format is None:  # the world says so itself, in its log
+            logs.tell(f"metrics at http://{options.metrics}/metrics")
         swarm.start_leaders(scenario.leaders(0 if start is None else start.tick), _JOIN_S)
         swarm.start_agents(scenario.uavs, options.uavs_per_process, _JOIN_S)
         bus = _connect(swarm, interrupted)

@@ -48,7 +48,8 @@ class Station:
             else:
                 raise MessageRejected("wrong-kind", type(message).__name__)
         except (MessageRejected, json.JSONDecodeError) as error:
-            log.warning("dropped a message under %s: %s", delivery.key, error)
+            reason = error.reason if isinstance(error, MessageRejected) else "malformed"
+            log.warning("dropped a message under %s: %s", delivery.key, error, extra={"reason": reason})
 
     def _take(self, block: Telemetry) -> None:
         expected = block.block if self._next_block is None else self._next_block

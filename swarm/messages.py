@@ -164,6 +164,8 @@ SWARM_COLUMNS = (  # cumulative since take-off unless named otherwise
     "collisions",
     "arrived",  # now
     "round",  # now
+    "held_commands",  # in real time, as the next
+    "deadline_misses",
 )
 
 Message: TypeAlias = Join | Welcome | Refusal | Ready | Sense | Act | Stop | Event | Telemetry | Received | Finished

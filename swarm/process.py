@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
+from swarm import logs
 from swarm.errors import EXIT_BAD_INPUT, EXIT_RUN_FAILED, MeanflockError
 from swarm.identity import Identity
 from swarm.session import DEFAULT_ENDPOINT
@@ -33,6 +34,7 @@ def parser(module: str, what: str, example: str) -> argparse.ArgumentParser:
     flag(result, "--run", "swarm", "name of the run; nodes of other runs never meet")
     flag(result, "--tls", "", "folder of certificates; every link is then mutual TLS")
     flag(result, "--wait", "60", "seconds to wait for the others", float)
+    flag(result, "--log-format", logs.TEXT, "text, or json for one object a line", logs.check)
     return result
 
 
@@ -75,16 +77,15 @@ def orphaned() -> bool:
 
 def main(body: Callable[[], None]) -> NoReturn:
     """Runs a process: its errors become one line and their exit code."""
-    logging.basicConfig(
-        stream=sys.stderr,
-        level=os.environ.get("MEANFLOCK_LOG", "WARNING").upper(),
-        format="%(asctime)s %(name)s %(levelname)s %(message)s",
-    )
     try:
+        logs.start(os.environ.get("MEANFLOCK_LOG_FORMAT") or logs.TEXT)  # until `body` knows more
         body()
     except MeanflockError as error:
-        print(f"error: {error}", file=sys.stderr)
+        logs.tell(f"error: {error}", logging.ERROR)
         raise SystemExit(error.exit_code) from None
     except KeyboardInterrupt:
+        raise SystemExit(EXIT_RUN_FAILED) from None
+    except Exception:
+        logging.getLogger("meanflock").exception("a defect of meanflock, not of what it was given")
         raise SystemExit(EXIT_RUN_FAILED) from None
     raise SystemExit(0)

@@ -121,13 +121,13 @@ class Refusals:
     def count(self, what: str, text: str) -> None:
         """One more of `what`; `text` says which."""
         self.counts[what] += 1
-        self._tell(f"{what}: {text}")
+        self._tell(f"{what}: {text}", what)
 
-    def _tell(self, text: str) -> None:
+    def _tell(self, text: str, reason: str = "error") -> None:
         """Logs a text the first, second, fourth, eighth … time it comes."""
         if text not in self._seen and len(self._seen) >= _MOST_NAMES:
             text = "more, of many kinds"
         self._seen[text] += 1
         times = self._seen[text]
         if times & (times - 1) == 0:
-            log.warning("%s%s", text, f" ({times} times)" if times > 1 else "")
+            log.warning("%s%s", text, f" ({times} times)" if times > 1 else "", extra={"reason": reason})

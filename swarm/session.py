@@ -36,6 +36,8 @@ _COMMON: Mapping[str, Any] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
     "scouting/delay": 0,
+    # Stamps are of the wall clock, and a router that sees it jump has a complaint for every message.
+    "timestamping/enabled": False,
     # Shared memory is on by default from 3 KiB and can drop messages without a word.
     "transport/shared_memory/enabled": False,
     "transport/link/tx/lease": _LEASE_MS,

@@ -86,7 +86,8 @@ class Spoke:
                 self._answer(delivery.payload)
             except MessageRejected as error:
                 self.dropped[error.reason] += 1
-                log.warning("dropped a message under %s: %s", delivery.key, error)
+                about = {"tick": self._last_tick, "reason": error.reason}
+                log.warning("dropped a message under %s: %s", delivery.key, error, extra=about)
 
     def _answer(self, raw: bytes) -> None:
         message = codec.decode(raw)

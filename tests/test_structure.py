@@ -103,6 +103,30 @@ def test_what_only_a_person_needs_stays_at_the_ground_station() -> None:
     assert all(name.startswith(("groundstation/", "channel/")) for name in users_of("scipy"))
 
 
+def test_one_file_talks_to_prometheus() -> None:
+    assert users_of("prometheus_client") == {"worldsim/exporter.py"}
+
+
+def test_no_clock_of_a_flight_can_be_set_by_anybody() -> None:
+    """All durations and deadlines are of monotonic clocks; the wall clock names folders and dates certificates."""
+    wall = {
+        "time.time",
+        "time.time_ns",
+        "time.ctime",
+        "time.localtime",
+        "time.gmtime",
+        "datetime.now",
+        "datetime.utcnow",
+    }
+    wall |= {"datetime.today", "date.today", "datetime.datetime.now", "datetime.date.today"}
+    readers = {
+        name_of(path)
+        for path in MODULES
+        if any(isinstance(node, ast.Attribute) and dotted(node) in wall for node in ast.walk(tree(path)))
+    }
+    assert readers <= {f"groundstation/{name}.py" for name in ("run", "__main__", "certs", "doctor")}
+
+
 LOADED = """
 import sys
 import {module}
@@ -113,7 +137,7 @@ print(*sorted({{name.split(".")[0] for name in sys.modules}} & set({forbidden!r}
 @pytest.mark.parametrize("module", ["agent.__main__", "leader.__main__", "worldsim.__main__"])
 def test_a_process_of_the_swarm_loads_only_what_it_needs(module: str) -> None:
     forbidden = ["rerun", "rerun_bindings", "pyarrow", "click", "rich", "psutil", "pandas", "hypothesis"]
-    forbidden += ["groundstation", "joblib", "matplotlib", "pickletools"]
+    forbidden += ["groundstation", "joblib", "matplotlib", "pickletools", "prometheus_client"]
     if module != "worldsim.__main__":
         forbidden += ["scipy", "channel", "worldsim"]
     code = LOADED.format(module=module, forbidden=forbidden)

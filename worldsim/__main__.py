@@ -2,9 +2,11 @@
 
 import json
 import os
+from contextlib import ExitStack
 from pathlib import Path
 
-from swarm import access, keys, scenario
+from swarm import access, keys, logs, scenario
+from swarm.address import Address
 from swarm.errors import BadInput, RunFailed
 from swarm.identity import WORLD
 from swarm.process import Interrupted, flag, identity, main, orphaned, parser
@@ -12,6 +14,7 @@ from swarm.refusals import Refusals
 from swarm.session import ZenohBus
 from worldsim.checkpoint import Resumption
 from worldsim.node import World
+from worldsim.schedule import factor
 
 
 def _run() -> None:
@@ -24,6 +27,7 @@ def _run() -> None:
     flag(options, "--barrier", "10", "seconds a tick waits for a node before it is lost", float)
     flag(options, "--stations", "0", "ground stations that must listen before the first tick", int)
     flag(options, "--realtime", "", "follow the wall clock, this many times faster")
+    flag(options, "--metrics", "", "[HOST:]PORT on which Prometheus can read the run; 0 for any free port")
     flag(options, "--uavs-per-process", "1", "with --tls: UAVs an agent may hold, from the one on its certificate", int)
     flag(options, "--resume", "", "go on where this file says; `meanflock resume` writes it")
     options.add_argument(
@@ -34,6 +38,9 @@ def _run() -> None:
         help="one setting of the scenario, repeatable ($MEANFLOCK_SET: several, between spaces)",
     )
     given = options.parse_args()
+    logs.start(given.log_format, run=given.run, node=WORLD)
+    metrics = Address.parse("--metrics", given.metrics).free("--metrics") if given.metrics else None
+    realtime = factor(given.realtime) if given.realtime else None
     flown = scenario.load(Path(given.scenario) if given.scenario else None, given.set)
     rows = given.uavs_per_process
     if rows < 1:
@@ -47,7 +54,9 @@ def _run() -> None:
         access.rules(keys.check_run(given.run), flown.uavs, rows),
         refusals,
     )
-    try:
+    with ExitStack() as stack:
+        stack.callback(refusals.close)
+        stack.callback(bus.close)
         bus.announce(keys.alive(given.run, "world", "world"))
         world = World(
             flown,
@@ -55,11 +64,15 @@ def _run() -> None:
             given.run,
             barrier_s=given.barrier,
             stations=given.stations,
-            realtime=float(given.realtime) if given.realtime else None,
+            realtime=realtime,
             resume=Resumption.load(Path(given.resume)) if given.resume else None,
             rows_at_most=rows if given.tls else None,
             refused=refusals.counts,
         )
+        if metrics is not None:
+            from worldsim.exporter import exported  # a library that is loaded only where it is asked for
+
+            logs.tell(f"metrics at {stack.enter_context(exported(world.instruments, metrics))}")
         world.gather(given.wait, interrupted.__bool__)
         for tick in world.fly():
             if interrupted or (tick % 50 == 0 and orphaned()):
@@ -67,9 +80,6 @@ def _run() -> None:
         print(json.dumps(world.finish(), indent=1), flush=True)
         if interrupted:
             raise RunFailed("interrupted; the summary is of what was flown")
-    finally:
-        bus.close()
-        refusals.close()
 
 
 if __name__ == "__main__":

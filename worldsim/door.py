@@ -78,14 +78,17 @@ class Door:
         """Counts something that was not let in."""
         self._ledger.drops[error.reason] += 1
         if self._ledger.drops.total() <= MAX_DROP_EVENTS:  # a flood fills neither log nor record
-            log.warning("dropped a message under %s: %s", where, error)
+            peer = keys.node_of(where) if where.count("/") >= 4 else where
+            about = {"tick": self._flight.tick, "peer": peer, "reason": error.reason}
+            log.warning("dropped a message under %s: %s", where, error, extra=about)
             self._note("dropped", f"{where}: {error}")
 
     def lose(self, member: Member, why: str) -> None:
         """A node is gone, or as good as gone: nobody waits for it any more, and if it still hears, it goes home."""
         if member.lost or self.closed:
             return
-        log.warning("lost %s: %s", member.name, why)
+        about = {"tick": self._flight.tick, "peer": member.name, "uavs": member.uavs.tolist(), "reason": why}
+        log.warning("lost %s: %s", member.name, why, extra=about)
         self._ledger.nodes_lost += self.flying
         self.dismiss(member, f"lost: {why}")
         if len(member.uavs) and self.flying:
@@ -148,7 +151,8 @@ class Door:
                 delivery.reply(codec.encode(Refusal(str(error))))
                 return
             name, uavs = member.name, member.uavs
-            log.info("%s joined with UAVs %s", name, uavs.tolist())
+            about = {"tick": self._flight.tick, "peer": name, "uavs": uavs.tolist()}
+            log.info("%s joined with UAVs %s", name, uavs.tolist(), extra=about)
         has_past = self.minds is not None and not self.flying and len(uavs) > 0
         models, known = self.minds.minds(uavs) if has_past and self.minds is not None else (None, None)
         delivery.reply(

@@ -5,7 +5,9 @@ from typing import Any
 
 import numpy as np
 
-_SCALARS = ("rounds", "averaged", "held", "nodes_lost", "uploads_refused", "wall_s")
+from worldsim.schedule import Schedule
+
+_SCALARS = ("rounds", "averaged", "held", "deadline_misses", "nodes_lost", "uploads_refused", "wall_s")
 
 
 class Ledger:
@@ -17,12 +19,23 @@ class Ledger:
         self.rounds = 0  # averaged and broadcast
         self.averaged = 0  # the last of them by number: none is averaged twice
         self.held = 0  # commands held over in real time
+        self.deadline_misses = 0  # ticks with at least one of them
         self.nodes_lost = 0
         self.uploads_refused = 0
         self.wall_s = 0.0  # flown before the run was resumed, s
         self.residual_max = np.zeros(2)  # |e_H|, |e_F|
         self.spread: float | None = None
         self.drops: Counter[str] = Counter()
+
+    def late(self, commands: int) -> None:
+        """Takes note of the commands that did not come in time in a tick of a flight in real time."""
+        self.held += commands
+        self.deadline_misses += commands > 0
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """What was not let in, by the world and by its router, by reason. Whole, whichever thread asks."""
+        return self.drops.copy() + self._refused.copy()
 
     def residuals(self, diagnostics: np.ndarray) -> None:
         """Takes note of the diagnostics (N, 3) of a tick."""
@@ -47,8 +60,8 @@ class Ledger:
         self.spread = snapshot["spread"]
         self.drops = Counter(snapshot["drops"])
 
-    def summary(self, *, realtime: bool, learns_density: bool, blocks_dropped: int) -> dict[str, Any]:
-        """Its part of the summary."""
+    def summary(self, *, schedule: Schedule | None, learns_density: bool, blocks_dropped: int) -> dict[str, Any]:
+        """Its part of the summary; `schedule`: of a flight in real time."""
         return {
             "rounds": self.rounds,
             "hjb_residual_max": float(self.residual_max[0]),
@@ -56,7 +69,14 @@ class Ledger:
             "weight_spread_final": self.spread,
             "nodes_lost": self.nodes_lost,
             "uploads_refused": self.uploads_refused,
-            "dropped_messages": dict(self.drops + self._refused),
-            "held_commands": self.held if realtime else None,
+            "dropped_messages": dict(self.dropped),
+            "held_commands": None if schedule is None else self.held,
+            "realtime": None
+            if schedule is None
+            else {
+                "factor": schedule.factor,
+                "deadline_misses": self.deadline_misses,
+                "tick_start_jitter_ms": schedule.jitter_ms(),
+            },
             "telemetry_blocks_dropped": blocks_dropped,
         }

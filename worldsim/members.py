@@ -38,7 +38,7 @@ class Members:
         `rows_at_most`: how many UAVs one agent may hold; None for as many as it offers.
         """
         self._by_name: dict[str, Member] = {}
-        self._present: list[Member] | None = None  # sorted when it is next asked for
+        self._present: list[Member] = []  # replaced, never changed: other threads read it
         self._uavs, self._rows_at_most = uavs, rows_at_most
         self._free = np.arange(uavs)
         self._leaders, self._standbys = leaders, standbys
@@ -69,13 +69,13 @@ class Members:
         self._lives[base] += 1
         name = base if self._lives[base] == 1 else f"{base}.{self._lives[base]}"
         member = self._by_name[name] = Member(name, join.role, taken, now_s)
-        self._present = None
+        self._sort()
         return member
 
     def lose(self, member: Member) -> None:
         """A node is gone; its UAVs are free for another."""
         member.lost = True
-        self._present = None
+        self._sort()
         self._free = np.union1d(self._free, member.uavs)
 
     def lead(self) -> Member | None:
@@ -90,9 +90,6 @@ class Members:
     @property
     def present(self) -> list[Member]:
         """Nodes that are not lost, in order of their UAVs, the leaders last."""
-        if self._present is None:
-            alive = [member for member in self._by_name.values() if not member.lost]
-            self._present = sorted(alive, key=lambda member: (member.role == LEADER, member.uavs[:1].tolist()))
         return self._present
 
     @property
@@ -110,6 +107,10 @@ class Members:
             waiting.append("the leader" if self._leaders == 1 else f"{absent} of {self._leaders} leaders")
         waiting += [f"{member.name} to be ready" for member in self.present if not member.ready]
         return ", ".join(waiting)
+
+    def _sort(self) -> None:
+        alive = [member for member in self._by_name.values() if not member.lost]
+        self._present = sorted(alive, key=lambda member: (member.role == LEADER, member.uavs[:1].tolist()))
 
     def _living(self, role: str) -> list[Member]:
         return [member for member in self._by_name.values() if member.role == role and not member.lost]

@@ -20,16 +20,19 @@ from worldsim import checkpoint, inbox
 from worldsim.barrier import Barrier
 from worldsim.checkpoint import Minds, Resumption
 from worldsim.door import Door
+from worldsim.durations import Durations
 from worldsim.faults import Script
 from worldsim.flight import Flight
+from worldsim.instruments import Instruments
 from worldsim.ledger import Ledger
 from worldsim.members import LEADER, Member, Members
+from worldsim.schedule import Schedule
 from worldsim.summary import summary, weight_spread
 from worldsim.telemetry import Outbox, Rows
+from worldsim.waiting import Waiting
 
 REPORT_EVERY_TICKS = 10
 BLOCK_ROWS = 20
-ASK_AGAIN_S = 1.0  # a Sense nobody answered is repeated: the first after a declaration can get lost
 
 Clock = Callable[[], float]
 
@@ -64,7 +67,8 @@ class World:
         """
         self._scenario = scenario
         self._bus, self._run, self._fingerprint = bus, run, keys.fingerprint(run)
-        self._mode, self._barrier_s, self._realtime, self._clock = mode, barrier_s, realtime, clock
+        self._mode, self._barrier_s, self._clock = mode, barrier_s, clock
+        self._schedule = None if realtime is None else Schedule(realtime, scenario.dt)
         self._stations, self._checkpoint_every = stations, checkpoint_every
         self._rounds = Rounds(scenario)
         self._script = Script(scenario)
@@ -73,6 +77,7 @@ class World:
         self._rows = Rows(self._fingerprint, scenario.uavs, BLOCK_ROWS if realtime is None else 2)
         self._outbox = Outbox()
         self._ledger = Ledger(refused)
+        self._ticks = Durations()
         self._uploads = inbox.Uploads()
         self._barrier = Barrier(bus, run)
         self._commands = np.zeros((scenario.uavs, state.AXES))
@@ -85,20 +90,13 @@ class World:
         federated = scenario.method.is_federated
         wanted = scenario.leaders(self.flight.tick) if federated else 0
         self._members = Members(scenario.uavs, wanted, standbys=federated, rows_at_most=rows_at_most)
+        members, ledger = self._members, self._ledger
         self._door = Door(
-            scenario,
-            bus,
-            run,
-            self._members,
-            self.flight,
-            self._barrier,
-            self._outbox,
-            self._ledger,
-            self._note,
-            clock,
+            scenario, bus, run, members, self.flight, self._barrier, self._outbox, ledger, self._note, clock
         )
         self._door.minds = resume
         self._door.on_leader_lost = self._ask_leader
+        self._waiting = Waiting(self._barrier, self._door, ledger, self._schedule, barrier_s, self._wait, clock)
         self.handle = self._door.handle  # one delivery; never raises for what the network sent
 
     # -- the run ------------------------------------------------------------------------------------------------
@@ -126,15 +124,19 @@ class World:
 
     def fly(self) -> Iterator[int]:
         """The flight; yields the number of every tick flown, so that the caller can stop in between."""
-        self._started, self._first_tick = self._clock(), self.flight.tick
+        self._started = self._clock()
         self._door.flying = True
         self._leads = leader.name if (leader := self._members.lead()) is not None else None
         if self._resumed is None:
             self.air.meter.initial(state.SIZE * self._scenario.radio.bits_per_float)
             nothing = np.zeros((self._scenario.uavs, 3))
-            self._rows.add(self.flight, self.air, self._commands, nothing, np.zeros((0, 5), np.int32), 0)
+            self._rows.add(self.flight, self.air, self._commands, nothing, np.zeros((0, 5), np.int32), self._ledger)
         while not self.flight.over:
+            began = self._clock()
+            if self._schedule is not None:
+                self._schedule.begin(began)
             self._tick()
+            self._ticks.add(self._clock() - began)
             yield self.flight.tick
 
     def finish(self, linger_s: float = 10.0) -> dict[str, Any]:
@@ -171,7 +173,7 @@ class World:
         whole = reporting and self._checkpoint_every > 0 and tick % self._checkpoint_every == 0
         self._ask(tick, reporting, whole)
         # 3. Wait for everyone, or lose who does not answer.
-        self._wait_for_all()
+        self._waiting.for_answers()
         # 4. What they want to say goes on the air.
         diagnostics = np.zeros((self._scenario.uavs, 3))
         frames = self._collect(diagnostics)
@@ -184,7 +186,7 @@ class World:
             self._report(tick, whole)
         if self._rows.full:
             self._outbox.add(self._rows.take())
-        self._rows.add(self.flight, self.air, self._commands, diagnostics, links, self._ledger.rounds)
+        self._rows.add(self.flight, self.air, self._commands, diagnostics, links, self._ledger)
         self._publish()
 
     # -- step 1 -------------------------------------------------------------------------------------------------
@@ -237,26 +239,6 @@ class World:
         self._barrier.ask(leader, Sense(self._fingerprint, tick, nowhere, False, unheard))
 
     # -- step 3 -------------------------------------------------------------------------------------------------
-
-    def _wait_for_all(self) -> None:
-        if self._realtime is not None:
-            ticks = self.flight.tick + 1 - self._first_tick
-            end = self._started + ticks * self._scenario.dt / self._realtime
-            while (left := end - self._clock()) > 0:
-                self._wait(left)
-            self._ledger.held += sum(len(self._barrier.asked[name].uavs) for name in self._barrier.missing)
-            return
-        start = asked = self._clock()
-        while not self._barrier.complete:
-            self._wait(0.1)
-            now = self._clock()
-            if now - start > self._barrier_s:
-                for name in self._barrier.missing:
-                    self._door.lose(self._barrier.asked[name], f"no answer for {self._barrier_s:.0f} s")
-                start = asked = self._clock()  # whoever takes over has its own time to answer
-            elif now - asked > ASK_AGAIN_S:
-                asked = now
-                self._barrier.ask_again()
 
     def _wait(self, timeout_s: float) -> None:
         delivery = self._bus.receive(timeout_s)
@@ -392,9 +374,18 @@ class World:
 
     def _protocol(self) -> dict[str, Any]:
         return self._ledger.summary(
-            realtime=self._realtime is not None,
+            schedule=self._schedule,
             learns_density=self._scenario.method.learns_density,
             blocks_dropped=self._outbox.dropped,
+        )
+
+    @property
+    def instruments(self) -> Instruments:
+        """What can be read of the run at any moment."""
+        meter, ledger, listeners = self.air.meter, self._ledger, self._door.listeners
+        members, outbox, waits, ticks = self._members, self._outbox, self._waiting.took, self._ticks
+        return Instruments(
+            self._run, self._mode, self.flight, meter, ledger, members, listeners, outbox, waits, ticks, self._wall_s
         )
 
     @property

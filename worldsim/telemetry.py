@@ -13,6 +13,7 @@ from channel.air import Air
 from swarm import codec, model
 from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
 from worldsim.flight import Flight
+from worldsim.ledger import Ledger
 
 Floats = NDArray[np.float64]
 
@@ -47,7 +48,7 @@ class Rows:
         accelerations: Floats,
         diagnostics: Floats,
         links: NDArray[np.int32],
-        round_number: int,
+        ledger: Ledger,
     ) -> None:
         """One row: the flight as it is now, with the commands (N, 2) and diagnostics (N, 3) that led here."""
         k = self._filled
@@ -69,7 +70,9 @@ class Rows:
             flight.phi_c_distinct or 0.0,
             flight.collisions,
             (flight.status == Status.ARRIVED).sum(),
-            round_number,
+            ledger.rounds,
+            ledger.held,
+            ledger.deadline_misses,
         )
         if len(links):
             if flight.tick % STATE_LINKS_EVERY_TICKS:
@@ -166,6 +169,11 @@ class Outbox:
     def holds_checkpoint(self) -> bool:
         """Whether the last checkpoint still waits: another one would only take the room of telemetry."""
         return bool(self._waiting) and self._waiting[0][0] <= self._checkpoint
+
+    @property
+    def waiting(self) -> int:
+        """How many blocks are not safe yet."""
+        return len(self._waiting)
 
     @property
     def empty(self) -> bool:

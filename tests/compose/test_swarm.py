@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from prometheus_client.parser import text_string_to_metric_families
 
 from groundstation.engine import Engine
 from swarm import scenario
@@ -178,3 +179,29 @@ def test_agents_beyond_the_swarm_are_refused_and_fewer_are_a_loss(compose: Compo
     compose("up", "-d", "--no-build", "--pull", "never", "--no-recreate", "--scale", f"agent={UAVS - 1}")
     until(lambda: compose.events("lost"), "the loss")
     assert compose.finished()["ticks"] == 3000
+
+
+def test_25_containers_keep_to_the_wall_clock_and_can_be_read_meanwhile(compose: Compose) -> None:
+    flags = {"MEANFLOCK_UAVS": "25", "MEANFLOCK_REALTIME": "1", "MEANFLOCK_METRICS": "0.0.0.0:9464"}
+    compose.up("seed=7 duration=20 stop=duration", **flags, MEANFLOCK_LOG_FORMAT="json")
+    read = "import urllib.request as u; print(u.urlopen('http://127.0.0.1:9464/metrics').read().decode())"
+
+    def metrics() -> dict[tuple[str, frozenset[tuple[str, str]]], float]:
+        text = compose("exec", "-T", "worldsim", "python", "-c", read, check=False)
+        families = text_string_to_metric_families(text)
+        return {(s.name, frozenset(s.labels.items())): s.value for family in families for s in family.samples}
+
+    until(lambda: metrics().get(("meanflock_ticks_total", frozenset()), 0) > 0, "the first tick")
+    seen = metrics()
+    assert seen["meanflock_nodes_alive", frozenset({("role", "agent")})] == 25
+    summary = compose.finished()
+    kept = summary["realtime"]
+    print(f"real_time_factor {summary['real_time_factor']:.4f}, {summary['held_commands']} held, {kept}")
+    assert summary["ticks"] == 200
+    assert summary["lost"] == 0
+    assert summary["real_time_factor"] == pytest.approx(1.0, rel=0.05)
+    assert summary["wall_time_s"] >= 20.0
+    assert 0 <= kept["deadline_misses"] <= summary["held_commands"] <= 25 * 200
+    assert 0.0 <= kept["tick_start_jitter_ms"]["mean"] <= kept["tick_start_jitter_ms"]["max"]
+    said = subprocess.run(["docker", "logs", compose.container("worldsim")], capture_output=True, text=True).stderr
+    assert {(line["run"], line["node"]) for line in map(json.loads, said.splitlines())} == {(compose.name, "world")}

@@ -167,12 +167,12 @@ def test_two_nodes_lost_in_the_last_tick_that_anyone_flies_do_not_hold_up_the_en
     """Both miss the same barrier, and losing the first already ends a mission that waits for arrivals only."""
     lab = Lab(scenario("uavs=2", "stop=arrival", "federation.period=1000"), uavs_per_node=1)
     times = iter(range(10**9))
-    lab.world._clock = lambda: float(next(times))
+    lab.world._waiting._clock = lambda: float(next(times))
 
     def deaf() -> None:
         for name in ("agent-0", "agent-1"):
             lab.bus_of(name).handler = lambda delivery: None
 
-    lab.world._wait = lambda timeout_s: None  # type: ignore[method-assign]
+    lab.world._waiting._receive = lambda timeout_s: None
     summary = lab.fly({5: deaf})
     assert (summary["lost"], summary["ticks"]) == (2, 6)

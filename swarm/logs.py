@@ -1,0 +1,91 @@
+"""The log of a process on standard error: text for people, or one JSON object a line for machines."""
+
+import json
+import logging
+import os
+import sys
+from datetime import UTC, datetime
+from typing import Any
+
+from swarm.errors import BadInput
+
+TEXT, JSON = "text", "json"
+FIELDS = ("tick", "peer", "uavs", "reason")  # what a line may also know: `extra=` of the call that logs it
+_NAME = "meanflock"
+_LEVELS = ("DEBUG", "INFO", "WARNING", "ERROR", "CRITICAL")
+
+
+class JsonLines(logging.Formatter):
+    """time, level, logger and message of a record, then what is known of its process, then what it knows itself."""
+
+    def __init__(self, known: dict[str, Any]) -> None:
+        """`known`: fields of every line, run and node for example; read anew for each."""
+        super().__init__()
+        self._known = known
+
+    def format(self, record: logging.LogRecord) -> str:
+        """One line, whatever is in the message."""
+        line = {
+            "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
+            "level": record.levelname,
+            "logger": record.name,
+            "message": record.getMessage(),
+            **self._known,
+            **{name: record.__dict__[name] for name in FIELDS if name in record.__dict__},
+        }
+        if record.exc_info:
+            line["exception"] = self.formatException(record.exc_info)
+        return json.dumps(line, default=str)
+
+
+def check(form: str) -> str:
+    """`form` itself, if it is one.
+
+    Raises:
+        BadInput: it is not.
+    """
+    if form not in (TEXT, JSON):
+        raise BadInput(f"--log-format {form}: choose {TEXT} or {JSON}")
+    return form
+
+
+def start(form: str, **known: Any) -> dict[str, Any]:
+    """From now on the log goes to standard error, in that form, from the level $MEANFLOCK_LOG on (WARNING).
+
+    Returns:
+        The fields of every line, which the caller may add to when it knows more.
+
+    Raises:
+        BadInput: there is no such form or level.
+    """
+    level = os.environ.get("MEANFLOCK_LOG", "WARNING").upper()
+    if level not in _LEVELS:
+        raise BadInput(f"MEANFLOCK_LOG={level}: choose one of {', '.join(_LEVELS)}")
+    handler = logging.StreamHandler(sys.stderr)
+    handler.set_name(_NAME)
+    text = logging.Formatter("%(asctime)s %(name)s %(levelname)s %(message)s")
+    handler.setFormatter(JsonLines(known) if check(form) == JSON else text)
+    stop()
+    logging.root.addHandler(handler)
+    logging.root.setLevel(level)
+    return known
+
+
+def stop() -> None:
+    """Takes the log of `start` down again."""
+    for handler in _ours():
+        logging.root.removeHandler(handler)
+        logging.root.setLevel(logging.WARNING)
+
+
+def tell(text: str, level: int = logging.INFO) -> None:
+    """Says something whatever the level of the log: as it is, or as a line of it where that is JSON."""
+    for handler in _ours():
+        if isinstance(handler.formatter, JsonLines):
+            handler.handle(logging.LogRecord("meanflock", level, __file__, 0, text, None, None))
+            return
+    print(text, file=sys.stderr, flush=True)
+
+
+def _ours() -> list[logging.Handler]:
+    return [handler for handler in logging.root.handlers if handler.name == _NAME]

@@ -1,0 +1,40 @@
+"""Hosts and ports as somebody types them."""
+
+import socket
+
+import pytest
+
+from swarm.address import Address
+from swarm.errors import BadInput
+
+
+@pytest.mark.parametrize(
+    ("text", "host", "port", "shown"),
+    [
+        ("9464", "127.0.0.1", 9464, "127.0.0.1:9464"),
+        ("0", "127.0.0.1", 0, "127.0.0.1:0"),
+        ("0.0.0.0:80", "0.0.0.0", 80, "0.0.0.0:80"),
+        ("world:65535", "world", 65535, "world:65535"),
+        ("[::1]:9464", "::1", 9464, "[::1]:9464"),
+    ],
+)
+def test_a_port_is_of_this_machine_unless_there_is_a_host(text: str, host: str, port: int, shown: str) -> None:
+    address = Address.parse("--metrics", text)
+    assert address == (host, port)
+    assert str(address) == shown
+
+
+@pytest.mark.parametrize("text", ["", ":", ":80", "host", "host:", "-1", "65536", "80.5", "٣", "host:eighty"])
+def test_what_is_no_address_is_named_with_its_flag(text: str) -> None:
+    with pytest.raises(BadInput, match=r"--metrics .*HOST:PORT"):
+        Address.parse("--metrics", text)
+
+
+def test_any_free_port_is_one_that_can_be_had_and_a_taken_one_is_refused() -> None:
+    free = Address("127.0.0.1", 0).free("--metrics")
+    assert free.port > 0
+    with socket.create_server(free):
+        with pytest.raises(BadInput, match=rf"--metrics 127.0.0.1:{free.port}: Address already in use; choose"):
+            free.free("--metrics")
+        with pytest.raises(BadInput, match=r"192.0.2.1:0: Cannot assign requested address; choose"):
+            Address("192.0.2.1", 0).free("--metrics")

@@ -1,0 +1,188 @@
+"""What Prometheus reads, over HTTP and through its own parser: the summary's numbers, and a flight that is no other."""
+
+import socket
+import threading
+import time
+import urllib.request
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+
+from groundstation.engine import Engine
+from swarm import keys
+from swarm.address import Address
+from swarm.errors import BadInput
+from swarm.scenario import Scenario, load
+from worldsim.durations import BOUNDS_S, Durations
+from worldsim.exporter import exported
+
+RUN = "watched"
+ANY = Address("127.0.0.1", 0)
+
+
+class Scrape:
+    """The samples of one answer, by name and labels."""
+
+    def __init__(self, url: str) -> None:
+        with urllib.request.urlopen(url, timeout=30) as answer:
+            self.families = list(text_string_to_metric_families(answer.read().decode()))
+        self._samples = {
+            (sample.name, frozenset(sample.labels.items())): sample.value
+            for family in self.families
+            for sample in family.samples
+        }
+
+    def __call__(self, name: str, **labels: str) -> float:
+        return self._samples[f"meanflock_{name}", frozenset(labels.items())]
+
+    def has(self, name: str) -> bool:
+        return any(known == f"meanflock_{name}" for known, _ in self._samples)
+
+
+def flown(*faults: dict[str, Any]) -> Scenario:
+    settings = ["uavs=6", "seed=3", "duration=12", 'stop="duration"', "federation.period=20", "radio.target_snr_db=78"]
+    return load(None, settings, method="mfgfl-hf", faults=list(faults))
+
+
+@pytest.fixture
+def engine() -> Engine:
+    return Engine(flown({"kind": "kill", "uavs": [4], "time_s": 3.0}), RUN, uavs_per_node=2)
+
+
+@pytest.fixture
+def url(engine: Engine) -> Iterator[str]:
+    with exported(engine.world.instruments, ANY) as url:
+        yield url
+
+
+def test_every_number_is_the_summarys(engine: Engine, url: str) -> None:
+    network = engine.network.endpoint()
+    for tick in engine.fly():
+        if tick == 7:
+            network.put(keys.act(RUN, "agent-0"), b"nonsense")
+            network.put(keys.act(RUN, "agent-99"), b"nonsense")
+    scraped = Scrape(url)
+    summary: dict[str, Any] = engine.world.finish()
+    assert scraped("ticks_total") == summary["ticks"] == 120
+    assert scraped("simulated_seconds_total") == summary["sim_time_s"]
+    fastest = summary["sim_time_s"] / engine.world.instruments.ticks.total_s
+    assert 0.0 < summary["real_time_factor"] <= scraped("real_time_factor") <= fastest
+    assert scraped("rounds_total") == summary["rounds"] > 0
+    for traffic, bill in summary["radio"]["traffic"].items():
+        assert scraped("payload_bits_total", traffic=traffic) == summary["payload_bits"][traffic]
+        assert scraped("wire_bytes_total", traffic=traffic) == bill["wire_bytes"]
+        assert scraped("link_copies_total", traffic=traffic) == bill["sent"]
+        assert scraped("deliveries_total", traffic=traffic) == bill["delivered"]
+        assert scraped("outages_total", traffic=traffic) == bill["outages"]
+    assert summary["radio"]["outages"] > 0
+    assert scraped("uavs", status="lost") == summary["lost"] == 1
+    assert scraped("uavs", status="arrived") == summary["arrived"]
+    assert scraped("uavs", status="flying") == 6 - summary["arrived"] - summary["lost"]
+    assert summary["dropped_messages"] == {"malformed": 1, "unknown-node": 1}
+    for reason, count in summary["dropped_messages"].items():
+        assert scraped("dropped_messages_total", reason=reason) == count
+    assert scraped("held_commands_total") == scraped("deadline_misses_total") == 0
+    assert scraped("run_info", run=RUN, mode="in-process", method="mfgfl-hf", version=summary["version"]) == 1
+
+
+def test_the_histograms_hold_every_tick(engine: Engine, url: str) -> None:
+    for _ in engine.fly():
+        pass
+    scraped = Scrape(url)
+    for name in ("tick_seconds", "barrier_wait_seconds"):
+        buckets = [scraped(f"{name}_bucket", le=f"{bound:g}") for bound in BOUNDS_S]
+        assert buckets == sorted(buckets)
+        assert buckets[-1] <= scraped(f"{name}_bucket", le="+Inf") == scraped(f"{name}_count") == 120
+    assert 0.0 < scraped("barrier_wait_seconds_sum") < scraped("tick_seconds_sum") < engine.world.instruments.wall_s()
+
+
+def test_before_the_first_tick_the_unknown_is_absent_and_nodes_are_counted_as_they_come_and_go(
+    engine: Engine, url: str
+) -> None:
+    before = Scrape(url)
+    assert before("ticks_total") == 0
+    assert not before.has("real_time_factor")
+    assert [before("nodes_alive", role=role) for role in ("world", "leader", "agent", "station")] == [1, 1, 3, 1]
+    flight = engine.fly()
+    next(flight)
+    (bus,) = (bus for bus in engine.network.endpoints if keys.sense(RUN, "agent-2") in bus._subscriptions)
+    bus.close()
+    next(flight)
+    after = Scrape(url)
+    assert after("nodes_alive", role="agent") == 2
+    assert after("nodes_lost_total") == 1
+    assert after("uavs", status="lost") == 2
+    assert after("real_time_factor") > 0.0
+
+
+def test_telemetry_nobody_acknowledges_is_seen_waiting(engine: Engine, url: str) -> None:
+    engine.station._bus.close()  # type: ignore[attr-defined]
+    for _ in engine.fly():
+        pass
+    scraped = Scrape(url)
+    assert scraped("telemetry_blocks_unacknowledged") == len(engine.world._outbox._waiting) >= 5
+    assert scraped("telemetry_blocks_dropped_total") == 0
+    assert scraped("nodes_alive", role="station") == 0
+
+
+def test_names_are_as_prometheus_wants_them(engine: Engine, url: str) -> None:
+    families = Scrape(url).families
+    assert {"process_resident_memory_bytes", "process_cpu_seconds"} <= {family.name for family in families}
+    for family in families:
+        assert family.documentation
+        assert family.name.startswith(("meanflock_", "process_"))
+        assert family.type in ("counter", "gauge", "histogram")
+        for sample in family.samples:
+            if family.type == "counter":
+                assert sample.name == f"{family.name}_total"
+
+
+def test_a_flight_somebody_reads_all_the_time_is_the_same_flight() -> None:
+    alone = Engine(flown(), RUN)
+    for _ in alone.fly():
+        pass
+    watched = Engine(flown(), RUN)
+    over, wrong, scrapes = threading.Event(), [], []
+
+    def read(url: str) -> None:
+        try:
+            while not over.is_set():
+                scrapes.append(Scrape(url)("ticks_total"))
+        except Exception as error:
+            wrong.append(error)
+
+    with exported(watched.world.instruments, ANY) as url:
+        readers = [threading.Thread(target=read, args=(url,)) for _ in range(2)]
+        for reader in readers:
+            reader.start()
+        for tick in watched.fly():
+            while tick == 60 and 60 not in scrapes and not wrong:
+                time.sleep(0.01)  # the flight is short, and a reader may not have come to it yet
+        over.set()
+        for reader in readers:
+            reader.join()
+    assert wrong == []
+    assert 60 in scrapes
+    assert watched.world.flight.trajectory_sha256 == alone.world.flight.trajectory_sha256
+
+
+def test_the_port_is_open_exactly_as_long_as_it_was_asked_for(engine: Engine) -> None:
+    with exported(engine.world.instruments, ANY) as url:
+        port = int(url.removesuffix("/metrics").rpartition(":")[2])
+        with pytest.raises(BadInput, match=f"--metrics 127.0.0.1:{port}: .*free port"):
+            exported(engine.world.instruments, Address("127.0.0.1", port)).__enter__()
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", port), timeout=5)
+
+
+def test_durations_are_counted_up_to_and_including_their_bound() -> None:
+    durations = Durations()
+    for seconds in (0.0, BOUNDS_S[0], BOUNDS_S[0] * 1.01, 1e9):
+        durations.add(seconds)
+    rows = dict(durations.cumulative)
+    assert rows[f"{BOUNDS_S[0]:g}"] == 2
+    assert rows[f"{BOUNDS_S[1]:g}"] == rows[f"{BOUNDS_S[-1]:g}"] == 3
+    assert rows["+Inf"] == 4
+    assert durations.total_s == pytest.approx(1e9)

@@ -1,0 +1,126 @@
+"""What Prometheus reads of a run, over HTTP. Everything is collected when somebody asks, so a flight nobody looks at
+pays nothing. One scrape may see counters a tick apart: the flight does not stand still for it.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from prometheus_client import CollectorRegistry, ProcessCollector, start_http_server
+from prometheus_client.metrics_core import (
+    CounterMetricFamily,
+    GaugeMetricFamily,
+    HistogramMetricFamily,
+    InfoMetricFamily,
+    Metric,
+)
+from prometheus_client.registry import Collector
+
+from channel.meter import TRAFFIC
+from swarm import __version__
+from swarm.address import Address
+from swarm.messages import Status
+from worldsim.durations import Durations
+from worldsim.instruments import Instruments
+
+_OF_TRAFFIC = {  # field of `Traffic` → metric, what it counts
+    "payload_bits": ("payload_bits", "Bits of payload, once a transmission."),
+    "wire_bytes": ("wire_bytes", "Bytes of encoded frames as they crossed the bus."),
+    "sent": ("link_copies", "Messages sent over a link; a broadcast to n UAVs is n."),
+    "delivered": ("deliveries", "Link copies that arrived."),
+    "outages": ("outages", "Link copies given up."),
+}
+
+
+class Exporter(Collector):
+    """The instruments of one run as metric families. Unknown is absent, never 0."""
+
+    def __init__(self, instruments: Instruments) -> None:
+        self._of = instruments
+
+    def collect(self) -> Iterator[Metric]:
+        """Everything, as it is now."""
+        yield from self._flight()
+        yield from self._radio()
+        yield from self._protocol()
+        yield from self._nodes()
+        yield _histogram("barrier_wait_seconds", "How long a tick waited for answers.", self._of.waits)
+        yield _histogram("tick_seconds", "How long a tick took in all.", self._of.ticks)
+
+    def _flight(self) -> Iterator[Metric]:
+        flight = self._of.flight
+        about = {"run": self._of.run, "mode": self._of.mode, "version": __version__}
+        yield InfoMetricFamily("meanflock_run", "Which run this is.", {**about, "method": str(flight.scenario.method)})
+        yield _counter("ticks", "Ticks flown.", flight.tick)
+        yield _counter("simulated_seconds", "Simulated time.", flight.time_s)
+        if self._of.ticks.total_s > 0:
+            factor = flight.time_s / self._of.wall_s()
+            yield GaugeMetricFamily("meanflock_real_time_factor", "Simulated seconds a second, since take-off.", factor)
+        uavs = GaugeMetricFamily("meanflock_uavs", "UAVs by state of the mission.", labels=["status"])
+        for status in Status:
+            uavs.add_metric([status.name.lower()], float(np.count_nonzero(flight.status == status)))
+        yield uavs
+
+    def _radio(self) -> Iterator[Metric]:
+        for field, (name, what) in _OF_TRAFFIC.items():
+            family = CounterMetricFamily(f"meanflock_{name}", what, labels=["traffic"])
+            for kind, traffic in TRAFFIC.items():
+                family.add_metric([traffic], getattr(self._of.meter.traffic[kind], field))
+            yield family
+
+    def _protocol(self) -> Iterator[Metric]:
+        ledger, outbox = self._of.ledger, self._of.outbox
+        yield _counter("rounds", "Rounds averaged and broadcast.", ledger.rounds)
+        drops = CounterMetricFamily("meanflock_dropped_messages", "Messages not let in, by reason.", labels=["reason"])
+        for reason, count in sorted(ledger.dropped.items()):
+            drops.add_metric([reason], count)
+        yield drops
+        yield _counter("held_commands", "Commands held over because they came late, in real time.", ledger.held)
+        yield _counter("deadline_misses", "Ticks in which a command came late, in real time.", ledger.deadline_misses)
+        waiting = outbox.waiting
+        what = "Blocks of telemetry no ground station has acknowledged yet."
+        yield GaugeMetricFamily("meanflock_telemetry_blocks_unacknowledged", what, waiting)
+        yield _counter("telemetry_blocks_dropped", "Blocks given up because too many waited.", outbox.dropped)
+
+    def _nodes(self) -> Iterator[Metric]:
+        roles = [member.role for member in self._of.members.present]
+        alive = GaugeMetricFamily("meanflock_nodes_alive", "Nodes that take part and are not lost.", labels=["role"])
+        for role, count in (
+            ("world", 1),
+            ("leader", roles.count("leader")),
+            ("agent", roles.count("agent")),
+            ("station", len(self._of.listeners)),
+        ):
+            alive.add_metric([role], count)
+        yield alive
+        yield _counter("nodes_lost", "Nodes lost in flight.", self._of.ledger.nodes_lost)
+
+
+@contextmanager
+def exported(instruments: Instruments, address: Address) -> Iterator[str]:
+    """Serves the metrics of a run for as long as the context lasts; its value is the URL.
+
+    Raises:
+        BadInput: nobody can listen at `address`.
+    """
+    registry = CollectorRegistry()
+    registry.register(Exporter(instruments))
+    ProcessCollector(registry=registry)  # memory, CPU and open files of this process, under their usual names
+    try:
+        server, thread = start_http_server(address.port, address.host, registry)
+    except OSError as error:
+        raise address.refused("--metrics", error) from error
+    try:
+        yield f"http://{Address(address.host, server.server_port)}/metrics"
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+def _counter(name: str, what: str, value: float) -> Metric:
+    return CounterMetricFamily(f"meanflock_{name}", what, value)
+
+
+def _histogram(name: str, what: str, of: Durations) -> Metric:
+    return HistogramMetricFamily(f"meanflock_{name}", what, of.cumulative, of.total_s)

@@ -1,0 +1,66 @@
+"""How a tick waits for its answers: in lockstep for everyone, in real time until its time is over."""
+
+from collections.abc import Callable
+
+from worldsim.barrier import Barrier
+from worldsim.door import Door
+from worldsim.durations import Durations
+from worldsim.ledger import Ledger
+from worldsim.schedule import Schedule
+
+ASK_AGAIN_S = 1.0  # a Sense nobody answered is repeated: the first after a declaration can get lost
+
+
+class Waiting:
+    """The world's patience with its nodes."""
+
+    def __init__(
+        self,
+        barrier: Barrier,
+        door: Door,
+        ledger: Ledger,
+        schedule: Schedule | None,
+        patience_s: float,
+        receive: Callable[[float], None],
+        clock: Callable[[], float],
+    ) -> None:
+        """`schedule`: of a flight in real time. `patience_s`: how long lockstep waits for a node before it is lost.
+        `receive`: takes the next delivery, or none within that many seconds.
+        """
+        self.took = Durations()  # from the last question of a tick to the last answer, or to the end of the tick
+        self._barrier, self._door, self._ledger = barrier, door, ledger
+        self._schedule, self._patience_s = schedule, patience_s
+        self._receive, self._clock = receive, clock
+
+    def for_answers(self) -> None:
+        """Waits as the flight does."""
+        asked = self._clock()
+        answered = self._for_everyone() if self._schedule is None else self._until(self._schedule.end)
+        self.took.add(answered - asked)
+
+    def _for_everyone(self) -> float:
+        """Lockstep: until everyone has answered, or is lost; returns when."""
+        start = asked = now = self._clock()
+        while not self._barrier.complete:
+            self._receive(0.1)
+            now = self._clock()
+            if now - start > self._patience_s:
+                for name in self._barrier.missing:
+                    self._door.lose(self._barrier.asked[name], f"no answer for {self._patience_s:.0f} s")
+                start = asked = self._clock()  # whoever takes over has its own time to answer
+            elif now - asked > ASK_AGAIN_S:
+                asked = now
+                self._barrier.ask_again()
+        return now
+
+    def _until(self, end: float) -> float:
+        """Real time: until then, whoever has answered; returns when everyone had, if so."""
+        answered: float | None = None
+        for _ in range(len(self._barrier.asked)):  # what is there already, however late the tick itself began
+            self._receive(0.0)
+        while (left := end - (now := self._clock())) > 0:
+            if answered is None and self._barrier.complete:
+                answered = now
+            self._receive(left)
+        self._ledger.late(sum(len(self._barrier.asked[name].uavs) for name in self._barrier.missing))
+        return now if answered is None else answered
