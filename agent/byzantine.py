@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from swarm.payload import Coding
 from swarm.scenario import Scenario
 from swarm.seeds import generator
 
@@ -20,26 +21,28 @@ class Byzantine:
         draw = generator(scenario.seed, "byzantine")
         self.uavs = np.sort(draw.choice(others, count, replace=False)) if count else others[:0]
 
-    def distort(self, number: int, uavs: NDArray[np.integer], payload: NDArray[np.floating]) -> NDArray[np.floating]:
-        """The uploads `(S, L)` of `uavs` (S,) in a round, those of false ones replaced; same dtype and shape."""
+    def distort(
+        self, number: int, uavs: NDArray[np.integer], payload: NDArray[np.generic], coding: Coding
+    ) -> NDArray[np.generic]:
+        """The uploads `(S, width)` of `uavs` (S,) in a round, those of false ones replaced; same dtype and shape."""
         false = np.isin(uavs, self.uavs)
         if not false.any():
             return payload
-        said = payload.copy()
+        honest = coding.decode(payload[false])
         match self._scenario.federation.byzantine_kind:
             case "huge":
-                largest = min(HUGE, float(np.finfo(payload.dtype).max) / 2)
-                said[false] = np.where(payload[false] < 0, -largest, largest)
+                largest = min(HUGE, coding.largest / 2)
+                lies = np.where(honest < 0, -largest, largest)
             case "sign-flip":
-                said[false] = -payload[false]
+                lies = -honest
             case "noise":
-                for row in np.flatnonzero(false):
-                    said[row] = self._noisy(number, int(uavs[row]), payload[row])
+                drawn = zip(uavs[false].tolist(), honest, strict=True)
+                lies = np.stack([self._noisy(number, uav, model, coding.largest / 2) for uav, model in drawn])
+        said = payload.copy()
+        said[false] = coding.encode(lies)
         return said
 
-    def _noisy(self, number: int, uav: int, honest: NDArray[np.floating]) -> NDArray[np.floating]:
+    def _noisy(self, number: int, uav: int, honest: NDArray[np.float64], limit: float) -> NDArray[np.float64]:
         draw = generator(self._scenario.seed, "byzantine", 1 + number * self._scenario.uavs + uav)
-        wide = honest.astype(np.float64)
-        noise = NOISE * np.sqrt((wide * wide).mean()) * draw.standard_normal(len(wide))
-        limit = float(np.finfo(honest.dtype).max) / 2
-        return np.clip(wide + noise, -limit, limit).astype(honest.dtype)
+        noise = NOISE * np.sqrt((honest * honest).mean()) * draw.standard_normal(len(honest))
+        return np.clip(honest + noise, -limit, limit)

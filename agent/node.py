@@ -4,10 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.byzantine import Byzantine
+from agent.feedback import Feedback
 from agent.learner import Learner
 from agent.minds import Minds, Outcome
 from agent.offline import Program
-from swarm import faults, model, state
+from swarm import faults, model, payload, state
 from swarm.codec import FLOAT_OF_BITS, expect
 from swarm.errors import MessageRejected
 from swarm.messages import Act, FrameKind, Frames, Sense, Welcome
@@ -32,6 +33,11 @@ class Agent:
         self._rounds = Rounds(self._scenario)
         self._shared = model.shared(self._method)
         self._byzantine = Byzantine(self._scenario)
+        self._up, self._down = payload.upload(self._scenario), payload.broadcast(self._scenario)
+        self._feedback = Feedback(self._up, len(self.uavs), kept=self._scenario.keeps_residuals)
+        if self._feedback.residuals is not None and welcome.residuals is not None:
+            kept = self._feedback.residuals
+            kept[...] = expect("residuals", welcome.residuals, kept.shape, np.float64)
         plan = expect("initial_states", welcome.initial_states, (self._scenario.uavs, state.SIZE), self._float)
         plan = plan.astype(np.float64)
         self._learner = Learner(self._scenario)
@@ -69,7 +75,7 @@ class Agent:
         for frames in sense.inbox:
             self._receive(frames)
         # 2. Speak: in a round's tick the participants' models as they are now, and states where the method shares them.
-        outbox = tuple(self._uploads(sense.tick) + self._state_broadcasts(sense.tick, states))
+        outbox = tuple(self._uploads(sense.tick, asleep) + self._state_broadcasts(sense.tick, states))
         # 3. Learn one step of each network, and act on it.
         if self._known is not None:
             self._known[np.arange(len(self.uavs)), self.uavs] = states
@@ -89,6 +95,7 @@ class Agent:
             outbox=outbox,
             report=self._minds.models() if sense.report else None,
             known=self._known if sense.checkpoint else None,
+            residuals=self._feedback.residuals if sense.checkpoint else None,
         )
 
     def _asleep(self, tick: int) -> NDArray[np.bool_] | None:
@@ -106,10 +113,13 @@ class Agent:
     def _check(self, frames: Frames) -> None:
         """A batch this node can receive, or MessageRejected."""
         rows = len(expect("source", frames.source, (None,), np.int32))
-        floats = model.shared_floats(self._method) if frames.kind == FrameKind.GLOBAL else state.SIZE
-        if frames.kind == FrameKind.UPLOAD or floats == 0:
+        is_global = frames.kind == FrameKind.GLOBAL
+        if frames.kind == FrameKind.UPLOAD or (is_global and not self._method.is_federated):
             raise MessageRejected("wrong-kind", f"{frames.kind.name} frames are not for an agent")
-        expect("payload", frames.payload, (rows, floats), self._float)
+        if is_global:
+            self._down.check(frames.payload, rows)
+        else:
+            expect("payload", frames.payload, (rows, state.SIZE), self._float)
         if frames.links is None:
             raise MessageRejected("wrong-shape", "frames without links")
         links = expect("links", frames.links, (None, 2), np.int32)
@@ -121,12 +131,11 @@ class Agent:
 
     def _receive(self, frames: Frames) -> None:
         assert frames.links is not None
-        payload, row = frames.links[:, 0], np.searchsorted(self.uavs, frames.links[:, 1])
+        sent, row = frames.links[:, 0], np.searchsorted(self.uavs, frames.links[:, 1])
         if frames.kind == FrameKind.GLOBAL:
-            received = frames.payload[payload].astype(np.float64)
-            self._minds = self._minds.with_models(row, self._shared, received)
+            self._minds = self._minds.with_models(row, self._shared, self._down.decode(frames.payload[sent]))
         elif self._known is not None:
-            self._known[row, frames.source[payload]] = frames.payload[payload]
+            self._known[row, frames.source[sent]] = frames.payload[sent]
             if self._method.learns_density:  # only the rows that heard something: another row is another UAV
                 hearing = np.unique(row)
                 heard = Minds(self._minds.value[hearing], self._minds.density[hearing])
@@ -134,26 +143,26 @@ class Agent:
                 density[hearing] = self._learner.refit(heard, self._known[hearing]).density
                 self._minds = Minds(self._minds.value, density)
 
-    def _uploads(self, tick: int) -> list[Frames]:
+    def _uploads(self, tick: int, asleep: NDArray[np.bool_] | None) -> list[Frames]:
         number = self._rounds.opens(tick)
         if not number:
             return []
         takes_part = np.isin(self.uavs, self._rounds.participants(number)) & ~self._diverged
-        with np.errstate(over="ignore"):
-            payload = self._minds.models()[takes_part, self._shared].astype(self._float)
-        source = self.uavs[takes_part].astype(np.int32)
-        payload = self._byzantine.distort(number, source, payload)
-        fits = np.isfinite(payload).all(axis=-1)  # a model beyond the range of a radio float cannot be sent
-        return [Frames(FrameKind.UPLOAD, number, source[fits], payload[fits])] if fits.any() else []
+        rows = np.flatnonzero(takes_part if asleep is None else takes_part & ~asleep)
+        source = self.uavs[rows].astype(np.int32)
+        models = self._feedback.encode(rows, self._minds.models()[rows, self._shared])
+        models = self._byzantine.distort(number, source, models, self._up)
+        fits = self._up.sound(models)  # a model beyond the range of the payload cannot be sent
+        return [Frames(FrameKind.UPLOAD, number, source[fits], models[fits])] if fits.any() else []
 
     def _state_broadcasts(self, tick: int, states: Floats) -> list[Frames]:
         period = 1 if self._method is Method.HJB else self._scenario.federation.state_period
         if self._program is not None or not period or tick % period or tick == 0:  # at 0 the mission plan has said it
             return []
         with np.errstate(over="ignore"):
-            payload = states.astype(self._float)
-        speaks = ~self._diverged & np.isfinite(payload).all(axis=-1)
-        return [Frames(FrameKind.STATE, 0, self.uavs[speaks].astype(np.int32), payload[speaks])] if speaks.any() else []
+            said = states.astype(self._float)
+        speaks = ~self._diverged & np.isfinite(said).all(axis=-1)
+        return [Frames(FrameKind.STATE, 0, self.uavs[speaks].astype(np.int32), said[speaks])] if speaks.any() else []
 
     def _wake(self, asleep: NDArray[np.bool_], minds: Minds, known: Floats | None) -> None:
         """Puts back what the sleeping rows had in mind."""

@@ -79,7 +79,7 @@ class Air:
         by_radio = links[~on_board]
         difference = states[sources[by_radio[:, 0]], state.POSITION] - states[by_radio[:, 1], state.POSITION]
         distance = np.sqrt((difference * difference).sum(axis=-1))
-        bits = batch.payload.shape[1] * radio.bits_per_float
+        bits = 8 * batch.payload.itemsize * batch.payload.shape[1]
         sent = transmit(radio, self._draw, distance, bits)
         if cut is not None:
             failed = cut(sources[by_radio[:, 0]], by_radio[:, 1])

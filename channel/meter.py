@@ -19,7 +19,7 @@ class Traffic:
     """Totals of one kind since take-off."""
 
     transmissions: int = 0
-    payload_bits: int = 0  # floats × bits_per_float, once a transmission: the paper's count
+    payload_bits: int = 0  # of what is written, scales included, once a transmission: the paper's count
     wire_bytes: int = 0  # encoded frames, as they crossed the bus on the way to the radio
     sent: int = 0  # link copies
     delivered: int = 0

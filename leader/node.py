@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from leader.aggregate import refuse, rule
-from swarm import model
-from swarm.codec import FLOAT_OF_BITS, expect
+from swarm import payload
+from swarm.codec import expect
 from swarm.errors import MessageRejected
 from swarm.messages import OUTCOME_FLOATS, Act, FrameKind, Frames, Sense, Welcome
 from swarm.rounds import Rounds
@@ -20,8 +20,7 @@ class Leader:
     def __init__(self, welcome: Welcome) -> None:
         self._scenario = decode(welcome.scenario)
         self._rounds = Rounds(self._scenario)
-        self._float = FLOAT_OF_BITS[self._scenario.radio.bits_per_float]
-        self._floats = model.shared_floats(self._scenario.method)
+        self._up, self._down = payload.upload(self._scenario), payload.broadcast(self._scenario)
         self._rule = rule(self._scenario.federation.aggregation, self._scenario.federation.tolerance)
         self.refused = 0  # uploads that were not averaged
         self._arrived: dict[int, dict[int, Floats]] = {}  # round → UAV → model
@@ -38,8 +37,8 @@ class Leader:
         # 1. Collect what arrived, by round and UAV; a second copy of the same upload changes nothing.
         for frames in sense.inbox:
             of_round = self._arrived.setdefault(frames.round, {})
-            for uav, payload in zip(frames.source.tolist(), frames.payload, strict=True):
-                of_round.setdefault(uav, payload.astype(np.float64))
+            for uav, model in zip(frames.source.tolist(), self._up.decode(frames.payload), strict=True):
+                of_round.setdefault(uav, model)
         # 2. When the round closes, refuse what cannot be a model, average and broadcast the rest; a round in which
         #    nothing is left is void.
         number = self._rounds.closes(sense.tick)
@@ -50,10 +49,10 @@ class Leader:
 
     def _broadcast(self, number: int, arrived: dict[int, Floats]) -> Frames:
         source = np.array([self._scenario.federation.leader], dtype=np.int32)
-        return Frames(FrameKind.GLOBAL, number, source, self._rule(arrived)[None].astype(self._float))
+        return Frames(FrameKind.GLOBAL, number, source, self._down.encode(self._rule(arrived)[None]))
 
     def _check(self, frames: Frames) -> None:
         if frames.kind != FrameKind.UPLOAD:
             raise MessageRejected("wrong-kind", f"{frames.kind.name} frames are not for the leader")
         rows = len(expect("source", frames.source, (None,), np.int32))
-        expect("payload", frames.payload, (rows, self._floats), self._float)
+        self._up.check(frames.payload, rows)

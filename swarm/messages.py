@@ -29,7 +29,7 @@ class Frames(_Message, frozen=True):
     kind: FrameKind
     round: int  # of the federation; 0 where none applies
     source: np.ndarray  # (S,) i4, the UAVs that transmit, ascending
-    payload: np.ndarray  # (S, L) floats of the width the radio pays for
+    payload: np.ndarray  # (S, L) floats or (S, B) bytes, a row what is transmitted, see swarm/payload.py
     links: np.ndarray | None = None  # (K, 2) i4, on the way in: [row of payload, receiving UAV]
 
 
@@ -52,6 +52,7 @@ class Welcome(_Message, frozen=True, tag="welcome"):
     initial_states: np.ndarray  # (N, 4) floats as wide as the radio's: the mission plan every UAV shares
     models: np.ndarray | None = None  # (M, 246) f8: of a run that is resumed, the minds the rows had
     known: np.ndarray | None = None  # (M, N, 4) f8: and the states they knew, where the method keeps any
+    residuals: np.ndarray | None = None  # (M, L) f8: and what rounding took from their last uploads, where it is kept
 
 
 class Refusal(_Message, frozen=True, tag="refusal"):
@@ -88,6 +89,7 @@ class Act(_Message, frozen=True, tag="act"):
     report: np.ndarray | None = None  # (M, 246) f8, the whole models where asked for
     known: np.ndarray | None = None  # (M, N, 4) f8, at a checkpoint the states each row knows, if it keeps any
     refused: tuple[int, ...] = ()  # of the leader: UAVs whose upload it will not average
+    residuals: np.ndarray | None = None  # (M, L) f8, at a checkpoint what rounding took from the last uploads, if kept
 
 
 class Stop(_Message, frozen=True, tag="stop"):

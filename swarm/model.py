@@ -25,3 +25,9 @@ def shared_floats(method: Method) -> int:
     """L(ŵ): 108 for H, 138 for F, 246 for HF, 0 without rounds."""
     part = shared(method)
     return int(part.stop - part.start)
+
+
+def part_sizes(method: Method) -> tuple[int, ...]:
+    """Weights of ŵ_H0, ŵ_H1, ŵ_F0, ŵ_F1, as far as `method` shares them."""
+    value = (VALUE_FEATURES,) * 2 if method.shares_value else ()
+    return value + ((DENSITY_FEATURES,) * 2 if method.shares_density else ())

@@ -5,7 +5,7 @@ import math
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeAlias, cast
 
 import msgspec
 from msgspec import Meta, field
@@ -21,7 +21,13 @@ _LATER = (
     "federation.tolerance",
     "federation.byzantine_fraction",
     "federation.byzantine_kind",
+    "federation.payload",
+    "federation.broadcast_payload",
+    "federation.error_feedback",
 )
+
+Payload: TypeAlias = Literal["float64", "float32", "float16", "int8"]  # how a model is written, see swarm/payload.py
+_PAYLOAD_BITS: dict[Payload, int] = {"float64": 64, "float32": 32, "float16": 16, "int8": 8}  # a weight
 
 
 class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -114,6 +120,13 @@ class Federation(_Table, frozen=True):
     byzantine_kind: Annotated[
         Literal["huge", "sign-flip", "noise"], Meta(description="what a false upload is, see agent/byzantine.py")
     ] = "sign-flip"
+    payload: Annotated[Payload, Meta(description="how uploads are written; unset: as the radio's floats")] | None = None
+    broadcast_payload: (
+        Annotated[Payload, Meta(description="how the global model is written; unset: as the radio's floats")] | None
+    ) = None
+    error_feedback: Annotated[
+        bool, Meta(description="what rounding to a narrower payload takes from an upload is added to the UAV's next")
+    ] = True
 
 
 class Radio(_Table, frozen=True):
@@ -184,6 +197,13 @@ class Scenario(_Table, frozen=True):
             raise ValueError(f"`duration` {self.duration} s is shorter than one tick, `dt` {self.dt} s")
         if self.dt * self.wind.drag >= 2:
             raise ValueError(f"`dt` {self.dt} s is unstable with `wind.drag` {self.wind.drag} 1/s; keep dt·drag < 2")
+        for key in ("payload", "broadcast_payload"):
+            wanted, radio_bits = getattr(self.federation, key), self.radio.bits_per_float
+            if wanted is not None and _PAYLOAD_BITS[wanted] > radio_bits:
+                raise ValueError(
+                    f"`federation.{key}` {wanted} is wider than a float of the radio, `radio.bits_per_float` "
+                    f"{radio_bits}; take a narrower payload or a wider float"
+                )
         for number, fault in enumerate(self.faults):
             if any(uav >= self.uavs for uav in getattr(fault, "uavs", ())):
                 raise ValueError(f"`faults[{number}].uavs` names UAV {max(fault.uavs)} of 0…{self.uavs - 1}")  # type: ignore[union-attr]
@@ -197,6 +217,26 @@ class Scenario(_Table, frozen=True):
     def participants(self) -> int:
         """N_h, at least one."""
         return max(1, round(self.federation.fraction * self.uavs))
+
+    @property
+    def upload_payload(self) -> Payload:
+        """How uploads are written."""
+        return self.federation.payload or self._radio_payload
+
+    @property
+    def broadcast_payload(self) -> Payload:
+        """How the global model is written."""
+        return self.federation.broadcast_payload or self._radio_payload
+
+    @property
+    def keeps_residuals(self) -> bool:
+        """Whether every UAV keeps what rounding took from its last upload: where that is narrower than a float."""
+        narrower = _PAYLOAD_BITS[self.upload_payload] < self.radio.bits_per_float
+        return self.method.is_federated and self.federation.error_feedback and narrower
+
+    @property
+    def _radio_payload(self) -> Payload:
+        return cast(Payload, f"float{self.radio.bits_per_float}")
 
     @property
     def keeps_states(self) -> bool:
@@ -218,12 +258,17 @@ class Scenario(_Table, frozen=True):
 
     def resolved(self) -> "Scenario":
         """The same scenario with what depends on the method written out."""
-        federation = msgspec.structs.replace(self.federation, period=self.period_ticks)
+        federation = msgspec.structs.replace(
+            self.federation,
+            period=self.period_ticks,
+            payload=self.upload_payload,
+            broadcast_payload=self.broadcast_payload,
+        )
         return msgspec.structs.replace(self, federation=federation)
 
     def sha256(self) -> str:
         """Hash of the resolved scenario; equal scenarios have equal hashes however they were written."""
-        table, default = msgspec.to_builtins(self.resolved()), msgspec.to_builtins(Scenario())
+        table, default = (msgspec.to_builtins(one.resolved()) for one in (self, Scenario(radio=self.radio)))
         for path in _LATER:
             *parents, key = path.split(".")
             part, standard = table, default

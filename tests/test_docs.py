@@ -1,5 +1,6 @@
 """The documentation is executed: what it says to type works, and what can be typed is in it."""
 
+import importlib.util
 import re
 import shlex
 from pathlib import Path
@@ -62,3 +63,12 @@ def test_every_link_between_pages_leads_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)\s]*)?\)", page.read_text(encoding="utf-8")):
         if "://" not in target:
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_the_sizes_of_payloads_on_the_page_are_those_of_today() -> None:
+    spec = importlib.util.spec_from_file_location("communication", ROOT / "docs" / "communication.py")
+    assert spec is not None
+    assert spec.loader is not None
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    assert "\n".join(script.transmissions()) in script.PAGE.read_text(encoding="utf-8")

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from swarm import codec, model, state
 from swarm.errors import BadInput, MessageRejected
 from swarm.messages import Act
+from swarm.scenario import Scenario
 from worldsim.members import Member
 
 SCHEMA = 1
@@ -28,9 +29,12 @@ Floats = NDArray[np.float64]
 class Minds:
     """What the UAVs answered to a Sense that asked for all they know."""
 
-    def __init__(self, uavs: int, keeps_states: bool) -> None:
+    def __init__(self, scenario: Scenario, whole: bool) -> None:
+        """`whole`: all it takes to go on was asked for, not the models alone."""
+        uavs, floats = scenario.uavs, model.shared_floats(scenario.method)
         self.models = np.full((uavs, model.MODEL_FLOATS), np.nan)
-        self.known = np.full((uavs, uavs, state.SIZE), np.nan) if keeps_states else None
+        self.known = np.full((uavs, uavs, state.SIZE), np.nan) if whole and scenario.keeps_states else None
+        self.residuals = np.full((uavs, floats), np.nan) if whole and scenario.keeps_residuals else None
 
     def take(self, member: Member, act: Act) -> None:
         """Enters the answer of one node."""
@@ -38,6 +42,8 @@ class Minds:
             self.models[member.uavs] = act.report
         if self.known is not None and act.known is not None:
             self.known[member.uavs] = act.known
+        if self.residuals is not None and act.residuals is not None:
+            self.residuals[member.uavs] = act.residuals
 
     @property
     def sane(self) -> NDArray[np.bool_]:
@@ -50,12 +56,14 @@ class Minds:
         told = np.isfinite(self.models).all(axis=-1)
         if self.known is not None:
             told &= np.isfinite(self.known).all(axis=(-2, -1))
+        if self.residuals is not None:
+            told &= np.isfinite(self.residuals).all(axis=-1)
         return bool(told[needed].all())
 
     def snapshot(self) -> dict[str, Any]:
-        """Models and known states; zeros where a UAV is lost and nobody could be asked."""
-        known = None if self.known is None else np.nan_to_num(self.known)
-        return {"models": np.nan_to_num(self.models), "known": known}
+        """All of it; zeros where a UAV is lost and nobody could be asked."""
+        parts = {"models": self.models, "known": self.known, "residuals": self.residuals}
+        return {name: None if part is None else np.nan_to_num(part) for name, part in parts.items()}
 
 
 @dataclass(frozen=True)
@@ -75,10 +83,11 @@ class Resumption:
         """The block of telemetry that carried it."""
         return int(self.checkpoint["block"])
 
-    def minds(self, uavs: NDArray[np.intp]) -> tuple[Floats, Floats | None]:
-        """What a node with these UAVs had learned, and the states it knew."""
-        known = self.checkpoint["minds"]["known"]
-        return self.checkpoint["minds"]["models"][uavs], None if known is None else known[uavs]
+    def minds(self, uavs: NDArray[np.intp]) -> dict[str, Floats]:
+        """What a node with these UAVs had learned, the states it knew and its residuals, as far as they are kept."""
+        kept = self.checkpoint["minds"]
+        parts = {"models": kept["models"], "known": kept["known"], "residuals": kept.get("residuals")}
+        return {name: part[uavs] for name, part in parts.items() if part is not None}
 
     def encode(self) -> bytes:
         """The bytes a world process is started with."""

@@ -154,7 +154,7 @@ class Door:
             about = {"tick": self._flight.tick, "peer": name, "uavs": uavs.tolist()}
             log.info("%s joined with UAVs %s", name, uavs.tolist(), extra=about)
         has_past = self.minds is not None and not self.flying and len(uavs) > 0
-        models, known = self.minds.minds(uavs) if has_past and self.minds is not None else (None, None)
+        past = self.minds.minds(uavs) if has_past and self.minds is not None else {}
         delivery.reply(
             codec.encode(
                 Welcome(
@@ -164,8 +164,9 @@ class Door:
                     tick=self._flight.tick,
                     scenario=scenario.encode(self._scenario),
                     initial_states=self._plan,
-                    models=models,
-                    known=known,
+                    models=past.get("models"),
+                    known=past.get("known"),
+                    residuals=past.get("residuals"),
                 )
             )
         )

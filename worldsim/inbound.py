@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from swarm import model, state
+from swarm import model, payload, state
 from swarm.codec import expect
 from swarm.errors import MessageRejected
 from swarm.messages import OUTCOME_FLOATS, Act, FrameKind, Frames, Message
@@ -11,7 +11,7 @@ from swarm.scenario import Scenario
 from worldsim.members import Member
 
 _OVERHEAD_BYTES = 1024
-_BYTES_A_ROW = 8 * OUTCOME_FLOATS + 9 + 3 * 8 * model.MODEL_FLOATS  # outcome, id, report, upload, state
+_BYTES_A_ROW = 8 * OUTCOME_FLOATS + 9 + 4 * 8 * model.MODEL_FLOATS  # outcome, id, report, upload, residual, state
 
 
 def limit(rows: int, scenario: Scenario) -> int:
@@ -39,6 +39,9 @@ def check(message: Message, run: int, tick: int, member: Member, scenario: Scena
         expect("report", message.report, (rows, model.MODEL_FLOATS), np.float64)
     if message.known is not None:
         expect("known", message.known, (rows if scenario.keeps_states else 0, scenario.uavs, state.SIZE), np.float64)
+    if message.residuals is not None:
+        floats = model.shared_floats(scenario.method)
+        expect("residuals", message.residuals, (rows if scenario.keeps_residuals else 0, floats), np.float64)
     if message.refused and (member.role == "agent" or not set(message.refused) <= set(range(scenario.uavs))):
         raise MessageRejected("wrong-shape", "refused names UAVs that did not upload")
     if message.diverged and not np.isin(message.diverged, member.uavs).all():
@@ -53,9 +56,12 @@ def check(message: Message, run: int, tick: int, member: Member, scenario: Scena
 def _check_frames(frames: Frames, member: Member, scenario: Scenario, float_: np.dtype) -> None:
     if frames.kind not in _sayable(member, scenario.method):
         raise MessageRejected("wrong-kind", f"{frames.kind.name} frames from {member.name}")
-    floats = state.SIZE if frames.kind == FrameKind.STATE else model.shared_floats(scenario.method)
     source = expect("source", frames.source, (None,), np.int32)
-    expect("payload", frames.payload, (len(source), floats), float_)
+    if frames.kind == FrameKind.STATE:
+        expect("payload", frames.payload, (len(source), state.SIZE), float_)
+    else:
+        coding = payload.upload(scenario) if frames.kind == FrameKind.UPLOAD else payload.broadcast(scenario)
+        coding.check(frames.payload, len(source))
     own = member.uavs if member.role == "agent" else np.array([scenario.federation.leader])
     if not len(source) or not np.isin(source, own).all() or (np.diff(source) <= 0).any():
         raise MessageRejected("wrong-shape", f"frames of {member.name} name UAVs {source.tolist()}")

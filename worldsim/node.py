@@ -309,7 +309,7 @@ class World:
     # -- step 6 -------------------------------------------------------------------------------------------------
 
     def _report(self, tick: int, whole: bool) -> None:
-        minds = Minds(self._scenario.uavs, whole and self._scenario.keeps_states)
+        minds = Minds(self._scenario, whole)
         for name, act in self._barrier.acts.items():
             minds.take(self._barrier.asked[name], act)
         alive = self.flight.status != Status.LOST

@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from agent.feedback import Feedback
 from agent.learner import Learner
 from agent.minds import Minds, Outcome
 from agent.node import BEYOND_SENSE
@@ -22,7 +23,7 @@ from groundstation.paper.flights import Flights
 from groundstation.paper.series import Curves, Record
 from groundstation.paper.statecast import StateCast
 from leader.node import Leader
-from swarm import model, scenario, state
+from swarm import model, payload, scenario, state
 from swarm.codec import FLOAT_OF_BITS
 from swarm.errors import BadInput
 from swarm.messages import DIAGNOSTICS, FrameKind, Frames, Sense, Status, Welcome
@@ -101,6 +102,8 @@ class Batch:
             np.concatenate([one.value for one in minds]), np.concatenate([one.density for one in minds])
         )
         rows = len(self._runs) * self._n
+        self._up, self._down = payload.upload(flown), payload.broadcast(flown)
+        self._feedback = Feedback(self._up, rows, kept=flown.keeps_residuals)
         self._diverged = np.zeros(rows, dtype=bool)
         self._cast: StateCast | None = None
         if self._method is Method.HJB and StateCast.fits(flown):
@@ -218,12 +221,11 @@ class Batch:
     def _take_in(self, row: int, run: _Run, frames: Frames) -> None:
         """See `agent.node`: what the UAVs of a run do with a batch of delivered frames."""
         assert frames.links is not None
-        payload, rows = frames.links[:, 0], row * self._n + frames.links[:, 1].astype(np.intp)
+        sent, rows = frames.links[:, 0], row * self._n + frames.links[:, 1].astype(np.intp)
         if frames.kind == FrameKind.GLOBAL:
-            received = frames.payload[payload].astype(np.float64)
-            self._minds = self._minds.with_models(rows, self._shared, received)
+            self._minds = self._minds.with_models(rows, self._shared, self._down.decode(frames.payload[sent]))
         elif frames.kind == FrameKind.STATE and self._known is not None:
-            self._known[rows, frames.source[payload]] = frames.payload[payload]
+            self._known[rows, frames.source[sent]] = frames.payload[sent]
             if self._method.learns_density:
                 own = slice(row * self._n, (row + 1) * self._n)
                 of_run = Minds(self._minds.value[own], self._minds.density[own])
@@ -235,14 +237,15 @@ class Batch:
         """Uploads and state broadcasts go into the `speech` of their runs; hjb's come back, for the next tick."""
         number = self._runs[0].rounds.opens(tick)
         if number:
-            with np.errstate(over="ignore"):
-                models = self._minds.models()[:, self._shared].astype(self._float)
-            models = models.reshape(len(self._runs), self._n, -1)
-            for run, of_run, out in zip(self._runs, models, self._diverged.reshape(-1, self._n), strict=True):
+            models = self._minds.models()[:, self._shared]
+            for row, (run, out) in enumerate(zip(self._runs, self._diverged.reshape(-1, self._n), strict=True)):
                 source = run.rounds.participants(number)
-                source = source[~out[source] & np.isfinite(of_run[source]).all(axis=-1)]
-                if len(source):
-                    run.speech.append(Frames(FrameKind.UPLOAD, number, source.astype(np.int32), of_run[source]))
+                source = source[~out[source]]
+                rows = row * self._n + source
+                said = self._feedback.encode(rows, models[rows])
+                fits = self._up.sound(said)
+                if fits.any():
+                    run.speech.append(Frames(FrameKind.UPLOAD, number, source[fits].astype(np.int32), said[fits]))
         period = 1 if self._method is Method.HJB else self._scenario.federation.state_period
         if self._program is not None or not period or tick % period or tick == 0:
             return None
@@ -300,6 +303,7 @@ class Batch:
         self._flights.keep(rows)
         self._minds = Minds(self._minds.value[each], self._minds.density[each])
         self._diverged = self._diverged[each]
+        self._feedback.keep(each)
         if self._known is not None:
             self._known = self._known[each]
         if self._cast is not None:

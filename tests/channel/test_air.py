@@ -9,6 +9,7 @@ import pytest
 from channel.air import Air
 from groundstation.engine import Engine
 from swarm import state
+from swarm.codec import FLOAT_OF_BITS
 from swarm.messages import FrameKind, Frames
 from swarm.methods import Method
 from swarm.rounds import Rounds
@@ -222,7 +223,9 @@ def test_the_leader_s_own_upload_costs_nothing() -> None:
 @pytest.mark.parametrize("bits", [16, 32, 64])
 def test_a_float_is_as_wide_as_the_scenario_says(bits: int) -> None:
     air = Air(scenario(f"radio.bits_per_float={bits}"))
-    air.send(1, [frames(FrameKind.UPLOAD, [1, 2], 108), frames(FrameKind.STATE, [0], 4)], line(*range(UAVS)))
+    sent = [frames(FrameKind.UPLOAD, [1, 2], 108), frames(FrameKind.STATE, [0], 4)]
+    as_wide = [Frames(batch.kind, 0, batch.source, batch.payload.astype(FLOAT_OF_BITS[bits])) for batch in sent]
+    air.send(1, as_wide, line(*range(UAVS)))
     assert air.meter.traffic[FrameKind.UPLOAD].payload_bits == 2 * 108 * bits
     assert air.meter.traffic[FrameKind.STATE].payload_bits == 4 * bits
 

@@ -133,6 +133,33 @@ def test_a_false_upload_is_false_finite_and_the_same_however_the_swarm_is_cut(ki
     assert honest["uploads_refused"] == 0
 
 
+@pytest.mark.parametrize(
+    ("payload", "kind"), [("float16", "huge"), ("int8", "huge"), ("int8", "sign-flip"), ("int8", "noise")]
+)
+def test_a_false_upload_is_false_in_a_narrow_payload_too(payload: str, kind: str) -> None:
+    narrow = (f"federation.payload={payload}", "duration=7")
+    settings_ = false_swarm(f"federation.byzantine_kind={kind}", *narrow)
+    summaries = [Lab(scenario(*settings_), uavs_per_node=rows).fly() for rows in (1, None)]
+    assert summaries[0]["trajectory_sha256"] == summaries[1]["trajectory_sha256"]
+    honest = Lab(scenario("uavs=10", "federation.fraction=1.0", *narrow)).fly()
+    assert summaries[0]["trajectory_sha256"] != honest["trajectory_sha256"]
+    assert summaries[0]["uploads_refused"] == (3 * 2 if kind == "huge" and payload == "int8" else 0)
+    assert summaries[0]["dropped_messages"] == {}
+
+
+@pytest.mark.parametrize("name", ["median", "krum"])
+def test_robust_rules_withstand_noise_in_bytes_as_they_do_in_floats(name: str) -> None:
+    in_bytes = ("duration=15", "radio.target_snr_db=70", "federation.payload=int8", "federation.byzantine_kind=noise")
+    honest = Lab(scenario("uavs=10", "federation.fraction=1.0", *in_bytes))
+    honest.fly()
+    off = {}
+    for aggregation in ("fedavg", name):
+        lab = Lab(scenario(*false_swarm(*in_bytes, f'federation.aggregation="{aggregation}"')))
+        lab.fly()
+        off[aggregation] = float(np.abs(lab.world.flight.states - honest.world.flight.states).max())
+    assert off[name] < off["fedavg"] / 2
+
+
 def test_with_robust_aggregation_a_fifth_of_noise_disturbs_the_flight_less_than_with_the_mean() -> None:
     noise = ("duration=20", "federation.byzantine_kind=noise", "radio.target_snr_db=70")
     honest = Lab(scenario("uavs=10", "federation.fraction=1.0", *noise))

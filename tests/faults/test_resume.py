@@ -113,6 +113,19 @@ def test_states_shared_now_and_then_are_remembered_across_a_resume(tmp_path: Pat
     assert resumed(dead(tmp_path / "dead", flown, 250))["trajectory_sha256"] == expected["trajectory_sha256"]
 
 
+@pytest.mark.parametrize("broadcast", ["int8", "float32"])
+def test_residuals_of_rounded_uploads_are_remembered_across_a_resume(broadcast: str, tmp_path: Path) -> None:
+    payload = ("federation.payload=int8", f"federation.broadcast_payload={broadcast}")
+    flown = scenario(LATER, "radio.target_snr_db=76", "radio.coherence_time_s=0.03", *payload)
+    expected = flight(tmp_path / "whole", flown)
+    folder = dead(tmp_path / "dead", flown, 287, rows=2)
+    kept = back(folder).start.checkpoint["minds"]["residuals"]
+    assert kept.shape == (6, 108)
+    assert np.abs(kept).max() > 0
+    got = resumed(folder, "--uavs-per-process", "4")
+    assert steady(got, "wire_bytes", "radio") == steady(expected, "wire_bytes", "radio")
+
+
 def test_a_run_can_die_and_be_resumed_again_and_again(tmp_path: Path) -> None:
     flown = scenario(LATER)
     expected = flight(tmp_path / "whole", flown)

@@ -50,6 +50,13 @@ def test_every_script_flies_the_same_however_the_swarm_is_cut_into_nodes(method:
     assert len(faults[0]) == 8 + 6
 
 
+def test_a_paused_uav_keeps_the_residual_it_had_whoever_shares_its_process() -> None:
+    asleep = '{kind="pause", tick=38, duration_s=0.5, uavs=[1, 4]}'  # over the round of tick 40
+    of = flown(asleep, settings=("federation.payload=int8", *CLEAR))
+    summaries = [steady(Lab(of, uavs_per_node=rows).fly()) for rows in (1, 4, None)]
+    assert summaries[0] == summaries[1] == summaries[2]
+
+
 def test_a_script_without_faults_is_no_script_and_changes_no_hash() -> None:
     assert load(None, ["faults=[]"]).sha256() == load(None).sha256()
     one = flown('{kind="kill", tick=1, uavs=[0]}')

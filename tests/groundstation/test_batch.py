@@ -56,6 +56,9 @@ def test_every_run_of_a_batch_is_the_engines_run(method: Method) -> None:
         ("mfgfl-hf", ["radio.target_snr_db=78"]),  # many outages
         ("mfgfl-hf", ["radio.coherence_time_s=0.05"]),  # uploads take several ticks
         ("mfgfl-hf", ["radio.bits_per_float=16", "cost.beta=0.7", "cost.epsilon=0.3"]),
+        ("mfgfl-hf", ["federation.payload=int8", "federation.broadcast_payload=int8", "radio.target_snr_db=78"]),
+        ("mfgfl-f", ["federation.payload=float16", "federation.fraction=0.5"]),
+        ("mfgfl-h", ["federation.payload=int8", "federation.error_feedback=false"]),
         ("mfgfl-h", ["wind.sigma=1.5", "federation.fraction=0.3", "federation.leader=3"]),
         ("mfgfl-f", ["federation.state_period=30", "density.near_samples=50", "density.box_samples=50"]),
         ("mfg", ["federation.state_period=25", "density.near_samples=50", "density.box_samples=50"]),
@@ -79,7 +82,7 @@ def test_diverged_learners_are_silenced_and_counted_alike(method: str) -> None:
 
 @pytest.mark.parametrize("method", ["offline", "hjb", "mfgfl-hf"])
 def test_finished_runs_leave_and_the_others_fly_on(method: str) -> None:
-    near = ["start.centre=[30.0, 20.0]", "learner.kappa=0.1"]
+    near = ["start.centre=[30.0, 20.0]", "learner.kappa=0.1", "federation.payload=int8"]
     flown = Batch(small(method, *near, uavs=3, duration=60.0), SEEDS).fly()
     assert len({one.summary["ticks"] for one in flown}) > 1
     assert [one.scenario.seed for one in flown] == list(SEEDS)

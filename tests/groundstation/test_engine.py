@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from channel.theory import slot_success
 from groundstation.engine import Engine
 from swarm import codec, keys
 from swarm.bus import Delivery
@@ -103,6 +104,40 @@ def test_the_radio_s_width_changes_the_bill_and_the_flight_still_flies(bits: int
     assert summary["rounds"] == 3
     assert summary["payload_bits"]["broadcast"] == 3 * 246 * bits
     assert summary["payload_bits"]["state"] == UAVS * 4 * bits
+
+
+INT8 = ("federation.payload=int8", "federation.broadcast_payload=int8")
+
+
+@pytest.mark.parametrize(
+    ("method", "settings", "uplink", "broadcast", "slots"),
+    [
+        ("mfgfl-hf", INT8, 2096, 2096, 1),
+        ("mfgfl-hf", ("federation.payload=int8", "federation.broadcast_payload=float16"), 2096, 3936, None),
+        ("mfgfl-h", ("federation.payload=float16",), 1728, 3456, None),
+        ("mfgfl-f", ("federation.payload=int8", "radio.bits_per_float=64"), 1168, 8832, None),
+    ],
+)
+def test_narrow_payloads_are_billed_to_the_bit_and_fly_the_same_however_the_swarm_is_cut(
+    method: str, settings: tuple[str, ...], uplink: int, broadcast: int, slots: int | None
+) -> None:
+    flown = scenario(method, "radio.target_snr_db=76", "duration=9", *settings)
+    summaries = [fly(flown, uavs_per_node=rows) for rows in (1, 4)]
+    assert steady(summaries[0]) == steady(summaries[1])
+    for summary in summaries:
+        traffic = summary["radio"]["traffic"]
+        assert traffic["uplink"]["payload_bits"] == uplink * traffic["uplink"]["transmissions"] > 0
+        assert traffic["broadcast"]["payload_bits"] == broadcast * summary["rounds"] > 0
+        assert summary["wire_bytes"] * 8 > summary["payload_bits"]["uplink"]
+        assert not summary["dropped_messages"]
+        if slots is not None:  # closed forms are of the bits that were sent: p = P[SNR ≥ η] a slot, D_M = 8 of them
+            assert traffic["uplink"]["outage_rate_theory"] == pytest.approx(one_slot_outage(flown), rel=1e-9)
+
+
+def one_slot_outage(flown: Scenario) -> float:
+    """(1 − p)^D_M: nothing got through in any of the slots."""
+    success = float(slot_success(flown.radio, np.array([1.0]))[0])
+    return (1.0 - success) ** flown.radio.latency_threshold_slots
 
 
 # -- what the telemetry says --------------------------------------------------------------------------------------
@@ -224,6 +259,30 @@ def test_hostile_messages_are_dropped_counted_by_reason_and_change_nothing() -> 
     assert summary["dropped_messages"] == expected
     assert not honest["dropped_messages"]
     assert steady(summary) == steady(honest)
+
+
+def test_hostile_bytes_in_place_of_a_model_are_dropped_and_change_nothing() -> None:
+    flown = scenario("mfgfl-hf", "duration=6", *INT8)
+    honest = fly(flown, uavs_per_node=2)
+    engine = Engine(flown, RUN, uavs_per_node=2)
+    good = np.zeros((2, 262), dtype="u1")
+    good[:, 246:] = np.ones((2, 4), dtype="<f4").view("u1")
+    beyond, no_scale = good.copy(), good.copy()
+    beyond[1, 17] = 0x80
+    no_scale[0, 246:250] = 0
+    payloads = [(good[:, :-1], "wrong-shape"), (good.astype("<f4"), "wrong-shape"), (beyond, "non-finite")]
+    payloads += [(no_scale, "non-finite"), (np.zeros((2, 246), dtype="<f4"), "wrong-shape")]
+    residuals = [(np.zeros((2, 245)), "wrong-shape"), (np.zeros((3, 246)), "wrong-shape")]
+    residuals += [(np.full((2, 246), np.nan), "non-finite"), (np.zeros((2, 246), dtype="<f4"), "wrong-shape")]
+    for tick in engine.fly():
+        acts = [(act(tick, outbox=(batch(payload=sent),)), reason) for sent, reason in payloads]
+        acts += [(act(tick, residuals=told), reason) for told, reason in residuals]
+        acts.append((act(tick, outbox=(batch(payload=good),), residuals=np.zeros((2, 246))), "duplicate"))  # else well
+        for message, reason in acts if tick % 7 == 0 else ():
+            before = engine.world._drops.copy()
+            engine.world.handle(Delivery("message", keys.act(RUN, "agent-0"), codec.encode(message)))
+            assert engine.world._drops - before == {reason: 1}
+    assert steady(engine.world.finish()) == steady(honest)
 
 
 def test_a_flood_is_counted_but_does_not_flood_the_log_of_events() -> None:

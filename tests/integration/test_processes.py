@@ -36,6 +36,15 @@ def test_every_method_flies_the_same_run_in_one_process_in_two_and_in_four(metho
     assert each["dropped_messages"] == {}
 
 
+def test_models_in_bytes_fly_the_same_run_in_one_process_and_in_five(command: Command) -> None:
+    narrow = ("--set", "federation.payload=int8", "--set", "federation.broadcast_payload=int8", "--no-record")
+    alone, each = (command.summary(*flags, *narrow, *SHORT) for flags in (("--in-process",), ()))
+    assert each["trajectory_sha256"] == alone["trajectory_sha256"]
+    assert each["payload_bits"] == alone["payload_bits"]
+    assert each["payload_bits"]["broadcast"] == each["rounds"] * 2096 > 0
+    assert each["dropped_messages"] == {}
+
+
 def test_a_finished_run_leaves_all_five_files_and_reruns_bit_identically(command: Command, spawn: Spawn) -> None:
     first = command.summary(*SHORT)
     folder = command.folder

@@ -8,6 +8,7 @@ from swarm import codec, keys, model, scenario
 from swarm.errors import MessageRejected
 from swarm.messages import Act, FrameKind, Frames, Sense, Welcome
 from swarm.methods import Method
+from swarm.payload import Coding
 from swarm.rounds import Rounds
 from swarm.scenario import Scenario, load
 from worldsim.formation import initial_states
@@ -124,6 +125,23 @@ def test_models_travel_at_the_radio_s_width(bits: int) -> None:
     assert node.act(sense(closing(of, 1), wide)).outbox[0].payload.dtype == dtype
     with pytest.raises(MessageRejected):
         node.act(sense(closing(of, 2), batch))
+
+
+@pytest.mark.parametrize("down", ["int8", "float16", "float32"])
+def test_bytes_are_averaged_as_the_weights_they_stand_for_and_broadcast_as_the_scenario_says(down: str) -> None:
+    of = flown("federation.payload=int8", f"federation.broadcast_payload={down}")
+    node, up = leader(of), Coding("int8", of.method)
+    batch = upload([0, 1, 6])
+    written = Frames(batch.kind, 1, batch.source, up.encode(batch.payload.astype(np.float64)), batch.links)
+    sent = node.act(sense(closing(of, 1), written)).outbox[0]
+    heard = up.decode(written.payload)
+    mean = ((heard[0] + heard[1]) + heard[2]) / 3
+    expected = Coding(down, of.method).encode(mean[None])  # type: ignore[arg-type]
+    assert (sent.payload.dtype, sent.payload.tobytes()) == (expected.dtype, expected.tobytes())
+    without_scales = Frames(batch.kind, 2, batch.source, written.payload[:, :108], batch.links)
+    for bad in (batch, without_scales):
+        with pytest.raises(MessageRejected):
+            node.act(sense(closing(of, 2), bad))
 
 
 def spoiled(**changes: object) -> Frames:

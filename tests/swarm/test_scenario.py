@@ -1,5 +1,6 @@
 """Scenarios: the paper's numbers, bounds on every key, and one line that helps whoever got one wrong."""
 
+import hashlib
 import math
 import tomllib
 from collections.abc import Iterator
@@ -56,6 +57,20 @@ BAD: dict[str, tuple[str, ...]] = {  # what is wrong: the text as TOML, then wha
     "nobody uploads": ("[federation]\nfraction = 0.0", "federation.fraction", "> 0", MEND),
     "rounds without a period": ("[federation]\nperiod = 0", "federation.period", ">= 1", MEND),
     "a float of another width": ("[radio]\nbits_per_float = 31", "radio.bits_per_float", "31", MEND),
+    "a payload nobody knows": ('[federation]\npayload = "int4"', "federation.payload", "int4", MEND),
+    "a payload wider than a float": (
+        '[radio]\nbits_per_float = 16\n[federation]\npayload = "float32"',
+        "federation.payload",
+        "radio.bits_per_float",
+        "narrower",
+    ),
+    "a broadcast wider than a float": (
+        '[federation]\nbroadcast_payload = "float64"',
+        "federation.broadcast_payload",
+        "float64",
+        "32",
+        "narrower",
+    ),
     "a fading nobody knows": ('[radio]\nfading = "rain"', "radio.fading", "rain", MEND),
     "no slots": ("[radio]\nlatency_threshold_slots = 0", "radio.latency_threshold_slots", ">= 1", MEND),
     "a method nobody knows": ('method = "telepathy"', "method", "telepathy", "choose one of", "mfgfl-hf"),
@@ -243,6 +258,20 @@ def test_what_the_method_decides_is_written_out_in_the_resolved_scenario() -> No
         assert loaded.resolved().federation.period == period
         assert loaded.resolved().sha256() == loaded.sha256()
     assert load(None, ["federation.period=7"]).period_ticks == 7
+
+
+@pytest.mark.parametrize("bits", [16, 32, 64])
+def test_payloads_left_out_are_the_radio_s_floats_written_out_and_leave_no_trace_in_the_hash(bits: int) -> None:
+    left_out = load(None, [f"radio.bits_per_float={bits}"])
+    federation = left_out.resolved().federation
+    assert (federation.payload, federation.broadcast_payload) == (f"float{bits}", f"float{bits}")
+    table = msgspec.to_builtins(left_out.resolved())  # as the first version wrote it
+    for later in scenario._LATER:
+        part, _, key = later.rpartition(".")
+        del (table[part] if part else table)[key]
+    first = hashlib.sha256(msgspec.json.encode(table, order="sorted")).hexdigest()
+    assert left_out.sha256() == left_out.resolved().sha256() == first
+    assert load(None, [f"radio.bits_per_float={bits}", "federation.payload=int8"]).sha256() != first
 
 
 # -- what it says of itself ---------------------------------------------------------------------------------------

@@ -1,0 +1,168 @@
+"""Measures what narrow payloads cost and save, and writes the tables of communication.md."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed
+from msgspec import structs
+
+from agent.feedback import Feedback
+from channel.link import slots_needed
+from groundstation.engine import Engine
+from groundstation.paper.batch import Batch
+from leader.aggregate import fedavg
+from swarm import codec, payload, scenario
+from swarm.messages import OUTCOME_FLOATS, Act, FrameKind, Frames
+from swarm.payload import Coding
+from swarm.scenario import Scenario
+
+PAGE = Path(__file__).with_suffix(".md")
+METHODS = ("mfgfl-hf", "mfgfl-h", "mfgfl-f")
+WRITTEN = {  # name of the row → settings
+    "float64": ("radio.bits_per_float=64",),
+    "float32": (),
+    "float16": ("federation.payload=float16", "federation.broadcast_payload=float16"),
+    "int8": ("federation.payload=int8", "federation.broadcast_payload=int8"),
+    "int8, no feedback": (
+        "federation.payload=int8",
+        "federation.broadcast_payload=int8",
+        "federation.error_feedback=false",
+    ),
+    "int8 up, float32 down": ("federation.payload=int8",),
+}
+CLEAR = ("radio.bits_per_float=64", "radio.target_snr_db=60", "duration=160", 'stop="duration"')  # no outages
+
+
+def main() -> None:
+    given = argparse.ArgumentParser(description=__doc__)
+    given.add_argument("--seeds", type=int, default=20)
+    given.add_argument("--jobs", type=int, default=-1)
+    asked = given.parse_args()
+    flown = {
+        (method, name): scenario.load(None, settings, method=method)
+        for method in METHODS
+        for name, settings in WRITTEN.items()
+    }
+    jobs = Parallel(n_jobs=asked.jobs, verbose=5)
+    summaries = jobs(delayed(fly)(of, range(1, asked.seeds + 1)) for of in flown.values())
+    runs = dict(zip(flown, summaries, strict=True))
+    tables = {
+        "transmissions": transmissions(),
+        "flights": flights(runs, asked.seeds),
+        "rounding": rounding(range(1, 6)),
+    }
+    page = PAGE.read_text(encoding="utf-8")
+    for name, lines in tables.items():
+        before, start, rest = page.partition(f"<!-- {name} -->\n")
+        _, end, after = rest.partition("<!-- end -->")
+        page = "\n".join((before + start, *lines, "", end + after))
+    PAGE.write_text(page, encoding="utf-8")
+    print(PAGE)
+
+
+def fly(flown: Scenario, seeds: range) -> list[dict[str, Any]]:
+    """The summaries of a scenario's runs."""
+    return [dict(run.summary) for run in Batch(flown, seeds).fly()]
+
+
+def transmissions() -> list[str]:
+    """Bits, slots and wire bytes of one upload."""
+    lines = ["| method | payload | bits | slots K | wire bytes / payload bytes |", "|---|---|---|---|---|"]
+    for method in METHODS:
+        for name in ("float64", "float32", "float16", "int8"):
+            of = scenario.load(None, WRITTEN[name], method=method)
+            coding = payload.upload(of)
+            coded = coding.encode(np.full((1, coding.floats), 1.5))
+            sent = Frames(FrameKind.UPLOAD, 5, np.zeros(1, np.int32), coded)
+            bare = Act(2**32, 1000, np.ones((1, OUTCOME_FLOATS)))
+            wire = len(codec.encode(structs.replace(bare, outbox=(sent,)))) - len(codec.encode(bare))
+            slots = slots_needed(of.radio, coding.bits)
+            lines.append(f"| `{method}` | {name} | {coding.bits:,} | {slots} | {wire / coded.nbytes:.3f} |")
+    return lines
+
+
+def flights(runs: dict[Any, list[dict[str, Any]]], seeds: int) -> list[str]:
+    """What the codings did to whole flights."""
+    lines = [
+        f"| method | payload | up, kbit | down, kbit | arrived | travel time, s | energy, J | φ_A, m/s | outages, % "
+        f"| latency, slots |\n|{'---|' * 10}"
+    ]
+    for (method, name), summaries in runs.items():
+
+        def mean(*path: str, factor: float = 1.0, spread: bool = False, of: Any = summaries) -> str:
+            values = np.array([factor * _at(summary, path) for summary in of])
+            half = 1.96 * values.std(ddof=1) / np.sqrt(seeds)
+            return f"{values.mean():.4g} ± {half:.2g}" if spread else f"{values.mean():,.4g}"
+
+        cells = (
+            f"`{method}`",
+            name,
+            mean("payload_bits", "uplink", factor=1e-3),
+            mean("payload_bits", "broadcast", factor=1e-3),
+            mean("arrived"),
+            mean("t_avg_s", spread=True),
+            mean("energy_mean_J", spread=True),
+            mean("phi_A", spread=True),
+            f"{mean('radio', 'outage_rate', factor=100)} ({mean('radio', 'outage_rate_theory', factor=100)})",
+            mean("radio", "latency_slots_mean"),
+        )
+        lines.append(f"| {' | '.join(cells)} |")
+    return lines
+
+
+def rounding(seeds: range) -> list[str]:
+    """What rounding takes from the mean of one round, and from the mean over all rounds of a flight."""
+    lines = ["| method | payload | feedback | one round | all rounds |", "|---|---|---|---|---|"]
+    for method in METHODS:
+        of = scenario.load(None, CLEAR, method=method)
+        heard = [uploads(scenario.load(None, (*CLEAR, f"seed={seed}"), method=method)) for seed in seeds]
+        for name in ("float16", "int8"):
+            for kept in (False, True):
+                off = np.mean([distances(of, Coding(name, of.method), kept, rounds) for rounds in heard], axis=0)  # type: ignore[arg-type]
+                lines.append(f"| `{method}` | {name} | {'yes' if kept else 'no'} | {off[0]:.1e} | {off[1]:.1e} |")
+    return lines
+
+
+def uploads(flown: Scenario) -> list[Frames]:
+    """Every round's uploads of one flight, in double precision."""
+    engine, heard = Engine(flown, "communication"), []
+    send = engine.world.air.send
+
+    def listen(tick: int, frames: list[Frames], *rest: Any) -> Any:
+        heard.extend(batch for batch in frames if batch.kind == FrameKind.UPLOAD)
+        return send(tick, frames, *rest)
+
+    engine.world.air.send = listen  # type: ignore[method-assign, assignment]
+    for _ in engine.fly():
+        pass
+    return heard
+
+
+def distances(flown: Scenario, coding: Coding, kept: bool, rounds: list[Frames]) -> tuple[float, float]:
+    """‖mean of what is heard − mean of what was meant‖ / ‖mean of what was meant‖: of a round, and of all together."""
+    feedback = Feedback(coding, flown.uavs, kept=kept)
+    off, meant = [], []
+    for batch in rounds:
+        rows = batch.source.astype(np.intp)
+        means = [
+            fedavg(dict(zip(rows.tolist(), models, strict=True)))
+            for models in (coding.decode(feedback.encode(rows, batch.payload)), batch.payload)
+        ]
+        off.append(means[0] - means[1])
+        meant.append(means[1])
+    norm = np.linalg.norm
+    return float(np.median(norm(off, axis=1) / norm(meant, axis=1))), float(
+        norm(np.sum(off, 0)) / norm(np.sum(meant, 0))
+    )
+
+
+def _at(summary: dict[str, Any], path: tuple[str, ...]) -> float:
+    for name in path:
+        summary = summary[name]
+    return float("nan") if summary is None else float(summary)  # type: ignore[arg-type]
+
+
+if __name__ == "__main__":
+    main()

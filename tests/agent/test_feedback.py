@@ -1,0 +1,147 @@
+"""Error feedback: nothing a UAV means to say is lost, it is only said later."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agent.feedback import Feedback
+from agent.node import Agent
+from leader.aggregate import fedavg
+from swarm.errors import MessageRejected
+from swarm.messages import FrameKind, Frames, Sense, Welcome
+from swarm.methods import Method
+from swarm.payload import Coding
+from tests.agent.test_node import NUMBER, UAVS, flown, models, sense, states_at, welcome
+
+QUICK = settings(max_examples=40, deadline=None, database=None)
+HF = Method.MFGFL_HF
+
+
+@pytest.mark.parametrize("name", ["int8", "float16"])
+def test_what_is_sent_adds_up_to_what_was_meant_but_for_the_last_residual(name: str) -> None:
+    coding = Coding(name, HF)  # type: ignore[arg-type]
+
+    @QUICK
+    @given(st.integers(0, 2**32), st.integers(1, 12), st.integers(-6, 4))
+    def check(seed: int, rounds: int, power: int) -> None:
+        draw = np.random.default_rng(seed)
+        feedback = Feedback(coding, 4, kept=True)
+        sent, meant = np.zeros((4, 246)), np.zeros((4, 246))
+        for _ in range(rounds):
+            rows = np.flatnonzero(draw.random(4) < 0.7)
+            said = draw.standard_normal((len(rows), 246)) * 10.0**power
+            sent[rows] += coding.decode(feedback.encode(rows, said))
+            meant[rows] += said
+        assert feedback.residuals is not None
+        np.testing.assert_allclose(sent + feedback.residuals, meant, rtol=0, atol=1e-13 * rounds * 10.0**power)
+
+    check()
+
+
+def test_the_residual_never_exceeds_what_one_rounding_takes() -> None:
+    coding, draw = Coding("int8", HF), np.random.default_rng(3)
+    feedback = Feedback(coding, 1, kept=True)
+    for _ in range(200):  # every upload may have been lost in an outage: nobody tells the UAV
+        feedback.encode(np.array([0]), draw.uniform(-1, 1, (1, 246)))
+        assert feedback.residuals is not None
+        assert np.abs(feedback.residuals).max() <= 0.5 * (1.0 + 1.0 / 250) / 127
+
+
+def test_a_weight_too_small_for_the_steps_gets_through_in_the_long_run_and_never_without_feedback() -> None:
+    coding = Coding("int8", Method.MFGFL_H)
+    model = np.zeros((1, 108))
+    model[0, :3] = 1.0, 1.1e-3, -0.4e-3  # a step is 1/127
+    for kept in (True, False):
+        feedback = Feedback(coding, 1, kept=kept)
+        heard = [coding.decode(feedback.encode(np.array([0]), model))[0] for _ in range(1000)]
+        mean = np.mean(heard, axis=0)
+        if kept:
+            np.testing.assert_allclose(mean, model[0], atol=1e-5)
+        else:
+            np.testing.assert_allclose(mean[:3], [1.0, 0.0, 0.0], atol=1e-7)
+
+
+def test_an_average_of_rounded_models_follows_the_average_of_the_models() -> None:
+    coding, draw = Coding("int8", HF), np.random.default_rng(4)
+    base = draw.standard_normal((20, 246))
+    off = {}
+    for kept in (True, False):
+        feedback, total = Feedback(coding, 20, kept=kept), np.zeros(246)
+        for _ in range(30):
+            heard = coding.decode(feedback.encode(np.arange(20), base))
+            total += fedavg(dict(enumerate(heard)))
+        off[kept] = np.linalg.norm(total / 30 - base.mean(axis=0))
+    assert off[True] < off[False] / 5
+
+
+def test_rows_that_do_not_upload_and_models_that_cannot_be_sent_leave_residuals_as_they_were() -> None:
+    coding, draw = Coding("int8", HF), np.random.default_rng(5)
+    feedback = Feedback(coding, 3, kept=True)
+    feedback.encode(np.array([0, 1, 2]), draw.standard_normal((3, 246)))
+    assert feedback.residuals is not None
+    before = feedback.residuals.copy()
+    broken = draw.standard_normal((2, 246))
+    broken[1, 9] = np.inf
+    payload = feedback.encode(np.array([0, 2]), broken)
+    assert coding.sound(payload).tolist() == [True, False]
+    assert not np.array_equal(feedback.residuals[0], before[0])
+    np.testing.assert_array_equal(feedback.residuals[1:], before[1:])
+
+
+# -- in the node --------------------------------------------------------------------------------------------------
+
+
+def uploads(agent: Agent, until: int) -> list[tuple[np.ndarray, Frames]]:
+    """What an agent learned by each round's tick, and what it sent then."""
+    sent, seen = [], models(agent.act(sense(0)))
+    for tick in range(1, until):
+        act = agent.act(sense(tick))
+        sent += [(seen, batch) for batch in act.outbox if batch.kind == FrameKind.UPLOAD]
+        seen = models(act)
+    return sent
+
+
+@pytest.mark.parametrize("name", ["int8", "float16"])
+def test_an_agent_s_uploads_add_up_to_its_models_but_for_the_residual_of_its_checkpoint(name: str) -> None:
+    of = flown(f"federation.payload={name}", "federation.fraction=1.0")
+    agent, coding = Agent(welcome(of)), Coding(name, HF)  # type: ignore[arg-type]
+    heard = uploads(agent, 26)
+    assert len(heard) == 5
+    sent = sum(coding.decode(batch.payload) for _, batch in heard)
+    told = agent.act(Sense(NUMBER, 26, states_at(26), True, checkpoint=True))
+    assert told.residuals is not None
+    assert np.abs(told.residuals).max() > 0
+    np.testing.assert_allclose(sent + told.residuals, sum(seen for seen, _ in heard), rtol=0, atol=1e-12)
+
+
+def test_without_feedback_every_upload_is_the_rounded_model_and_nothing_is_kept() -> None:
+    of = flown("federation.payload=int8", "federation.error_feedback=false", "federation.fraction=1.0")
+    agent, coding = Agent(welcome(of)), Coding("int8", HF)
+    for seen, batch in uploads(agent, 21):
+        np.testing.assert_array_equal(batch.payload, coding.encode(seen))
+    assert agent.act(sense(21)).residuals is None
+
+
+@pytest.mark.parametrize(
+    ("payload", "bits", "kept"),
+    [("float32", 32, False), ("float16", 16, False), ("float16", 32, True), ("float32", 64, True), ("int8", 16, True)],
+)
+def test_a_residual_is_kept_where_a_payload_is_narrower_than_a_float_of_the_radio(
+    payload: str, bits: int, kept: bool
+) -> None:
+    settings_ = (f"federation.payload={payload}", f"radio.bits_per_float={bits}")
+    assert flown(*settings_).keeps_residuals == kept
+    assert not flown(*settings_, method="mfg").keeps_residuals
+
+
+def test_a_newcomer_with_residuals_goes_on_where_they_were_and_residuals_of_another_shape_are_rejected() -> None:
+    of = flown("federation.payload=int8", "federation.fraction=1.0")
+    fresh = welcome(of)
+    owed = np.full((len(UAVS), 246), 0.25)
+    with_past = Welcome(fresh.run, fresh.node, UAVS, 0, fresh.scenario, fresh.initial_states, residuals=owed)
+    (seen, batch), *_ = uploads(Agent(with_past), 6)
+    np.testing.assert_array_equal(batch.payload, Coding("int8", HF).encode(seen + owed))
+    short = Welcome(fresh.run, fresh.node, UAVS, 0, fresh.scenario, fresh.initial_states, residuals=owed[:, :-1])
+    with pytest.raises(MessageRejected):
+        Agent(short)

@@ -1,0 +1,206 @@
+"""How models are written on the radio: bounds of what rounding takes, what is refused, and the exact number of bits."""
+
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from channel.link import slots_needed
+from swarm import payload
+from swarm.errors import MessageRejected
+from swarm.methods import Method
+from swarm.payload import COARSEST, FINEST, STEPS, Coding
+from swarm.scenario import Radio, load
+
+QUICK = settings(max_examples=100, deadline=None, database=None)
+FEDERATED = [method for method in Method if method.is_federated]
+PARTS = {Method.MFGFL_H: (54, 54), Method.MFGFL_F: (69, 69), Method.MFGFL_HF: (54, 54, 69, 69)}
+
+
+@st.composite
+def models(draw: st.DrawFn, method: Method = Method.MFGFL_HF, largest: float = 1e29) -> np.ndarray:
+    """A few models of random weights over any range of magnitudes, some weights chosen with malice."""
+    weights = sum(PARTS[method])
+    dice = np.random.default_rng(draw(st.integers(0, 2**32)))
+    low, high = sorted(draw(st.tuples(*[st.floats(-324, np.log10(largest))] * 2)))
+    table: np.ndarray = dice.uniform(-1, 1, (draw(st.integers(1, 3)), weights))
+    table *= 10.0 ** dice.uniform(low, high, table.shape)
+    chosen = st.tuples(st.integers(0, len(table) - 1), st.integers(0, weights - 1), st.floats(-largest, largest))
+    for row, weight, value in draw(st.lists(chosen, max_size=6)):
+        table[row, weight] = value
+    return table
+
+
+def scales_of(coded: np.ndarray, method: Method) -> list[tuple[float, ...]]:
+    """The scales, read with `struct` alone."""
+    count, weights = len(PARTS[method]), sum(PARTS[method])
+    return [struct.unpack_from(f"<{count}f", row.tobytes(), weights) for row in coded]
+
+
+@pytest.mark.parametrize("method", FEDERATED)
+def test_no_weight_is_off_by_more_than_half_a_step_of_its_part_however_large_or_small(method: Method) -> None:
+    coding = Coding("int8", method)
+    ends = np.cumsum(PARTS[method])
+
+    @QUICK
+    @given(models(method))
+    def check(meant: np.ndarray) -> None:
+        coded = coding.encode(meant)
+        assert coding.sound(coded).all()
+        off = np.abs(coding.decode(coded) - meant)
+        for row, scales in enumerate(scales_of(coded, method)):
+            for end, size, scale in zip(ends, PARTS[method], scales, strict=True):
+                part = slice(end - size, end)
+                assert off[row, part].max() <= scale * 0.5 * (1 + 1e-12)
+                largest = np.abs(meant[row, part]).max()
+                assert FINEST <= scale <= max(FINEST, largest / STEPS * (1 + 2**-23))  # no coarser than need be
+
+    check()
+
+
+@pytest.mark.parametrize("name", ["int8", "float16", "float32", "float64"])
+def test_what_has_been_written_is_written_again_without_loss(name: str) -> None:
+    coding = Coding(name, Method.MFGFL_HF)  # type: ignore[arg-type]
+
+    @QUICK
+    @given(models(largest=6e4))
+    def check(meant: np.ndarray) -> None:
+        once = coding.encode(meant)
+        assert coding.encode(coding.decode(once)).tobytes() == once.tobytes()
+
+    check()
+
+
+def test_rows_do_not_know_of_each_other_and_signs_do_not_matter() -> None:
+    drawn = np.random.default_rng(1).standard_normal((9, 246)) * np.logspace(-3, 3, 9)[:, None]
+    coding = Coding("int8", Method.MFGFL_HF)
+    together = coding.encode(drawn)
+    for row, one in enumerate(drawn):
+        assert coding.encode(one[None]).tobytes() == together[row].tobytes()
+    np.testing.assert_array_equal(coding.decode(coding.encode(-drawn)), -coding.decode(together))
+    assert coding.encode(drawn[:0]).shape == (0, coding.width)
+
+
+def test_a_part_is_as_fine_as_its_own_weights_and_zero_is_zero() -> None:
+    coding = Coding("int8", Method.MFGFL_H)
+    meant = np.zeros((1, 108))
+    meant[0, :54] = np.linspace(-1000, 1000, 54)
+    meant[0, 54:] = np.linspace(-1e-6, 1e-6, 54)
+    heard = coding.decode(coding.encode(meant))
+    assert np.abs(heard - meant)[0, 54:].max() <= 0.5 * 1.0001e-6 / 127
+    np.testing.assert_array_equal(coding.decode(coding.encode(np.zeros((2, 108)))), np.zeros((2, 108)))
+
+
+def test_the_largest_weight_of_a_part_keeps_its_value_to_single_precision() -> None:
+    coding = Coding("int8", Method.MFGFL_F)
+    meant = np.random.default_rng(2).standard_normal((50, 138))
+    heard = coding.decode(coding.encode(meant))
+    for part in (slice(0, 69), slice(69, 138)):
+        where = np.abs(meant[:, part]).argmax(axis=-1)[:, None]
+        one, other = (np.take_along_axis(of[:, part], where, axis=-1) for of in (meant, heard))
+        np.testing.assert_allclose(other, one, rtol=2**-22)
+
+
+@pytest.mark.parametrize("name", ["int8", "float16", "float32"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300])
+def test_a_weight_that_cannot_be_written_makes_its_own_row_unsound_and_no_other(name: str, bad: float) -> None:
+    coding = Coding(name, Method.MFGFL_H)  # type: ignore[arg-type]
+    meant = np.ones((3, 108))
+    meant[1, 7] = bad
+    coded = coding.encode(meant)
+    assert coding.sound(coded).tolist() == [True, False, True]
+    with pytest.raises(MessageRejected) as caught:
+        coding.check(coded, 3)
+    assert caught.value.reason == "non-finite"
+
+
+def byte_row(steps: int = 0, scale: float = 1.0) -> np.ndarray:
+    """A payload of an H model, made by hand."""
+    raw = struct.pack("<108b2f", *[steps] * 108, scale, 1.0)
+    return np.frombuffer(raw, dtype="u1")[None]
+
+
+@pytest.mark.parametrize("scale", [np.nan, np.inf, -1.0, 0.0, 1e-45, FINEST / 2, 3e38, -np.inf])
+def test_a_scale_no_honest_uav_sends_is_rejected(scale: float) -> None:
+    coding = Coding("int8", Method.MFGFL_H)
+    coding.check(byte_row(scale=COARSEST / 2), 1)
+    coding.check(byte_row(scale=FINEST), 1)
+    with pytest.raises(MessageRejected) as caught:
+        coding.check(byte_row(scale=scale), 1)
+    assert caught.value.reason == "non-finite"
+
+
+def test_a_step_no_honest_uav_sends_is_rejected() -> None:
+    coding = Coding("int8", Method.MFGFL_H)
+    for steps in (-STEPS, 0, STEPS):
+        coding.check(byte_row(steps), 1)
+        np.testing.assert_array_equal(coding.decode(byte_row(steps, 0.5))[0, :54], np.full(54, steps * 0.5))
+    with pytest.raises(MessageRejected):
+        coding.check(byte_row(-128), 1)
+
+
+@QUICK
+@given(st.binary(min_size=116, max_size=116))
+def test_whatever_is_let_through_decodes_to_finite_weights_within_bounds(raw: bytes) -> None:
+    coding = Coding("int8", Method.MFGFL_H)
+    row = np.frombuffer(raw, dtype="u1")[None]
+    scales = np.array(struct.unpack_from("<2f", raw, 108))
+    if ((scales >= FINEST) & (scales <= COARSEST)).all() and 0x80 not in raw[:108]:
+        coding.check(row, 1)
+        assert (np.abs(coding.decode(row)) <= coding.largest).all()
+    else:
+        with pytest.raises(MessageRejected, match=r"^non-finite"):
+            coding.check(row, 1)
+
+
+MISFITS = {
+    "one byte short": np.zeros((1, 115), "u1"),
+    "without scales": np.zeros((1, 108), "u1"),
+    "floats": np.zeros((1, 108), "<f4"),
+    "floats as many as bytes": np.zeros((1, 116), "<f4"),
+    "no axes": np.zeros((), "u1"),
+    "a row too many": np.ones((2, 116), "u1"),
+}
+
+
+@pytest.mark.parametrize("what", MISFITS)
+def test_a_payload_of_another_shape_or_kind_is_rejected(what: str) -> None:
+    with pytest.raises(MessageRejected) as caught:
+        Coding("int8", Method.MFGFL_H).check(MISFITS[what], 1)
+    assert caught.value.reason == "wrong-shape"
+
+
+# Weights times bits, and 32 for each scale; at η = 75 dB a slot carries 2491.4 bits.
+BITS = {
+    ("mfgfl-h", "float64"): (6912, 3),
+    ("mfgfl-h", "float32"): (3456, 2),
+    ("mfgfl-h", "float16"): (1728, 1),
+    ("mfgfl-h", "int8"): (928, 1),
+    ("mfgfl-f", "float64"): (8832, 4),
+    ("mfgfl-f", "float32"): (4416, 2),
+    ("mfgfl-f", "float16"): (2208, 1),
+    ("mfgfl-f", "int8"): (1168, 1),
+    ("mfgfl-hf", "float64"): (15744, 7),
+    ("mfgfl-hf", "float32"): (7872, 4),
+    ("mfgfl-hf", "float16"): (3936, 2),
+    ("mfgfl-hf", "int8"): (2096, 1),
+}
+
+
+@pytest.mark.parametrize(("method", "name"), BITS)
+def test_a_transmission_pays_for_every_weight_and_every_scale_and_slots_follow(method: str, name: str) -> None:
+    coding = Coding(name, Method(method))  # type: ignore[arg-type]
+    bits, slots = BITS[method, name]
+    assert coding.bits == bits
+    assert 8 * coding.encode(np.ones((1, coding.floats))).nbytes == bits
+    assert slots_needed(Radio(), coding.bits) == slots
+
+
+def test_both_directions_are_written_as_the_scenario_says_and_else_as_the_radio_s_floats() -> None:
+    for width, dtype in ((16, "<f2"), (32, "<f4"), (64, "<f8")):
+        flown = load(None, [f"radio.bits_per_float={width}"])
+        assert (payload.upload(flown).dtype, payload.broadcast(flown).dtype) == (np.dtype(dtype),) * 2
+    mixed = load(None, ["federation.payload=int8", "federation.broadcast_payload=float16"])
+    assert (payload.upload(mixed).dtype, payload.broadcast(mixed).dtype) == (np.dtype("u1"), np.dtype("<f2"))
