@@ -24,7 +24,7 @@ def _run() -> None:
     bus = ZenohBus.client(given.endpoint, given.wait, identity(given.tls, keys.asker("agent", uav)))
     try:
         spoke = Spoke(bus, keys.check_run(given.run))
-        spoke.join(Join("agent", given.rows, uav), Agent, given.wait)
+        spoke.join(Join("agent", given.rows, uav), Agent, given.wait, lambda: bool(interrupted) or orphaned())
         spoke.serve(interrupted.__bool__, orphaned)
     finally:
         bus.close()

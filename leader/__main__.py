@@ -15,7 +15,7 @@ def _run() -> None:
     bus = ZenohBus.client(given.endpoint, given.wait, identity(given.tls, LEADER))
     try:
         spoke = Spoke(bus, keys.check_run(given.run))
-        spoke.join(Join("leader", 0), Leader, given.wait)
+        spoke.join(Join("leader", 0), Leader, given.wait, lambda: bool(interrupted) or orphaned())
         spoke.serve(interrupted.__bool__, orphaned)
     finally:
         bus.close()

@@ -58,6 +58,7 @@ class Refusal(_Message, frozen=True, tag="refusal"):
     """The world's answer where a node cannot take part."""
 
     reason: str
+    for_now: bool = False  # what stands against it may pass: a UAV is free again once its agent is lost
 
 
 class Ready(_Message, frozen=True, tag="ready"):

@@ -9,12 +9,13 @@ from typing import Protocol
 from swarm import codec, keys
 from swarm.bus import Bus, Delivery
 from swarm.errors import BusError, MessageRejected
-from swarm.messages import Act, Join, Ready, Refusal, Sense, Stop, Welcome
+from swarm.messages import Act, Join, Message, Ready, Refusal, Sense, Stop, Welcome
 
 log = logging.getLogger("meanflock.node")
 
 _READY_AGAIN_S = 0.2  # until the first Sense: what is put right after a declaration can get lost
 _ASK_TIMEOUT_S = 2.0
+_REFUSED_AGAIN_S = 0.25  # a predecessor that was killed is missed within milliseconds, a frozen one at the barrier
 
 
 class Node(Protocol):
@@ -36,20 +37,21 @@ class Spoke:
         self.stopped: str | None = None  # why the world sent everyone home
         self.dropped: Counter[str] = Counter()
 
-    def join(self, request: Join, make: Callable[[Welcome], Node], timeout_s: float) -> Welcome:
-        """Asks until a world answers, builds the node, and listens.
+    def join(
+        self,
+        request: Join,
+        make: Callable[[Welcome], Node],
+        timeout_s: float,
+        cancelled: Callable[[], bool] = lambda: False,
+    ) -> Welcome:
+        """Asks until a world lets it in, builds the node, and listens. `cancelled` is asked between two questions.
+
+        Who comes before its predecessor is missed is refused for now, and asks again.
 
         Raises:
             BusError: no world answered in time, or it refused.
         """
-        question = keys.join(self._run, keys.asker(request.role, request.uav))
-        end = time.monotonic() + timeout_s
-        while (answer := self._bus.ask(question, codec.encode(request), _ASK_TIMEOUT_S)) is None:
-            if time.monotonic() > end:
-                raise BusError(f"no world of run {self._run!r} answered within {timeout_s:.0f} s")
-        welcome = codec.decode(answer)
-        if isinstance(welcome, Refusal):
-            raise BusError(f"the world refused: {welcome.reason}")
+        welcome = self._ask(request, timeout_s, cancelled)
         if not isinstance(welcome, Welcome) or welcome.run != self._fingerprint:
             raise BusError(f"the world of run {self._run!r} answered with {type(welcome).__name__}")
         self._node = make(welcome)
@@ -87,6 +89,26 @@ class Spoke:
             except MessageRejected as error:
                 self.dropped[error.reason] += 1
                 log.warning("dropped a message under %s: %s", delivery.key, error)
+
+    def _ask(self, request: Join, timeout_s: float, cancelled: Callable[[], bool]) -> Message:
+        """The first answer of a world that is not a refusal for now."""
+        question, raw = keys.join(self._run, keys.asker(request.role, request.uav)), codec.encode(request)
+        failure = f"no world of run {self._run!r} answered within {timeout_s:.0f} s"
+        end = time.monotonic() + timeout_s
+        while True:
+            if (answer := self._bus.ask(question, raw, _ASK_TIMEOUT_S)) is not None:
+                message = codec.decode(answer)
+                if not isinstance(message, Refusal):
+                    return message
+                failure = f"the world refused: {message.reason}"
+                if not message.for_now:
+                    raise BusError(failure)
+            if cancelled():
+                raise BusError(f"interrupted while asking to take part: {failure}")
+            if (left := end - time.monotonic()) <= 0:
+                raise BusError(failure)
+            if answer is not None:
+                time.sleep(min(_REFUSED_AGAIN_S, left))
 
     def _answer(self, raw: bytes) -> None:
         message = codec.decode(raw)

@@ -145,7 +145,7 @@ class Door:
             try:
                 member = self.members.admit(join, self._clock())
             except JoinRefused as error:
-                delivery.reply(codec.encode(Refusal(str(error))))
+                delivery.reply(codec.encode(Refusal(str(error), error.for_now)))
                 return
             name, uavs = member.name, member.uavs
             log.info("%s joined with UAVs %s", name, uavs.tolist())
