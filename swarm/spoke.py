@@ -103,6 +103,7 @@ class Spoke:
                 failure = f"the world refused: {message.reason}"
                 if not message.for_now:
                     raise BusError(failure)
+                log.info("refused for now: %s", message.reason)
             if cancelled():
                 raise BusError(f"interrupted while asking to take part: {failure}")
             if (left := end - time.monotonic()) <= 0:

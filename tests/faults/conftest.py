@@ -98,9 +98,12 @@ class Processes:
         self.base = ("--endpoint", free_endpoint(), "--run", run)
         self._started: list[subprocess.Popen[str]] = []
 
-    def start(self, module: str, *flags: str, base: tuple[str, ...] | None = None) -> "subprocess.Popen[str]":
+    def start(
+        self, module: str, *flags: str, base: tuple[str, ...] | None = None, env: dict[str, str] | None = None
+    ) -> "subprocess.Popen[str]":
         line = [sys.executable, "-m", module, *(self.base if base is None else base), *flags]
-        process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        pipe = subprocess.PIPE
+        process = subprocess.Popen(line, stdout=pipe, stderr=pipe, text=True, env={**os.environ, **(env or {})})
         self._started.append(process)
         return process
 

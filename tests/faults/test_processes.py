@@ -103,6 +103,25 @@ def test_a_frozen_agent_stalls_the_others_one_deadline_and_goes_home_when_it_wak
     ends_by_itself(successor)
 
 
+def test_a_successor_that_comes_before_its_predecessor_is_missed_waits_and_takes_over(
+    processes: Processes, tmp_path: Path
+) -> None:
+    flight = Flight(processes, tmp_path)
+    flight.flying()
+    patient = flight.processes.start("agent", "--uav", "1", env={"MEANFLOCK_LOG": "INFO"})
+    hasty = flight.processes.start("agent", "--uav", "2", "--wait", "1")
+    _, err = hasty.communicate(timeout=DEADLINE_S)
+    assert hasty.returncode == 1
+    assert err.strip() == "error: the world refused: every UAV of this run has its agent already"
+    assert patient.stderr is not None
+    assert "refused for now: " in patient.stderr.readline()
+    flight.agents[1].kill()
+    assert flight.event("rejoined")["uavs"] == [1]
+    flight.flying()
+    assert flight.end()["lost"] == 0
+    ends_by_itself(patient)
+
+
 class Wire:
     """A TCP relay that can be cut: nothing passes, and neither side is told."""
 
