@@ -135,9 +135,10 @@ class Received(_Message, frozen=True, tag="received"):
 
 
 class Finished(_Message, frozen=True, tag="finished"):
-    """World to whoever listens: the flight is over and this is its summary."""
+    """World to whoever listens: the flight is over and this is its summary. A listener acknowledges it as a block."""
 
     run: int
+    block: int  # the number after that of the last Telemetry
     summary: bytes  # JSON object
 
 

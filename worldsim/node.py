@@ -142,13 +142,16 @@ class World:
         record = summary(self.flight, self.air.meter, self._run, self._mode, self._wall_s(), self._protocol())
         self._note("finished", f"{record['arrived']} of {self._scenario.uavs} arrived")
         self._outbox.add(self._rows.take())
+        self._outbox.add(finished := Finished(self._fingerprint, self._rows.block, msgspec.json.encode(record)))
         self._door.closed = True
         self.stop("finished")
         end = self._clock() + linger_s
+        # What is on its way when a session closes may never arrive, so all of it is waited for, the summary too.
         while self._door.listeners and not self._outbox.empty and self._clock() < end:
             self._publish()
             self._wait(0.1)
-        self._put(keys.telemetry(self._run), Finished(self._fingerprint, msgspec.json.encode(record)))
+        if not self._outbox.empty:
+            self._put(keys.telemetry(self._run), finished)
         return record
 
     def stop(self, reason: str) -> None:

@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,8 +16,6 @@ from typing import Any
 import pytest
 
 from groundstation import certs
-from groundstation.engine import Engine
-from swarm import scenario
 
 REPOSITORY = Path(__file__).parents[2]
 DEADLINE_S = 180.0
@@ -150,12 +149,20 @@ SHORT = ["seed=7", "duration=30", "federation.period=50"]
 
 
 @pytest.fixture(scope="module")
-def alone() -> str:
-    """The trajectory of `SHORT` in one process."""
-    engine = Engine(scenario.load(None, SHORT, uavs=UAVS), "alone")
-    for _ in engine.fly():
-        pass
-    return engine.world.flight.trajectory_sha256
+def alone(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The trajectory of `SHORT` in one process, with the arithmetic the containers choose, whatever is set here."""
+    settings = [word for setting in (*SHORT, f"uavs={UAVS}") for word in ("--set", setting)]
+    line = [sys.executable, "-m", "groundstation.cli", "run", "--in-process", "--no-record", "--json", "--quiet"]
+    env = {name: value for name, value in os.environ.items() if not name.startswith("OPENBLAS")}
+    done = subprocess.run(
+        [*line, "--out", str(tmp_path_factory.mktemp("alone")), *settings],
+        env=env,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    return str(json.loads(done.stdout)["trajectory_sha256"])
 
 
 def test_containers_fly_the_trajectory_of_one_process_and_leave_the_run_folder(compose: Compose, alone: str) -> None:
