@@ -119,10 +119,8 @@ class World:
                 raise RunFailed(f"after {timeout_s:.0f} s the swarm still waits for {self._missing()}")
             self._wait(0.1)
         nodes = f"{len(self._members.present)} nodes hold {self._scenario.uavs} UAVs"
-        if self._resumed is None:
-            self._note("joined", nodes)
-        else:
-            self._note("resumed", f"{nodes} and go on from tick {self.flight.tick}")
+        again = "" if self._resumed is None else f" and go on from tick {self.flight.tick}"
+        self._note("resumed" if again else "joined", nodes + again)
 
     def fly(self) -> Iterator[int]:
         """The flight; yields the number of every tick flown, so that the caller can stop in between."""
@@ -137,7 +135,7 @@ class World:
             self._tick()
             yield self.flight.tick
 
-    def finish(self, linger_s: float = 10.0) -> dict[str, Any]:
+    def finish(self, linger_s: float = 20.0) -> dict[str, Any]:
         """Ends the run: everyone is told, the last block is handed over, the summary made."""
         record = summary(self.flight, self.air.meter, self._run, self._mode, self._wall_s(), self._protocol())
         self._note("finished", f"{record['arrived']} of {self._scenario.uavs} arrived")
@@ -147,7 +145,8 @@ class World:
         self.stop("finished")
         end = self._clock() + linger_s
         # What is on its way when a session closes may never arrive, so all of it is waited for, the summary too.
-        while self._door.listeners and not self._outbox.empty and self._clock() < end:
+        back = self._stations > 0 and self.flight.over  # a recorder that was killed may be on its way back
+        while (self._door.listeners or back) and not self._outbox.empty and self._clock() < end:
             self._publish()
             self._wait(0.1)
         if not self._outbox.empty:
