@@ -15,6 +15,7 @@ log = logging.getLogger("meanflock.node")
 
 _READY_AGAIN_S = 0.2  # until the first Sense: what is put right after a declaration can get lost
 _ASK_TIMEOUT_S = 2.0
+_GONE = "the world is gone"
 _REFUSED_AGAIN_S = 0.25  # a predecessor that was killed is missed within milliseconds, a frozen one at the barrier
 
 
@@ -63,9 +64,12 @@ class Spoke:
         return welcome
 
     def serve(self, cancelled: Callable[[], bool], abandoned: Callable[[], bool]) -> str:
-        """Answers until the world says stop or is gone, and returns why.
+        """Answers until the world says stop, and returns why.
 
         `cancelled` is asked after every delivery, `abandoned` only when there is nothing to do.
+
+        Raises:
+            BusError: the world is gone without a word.
         """
         while self.stopped is None:
             if cancelled():
@@ -77,12 +81,14 @@ class Spoke:
                 return "the launcher is gone"
             elif self._last_tick < 0:
                 self._ready()
+        if self.stopped == _GONE:
+            raise BusError(f"the world of run {self._run!r} is gone; `meanflock resume` goes on with its run")
         return self.stopped
 
     def handle(self, delivery: Delivery) -> None:
         """One delivery. What does not fit is dropped, counted and logged; the node is as it was."""
         if delivery.kind == "gone":
-            self.stopped = "the world is gone"
+            self.stopped = _GONE
         elif delivery.kind == "message":
             try:
                 self._answer(delivery.payload)

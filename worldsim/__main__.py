@@ -2,6 +2,7 @@
 
 import json
 import os
+import time
 from pathlib import Path
 
 from swarm import access, keys, scenario
@@ -12,6 +13,8 @@ from swarm.refusals import Refusals
 from swarm.session import ZenohBus
 from worldsim.checkpoint import Resumption
 from worldsim.node import World
+
+SEE_OFF_S = 2.0
 
 
 def _run() -> None:
@@ -65,11 +68,20 @@ def _run() -> None:
             if interrupted or (tick % 50 == 0 and orphaned()):
                 break
         print(json.dumps(world.finish(), indent=1), flush=True)
+        _see_off(world, bus)
         if interrupted:
             raise RunFailed("interrupted; the summary is of what was flown")
     finally:
         bus.close()
         refusals.close()
+
+
+def _see_off(world: World, bus: ZenohBus) -> None:
+    """Waits until every node has gone home: what it was told last can be lost if the router closes before."""
+    end = time.monotonic() + SEE_OFF_S
+    while world.attended and time.monotonic() < end:
+        if (delivery := bus.receive(0.1)) is not None:
+            world.handle(delivery)
 
 
 if __name__ == "__main__":

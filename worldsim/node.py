@@ -395,5 +395,6 @@ class World:
         )
 
     @property
-    def _drops(self) -> Counter[str]:
-        return self._ledger.drops
+    def attended(self) -> bool:
+        """Whether any node has not gone home yet."""
+        return bool(self._members.present)

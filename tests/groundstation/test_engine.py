@@ -215,9 +215,9 @@ def test_hostile_messages_are_dropped_counted_by_reason_and_change_nothing() -> 
         if tick % 7:
             continue
         for node, raw, reason in hostile(tick):
-            before = engine.world._drops.copy()
+            before = engine.world._ledger.drops.copy()
             engine.world.handle(Delivery("message", keys.act(RUN, node), raw))
-            found = engine.world._drops - before
+            found = engine.world._ledger.drops - before
             assert found == {reason: 1}, (node, reason, found)
             expected[reason] = expected.get(reason, 0) + 1
     summary = engine.world.finish()
@@ -281,7 +281,7 @@ def test_who_asks_under_the_name_of_another_is_dropped_without_an_answer() -> No
     for name, join in (("agent-1", Join("agent", 1, 2)), ("agent", Join("leader", 0)), ("x", Join("agent", 1))):
         engine.world.handle(Delivery("question", keys.join(RUN, name), codec.encode(join), replies.append))
     assert not replies
-    assert engine.world._drops == {"wrong-name": 3}
+    assert engine.world._ledger.drops == {"wrong-name": 3}
 
 
 # -- losses -------------------------------------------------------------------------------------------------------
