@@ -9,7 +9,6 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
-from typing import Any
 
 import psutil
 import pyarrow.parquet as pq
@@ -19,55 +18,20 @@ from groundstation.launch import free_endpoint
 from swarm import keys
 from swarm import scenario as scenarios
 from swarm.session import ZenohBus
-from tests.faults.conftest import DEADLINE_S, Lab, Processes, events_in, spool_bytes, summary_of, until
+from tests.faults.conftest import (
+    DEADLINE_S,
+    SETTINGS,
+    Flight,
+    Lab,
+    Processes,
+    ends_by_itself,
+    events_in,
+    spool_bytes,
+    summary_of,
+    until,
+)
 
 pytestmark = pytest.mark.processes
-
-SETTINGS = ("uavs=3", "seed=7", "stop=duration", "federation.period=40", "method=mfgfl-h")
-ENDLESS = (*SETTINGS, "duration=100000")
-
-
-class Flight:
-    """World, station, a leader and three agents, each of its own UAV."""
-
-    def __init__(
-        self, processes: Processes, out: Path, barrier_s: float = 10.0, leaders: int = 1, **start: Any
-    ) -> None:
-        self.processes, self.out = processes, out
-        flags = ("--stations", "1", "--barrier", str(barrier_s))
-        self.world = processes.world(*flags, settings=start.get("settings", ENDLESS))
-        self.station = processes.station(out, "--resume", "latest")
-        self.agents = [processes.start("agent", "--uav", str(uav)) for uav in range(start.get("agents", 3))]
-        self.leaders = [self.leader() for _ in range(leaders)]
-
-    def leader(self) -> "subprocess.Popen[str]":
-        return self.processes.start("leader")
-
-    def flying(self, more: int = 5_000) -> None:
-        """Waits until that many more bytes of telemetry are on the disk."""
-        before = spool_bytes(self.out)
-        until(lambda: spool_bytes(self.out) > before + more, "telemetry")
-
-    def event(self, kind: str, count: int = 1) -> dict[str, Any]:
-        """Waits for the count-th event of a kind."""
-
-        def found() -> dict[str, Any] | None:
-            of_kind = [e for folder in self.out.glob("*") for e in events_in(folder) if e["kind"] == kind]
-            return of_kind[count - 1] if len(of_kind) >= count else None
-
-        return until(found, f"{count} events {kind}")
-
-    def end(self) -> dict[str, Any]:
-        """Ends an endless flight; its summary."""
-        self.world.send_signal(signal.SIGINT)
-        out, _ = self.world.communicate(timeout=DEADLINE_S)
-        return json.loads(out)
-
-
-def ends_by_itself(process: "subprocess.Popen[str]") -> str:
-    _, err = process.communicate(timeout=DEADLINE_S)
-    assert process.returncode == 0, err
-    return err
 
 
 def test_a_killed_agent_is_lost_and_a_new_process_flies_its_uav_on(processes: Processes, tmp_path: Path) -> None:
