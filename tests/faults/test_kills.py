@@ -36,7 +36,7 @@ def test_under_tls_killed_agents_rejoin_with_the_certificates_they_had(
 ) -> None:
     draw = random.Random(1)
     processes.base += ("--tls", str(certificates))
-    flight = Flight(processes, tmp_path)
+    flight = Flight(processes, tmp_path, barrier_s=60.0)
     tick = 0
     for number in range(1, 4):
         victim = draw.randrange(3)
@@ -47,7 +47,8 @@ def test_under_tls_killed_agents_rejoin_with_the_certificates_they_had(
         assert rejoined["uavs"] == [victim]
         tick = rejoined["tick"]
     summary = flight.end()
-    assert (summary["lost"], summary["nodes_lost"], summary["dropped_messages"]) == (0, 3, {})
+    assert (summary["lost"], summary["nodes_lost"]) == (0, 3)
+    assert summary["dropped_messages"].keys() <= {"unknown-node"}  # last words of the dead: nobody was refused
     for process in (*flight.agents, *flight.leaders, flight.station):
         ends_by_itself(process)
 
