@@ -175,10 +175,17 @@ class Flight:
         """Waits for the count-th event of a kind."""
 
         def found() -> dict[str, Any] | None:
-            of_kind = [e for folder in self.out.glob("*") for e in events_in(folder) if e["kind"] == kind]
+            of_kind = self._events(kind)
             return of_kind[count - 1] if len(of_kind) >= count else None
 
         return until(found, f"{count} events {kind}")
+
+    def count(self, kind: str) -> int:
+        """How many events of a kind are on the disk."""
+        return len(self._events(kind))
+
+    def _events(self, kind: str) -> list[dict[str, Any]]:
+        return [e for folder in self.out.glob("*") for e in events_in(folder) if e["kind"] == kind]
 
     def rows(self) -> int:
         """How many rows of the flight are on the disk."""
