@@ -14,6 +14,8 @@ from swarm.session import ZenohBus
 from worldsim.checkpoint import Resumption
 from worldsim.node import World
 
+LINGER_S = 20.0  # for a recorder that is slow, or was killed and is on its way back
+HURRIED_S = 5.0  # after an interrupt; what comes next from an impatient engine is SIGKILL, after ten
 SEE_OFF_S = 2.0
 
 
@@ -67,7 +69,8 @@ def _run() -> None:
         for tick in world.fly():
             if interrupted or (tick % 50 == 0 and orphaned()):
                 break
-        print(json.dumps(world.finish(), indent=1), flush=True)
+        linger_s = 0.0 if orphaned() else LINGER_S if world.flight.over else HURRIED_S
+        print(json.dumps(world.finish(linger_s), indent=1), flush=True)
         _see_off(world, bus)
         if interrupted:
             raise RunFailed("interrupted; the summary is of what was flown")

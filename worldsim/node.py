@@ -135,7 +135,7 @@ class World:
             self._tick()
             yield self.flight.tick
 
-    def finish(self, linger_s: float = 20.0) -> dict[str, Any]:
+    def finish(self, linger_s: float = 10.0) -> dict[str, Any]:
         """Ends the run: everyone is told, the last block is handed over, the summary made."""
         record = summary(self.flight, self.air.meter, self._run, self._mode, self._wall_s(), self._protocol())
         self._note("finished", f"{record['arrived']} of {self._scenario.uavs} arrived")
