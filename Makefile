@@ -8,6 +8,8 @@ PYTHON ?=
 ARGS ?=
 WORKERS ?= 2
 COMPOSE ?= docker compose
+CERTS ?=
+SECURE = $(if $(CERTS),-f docker-compose.yml -f $(CERTS)/compose.yaml --profile secure)
 PYTEST := $(BIN)/pytest
 
 # One BLAS thread in each process: a swarm is already as many processes as it has vehicles.
@@ -59,9 +61,11 @@ picture: $(VENV)/.ground ## Draw the README's picture again (needs a software or
 images: ## Build the container images (BASE_IMAGE=... for another Python image)
 	$(COMPOSE) build
 
-up: ## The same run in containers, recorded into runs/ (MEANFLOCK_UAVS=25 MEANFLOCK_SET="seed=7")
-	@mkdir -p runs
-	@MEANFLOCK_UID=$${MEANFLOCK_UID:-$$(id -u)} MEANFLOCK_GID=$${MEANFLOCK_GID:-$$(id -g)} $(COMPOSE) up --build $(ARGS)
+# Containers run as whoever types it, and as the images' user where that is root.
+up: images ## The same run in containers, recorded into runs/ (MEANFLOCK_UAVS=25 MEANFLOCK_SET="seed=7" CERTS=DIR: mutual TLS)
+	@set -eu; uid=$$(id -u) gid=$$(id -g); mkdir -p runs; \
+	if [ $$uid = 0 ]; then uid=1000 gid=1000; chown 1000:1000 runs; fi; \
+	MEANFLOCK_UID=$${MEANFLOCK_UID:-$$uid} MEANFLOCK_GID=$${MEANFLOCK_GID:-$$gid} $(COMPOSE) $(SECURE) up --no-build $(ARGS)
 
 test-compose: ## Test the containers, on whichever container engine is running
 	@if [ -d tests/compose ]; then \

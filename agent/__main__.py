@@ -25,7 +25,7 @@ def _run() -> None:
     bus = ZenohBus.client(given.endpoint, given.wait, identity(given.tls, keys.asker("agent", uav)))
     try:
         spoke = Spoke(bus, keys.check_run(given.run))
-        welcome = spoke.join(Join("agent", given.rows, uav), Agent, given.wait)
+        welcome = spoke.join(Join("agent", given.rows, uav), Agent, given.wait, lambda: bool(interrupted) or orphaned())
         known |= {"node": welcome.node, "uavs": welcome.uavs}
         spoke.serve(interrupted.__bool__, orphaned)
     finally:

@@ -9,6 +9,7 @@ import ipaddress
 import json
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -28,6 +29,7 @@ HOSTS = ("127.0.0.1", "::1", "localhost", "worldsim")  # where a world is found:
 DAYS = 90
 COMPOSE = "compose.yaml"  # JSON, which is YAML too
 SOON_DAYS = 7
+IMAGE_USER = 1000  # whom the containers run as where root made the keys; the Dockerfile's
 
 _SKEW = timedelta(minutes=5)  # clocks of two machines differ
 
@@ -58,37 +60,45 @@ def init(folder: Path, uavs: int, days: int = DAYS, hosts: Sequence[str] = ()) -
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
             raise BadInput(f"{folder}: not empty, and keys are not overwritten; name a new folder or remove this one")
+        folder.chmod(0o700)
         authority = Authority(f"meanflock {os.urandom(4).hex()}", days)
         written = authority.write(folder)
         for name in names(uavs):
-            written += authority.issue(folder, name, days, (*HOSTS, *hosts) if name == WORLD else ())
+            issued = authority.issue(folder, name, days, (*HOSTS, *hosts) if name == WORLD else ())
+            if os.getuid() == 0:  # no container need be root for it; root reads them still, others do not reach them
+                _give(issued, IMAGE_USER)
+            written += issued
         written.append(folder / COMPOSE)
-        written[-1].write_text(json.dumps(compose(folder.resolve(), uavs), indent=1) + "\n", encoding="utf-8")
+        owner = (folder / f"{WORLD}.key").stat()
+        overlay = compose(folder.resolve(), uavs, f"{owner.st_uid}:{owner.st_gid}")
+        written[-1].write_text(json.dumps(overlay, indent=1) + "\n", encoding="utf-8")
     except OSError as error:
         raise BadInput(f"{error.filename or folder}: {error.strerror}; name a folder that can be written") from error
     return written
 
 
-def compose(folder: Path, uavs: int) -> dict[str, Any]:
-    """What to lay over docker-compose.yml: profile `secure`, in which a container is given its own key and no other."""
+def compose(folder: Path, uavs: int, user: str) -> dict[str, Any]:
+    """What to lay over docker-compose.yml: profile `secure`, in which a container is given its own key and no other.
+
+    `user`: uid:gid of who may read the keys, whom all containers run as.
+    """
+
+    def mount(file: str) -> dict[str, Any]:
+        where = {"source": str(folder / file), "target": f"/certs/{file}", "read_only": True}
+        must = {"create_host_path": False}  # a key that is missing is an error, not an empty folder of that name
+        return {"type": "bind", **where, "bind": must}
 
     def service(name: str, **more: Any) -> dict[str, Any]:
-        files = ("ca.pem", f"{name}.pem", f"{name}.key")
         return {
-            "user": f"${{MEANFLOCK_UID:-{os.getuid()}}}:${{MEANFLOCK_GID:-{os.getgid()}}}",  # who may read the keys
+            "user": user,
             "environment": {"MEANFLOCK_TLS": "/certs", **more.pop("environment", {})},
-            "volumes": [f"{folder / file}:/certs/{file}:ro" for file in files],
+            "volumes": [mount(file) for file in ("ca.pem", f"{name}.pem", f"{name}.key")],
             **more,
         }
 
-    listening = "grep -q ':1D17 .* 0A ' /proc/net/tcp"  # without a connection, which would count as a refused one
     return {
         "services": {
-            "worldsim": service(
-                WORLD,
-                environment={"MEANFLOCK_SET": f"uavs={uavs} ${{MEANFLOCK_SET:-}}"},
-                healthcheck={"test": ["CMD-SHELL", listening]},
-            ),
+            "worldsim": service(WORLD, environment={"MEANFLOCK_SET": f"uavs={uavs} ${{MEANFLOCK_SET:-}}"}),
             "leader": service(LEADER),
             "groundstation": service(STATION),
             "agent": {"deploy": {"replicas": 0}},  # an agent without a name is not let in
@@ -212,6 +222,12 @@ def expires(folder: Path, wanted: Sequence[str]) -> datetime:
     """When the first certificate of `folder` expires; all must be readable."""
     read = [_read(folder / f"{name}.pem") for name in ("ca", *wanted)]
     return min(certificate.not_valid_after_utc for certificate in read if not isinstance(certificate, str))
+
+
+def _give(paths: Sequence[Path], user: int) -> None:
+    with suppress(PermissionError):  # not every root may
+        for path in paths:
+            os.chown(path, user, user)
 
 
 def _read(path: Path) -> x509.Certificate | str:

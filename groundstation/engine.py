@@ -59,5 +59,5 @@ class Engine:
         bus = self.network.endpoint()
         spoke = Spoke(bus, self._run)
         bus.handler = spoke.handle
-        spoke.join(request, make, timeout_s=1.0)
+        spoke.join(request, make, timeout_s=0.0)
         return spoke

@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 import tomli_w
 from numpy.typing import NDArray
 
+from groundstation import durable
 from swarm import codec, scenario
 from swarm.errors import BadInput, MessageRejected
 from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Status, Telemetry
@@ -66,7 +67,8 @@ class RunFolder:
         try:
             self.path.mkdir(parents=True, exist_ok=past is not None)
             if past is None:
-                (self.path / SCENARIO).write_text(to_toml(flown), encoding="utf-8")
+                durable.replace(self.path / SCENARIO, to_toml(flown).encode())
+                durable.sync_folder(parent)
             self._events = (self.path / EVENTS).open("ab")
         except OSError as error:
             raise BadInput(f"--out {parent}: {error.strerror}; name a folder that can be written") from error
@@ -86,9 +88,9 @@ class RunFolder:
             self._events.truncate(past.events_bytes)
             for batch in past.rows.to_batches(max_chunksize=1000):
                 self._spool.write_batch(batch, custom_metadata=_mark(past.next_block - 1, past.events_bytes))
-            self._stream.flush()
+            self._sync()
             (self.path / SUMMARY).unlink(missing_ok=True)
-        os.replace(part, spool)
+        durable.rename(part, spool)
 
     def write(self, block: Telemetry) -> None:
         """Appends a block and its events: first these, so that a block that is whole has all of them."""
@@ -105,7 +107,8 @@ class RunFolder:
         if block.checkpoint:
             tick = block.first_tick + len(block.states) - 1
             kept = {"tick": tick, "block": block.block, "events_bytes": events_bytes, "body": block.checkpoint}
-            _replace(self.path / CHECKPOINT, codec.encode_record(kept))
+            self._sync()  # a checkpoint goes on from these rows and events
+            durable.replace(self.path / CHECKPOINT, codec.encode_record(kept))
         if len(block.states):
             last = block.first_tick + len(block.states) - 1
             done = self._flown.stop == "arrival" and not (block.status[-1] == Status.FLYING).any()
@@ -114,9 +117,17 @@ class RunFolder:
     def summarise(self, summary: dict[str, Any]) -> None:
         """Writes `summary.json`, whole or not at all; a run that failed has none. One that finished needs no
         checkpoint any more."""
-        _replace(self.path / SUMMARY, (json.dumps(summary, indent=1) + "\n").encode())
+        self._sync()
+        durable.replace(self.path / SUMMARY, (json.dumps(summary, indent=1) + "\n").encode())
         if self._over:
-            (self.path / CHECKPOINT).unlink(missing_ok=True)
+            durable.remove(self.path / CHECKPOINT)
+
+    def _sync(self) -> None:
+        """Makes sure that all rows and events so far are on the disk; in between, the system may take its time."""
+        self._events.flush()
+        self._stream.flush()
+        for file in (self._events, self._stream):
+            os.fsync(file.fileno())
 
     def __enter__(self) -> "RunFolder":
         return self
@@ -150,8 +161,8 @@ def recover(folder: Path) -> None:
         if gathered:
             writer.write_table(pa.Table.from_batches(gathered, schema()))
         writer.add_key_value_metadata(last)
-    os.replace(part, folder / TIMESERIES)
-    spool.unlink()
+    durable.move(part, folder / TIMESERIES)
+    durable.remove(spool)
 
 
 def past(folder: Path, tick: int | None = None) -> Past:
@@ -216,12 +227,6 @@ def _whole_batches(spool: Path) -> Iterator[tuple[pa.RecordBatch, dict[str, str]
 def _mark(block: int, events_bytes: int) -> dict[str, str]:
     """What a batch of the spool says of itself: its block, and where the events of it and all before it end."""
     return {_MARK_BLOCK: str(block), _MARK_EVENTS: str(events_bytes)}
-
-
-def _replace(path: Path, content: bytes) -> None:
-    part = path.with_name(f".{path.name}.part")
-    part.write_bytes(content)
-    os.replace(part, path)
 
 
 def to_toml(flown: Scenario) -> str:

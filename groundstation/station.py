@@ -45,6 +45,7 @@ class Station:
                 self._take(message)
             elif isinstance(message, Finished) and message.run == self._fingerprint:
                 self.summary = json.loads(message.summary)
+                self._acknowledge(message.block)
             else:
                 raise MessageRejected("wrong-kind", type(message).__name__)
         except (MessageRejected, json.JSONDecodeError) as error:
@@ -58,5 +59,7 @@ class Station:
             for sink in self._sinks:
                 sink.write(block)
             self._next_block = block.block + 1
-        received = Received(self._fingerprint, block.block)
-        self._bus.put(keys.received(self._run), codec.encode(received))
+        self._acknowledge(block.block)
+
+    def _acknowledge(self, block: int) -> None:
+        self._bus.put(keys.received(self._run), codec.encode(Received(self._fingerprint, block)))

@@ -16,7 +16,8 @@ def _run() -> None:
     bus = ZenohBus.client(given.endpoint, given.wait, identity(given.tls, LEADER))
     try:
         spoke = Spoke(bus, keys.check_run(given.run))
-        known["node"] = spoke.join(Join("leader", 0), Leader, given.wait).node
+        welcome = spoke.join(Join("leader", 0), Leader, given.wait, lambda: bool(interrupted) or orphaned())
+        known["node"] = welcome.node
         spoke.serve(interrupted.__bool__, orphaned)
     finally:
         bus.close()

@@ -59,6 +59,7 @@ class Refusal(_Message, frozen=True, tag="refusal"):
     """The world's answer where a node cannot take part."""
 
     reason: str
+    for_now: bool = False  # what stands against it may pass: a UAV is free again once its agent is lost
 
 
 class Ready(_Message, frozen=True, tag="ready"):
@@ -136,9 +137,10 @@ class Received(_Message, frozen=True, tag="received"):
 
 
 class Finished(_Message, frozen=True, tag="finished"):
-    """World to whoever listens: the flight is over and this is its summary."""
+    """World to whoever listens: the flight is over and this is its summary. A listener acknowledges it as a block."""
 
     run: int
+    block: int  # the number after that of the last Telemetry
     summary: bytes  # JSON object
 
 

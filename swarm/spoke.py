@@ -9,12 +9,14 @@ from typing import Protocol
 from swarm import codec, keys
 from swarm.bus import Bus, Delivery
 from swarm.errors import BusError, MessageRejected
-from swarm.messages import Act, Join, Ready, Refusal, Sense, Stop, Welcome
+from swarm.messages import Act, Join, Message, Ready, Refusal, Sense, Stop, Welcome
 
 log = logging.getLogger("meanflock.node")
 
 _READY_AGAIN_S = 0.2  # until the first Sense: what is put right after a declaration can get lost
 _ASK_TIMEOUT_S = 2.0
+_GONE = "the world is gone"
+_REFUSED_AGAIN_S = 0.25  # a predecessor that was killed is missed within milliseconds, a frozen one at the barrier
 
 
 class Node(Protocol):
@@ -36,20 +38,21 @@ class Spoke:
         self.stopped: str | None = None  # why the world sent everyone home
         self.dropped: Counter[str] = Counter()
 
-    def join(self, request: Join, make: Callable[[Welcome], Node], timeout_s: float) -> Welcome:
-        """Asks until a world answers, builds the node, and listens.
+    def join(
+        self,
+        request: Join,
+        make: Callable[[Welcome], Node],
+        timeout_s: float,
+        cancelled: Callable[[], bool] = lambda: False,
+    ) -> Welcome:
+        """Asks until a world lets it in, builds the node, and listens. `cancelled` is asked between two questions.
+
+        Who comes before its predecessor is missed is refused for now, and asks again.
 
         Raises:
             BusError: no world answered in time, or it refused.
         """
-        question = keys.join(self._run, keys.asker(request.role, request.uav))
-        end = time.monotonic() + timeout_s
-        while (answer := self._bus.ask(question, codec.encode(request), _ASK_TIMEOUT_S)) is None:
-            if time.monotonic() > end:
-                raise BusError(f"no world of run {self._run!r} answered within {timeout_s:.0f} s")
-        welcome = codec.decode(answer)
-        if isinstance(welcome, Refusal):
-            raise BusError(f"the world refused: {welcome.reason}")
+        welcome = self._ask(request, timeout_s, cancelled)
         if not isinstance(welcome, Welcome) or welcome.run != self._fingerprint:
             raise BusError(f"the world of run {self._run!r} answered with {type(welcome).__name__}")
         self._node = make(welcome)
@@ -61,9 +64,12 @@ class Spoke:
         return welcome
 
     def serve(self, cancelled: Callable[[], bool], abandoned: Callable[[], bool]) -> str:
-        """Answers until the world says stop or is gone, and returns why.
+        """Answers until the world says stop, and returns why.
 
         `cancelled` is asked after every delivery, `abandoned` only when there is nothing to do.
+
+        Raises:
+            BusError: the world is gone without a word.
         """
         while self.stopped is None:
             if cancelled():
@@ -75,12 +81,14 @@ class Spoke:
                 return "the launcher is gone"
             elif self._last_tick < 0:
                 self._ready()
+        if self.stopped == _GONE:
+            raise BusError(f"the world of run {self._run!r} is gone; `meanflock resume` goes on with its run")
         return self.stopped
 
     def handle(self, delivery: Delivery) -> None:
         """One delivery. What does not fit is dropped, counted and logged; the node is as it was."""
         if delivery.kind == "gone":
-            self.stopped = "the world is gone"
+            self.stopped = _GONE
         elif delivery.kind == "message":
             try:
                 self._answer(delivery.payload)
@@ -88,6 +96,27 @@ class Spoke:
                 self.dropped[error.reason] += 1
                 about = {"tick": self._last_tick, "reason": error.reason}
                 log.warning("dropped a message under %s: %s", delivery.key, error, extra=about)
+
+    def _ask(self, request: Join, timeout_s: float, cancelled: Callable[[], bool]) -> Message:
+        """The first answer of a world that is not a refusal for now."""
+        question, raw = keys.join(self._run, keys.asker(request.role, request.uav)), codec.encode(request)
+        failure = f"no world of run {self._run!r} answered within {timeout_s:.0f} s"
+        end = time.monotonic() + timeout_s
+        while True:
+            if (answer := self._bus.ask(question, raw, _ASK_TIMEOUT_S)) is not None:
+                message = codec.decode(answer)
+                if not isinstance(message, Refusal):
+                    return message
+                failure = f"the world refused: {message.reason}"
+                if not message.for_now:
+                    raise BusError(failure)
+                log.info("refused for now: %s", message.reason)
+            if cancelled():
+                raise BusError(f"interrupted while asking to take part: {failure}")
+            if (left := end - time.monotonic()) <= 0:
+                raise BusError(failure)
+            if answer is not None:
+                time.sleep(min(_REFUSED_AGAIN_S, left))
 
     def _answer(self, raw: bytes) -> None:
         message = codec.decode(raw)

@@ -177,6 +177,10 @@ def test_compose_services_can_do_no_more_than_they_must(compose: dict[str, Any])
         assert service["restart"] == "no", name
         assert {"cpus", "memory", "pids"} <= service["deploy"]["resources"]["limits"].keys(), name
         assert "privileged" not in service, name
+        assert service["healthcheck"]["test"], name
+        assert service.get("user", "1000:1000") == "1000:1000", name
+    image = (ROOT / "Dockerfile").read_text()
+    assert re.findall(r"^(?:USER|STOPSIGNAL) .*$", image, re.MULTILINE) == ["USER 1000:1000", "STOPSIGNAL SIGINT"]
 
 
 def test_compose_publishes_the_viewer_on_loopback_only(compose: dict[str, Any]) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import time
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -15,6 +16,10 @@ from swarm.session import ZenohBus
 from worldsim.checkpoint import Resumption
 from worldsim.node import World
 from worldsim.schedule import factor
+
+LINGER_S = 20.0  # for a recorder that is slow, or was killed and is on its way back
+HURRIED_S = 5.0  # after an interrupt; what comes next from an impatient engine is SIGKILL, after ten
+SEE_OFF_S = 2.0
 
 
 def _run() -> None:
@@ -77,9 +82,19 @@ def _run() -> None:
         for tick in world.fly():
             if interrupted or (tick % 50 == 0 and orphaned()):
                 break
-        print(json.dumps(world.finish(), indent=1), flush=True)
+        linger_s = 0.0 if orphaned() else LINGER_S if world.flight.over else HURRIED_S
+        print(json.dumps(world.finish(linger_s), indent=1), flush=True)
+        _see_off(world, bus)
         if interrupted:
             raise RunFailed("interrupted; the summary is of what was flown")
+
+
+def _see_off(world: World, bus: ZenohBus) -> None:
+    """Waits until every node has gone home: what it was told last can be lost if the router closes before."""
+    end = time.monotonic() + SEE_OFF_S
+    while world.attended and time.monotonic() < end:
+        if (delivery := bus.receive(0.1)) is not None:
+            world.handle(delivery)
 
 
 if __name__ == "__main__":

@@ -85,7 +85,9 @@ class Door:
 
     def lose(self, member: Member, why: str) -> None:
         """A node is gone, or as good as gone: nobody waits for it any more, and if it still hears, it goes home."""
-        if member.lost or self.closed:
+        if self.closed:
+            self.members.lose(member)  # gone home
+        if member.lost:
             return
         about = {"tick": self._flight.tick, "peer": member.name, "uavs": member.uavs.tolist(), "reason": why}
         log.warning("lost %s: %s", member.name, why, extra=about)
@@ -143,12 +145,15 @@ class Door:
             raise MessageRejected("wrong-kind", f"{type(join).__name__} as a question")
         if keys.node_of(delivery.key) != (asker := keys.asker(join.role, join.uav)):
             raise MessageRejected("wrong-name", f"a Join of {asker}")
+        if self.closed:
+            delivery.reply(codec.encode(Refusal("the flight is over")))
+            return
         name, uavs = STATION, np.zeros(0, dtype=np.intp)  # a ground station only asks what is flown
         if join.role != STATION:
             try:
                 member = self.members.admit(join, self._clock())
             except JoinRefused as error:
-                delivery.reply(codec.encode(Refusal(str(error))))
+                delivery.reply(codec.encode(Refusal(str(error), error.for_now)))
                 return
             name, uavs = member.name, member.uavs
             about = {"tick": self._flight.tick, "peer": name, "uavs": uavs.tolist()}

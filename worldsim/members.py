@@ -15,7 +15,11 @@ MAX_LEADERS = 8  # living at once; a standby is cheap, but not free
 
 
 class JoinRefused(MeanflockError):
-    """A node cannot take part; the text says why."""
+    """A node cannot take part; the text says why. `for_now`: it could, if somebody else were lost."""
+
+    def __init__(self, why: str, *, for_now: bool = False) -> None:
+        super().__init__(why)
+        self.for_now = for_now
 
 
 @dataclass
@@ -58,7 +62,7 @@ class Members:
             if self._living(LEADER) and not self._standbys:
                 raise JoinRefused("this run has a leader already, and no rounds that a standby could take over")
             if len(self._living(LEADER)) >= max(MAX_LEADERS, self._leaders):
-                raise JoinRefused(f"this run has {MAX_LEADERS} leaders already")
+                raise JoinRefused(f"this run has {MAX_LEADERS} leaders already", for_now=True)
             base, taken = LEADER, np.zeros(0, dtype=np.intp)
         elif join.role == "agent" and join.rows >= 1:
             taken = self._wanted(join)
@@ -116,14 +120,14 @@ class Members:
         return [member for member in self._by_name.values() if member.role == role and not member.lost]
 
     def _wanted(self, join: Join) -> NDArray[np.intp]:
+        if join.uav >= self._uavs:
+            raise JoinRefused(f"UAV {join.uav}: this run has UAVs 0 to {self._uavs - 1}")
         if not len(self._free):
-            raise JoinRefused("every UAV of this run has its agent already")
+            raise JoinRefused("every UAV of this run has its agent already", for_now=True)
         rows = min(join.rows, self._rows_at_most or join.rows)
         if join.uav < 0:
             return self._free[:rows]
-        if join.uav >= self._uavs:
-            raise JoinRefused(f"UAV {join.uav}: this run has UAVs 0 to {self._uavs - 1}")
         wanted = np.arange(join.uav, min(join.uav + rows, self._uavs))
         if (taken := np.setdiff1d(wanted, self._free)).size:
-            raise JoinRefused(f"UAV {taken[0]} has its agent already")
+            raise JoinRefused(f"UAV {taken[0]} has its agent already", for_now=True)
         return wanted

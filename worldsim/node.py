@@ -117,10 +117,8 @@ class World:
                 raise RunFailed(f"after {timeout_s:.0f} s the swarm still waits for {self._missing()}")
             self._wait(0.1)
         nodes = f"{len(self._members.present)} nodes hold {self._scenario.uavs} UAVs"
-        if self._resumed is None:
-            self._note("joined", nodes)
-        else:
-            self._note("resumed", f"{nodes} and go on from tick {self.flight.tick}")
+        again = "" if self._resumed is None else f" and go on from tick {self.flight.tick}"
+        self._note("resumed" if again else "joined", nodes + again)
 
     def fly(self) -> Iterator[int]:
         """The flight; yields the number of every tick flown, so that the caller can stop in between."""
@@ -144,13 +142,17 @@ class World:
         record = summary(self.flight, self.air.meter, self._run, self._mode, self._wall_s(), self._protocol())
         self._note("finished", f"{record['arrived']} of {self._scenario.uavs} arrived")
         self._outbox.add(self._rows.take())
+        self._outbox.add(finished := Finished(self._fingerprint, self._rows.block, msgspec.json.encode(record)))
         self._door.closed = True
         self.stop("finished")
         end = self._clock() + linger_s
-        while self._door.listeners and not self._outbox.empty and self._clock() < end:
+        # What is on its way when a session closes may never arrive, so all of it is waited for, the summary too.
+        back = self._stations > 0 and self.flight.over  # a recorder that was killed may be on its way back
+        while (self._door.listeners or back) and not self._outbox.empty and self._clock() < end:
             self._publish()
             self._wait(0.1)
-        self._put(keys.telemetry(self._run), Finished(self._fingerprint, msgspec.json.encode(record)))
+        if not self._outbox.empty:
+            self._put(keys.telemetry(self._run), finished)
         return record
 
     def stop(self, reason: str) -> None:
@@ -389,5 +391,6 @@ class World:
         )
 
     @property
-    def _drops(self) -> Counter[str]:
-        return self._ledger.drops
+    def attended(self) -> bool:
+        """Whether any node has not gone home yet."""
+        return bool(self._members.present)

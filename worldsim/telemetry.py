@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from channel.air import Air
 from swarm import codec, model
-from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
+from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Event, Finished, FrameKind, Status, Telemetry
 from worldsim.flight import Flight
 from worldsim.ledger import Ledger
 
@@ -138,10 +138,10 @@ class Outbox:
         self._bytes = 0
         self._sent_up_to = -1
 
-    def add(self, block: Telemetry) -> None:
+    def add(self, block: Telemetry | Finished) -> None:
         """Keeps a block until it is acknowledged, or until there are too many."""
         raw = codec.encode(block)
-        if block.checkpoint:
+        if isinstance(block, Telemetry) and block.checkpoint:
             self._checkpoint = block.block
         self._waiting.append((block.block, raw))
         self._bytes += len(raw)

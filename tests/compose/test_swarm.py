@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,12 +16,12 @@ from typing import Any
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from groundstation.engine import Engine
-from swarm import scenario
+from groundstation import certs
 
 REPOSITORY = Path(__file__).parents[2]
 DEADLINE_S = 180.0
 UAVS = 5
+USER = os.getuid() or 1000  # nobody's containers are root
 
 
 def docker(*arguments: str, check: bool = True, env: dict[str, str] | None = None) -> str:
@@ -29,6 +30,13 @@ def docker(*arguments: str, check: bool = True, env: dict[str, str] | None = Non
     )
     assert not check or done.returncode == 0, f"docker {' '.join(arguments)}: {done.stderr}"
     return done.stdout
+
+
+def docker_fails(*arguments: str) -> str:
+    """What docker says where it must fail."""
+    done = subprocess.run(["docker", *arguments], capture_output=True, text=True, timeout=DEADLINE_S)
+    assert done.returncode != 0, done.stdout
+    return done.stderr
 
 
 def engine_runs() -> bool:
@@ -59,29 +67,47 @@ class Compose:
     def __init__(self, name: str, out: Path) -> None:
         self.name, self.out = name, out
         self._env: dict[str, str] = {}
+        self._files: tuple[str, ...] = ()
 
-    def up(self, settings: str, **variables: str) -> None:
+    def secure(self, folder: Path) -> None:
+        """From now on with the certificates in `folder`."""
+        self._files = ("-f", "docker-compose.yml", "-f", str(folder / certs.COMPOSE), "--profile", "secure")
+
+    def up(self, settings: str, *services: str, **variables: str) -> None:
         self._env = {
             **os.environ,
             "MEANFLOCK_UAVS": str(UAVS),
             "MEANFLOCK_RUN": self.name,
             "MEANFLOCK_SET": settings,
             "MEANFLOCK_OUT_DIR": str(self.out),
-            "MEANFLOCK_UID": str(os.getuid()),
-            "MEANFLOCK_GID": str(os.getgid()),
+            "MEANFLOCK_UID": str(USER),
+            "MEANFLOCK_GID": str(os.getgid() or USER),
             "MEANFLOCK_RERUN_PORT": "0",
             **variables,
         }
-        self("up", "-d", "--no-build", "--pull", "never")
+        self("up", "-d", "--no-build", "--pull", "never", *services)
 
     def __call__(self, *arguments: str, check: bool = True) -> str:
-        return docker("compose", "-p", self.name, *arguments, check=check, env=self._env)
+        return docker("compose", *self._files, "-p", self.name, *arguments, check=check, env=self._env)
 
     def container(self, service: str, index: int = 1) -> str:
         return f"{self.name}-{service}-{index}"
 
+    def containers(self) -> dict[str, str]:
+        """Every container there is, and its service."""
+        rows = self("ps", "-a", "--format", "{{.Name}} {{.Service}}").splitlines()
+        return dict(map(str.split, rows))
+
+    def inspect(self, container: str, what: str) -> dict[str, Any]:
+        return json.loads(docker("inspect", "-f", f"{{{{json .{what}}}}}", container))
+
     def state(self, container: str) -> dict[str, Any]:
-        return json.loads(docker("inspect", "-f", "{{json .State}}", container))
+        return self.inspect(container, "State")
+
+    def ended(self, container: str) -> int:
+        """Waits for a container to end by itself; its exit code."""
+        until(lambda: self.state(container)["Status"] == "exited", f"{container} to end")
+        return int(self.state(container)["ExitCode"])
 
     def flying(self) -> None:
         """Waits for telemetry on the mounted volume."""
@@ -90,9 +116,10 @@ class Compose:
     def finished(self) -> dict[str, Any]:
         """Waits for world and ground station to end well; the summary."""
         for service in ("worldsim", "groundstation"):
-            container = self.container(service)
-            until(lambda c=container: self.state(c)["Status"] == "exited", f"{service} to end")
-            assert self.state(container)["ExitCode"] == 0, docker("logs", container)
+            assert self.ended(self.container(service)) == 0, docker("logs", self.container(service))
+        return self.summary()
+
+    def summary(self) -> dict[str, Any]:
         (folder,) = self.out.iterdir()
         return json.loads((folder / "summary.json").read_text())
 
@@ -105,34 +132,106 @@ class Compose:
 def compose(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Compose]:
     out = tmp_path / "runs"
     out.mkdir()
+    os.chown(out, USER, os.getgid() or USER)
     project = Compose(f"meanflock-test-{os.getpid()}", out)
     yield project
     if request.session.testsfailed:
         print(project("logs", "--tail", "30", check=False))
-    project("down", "-v", "--timeout", "2", check=False)
+    project("down", "-v", "--remove-orphans", "--timeout", "2", check=False)
     shutil.rmtree(out, ignore_errors=True)
 
 
 LONG = "seed=7 duration=300 stop=duration"
+ENDLESS = "seed=7 duration=100000 stop=duration"
 SLOWLY = {"MEANFLOCK_REALTIME": "15", "MEANFLOCK_BARRIER": "2"}
 
 
-def test_containers_fly_the_trajectory_of_one_process_and_leave_the_run_folder(compose: Compose) -> None:
-    settings = ["seed=7", "duration=30", "federation.period=50"]
-    compose.up(" ".join(settings))
+SHORT = ["seed=7", "duration=30", "federation.period=50"]
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The trajectory of `SHORT` in one process, with the arithmetic the containers choose, whatever is set here."""
+    settings = [word for setting in (*SHORT, f"uavs={UAVS}") for word in ("--set", setting)]
+    line = [sys.executable, "-m", "groundstation.cli", "run", "--in-process", "--no-record", "--json", "--quiet"]
+    env = {name: value for name, value in os.environ.items() if not name.startswith("OPENBLAS")}
+    done = subprocess.run(
+        [*line, "--out", str(tmp_path_factory.mktemp("alone")), *settings],
+        env=env,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    return str(json.loads(done.stdout)["trajectory_sha256"])
+
+
+def test_containers_fly_the_trajectory_of_one_process_and_leave_the_run_folder(compose: Compose, alone: str) -> None:
+    compose.up(" ".join(SHORT))
     summary = compose.finished()
-    alone = Engine(scenario.load(None, settings, uavs=UAVS), "alone")
-    for _ in alone.fly():
-        pass
-    assert summary["trajectory_sha256"] == alone.world.flight.trajectory_sha256
+    assert summary["trajectory_sha256"] == alone
     (folder,) = compose.out.iterdir()
     assert {"scenario.toml", "summary.json", "timeseries.parquet", "events.jsonl", "recording.rrd"} == {
         path.name for path in folder.iterdir()
     }
     for index in range(1, UAVS + 1):
-        agent = compose.container("agent", index)
-        until(lambda a=agent: compose.state(a)["Status"] == "exited", "agents to go home")
-        assert compose.state(agent)["ExitCode"] == 0
+        assert compose.ended(compose.container("agent", index)) == 0
+
+
+def test_under_tls_every_container_has_its_own_key_and_a_foreign_certificate_is_kept_out_and_counted(
+    compose: Compose, alone: str, tmp_path: Path
+) -> None:
+    good, foreign = tmp_path / "certs", tmp_path / "foreign"
+    certs.init(good, UAVS)
+    certs.init(foreign, UAVS)
+    compose.secure(good)
+    agents = [f"agent-{uav}" for uav in range(UAVS)]
+    compose.up(" ".join(SHORT), "worldsim", "leader", "groundstation", *agents[:-1])  # the flight waits for the last
+    own = {"worldsim": "world", "groundstation": "station"}
+    assert set(compose.containers().values()) == {"worldsim", "leader", "groundstation", *agents[:-1]}
+    for container, service in compose.containers().items():
+        name = own.get(service, service)
+        assert docker("exec", container, "ls", "/certs").split() == sorted(["ca.pem", f"{name}.key", f"{name}.pem"])
+    mounts = {"ca.pem": good, f"{agents[-1]}.pem": foreign, f"{agents[-1]}.key": foreign}
+    line = ["run", "--rm", "--network", f"{compose.name}_swarm", "--user", str(USER)]
+    line += [word for file, folder in mounts.items() for word in ("-v", f"{folder / file}:/certs/{file}:ro")]
+    line += ["meanflock-agent:local", "agent", "--endpoint", "tls/worldsim:7447", "--run", compose.name]
+    line += ["--tls", "/certs", "--wait", "3"]
+    intruder = subprocess.run(["docker", *line], capture_output=True, text=True, timeout=DEADLINE_S)
+    assert intruder.returncode == 1, intruder.stderr
+    assert f"refuses /certs/{agents[-1]}.pem" in intruder.stderr
+    compose.up(" ".join(SHORT))
+    summary = compose.finished()
+    assert summary["trajectory_sha256"] == alone
+    assert summary["dropped_messages"].keys() == {"refused-link"}
+    assert "UnknownIssuer" in compose("logs", "worldsim")
+    for agent in ("leader", *agents):
+        assert compose.ended(compose.container(agent)) == 0
+
+
+def test_containers_are_healthy_can_do_no_more_than_they_must_and_end_when_they_are_asked(compose: Compose) -> None:
+    compose.up(ENDLESS)
+    compose.flying()
+    for container, service in compose.containers().items():
+        until(lambda c=container: compose.state(c)["Health"]["Status"] == "healthy", f"{container} to be healthy")
+        assert int(docker("exec", container, "id", "-u")) == USER
+        assert "Read-only" in docker_fails("exec", container, "touch", "/app/new")
+        docker("exec", container, "touch", "/tmp/new")
+        powers = docker("exec", container, "grep", "-E", "Cap(Inh|Prm|Eff|Bnd)|NoNewPrivs", "/proc/self/status")
+        assert [line.split()[1].lstrip("0") for line in powers.splitlines()] == ["", "", "", "", "1"]
+        limits = compose.inspect(container, "HostConfig")
+        memory_mb = {"worldsim": 512, "groundstation": 1024}.get(service, 256)
+        assert (limits["Memory"], limits["Privileged"]) == (memory_mb * 2**20, False)
+        assert limits["NanoCpus"] > 0
+        assert limits["PidsLimit"] > 0
+        assert compose.inspect(container, "Config")["StopSignal"] == "SIGINT"
+    docker("stop", compose.container("agent", 2))
+    assert compose.state(compose.container("agent", 2))["ExitCode"] == 0  # 137: had to be killed
+    until(lambda: compose.events("lost"), "the loss")
+    docker("stop", compose.container("worldsim"))
+    for container, service in compose.containers().items():
+        assert compose.ended(container) == int(service == "worldsim"), docker("logs", container)  # 1: interrupted
+    assert compose.summary()["lost"] == 1
 
 
 def test_a_killed_agent_is_lost_and_the_flight_goes_on(compose: Compose) -> None:
@@ -167,18 +266,23 @@ def test_an_agent_cut_off_beyond_the_lease_is_lost(compose: Compose) -> None:
     assert summary["arrived"] + summary["lost"] >= 1
 
 
-def test_agents_beyond_the_swarm_are_refused_and_fewer_are_a_loss(compose: Compose) -> None:
-    compose.up(LONG, **SLOWLY)
+def test_an_agent_beyond_the_swarm_stands_by_for_one_that_is_lost_and_fewer_are_a_loss(compose: Compose) -> None:
+    compose.up(ENDLESS)
     compose.flying()
-    compose("up", "-d", "--no-build", "--pull", "never", "--no-recreate", "--scale", f"agent={UAVS + 1}")
-    extra = compose.container("agent", UAVS + 1)
-    until(lambda: compose.state(extra)["Status"] == "exited", "the refusal")
-    assert compose.state(extra)["ExitCode"] == 1
-    assert "refused" in subprocess.run(["docker", "logs", extra], capture_output=True, text=True).stderr
+
+    def scale(agents: int) -> None:
+        compose("up", "-d", "--no-build", "--pull", "never", "--no-recreate", "--scale", f"agent={agents}")
+
+    scale(UAVS + 1)
     assert compose.events("lost") == []
-    compose("up", "-d", "--no-build", "--pull", "never", "--no-recreate", "--scale", f"agent={UAVS - 1}")
-    until(lambda: compose.events("lost"), "the loss")
-    assert compose.finished()["ticks"] == 3000
+    docker("rm", "--force", compose.container("agent", 2))
+    until(lambda: compose.events("rejoined"), "the one beyond to take over")
+    assert compose.state(compose.container("agent", UAVS + 1))["Running"]
+    scale(UAVS - 1)
+    until(lambda: len(compose.events("lost")) == 2, "the loss")
+    docker("stop", compose.container("worldsim"))
+    assert compose.ended(compose.container("groundstation")) == 0
+    assert compose.summary()["lost"] == 1
 
 
 def test_25_containers_keep_to_the_wall_clock_and_can_be_read_meanwhile(compose: Compose) -> None:

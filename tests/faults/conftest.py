@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -14,6 +15,7 @@ import pytest
 from agent.node import Agent
 from groundstation.engine import Engine
 from groundstation.launch import free_endpoint
+from groundstation.results import past
 from leader.node import Leader
 from swarm import keys
 from swarm.bus import MemoryBus
@@ -22,7 +24,9 @@ from swarm.scenario import Scenario, load
 from swarm.spoke import Spoke
 
 RUN = "faults"
-DEADLINE_S = 40.0
+DEADLINE_S = 60.0
+SETTINGS = ("uavs=3", "seed=7", "stop=duration", "federation.period=40", "method=mfgfl-h")
+ENDLESS = (*SETTINGS, "duration=100000")
 
 
 def scenario(*settings: str, method: str = "mfgfl-h") -> Scenario:
@@ -98,9 +102,12 @@ class Processes:
         self.base = ("--endpoint", free_endpoint(), "--run", run)
         self._started: list[subprocess.Popen[str]] = []
 
-    def start(self, module: str, *flags: str, base: tuple[str, ...] | None = None) -> "subprocess.Popen[str]":
+    def start(
+        self, module: str, *flags: str, base: tuple[str, ...] | None = None, env: dict[str, str] | None = None
+    ) -> "subprocess.Popen[str]":
         line = [sys.executable, "-m", module, *(self.base if base is None else base), *flags]
-        process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        pipe = subprocess.PIPE
+        process = subprocess.Popen(line, stdout=pipe, stderr=pipe, text=True, env={**os.environ, **(env or {})})
         self._started.append(process)
         return process
 
@@ -141,3 +148,61 @@ def events_in(folder: Path) -> list[dict[str, Any]]:
 def spool_bytes(out: Path) -> int:
     """How much of the only run has reached the disk."""
     return sum(path.stat().st_size for path in out.glob("*/.timeseries.arrow"))
+
+
+class Flight:
+    """World, station, a leader and three agents, each of its own UAV."""
+
+    def __init__(
+        self, processes: Processes, out: Path, barrier_s: float = 10.0, leaders: int = 1, **start: Any
+    ) -> None:
+        self.processes, self.out = processes, out
+        flags = ("--stations", "1", "--barrier", str(barrier_s))
+        self.world = processes.world(*flags, settings=start.get("settings", ENDLESS))
+        self.station = processes.station(out, "--resume", "latest")
+        self.agents = [processes.start("agent", "--uav", str(uav)) for uav in range(start.get("agents", 3))]
+        self.leaders = [self.leader() for _ in range(leaders)]
+
+    def leader(self) -> "subprocess.Popen[str]":
+        return self.processes.start("leader")
+
+    def flying(self, more: int = 5_000) -> None:
+        """Waits until that many more bytes of telemetry are on the disk."""
+        before = spool_bytes(self.out)
+        until(lambda: spool_bytes(self.out) > before + more, "telemetry")
+
+    def event(self, kind: str, count: int = 1) -> dict[str, Any]:
+        """Waits for the count-th event of a kind."""
+
+        def found() -> dict[str, Any] | None:
+            of_kind = self._events(kind)
+            return of_kind[count - 1] if len(of_kind) >= count else None
+
+        return until(found, f"{count} events {kind}")
+
+    def count(self, kind: str) -> int:
+        """How many events of a kind are on the disk."""
+        return len(self._events(kind))
+
+    def _events(self, kind: str) -> list[dict[str, Any]]:
+        return [e for folder in self.out.glob("*") for e in events_in(folder) if e["kind"] == kind]
+
+    def rows(self) -> int:
+        """How many rows of the flight are on the disk."""
+        return max((past(spool.parent).rows.num_rows for spool in self.out.glob("*/.timeseries.arrow")), default=0)
+
+    def reach(self, tick: int) -> None:
+        """Waits until the row of a tick is on the disk."""
+        until(lambda: self.rows() > tick, f"tick {tick}")
+
+    def end(self) -> dict[str, Any]:
+        """Ends an endless flight; its summary."""
+        self.world.send_signal(signal.SIGINT)
+        out, _ = self.world.communicate(timeout=DEADLINE_S)
+        return json.loads(out)
+
+
+def ends_by_itself(process: "subprocess.Popen[str]") -> str:
+    _, err = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 0, err
+    return err

@@ -8,8 +8,8 @@ import socket
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import psutil
 import pyarrow.parquet as pq
@@ -19,88 +19,78 @@ from groundstation.launch import free_endpoint
 from swarm import keys
 from swarm import scenario as scenarios
 from swarm.session import ZenohBus
-from tests.faults.conftest import DEADLINE_S, Lab, Processes, events_in, spool_bytes, summary_of, until
+from tests.faults.conftest import (
+    DEADLINE_S,
+    SETTINGS,
+    Flight,
+    Lab,
+    Processes,
+    ends_by_itself,
+    events_in,
+    spool_bytes,
+    summary_of,
+    until,
+)
 
 pytestmark = pytest.mark.processes
 
-SETTINGS = ("uavs=3", "seed=7", "stop=duration", "federation.period=40", "method=mfgfl-h")
-ENDLESS = (*SETTINGS, "duration=100000")
+
+@pytest.fixture(scope="module")
+def endless(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Flight]:
+    """One flight for all who leave it as they found it: with an agent for every UAV."""
+    swarm = Processes(f"endless-{os.getpid()}")
+    yield Flight(swarm, tmp_path_factory.mktemp("endless"), barrier_s=5.0)
+    swarm.close()
 
 
-class Flight:
-    """World, station, a leader and three agents, each of its own UAV."""
-
-    def __init__(
-        self, processes: Processes, out: Path, barrier_s: float = 10.0, leaders: int = 1, **start: Any
-    ) -> None:
-        self.processes, self.out = processes, out
-        flags = ("--stations", "1", "--barrier", str(barrier_s))
-        self.world = processes.world(*flags, settings=start.get("settings", ENDLESS))
-        self.station = processes.station(out, "--resume", "latest")
-        self.agents = [processes.start("agent", "--uav", str(uav)) for uav in range(start.get("agents", 3))]
-        self.leaders = [self.leader() for _ in range(leaders)]
-
-    def leader(self) -> "subprocess.Popen[str]":
-        return self.processes.start("leader")
-
-    def flying(self, more: int = 5_000) -> None:
-        """Waits until that many more bytes of telemetry are on the disk."""
-        before = spool_bytes(self.out)
-        until(lambda: spool_bytes(self.out) > before + more, "telemetry")
-
-    def event(self, kind: str, count: int = 1) -> dict[str, Any]:
-        """Waits for the count-th event of a kind."""
-
-        def found() -> dict[str, Any] | None:
-            of_kind = [e for folder in self.out.glob("*") for e in events_in(folder) if e["kind"] == kind]
-            return of_kind[count - 1] if len(of_kind) >= count else None
-
-        return until(found, f"{count} events {kind}")
-
-    def end(self) -> dict[str, Any]:
-        """Ends an endless flight; its summary."""
-        self.world.send_signal(signal.SIGINT)
-        out, _ = self.world.communicate(timeout=DEADLINE_S)
-        return json.loads(out)
+def test_a_killed_agent_is_lost_and_a_new_process_flies_its_uav_on(endless: Flight) -> None:
+    losses, returns = endless.count("lost"), endless.count("rejoined")
+    endless.flying()
+    endless.agents[1].kill()
+    assert endless.event("lost", losses + 1)["uavs"] == [1]
+    endless.flying()
+    endless.agents[1] = endless.processes.start("agent")
+    assert endless.event("rejoined", returns + 1)["uavs"] == [1]
+    endless.flying()
 
 
-def ends_by_itself(process: "subprocess.Popen[str]") -> str:
-    _, err = process.communicate(timeout=DEADLINE_S)
-    assert process.returncode == 0, err
-    return err
-
-
-def test_a_killed_agent_is_lost_and_a_new_process_flies_its_uav_on(processes: Processes, tmp_path: Path) -> None:
-    flight = Flight(processes, tmp_path)
-    flight.flying()
-    flight.agents[1].kill()
-    assert flight.event("lost")["uavs"] == [1]
-    flight.flying()
-    successor = processes.start("agent")
-    assert flight.event("rejoined")["uavs"] == [1]
-    flight.flying()
-    summary = flight.end()
-    assert (summary["lost"], summary["nodes_lost"]) == (0, 1)
-    ends_by_itself(successor)
-
-
-def test_a_frozen_agent_stalls_the_others_one_deadline_and_goes_home_when_it_wakes(
-    processes: Processes, tmp_path: Path
-) -> None:
-    flight = Flight(processes, tmp_path, barrier_s=1.0)
-    flight.flying()
-    frozen = flight.agents[2]
+def test_a_frozen_agent_stalls_the_others_one_deadline_and_goes_home_when_it_wakes(endless: Flight) -> None:
+    losses, returns = endless.count("lost"), endless.count("rejoined")
+    endless.flying()
+    frozen = endless.agents[2]
     frozen.send_signal(signal.SIGSTOP)
-    assert "no answer for 1 s" in flight.event("lost")["text"]
-    flight.flying()
-    successor = processes.start("agent", "--uav", "2")
-    flight.event("rejoined")
+    assert "no answer for 5 s" in endless.event("lost", losses + 1)["text"]
+    endless.flying()
+    endless.agents[2] = endless.processes.start("agent", "--uav", "2")
+    endless.event("rejoined", returns + 1)
     frozen.send_signal(signal.SIGCONT)
     ends_by_itself(frozen)
-    flight.flying()
-    summary = flight.end()
-    assert (summary["lost"], summary["nodes_lost"]) == (0, 1)
-    ends_by_itself(successor)
+    endless.flying()
+
+
+def test_a_successor_that_comes_before_its_predecessor_is_missed_waits_and_takes_over(endless: Flight) -> None:
+    returns = endless.count("rejoined")
+    endless.flying()
+    patient = endless.processes.start("agent", "--uav", "0", env={"MEANFLOCK_LOG": "INFO"})
+    hasty = endless.processes.start("agent", "--uav", "2", "--wait", "1")
+    _, err = hasty.communicate(timeout=DEADLINE_S)
+    assert hasty.returncode == 1
+    assert err.strip() == "error: the world refused: every UAV of this run has its agent already"
+    assert patient.stderr is not None
+    assert "refused for now: " in patient.stderr.readline()
+    endless.agents[0].kill()
+    endless.agents[0] = patient
+    assert endless.event("rejoined", returns + 1)["uavs"] == [0]
+    endless.flying()
+
+
+def test_after_all_that_nobody_is_missing_and_everyone_goes_home(endless: Flight) -> None:
+    endless.flying()
+    losses = endless.count("lost")
+    summary = endless.end()
+    assert (summary["lost"], summary["nodes_lost"]) == (0, losses)
+    for process in (*endless.agents, *endless.leaders, endless.station):
+        ends_by_itself(process)
 
 
 class Wire:
@@ -175,7 +165,8 @@ def test_an_agent_cut_off_from_the_world_is_lost_when_its_lease_ends_though_the_
         assert "liveliness" in lost["text"]
         flight.flying()
         wire.heal()
-        ends_by_itself(far)
+        _, err = far.communicate(timeout=DEADLINE_S)
+        assert far.returncode == 0 or "is gone" in err  # whose lease ends first: told that it is lost, or sees no world
         assert flight.end()["lost"] == 1
     finally:
         wire.close()

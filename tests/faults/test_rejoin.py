@@ -97,9 +97,9 @@ def test_the_old_process_that_comes_back_is_refused_and_told_to_go_home_and_its_
     def thaw() -> None:
         spoke.stopped = None
         old.handler = spoke.handle
-        before = lab.world._drops.copy()
+        before = lab.world._ledger.drops.copy()
         old.put(keys.act(RUN, "agent-1"), codec.encode(Act(NUMBER, 60, np.zeros((1, 5)))))
-        assert lab.world._drops - before == {"unknown-node": 1}
+        assert lab.world._ledger.drops - before == {"unknown-node": 1}
         assert "lost" in (spoke.stopped or "")
         spoke.stopped = None
         old.put(keys.act(RUN, "agent-1"), codec.encode(Ready(NUMBER)))

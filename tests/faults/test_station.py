@@ -11,7 +11,10 @@ import worldsim.telemetry
 from groundstation.engine import Engine
 from groundstation.results import RunFolder, past
 from groundstation.station import Station
+from swarm import codec
+from swarm.bus import Delivery
 from swarm.errors import BadInput
+from swarm.messages import Finished
 from tests.faults.conftest import RUN, Lab, Told, scenario
 
 
@@ -92,6 +95,31 @@ def test_a_folder_taken_up_again_holds_every_row_and_event_once(orderly: bool, t
     told = [json.loads(line) for line in (tmp_path / "run" / "events.jsonl").read_text().splitlines()]
     assert [(e["tick"], e["kind"], e["text"]) for e in told] == [(e.tick, e.kind, e.text) for e in expected.told.events]
     assert station.missed_blocks == 0
+
+
+def test_the_world_does_not_leave_before_its_summary_has_arrived() -> None:
+    """What is under way when a session closes can be lost; a summary was, on a busy machine."""
+    lab = Lab(scenario())
+    bus, station = lab.engine.network.endpoints[1], lab.engine.station
+    late: list[Delivery] = []
+
+    def slowly(delivery: Delivery) -> None:
+        if delivery.kind == "message" and isinstance(codec.decode(delivery.payload), Finished):
+            late.append(delivery)
+        else:
+            station.handle(delivery)
+
+    waited: list[float] = []
+
+    def wait(timeout_s: float) -> None:
+        waited.append(timeout_s)
+        if len(waited) == 3:
+            station.handle(late[0])
+
+    bus.handler, lab.world._wait = slowly, wait  # type: ignore[method-assign]
+    summary = lab.fly()
+    assert station.summary == summary
+    assert (len(waited), len(late)) == (3, 1)
 
 
 def test_a_folder_without_rows_cannot_be_taken_up(tmp_path: Path) -> None:

@@ -250,9 +250,9 @@ def test_hostile_messages_are_dropped_counted_by_reason_and_change_nothing() -> 
         if tick % 7:
             continue
         for node, raw, reason in hostile(tick):
-            before = engine.world._drops.copy()
+            before = engine.world._ledger.drops.copy()
             engine.world.handle(Delivery("message", keys.act(RUN, node), raw))
-            found = engine.world._drops - before
+            found = engine.world._ledger.drops - before
             assert found == {reason: 1}, (node, reason, found)
             expected[reason] = expected.get(reason, 0) + 1
     summary = engine.world.finish()
@@ -279,9 +279,9 @@ def test_hostile_bytes_in_place_of_a_model_are_dropped_and_change_nothing() -> N
         acts += [(act(tick, residuals=told), reason) for told, reason in residuals]
         acts.append((act(tick, outbox=(batch(payload=good),), residuals=np.zeros((2, 246))), "duplicate"))  # else well
         for message, reason in acts if tick % 7 == 0 else ():
-            before = engine.world._drops.copy()
+            before = engine.world.instruments.ledger.drops.copy()
             engine.world.handle(Delivery("message", keys.act(RUN, "agent-0"), codec.encode(message)))
-            assert engine.world._drops - before == {reason: 1}
+            assert engine.world.instruments.ledger.drops - before == {reason: 1}
     assert steady(engine.world.finish()) == steady(honest)
 
 
@@ -332,6 +332,7 @@ def test_who_comes_late_or_is_nobody_is_refused_in_words(join: Join) -> None:
     (answer,) = (codec.decode(raw) for raw in replies)
     assert isinstance(answer, Refusal)
     assert answer.reason
+    assert answer.for_now == ("its agent already" in answer.reason)  # it may be lost; the rest will not change
 
 
 def test_who_asks_under_the_name_of_another_is_dropped_without_an_answer() -> None:
@@ -339,7 +340,7 @@ def test_who_asks_under_the_name_of_another_is_dropped_without_an_answer() -> No
     for name, join in (("agent-1", Join("agent", 1, 2)), ("agent", Join("leader", 0)), ("x", Join("agent", 1))):
         engine.world.handle(Delivery("question", keys.join(RUN, name), codec.encode(join), replies.append))
     assert not replies
-    assert engine.world._drops == {"wrong-name": 3}
+    assert engine.world._ledger.drops == {"wrong-name": 3}
 
 
 # -- losses -------------------------------------------------------------------------------------------------------

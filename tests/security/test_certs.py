@@ -1,6 +1,7 @@
 """Certificates: what `certs init` makes, and that `run` and `doctor` see what is amiss before a process starts."""
 
 import json
+import os
 import stat
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -28,6 +29,8 @@ def test_there_is_a_certificate_and_a_private_key_for_everyone(made: Path) -> No
     files = {f"{name}.{kind}" for name in wanted for kind in ("pem", "key")}
     assert {path.name for path in made.iterdir()} == {*files, certs.COMPOSE}
     assert {stat.S_IMODE(path.stat().st_mode) for path in made.glob("*.key")} == {0o600}
+    assert stat.S_IMODE(made.stat().st_mode) == 0o700
+    assert (made / "ca.key").stat().st_uid == os.getuid()
     assert list(certs.problems(made, certs.names(3))) == []
     assert Identity(made, "agent-1").check().name == "agent-1"
     assert [finding.verdict for finding in certificates(made, 3, 1)] == ["ok"]
@@ -36,12 +39,14 @@ def test_there_is_a_certificate_and_a_private_key_for_everyone(made: Path) -> No
 def test_a_container_is_given_its_own_key_and_no_other(made: Path) -> None:
     services = json.loads((made / certs.COMPOSE).read_text())["services"]
     assert services.pop("agent") == {"deploy": {"replicas": 0}}
-    keys_of = {name: [v for v in service["volumes"] if ".key" in v] for name, service in services.items()}
     own = {"worldsim": "world", "groundstation": "station"}
-    assert keys_of == {
-        name: [f"{made / own.get(name, name)}.key:/certs/{own.get(name, name)}.key:ro"]
-        for name in ("worldsim", "leader", "groundstation", "agent-0", "agent-1", "agent-2")
-    }
+    assert set(services) == {"worldsim", "leader", "groundstation", "agent-0", "agent-1", "agent-2"}
+    for name, service in services.items():
+        files = [f"{stem}" for stem in ("ca.pem", f"{own.get(name, name)}.pem", f"{own.get(name, name)}.key")]
+        given = [(v["source"], v["target"], v["read_only"]) for v in service["volumes"]]
+        assert given == [(str(made / file), f"/certs/{file}", True) for file in files]
+        uid, _ = service["user"].split(":")
+        assert int(uid) == (made / files[2]).stat().st_uid != 0
     assert services["agent-1"]["profiles"] == ["secure"]
 
 

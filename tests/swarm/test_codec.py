@@ -197,7 +197,7 @@ EXAMPLES: dict[str, Any] = {
         checkpoint=b"\x93\x01\x02\x03",
     ),
     "received": Received(0xDEADBEEF, 7),
-    "finished": Finished(0xDEADBEEF, b'{"schema":1}'),
+    "finished": Finished(0xDEADBEEF, 88, b'{"schema":1}'),
 }
 RAW = {name: codec.encode(message) for name, message in EXAMPLES.items()}
 

@@ -1,0 +1,42 @@
+"""Files that are whole after a crash, of the process or the machine: what is on the disk is the old or the new one."""
+
+import os
+from pathlib import Path
+
+
+def replace(path: Path, content: bytes) -> None:
+    """Writes `content` beside `path` and puts it in the place of what was there, when it is on the disk."""
+    part = path.with_name(f".{path.name}.part")
+    with part.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    rename(part, path)
+
+
+def move(part: Path, path: Path) -> None:
+    """Puts a file that others wrote and closed in the place of another, as `replace` does."""
+    with part.open("rb") as file:
+        os.fsync(file.fileno())
+    rename(part, path)
+
+
+def rename(part: Path, path: Path) -> None:
+    """Renames a file that is on the disk, so that the new name is too."""
+    os.replace(part, path)
+    sync_folder(path.parent)
+
+
+def remove(path: Path) -> None:
+    """Takes a file away, if it is there, so that it is still gone after a crash."""
+    path.unlink(missing_ok=True)
+    sync_folder(path.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Makes sure that the names in a folder are on the disk."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

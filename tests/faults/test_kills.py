@@ -1,0 +1,85 @@
+"""kill -9 at random ticks of whoever takes part, the world too, with and without TLS: nobody hangs, nothing is lost."""
+
+import json
+import random
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from groundstation import certs
+from swarm import scenario as scenarios
+from tests.faults.conftest import DEADLINE_S, SETTINGS, Flight, Lab, Processes, ends_by_itself
+
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
+
+FLOWN = (*SETTINGS, "duration=200")
+
+
+@pytest.fixture(scope="module")
+def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("kills") / "certs"
+    certs.init(folder, 3)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def undisturbed() -> str:
+    """The trajectory of `FLOWN` if nobody dies."""
+    return str(Lab(scenarios.load(None, FLOWN)).fly()["trajectory_sha256"])
+
+
+def test_under_tls_killed_agents_rejoin_with_the_certificates_they_had(
+    processes: Processes, certificates: Path, tmp_path: Path
+) -> None:
+    draw = random.Random(1)
+    processes.base += ("--tls", str(certificates))
+    flight = Flight(processes, tmp_path, barrier_s=60.0)
+    tick = 0
+    for number in range(1, 4):
+        victim = draw.randrange(3)
+        flight.reach(tick := tick + draw.randrange(20, 120))
+        flight.agents[victim].kill()
+        flight.agents[victim] = processes.start("agent", "--uav", str(victim))
+        rejoined = flight.event("rejoined", number)
+        assert rejoined["uavs"] == [victim]
+        tick = rejoined["tick"]
+    summary = flight.end()
+    assert (summary["lost"], summary["nodes_lost"]) == (0, 3)
+    assert summary["dropped_messages"].keys() <= {"unknown-node"}  # last words of the dead: nobody was refused
+    for process in (*flight.agents, *flight.leaders, flight.station):
+        ends_by_itself(process)
+
+
+@pytest.mark.parametrize(("seed", "tls"), [(2, False), (3, True)])
+def test_a_run_whose_leader_station_and_world_are_killed_at_random_ticks_is_resumed_to_the_same_end(
+    seed: int, tls: bool, processes: Processes, certificates: Path, tmp_path: Path, undisturbed: str
+) -> None:
+    secure = ("--tls", str(certificates)) if tls else ()
+    processes.base += secure
+    flight = Flight(processes, tmp_path, leaders=2, settings=FLOWN)
+    first, second, third = sorted(random.Random(seed).sample(range(1, 1000), 3))
+    flight.reach(first)
+    flight.leaders.pop().kill()
+    flight.leaders.append(flight.leader())
+    assert "stands by" in flight.event("rejoined")["text"]
+    flight.reach(second)
+    flight.station.kill()
+    flight.station.wait(DEADLINE_S)
+    flight.station = processes.station(tmp_path, "--resume", "latest")
+    flight.reach(max(third, 150, flight.rows() + 20))  # there is a checkpoint, and the station is back
+    flight.world.kill()
+    for process in (*flight.agents, *flight.leaders, flight.station):
+        _, err = process.communicate(timeout=DEADLINE_S)
+        assert process.returncode == 1, err
+        assert err.startswith("error: the world ")
+        assert "is gone; " in err
+    (folder,) = tmp_path.iterdir()
+    line = [sys.executable, "-m", "groundstation.cli", "resume", str(folder), *secure]
+    line += ["--json", "--quiet", "--no-record"]
+    done = subprocess.run(line, capture_output=True, text=True, timeout=DEADLINE_S)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["trajectory_sha256"] == undisturbed
+    assert pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist() == list(range(2001))

@@ -1,0 +1,127 @@
+"""Whatever is cut off, a file is the old one or the new one, and a checkpoint never goes on from rows that are lost."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from groundstation import durable
+from groundstation.cli import main
+from groundstation.engine import Engine
+from groundstation.results import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, RunFolder
+from groundstation.resume import back
+from swarm import scenario as scenarios
+
+SETTINGS = ("uavs=3", "seed=7", "duration=30", "stop=duration", "federation.period=40")
+
+
+class Died(Exception):
+    """What ends a process in the middle of these tests."""
+
+
+@pytest.mark.parametrize("at", ["fsync", "replace"])
+def test_who_dies_before_the_new_file_is_in_place_leaves_the_old_one(
+    at: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "kept"
+    durable.replace(path, b"old")
+
+    def dies(*_: object) -> None:
+        raise Died
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, at, dies)
+        with pytest.raises(Died):
+            durable.replace(path, b"new and longer")
+    assert path.read_bytes() == b"old"
+    durable.replace(path, b"newer")  # what was left over is not in the way
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == {"kept": b"newer"}
+
+
+def test_rows_and_events_are_on_the_disk_before_the_checkpoint_and_that_before_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+    fsync, replace = os.fsync, os.replace
+
+    def synced(handle: int) -> None:
+        inode = os.fstat(handle).st_ino
+        folder = tmp_path / "run"
+        done.append(next((p.name for p in (folder, *folder.iterdir()) if p.stat().st_ino == inode), "elsewhere"))
+        fsync(handle)
+
+    def renamed(part: Path, path: Path) -> None:
+        done.append(f"→ {Path(path).name}")
+        replace(part, path)
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(os, "replace", renamed)
+    flown = scenarios.load(None, SETTINGS)
+    folder = RunFolder(tmp_path, "run", flown)
+    engine = Engine(flown, "run", sinks=[folder])
+    for _ in engine.fly():
+        pass
+    summary = engine.world.finish()
+    with folder:
+        folder.summarise(summary)
+
+    def durably(name: str) -> list[str]:
+        return [f".{name}.part", f"→ {name}", "run"]
+
+    rows = [EVENTS, ".timeseries.arrow"]
+    table = "timeseries.parquet"
+    assert done == [
+        *(*durably(SCENARIO), "elsewhere", "→ .timeseries.arrow", "run"),
+        *(3 * [*rows, *durably(CHECKPOINT)]),
+        *(*rows, *durably(SUMMARY), "run"),  # and the checkpoint taken away
+        *(f".{table}", f"→ {table}", "run", "run"),  # and what was spooled
+    ]
+
+
+KILLED = """
+import os, signal, sys
+from groundstation.cli import main
+
+def kill_at(last):
+    calls = 0
+    def counted(call):
+        def one(*arguments):
+            nonlocal calls
+            calls += 1
+            if calls == last:
+                os.kill(os.getpid(), signal.SIGKILL)
+            return call(*arguments)
+        return one
+    os.fsync, os.replace = counted(os.fsync), counted(os.replace)
+
+for number, out in enumerate(sys.argv[1].split(":")):
+    if (child := os.fork()) == 0:
+        kill_at(int(sys.argv[2]) + number)
+        settings = [word for setting in sys.argv[3:] for word in ("--set", setting)]
+        main(["run", "--in-process", "--no-record", "--quiet", "--json", "--out", out, *settings])
+        os._exit(3)
+    assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
+"""
+
+
+@pytest.mark.processes
+def test_a_run_killed_at_any_step_of_replacing_its_checkpoint_resumes_to_the_same_end(tmp_path: Path) -> None:
+    engine = Engine(scenarios.load(None, SETTINGS), "whole")
+    for _ in engine.fly():
+        pass
+    expected = engine.world.flight.trajectory_sha256
+    # Six calls make the folder and five the first checkpoint: these are all of the second's, and the next.
+    outs = [tmp_path / str(number) for number in range(6)]
+    line = [sys.executable, "-c", KILLED, ":".join(map(str, outs)), "12", *SETTINGS]
+    done = subprocess.run(line, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    starts = []
+    for out in outs:
+        (folder,) = out.iterdir()
+        starts.append(back(folder).start.tick)
+        assert main(["resume", str(folder), "--in-process", "--no-record", "--quiet", "--json"]) == 0
+        assert f'"trajectory_sha256": "{expected}"' in (folder / SUMMARY).read_text()
+        assert sorted(path.name for path in folder.iterdir()) == [EVENTS, SCENARIO, SUMMARY, "timeseries.parquet"]
+    assert starts == [1, 1, 1, 1, 101, 101]

@@ -1,0 +1,95 @@
+"""How a node comes to take part: it asks, and asks again as long as asking may help."""
+
+import threading
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+import pytest
+
+from swarm import codec, keys
+from swarm.bus import Bus
+from swarm.errors import BusError
+from swarm.messages import Act, Join, Message, Refusal, Sense, Welcome
+from swarm.spoke import Spoke
+from tests.swarm.test_bus import DEADLINE_S, Open, network  # noqa: F401  # a fixture
+
+RUN = "spoke"
+TAKEN = Refusal("UAV 3 has its agent already", for_now=True)
+NEVER = Refusal("UAV 9: this run has UAVs 0 to 3")
+WELCOME = Welcome(keys.fingerprint(RUN), "agent-3", (3,), 0, b"{}", np.zeros((4, 4), np.float32))
+
+
+class Door:
+    """A world that answers questions one after the other as it was told to, the last answer for ever."""
+
+    def __init__(self, bus: Bus, answers: Sequence[Message]) -> None:
+        self.asked = 0
+        self._bus, self._answers, self._over = bus, answers, threading.Event()
+        bus.answer(keys.join(RUN))
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def _serve(self) -> None:
+        while not self._over.is_set():
+            delivery = self._bus.receive(0.05)
+            if delivery is not None and delivery.reply is not None:
+                delivery.reply(codec.encode(self._answers[min(self.asked, len(self._answers) - 1)]))
+                self.asked += 1
+
+
+class Deaf:
+    """A node nobody asks."""
+
+    def act(self, sense: Sense) -> Act:
+        raise AssertionError(sense)
+
+
+@pytest.fixture
+def opens(network: Open) -> Iterator[Callable[..., tuple[Door, Spoke]]]:  # noqa: F811
+    """A world that gives these answers, and somebody to ask it."""
+    doors: list[Door] = []
+
+    def open_one(*answers: Message) -> tuple[Door, Spoke]:
+        doors.append(Door(network(), answers))
+        return doors[-1], Spoke(network(), RUN)
+
+    yield open_one
+    for door in doors:
+        door.close()
+
+
+def join(spoke: Spoke, timeout_s: float, cancelled: Callable[[], bool] = lambda: False) -> Welcome:
+    return spoke.join(Join("agent", 1, 3), lambda welcome: Deaf(), timeout_s, cancelled)
+
+
+def test_who_is_refused_for_now_asks_again_until_it_is_let_in(opens: Callable[..., tuple[Door, Spoke]]) -> None:
+    door, spoke = opens(TAKEN, TAKEN, WELCOME)
+    assert join(spoke, DEADLINE_S).uavs == (3,)
+    assert door.asked == 3
+
+
+def test_who_is_refused_for_now_gives_up_when_its_time_is_up_and_says_why(
+    opens: Callable[..., tuple[Door, Spoke]],
+) -> None:
+    door, spoke = opens(TAKEN)
+    with pytest.raises(BusError, match="refused: UAV 3 has its agent already"):
+        join(spoke, 0.6)
+    assert door.asked >= 2
+
+
+def test_who_is_refused_for_good_does_not_ask_again(opens: Callable[..., tuple[Door, Spoke]]) -> None:
+    door, spoke = opens(NEVER, WELCOME)
+    with pytest.raises(BusError, match="refused: UAV 9"):
+        join(spoke, DEADLINE_S)
+    assert door.asked == 1
+
+
+def test_who_is_interrupted_while_it_is_refused_asks_no_more(opens: Callable[..., tuple[Door, Spoke]]) -> None:
+    door, spoke = opens(TAKEN)
+    with pytest.raises(BusError, match=r"interrupted .*UAV 3"):
+        join(spoke, DEADLINE_S, cancelled=lambda: door.asked >= 2)
+    assert door.asked == 2
