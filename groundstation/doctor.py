@@ -18,7 +18,7 @@ from swarm.session import DEFAULT_ENDPOINT
 MEGABYTE = 2**20
 AGENT_MB = 45  # resident, measured: see docs/performance.md
 FIXED_MB = 400  # world, leader and the recording ground station
-THREADS = 8  # of a process of the swarm, measured
+THREADS = 8  # of a process of the swarm: measured 6, and 9 in the world
 PACKAGES = (
     *("eclipse-zenoh", "numpy", "msgspec", "scipy", "prometheus-client"),
     *("pyarrow", "rerun-sdk", "click", "rich", "cryptography"),

@@ -48,6 +48,11 @@ QUICK = ("run", "--in-process", "--no-record", "--quiet", "--uavs", "3", "--dura
         (("missing.toml",), "missing.toml"),
         (("--uavs-per-process", "0"), "--uavs-per-process"),
         (("--realtime", "0"), "--realtime"),
+        (("--realtime=-2",), "--realtime -2: how many times faster"),
+        (("--realtime", "-.5"), "--realtime -.5: how many times faster"),
+        (("--realtime", "nan"), "--realtime nan"),
+        (("--metrics", "everywhere"), "--metrics everywhere: write it as PORT or HOST:PORT"),
+        (("--log-format", "xml"), "json"),
         (("--no-such-flag",), "--no-such-flag"),
     ],
 )
