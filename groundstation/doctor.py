@@ -10,13 +10,11 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Literal
 
-import psutil
+from groundstation.memory import MEGABYTE, available_mb, needed_mb
 
-MEGABYTE = 2**20
-AGENT_MB = 45  # resident, measured: see docs/performance.md
-FIXED_MB = 400  # world, leader and the recording ground station
 PACKAGES = ("eclipse-zenoh", "numpy", "msgspec", "scipy", "pyarrow", "rerun-sdk", "click", "rich", "cryptography")
 VIEWER_PORT = 9876
+_ROWS = 25  # UAVs in a process, where one each is too many
 
 Verdict = Literal["ok", "warning", "fails"]
 
@@ -36,7 +34,7 @@ def examine(uavs: int, uavs_per_process: int, out: Path, tls: Path | None = None
     return [
         _python(),
         *map(_package, PACKAGES),
-        memory(uavs, uavs_per_process),
+        memory(uavs, -(-uavs // uavs_per_process)),
         open_files(uavs, uavs_per_process),
         _loopback(),
         _viewer_port(),
@@ -45,13 +43,6 @@ def examine(uavs: int, uavs_per_process: int, out: Path, tls: Path | None = None
         _docker(),
         *([] if tls is None else certificates(tls, uavs, uavs_per_process)),
     ]
-
-
-def memory_needed_mb(uavs: int, uavs_per_process: int) -> int:
-    """What the processes of such a run keep resident, MB: an estimate on the safe side."""
-    processes = -(-uavs // uavs_per_process)
-    pairs = 4 * 8 * uavs * uavs // MEGABYTE  # the world's pair metrics
-    return FIXED_MB + AGENT_MB * processes + pairs
 
 
 def _python() -> Finding:
@@ -65,14 +56,16 @@ def _package(name: str) -> Finding:
         return Finding(name, "fails", "not installed", "make install")
 
 
-def memory(uavs: int, uavs_per_process: int) -> Finding:
-    """Whether the processes of such a run fit into memory."""
-    needed = memory_needed_mb(uavs, uavs_per_process)
-    available = psutil.virtual_memory().available // MEGABYTE
-    found = f"{needed} MB for {uavs} UAVs, {available} MB available"
-    if needed > available:
-        return Finding("memory", "fails", found, "fewer UAVs, or more of them in a process: --uavs-per-process 25")
-    return Finding("memory", "ok", found)
+def memory(uavs: int, processes: int, keeps_states: bool = False) -> Finding:
+    """Whether such a run fits into memory; `processes`: of agents, 0 for everything in one."""
+    needed, (available, what) = needed_mb(uavs, processes, keeps_states), available_mb()
+    where = f"{processes} processes" if processes else "one process"
+    found = f"{needed} MB for {uavs} UAVs in {where}, {available} MB {what}"
+    if needed <= available:
+        return Finding("memory", "ok", found)
+    crowded = processes and needed_mb(uavs, -(-uavs // _ROWS), keeps_states) <= available
+    mend = f"more UAVs in a process: --uavs-per-process {_ROWS}" if crowded else "fewer UAVs: --uavs N"
+    return Finding("memory", "fails", found, mend)
 
 
 def open_files(uavs: int, uavs_per_process: int) -> Finding:
