@@ -90,8 +90,11 @@ def main(arguments: list[str] | None = None) -> int:
         page_path.write_text(page(record), encoding="utf-8")
     _show(measured, console)
     before = store.baseline()
-    for sentence in store.worse(measured, before) if before else ():
+    worse = store.worse(measured, before) if before else []
+    for sentence in worse:
         console.print(f"[yellow]worse than committed:[/] {escape(sentence)}", soft_wrap=True)
+    if before and not worse:
+        console.print("no ratio is worse than committed", highlight=False)
     for path in filter(None, (json_path, page_path)):
         console.print(f"wrote {path}", highlight=False, soft_wrap=True)
     return 0

@@ -3,10 +3,15 @@
 import json
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from benchmarks import peers, store
+from benchmarks.peer import environment
+from benchmarks.processes import BenchmarkFailed
 
 ROOT = Path(__file__).parents[1]
 FIGURE = {
@@ -67,3 +72,87 @@ def test_an_unknown_race_is_refused() -> None:
     done = benchmarks("--only", "nonsense")
     assert done.returncode == 2
     assert "nonsense" in done.stderr
+
+
+# -- what got worse -----------------------------------------------------------------------------------------------
+
+
+def found(*ratios: tuple[str, float, str], effort: str = "full", error: str | None = None) -> dict[str, Any]:
+    """A record of one race."""
+    figures = [{"name": name, "ratio": ratio, "better": better} for name, ratio, better in ratios]
+    return {"races": {"race": {"effort": effort, "error": error, "figures": figures}}}
+
+
+def test_a_ratio_that_grew_by_more_than_noise_is_named_and_one_that_fell_is_not() -> None:
+    before = found(("tick", 2.0, "lower"), ("speed", 2.0, "higher"), ("size", 2.0, "neither"))
+    assert store.worse(found(("tick", 2.2, "lower"), ("speed", 1.8, "higher"), ("size", 9.0, "neither")), before) == []
+    worse = store.worse(found(("tick", 3.0, "lower"), ("speed", 1.0, "higher"), ("size", 2.0, "neither")), before)
+    assert [sentence.split(" (")[-1] for sentence in worse] == ["50 % worse)", "100 % worse)"]
+    assert "3.00 times its floor, was 2.00" in worse[0]
+
+
+def test_what_cannot_be_measured_any_more_is_named() -> None:
+    before = found(("tick", 2.0, "lower"), ("size", 1.0, "neither"))
+    assert store.worse(found(error="it fell over"), before) == ["race: cannot be measured any more: it fell over"]
+    assert store.worse(found(("tick", 2.0, "lower")), before) == ["race: size: not measured any more"]
+    assert store.worse(found(("tick", 2.0, "lower"), effort="quick"), before) == []
+    assert store.worse(found(error="it never ran"), {"races": {}}) == []
+
+
+# -- peers --------------------------------------------------------------------------------------------------------
+
+
+def test_every_peer_has_pins_and_a_script() -> None:
+    for race in peers.RACES:
+        assert all("==" in pin for pin in environment.pins(race.peer))
+        assert any(pin.startswith(f"{race.peer}==") for pin in environment.pins(race.peer))
+        assert (environment.SCRIPTS / f"{race.script}.py").is_file()
+
+
+def test_a_peer_that_is_not_set_up_says_how_to(tmp_path: Path) -> None:
+    with pytest.raises(BenchmarkFailed, match="--setup pyrvo"):
+        environment.Environment("pyrvo", tmp_path).start("pyrvo_orca", 5)
+
+
+@pytest.mark.parametrize(
+    ("code", "seconds", "why"),
+    [
+        ("print('ERROR: no wheel'); print('a hint'); raise SystemExit(1)", 60.0, "ERROR: no wheel"),
+        ("raise SystemExit(1)", 60.0, "it said nothing"),
+        ("input(); import time; time.sleep(60)", 0.0, "not installed in time"),
+    ],
+)
+def test_a_peer_that_cannot_be_installed_says_why(tmp_path: Path, code: str, seconds: float, why: str) -> None:
+    with pytest.raises(BenchmarkFailed, match=why):
+        environment.install([sys.executable, "-c", code], tmp_path / "log", time.monotonic() + seconds)
+
+
+PEER = """
+import sys
+sys.path.insert(0, {scripts!r})
+from serve import serve
+serve(lambda: sum(range(1000)))
+"""
+
+
+def test_a_peer_is_timed_in_its_own_process_and_ends_with_it() -> None:
+    with environment.Peer([sys.executable, "-c", PEER.format(scripts=str(environment.SCRIPTS))], "peer 1") as peer:
+        assert 0.0 < peer.measure(10) < 1000.0
+        assert 0.0 < peer.measure(1) < 1000.0
+        process = peer._process
+        assert process.poll() is None
+    assert process.poll() is not None
+
+
+@pytest.mark.parametrize(
+    ("code", "why"), [("raise SystemExit('no wings')", "it ended: no wings"), ("print('hello')", "it did not say")]
+)
+def test_a_peer_that_does_not_get_ready_says_why(code: str, why: str) -> None:
+    with pytest.raises(BenchmarkFailed, match=why):
+        environment.Peer([sys.executable, "-c", code], "peer 1")
+
+
+def test_a_peer_that_is_silent_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(environment, "ANSWER_S", 0.2)
+    with pytest.raises(BenchmarkFailed, match="no answer"):
+        environment.Peer([sys.executable, "-c", "input()"], "peer 1")
