@@ -1,10 +1,13 @@
 """A node's side of the protocol, the same for agents and leader: join, answer every Sense with an Act, go home."""
 
 import logging
+import os
 import time
 from collections import Counter
 from collections.abc import Callable
 from typing import Protocol
+
+import msgspec
 
 from swarm import codec, keys
 from swarm.bus import Bus, Delivery
@@ -43,6 +46,7 @@ class Spoke:
             BusError: no world answered in time, or it refused.
         """
         question = keys.join(self._run, keys.asker(request.role, request.uav))
+        request = msgspec.structs.replace(request, token=int.from_bytes(os.urandom(7), "little"))
         end = time.monotonic() + timeout_s
         while (answer := self._bus.ask(question, codec.encode(request), _ASK_TIMEOUT_S)) is None:
             if time.monotonic() > end:
