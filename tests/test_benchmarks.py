@@ -1,15 +1,17 @@
 """The benchmark command works and says what it promises; what it measures is nobody's test."""
 
 import json
+import re
 import subprocess
 import sys
 import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from benchmarks import peers, store
+from benchmarks import peers, scaling, store
 from benchmarks.peer import environment
 from benchmarks.processes import BenchmarkFailed
 
@@ -156,3 +158,37 @@ def test_a_peer_that_is_silent_is_given_up(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(environment, "ANSWER_S", 0.2)
     with pytest.raises(BenchmarkFailed, match="no answer"):
         environment.Peer([sys.executable, "-c", "input()"], "peer 1")
+
+
+# -- scaling ------------------------------------------------------------------------------------------------------
+
+
+def test_the_fit_recovers_the_costs_a_swarm_was_made_of() -> None:
+    costs = np.array([0.5, 4e-3, 2e-6, 1.5e-4, 0.8, 0.3])
+    places = [(n, 0, 0) for n in (25, 100, 1000, 4000)] + [(n, 0, n * (n - 1)) for n in (25, 100)]
+    places += [(n, n, 0) for n in (25, 50, 200)] + [(1000, 4, 0)]
+    samples = [[*place, scaling.Fit(costs, np.empty(0), np.empty(0)).ms(*place)] for place in places]
+    fitted = scaling.fit(np.array(samples))
+    np.testing.assert_allclose(fitted.coefficients, costs, rtol=1e-6)
+    np.testing.assert_allclose(fitted.relative, 0.0, atol=1e-9)
+    assert fitted.ms(64, 64) == pytest.approx(0.5 + 64 * 4e-3 + 64**2 * 2e-6 + 0.8 + 64 * 0.3)
+
+
+def test_the_page_on_scaling_can_be_written_from_the_record_beside_it(tmp_path: Path) -> None:
+    page, picture = tmp_path / "scaling.md", tmp_path / "scaling.png"
+    page.write_text(scaling.PAGE.read_text(encoding="utf-8"), encoding="utf-8")
+    assert scaling.main(["--page", str(page), "--picture", str(picture)]) == 0
+    text = page.read_text(encoding="utf-8")
+    assert text.split("<!-- fit -->")[0].splitlines()[0] == "# Scaling"
+    for name in ("fit", "bytes", "future"):
+        assert re.search(rf"<!-- {name} -->\n\|.*?\n<!-- end -->", text, flags=re.DOTALL)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_record_without_the_races_and_a_page_without_the_places_are_said(tmp_path: Path, capsys: Any) -> None:
+    record = tmp_path / "other.json"
+    record.write_text(json.dumps({"schema": store.SCHEMA, "races": {}}))
+    assert scaling.main(["--json", str(record)]) == 2
+    assert "--only scale scale_processes" in capsys.readouterr().err
+    with pytest.raises(ValueError, match="0 places for fit"):
+        scaling.rewritten("# A page\n", {"fit": []})
