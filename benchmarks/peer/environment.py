@@ -6,6 +6,7 @@ import selectors
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 import tomllib
 from pathlib import Path
@@ -95,18 +96,17 @@ class Peer:
         """Raises BenchmarkFailed where it does not get ready."""
         self.version = version
         self._unread = b""
-        self._log = FOLDER / "peer.log"
         FOLDER.mkdir(exist_ok=True)
-        with self._log.open("wb") as log:
-            self._process = subprocess.Popen(
-                command,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=log,
-                cwd=FOLDER,
-                env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1", "FLWR_TELEMETRY_ENABLED": "0"},
-                start_new_session=True,
-            )
+        self._log = tempfile.TemporaryFile()  # noqa: SIM115  # closed in `close`
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._log,
+            cwd=FOLDER,
+            env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1", "FLWR_TELEMETRY_ENABLED": "0"},
+            start_new_session=True,
+        )
         try:
             if self._line() != "ready":
                 raise BenchmarkFailed("it did not say that it is ready")
@@ -134,9 +134,9 @@ class Peer:
     def close(self) -> None:
         """Ends it."""
         end_all([self._process])
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                pipe.close()
+        for file in (self._process.stdin, self._process.stdout, self._log):
+            if file is not None:
+                file.close()
 
     def _line(self) -> str:
         assert self._process.stdout is not None
@@ -148,7 +148,8 @@ class Peer:
                     raise BenchmarkFailed(f"no answer within {ANSWER_S:.0f} s")
                 more = os.read(self._process.stdout.fileno(), 4096)
                 if not more:
-                    last = self._log.read_text(encoding="utf-8", errors="replace").splitlines()[-1:]
+                    self._log.seek(0)
+                    last = self._log.read().decode(errors="replace").splitlines()[-1:]
                     raise BenchmarkFailed(f"it ended: {last[0] if last else 'it said nothing'}")
                 self._unread += more
         line, self._unread = self._unread.split(b"\n", 1)
