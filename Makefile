@@ -20,7 +20,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 in_place := [ -x $(BIN)/python ] && [ "$$(cat $(VENV)/.home 2>/dev/null)" = "$$(pwd -P)" ]
 STALE := $(shell $(in_place) || echo stale)
 
-.PHONY: help run test check format bench picture images up test-compose constraints clean stale
+.PHONY: help run test check format bench peers picture images up test-compose constraints clean stale
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  \033[1m%-14s\033[0m %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -55,6 +55,9 @@ format: $(VENV)/.dev ## Mend format and what the linter can mend by itself
 bench: $(VENV)/.dev ## Run the benchmarks
 	@$(BIN)/python -m benchmarks $(ARGS)
 
+peers: $(VENV)/.dev ## Set up the peers that `make bench` races with, each in an environment of its own (ARGS="pyrvo pfl")
+	@$(BIN)/python -m benchmarks.peers --setup $(ARGS)
+
 picture: $(VENV)/.ground ## Draw the README's picture again (needs a software or hardware Vulkan driver)
 	@$(BIN)/python docs/picture.py $(ARGS)
 
@@ -84,7 +87,7 @@ constraints: ## Refresh constraints.txt from a clean install (after changing a p
 	cp "$$tmp/constraints.txt" constraints.txt; echo "constraints.txt: $$(grep -c == constraints.txt) packages"
 
 clean: ## Remove the environment, caches and build leftovers; runs/ stays
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .bench build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # ---- set-up -----------------------------------------------------------------------------------------------------------

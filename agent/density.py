@@ -14,6 +14,8 @@ from swarm.seeds import generator
 
 Floats = NDArray[np.float64]
 
+_BLOCK = 2**17  # pairs of point and centre at a time: 8 MiB, however many UAVs there are
+
 
 def mixture(points: Floats, centres: Floats, bandwidth: Floats) -> Floats:
     """Gaussian mixture over `centres` (N, 4) with std `bandwidth` (4,), its peak over the centres scaled to one.
@@ -22,9 +24,14 @@ def mixture(points: Floats, centres: Floats, bandwidth: Floats) -> Floats:
         points: (S, 4). Returns: (S,).
     """
 
+    rows = max(1, _BLOCK // len(centres))
+
     def raw(at: Floats) -> Floats:
-        z = (at[:, None, :] - centres[None, :, :]) / bandwidth
-        return np.exp(-0.5 * (z * z).sum(axis=-1)).sum(axis=-1)
+        sums = np.empty(len(at))
+        for start in range(0, len(at), rows):
+            z = (at[start : start + rows, None, :] - centres[None, :, :]) / bandwidth
+            sums[start : start + rows] = np.exp(-0.5 * (z * z).sum(axis=-1)).sum(axis=-1)
+        return sums
 
     return raw(points) / raw(centres).max()
 

@@ -33,6 +33,8 @@ RACES = (
     "peers",
     "profile",
 )
+ON_DEMAND = ("scale_processes",)  # minutes, gigabytes: only where named
+ALL = (*RACES, *ON_DEMAND)
 EXIT_INTERRUPTED = 1
 
 
@@ -41,10 +43,10 @@ def _parser() -> argparse.ArgumentParser:
         prog="python -m benchmarks",
         description="Measures meanflock beside its floors. A full run writes docs/performance.md and "
         "benchmarks/latest.json; --quick and --only print, and write only where --json or --page say so.",
-        epilog=f"races: {', '.join(RACES)}",
+        epilog=f"races: {', '.join(RACES)}; only where named: {', '.join(ON_DEMAND)}",
     )
     parser.add_argument("--quick", action="store_true", help="few samples, under a minute")
-    parser.add_argument("--only", nargs="+", metavar="NAME", choices=RACES, default=RACES, help="these races")
+    parser.add_argument("--only", nargs="+", metavar="NAME", choices=ALL, default=RACES, help="these races")
     parser.add_argument("--json", type=Path, help="write the record here; races not run now are kept from it")
     parser.add_argument("--page", type=Path, help="write the page here")
     return parser
@@ -72,7 +74,7 @@ def main(arguments: list[str] | None = None) -> int:
             f"[yellow]the machine is busy (load {record['machine']['load_before']}): times will be too long[/]"
         )
     try:
-        _races(record, [name for name in RACES if name in given.only], effort, console)
+        _races(record, [name for name in ALL if name in given.only], effort, console)
     except KeyboardInterrupt:
         console.print("interrupted; nothing was written")
         return EXIT_INTERRUPTED
@@ -82,7 +84,7 @@ def main(arguments: list[str] | None = None) -> int:
     page_path = given.page or (PAGE if whole else None)
     if given.json and not whole and (kept := store.read(given.json)):
         races = kept["races"] | record["races"]
-        record["races"] = {name: races[name] for name in RACES if name in races}
+        record["races"] = {name: races[name] for name in ALL if name in races}
     if json_path:
         store.write(json_path, record)
     if page_path:
@@ -90,8 +92,11 @@ def main(arguments: list[str] | None = None) -> int:
         page_path.write_text(page(record), encoding="utf-8")
     _show(measured, console)
     before = store.baseline()
-    for sentence in store.worse(measured, before) if before else ():
+    worse = store.worse(measured, before) if before else []
+    for sentence in worse:
         console.print(f"[yellow]worse than committed:[/] {escape(sentence)}", soft_wrap=True)
+    if before and not worse:
+        console.print("no ratio is worse than committed", highlight=False)
     for path in filter(None, (json_path, page_path)):
         console.print(f"wrote {path}", highlight=False, soft_wrap=True)
     return 0

@@ -86,7 +86,7 @@ def _swarm() -> tuple[float, list[tuple[float, float]]]:
         world = children.start("worldsim", "--stations", "1", *flags)
         children.start("leader")
         agents = [children.start("agent") for _ in range(AGENTS)]
-        bus = _connected(children)
+        bus = connected(children)
         try:
             bus.subscribe(keys.sense(children.run, "*"))
             station = Station(bus, children.run, [])
@@ -111,7 +111,7 @@ def _swarm() -> tuple[float, list[tuple[float, float]]]:
     return first_s, weights
 
 
-def _connected(children: Children) -> ZenohBus:
+def connected(children: Children) -> ZenohBus:
     """In short steps, as `meanflock run` does: whoever asks before the world listens waits for the next try."""
     end = time.monotonic() + _DEADLINE_S
     while True:

@@ -19,10 +19,13 @@ _REPRODUCE = """
 make bench                              # everything, under 6 minutes: writes this page and benchmarks/latest.json
 make bench ARGS=--quick                 # under a minute, prints only
 make bench ARGS="--only wire in_process"  # some races, prints only
+make bench ARGS="--only scale_processes"  # 25 to 200 processes: minutes and gigabytes; only where named
+make peers                              # once, before: the peers to race with, in environments of their own
 ```
 
-A full run compares its ratios with the committed `benchmarks/latest.json` and says what got worse by more than 15 %; it
-never fails for that. Run it on a machine that does nothing else: the ratios stand some noise, the targets don't.
+A full run compares its ratios with the committed `benchmarks/latest.json` and says what got worse by more than 15 %
+or is not measured any more; it never fails for that. Run it on a machine that does nothing else: the ratios stand some
+noise, the targets don't.
 """
 
 _SETTINGS = """

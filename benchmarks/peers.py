@@ -1,64 +1,180 @@
-"""Other people's programs at comparable work, where they are installed. None is a dependency of meanflock."""
+"""Other people's programs at comparable work, each in an environment of its own: `make peers` sets them up.
 
+None is a dependency of meanflock, and their pins clash with each other's. One that is not set up, cannot be installed
+or does not answer in time is a note on the page and fails nothing.
+"""
+
+import argparse
+import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms
-from benchmarks.in_process import learner_step
+from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms, per_tick_ms
+from benchmarks.in_process import flight, learner_step
+from benchmarks.peer.environment import Environment
+from groundstation.engine import Engine
 from leader.aggregate import fedavg
-from swarm import scenario, state
+from swarm import scenario
 from swarm.model import MODEL_FLOATS
-from worldsim.formation import initial_states
 
 TITLE = "Peers"
 ABOUT = (
-    "Optional: whichever of these is importable is measured in turns with our own (`pip install pyrvo flwr`). ORCA "
-    "(pyrvo, C++) plans a collision-free velocity from what every agent knows of every other; our learner plans from "
-    "its own state and a density, and learns. Flower's aggregation averages the same twenty models as our leader."
+    "Each peer in a process and an environment of its own (`make peers`), in turns with our own at the nearest "
+    "comparable work; *ratio* is ours to theirs. Ours does more: an in-process tick moves, learns, meters every link "
+    "and encodes every message."
 )
-UAVS, MODELS = 25, 20
-_ORCA = (0.1, 15.0, 10, 5.0, 5.0, 0.35, 15.0)  # step s, neighbours m and number, horizons s, radius m, speed m/s
+
+Measure = Callable[[int], float]  # how often → ms of one time
+
+
+@dataclass(frozen=True)
+class Race:
+    """A peer's script and argument, and what of ours it is compared with."""
+
+    peer: str
+    script: str
+    size: int
+    theirs: str
+    ours: str
+    measure: Callable[[], Measure]
+    count: int  # of a sample
+    note: str = ""
+
+
+def _learner(uavs: int) -> Measure:
+    return partial(per_call_ms, learner_step("mfgfl-hf", uavs))
+
+
+def _tick(method: str, uavs: int) -> Measure:
+    return partial(per_tick_ms, flight(method, uavs).fly())
+
+
+def _fedavg(models: int) -> Measure:
+    draw = np.random.default_rng(1)
+    return partial(per_call_ms, partial(fedavg, {uav: draw.random(MODEL_FLOATS) for uav in range(models)}))
+
+
+def _round(uavs: int) -> Measure:
+    """Ticks in which a round is always open: three of them are a round."""
+    period = 3
+    flown = scenario.load(
+        None, [f"federation.period={period}", "federation.fraction=1", "stop=duration", "duration=1e6"], uavs=uavs
+    )
+    ticks = Engine(flown, "benchmark").fly()
+    return lambda count: period * per_tick_ms(ticks, period * count)
+
+
+RACES = (
+    Race(
+        "gradysim",
+        "gradysim_broadcasts",
+        25,
+        "0.1 s of 25 nodes that move and broadcast",
+        "tick of 25 UAVs, hjb, in process",
+        partial(_tick, "hjb", 25),
+        10,
+        "each of ours also learns, and each of its 600 links fades, is metered and may fail",
+    ),
+    Race(
+        "gradysim",
+        "gradysim_broadcasts",
+        100,
+        "0.1 s of 100 nodes that move and broadcast",
+        "tick of 100 UAVs, hjb, in process",
+        partial(_tick, "hjb", 100),
+        2,
+    ),
+    Race(
+        "vmas",
+        "vmas_flocking",
+        25,
+        "flocking step of 25 agents, one environment",
+        "tick of 25 UAVs, mfgfl-hf, in process",
+        partial(_tick, "mfgfl-hf", 25),
+        5,
+        "its agents act but do not learn here",
+    ),
+    Race(
+        "pyrvo",
+        "pyrvo_orca",
+        25,
+        "ORCA step of 25 agents",
+        "learner step, 25 rows",
+        partial(_learner, 25),
+        100,
+        "ORCA, in C++, plans from what every agent knows of every other; the learner learns",
+    ),
+    Race(
+        "pyrvo",
+        "pyrvo_orca",
+        250,
+        "ORCA step of 250 agents",
+        "learner step, 250 rows",
+        partial(_learner, 250),
+        20,
+    ),
+    Race(
+        "pfl",
+        "pfl_round",
+        25,
+        "simulated round of 25 clients, 246 floats",
+        "round of 25 UAVs in process: three ticks",
+        partial(_round, 25),
+        5,
+        "its clients take one gradient step; ours learn in all three ticks and pay for the radio",
+    ),
+    Race(
+        "flwr",
+        "flwr_average",
+        20,
+        "average of 20 models of 246 floats",
+        "fedavg of 20 models of 246 floats",
+        partial(_fedavg, 20),
+        100,
+    ),
+)
 
 
 def run(effort: Effort, say: Say) -> Outcome:
-    """Each peer by itself; one that is missing or fails is a note."""
+    """Each race by itself; one that cannot be held is a note."""
     outcome = Outcome()
-    for name, race in (("pyrvo", _orca), ("flwr", _flower)):
-        say(name)
+    for race in RACES:
+        say(f"{race.peer}, {race.size}")
         try:
-            outcome.figures += race(effort)
-        except Exception as error:
-            outcome.notes.append(f"{name}: not measured: {type(error).__name__}: {error}")
+            outcome.figures += _hold(race, effort)
+        except Exception as error:  # whatever a stranger's program does, the others still run
+            outcome.notes.append(f"{race.peer}, {race.theirs}: not measured: {error or type(error).__name__}")
     return outcome
 
 
-def _orca(effort: Effort) -> list[Figure]:
-    import pyrvo
-
-    flown = scenario.load(None, uavs=UAVS)
-    plan = initial_states(flown)
-    simulator = pyrvo.RVOSimulator(*_ORCA)
-    for x, y in plan[:, state.POSITION]:
-        simulator.set_agent_pref_velocity(simulator.add_agent((x, y)), (-x / 20.0, -y / 20.0))
-    ms = _turns(effort, simulator.do_step, learner_step("mfgfl-hf", UAVS))
-    peer = Figure("pyrvo: one ORCA step of 25 agents", "ms", ms["peer"])
-    return [Figure("our learner step, 25 rows", "ms", ms["mine"], "neither", floor=peer), peer]
+def _hold(race: Race, effort: Effort) -> list[Figure]:
+    with Environment(race.peer).start(race.script, race.size) as peer:
+        ours = race.measure()
+        ours(race.count)
+        ms = in_turns(effort.of(9, 3), {"peer": lambda: peer.measure(race.count), "ours": lambda: ours(race.count)})
+    floor = Figure(f"{peer.version}: {race.theirs}", "ms", ms["peer"], "neither")
+    return [Figure(f"ours: {race.ours}", "ms", ms["ours"], floor=floor, note=race.note), floor]
 
 
-def _flower(effort: Effort) -> list[Figure]:
-    from flwr.server.strategy.aggregate import aggregate
+def main(arguments: list[str] | None = None) -> int:
+    """`--setup`: makes the environments that are missing. 1 if one could not be made; the others are."""
+    peers = list(dict.fromkeys(race.peer for race in RACES))
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.peers", description=__doc__.splitlines()[0])
+    parser.add_argument("--setup", nargs="*", choices=peers, metavar="PEER", required=True, help=", ".join(peers))
+    parser.add_argument("--timeout", type=float, default=900.0, metavar="S", help="for each; default %(default).0f")
+    given = parser.parse_args(arguments)
+    code = 0
+    for name in given.setup or peers:
+        try:
+            said = Environment(name).make(given.timeout)
+        except Exception as error:
+            said, code = f"cannot be had: {error or type(error).__name__}", 1
+        print(f"{name}: {said}", flush=True)
+    return code
 
-    draw = np.random.default_rng(1)
-    models = {uav: draw.random(MODEL_FLOATS) for uav in range(MODELS)}
-    ms = _turns(effort, partial(aggregate, [([model], 1) for model in models.values()]), partial(fedavg, models))
-    peer = Figure("flwr: aggregate 20 models", "ms", ms["peer"])
-    return [Figure("our fedavg of 20 models", "ms", ms["mine"], floor=peer), peer]
 
-
-def _turns(effort: Effort, peer: Callable[[], object], mine: Callable[[], object]) -> dict[str, list[float]]:
-    count = 100
-    return in_turns(
-        effort.of(15, 3), {"peer": lambda: per_call_ms(peer, count), "mine": lambda: per_call_ms(mine, count)}
-    )
+if __name__ == "__main__":
+    sys.exit(main())

@@ -15,16 +15,18 @@ TITLE = "The recorder"
 ABOUT = (
     "The in-process swarm of 25 UAVs (mfgfl-hf) flown in turns without any recording, with the run folder alone (time "
     "series and events), and with `recording.rrd` too. In the swarm of processes all this happens in the ground "
-    "station's process, beside the flight."
+    "station's process, beside the flight. The share is of the CPU time of the thread that flies, which a busy machine "
+    "hardly lengthens."
 )
 UAVS = 25
-CHUNK = 100  # the recorder sends its rows in batches of as many ticks
+CHUNK = 500  # the recorder sends its rows in batches of as many ticks
+SHARE_TARGET = 10.0
 
 
 def run(effort: Effort, say: Say) -> Outcome:
-    """Three engines in turns, 100 ticks each."""
+    """Three engines in turns, 500 ticks each."""
     flown = scenario.load(None, uavs=UAVS, stop="duration", duration=1e6)
-    repeats = effort.of(17, 4)
+    repeats = effort.of(7, 2)
     with tempfile.TemporaryDirectory(prefix="meanflock-bench-") as out, ExitStack() as stack:
         plain_folder = stack.enter_context(RunFolder(Path(out), "folder", flown))
         full_folder = stack.enter_context(RunFolder(Path(out), "recorded", flown))
@@ -37,13 +39,15 @@ def run(effort: Effort, say: Say) -> Outcome:
         }
         wall: dict[str, list[float]] = {name: [] for name in flights}
         cpu: dict[str, list[float]] = {name: [] for name in flights}
+        thread: dict[str, list[float]] = {name: [] for name in flights}
         for repeat in range(repeats + 1):
             say(f"{repeat} of {repeats}")
             for name, ticks in flights.items():
-                started, used = time.perf_counter(), time.process_time()
+                started, used, busy = time.perf_counter(), time.process_time(), time.thread_time()
                 for _ in range(CHUNK):
                     next(ticks)
                 if repeat:  # the first batch pays for what is made once
+                    thread[name].append((time.thread_time() - busy) / CHUNK * 1e3)
                     wall[name].append((time.perf_counter() - started) / CHUNK * 1e3)
                     cpu[name].append((time.process_time() - used) / CHUNK * 1e3)
         closing = time.perf_counter()
@@ -55,14 +59,14 @@ def run(effort: Effort, say: Say) -> Outcome:
         series_mib = (full_folder.path / TIMESERIES).stat().st_size / 2**20 / ticks_flown * 1000
     floor = Figure("tick without recording", "ms/tick", wall["without"])
     share = [
-        100 * (full - none) / full for full, none in zip(wall["recorded"], wall["without"], strict=True)
+        100 * (full - none) / full for full, none in zip(thread["recorded"], thread["without"], strict=True)
     ]  # of the recorded tick
     return Outcome(
         [
             Figure("tick recorded", "ms/tick", wall["recorded"], floor=floor),
             Figure("tick with the run folder only", "ms/tick", wall["folder"], floor=floor),
             floor,
-            Figure("recorder's share of a tick", "%", share),
+            Figure("recorder's share of a tick", "%", share, target=SHARE_TARGET),
             Figure(
                 "CPU of recording, all threads",
                 "ms/tick",

@@ -1,5 +1,7 @@
 """What a UAV costs as the swarm grows."""
 
+from statistics import median
+
 from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms, per_tick_ms
 from benchmarks.in_process import flight, learner_step
 from benchmarks.processes import meanflock
@@ -7,17 +9,27 @@ from benchmarks.processes import meanflock
 TITLE = "From 25 to 1000 UAVs"
 ABOUT = (
     "Cost of one UAV's tick, mfgfl-hf, all in one process; the floor is the learner's step alone on as many rows. The "
-    "ticks measured are those between rounds. Then the networked swarm of 1000 UAVs as four processes of 250 rows, "
+    "ticks measured are those between rounds; *growth* is the last of them beside the cheapest. Then hjb, where every "
+    "UAV speaks to every other in every tick, and the networked swarm of 1000 UAVs as four processes of 250 rows, "
     "recorded."
 )
 SIZES = (25, 50, 100, 250, 500, 1000)
+BEYOND = 4000  # for the cost model of docs/scaling.md
+SPEAKING = (25, 50, 100)
 ROWS = 250
+GROWTH = 1.3
 
 
 def run(effort: Effort, say: Say) -> Outcome:
     """N = 25 … 1000 in process, then 1000 over the network."""
-    outcome = Outcome()
-    for uavs in SIZES if effort is Effort.FULL else (25, 250, 1000):
+    outcome = Outcome(details={"samples": []})
+
+    def keep(uavs: int, links: int, ms: list[float], processes: int = 0) -> None:
+        sample = {"uavs": uavs, "processes": processes, "links": links, "ms": min(ms)}
+        outcome.details["samples"].append(sample)
+
+    cost: dict[int, list[float]] = {}
+    for uavs in (*SIZES, BEYOND) if effort is Effort.FULL else (25, 250, 1000):
         say(f"{uavs} UAVs in one process")
         ticks, step = flight("mfgfl-hf", uavs).fly(), learner_step("mfgfl-hf", uavs)
         chunk = max(2, effort.of(1000, 250) // uavs)
@@ -26,9 +38,22 @@ def run(effort: Effort, say: Say) -> Outcome:
             effort.of(9, 3),
             {"tick": lambda t=ticks, n=chunk: per_tick_ms(t, n), "step": lambda s=step, n=chunk: per_call_ms(s, n)},
         )
+        keep(uavs, 0, ms["tick"])
         floor = Figure(f"learner step alone, {uavs} rows", "µs/UAV", [1e3 * t / uavs for t in ms["step"]])
         mine = [1e3 * t / uavs for t in ms["tick"]]
         outcome.figures += [Figure(f"UAV-tick, N = {uavs}", "µs/UAV-tick", mine, floor=floor), floor]
+        if uavs <= SIZES[-1]:
+            cost[uavs] = mine
+    cheapest = min(median(mine) for mine in cost.values())
+    growth = [mine / cheapest for mine in cost[SIZES[-1]]]
+    outcome.figures.append(Figure("growth of a UAV-tick to N = 1000", "×", growth, target=GROWTH))
+    for uavs in SPEAKING if effort is Effort.FULL else SPEAKING[:1]:
+        say(f"{uavs} UAVs that speak, in one process")
+        ticks, links = flight("hjb", uavs).fly(), uavs * (uavs - 1)
+        per_tick_ms(ticks, 3)
+        ms_each = [per_tick_ms(ticks, max(2, effort.of(300, 100) // uavs)) for _ in range(effort.of(9, 3))]
+        keep(uavs, links, ms_each)
+        outcome.figures.append(Figure(f"tick, hjb, N = {uavs}, {links} links", "ms/tick", ms_each))
     factors = []
     ticks = effort.of(100, 30)
     for repeat in range(effort.of(2, 1)):
@@ -37,8 +62,9 @@ def run(effort: Effort, say: Say) -> Outcome:
         summary, _ = meanflock(*flags, "--duration", str(ticks / 10))
         factors.append(summary["real_time_factor"])
     outcome.figures.append(Figure("real-time factor, 1000 UAVs in 4 processes", "×", factors, "higher"))
+    keep(1000, 0, [100.0 / factor for factor in factors], 1000 // ROWS)
     outcome.notes.append(
-        "The rows of a tick grow with N, and so does a UAV's share of the pair metrics: alignment and risk are exact "
-        "over all N² pairs."
+        "Who is near whom comes from a k-d tree; alignment is a sum over all N²/2 pairs, exact, at about 1 ns a pair: "
+        "what is left of the growth. [Scaling](scaling.md) says what that means for larger swarms."
     )
     return outcome

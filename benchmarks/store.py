@@ -56,10 +56,20 @@ def write(path: Path, record: dict[str, Any]) -> None:
 
 
 def worse(now: dict[str, Any], before: dict[str, Any]) -> list[str]:
-    """Sentences about ratios to the floor that got worse by more than 15 %. Ratios only: machines differ."""
+    """Sentences about what got worse: ratios to the floor by more than 15 %, and what can no longer be measured.
+
+    Ratios only: machines differ. A quick run measures less, which is no loss.
+    """
     found = []
     for race, record in now["races"].items():
-        old = {figure["name"]: figure for figure in before["races"].get(race, {}).get("figures", [])}
+        was_race = before["races"].get(race, {})
+        old = {figure["name"]: figure for figure in was_race.get("figures", [])}
+        if record["error"]:
+            found += [f"{race}: cannot be measured any more: {record['error']}"] if old else []
+            continue
+        if record["effort"] == was_race.get("effort"):
+            kept = {figure["name"] for figure in record["figures"]}
+            found += [f"{race}: {name}: not measured any more" for name in old if name not in kept]
         for figure in record["figures"]:
             was = old.get(figure["name"], {}).get("ratio")
             ratio, better = figure["ratio"], figure["better"]

@@ -87,8 +87,8 @@ class Meter:
 
     def links(self) -> list[list[int]]:
         """[source, target, sent, outages] of every link that was used, ascending."""
-        used = np.argwhere(self._link_sent)
-        return [[int(s), int(t), int(self._link_sent[s, t]), int(self._link_outages[s, t])] for s, t in used]
+        table: list[list[int]] = self._used().tolist()
+        return table
 
     def total(self, name: str) -> float:
         """Sum of one field of `Traffic` over all kinds."""
@@ -98,15 +98,20 @@ class Meter:
         """The bill so far, for `restore`."""
         return {
             "traffic": [asdict(self.traffic[kind]) for kind in FrameKind],
-            "sent": self._link_sent,
-            "outages": self._link_outages,
+            "links": self._used(),
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Goes on with the bill of a snapshot."""
         self.traffic = {kind: Traffic(**bill) for kind, bill in zip(FrameKind, snapshot["traffic"], strict=True)}
-        self._link_sent[:] = snapshot["sent"]
-        self._link_outages[:] = snapshot["outages"]
+        source, target, sent, outages = snapshot["links"].T
+        self._link_sent[...], self._link_outages[...] = 0, 0
+        self._link_sent[source, target], self._link_outages[source, target] = sent, outages
+
+    def _used(self) -> NDArray[np.int32]:
+        """[source, target, sent, outages] of every link that was used, ascending, `(K, 4)`."""
+        used = np.nonzero(self._link_sent)
+        return np.stack([*used, self._link_sent[used], self._link_outages[used]], axis=-1).astype(np.int32)
 
     def _expect(self, bill: Traffic, payload_bits: int, distance_m: NDArray[np.float64]) -> None:
         if self.radio.path_loss_exponent == 0.0:  # every link is alike

@@ -138,8 +138,7 @@ def run(
     quiet = quiet or log_format == logs.JSON
     script = scenario.read_faults(faults) if faults is not None else None
     flown = scenario.load(file, settings, method=method, uavs=uavs, seed=seed, duration=duration, faults=script)
-    if not in_process:
-        _refuse_if_too_large(flown.uavs, uavs_per_process)
+    _refuse_if_too_large(flown, 0 if in_process else uavs_per_process)
     options = Options(
         out=out,
         in_process=in_process,
@@ -174,8 +173,7 @@ def resume(
     Example: meanflock resume runs/20261121-101500-mfgfl-hf-s7
     """
     dead = back(folder)
-    if not in_process:
-        _refuse_if_too_large(dead.scenario.uavs, uavs_per_process)
+    _refuse_if_too_large(dead.scenario, 0 if in_process else uavs_per_process)
     options = Options(
         out=dead.folder.parent,
         in_process=in_process,
@@ -295,9 +293,12 @@ def schema() -> None:
     click.echo(json.dumps(scenario.schema(), indent=1))
 
 
-def _refuse_if_too_large(uavs: int, uavs_per_process: int) -> None:
-    """A swarm that does not fit into memory is refused before it starts."""
-    for finding in (checks.memory(uavs, uavs_per_process), checks.open_files(uavs, uavs_per_process)):
+def _refuse_if_too_large(flown: scenario.Scenario, uavs_per_process: int) -> None:
+    """A swarm that does not fit into memory is refused before it starts; 0 UAVs per process: all in this one."""
+    processes = -(-flown.uavs // uavs_per_process) if uavs_per_process else 0
+    needs = [checks.memory(flown.uavs, processes, flown.keeps_states)]
+    needs += [checks.open_files(flown.uavs, uavs_per_process)] if processes else []
+    for finding in needs:
         if finding.verdict == "fails":
             raise BadInput(f"{finding.what}: {finding.found}; {finding.mend}")
 

@@ -13,11 +13,9 @@ from typing import Literal
 
 import psutil
 
+from groundstation.memory import MEGABYTE, available_mb, needed_mb
 from swarm.session import DEFAULT_ENDPOINT
 
-MEGABYTE = 2**20
-AGENT_MB = 45  # resident, measured: see docs/performance.md
-FIXED_MB = 400  # world, leader and the recording ground station
 THREADS = 8  # of a process of the swarm: measured 6, and 9 in the world
 PACKAGES = (
     *("eclipse-zenoh", "numpy", "msgspec", "scipy", "prometheus-client"),
@@ -25,6 +23,7 @@ PACKAGES = (
 )
 VIEWER_PORT = 9876
 _BUS_PORT = int(DEFAULT_ENDPOINT.rpartition(":")[2])
+_ROWS = 25  # UAVs in a process, where one each is too many
 GROUPS = Path("/sys/fs/cgroup")  # where a container finds its own limits
 COMPOSE_MAJOR = 2
 _ENGINE_S = 10.0
@@ -47,7 +46,7 @@ def examine(uavs: int, uavs_per_process: int, out: Path, tls: Path | None = None
     return [
         _python(),
         *map(_package, PACKAGES),
-        memory(uavs, uavs_per_process),
+        memory(uavs, -(-uavs // uavs_per_process)),
         open_files(uavs, uavs_per_process),
         threads(uavs, uavs_per_process),
         _loopback(),
@@ -58,13 +57,6 @@ def examine(uavs: int, uavs_per_process: int, out: Path, tls: Path | None = None
         *engine(),
         *([] if tls is None else certificates(tls, uavs, uavs_per_process)),
     ]
-
-
-def memory_needed_mb(uavs: int, uavs_per_process: int) -> int:
-    """What the processes of such a run keep resident, MB: an estimate on the safe side."""
-    processes = -(-uavs // uavs_per_process)
-    pairs = 4 * 8 * uavs * uavs // MEGABYTE  # the world's pair metrics
-    return FIXED_MB + AGENT_MB * processes + pairs
 
 
 def _python() -> Finding:
@@ -78,29 +70,16 @@ def _package(name: str) -> Finding:
         return Finding(name, "fails", "not installed", "make install")
 
 
-def memory(uavs: int, uavs_per_process: int) -> Finding:
-    """Whether the processes of such a run fit into memory."""
-    needed = memory_needed_mb(uavs, uavs_per_process)
-    available = available_mb()
-    found = f"{needed} MB for {uavs} UAVs, {available} MB available"
-    if needed > available:
-        return Finding("memory", "fails", found, "fewer UAVs, or more of them in a process: --uavs-per-process 25")
-    return Finding("memory", "ok", found)
-
-
-def available_mb(groups: Path = GROUPS) -> int:
-    """Memory that can still be had, MB: of the machine, or of the container this is in where that has less."""
-    machine = psutil.virtual_memory().available
-    for limit, used, cache in (
-        ("memory.max", "memory.current", "memory.stat"),
-        ("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes", "memory/memory.stat"),
-    ):
-        most, now = _number(groups / limit), _number(groups / used)
-        if most is not None and now is not None:
-            stat = dict(line.split() for line in (groups / cache).read_text().splitlines())
-            now -= int(stat.get("total_inactive_file", stat.get("inactive_file", 0)))  # is given back when needed
-            return max(0, min(machine, most - now)) // MEGABYTE
-    return machine // MEGABYTE
+def memory(uavs: int, processes: int, keeps_states: bool = False) -> Finding:
+    """Whether such a run fits into memory; `processes`: of agents, 0 for everything in one."""
+    needed, (available, what) = needed_mb(uavs, processes, keeps_states), available_mb()
+    where = f"{processes} processes" if processes else "one process"
+    found = f"{needed} MB for {uavs} UAVs in {where}, {available} MB {what}"
+    if needed <= available:
+        return Finding("memory", "ok", found)
+    crowded = processes and needed_mb(uavs, -(-uavs // _ROWS), keeps_states) <= available
+    mend = f"more UAVs in a process: --uavs-per-process {_ROWS}" if crowded else "fewer UAVs: --uavs N"
+    return Finding("memory", "fails", found, mend)
 
 
 def _number(path: Path) -> int | None:

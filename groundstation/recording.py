@@ -28,8 +28,9 @@ from swarm.scenario import Scenario
 __all__ = ["Recorder", "open_viewer", "repair", "screenshot", "verify"]
 
 APPLICATION = "meanflock"
-BATCH_TICKS = 100  # rows sent at once; a few at a time, a recording is mostly headers
+BATCH_TICKS = 500  # rows sent at once; a few at a time, a recording is mostly headers, and its cost mostly calls
 BATCH_WALL_S = 0.5  # ... but a live viewer waits no longer than this
+FILE_WALL_S = 2.0  # ... and a run that is killed loses no more than this
 TRAIL_STEP_S = 0.5  # a trail is made of pieces this long
 LARGE_SWARM_STRIDE = 5  # a large swarm's positions are recorded every this many ticks
 LINKS_PER_TICK = 2000  # of a tick's links, as many are drawn; all are counted
@@ -89,6 +90,7 @@ class Recorder:
         self._pending: list[Telemetry] = []
         self._pending_ticks = 0
         self._sent_at = time.monotonic()
+        self._patience_s = FILE_WALL_S if serve is None else BATCH_WALL_S
         self._status: NDArray[np.uint8] = np.full(scenario.uavs, 255, dtype=np.uint8)  # none known yet
         self._trail_start: Floats = np.empty((0, scenario.uavs, 2), dtype=np.float32)  # not yet in a piece
 
@@ -111,7 +113,7 @@ class Recorder:
             raise ValueError("the recording is closed")
         self._pending.append(block)
         self._pending_ticks += len(block.states)
-        if self._pending_ticks >= BATCH_TICKS or time.monotonic() - self._sent_at >= BATCH_WALL_S:
+        if self._pending_ticks >= BATCH_TICKS or time.monotonic() - self._sent_at >= self._patience_s:
             self.flush()
 
     def flush(self) -> None:

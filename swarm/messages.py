@@ -39,6 +39,7 @@ class Join(_Message, frozen=True, tag="join"):
     role: str  # "agent" or "leader"
     rows: int  # UAVs an agent can hold; 0 for the leader
     uav: int = -1  # the first of them, where the agent is not free to take any
+    token: int = 0  # drawn by the node: a Join that is repeated asks for no second place; 0 for none
 
 
 class Welcome(_Message, frozen=True, tag="welcome"):

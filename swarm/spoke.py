@@ -1,10 +1,13 @@
 """A node's side of the protocol, the same for agents and leader: join, answer every Sense with an Act, go home."""
 
 import logging
+import os
 import time
 from collections import Counter
 from collections.abc import Callable
 from typing import Protocol
+
+import msgspec
 
 from swarm import codec, keys
 from swarm.bus import Bus, Delivery
@@ -52,6 +55,7 @@ class Spoke:
         Raises:
             BusError: no world answered in time, or it refused.
         """
+        request = msgspec.structs.replace(request, token=int.from_bytes(os.urandom(7), "little"))
         welcome = self._ask(request, timeout_s, cancelled)
         if not isinstance(welcome, Welcome) or welcome.run != self._fingerprint:
             raise BusError(f"the world of run {self._run!r} answered with {type(welcome).__name__}")

@@ -1,12 +1,19 @@
 """The benchmark command works and says what it promises; what it measures is nobody's test."""
 
 import json
+import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+
+from benchmarks import peers, scaling, store
+from benchmarks.peer import environment
+from benchmarks.processes import BenchmarkFailed
 
 ROOT = Path(__file__).parents[1]
 FIGURE = {
@@ -67,3 +74,121 @@ def test_an_unknown_race_is_refused() -> None:
     done = benchmarks("--only", "nonsense")
     assert done.returncode == 2
     assert "nonsense" in done.stderr
+
+
+# -- what got worse -----------------------------------------------------------------------------------------------
+
+
+def found(*ratios: tuple[str, float, str], effort: str = "full", error: str | None = None) -> dict[str, Any]:
+    """A record of one race."""
+    figures = [{"name": name, "ratio": ratio, "better": better} for name, ratio, better in ratios]
+    return {"races": {"race": {"effort": effort, "error": error, "figures": figures}}}
+
+
+def test_a_ratio_that_grew_by_more_than_noise_is_named_and_one_that_fell_is_not() -> None:
+    before = found(("tick", 2.0, "lower"), ("speed", 2.0, "higher"), ("size", 2.0, "neither"))
+    assert store.worse(found(("tick", 2.2, "lower"), ("speed", 1.8, "higher"), ("size", 9.0, "neither")), before) == []
+    worse = store.worse(found(("tick", 3.0, "lower"), ("speed", 1.0, "higher"), ("size", 2.0, "neither")), before)
+    assert [sentence.split(" (")[-1] for sentence in worse] == ["50 % worse)", "100 % worse)"]
+    assert "3.00 times its floor, was 2.00" in worse[0]
+
+
+def test_what_cannot_be_measured_any_more_is_named() -> None:
+    before = found(("tick", 2.0, "lower"), ("size", 1.0, "neither"))
+    assert store.worse(found(error="it fell over"), before) == ["race: cannot be measured any more: it fell over"]
+    assert store.worse(found(("tick", 2.0, "lower")), before) == ["race: size: not measured any more"]
+    assert store.worse(found(("tick", 2.0, "lower"), effort="quick"), before) == []
+    assert store.worse(found(error="it never ran"), {"races": {}}) == []
+
+
+# -- peers --------------------------------------------------------------------------------------------------------
+
+
+def test_every_peer_has_pins_and_a_script() -> None:
+    for race in peers.RACES:
+        assert all("==" in pin for pin in environment.pins(race.peer))
+        assert any(pin.startswith(f"{race.peer}==") for pin in environment.pins(race.peer))
+        assert (environment.SCRIPTS / f"{race.script}.py").is_file()
+
+
+def test_a_peer_that_is_not_set_up_says_how_to(tmp_path: Path) -> None:
+    with pytest.raises(BenchmarkFailed, match="--setup pyrvo"):
+        environment.Environment("pyrvo", tmp_path).start("pyrvo_orca", 5)
+
+
+@pytest.mark.parametrize(
+    ("code", "seconds", "why"),
+    [
+        ("print('ERROR: no wheel'); print('a hint'); raise SystemExit(1)", 60.0, "ERROR: no wheel"),
+        ("raise SystemExit(1)", 60.0, "it said nothing"),
+        ("input(); import time; time.sleep(60)", 0.0, "not installed in time"),
+    ],
+)
+def test_a_peer_that_cannot_be_installed_says_why(tmp_path: Path, code: str, seconds: float, why: str) -> None:
+    with pytest.raises(BenchmarkFailed, match=why):
+        environment.install([sys.executable, "-c", code], tmp_path / "log", time.monotonic() + seconds)
+
+
+PEER = """
+import sys
+sys.path.insert(0, {scripts!r})
+from serve import serve
+serve(lambda: sum(range(1000)))
+"""
+
+
+def test_a_peer_is_timed_in_its_own_process_and_ends_with_it() -> None:
+    with environment.Peer([sys.executable, "-c", PEER.format(scripts=str(environment.SCRIPTS))], "peer 1") as peer:
+        assert 0.0 < peer.measure(10) < 1000.0
+        assert 0.0 < peer.measure(1) < 1000.0
+        process = peer._process
+        assert process.poll() is None
+    assert process.poll() is not None
+
+
+@pytest.mark.parametrize(
+    ("code", "why"), [("raise SystemExit('no wings')", "it ended: no wings"), ("print('hello')", "it did not say")]
+)
+def test_a_peer_that_does_not_get_ready_says_why(code: str, why: str) -> None:
+    with pytest.raises(BenchmarkFailed, match=why):
+        environment.Peer([sys.executable, "-c", code], "peer 1")
+
+
+def test_a_peer_that_is_silent_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(environment, "ANSWER_S", 0.2)
+    with pytest.raises(BenchmarkFailed, match="no answer"):
+        environment.Peer([sys.executable, "-c", "input()"], "peer 1")
+
+
+# -- scaling ------------------------------------------------------------------------------------------------------
+
+
+def test_the_fit_recovers_the_costs_a_swarm_was_made_of() -> None:
+    costs = np.array([0.5, 4e-3, 2e-6, 1.5e-4, 0.8, 0.3])
+    places = [(n, 0, 0) for n in (25, 100, 1000, 4000)] + [(n, 0, n * (n - 1)) for n in (25, 100)]
+    places += [(n, n, 0) for n in (25, 50, 200)] + [(1000, 4, 0)]
+    samples = [[*place, scaling.Fit(costs, np.empty(0), np.empty(0)).ms(*place)] for place in places]
+    fitted = scaling.fit(np.array(samples))
+    np.testing.assert_allclose(fitted.coefficients, costs, rtol=1e-6)
+    np.testing.assert_allclose(fitted.relative, 0.0, atol=1e-9)
+    assert fitted.ms(64, 64) == pytest.approx(0.5 + 64 * 4e-3 + 64**2 * 2e-6 + 0.8 + 64 * 0.3)
+
+
+def test_the_page_on_scaling_can_be_written_from_the_record_beside_it(tmp_path: Path) -> None:
+    page, picture = tmp_path / "scaling.md", tmp_path / "scaling.png"
+    page.write_text(scaling.PAGE.read_text(encoding="utf-8"), encoding="utf-8")
+    assert scaling.main(["--page", str(page), "--picture", str(picture)]) == 0
+    text = page.read_text(encoding="utf-8")
+    assert text.split("<!-- fit -->")[0].splitlines()[0] == "# Scaling"
+    for name in ("fit", "bytes", "future"):
+        assert re.search(rf"<!-- {name} -->\n\|.*?\n<!-- end -->", text, flags=re.DOTALL)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_record_without_the_races_and_a_page_without_the_places_are_said(tmp_path: Path, capsys: Any) -> None:
+    record = tmp_path / "other.json"
+    record.write_text(json.dumps({"schema": store.SCHEMA, "races": {}}))
+    assert scaling.main(["--json", str(record)]) == 2
+    assert "--only scale scale_processes" in capsys.readouterr().err
+    with pytest.raises(ValueError, match="0 places for fit"):
+        scaling.rewritten("# A page\n", {"fit": []})

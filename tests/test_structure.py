@@ -100,7 +100,7 @@ def test_rerun_stays_with_the_recorder_and_what_it_shows() -> None:
 def test_what_only_a_person_needs_stays_at_the_ground_station() -> None:
     users = users_of("click", "rich", "psutil", "pyarrow", "tomli_w", "joblib", "matplotlib")
     assert all(name.startswith("groundstation/") for name in users)
-    assert all(name.startswith(("groundstation/", "channel/")) for name in users_of("scipy"))
+    assert all(name.startswith(("groundstation/", "channel/", "worldsim/")) for name in users_of("scipy"))
 
 
 def test_one_file_talks_to_prometheus() -> None:

@@ -172,8 +172,8 @@ class Flight:
         seen = pairs(self.scenario.metrics, self.states)
         self.speed_difference_sum += float(seen.speed_difference)
         self.near_sum += int(seen.near)
-        if seen.colliding.any():
-            self._collide(np.argwhere(seen.colliding))
+        if len(seen.colliding):
+            self._collide(seen.colliding)
 
     def _collide(self, touching: NDArray[np.intp]) -> None:
         """Counts a pair once, and only while both are on the way."""

@@ -47,17 +47,22 @@ class Members:
         self._free = np.arange(uavs)
         self._leaders, self._standbys = leaders, standbys
         self._lives: Counter[str] = Counter()
+        self._admitted: dict[tuple[str, int], Member] = {}  # by role and token of their Join
         self._incumbent: str | None = None
 
     def admit(self, join: Join, now_s: float = 0.0) -> Member:
         """Gives a node its name and the UAVs it asks for, or the next free ones.
 
         Whoever comes after a node that was lost, or stands by for the leader, has the same name with a number behind
-        it: what the old one may still say is then not mistaken for the new one's.
+        it: what the old one may still say is then not mistaken for the new one's. A node that has not heard its answer
+        and asks again, with the same token, is told the same.
 
         Raises:
             JoinRefused: no UAV is free, or not the one asked for; no further leader is needed; the role is unknown.
         """
+        waiting = self._admitted.get((join.role, join.token)) if join.token else None
+        if waiting is not None and not waiting.ready and not waiting.lost:
+            return waiting
         if join.role == LEADER:
             if self._living(LEADER) and not self._standbys:
                 raise JoinRefused("this run has a leader already, and no rounds that a standby could take over")
@@ -72,7 +77,7 @@ class Members:
         self._free = np.setdiff1d(self._free, taken)
         self._lives[base] += 1
         name = base if self._lives[base] == 1 else f"{base}.{self._lives[base]}"
-        member = self._by_name[name] = Member(name, join.role, taken, now_s)
+        member = self._by_name[name] = self._admitted[join.role, join.token] = Member(name, join.role, taken, now_s)
         self._sort()
         return member
 

@@ -69,7 +69,7 @@ class Rows:
             flight.phi_c,
             flight.phi_c_distinct or 0.0,
             flight.collisions,
-            (flight.status == Status.ARRIVED).sum(),
+            np.count_nonzero(flight.status == Status.ARRIVED),
             ledger.rounds,
             ledger.held,
             ledger.deadline_misses,

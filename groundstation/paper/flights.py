@@ -37,9 +37,9 @@ class _Row(Flight):
         """The states of the next ticks, `(T, N, 4)`."""
         self._hash.update(states.astype("<f8", copy=False).tobytes())
 
-    def touch(self, colliding: NDArray[np.bool_]) -> None:
-        """Pairs within the collision radius now, `(N, N)`."""
-        self._collide(np.argwhere(colliding))
+    def touch(self, colliding: NDArray[np.intp]) -> None:
+        """Pairs i < j within the collision radius now, `(K, 2)`."""
+        self._collide(colliding)
 
     def land(self) -> None:
         """UAVs may have come within the destination."""
@@ -153,9 +153,10 @@ class Flights:
         seen = pairs(self.scenario.metrics, self.states)
         self.speed_difference_sum += seen.speed_difference
         self.near_sum += seen.near
-        for row in np.flatnonzero(seen.colliding.any(axis=(-2, -1))):
+        flights = seen.colliding[:, 0]
+        for row in np.unique(flights):
             self._rows[row].tick = self.tick
-            self._rows[row].touch(seen.colliding[row])
+            self._rows[row].touch(seen.colliding[flights == row, 1:])
 
     def _next_noise(self) -> Floats:
         used = self.tick % CHUNK_TICKS

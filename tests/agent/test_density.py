@@ -1,10 +1,12 @@
 """The density every UAV starts from."""
 
+import tracemalloc
 from itertools import product
 
 import numpy as np
 import pytest
 
+from agent import density as density_module
 from agent.learner import Learner
 from agent.minds import Minds
 from swarm import model
@@ -111,3 +113,17 @@ def test_a_zero_start_never_learns_a_density() -> None:
         np.testing.assert_array_equal(outcome.fpk_residual, 0.0)
     assert not density(minds).any()
     assert minds.models()[:, model.VALUE].any()
+
+
+def test_a_fit_to_many_needs_no_room_for_all_pairs_of_them_and_gives_the_same_bits() -> None:
+    draw = np.random.default_rng(4)
+    centres = draw.standard_normal((1500, 4)) * [30.0, 30.0, 1.0, 1.0]
+    tracemalloc.start()
+    try:
+        found = density_module.mixture(centres, centres, BANDWIDTH)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 32 * 2**20 < 4 * 8 * 1500**2
+    some = slice(None, None, 37)  # other points share a block
+    np.testing.assert_array_equal(found[some], density_module.mixture(centres[some], centres, BANDWIDTH))

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import socket
 from pathlib import Path
 
@@ -93,10 +94,14 @@ def test_an_occupied_port_leaves_nothing_behind(run, tmp_path) -> None:
     assert not (tmp_path / "runs").exists()
 
 
-def test_a_swarm_that_does_not_fit_into_memory_is_refused_with_the_estimate(run) -> None:
-    code, _, err = run("run", "--uavs", "9000", "--quiet")
+@pytest.mark.parametrize(
+    "flags", [("--uavs", "90000"), ("--uavs", "90000", "--in-process", "--method", "hjb")], ids=["processes", "pairs"]
+)
+def test_a_swarm_that_does_not_fit_into_memory_is_refused_with_the_estimate(run, tmp_path, flags) -> None:
+    code, _, err = run("run", "--quiet", *flags)
     assert code == EXIT_BAD_INPUT
-    assert "MB" in err
+    assert re.search(r"memory: \d+ MB for 90000 UAVs in .*process.*, \d+ MB (available|left of)", err)
+    assert not (tmp_path / "runs").exists()
 
 
 @pytest.mark.parametrize("uavs", [1, 2, 7, 200])

@@ -5,12 +5,11 @@ import socket
 import stat
 from pathlib import Path
 
-import psutil
 import pytest
 
 from groundstation import certs, doctor
 from groundstation.cli import main
-from groundstation.doctor import MEGABYTE, Finding
+from groundstation.doctor import Finding
 
 NOT_RUNNING = "Cannot connect to the Docker daemon at unix:///var/run/docker.sock. Is the docker daemon running?"
 DENIED = "permission denied while trying to connect to the Docker daemon socket at unix:///var/run/docker.sock"
@@ -106,27 +105,6 @@ def group(folder: Path, **files: str) -> Path:
     return folder
 
 
-def test_memory_is_what_the_container_may_still_take(tmp_path: Path) -> None:
-    stat_ = f"anon 5\ninactive_file {100 * MEGABYTE}\n"
-    group(tmp_path, memory_max=f"{512 * MEGABYTE}", memory_current=f"{300 * MEGABYTE}", memory_stat=stat_)
-    assert doctor.available_mb(tmp_path) == 312
-    old = tmp_path / "old"
-    group(
-        old,
-        memory__memory_limit_in_bytes=f"{512 * MEGABYTE}",
-        memory__memory_usage_in_bytes=f"{500 * MEGABYTE}",
-        memory__memory_stat="total_inactive_file 0\n",
-    )
-    assert doctor.available_mb(old) == 12
-
-
-def test_memory_is_the_machines_where_nobody_limits_it(tmp_path: Path) -> None:
-    group(tmp_path, memory_max="max\n", memory_current="1")
-    machine = psutil.virtual_memory().total // MEGABYTE
-    assert 0 < doctor.available_mb(tmp_path) <= machine
-    assert 0 < doctor.available_mb(tmp_path / "nothing") <= machine
-
-
 def test_threads_beyond_the_limit_of_the_container_fail_with_the_number_it_takes(tmp_path: Path) -> None:
     group(tmp_path, pids_max="128", pids_current="28")
     assert doctor.threads(9, 1, tmp_path).verdict == "ok"
@@ -134,13 +112,6 @@ def test_threads_beyond_the_limit_of_the_container_fail_with_the_number_it_takes
     assert (tight.verdict, tight.found) == ("fails", "104 needed, 100 left")
     assert "132" in tight.mend
     assert doctor.threads(10, 10, tmp_path).verdict == "ok"
-
-
-def test_a_swarm_that_does_not_fit_is_said_not_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "available_mb", lambda: doctor.memory_needed_mb(25, 1) - 1)
-    assert doctor.memory(25, 1).verdict == "fails"
-    assert "--uavs-per-process" in doctor.memory(25, 1).mend
-    assert doctor.memory(24, 1).verdict == "ok"
 
 
 # -- ports and certificates -----------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""How a node comes to take part: it asks, and asks again as long as asking may help."""
+"""How a node comes to take part: it asks, and asks again as long as asking may help, for one place only."""
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 import pytest
 
-from swarm import codec, keys
-from swarm.bus import Bus
+from swarm import codec, keys, scenario
+from swarm.bus import Bus, MemoryNetwork
 from swarm.errors import BusError
 from swarm.messages import Act, Join, Message, Refusal, Sense, Welcome
 from swarm.spoke import Spoke
@@ -93,3 +93,36 @@ def test_who_is_interrupted_while_it_is_refused_asks_no_more(opens: Callable[...
     with pytest.raises(BusError, match=r"interrupted .*UAV 3"):
         join(spoke, DEADLINE_S, cancelled=lambda: door.asked >= 2)
     assert door.asked == 2
+
+
+def test_a_join_whose_answer_is_lost_is_repeated_with_the_same_token(monkeypatch: pytest.MonkeyPatch) -> None:
+    wire = MemoryNetwork()
+    flown = scenario.load(None, uavs=1)
+    welcome = Welcome(
+        keys.fingerprint(RUN), "agent-0", (0,), 0, scenario.encode(flown), np.zeros((1, 4), dtype=np.float32)
+    )
+    asked: list[bytes] = []
+
+    def ask(_key: str, raw: bytes, _timeout_s: float) -> bytes | None:
+        asked.append(raw)
+        return codec.encode(welcome) if len(asked) == 3 else None
+
+    tokens = set()
+    for _ in range(2):
+        asked.clear()
+        bus = wire.endpoint()
+        monkeypatch.setattr(bus, "ask", ask)
+        assert Spoke(bus, RUN).join(Join("agent", 1), lambda welcome: Deaf(), timeout_s=60.0).node == "agent-0"
+        assert len(asked) == 3
+        assert len(set(asked)) == 1
+        join = codec.decode(asked[0])
+        assert isinstance(join, Join)
+        tokens.add(join.token)
+    assert len(tokens - {0}) == 2  # every node its own
+
+
+def test_a_world_that_never_answers_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    bus = MemoryNetwork().endpoint()
+    monkeypatch.setattr(bus, "ask", lambda *_: None)
+    with pytest.raises(BusError, match="no world of run 'spoke'"):
+        Spoke(bus, RUN).join(Join("agent", 1), lambda welcome: Deaf(), timeout_s=0.0)

@@ -2,23 +2,34 @@
 
 import json
 import math
+import tracemalloc
+from collections.abc import Callable
 from itertools import product
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from agent.interaction import empirical
 from swarm import state
-from swarm.scenario import load
+from swarm.scenario import Metrics, load
+from worldsim import metrics
 from worldsim.flight import Flight
-from worldsim.metrics import pairs
+from worldsim.metrics import FEW, Pairs, few, many, pairs
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "metrics.json").read_text())
 METRICS = load(None).metrics
 RTOL = 1e-9
+Measure = Callable[[Metrics, state.States], Pairs]
 cases = pytest.mark.parametrize("case", ORACLE, ids=lambda case: f"N{case['N']}")
+
+
+both_ways = pytest.mark.parametrize("measure", [few, many])
 
 
 def states_of(case: dict[str, Any]) -> state.States:
@@ -26,8 +37,9 @@ def states_of(case: dict[str, Any]) -> state.States:
 
 
 @cases
-def test_alignment_and_risk_are_the_oracle_s(case: dict[str, Any]) -> None:
-    n, seen = case["N"], pairs(METRICS, states_of(case))
+@both_ways
+def test_alignment_and_risk_are_the_oracle_s(case: dict[str, Any], measure: Measure) -> None:
+    n, seen = case["N"], measure(METRICS, states_of(case))
     assert seen.speed_difference.mean() == pytest.approx(case["phi_A_as_printed"], rel=RTOL)
     near = 2 * seen.near.mean()
     assert (near + n) / n**2 == pytest.approx(case["phi_C_as_printed"], rel=RTOL)
@@ -43,14 +55,16 @@ def test_the_empirical_interaction_is_the_oracle_s(case: dict[str, Any]) -> None
 
 
 @cases
-def test_many_instants_at_once_are_the_instants_one_by_one(case: dict[str, Any]) -> None:
-    states = states_of(case)
-    together = pairs(METRICS, states)
+@both_ways
+def test_many_instants_at_once_are_the_instants_one_by_one(case: dict[str, Any], measure: Measure) -> None:
+    wide, states = msgspec.structs.replace(METRICS, collision_radius=1.0), states_of(case)
+    together = measure(wide, states)
+    assert len(together.colliding)
     for t, instant in enumerate(states):
-        alone = pairs(METRICS, instant)
+        alone = measure(wide, instant)
         assert together.speed_difference[t] == alone.speed_difference
         assert together.near[t] == alone.near
-        np.testing.assert_array_equal(together.colliding[t], alone.colliding)
+        np.testing.assert_array_equal(together.colliding[together.colliding[:, 0] == t, 1:], alone.colliding)
 
 
 def test_a_flight_s_running_metrics_are_those_of_its_states_measured_by_hand() -> None:
@@ -71,11 +85,64 @@ def test_a_flight_s_running_metrics_are_those_of_its_states_measured_by_hand() -
     assert 1 / 5 < flight.phi_c < 1
 
 
-def test_who_flies_alike_has_no_difference_and_colliding_pairs_are_named_once() -> None:
+@both_ways
+def test_who_flies_alike_has_no_difference_and_colliding_pairs_are_named_once(measure: Measure) -> None:
     states = np.zeros((4, 4))
     states[:, state.VX] = 3.0
     states[:, state.X] = [0.0, 0.05, 5.0, 5.2]
-    seen = pairs(METRICS, states)
+    seen = measure(METRICS, states)
     assert seen.speed_difference == 0.0
     assert seen.near == 2
-    assert np.argwhere(seen.colliding).tolist() == [[0, 1]]
+    assert seen.colliding.tolist() == [[0, 1]]
+
+
+# -- a large swarm's way and a small one's ------------------------------------------------------------------------
+
+
+def assert_alike(one: Pairs, other: Pairs) -> None:
+    np.testing.assert_allclose(one.speed_difference, other.speed_difference, rtol=1e-12, atol=0)
+    np.testing.assert_array_equal(one.near, other.near)
+    np.testing.assert_array_equal(one.colliding, other.colliding)
+
+
+@given(
+    arrays(  # coarse numbers: coincident UAVs, and pairs exactly on either radius, are common
+        np.float64,
+        st.tuples(st.integers(1, 3), st.integers(1, 40), st.just(state.SIZE)),
+        elements=st.sampled_from([0.0, 0.1, 0.25, -0.3, 0.5, 1.0, -7.75, 1e-160, 1e6, 1e6 + 0.25]),
+    ),
+    st.sampled_from([1e-3, 0.1, 0.25, 2.0]),
+    st.sampled_from([1e-3, 0.25, 0.5, math.sqrt(0.5), 1.0]),
+)
+def test_both_ways_find_the_same_pairs(states: state.States, collision_radius: float, hazard_radius: float) -> None:
+    radii = Metrics(collision_radius=collision_radius, hazard_radius=hazard_radius)
+    assert_alike(many(radii, states), few(radii, states))
+
+
+@pytest.mark.parametrize("spread", [300.0, 3.0, 0.03])  # nobody is near, some are, all are
+def test_both_ways_agree_on_a_large_swarm(spread: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(metrics, "_BLOCK", 5000)  # several blocks, the last of them short
+    draw = np.random.default_rng(5)
+    states = draw.normal(size=(2, 333, state.SIZE)) * [spread, spread, 1.0, 1e-9] + [150.0, 100.0, 12.0, -7.0]
+    assert_alike(many(METRICS, states), few(METRICS, states))
+
+
+def test_the_size_of_the_swarm_decides_which_way_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    taken: list[tuple[str, int]] = []
+    for name in ("few", "many"):
+        monkeypatch.setattr(metrics, name, lambda _metrics, states, n=name: taken.append((n, len(states))))
+    for uavs in (FEW, FEW + 1):
+        pairs(METRICS, np.zeros((uavs, state.SIZE)))
+    assert taken == [("few", FEW), ("many", FEW + 1)]
+
+
+def test_a_large_swarm_s_metrics_need_no_room_for_all_its_pairs() -> None:
+    states = np.random.default_rng(6).normal(size=(3000, state.SIZE)) * [100.0, 100.0, 1.0, 1.0]
+    many(METRICS, states[:100])  # loads SciPy
+    tracemalloc.start()
+    try:
+        many(METRICS, states)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 8 * 2**20 < 8 * 3000**2
