@@ -7,6 +7,9 @@ from swarm.scenario import Scenario
 from swarm.seeds import generator
 
 HUGE = 1e30  # or half of the largest number the radio's floats can hold
+BOOST = (
+    100.0  # times the honest model, with the sign turned: large enough to own a mean, small enough to pass for a model
+)
 NOISE = 10.0  # standard deviation of false noise, in root-mean-square weights of the honest model
 
 
@@ -32,6 +35,10 @@ class Byzantine:
                 said[false] = np.where(payload[false] < 0, -largest, largest)
             case "sign-flip":
                 said[false] = -payload[false]
+            case "boost":
+                largest = float(np.finfo(payload.dtype).max) / 2
+                wide = -BOOST * payload[false].astype(np.float64)
+                said[false] = np.clip(wide, -largest, largest).astype(payload.dtype)
             case "noise":
                 for row in np.flatnonzero(false):
                     said[row] = self._noisy(number, int(uavs[row]), payload[row])

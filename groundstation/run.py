@@ -163,7 +163,8 @@ def _processes(
         bus = _connect(swarm, interrupted)
         try:
             desk.progress.say("joining")
-            station = Station(bus, run_id, desk.sinks, first_block=None if start is None else start.block + 1)
+            first_block = None if start is None else start.block + 1
+            station = Station(bus, run_id, desk.sinks, first_block=first_block, uavs=scenario.uavs)
             _listen(bus, station, swarm, interrupted)
         finally:
             bus.close()

@@ -15,6 +15,7 @@ log = logging.getLogger("meanflock.node")
 
 _READY_AGAIN_S = 0.2  # until the first Sense: what is put right after a declaration can get lost
 _ASK_TIMEOUT_S = 2.0
+_MAX_DROP_LINES = 100  # in the log; the counter goes on
 
 
 class Node(Protocol):
@@ -86,7 +87,8 @@ class Spoke:
                 self._answer(delivery.payload)
             except MessageRejected as error:
                 self.dropped[error.reason] += 1
-                log.warning("dropped a message under %s: %s", delivery.key, error)
+                if self.dropped.total() <= _MAX_DROP_LINES:
+                    log.warning("dropped a message under %s: %s", delivery.key, error)
 
     def _answer(self, raw: bytes) -> None:
         message = codec.decode(raw)
