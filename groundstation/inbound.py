@@ -17,7 +17,7 @@ def check(block: Telemetry, uavs: int | None) -> Telemetry:
     """`block` itself, if its arrays are of the same T ≥ 1 rows and of `uavs` UAVs (None: of as many as its states).
 
     Raises:
-        MessageRejected: `wrong-shape`.
+        MessageRejected: `wrong-shape` or `non-finite`.
     """
     if block.states.ndim != 3 or not len(block.states):
         raise MessageRejected("wrong-shape", f"states of shape {block.states.shape} are no rows")
@@ -37,6 +37,8 @@ def check(block: Telemetry, uavs: int | None) -> Telemetry:
         expect(name, getattr(block, name), shape, dtype)
     if not 0 <= block.block <= _LAST_TICK or not 0 <= block.first_tick <= _LAST_TICK - rows:
         raise MessageRejected("wrong-shape", f"block {block.block} of tick {block.first_tick}")
+    if (np.abs(block.states) > np.finfo(np.float32).max).any():
+        raise MessageRejected("non-finite", "states beyond what a recording can hold")
     if (block.status > max(Status)).any():
         raise MessageRejected("wrong-shape", "a status that is none")
     ends, kinds = block.links[:, 1:3], block.links[:, 3]

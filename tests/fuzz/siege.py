@@ -41,7 +41,7 @@ class Broken(AssertionError):
 def scenario() -> Scenario:
     """Short, with rounds, two of which are open at any time, and shared states."""
     fixed = ["uavs=6", "seed=3", f"duration={TICKS / 10}", 'stop="duration"', "federation.period=20"]
-    return load(None, [*fixed, "federation.state_period=5"], method="mfgfl-hf")
+    return load(None, [*fixed, "federation.state_period=30"], method="mfgfl-hf")
 
 
 def recorded() -> tuple[list[bytes], dict[str, Any]]:
