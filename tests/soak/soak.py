@@ -79,7 +79,7 @@ class Soak:
                 self._fly(flock, vitals, BadDay(flock, self._seed))
                 self._end(flock)
             except (AssertionError, psutil.Error) as error:
-                self.report.broken.append(f"{error}; the processes' last words:\n{flock.said()[-3000:]}")
+                self.report.broken.append(f"{error}; the processes' last words:\n{flock.said()}")
             self.report.ticks, self.report.events, self.report.slopes = flock.tick, flock.kinds(), vitals.slopes()
             self.report.broken += vitals.broken()
             left = [p.pid for p in flock.children.processes if p.poll() is None]
@@ -175,7 +175,7 @@ class Soak:
         folders = list(self._out.iterdir())
         assert len(folders) == 1, f"{len(folders)} run folders"
         self._look_at(folders[0], flock)
-        self._check("Traceback" not in flock.said(), f"somebody raised: {flock.said()[-3000:]}")
+        self._check("Traceback" not in flock.said(), f"somebody raised: {flock.said()}")
 
     def _look_at(self, folder: Path, flock: Flock) -> None:
         summary = self.report.summary = json.loads((folder / "summary.json").read_text())

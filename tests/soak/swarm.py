@@ -116,8 +116,12 @@ class Flock:
         return Counter(event.kind for event in self.events)
 
     def said(self) -> str:
-        """Everything the processes wrote to standard error."""
-        return "\n".join(path.read_text(errors="replace") for path in sorted(self.children.folder.glob("*.log")))
+        """The last lines the processes wrote to standard error, but for what they dropped."""
+        told = []
+        for path in sorted(self.children.folder.glob("*.log"), key=lambda path: int(path.stem)):
+            lines = [line for line in path.read_text(errors="replace").splitlines() if line and "dropped" not in line]
+            told += [f"{path.stem}: {line}" for line in lines[-8:]]
+        return "\n".join(told)
 
     def watched(self) -> dict[str, psutil.Process]:
         """The processes whose memory is sampled, by a name that is another after a restart."""
