@@ -4,6 +4,7 @@ import random
 import signal
 import time
 from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 from swarm import codec, keys
 from swarm.messages import Join
@@ -11,8 +12,16 @@ from swarm.session import ZenohBus
 from tests.fuzz.mutation import Mutator
 from tests.soak.swarm import Flock
 
-Condition = tuple[str, Callable[[], bool]]
-Mishap = Iterator[Condition]
+
+class Wait(NamedTuple):
+    """What a mishap waits for. While a process starts, the flight may be held, lest it be over before."""
+
+    what: str
+    met: Callable[[], bool]
+    starting: bool = False
+
+
+Mishap = Iterator[Wait]
 
 
 class BadDay:
@@ -20,7 +29,7 @@ class BadDay:
 
     def __init__(self, flock: Flock, seed: int) -> None:
         self._flock, self._draw = flock, random.Random(f"mishaps {seed}")
-        self._busy: set[str | int] = set()
+        self.busy: set[str | int] = set()  # UAVs and roles something happens to now
         self.lost = 0  # nodes the world must have counted as lost
         self._kinds: dict[Callable[[], Mishap], int] = {
             self.agent_killed: 6,
@@ -39,7 +48,7 @@ class BadDay:
         for attempt in range(2):
             for kind in list(self._bag):
                 role = kind.__name__.split("_")[0]
-                if role not in self._busy:
+                if role not in self.busy:
                     self._bag.remove(kind)
                     return kind.__name__.replace("_", " "), kind()
             if not attempt:
@@ -50,7 +59,7 @@ class BadDay:
 
     def idle_agent(self) -> int:
         """A UAV whose agent is well."""
-        return self._draw.choice([uav for uav in self._flock.agents if uav not in self._busy])
+        return self._draw.choice([uav for uav in self._flock.agents if uav not in self.busy])
 
     # -- agents -------------------------------------------------------------------------------------------------------
 
@@ -60,10 +69,10 @@ class BadDay:
         lost, back = self._flock.count("lost", uav), self._flock.count("rejoined", uav)
         self._flock.agents[uav].kill()
         self.lost += 1
-        yield f"UAV {uav} is lost", lambda: self._flock.count("lost", uav) > lost
-        self._flock.start_agent(uav)
-        yield f"UAV {uav} flies again", lambda: self._flock.count("rejoined", uav) > back
-        self._busy.discard(uav)
+        yield Wait(f"UAV {uav} is lost", lambda: self._flock.count("lost", uav) > lost)
+        yield from self._another_agent(uav)
+        yield Wait(f"UAV {uav} flies again", lambda: self._flock.count("rejoined", uav) > back)
+        self.busy.discard(uav)
 
     def agent_frozen_a_moment(self) -> Mishap:
         """Shorter than the barrier: everybody waits, nobody is lost."""
@@ -71,11 +80,11 @@ class BadDay:
         lost, tick, process = self._flock.count("lost", uav), self._flock.tick, self._flock.agents[uav]
         process.send_signal(signal.SIGSTOP)
         end = time.monotonic() + 0.3
-        yield "a moment is over", lambda: time.monotonic() > end
+        yield Wait("a moment is over", lambda: time.monotonic() > end)
         process.send_signal(signal.SIGCONT)
-        yield "the flight goes on", lambda: self._flock.tick > tick or self._flock.ended
+        yield Wait("the flight goes on", lambda: self._flock.tick > tick or self._flock.ended)
         assert self._flock.count("lost", uav) == lost, f"UAV {uav} was lost though its agent only paused"
-        self._busy.discard(uav)
+        self.busy.discard(uav)
 
     def agent_frozen(self) -> Mishap:
         """For longer: it is lost, another takes its place, and it goes home when it wakes."""
@@ -83,30 +92,35 @@ class BadDay:
         lost, back, old = self._flock.count("lost", uav), self._flock.count("rejoined", uav), self._flock.agents[uav]
         old.send_signal(signal.SIGSTOP)
         self.lost += 1
-        yield f"UAV {uav} is lost", lambda: self._flock.count("lost", uav) > lost
-        self._flock.start_agent(uav)
-        yield f"UAV {uav} flies again", lambda: self._flock.count("rejoined", uav) > back
+        yield Wait(f"UAV {uav} is lost", lambda: self._flock.count("lost", uav) > lost)
+        yield from self._another_agent(uav)
+        yield Wait(f"UAV {uav} flies again", lambda: self._flock.count("rejoined", uav) > back)
         old.send_signal(signal.SIGCONT)
-        yield "the old agent goes home", lambda: old.poll() is not None
+        yield Wait("the old agent goes home", lambda: old.poll() is not None)
         assert old.poll() == 0, f"the agent that woke ended with {old.poll()}"
-        self._busy.discard(uav)
+        self.busy.discard(uav)
+
+    def _another_agent(self, uav: int) -> Mishap:
+        before = self._flock.tokens_of(uav)
+        self._flock.start_agent(uav)
+        yield Wait(f"an agent for UAV {uav}", lambda: bool(self._flock.tokens_of(uav) - before), starting=True)
 
     def _taken_uav(self) -> int:
         uav = self.idle_agent()
-        self._busy.add(uav)
+        self.busy.add(uav)
         return uav
 
     # -- leaders ------------------------------------------------------------------------------------------------------
 
     def leader_killed(self) -> Mishap:
         """kill -9 of the one that leads or of the one that stands by, and another stands by."""
-        self._busy.add("leader")
+        self.busy.add("leader")
         flock, name = self._flock, self._draw.choice(sorted(self._flock.leaders))
         flock.leaders.pop(name).kill()
         self.lost += 1
-        yield f"{name} is gone", lambda: name not in flock.tokens
+        yield Wait(f"{name} is gone", lambda: name not in flock.tokens)
         yield from self.another_leader()
-        self._busy.discard("leader")
+        self.busy.discard("leader")
 
     def another_leader(self) -> Mishap:
         """Starts one, and waits until it has a name."""
@@ -115,7 +129,7 @@ class BadDay:
         def unknown() -> set[str]:
             return {name for name in flock.tokens if name.startswith("leader")} - set(flock.leaders)
 
-        yield "a leader stands by", lambda: len(unknown()) == 1
+        yield Wait("a leader stands by", lambda: len(unknown()) == 1, starting=True)
         flock.leaders[unknown().pop()] = process
 
     # -- the ground station -------------------------------------------------------------------------------------------
@@ -129,24 +143,26 @@ class BadDay:
         return self._station(signal.SIGTERM)
 
     def _station(self, number: signal.Signals) -> Mishap:
-        self._busy.add("station")
+        self.busy.add("station")
         old, tick = self._flock.station, self._flock.tick
         old.send_signal(number)
-        yield "the station is gone", lambda: old.poll() is not None
+        yield Wait("the station is gone", lambda: old.poll() is not None)
+        yield Wait("its token is gone", lambda: "station" not in self._flock.tokens)
         self._flock.start_station()
-        # Without one that acknowledges, the world is never more than a window of blocks ahead.
-        yield "telemetry is kept again", lambda: self._flock.tick > tick + 200 or self._flock.ended
-        self._busy.discard("station")
+        yield Wait("a station", lambda: "station" in self._flock.tokens, starting=True)
+        # Without one that acknowledges, no more than a window of blocks is told.
+        yield Wait("telemetry is kept again", lambda: self._flock.tick > tick + 200 or self._flock.ended)
+        self.busy.discard("station")
 
     def station_frozen(self) -> Mishap:
         """The world does not wait for who records."""
-        self._busy.add("station")
+        self.busy.add("station")
         process, tick = self._flock.station, self._flock.tick
         process.send_signal(signal.SIGSTOP)
-        yield "the flight goes on without it", lambda: self._flock.tick > tick + 60 or self._flock.ended
+        yield Wait("the flight goes on without it", lambda: self._flock.tick > tick + 60 or self._flock.ended)
         process.send_signal(signal.SIGCONT)
-        yield "telemetry is kept again", lambda: self._flock.tick > tick + 260 or self._flock.ended
-        self._busy.discard("station")
+        yield Wait("telemetry is kept again", lambda: self._flock.tick > tick + 260 or self._flock.ended)
+        self.busy.discard("station")
 
     # -- strangers ----------------------------------------------------------------------------------------------------
 
@@ -163,4 +179,4 @@ class BadDay:
         finally:
             bus.close()
         tick = self._flock.tick
-        yield "the flight goes on", lambda: self._flock.tick > tick or self._flock.ended
+        yield Wait("the flight goes on", lambda: self._flock.tick > tick or self._flock.ended)

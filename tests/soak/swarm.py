@@ -45,7 +45,7 @@ class Flock:
         self.tick = -1  # of the last row told
         self.ended = False
         self.events: list[Event] = []
-        self.tokens: set[str] = set()  # of agents and leaders, by name
+        self.tokens: set[str] = set()  # of agents, leaders and the station, by name
         self._next_block = 0
         file = self.children.folder / "scenario.toml"
         from groundstation.results import to_toml
@@ -92,7 +92,7 @@ class Flock:
                 self._hear(delivery.payload)
             else:
                 role, name = delivery.key.split("/")[-2:]
-                if role in ("agent", "leader"):
+                if role != "world":
                     (self.tokens.add if delivery.kind == "alive" else self.tokens.discard)(name)
 
     def _hear(self, raw: bytes) -> None:
@@ -110,6 +110,10 @@ class Flock:
     def count(self, kind: str, *uavs: int) -> int:
         """How many events of a kind were told, of exactly these UAVs."""
         return sum(event.kind == kind and event.uavs == uavs for event in self.events)
+
+    def tokens_of(self, uav: int) -> set[str]:
+        """The agents that are alive and began as that UAV's."""
+        return {name for name in self.tokens if name.partition(".")[0] == f"agent-{uav}"}
 
     def kinds(self) -> Counter[str]:
         """How many events of every kind were told."""
