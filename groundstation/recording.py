@@ -4,6 +4,7 @@
 two are the only files that import rerun. What a run holds in memory here does not grow with its length.
 """
 
+import logging
 import math
 import subprocess
 import tempfile
@@ -24,6 +25,8 @@ from swarm.errors import BadInput, RunFailed
 from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
 from swarm.model import VALUE_FEATURES
 from swarm.scenario import Scenario
+
+log = logging.getLogger("meanflock.recording")
 
 __all__ = ["Recorder", "open_viewer", "repair", "screenshot", "verify"]
 
@@ -83,7 +86,7 @@ class Recorder:
         if not sinks:
             raise ValueError("a recorder needs a file, an address to serve on, or both")
 
-        self._scenario = scenario
+        self._scenario, self._path = scenario, path
         self._large = scenario.uavs > look.LARGE_SWARM
         self._trail_ticks = max(1, round(TRAIL_STEP_S / scenario.dt))
         self._pending: list[Telemetry] = []
@@ -103,7 +106,12 @@ class Recorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
+        try:
+            self.close()
+        except RunFailed as failure:
+            if error is None:
+                raise
+            log.warning("%s", failure)
 
     def write(self, block: Telemetry) -> None:
         """Records a block of T ≥ 1 ticks. Blocks come in the order of the flight; one may be missing."""
@@ -136,12 +144,21 @@ class Recorder:
         self._sent_at = time.monotonic()
 
     def close(self) -> None:
-        """Writes what is left and the file's footer, and stops serving. May be called again."""
-        self.flush()
-        stream, self._stream = self._stream, None
-        if stream is not None:
-            stream.flush()
-            stream.disconnect()
+        """Writes what is left and the file's footer, and stops serving. May be called again.
+
+        Raises:
+            RunFailed: the file is not complete; its disk is full or gone.
+        """
+        try:
+            self.flush()
+            if self._stream is not None:
+                self._stream.flush()
+        except RuntimeError as error:
+            raise RunFailed(f"{self._path}: incomplete: {error}; is the disk full?") from error
+        finally:
+            stream, self._stream = self._stream, None
+            if stream is not None:
+                stream.disconnect()
 
     def _send(self, entity: str, ticks: Ticks, *columns: Any) -> None:
         """Sends component columns with one row a tick of `ticks`, (R,)."""

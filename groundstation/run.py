@@ -120,9 +120,11 @@ class Desk:
         return self
 
     def __exit__(self, *failure: Any) -> None:
-        if self.summary:
-            self.folder.summarise(self.summary)
-        self._stack.__exit__(*failure)
+        with self._stack.pop_all():  # closes everything, whatever comes of the summary
+            if self.summary:
+                self.folder.summarise(self.summary)
+            if failure[1] is not None:
+                raise failure[1]
 
 
 def _in_process(

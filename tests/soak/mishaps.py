@@ -144,14 +144,15 @@ class BadDay:
 
     def _station(self, number: signal.Signals) -> Mishap:
         self.busy.add("station")
-        old, tick = self._flock.station, self._flock.tick
+        old = self._flock.station
         old.send_signal(number)
         yield Wait("the station is gone", lambda: old.poll() is not None)
         yield Wait("its token is gone", lambda: "station" not in self._flock.tokens)
         self._flock.start_station()
         yield Wait("a station", lambda: "station" in self._flock.tokens, starting=True)
-        # Without one that acknowledges, no more than a window of blocks is told.
-        yield Wait("telemetry is kept again", lambda: self._flock.tick > tick + 200 or self._flock.ended)
+        # Without one that acknowledges, no more than a window of blocks is told: now they come again.
+        tick = self._flock.tick
+        yield Wait("telemetry is kept again", lambda: self._flock.tick > tick + 20 or self._flock.ended)
         self.busy.discard("station")
 
     def station_frozen(self) -> Mishap:
@@ -161,7 +162,7 @@ class BadDay:
         process.send_signal(signal.SIGSTOP)
         yield Wait("the flight goes on without it", lambda: self._flock.tick > tick + 60 or self._flock.ended)
         process.send_signal(signal.SIGCONT)
-        yield Wait("telemetry is kept again", lambda: self._flock.tick > tick + 260 or self._flock.ended)
+        yield Wait("telemetry is kept again", lambda: self._flock.tick > tick + 200 or self._flock.ended)
         self.busy.discard("station")
 
     # -- strangers ----------------------------------------------------------------------------------------------------
