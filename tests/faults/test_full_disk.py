@@ -3,6 +3,7 @@
 import json
 import os
 import resource
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -15,10 +16,10 @@ from groundstation.results import RunFolder, past
 from groundstation.viewer import verify
 from swarm import scenario as scenarios
 from swarm.errors import BadInput, RunFailed
-from tests.faults.conftest import DEADLINE_S, Lab, Processes, scenario
+from tests.faults.conftest import DEADLINE_S, Lab, Processes, scenario, spool_bytes, until
 
-FULL_BYTES = 300 * 1024
-SETTINGS = ("uavs=4", "seed=7", "stop=duration", "duration=150", "federation.period=40")
+FULL_BYTES = 200 * 1024
+SETTINGS = ("uavs=4", "seed=7", "stop=duration", "duration=80", "federation.period=40")
 WORDS = ("No space left on device", "File too large")
 
 
@@ -63,10 +64,10 @@ def whole(folder: Path) -> int:
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("recorded", [False, True])
 def test_a_run_whose_disk_fills_up_fails_with_a_verdict_and_is_resumed_to_the_end_it_would_have_had(
-    disk: Disk, recorded: bool
+    disk: Disk,
 ) -> None:
+    recorded = disk.limit is None
     flags = ["--in-process", "--quiet", "--record" if recorded else "--no-record"]
     command = [sys.executable, "-m", "groundstation.cli"]
     settings = [word for setting in SETTINGS for word in ("--set", setting)]
@@ -87,7 +88,7 @@ def test_a_run_whose_disk_fills_up_fails_with_a_verdict_and_is_resumed_to_the_en
     assert f"meanflock resume {folder}" in verdict
     rows = whole(folder)
     assert f"up to tick {rows - 1}:" in verdict
-    assert 100 < rows < 1500
+    assert 20 < rows < 800
     disk.make_room()
     done = subprocess.run(
         [*command, "resume", str(folder), *flags], capture_output=True, text=True, timeout=DEADLINE_S, check=False
@@ -95,7 +96,7 @@ def test_a_run_whose_disk_fills_up_fails_with_a_verdict_and_is_resumed_to_the_en
     assert done.returncode == 0, done.stderr
     expected = Lab(scenarios.load(None, SETTINGS)).fly()
     assert json.loads((folder / "summary.json").read_text())["trajectory_sha256"] == expected["trajectory_sha256"]
-    assert pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist() == list(range(1501))
+    assert pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist() == list(range(801))
     if recorded:
         assert verify(folder / "recording.rrd") is None
 
@@ -104,7 +105,7 @@ def test_a_run_whose_disk_fills_up_fails_with_a_verdict_and_is_resumed_to_the_en
 def test_a_ground_station_whose_disk_is_full_ends_and_the_flight_goes_on(disk: Disk, processes: Processes) -> None:
     if disk.limit is not None:
         pytest.skip("the limit would be on every process here")
-    world = processes.world("--stations", "1", settings=(*SETTINGS[:-2], "duration=250", "federation.period=40"))
+    world = processes.world("--stations", "1", settings=(*SETTINGS, "duration=100000"))
     station = processes.station(disk.path)
     for _ in range(4):
         processes.start("agent")
@@ -114,15 +115,18 @@ def test_a_ground_station_whose_disk_is_full_ends_and_the_flight_goes_on(disk: D
     assert "Traceback" not in said
     assert "No space left on device" in said.splitlines()[-1]
     (folder,) = disk.path.iterdir()
-    assert 0 < whole(folder) < 2500
+    assert whole(folder) > 0
     assert world.poll() is None
     disk.make_room()
+    before = spool_bytes(disk.path)
     successor = processes.station(disk.path, "--resume", "latest")
+    until(lambda: spool_bytes(disk.path) > before + 20_000, "telemetry")
+    world.send_signal(signal.SIGINT)
+    summary = json.loads(world.communicate(timeout=DEADLINE_S)[0])
     _, said = successor.communicate(timeout=DEADLINE_S)
     assert successor.returncode == 0, said
-    summary = json.loads(world.communicate(timeout=DEADLINE_S)[0])
-    assert (summary["ticks"], summary["lost"], summary["telemetry_blocks_dropped"]) == (2500, 0, 0)
-    assert pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist() == list(range(2501))
+    assert (summary["lost"], summary["telemetry_blocks_dropped"]) == (0, 0)
+    assert pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist() == list(range(summary["ticks"] + 1))
 
 
 @pytest.mark.parametrize("what", ["_write", "_replace"])
@@ -144,8 +148,11 @@ def test_of_a_block_that_does_not_fit_nothing_is_kept(
     monkeypatch.setattr(f"groundstation.results.{what}", half)
     failing = next(b for b in lab.told.blocks[3:] if (b.checkpoint if what == "_replace" else b.events))
     for _ in range(2):
-        with pytest.raises(RunFailed, match="meanflock resume"), folder:
+        with pytest.raises(RunFailed, match="meanflock resume"):
             folder.write(failing)
+    assert whole(tmp_path / "run") == rows
+    with folder:  # completes nothing: the rows stay where a resumed run finds them
+        pass
     assert whole(tmp_path / "run") == rows
 
 

@@ -25,7 +25,6 @@ AT_ONCE = 3  # mishaps that are not mended yet
 DEADLINE_S = 180.0  # for anything a mishap waits for; the machine may be busy
 SAMPLE_EVERY_S = 1.0
 _LAST_TICKS = 400  # less than an agent needs to start
-_UNSEEN_TICKS = 3000  # what may be flown while no station tells how far it is
 
 
 @dataclass
@@ -124,13 +123,14 @@ class Soak:
         self._until(flock, lambda: flock.ended and not self._open, "the end")
 
     def _hold(self, flock: Flock, day: BadDay, due: float) -> None:
-        """Lets the flight wait for processes that start: while too many do for another mishap, and before its end.
+        """Lets the flight wait for processes that start: while too many do for
+        another mishap, while one is the station, and before its end.
 
         It waits for an agent that is frozen, now and then a few ticks are flown, so that nobody is lost for that.
         """
         left = self._ticks - flock.tick
         behind = len(self._open) >= AT_ONCE and due <= flock.tick
-        unseen = any(o.name.startswith("station") for o in self._open) and left < _UNSEEN_TICKS
+        unseen = any(o.name.startswith("station") for o in self._open)  # nobody tells how far the flight is
         wanted = any(o.waits_for.starting for o in self._open) and (behind or unseen or left < _LAST_TICKS)
         now = time.monotonic()
         if self._held is not None and (not wanted or now - self._held_since > BARRIER_S / 3):

@@ -4,7 +4,6 @@ from collections import defaultdict
 
 import numpy as np
 import psutil
-from scipy.stats import theilslopes
 
 from tests.soak.swarm import Flock
 
@@ -43,7 +42,7 @@ class Vitals:
             begin = ticks[0] + _WARM_UP * (ticks[-1] - ticks[0])
             kept = ticks >= begin
             if ticks[-1] - ticks[0] >= SPAN_TICKS and len(np.unique(ticks[kept])) > 5:
-                slope = theilslopes(sizes[kept], ticks[kept]).slope * 1000
+                slope = np.polyfit(ticks[kept], sizes[kept], 1)[0] * 1000
                 found[name] = (float(slope), float(sizes[kept][0]), float(sizes[-1]))
         return found
 
