@@ -146,8 +146,8 @@ class BadDay:
         self.busy.add("station")
         old = self._flock.station
         old.send_signal(number)
-        yield Wait("the station is gone", lambda: old.poll() is not None)
-        yield Wait("its token is gone", lambda: "station" not in self._flock.tokens)
+        yield Wait("the station is gone", lambda: old.poll() is not None, starting=True)
+        yield Wait("its token is gone", lambda: "station" not in self._flock.tokens, starting=True)
         self._flock.start_station()
         yield Wait("a station", lambda: "station" in self._flock.tokens, starting=True)
         # Without one that acknowledges, no more than a window of blocks is told: now they come again.
