@@ -4,11 +4,11 @@
 two are the only files that import rerun. What a run holds in memory here does not grow with its length.
 """
 
-import logging
 import math
 import subprocess
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -25,8 +25,6 @@ from swarm.errors import BadInput, RunFailed
 from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
 from swarm.model import VALUE_FEATURES
 from swarm.scenario import Scenario
-
-log = logging.getLogger("meanflock.recording")
 
 __all__ = ["Recorder", "open_viewer", "repair", "screenshot", "verify"]
 
@@ -106,12 +104,8 @@ class Recorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        try:
+        with suppress(*[RunFailed] * (error is not None)):  # the first failure is the one that counts
             self.close()
-        except RunFailed as failure:
-            if error is None:
-                raise
-            log.warning("%s", failure)
 
     def write(self, block: Telemetry) -> None:
         """Records a block of T ≥ 1 ticks. Blocks come in the order of the flight; one may be missing."""

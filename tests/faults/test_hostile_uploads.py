@@ -43,7 +43,7 @@ def swarm(rule: str, *extra: str) -> Lab:
     return Lab(scenario("federation.fraction=1.0", f'federation.aggregation="{rule}"', *extra), uavs_per_node=1)
 
 
-@pytest.mark.parametrize(("rule", "value"), zip(RULES, (np.nan, np.inf, -np.inf, np.nan), strict=True))
+@pytest.mark.parametrize(("rule", "value"), list(zip(RULES, (np.nan, np.inf, -np.inf, np.nan), strict=True)))
 def test_weights_that_are_no_numbers_are_dropped_and_counted_and_the_flight_is_as_if_they_had_not_come(
     rule: str, value: float
 ) -> None:
