@@ -20,7 +20,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 in_place := [ -x $(BIN)/python ] && [ "$$(cat $(VENV)/.home 2>/dev/null)" = "$$(pwd -P)" ]
 STALE := $(shell $(in_place) || echo stale)
 
-.PHONY: help run test check format bench peers picture images up test-compose constraints clean stale
+.PHONY: help run test check format bench peers fuzz soak robustness picture images up test-compose constraints clean stale
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  \033[1m%-14s\033[0m %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -57,6 +57,15 @@ bench: $(VENV)/.dev ## Run the benchmarks
 
 peers: $(VENV)/.dev ## Set up the peers that `make bench` races with, each in an environment of its own (ARGS="pyrvo pfl")
 	@$(BIN)/python -m benchmarks.peers --setup $(ARGS)
+
+fuzz: $(VENV)/.dev ## Throw a million mutated messages at a flight (ARGS="--count 10000")
+	@$(BIN)/python -m tests.fuzz $(ARGS)
+
+soak: $(VENV)/.dev ## Fly 10,000 ticks on processes that are killed, frozen and restarted (ARGS="--ticks 1000")
+	@$(BIN)/python -m tests.soak $(ARGS)
+
+robustness: $(VENV)/.ground ## Fly swarms with malicious UAVs and write docs/robustness.md
+	@$(BIN)/python docs/robustness.py $(ARGS)
 
 picture: $(VENV)/.ground ## Draw the README's picture again (needs a software or hardware Vulkan driver)
 	@$(BIN)/python docs/picture.py $(ARGS)

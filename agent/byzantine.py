@@ -8,6 +8,9 @@ from swarm.scenario import Scenario
 from swarm.seeds import generator
 
 HUGE = 1e30  # or half of the largest number the radio's floats can hold
+BOOST = (
+    100.0  # times the honest model, with the sign turned: large enough to own a mean, small enough to pass for a model
+)
 NOISE = 10.0  # standard deviation of false noise, in root-mean-square weights of the honest model
 
 
@@ -35,6 +38,9 @@ class Byzantine:
                 lies = np.where(honest < 0, -largest, largest)
             case "sign-flip":
                 lies = -honest
+            case "boost":
+                limit = coding.largest / 2
+                lies = np.clip(-BOOST * honest, -limit, limit)
             case "noise":
                 drawn = zip(uavs[false].tolist(), honest, strict=True)
                 lies = np.stack([self._noisy(number, uav, model, coding.largest / 2) for uav, model in drawn])

@@ -42,7 +42,7 @@ def _run() -> None:
         folder, so_far = _folder(given.resume, Path(given.out), given.run, flown)
         with Desk(flown, folder.name, Options(out=folder.parent, serve=serve, quiet=True), so_far) as desk:
             first_block = so_far.next_block if so_far is not None else None
-            station = Station(bus, given.run, desk.sinks, first_block=first_block)
+            station = Station(bus, given.run, desk.sinks, first_block=first_block, uavs=flown.uavs)
             while station.summary is None:
                 delivery = bus.receive(0.2)
                 if delivery is not None and delivery.kind == "gone":

@@ -7,11 +7,15 @@ from pathlib import Path
 def replace(path: Path, content: bytes) -> None:
     """Writes `content` beside `path` and puts it in the place of what was there, when it is on the disk."""
     part = path.with_name(f".{path.name}.part")
-    with part.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    rename(part, path)
+    try:
+        with part.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        rename(part, path)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
 
 
 def move(part: Path, path: Path) -> None:

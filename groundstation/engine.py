@@ -40,7 +40,7 @@ class Engine:
         hub.handler = self.world.handle
         station_bus = network.endpoint()
         first_block = None if resume is None else resume.block + 1
-        self.station = Station(station_bus, run, sinks, first_block=first_block)
+        self.station = Station(station_bus, run, sinks, first_block=first_block, uavs=scenario.uavs)
         station_bus.handler = self.station.handle
         rows = uavs_per_node or scenario.uavs
         for _ in range(-(-scenario.uavs // rows)):

@@ -8,6 +8,7 @@ import math
 import subprocess
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -84,7 +85,7 @@ class Recorder:
         if not sinks:
             raise ValueError("a recorder needs a file, an address to serve on, or both")
 
-        self._scenario = scenario
+        self._scenario, self._path = scenario, path
         self._large = scenario.uavs > look.LARGE_SWARM
         self._trail_ticks = max(1, round(TRAIL_STEP_S / scenario.dt))
         self._pending: list[Telemetry] = []
@@ -105,7 +106,8 @@ class Recorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
+        with suppress(*[RunFailed] * (error is not None)):  # the first failure is the one that counts
+            self.close()
 
     def write(self, block: Telemetry) -> None:
         """Records a block of T ≥ 1 ticks. Blocks come in the order of the flight; one may be missing."""
@@ -138,12 +140,21 @@ class Recorder:
         self._sent_at = time.monotonic()
 
     def close(self) -> None:
-        """Writes what is left and the file's footer, and stops serving. May be called again."""
-        self.flush()
-        stream, self._stream = self._stream, None
-        if stream is not None:
-            stream.flush()
-            stream.disconnect()
+        """Writes what is left and the file's footer, and stops serving. May be called again.
+
+        Raises:
+            RunFailed: the file is not complete; its disk is full or gone.
+        """
+        try:
+            self.flush()
+            if self._stream is not None:
+                self._stream.flush()
+        except RuntimeError as error:
+            raise RunFailed(f"{self._path}: incomplete: {error}; is the disk full?") from error
+        finally:
+            stream, self._stream = self._stream, None
+            if stream is not None:
+                stream.disconnect()
 
     def _send(self, entity: str, ticks: Ticks, *columns: Any) -> None:
         """Sends component columns with one row a tick of `ticks`, (R,)."""

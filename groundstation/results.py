@@ -5,7 +5,9 @@ import json
 import os
 import shutil
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from io import FileIO
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ from numpy.typing import NDArray
 
 from groundstation import durable
 from swarm import codec, scenario
-from swarm.errors import BadInput, MessageRejected
+from swarm.errors import BadInput, MessageRejected, RunFailed
 from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Status, Telemetry
 from swarm.scenario import Scenario
 
@@ -64,42 +66,75 @@ class RunFolder:
             BadInput: the folder cannot be created or written, or another process still writes it.
         """
         self.path = parent / run_id
+        new = past is None and not self.path.exists()
         try:
             self.path.mkdir(parents=True, exist_ok=past is not None)
             if past is None:
                 durable.replace(self.path / SCENARIO, to_toml(flown).encode())
                 durable.sync_folder(parent)
-            self._events = (self.path / EVENTS).open("ab")
+            self._events = (self.path / EVENTS).open("ab", buffering=0)
         except OSError as error:
-            raise BadInput(f"--out {parent}: {error.strerror}; name a folder that can be written") from error
+            raise self._unusable(parent, error, new) from error
         try:
             fcntl.flock(self._events, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             self._events.close()
             raise BadInput(f"{self.path}: another process still writes this run; let it end first") from error
         self._flown, self._dt = flown, flown.dt
-        self._over, self._resumed = False, past is not None
+        self._over, self._resumed, self._full = False, past is not None, False
+        self._last_tick = -1
         self._schema = schema()
         spool = self.path / _SPOOL
         part = spool.with_suffix(".part")
-        self._stream = pa.OSFile(str(part), "wb")
-        self._spool = pa.ipc.new_stream(self._stream, self._schema)
-        if past is not None:
-            self._events.truncate(past.events_bytes)
-            for batch in past.rows.to_batches(max_chunksize=1000):
-                self._spool.write_batch(batch, custom_metadata=_mark(past.next_block - 1, past.events_bytes))
-            self._sync()
-            (self.path / SUMMARY).unlink(missing_ok=True)
-        durable.rename(part, spool)
+        try:
+            self._stream = pa.OSFile(str(part), "wb")
+            self._spool = pa.ipc.new_stream(self._stream, self._schema)
+            if past is not None:
+                self._events.truncate(past.events_bytes)
+                for batch in past.rows.to_batches(max_chunksize=1000):
+                    self._spool.write_batch(batch, custom_metadata=_mark(past.next_block - 1, past.events_bytes))
+                self._last_tick = past.rows.num_rows - 1
+                self._sync()
+                (self.path / SUMMARY).unlink(missing_ok=True)
+            durable.rename(part, spool)
+        except OSError as error:
+            part.unlink(missing_ok=True)
+            self._events.close()
+            raise self._unusable(parent, error, new) from error
+
+    def _unusable(self, parent: Path, error: OSError, new: bool) -> BadInput:
+        if new:
+            shutil.rmtree(self.path, ignore_errors=True)
+        return BadInput(f"--out {parent}: {_reason(error)}; name a folder that can be written")
 
     def write(self, block: Telemetry) -> None:
-        """Appends a block and its events: first these, so that a block that is whole has all of them."""
+        """Appends a block and its events: first these, so that a block that is whole has all of them.
+
+        Raises:
+            RunFailed: the disk is full or gone; the folder holds every block before this one, and nothing of it.
+        """
+        if self._full:
+            raise RunFailed(self._holds("no more is kept"))
+        spooled, told = self._stream.tell(), os.fstat(self._events.fileno()).st_size
+        try:
+            self._append(block)
+        except OSError as error:
+            self._full = True
+            with suppress(OSError):
+                os.ftruncate(self._events.fileno(), told)
+                os.truncate(self.path / _SPOOL, spooled)
+            raise RunFailed(self._holds(_reason(error))) from error
+        if len(block.states):
+            last = self._last_tick = block.first_tick + len(block.states) - 1
+            done = self._flown.stop == "arrival" and not (block.status[-1] == Status.FLYING).any()
+            self._over = done or last >= self._flown.max_ticks
+
+    def _append(self, block: Telemetry) -> None:
+        lines = []
         for event in block.events:
             row = {"tick": event.tick, "sim_time_s": round(event.tick * self._dt, 6), "kind": event.kind}
-            line = json.dumps({**row, "text": event.text, "uavs": list(event.uavs)}) + "\n"
-            self._events.write(line.encode())
-        if block.events:
-            self._events.flush()
+            lines.append(json.dumps({**row, "text": event.text, "uavs": list(event.uavs)}) + "\n")
+        _write(self._events, "".join(lines).encode())
         events_bytes = os.fstat(self._events.fileno()).st_size
         batch = _batch(block, self._dt, self._schema)
         self._spool.write_batch(batch, custom_metadata=_mark(block.block, events_bytes))
@@ -109,16 +144,23 @@ class RunFolder:
             kept = {"tick": tick, "block": block.block, "events_bytes": events_bytes, "body": block.checkpoint}
             self._sync()  # a checkpoint goes on from these rows and events
             durable.replace(self.path / CHECKPOINT, codec.encode_record(kept))
-        if len(block.states):
-            last = block.first_tick + len(block.states) - 1
-            done = self._flown.stop == "arrival" and not (block.status[-1] == Status.FLYING).any()
-            self._over = done or last >= self._flown.max_ticks
+
+    def _holds(self, why: str) -> str:
+        mend = f"make room, then `meanflock resume {self.path}`"
+        return f"{self.path}: {why}; it holds the flight up to tick {self._last_tick}: {mend}"
 
     def summarise(self, summary: dict[str, Any]) -> None:
         """Writes `summary.json`, whole or not at all; a run that failed has none. One that finished needs no
-        checkpoint any more."""
-        self._sync()
-        durable.replace(self.path / SUMMARY, (json.dumps(summary, indent=1) + "\n").encode())
+        checkpoint any more.
+
+        Raises:
+            RunFailed: there is no room for it.
+        """
+        try:
+            self._sync()
+            durable.replace(self.path / SUMMARY, (json.dumps(summary, indent=1) + "\n").encode())
+        except OSError as error:
+            raise RunFailed(self._holds(_reason(error))) from error
         if self._over:
             durable.remove(self.path / CHECKPOINT)
 
@@ -133,14 +175,27 @@ class RunFolder:
         return self
 
     def __exit__(self, failure: type[BaseException] | None, *_: object) -> None:
-        """Completes the time series; a folder of bad input, in which nothing was flown, is taken away again."""
-        self._spool.close()
-        self._stream.close()
-        if failure is not None and issubclass(failure, BadInput) and not self._resumed:
-            shutil.rmtree(self.path)
-        else:
-            recover(self.path)
-        self._events.close()
+        """Completes the time series; a folder of bad input, in which nothing was flown, is taken away again.
+
+        Raises:
+            RunFailed: there is no room for the time series; its rows stay where they are.
+        """
+        try:
+            with suppress(OSError):  # the end of a stream is not needed to read it
+                self._spool.close()
+            with suppress(OSError):
+                self._stream.close()
+            if failure is not None and issubclass(failure, BadInput) and not self._resumed:
+                shutil.rmtree(self.path)
+            elif not self._full:  # where there is no room, the rows stay in the spool as after a kill
+                recover(self.path)
+        except OSError as error:
+            if failure is None:
+                raise RunFailed(
+                    f"{self.path}: {_reason(error)}; make room, then `meanflock plot {self.path}`"
+                ) from error
+        finally:
+            self._events.close()
 
 
 def recover(folder: Path) -> None:
@@ -149,7 +204,17 @@ def recover(folder: Path) -> None:
     if not spool.exists():
         return
     part = folder / f".{TIMESERIES}"
-    with pq.ParquetWriter(part, schema(), compression="zstd") as writer:
+    try:
+        _to_parquet(spool, part)
+        durable.move(part, folder / TIMESERIES)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
+    durable.remove(spool)
+
+
+def _to_parquet(spool: Path, path: Path) -> None:
+    with pq.ParquetWriter(path, schema(), compression="zstd") as writer:
         gathered = []
         last: dict[str, str] = {}
         for batch, mark in _whole_batches(spool):
@@ -161,8 +226,6 @@ def recover(folder: Path) -> None:
         if gathered:
             writer.write_table(pa.Table.from_batches(gathered, schema()))
         writer.add_key_value_metadata(last)
-    durable.move(part, folder / TIMESERIES)
-    durable.remove(spool)
 
 
 def past(folder: Path, tick: int | None = None) -> Past:
@@ -227,6 +290,17 @@ def _whole_batches(spool: Path) -> Iterator[tuple[pa.RecordBatch, dict[str, str]
 def _mark(block: int, events_bytes: int) -> dict[str, str]:
     """What a batch of the spool says of itself: its block, and where the events of it and all before it end."""
     return {_MARK_BLOCK: str(block), _MARK_EVENTS: str(events_bytes)}
+
+
+def _write(file: FileIO, content: bytes) -> None:
+    """All of it: a disk that is almost full takes a part without a word."""
+    while content:
+        content = content[file.write(content) :]
+
+
+def _reason(error: OSError) -> str:
+    """In words; an error of a library has its number at most."""
+    return error.strerror or (os.strerror(error.errno) if error.errno else str(error))
 
 
 def to_toml(flown: Scenario) -> str:

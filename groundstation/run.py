@@ -131,9 +131,11 @@ class Desk:
         return self
 
     def __exit__(self, *failure: Any) -> None:
-        if self.summary:
-            self.folder.summarise(self.summary)
-        self._stack.__exit__(*failure)
+        with self._stack.pop_all():  # closes everything, whatever comes of the summary
+            if self.summary:
+                self.folder.summarise(self.summary)
+            if failure[1] is not None:
+                raise failure[1]
 
 
 def _in_process(
@@ -182,7 +184,8 @@ def _processes(
         bus = _connect(swarm, interrupted)
         try:
             desk.progress.say("joining")
-            station = Station(bus, run_id, desk.sinks, first_block=None if start is None else start.block + 1)
+            first_block = None if start is None else start.block + 1
+            station = Station(bus, run_id, desk.sinks, first_block=first_block, uavs=scenario.uavs)
             _listen(bus, station, swarm, interrupted)
         finally:
             bus.close()

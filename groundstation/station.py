@@ -1,16 +1,19 @@
 """The ground station on the bus: takes the telemetry in order, hands it to the sinks, tells the world it is safe."""
 
-import json
 import logging
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any, Protocol
 
+from groundstation import inbound
 from swarm import codec, keys
 from swarm.bus import Bus, Delivery
 from swarm.errors import MessageRejected
 from swarm.messages import Finished, Received, Telemetry
 
 log = logging.getLogger("meanflock.station")
+
+MAX_DROP_LINES = 100  # in the log; the counter goes on
 
 
 class Sink(Protocol):
@@ -24,19 +27,28 @@ class Station:
     """One recording listener."""
 
     def __init__(
-        self, bus: Bus, run: str, sinks: Sequence[Sink], name: str = "station", first_block: int | None = None
+        self,
+        bus: Bus,
+        run: str,
+        sinks: Sequence[Sink],
+        name: str = "station",
+        first_block: int | None = None,
+        uavs: int | None = None,
     ) -> None:
-        """`first_block`: the first one the sinks do not have yet; None for whatever comes first."""
+        """`first_block`: the first one the sinks do not have yet; None for whatever comes first. `uavs`: of the swarm
+        that is flown; None for what the telemetry says.
+        """
         self._bus, self._run, self._sinks = bus, run, sinks
         self._fingerprint = keys.fingerprint(run)
-        self._next_block = first_block
+        self._next_block, self._uavs = first_block, uavs
         self.summary: dict[str, Any] | None = None
         self.missed_blocks = 0
+        self.dropped: Counter[str] = Counter()
         bus.subscribe(keys.telemetry(run))
         bus.announce(keys.alive(run, "station", name))
 
     def handle(self, delivery: Delivery) -> None:
-        """One delivery; what is not telemetry of this run is logged and dropped."""
+        """One delivery; what is not telemetry of this run is dropped, counted and logged."""
         if delivery.kind != "message":
             return
         try:
@@ -44,15 +56,17 @@ class Station:
             if isinstance(message, Telemetry) and message.run == self._fingerprint:
                 self._take(message)
             elif isinstance(message, Finished) and message.run == self._fingerprint:
-                self.summary = json.loads(message.summary)
+                self.summary = inbound.summary(message)
                 self._acknowledge(message.block)
             else:
                 raise MessageRejected("wrong-kind", type(message).__name__)
-        except (MessageRejected, json.JSONDecodeError) as error:
-            reason = error.reason if isinstance(error, MessageRejected) else "malformed"
-            log.warning("dropped a message under %s: %s", delivery.key, error, extra={"reason": reason})
+        except MessageRejected as error:
+            self.dropped[error.reason] += 1
+            if self.dropped.total() <= MAX_DROP_LINES:
+                log.warning("dropped a message under %s: %s", delivery.key, error, extra={"reason": error.reason})
 
     def _take(self, block: Telemetry) -> None:
+        inbound.check(block, self._uavs)
         expected = block.block if self._next_block is None else self._next_block
         if block.block >= expected:  # an older one is a repetition
             self.missed_blocks += block.block - expected

@@ -45,29 +45,35 @@ class Continued:
     """Lets a new recording be written in the place of an older one of the same run; in the end they are one."""
 
     def __init__(self, path: Path) -> None:
-        self._path, self._earlier = path, path.with_name(f".earlier.{path.name}")
+        self._path = path
 
     def __enter__(self) -> "Continued":
-        if self._path.exists():
-            self._path.replace(self._earlier)
+        if self._path.exists():  # beside the ones that were left by who was killed before it could join them
+            self._path.replace(self._path.with_name(f".earlier-{len(self._earlier()):03}.{self._path.name}"))
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Joins the two; where the earlier one cannot be read, it is left aside and the new one stands alone."""
-        if not self._earlier.exists() or not self._path.exists():
+        """Joins all; where an earlier one cannot be read, they are left aside and the new one stands alone."""
+        earlier = self._earlier()
+        if not earlier or not self._path.exists():
             return
         joined = self._path.with_name(f".joined.{self._path.name}")
-        parts = [str(self._earlier), str(self._path)]
         try:
-            if verify(self._earlier) is not None:
-                repair(self._earlier)
+            for part in earlier:
+                if verify(part) is not None:
+                    repair(part)
+            parts = [str(part) for part in (*earlier, self._path)]
             if _run("rrd", "merge", *parts, "-o", str(joined)).returncode == 0 and joined.exists():
                 joined.replace(self._path)
-                self._earlier.unlink()
+                for part in earlier:
+                    part.unlink()
         except RunFailed as error:
             log.warning("%s", error)
         finally:
             joined.unlink(missing_ok=True)
+
+    def _earlier(self) -> list[Path]:
+        return sorted(self._path.parent.glob(f".earlier-*.{self._path.name}"))
 
 
 def open_viewer(path_or_url: Path | str) -> "subprocess.Popen[bytes]":

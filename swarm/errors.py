@@ -35,7 +35,7 @@ class MessageRejected(MeanflockError):
     """Bytes from the network that are not a message of this run; `reason` is the name it is counted under.
 
     Reasons: `malformed`, `oversized`, `wrong-kind`, `wrong-shape`, `non-finite`, `wrong-run`, `stale`,
-    `duplicate`, `unknown-node`, `wrong-name`.
+    `duplicate`, `unknown-node`, `wrong-name`, `wrong-round`.
     """
 
     def __init__(self, reason: str, detail: str) -> None:

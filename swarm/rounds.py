@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from swarm.messages import FrameKind
 from swarm.scenario import Scenario
 from swarm.seeds import generator
 
@@ -32,6 +33,12 @@ class Rounds:
     def closes(self, tick: int) -> int:
         """The round that is averaged in this tick, when every upload has arrived or is lost, or 0."""
         return self.opens(tick - self._horizon) if tick > self._horizon else 0
+
+    def of(self, kind: FrameKind, tick: int) -> int:
+        """The round that frames of a kind sent in this tick belong to, or 0."""
+        if kind == FrameKind.UPLOAD:
+            return self.opens(tick)
+        return self.closes(tick) if kind == FrameKind.GLOBAL else 0
 
     def is_open(self, tick: int) -> bool:
         """Whether the leader may have anything to do in this tick."""

@@ -118,7 +118,8 @@ class Federation(_Table, frozen=True):
     ] = 0.25
     byzantine_fraction: Annotated[float, Meta(ge=0, le=1, description="share of UAVs whose uploads are false")] = 0.0
     byzantine_kind: Annotated[
-        Literal["huge", "sign-flip", "noise"], Meta(description="what a false upload is, see agent/byzantine.py")
+        Literal["huge", "sign-flip", "boost", "noise"],
+        Meta(description="what a false upload is, see agent/byzantine.py"),
     ] = "sign-flip"
     payload: Annotated[Payload, Meta(description="how uploads are written; unset: as the radio's floats")] | None = None
     broadcast_payload: (

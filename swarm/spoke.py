@@ -20,6 +20,7 @@ _READY_AGAIN_S = 0.2  # until the first Sense: what is put right after a declara
 _ASK_TIMEOUT_S = 2.0
 _GONE = "the world is gone"
 _REFUSED_AGAIN_S = 0.25  # a predecessor that was killed is missed within milliseconds, a frozen one at the barrier
+_MAX_DROP_LINES = 100  # in the log; the counter goes on
 
 
 class Node(Protocol):
@@ -98,8 +99,9 @@ class Spoke:
                 self._answer(delivery.payload)
             except MessageRejected as error:
                 self.dropped[error.reason] += 1
-                about = {"tick": self._last_tick, "reason": error.reason}
-                log.warning("dropped a message under %s: %s", delivery.key, error, extra=about)
+                if self.dropped.total() <= _MAX_DROP_LINES:
+                    about = {"tick": self._last_tick, "reason": error.reason}
+                    log.warning("dropped a message under %s: %s", delivery.key, error, extra=about)
 
     def _ask(self, request: Join, timeout_s: float, cancelled: Callable[[], bool]) -> Message:
         """The first answer of a world that is not a refusal for now."""

@@ -53,6 +53,19 @@ def check(message: Message, run: int, tick: int, member: Member, scenario: Scena
     return message
 
 
+def stray(frames: Frames, expected: int, averaged: int) -> MessageRejected | None:
+    """Why a batch does not belong to the round it should, `expected`; None where it does.
+
+    Frames of a kind go on the air as those of one round: who names another would take everybody's models there, and
+    the world would keep those of a round to come until then. `averaged`: the last round that was.
+    """
+    if frames.kind == FrameKind.GLOBAL and frames.round <= averaged:
+        return MessageRejected("duplicate", f"round {frames.round} has been averaged")
+    if frames.round != expected:
+        return MessageRejected("wrong-round", f"{frames.kind.name} of round {frames.round}, expected {expected}")
+    return None
+
+
 def _check_frames(frames: Frames, member: Member, scenario: Scenario, float_: np.dtype) -> None:
     if frames.kind not in _sayable(member, scenario.method):
         raise MessageRejected("wrong-kind", f"{frames.kind.name} frames from {member.name}")

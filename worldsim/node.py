@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from channel.air import Air
 from swarm import __version__, codec, keys, model, state
 from swarm.bus import Bus
-from swarm.errors import BadInput, MessageRejected, RunFailed
+from swarm.errors import BadInput, RunFailed
 from swarm.messages import Act, Event, Finished, FrameKind, Frames, Sense, Status, Stop
 from swarm.rounds import Rounds
 from swarm.scenario import Scenario
-from worldsim import checkpoint, inbox
+from worldsim import checkpoint, inbound, inbox
 from worldsim.barrier import Barrier
 from worldsim.checkpoint import Minds, Resumption
 from worldsim.door import Door
@@ -293,12 +293,12 @@ class World:
         diagnostics[uavs[used]] = outcome[used, state.AXES :]
 
     def _heard(self, batch: Frames) -> Frames | None:
-        """What of a batch goes on the air: the lost and the paused are silent, and no round is averaged twice."""
+        """What of a batch goes on the air: the lost and the paused are silent, and only open rounds are spoken of."""
+        expected = self._rounds.of(batch.kind, self.flight.tick)
+        if (stray := inbound.stray(batch, expected, self._ledger.averaged)) is not None:
+            self._door.drop(stray, f"frames of UAV {batch.source[0]}")
+            return None
         if batch.kind == FrameKind.GLOBAL:
-            if batch.round <= self._ledger.averaged:
-                twice = MessageRejected("duplicate", f"round {batch.round} has been averaged")
-                self._door.drop(twice, "the leader's broadcast")
-                return None
             self._ledger.rounds += 1
             self._ledger.averaged = batch.round
             self._note("round", f"round {batch.round} averaged and broadcast")

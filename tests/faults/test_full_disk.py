@@ -1,0 +1,168 @@
+"""A disk that fills up in mid-flight: a clear verdict, whole blocks on the disk, and a flight that can go on."""
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from groundstation.results import RunFolder, past
+from groundstation.viewer import verify
+from swarm import scenario as scenarios
+from swarm.errors import BadInput, RunFailed
+from tests.faults.conftest import DEADLINE_S, Lab, Processes, scenario, spool_bytes, until
+
+FULL_BYTES = 200 * 1024
+SETTINGS = ("uavs=4", "seed=7", "stop=duration", "duration=80", "federation.period=40")
+WORDS = ("No space left on device", "File too large")
+
+
+class Disk:
+    """A folder on a disk that is soon full."""
+
+    def __init__(self, path: Path, room: Callable[[], None], limit: Callable[[], None] | None) -> None:
+        self.path, self.make_room, self.limit = path, room, limit  # `limit`: called in the process that writes
+
+
+@pytest.fixture(params=["full", "limited"])
+def disk(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Disk]:
+    """A file system of its own that is full, where we may make one; and a limit on the size of a file."""
+    if request.param == "limited":
+
+        def limit() -> None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (FULL_BYTES, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
+
+        yield Disk(tmp_path, lambda: None, limit)
+        return
+
+    def mount(*options: str) -> bool:
+        command = ["mount", "-t", "tmpfs", "-o", ",".join(options), "tmpfs", str(tmp_path)]
+        return subprocess.run(command, capture_output=True, check=False).returncode == 0
+
+    if os.geteuid() != 0 or not mount(f"size={FULL_BYTES}"):
+        pytest.skip("may not mount a file system")
+    yield Disk(tmp_path, lambda: None if mount("remount", "size=50m") else pytest.fail("cannot remount"), None)
+    subprocess.run(["umount", "-l", str(tmp_path)], check=True)
+
+
+def whole(folder: Path) -> int:
+    """Looks whether what a folder holds is readable and complete to its last block; how many rows there are."""
+    so_far = past(folder)
+    assert so_far.rows["tick"].to_pylist() == list(range(so_far.rows.num_rows))
+    told = (folder / "events.jsonl").read_bytes()
+    assert so_far.events_bytes == len(told)
+    for line in told.splitlines():
+        json.loads(line)
+    assert [path.name for path in folder.iterdir() if path.suffix == ".part"] == []
+    return so_far.rows.num_rows
+
+
+@pytest.mark.processes
+def test_a_run_whose_disk_fills_up_fails_with_a_verdict_and_is_resumed_to_the_end_it_would_have_had(
+    disk: Disk,
+) -> None:
+    recorded = disk.limit is None
+    flags = ["--in-process", "--quiet", "--record" if recorded else "--no-record"]
+    command = [sys.executable, "-m", "groundstation.cli"]
+    settings = [word for setting in SETTINGS for word in ("--set", setting)]
+    failed = subprocess.run(
+        [*command, "run", "--out", str(disk.path), *flags, *settings],
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE_S,
+        preexec_fn=disk.limit,
+        check=False,
+    )
+    (folder,) = disk.path.iterdir()
+    assert failed.returncode == 1
+    assert "Traceback" not in failed.stderr
+    verdict = failed.stderr.splitlines()[-1]
+    assert verdict.startswith(f"error: {folder}: ")
+    assert any(words in verdict for words in WORDS)
+    assert f"meanflock resume {folder}" in verdict
+    rows = whole(folder)
+    assert f"up to tick {rows - 1}:" in verdict
+    assert 20 < rows < 800
+    disk.make_room()
+    done = subprocess.run(
+        [*command, "resume", str(folder), *flags], capture_output=True, text=True, timeout=DEADLINE_S, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    expected = Lab(scenarios.load(None, SETTINGS)).fly()
+    assert json.loads((folder / "summary.json").read_text())["trajectory_sha256"] == expected["trajectory_sha256"]
+    assert pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist() == list(range(801))
+    if recorded:
+        assert verify(folder / "recording.rrd") is None
+
+
+@pytest.mark.processes
+def test_a_ground_station_whose_disk_is_full_ends_and_the_flight_goes_on(disk: Disk, processes: Processes) -> None:
+    if disk.limit is not None:
+        pytest.skip("the limit would be on every process here")
+    world = processes.world("--stations", "1", settings=(*SETTINGS, "duration=100000"))
+    station = processes.station(disk.path)
+    for _ in range(4):
+        processes.start("agent")
+    processes.start("leader")
+    _, said = station.communicate(timeout=DEADLINE_S)
+    assert station.returncode == 1
+    assert "Traceback" not in said
+    assert "No space left on device" in said.splitlines()[-1]
+    (folder,) = disk.path.iterdir()
+    assert whole(folder) > 0
+    assert world.poll() is None
+    disk.make_room()
+    before = spool_bytes(disk.path)
+    successor = processes.station(disk.path, "--resume", "latest")
+    until(lambda: spool_bytes(disk.path) > before + 20_000, "telemetry")
+    world.send_signal(signal.SIGINT)
+    summary = json.loads(world.communicate(timeout=DEADLINE_S)[0])
+    _, said = successor.communicate(timeout=DEADLINE_S)
+    assert successor.returncode == 0, said
+    assert (summary["lost"], summary["telemetry_blocks_dropped"]) == (0, 0)
+    assert pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist() == list(range(summary["ticks"] + 1))
+
+
+@pytest.mark.parametrize("what", ["_write", "_replace"])
+def test_of_a_block_that_does_not_fit_nothing_is_kept(
+    what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lab = Lab(scenario())
+    lab.fly()
+    folder = RunFolder(tmp_path, "run", scenario())
+    for block in lab.told.blocks[:3]:
+        folder.write(block)
+    rows = whole(tmp_path / "run")
+
+    def half(first: object, content: bytes) -> None:
+        if what == "_write":
+            first.write(content[: len(content) // 2])  # type: ignore[attr-defined]
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(f"groundstation.results.{what}", half)
+    failing = next(b for b in lab.told.blocks[3:] if (b.checkpoint if what == "_replace" else b.events))
+    for _ in range(2):
+        with pytest.raises(RunFailed, match="meanflock resume"):
+            folder.write(failing)
+    assert whole(tmp_path / "run") == rows
+    with folder:  # completes nothing: the rows stay where a resumed run finds them
+        pass
+    assert whole(tmp_path / "run") == rows
+
+
+def test_a_disk_that_is_full_beforehand_is_bad_input_and_nothing_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("groundstation.results.pa.OSFile", full)
+    with pytest.raises(BadInput, match="No space left"):
+        RunFolder(tmp_path, "run", scenario())
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,68 @@
+"""`python -m tests.fuzz`, or `make fuzz`: a million mutated messages at one flight, and at flights with a mad node."""
+
+import argparse
+import logging
+import sys
+import time
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from tests.fuzz.siege import Broken, Insider, Siege
+
+FLAT = 1.25  # times the memory after a fifth of the messages
+MAD = ("agent-0", "leader")
+
+
+def main() -> int:
+    """0, or 1 where a promise is broken."""
+    options = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
+    options.add_argument("--count", type=int, default=1_000_000, help="messages (default 1000000)")
+    options.add_argument("--seed", type=int, default=1)
+    given = options.parse_args()
+    logging.disable(logging.WARNING)  # every drop would be a line until they are too many
+    console = Console(stderr=True)
+    started = time.perf_counter()
+    columns = (TextColumn("{task.description}"), BarColumn(bar_width=24), MofNCompleteColumn(), TimeRemainingColumn())
+    broken: list[str] = []
+    try:
+        with Progress(*columns, console=console, transient=True) as bar:
+            task = bar.add_task("under fire", total=given.count)
+            siege = Siege(given.count, given.seed, lambda thrown: bar.update(task, completed=thrown))
+            summary = siege.fly()
+            mad = bar.add_task("mad nodes", total=len(MAD))
+            insiders = {}
+            for who in MAD:
+                insiders[who] = insider = Insider(given.count // 20, given.seed, who)
+                if insider.fly()["ticks"] != summary["ticks"]:
+                    broken.append(f"the flight with a mad {who} ended early")
+                bar.advance(mad)
+    except Broken as error:
+        console.print(f"[red]broken[/] {error}", highlight=False, soft_wrap=True)
+        return 1
+    if summary["trajectory_sha256"] != siege.expected["trajectory_sha256"]:
+        broken.append("the trajectory is not that of the flight in peace")
+    memory = [siege.rss[len(siege.rss) // 5] / 2**20, siege.rss[-1] / 2**20]
+    if memory[1] > FLAT * memory[0]:
+        broken.append(f"memory grew from {memory[0]:.0f} to {memory[1]:.0f} MiB")
+
+    table = Table("", "messages", title=f"{siege.thrown['codec']:,} mutated messages, seed {given.seed}")
+    for who, number in siege.thrown.items():
+        table.add_row(f"thrown at: {who}", f"{number:,}")
+    for what, number in sorted(siege.outcome.items()):
+        table.add_row(what, f"{number:,}")
+    for reason, number in sorted(summary["dropped_messages"].items()):
+        table.add_row(f"world: {reason}", f"{number:,}")
+    for who, insider in insiders.items():
+        table.add_row(f"mad {who}: ticks in which a mutation was let in", f"{insider.let_in:,}")
+    table.add_row("memory after a fifth, at the end", f"{memory[0]:.0f}, {memory[1]:.0f} MiB")
+    table.add_row("time", f"{time.perf_counter() - started:.0f} s")
+    Console().print(table)
+    for sentence in broken:
+        console.print(f"[red]broken[/] {sentence}", highlight=False)
+    return 1 if broken else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,168 @@
+"""Messages that are almost ones: bytes flipped, cut, spliced, and fields replaced inside a valid envelope."""
+
+import random
+import struct
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import msgspec
+
+Ext = msgspec.msgpack.Ext
+
+_TELLING_BYTES = bytes((0x00, 0x01, 0x7F, 0x80, 0x8F, 0x90, 0xC0, 0xC1, 0xC4, 0xC7, 0xCB, 0xD4, 0xDC, 0xDD, 0xDF, 0xFF))
+_TELLING_INTS = (0, 1, 2, 5, 6, 20, 21, -1, 255, 2**15, 2**31 - 1, 2**31, 2**32, 2**63 - 1, 2**64 - 1, -(2**63))
+_TELLING_TEXTS = ("", "sense", "act", "ready", "agent", "leader", "station", "\N{SNOWMAN}" * 9)
+_TELLING_VALUES: tuple[Any, ...] = (
+    *(
+        None,
+        True,
+        7,
+        2**64 - 1,
+        0.0,
+        1e308,
+        float("nan"),
+        "telemetry",
+        b"",
+        b"\xff" * 40,
+        [],
+        {},
+        [[]],
+        [0] * 40,
+        {"a": 1},
+    ),
+    *(Ext(1, b""), Ext(1, b"\2\0"), Ext(2, b"\2\0" + bytes(8)), Ext(-1, bytes(12)), Ext(1, b"\2\2" + bytes(8))),
+)
+_TELLING_FLOATS = tuple(struct.pack("<d", x) for x in (float("nan"), float("inf"), 1e300, -1e300, 5e-324, 1e9, -0.0))
+_OF_A_TICK = ("sense", "act")
+_DEPTHS = (1, 1, 1, 2, 3)  # mutations on top of each other
+
+
+class Mutator:
+    """An endless stream of mutations of `corpus`, the same for the same seed."""
+
+    def __init__(self, corpus: Sequence[bytes], seed: int) -> None:
+        self._corpus = list(corpus)
+        self._trees = [msgspec.msgpack.decode(raw) for raw in corpus]
+        self._draw = random.Random(seed)
+        self._on_bytes: tuple[Callable[[bytes], bytes], ...] = (
+            self._flip,
+            self._poke,
+            self._cut,
+            self._insert,
+            self._repeat,
+            self._splice,
+            self._truncate,
+        )
+
+    def __call__(self, tick: int) -> bytes:
+        """The next one; those of a tick are of this one, before they are mutated."""
+        draw = self._draw
+        index = draw.randrange(len(self._corpus))
+        if draw.random() < 0.7:  # valid msgpack: what comes after the parser is reached only so
+            tree = self._trees[index]
+            if tree[0] in _OF_A_TICK:
+                tree = [*tree[:2], tick, *tree[3:]]
+            for _ in range(draw.choice(_DEPTHS)):
+                tree = self._within(tree)
+            try:
+                return msgspec.msgpack.encode(tree)
+            except (OverflowError, ValueError):  # an extension code beyond a byte
+                return self._corpus[index]
+        raw = self._corpus[index]
+        for _ in range(draw.choice(_DEPTHS)):
+            raw = draw.choice(self._on_bytes)(raw)
+        return raw
+
+    # -- inside the envelope ------------------------------------------------------------------------------------------
+
+    def _within(self, value: Any) -> Any:
+        draw = self._draw
+        if draw.random() < 0.1:
+            return draw.choice(_TELLING_VALUES)
+        match value:
+            case list() if value:
+                changed, at = list(value), draw.randrange(len(value))
+                match draw.randrange(16):
+                    case 0:
+                        del changed[at]
+                    case 1:
+                        changed.insert(at, draw.choice(value))
+                    case 2:
+                        changed[at] = draw.choice(draw.choice(self._trees))
+                    case _:
+                        changed[at] = self._within(changed[at])
+                return changed
+            case Ext():
+                return Ext(value.code, self._array(bytes(value.data)))
+            case bytes() if value:
+                return draw.choice(self._on_bytes)(value)
+            case bool():
+                return not value
+            case int():
+                near = max(-(2**63), min(2**64 - 1, value + draw.choice((-2, -1, 1, 2, 20, 256))))
+                return draw.choice((near, near, *_TELLING_INTS))
+            case str():
+                return draw.choice(_TELLING_TEXTS)
+            case _:
+                return draw.choice(_TELLING_VALUES)
+
+    def _array(self, data: bytes) -> bytes:
+        """An array with another head, or other numbers: dtype, axes, shape, payload."""
+        draw, changed = self._draw, bytearray(data)
+        match draw.randrange(6):
+            case 0 if changed:
+                changed[0] = draw.choice((0, 1, 2, 3, 4, 5, 255))
+            case 1 if len(changed) >= 2:
+                changed[1] = draw.choice((0, 1, 2, 3, 4, 32, 255))
+            case 2 if len(changed) >= 6:
+                struct.pack_into("<I", changed, 2, draw.choice((0, 1, 2, 4, 2**16, 2**31, 2**32 - 1)))
+            case 3 if len(changed) >= 10:  # the same numbers in another shape
+                axes = struct.unpack_from("<2I", changed, 2)
+                struct.pack_into("<2I", changed, 2, *axes[::-1])
+            case 4 if len(changed) >= 18:
+                at = len(changed) - 8 * draw.randint(1, (len(changed) - 10) // 8)
+                changed[at : at + 8] = draw.choice(_TELLING_FLOATS)
+            case _:
+                return draw.choice(self._on_bytes)(data)
+        return bytes(changed)
+
+    # -- on bytes -----------------------------------------------------------------------------------------------------
+
+    def _flip(self, raw: bytes) -> bytes:
+        return self._put(raw, lambda byte: byte ^ (1 << self._draw.randrange(8)))
+
+    def _poke(self, raw: bytes) -> bytes:
+        return self._put(raw, lambda _: self._draw.choice(_TELLING_BYTES))
+
+    def _put(self, raw: bytes, of: Callable[[int], int]) -> bytes:
+        if not raw:
+            return raw
+        changed = bytearray(raw)
+        # The first bytes say what follows: half of the changes are there.
+        reach = min(len(raw), 48) if self._draw.random() < 0.5 else len(raw)
+        at = self._draw.randrange(reach)
+        changed[at] = of(changed[at])
+        return bytes(changed)
+
+    def _span(self, raw: bytes) -> tuple[int, int]:
+        start = self._draw.randint(0, len(raw))
+        return start, min(len(raw), start + self._draw.randint(0, 16))
+
+    def _cut(self, raw: bytes) -> bytes:
+        start, end = self._span(raw)
+        return raw[:start] + raw[end:]
+
+    def _insert(self, raw: bytes) -> bytes:
+        start, _ = self._span(raw)
+        return raw[:start] + self._draw.randbytes(self._draw.randint(1, 16)) + raw[start:]
+
+    def _repeat(self, raw: bytes) -> bytes:
+        start, end = self._span(raw)
+        return raw[:end] + raw[start:]
+
+    def _splice(self, raw: bytes) -> bytes:
+        other = self._draw.choice(self._corpus)
+        return raw[: self._draw.randint(0, len(raw))] + other[self._draw.randint(0, len(other)) :]
+
+    def _truncate(self, raw: bytes) -> bytes:
+        return raw[: self._draw.randint(0, len(raw))]

@@ -1,0 +1,263 @@
+"""A flight under fire: mutated messages reach every receiver of a swarm between its ticks and in the middle of them."""
+
+import copy
+import json
+import tempfile
+from collections import Counter
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+
+from groundstation.engine import Engine
+from groundstation.recording import Recorder
+from groundstation.results import RunFolder
+from groundstation.station import Station
+from leader.node import Leader
+from swarm import codec, keys
+from swarm.bus import Delivery, MemoryNetwork
+from swarm.errors import MessageRejected
+from swarm.messages import Act, Finished, Join, Ready, Received, Sense, Stop, Telemetry
+from swarm.scenario import Scenario, load
+from swarm.spoke import Spoke
+from tests.fuzz.mutation import Mutator
+from worldsim import inbound
+
+RUN = "fuzz"
+NUMBER = keys.fingerprint(RUN)
+GOLDEN = Path(__file__).parents[1] / "golden"
+ROWS = 2  # UAVs a node
+TICKS = 125
+HARMLESS = (Ready, Received, Join)  # what may be let in though it changes nothing: said twice, or by who may say it
+
+
+class Broken(AssertionError):
+    """A promise that mutated messages broke; the text has the message in hexadecimal."""
+
+
+def scenario() -> Scenario:
+    """Short, with rounds, two of which are open at any time, and shared states."""
+    fixed = ["uavs=6", "seed=3", f"duration={TICKS / 10}", 'stop="duration"', "federation.period=20"]
+    return load(None, [*fixed, "federation.state_period=30"], method="mfgfl-hf")
+
+
+def recorded() -> tuple[list[bytes], dict[str, Any]]:
+    """Every message of an undisturbed flight, thinned out, with the golden ones; and the summary of that flight."""
+    engine = Engine(scenario(), RUN, uavs_per_node=ROWS, leaders=2)
+    said: list[bytes] = []
+    spy = engine.network.endpoint(lambda delivery: said.append(delivery.payload))
+    for key in ("act", "sense"):
+        spy.subscribe(getattr(keys, key)(RUN, "*"))
+    spy.subscribe(keys.telemetry(RUN))
+    spy.subscribe(keys.received(RUN))
+    for _ in engine.fly():
+        pass
+    summary = engine.world.finish()
+    kept: dict[tuple[str, int], bytes] = {}
+    for raw in said:  # of every kind and size a few: the first of a length, roughly
+        kept.setdefault((type(codec.decode(raw)).__name__, len(raw) // 64), raw)
+    own = [
+        Ready(NUMBER),
+        Received(NUMBER, 3),
+        Join("agent", 1),
+        Join("leader", 0),
+        Join("station", 0),
+        Stop(NUMBER, "x"),
+    ]
+    corpus = [*kept.values(), *map(codec.encode, own), *(path.read_bytes() for path in sorted(GOLDEN.glob("*.bin")))]
+    return corpus, summary
+
+
+class Siege:
+    """`count` mutated messages thrown at one flight. Nothing but a counted drop may come of them."""
+
+    def __init__(self, count: int, seed: int, told: Callable[[int], None] = lambda thrown: None) -> None:
+        self.thrown: Counter[str] = Counter()  # by receiver
+        self.outcome: Counter[str] = Counter()  # by reason of the drop, or what else became of it
+        self.rss: list[int] = []  # bytes, after each tick
+        corpus, self.expected = recorded()
+        self._next = Mutator(corpus, seed)
+        self._a_tick = -(-count // TICKS)
+        self._told = told
+        self._engine = Engine(scenario(), RUN, uavs_per_node=ROWS, leaders=2)
+        self._world = self._engine.world
+        self._spokes = [bus.handler.__self__ for bus in self._engine.network.endpoints if self._is_spoke(bus.handler)]
+        self._kept: dict[int, Any] = {}  # of a spoke's node, a twin that may be spoiled
+        self._turn, self._ambushed = 0, -1
+        self._answers: list[bytes] = []
+
+    @staticmethod
+    def _is_spoke(handler: Any) -> bool:
+        return isinstance(getattr(handler, "__self__", None), Spoke)
+
+    def fly(self) -> dict[str, Any]:
+        """The flight, to its end; its summary.
+
+        Raises:
+            Broken: an exception, a drop that was not counted, or an answer that cannot be one.
+        """
+        process = psutil.Process()
+        with tempfile.TemporaryDirectory() as out, ExitStack() as desk:
+            folder = desk.enter_context(RunFolder(Path(out), "run", scenario()))
+            recorder = desk.enter_context(Recorder(scenario(), RUN, Path(out) / "run" / "recording.rrd"))
+            self._sinks = [folder, recorder]
+            self._target = self._station()
+            self._ambush()
+            for _ in self._engine.fly():
+                self._kept.clear()
+                self._assault(self._a_tick - self._a_tick // 2)
+                self.rss.append(process.memory_info().rss)
+                self._told(sum(self.thrown.values()))
+            summary = self._world.finish()
+            self.rss.append(process.memory_info().rss)
+        return summary
+
+    def _ambush(self) -> None:
+        """From now on, half of the messages come while the world waits for answers."""
+        bus = next(b for b in self._engine.network.endpoints if b.handler == self._spokes[1].handle)
+        honest = bus.handler
+
+        def first_the_attack(delivery: Delivery) -> None:
+            tick = self._world.flight.tick
+            if self._world._barrier.standing and tick > self._ambushed:
+                self._ambushed = tick
+                self._assault(self._a_tick // 2)
+            honest(delivery)
+
+        bus.handler = first_the_attack
+
+    def _assault(self, count: int) -> None:
+        receivers = (self._at_world, self._at_world, self._at_node, self._at_station)
+        for _ in range(count):
+            raw = self._next(self._world.flight.tick)
+            self._turn += 1
+            try:
+                message = self._decoded(raw)
+                receivers[self._turn % len(receivers)](raw, message)
+            except Exception as error:
+                raise Broken(
+                    f"{type(error).__name__}: {error}; after {sum(self.thrown.values())}: {raw.hex()}"
+                ) from error
+
+    def _decoded(self, raw: bytes) -> Any:
+        self.thrown["codec"] += 1
+        try:
+            return codec.decode(raw)
+        except MessageRejected as error:
+            self.outcome[f"codec: {error.reason}"] += 1
+            return None
+
+    # -- the world ------------------------------------------------------------------------------------------------
+
+    def _at_world(self, raw: bytes, message: Any) -> None:
+        names = [*self._world._members._by_name, "agent-77", "nobody"]
+        match self._turn // 4 % 8:
+            case 0:
+                role = message.role if isinstance(message, Join) else "agent"
+                uav = message.uav if isinstance(message, Join) else -1
+                delivery = Delivery("question", keys.join(RUN, keys.asker(role, uav)), raw, self._answers.append)
+            case 1:
+                delivery = Delivery("message", keys.received(RUN), raw)
+            case _:
+                name = names[self._turn // 32 % len(names)]
+                if self._is_its_word(name, message):
+                    self.outcome["not thrown: a node's own word"] += 1
+                    return
+                delivery = Delivery("message", keys.act(RUN, name), raw)
+        self.thrown["world"] += 1
+        before = self._world._drops.total()
+        self._world.handle(delivery)
+        dropped = self._world._drops.total() - before
+        if dropped != 1 and not (dropped == 0 and isinstance(message, HARMLESS)):
+            raise Broken(f"{dropped} drops counted for {type(message).__name__} under {delivery.key}: {raw.hex()}")
+        for answer in self._answers:
+            codec.decode(answer)
+        self._answers.clear()
+
+    def _is_its_word(self, name: str, message: Any) -> bool:
+        """Whether that is what the node may answer in this moment: whoever can say it under its key is that node."""
+        barrier, member = self._world._barrier, self._world._members.get(name)
+        if not isinstance(message, Act) or member is None or not barrier.standing or name not in barrier.missing:
+            return False
+        door = self._world._door
+        try:
+            inbound.check(message, NUMBER, self._world.flight.tick, member, door._scenario, door._float)
+        except MessageRejected:
+            return False
+        return True
+
+    # -- agents and leaders ---------------------------------------------------------------------------------------
+
+    def _at_node(self, raw: bytes, message: Any) -> None:
+        """What nobody but the world could have said is shown to a twin; the node itself hears everything else."""
+        spoke = self._spokes[self._turn // 4 % len(self._spokes)]
+        if isinstance(message, Stop) and message.run == NUMBER:
+            self.outcome["not thrown: the world's own word"] += 1
+            return
+        if isinstance(message, Sense) and message.run == NUMBER and message.tick > spoke._last_tick:
+            if id(spoke) not in self._kept:
+                self._kept[id(spoke)] = copy.deepcopy(spoke._node)
+            try:
+                act = codec.decode(codec.encode(self._kept[id(spoke)].act(message)))
+            except MessageRejected:
+                pass  # thrown at the node, too
+            else:
+                if not isinstance(act, Act) or not np.isfinite(act.outcome).all():
+                    raise Broken(f"answered with {act}: {raw.hex()}")
+                self.outcome["not thrown: the world's own word"] += 1
+                del self._kept[id(spoke)]
+                return
+        self.thrown["leader" if isinstance(spoke._node, Leader) else "agent"] += 1
+        before = spoke.dropped.total()
+        spoke.handle(Delivery("message", keys.sense(RUN, "x"), raw))
+        again = isinstance(message, Sense) and message.run == NUMBER and message.tick == spoke._last_tick
+        if spoke.dropped.total() - before != (0 if again else 1):
+            raise Broken(f"a node let in {type(message).__name__}: {raw.hex()}")
+
+    # -- the ground station ---------------------------------------------------------------------------------------
+
+    def _station(self) -> Station:
+        return Station(MemoryNetwork().endpoint(), RUN, self._sinks, uavs=scenario().uavs)
+
+    def _at_station(self, raw: bytes, message: Any) -> None:
+        """A station of its own, with real files: telemetry that fits is kept, whatever numbers it has."""
+        self.thrown["station"] += 1
+        before = self._target.dropped.total()
+        self._target.handle(Delivery("message", keys.telemetry(RUN), raw))
+        if self._target.dropped.total() == before:
+            if not isinstance(message, Telemetry | Finished):
+                raise Broken(f"the station let in {type(message).__name__}: {raw.hex()}")
+            self.outcome["station: kept, it fits"] += 1
+            self._target = self._station()  # the next block may have any number again
+
+
+class Insider:
+    """A flight one of whose nodes is possessed: before every honest answer it sends mutations of it."""
+
+    def __init__(self, count: int, seed: int, who: str) -> None:
+        self._count, self._seed, self._who = count, seed, who
+        self.let_in = 0
+
+    def fly(self) -> dict[str, Any]:
+        """The flight, to its end; its summary, as JSON can hold it."""
+        engine = Engine(scenario(), RUN, uavs_per_node=1, leaders=1)
+        spoke = next(
+            b.handler.__self__ for b in engine.network.endpoints if keys.sense(RUN, self._who) in b._subscriptions
+        )
+        bus, barrier = spoke._bus, engine.world._barrier
+        put = bus.put
+
+        def possessed(key: str, raw: bytes) -> None:
+            mutate = Mutator([raw], self._seed + engine.world.flight.tick)
+            for _ in range(-(-self._count // TICKS)):
+                put(key, mutate(engine.world.flight.tick))
+            self.let_in += self._who in barrier.acts
+            put(key, raw)
+
+        bus.put = possessed
+        for _ in engine.fly():
+            pass
+        return json.loads(json.dumps(engine.world.finish(), allow_nan=False))

@@ -1,0 +1,63 @@
+"""`python -m tests.soak`, or `make soak`: ten thousand ticks on processes that are killed, frozen and started again."""
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from tests.soak.soak import Report, Soak
+
+
+def main() -> int:
+    """0, or 1 where a promise is broken."""
+    options = argparse.ArgumentParser(prog="python -m tests.soak", description=__doc__)
+    options.add_argument("--ticks", type=int, default=10_000, help="length of the flight (default 10000)")
+    options.add_argument("--uavs", type=int, default=9, help="agents (default 9)")
+    options.add_argument("--every", type=int, default=50, help="ticks between two mishaps, on average (default 50)")
+    options.add_argument("--seed", type=int, default=1, help="of the flight and the mishaps")
+    given = options.parse_args()
+    if given.ticks < 300 or given.uavs < 5 or given.every < 1:
+        options.error("a soak needs --ticks of 300 or more, --uavs of 5 or more and --every of 1 or more")
+    columns = (
+        TextColumn("[bold]soak"),
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TextColumn("ticks, {task.fields[open]}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(compact=True),
+    )
+    console = Console(stderr=True)
+    with tempfile.TemporaryDirectory(prefix="meanflock-soak-") as out, Progress(*columns, console=console) as bar:
+        task = bar.add_task("", total=given.ticks, open="starting")
+
+        def told(tick: int, open_: str) -> None:
+            bar.update(task, completed=max(0, tick), open=open_ or "all well")
+
+        report = Soak(given.uavs, given.ticks, given.every, given.seed, Path(out), told).run()
+    show(report)
+    return 1 if report.broken else 0
+
+
+def show(report: Report) -> None:
+    """The report, as a person reads it."""
+    table = Table(title=f"soak: {report.ticks:,} ticks in {report.seconds:.0f} s", show_header=False)
+    for name, count in sorted(report.mishaps.items()):
+        table.add_row(f"mishap: {name}", f"{count}")
+    for name in ("lost", "rejoined", "leader", "round", "void", "fault", "dropped"):
+        table.add_row(f"events: {name}", f"{report.events[name]:,}")
+    for reason, count in sorted(report.summary.get("dropped_messages", {}).items()):
+        table.add_row(f"dropped: {reason}", f"{count:,}")
+    for name, (slope, first, last) in sorted(report.slopes.items()):
+        table.add_row(f"memory: {name}", f"{first:.1f} → {last:.1f} MiB, {slope:+.2f} MiB in 1,000 ticks")
+    for sentence in report.broken:
+        table.add_row("[red]broken[/]", sentence)
+    table.add_row("promises", "broken" if report.broken else "all kept")
+    Console(width=None if sys.stdout.isatty() else 150).print(table)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,59 @@
+"""Memory and descriptors of the processes of a swarm over its ticks, and whether they stay where they were."""
+
+from collections import defaultdict
+
+import numpy as np
+import psutil
+
+from tests.soak.swarm import Flock
+
+SLOPE_MIB = 1.0  # in a thousand ticks
+SPAN_TICKS = 2000  # too short a life says nothing
+_WARM_UP = 0.3  # of a life: caches fill, allocators settle
+MIB = 2**20
+
+
+class Vitals:
+    """Samples of every process of a flock."""
+
+    def __init__(self, flock: Flock) -> None:
+        self._flock = flock
+        self.memory: dict[str, list[tuple[int, float]]] = defaultdict(list)  # tick, MiB of RSS
+        self.sockets: list[int] = []  # of the world while everybody is well
+        self.descriptors: list[int] = []
+
+    def sample(self, all_well: bool) -> None:
+        """What is there now."""
+        for name, process in self._flock.watched().items():
+            try:
+                self.memory[name].append((self._flock.tick, process.memory_info().rss / MIB))
+                if name == "world" and all_well:
+                    self.descriptors.append(process.num_fds())
+                    connections = process.net_connections("tcp")
+                    self.sockets.append(sum(c.status == psutil.CONN_ESTABLISHED for c in connections))
+            except psutil.NoSuchProcess:
+                continue
+
+    def slopes(self) -> dict[str, tuple[float, float, float]]:
+        """Of every process that lived long enough: MiB in a thousand ticks, the first and the last sample judged."""
+        found = {}
+        for name, samples in self.memory.items():
+            ticks, sizes = np.array(samples).T
+            begin = ticks[0] + _WARM_UP * (ticks[-1] - ticks[0])
+            kept = ticks >= begin
+            if ticks[-1] - ticks[0] >= SPAN_TICKS and len(np.unique(ticks[kept])) > 5:
+                slope = np.polyfit(ticks[kept], sizes[kept], 1)[0] * 1000
+                found[name] = (float(slope), float(sizes[kept][0]), float(sizes[-1]))
+        return found
+
+    def broken(self) -> list[str]:
+        """What has grown, in words."""
+        told = [
+            f"memory of {name} grows by {slope:.2f} MiB in a thousand ticks ({first:.1f} to {last:.1f} MiB)"
+            for name, (slope, first, last) in self.slopes().items()
+            if slope > SLOPE_MIB
+        ]
+        for what, counts in (("sessions", self.sockets), ("descriptors", self.descriptors)):
+            if counts and counts[-1] > counts[0]:
+                told.append(f"the world's {what}: {counts[0]} with everybody well, {counts[-1]} at the end")
+        return told
