@@ -287,6 +287,7 @@ class Batch:
             "uploads_refused": 0,
             "dropped_messages": {},
             "held_commands": None,
+            "realtime": None,
             "telemetry_blocks_dropped": 0,
         }
         flight = self._flights.flight(row)
