@@ -6,9 +6,9 @@ Needs a Vulkan driver; without a graphics card: apt-get install mesa-vulkan-driv
 import tempfile
 from pathlib import Path
 
-from groundstation.recording import screenshot
 from groundstation.results import RECORDING
 from groundstation.run import Options, fly
+from groundstation.screenshot import screenshot
 from swarm import scenario
 
 AT_S = 40.6  # just after the second round: models on the air, a collision, the flock half-way

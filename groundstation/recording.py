@@ -1,12 +1,10 @@
-"""The flight as a Rerun recording: written to a file, served to viewers, read back as a picture.
+"""The flight as a Rerun recording: written to a file, served to viewers.
 
-`Recorder` turns telemetry into columns and sends them in batches; `blueprint.py` says how they look. These
-two are the only files that import rerun. What a run holds in memory here does not grow with its length.
+`Recorder` turns telemetry into columns and sends them in batches; `blueprint.py` says how they look, `screenshot.py`
+shows it. These are the only files that import rerun. What a run holds in memory here does not grow with its length.
 """
 
 import math
-import subprocess
-import tempfile
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -16,17 +14,16 @@ from typing import Any
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
-from rerun.experimental import ViewerClient
 
 from groundstation import blueprint as look
-from groundstation.viewer import listening_address, open_viewer, repair, start_headless, verify
+from groundstation.viewer import listening_address, open_viewer, repair, verify
 from swarm import state
 from swarm.errors import BadInput, RunFailed
 from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
 from swarm.model import VALUE_FEATURES
 from swarm.scenario import Scenario
 
-__all__ = ["Recorder", "open_viewer", "repair", "screenshot", "verify"]
+__all__ = ["Recorder", "open_viewer", "repair", "verify"]
 
 APPLICATION = "meanflock"
 BATCH_TICKS = 500  # rows sent at once; a few at a time, a recording is mostly headers, and its cost mostly calls
@@ -36,8 +33,6 @@ TRAIL_STEP_S = 0.5  # a trail is made of pieces this long
 LARGE_SWARM_STRIDE = 5  # a large swarm's positions are recorded every this many ticks
 LINKS_PER_TICK = 2000  # of a tick's links, as many are drawn; all are counted
 STAR_M = 1.4  # radius of a collision's star
-VIEWER_DEADLINE_S = 60.0  # software rendering on a busy machine
-MISSING_GRAPHICS = "apt-get install mesa-vulkan-drivers libgl1 libegl1"
 
 _LEVELS = {"outage": "WARN", "dropped": "WARN", "collision": "ERROR", "lost": "ERROR", "diverged": "ERROR"}
 _LEVEL_COLORS = {"INFO": look.WHITE, "WARN": look.ORANGE, "ERROR": look.RED}
@@ -80,7 +75,7 @@ class Recorder:
             self.live_url = f"rerun+http://{f'[{host}]' if ':' in host else host}:{port}/proxy"
             sinks.append(rr.GrpcServerSink(bind_ip=host, port=port, server_memory_limit=memory_limit))
         if path is not None:
-            _check_writable(path)
+            check_writable(path)
             sinks.append(rr.FileSink(path))
         if not sinks:
             raise ValueError("a recorder needs a file, an address to serve on, or both")
@@ -327,75 +322,12 @@ def _log_range(values: Floats) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     return known, lines
 
 
-def screenshot(path: Path, png: Path, at_s: float, size: tuple[int, int] = (1920, 1080)) -> None:
-    """Renders a recording at `at_s` seconds of flight as a picture of `size` pixels; needs no display.
+def check_writable(path: Path) -> None:
+    """Says that a file cannot be written before somebody works for it.
 
     Raises:
-        BadInput: no such recording, or the picture cannot be written.
-        RunFailed: the viewer does not start or answer, or one of the views reports an error.
+        BadInput: it cannot.
     """
-    if not path.is_file():
-        raise BadInput(f"{path}: no such recording; give the `recording.rrd` of a run")
-    with tempfile.TemporaryDirectory() as folder:
-        log = Path(folder) / "viewer.log"
-        viewer, url = start_headless(path, size, log)
-        try:
-            picture = _render(viewer, url, at_s)
-        except (OSError, RuntimeError, ValueError) as error:
-            said = log.read_text(encoding="utf-8", errors="replace").splitlines()
-            cause = next((line for line in said if "panicked" in line or "ERROR" in line), str(error))
-            raise RunFailed(
-                f"{path}: no picture: {cause}; without a display the viewer needs software rendering: "
-                f"{MISSING_GRAPHICS}"
-            ) from error
-        finally:
-            viewer.terminate()
-            try:
-                viewer.wait(timeout=5)
-            except subprocess.TimeoutExpired:
-                viewer.kill()
-                viewer.wait()
-    _check_writable(png)
-    png.write_bytes(picture)
-
-
-def _render(viewer: "subprocess.Popen[bytes]", url: str, at_s: float) -> bytes:
-    """The picture once the recording is loaded and no new picture comes any more.
-
-    Two in a row need not be the same: a plot may swap for ever between two widths of its labels.
-    """
-    deadline = time.monotonic() + VIEWER_DEADLINE_S
-    client: ViewerClient | None = None
-    prepared = False
-    pictures: set[bytes] = set()
-    while time.monotonic() < deadline:
-        if viewer.poll() is not None:
-            raise OSError(f"the viewer ended with {viewer.returncode}")
-        time.sleep(0.2)  # between two questions
-        try:
-            client = client or ViewerClient.connect(url)
-            seen = client.get_state()
-            if not seen.recordings or not seen.recordings[0].timelines or seen.loading:
-                continue
-            if not prepared:
-                client.set_time(look.TIMELINE, duration=at_s, play_state="paused")
-                client.run_command("ui.toggle_top_panel")  # it only says that this is a software rasterizer
-                prepared = True
-                continue
-            picture = client.take_screenshot()
-        except (RuntimeError, ConnectionError):
-            continue  # not listening yet
-        if picture in pictures:
-            reports = [(view.name, report) for view in seen.views for report in view.reports]
-            errors = [f"{name}: {report.summary}" for name, report in reports if report.severity == "error"]
-            if errors:
-                raise RunFailed(f"views report errors: {'; '.join(errors)}")
-            return picture
-        pictures.add(picture)
-    raise TimeoutError(f"the viewer gave no steady picture within {VIEWER_DEADLINE_S:.0f} s")
-
-
-def _check_writable(path: Path) -> None:
     try:
         path.open("ab").close()
     except OSError as error:

@@ -19,7 +19,7 @@ MAY_IMPORT = {
     "groundstation": {"swarm", "agent", "leader", "channel", "worldsim"},
 }
 MODULES = sorted(path for package in MAY_IMPORT for path in (ROOT / package).rglob("*.py"))
-RERUN = {f"groundstation/{name}.py" for name in ("recording", "viewer", "blueprint")}
+RERUN = {f"groundstation/{name}.py" for name in ("recording", "screenshot", "viewer", "blueprint")}
 LEGACY_RANDOM = {"default_rng", "Generator", "SeedSequence", "BitGenerator", "PCG64"}  # the rest of np.random is global
 
 

@@ -129,7 +129,7 @@ def test_a_ground_station_whose_disk_is_full_ends_and_the_flight_goes_on(disk: D
     assert pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist() == list(range(summary["ticks"] + 1))
 
 
-@pytest.mark.parametrize("what", ["_write", "_replace"])
+@pytest.mark.parametrize("what", ["_write", "durable.replace"])
 def test_of_a_block_that_does_not_fit_nothing_is_kept(
     what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -146,7 +146,7 @@ def test_of_a_block_that_does_not_fit_nothing_is_kept(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(f"groundstation.results.{what}", half)
-    failing = next(b for b in lab.told.blocks[3:] if (b.checkpoint if what == "_replace" else b.events))
+    failing = next(b for b in lab.told.blocks[3:] if (b.checkpoint if what == "durable.replace" else b.events))
     for _ in range(2):
         with pytest.raises(RunFailed, match="meanflock resume"):
             folder.write(failing)

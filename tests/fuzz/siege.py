@@ -168,9 +168,9 @@ class Siege:
                     return
                 delivery = Delivery("message", keys.act(RUN, name), raw)
         self.thrown["world"] += 1
-        before = self._world._drops.total()
+        before = self._world.instruments.ledger.drops.total()
         self._world.handle(delivery)
-        dropped = self._world._drops.total() - before
+        dropped = self._world.instruments.ledger.drops.total() - before
         if dropped != 1 and not (dropped == 0 and isinstance(message, HARMLESS)):
             raise Broken(f"{dropped} drops counted for {type(message).__name__} under {delivery.key}: {raw.hex()}")
         for answer in self._answers:
@@ -199,7 +199,7 @@ class Siege:
             return
         if isinstance(message, Sense) and message.run == NUMBER and message.tick > spoke._last_tick:
             if id(spoke) not in self._kept:
-                self._kept[id(spoke)] = copy.deepcopy(spoke._node)
+                self._kept[id(spoke)] = copy.deepcopy(spoke._node, _whole(spoke._node))
             try:
                 act = codec.decode(codec.encode(self._kept[id(spoke)].act(message)))
             except MessageRejected:
@@ -232,6 +232,13 @@ class Siege:
                 raise Broken(f"the station let in {type(message).__name__}: {raw.hex()}")
             self.outcome["station: kept, it fits"] += 1
             self._target = self._station()  # the next block may have any number again
+
+
+def _whole(node: Any) -> dict[int, Any]:
+    """What a copy of a node shares with it: the tables of a compiled kernel, which nobody can change or copy."""
+    learner = getattr(node, "_learner", None)
+    kernel = getattr(learner, "_kernel", None)
+    return {} if kernel is None else {id(kernel): kernel}
 
 
 class Insider:

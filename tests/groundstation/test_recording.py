@@ -18,7 +18,8 @@ from rerun.chunk import RrdReader
 
 from groundstation import blueprint as look
 from groundstation import viewer
-from groundstation.recording import MISSING_GRAPHICS, Recorder, repair, screenshot, verify
+from groundstation.recording import Recorder, repair, verify
+from groundstation.screenshot import MISSING_GRAPHICS, screenshot
 from swarm import state
 from swarm.errors import BadInput, RunFailed
 from swarm.messages import SWARM_COLUMNS, Event, FrameKind, Status, Telemetry

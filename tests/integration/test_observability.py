@@ -63,6 +63,11 @@ def test_a_scrape_of_a_real_run_is_its_summary(spawn: Spawn, command: Command) -
     spawn("agent", *base, "--rows", "3")
     assert flown.stderr is not None
     url = told_url(flown.stderr)
+
+    def alive(role: str) -> float:
+        return scrape(url).get(("meanflock_nodes_alive", frozenset({("role", role)})), 0)
+
+    until(lambda: alive("leader") == alive("agent") == 1, "both nodes, which wait for the station")
     bus = ZenohBus.client(base[1], DEADLINE_S)
     try:
         station = Station(bus, base[3], [])
@@ -83,10 +88,7 @@ def test_a_scrape_of_a_real_run_is_its_summary(spawn: Spawn, command: Command) -
     assert summary["payload_bits"]["uplink"] > 0
     assert seen["meanflock_rounds_total", frozenset()] == summary["rounds"] > 0
     assert seen["meanflock_telemetry_blocks_unacknowledged", frozenset()] >= 15
-    nodes = {
-        role: seen["meanflock_nodes_alive", frozenset({("role", role)})] for role in ("leader", "agent", "station")
-    }
-    assert nodes == {"leader": 1, "agent": 1, "station": 1}
+    assert seen["meanflock_nodes_alive", frozenset({("role", "station")})] == 1
     unwatched = command.summary("--in-process", *SHORT)
     assert summary["trajectory_sha256"] == unwatched["trajectory_sha256"]
 
