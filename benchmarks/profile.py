@@ -40,6 +40,7 @@ LEARNER: list[Part] = [
     ("agent.interaction:Quadrature.__call__", "quadrature of φ_G"),
     ("agent.hjb:HjbLearner.step", "HJB step"),
     ("agent.fpk:FpkLearner.step", "FPK step"),
+    ("agent.kernel:Kernel.__call__", "the compiled learners"),
     ("agent.learner:Learner.step", "learner, the rest"),
     ("agent.node:Agent.act", "agent: inbox, outbox, checks"),
     ("swarm.spoke:Spoke.handle", "agent: protocol"),
