@@ -13,6 +13,7 @@ from typing import Literal
 
 import psutil
 
+from agent.kernel import is_compiled
 from groundstation.memory import MEGABYTE, available_mb, needed_mb
 from swarm.session import DEFAULT_ENDPOINT
 
@@ -46,6 +47,7 @@ def examine(uavs: int, uavs_per_process: int, out: Path, tls: Path | None = None
     return [
         _python(),
         *map(_package, PACKAGES),
+        compiled(),
         memory(uavs, -(-uavs // uavs_per_process)),
         open_files(uavs, uavs_per_process),
         threads(uavs, uavs_per_process),
@@ -68,6 +70,15 @@ def _package(name: str) -> Finding:
         return Finding(name, "ok", importlib.metadata.version(name))
     except importlib.metadata.PackageNotFoundError:
         return Finding(name, "fails", "not installed", "make install")
+
+
+def compiled() -> Finding:
+    """Whether the learners' kernel was compiled when this was installed; it runs without, with the same bits."""
+    if is_compiled():
+        return Finding("learners' kernel", "ok", "compiled")
+    return Finding(
+        "learners' kernel", "warning", "NumPy's, some ten times slower", "install a C compiler, then again this"
+    )
 
 
 def memory(uavs: int, processes: int, keeps_states: bool = False) -> Finding:

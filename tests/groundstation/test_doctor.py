@@ -105,6 +105,13 @@ def group(folder: Path, **files: str) -> Path:
     return folder
 
 
+def test_a_kernel_that_was_not_compiled_is_worth_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    for there, verdict in ((True, "ok"), (False, "warning")):
+        monkeypatch.setattr(doctor, "is_compiled", lambda there=there: there)
+        assert doctor.compiled().verdict == verdict
+    assert "compiler" in doctor.compiled().mend
+
+
 def test_threads_beyond_the_limit_of_the_container_fail_with_the_number_it_takes(tmp_path: Path) -> None:
     group(tmp_path, pids_max="128", pids_current="28")
     assert doctor.threads(9, 1, tmp_path).verdict == "ok"
