@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 
-def replace(path: Path, content: bytes) -> None:
+def replace(path: Path, content: bytes | memoryview) -> None:
     """Writes `content` beside `path` and puts it in the place of what was there, when it is on the disk."""
     part = path.with_name(f".{path.name}.part")
     try:

@@ -109,17 +109,7 @@ def _run_paths(table: pa.Table, scenario: Scenario, folder: Path) -> Figure:
     ax.plot(x[-1], y[-1], linestyle="", marker="o", markersize=2.4, color=plotstyle.INK, label="end")
     met = [(event["tick"], event["uavs"]) for event in _events(folder, "collision") if event["tick"] < len(x)]
     places = np.array([position_of(x, y, tick, uavs) for tick, uavs in met]).reshape(-1, 2)
-    ax.plot(
-        places[:, 0],
-        places[:, 1],
-        linestyle="",
-        marker="*",
-        markersize=7,
-        color="#CC2222",
-        markeredgecolor="white",
-        markeredgewidth=0.4,
-        label=f"collisions: {len(met)}",
-    )
+    ax.plot(places[:, 0], places[:, 1], **plotstyle.STAR, label=f"collisions: {len(met)}")
     ax.add_patch(Circle((0.0, 0.0), scenario.destination.radius, fill=False, edgecolor=plotstyle.INK, linewidth=1.1))
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.05)

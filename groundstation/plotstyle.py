@@ -39,6 +39,14 @@ DASHES: dict[str, tuple[float, tuple[float, ...]]] = {
     "mfgfl-hf": (0, ()),
     "offline": (0, (6, 1, 1, 1, 1, 1)),
 }
+STAR: dict[str, Any] = {  # a collision, wherever paths are drawn
+    "linestyle": "",
+    "marker": "*",
+    "markersize": 6.5,
+    "color": "#CC2222",
+    "markeredgecolor": "white",
+    "markeredgewidth": 0.4,
+}
 NAMES = {
     "hjb": "Hjb",
     "mfg": "Mfg",

@@ -44,17 +44,7 @@ def _marks(ax: Axes, flown: Trace) -> None:
 
 def _stars(ax: Axes, met: Floats) -> None:
     """A star at every collision, rows (t, x, y)."""
-    ax.plot(
-        met[:, 1],
-        met[:, 2],
-        linestyle="",
-        marker="*",
-        markersize=6.5,
-        color="#CC2222",
-        markeredgecolor="white",
-        markeredgewidth=0.4,
-        zorder=5,
-    )
+    ax.plot(met[:, 1], met[:, 2], **plotstyle.STAR, zorder=5)
 
 
 def _paths(ax: Axes, position: Floats, colour: str | Floats, width: float = 0.7) -> None:

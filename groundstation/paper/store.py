@@ -69,7 +69,6 @@ weights.parquet adds: t_s, model (list of 246 floats: [ŵ_H0 (54), ŵ_H1 (54), �
 
 import ast
 import hashlib
-import os
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -87,6 +86,7 @@ import channel
 import leader
 import swarm
 import worldsim
+from groundstation import durable
 from groundstation.paper.series import Record, Trace
 from swarm.errors import BadInput, RunFailed
 
@@ -249,15 +249,9 @@ class Store:
 
     def write(self, path: Path, raw: bytes | memoryview) -> None:
         """Writes a file whole or not at all; raises RunFailed."""
-        part = path.with_name(f".{path.name}.part")
         try:
-            with part.open("wb") as file:
-                file.write(raw)
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(part, path)
+            durable.replace(path, raw)
         except OSError as error:
-            part.unlink(missing_ok=True)
             raise RunFailed(
                 f"{path}: {error.strerror}; the runs finished so far are kept: make room and repeat the command"
             ) from error
