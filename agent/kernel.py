@@ -33,7 +33,7 @@ class Kernel:
 
     @staticmethod
     def serves(scenario: Scenario) -> bool:
-        """Whether there is a compiled form for this scenario: powers other than squares are left to NumPy."""
+        """Whether there is a compiled form for this scenario: an exponent β other than one is left to NumPy."""
         return is_compiled() and (scenario.method.learns_density or scenario.cost.beta == 1.0)
 
     def __init__(self, scenario: Scenario, hjb: HjbLearner, fpk: FpkLearner, quadrature: Quadrature) -> None:

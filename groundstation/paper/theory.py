@@ -316,8 +316,3 @@ def operator_residual(scenario: Scenario, flow: LinearFlow, weights: Floats, sta
     pairs = basis.pairs(Powers(scenario.learner)(states))
     divergence = np.full(len(states), np.trace(flow.matrix))
     return basis.operator(pairs, states @ flow.matrix.T + flow.offset, divergence) @ weights + divergence
-
-
-def with_learner(scenario: Scenario, **changes: float) -> Scenario:
-    """The scenario with other learner constants."""
-    return msgspec.structs.replace(scenario, learner=msgspec.structs.replace(scenario.learner, **changes))

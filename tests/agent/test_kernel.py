@@ -98,7 +98,7 @@ def test_whole_flights_end_in_the_same_hash(method: Method, monkeypatch: pytest.
 
 
 @needs_kernel
-def test_other_powers_than_squares_are_left_to_numpy() -> None:
+def test_an_exponent_other_than_one_is_left_to_numpy() -> None:
     assert kernel.Kernel.serves(scenario(Method.HJB))
     assert not kernel.Kernel.serves(scenario(Method.HJB, "cost.beta=0.5"))
     assert kernel.Kernel.serves(scenario(Method.MFG, "cost.beta=0.5"))
