@@ -24,7 +24,8 @@ def models(draw: st.DrawFn, method: Method = Method.MFGFL_HF, largest: float = 1
     """A few models of random weights over any range of magnitudes, some weights chosen with malice."""
     weights = sum(PARTS[method])
     dice = np.random.default_rng(draw(st.integers(0, 2**32)))
-    low, high = sorted(draw(st.tuples(*[st.floats(-324, np.log10(largest))] * 2)))
+    powers = draw(st.tuples(*[st.floats(-324, np.log10(largest))] * 2))
+    low, high = sorted(power + 0.0 for power in powers)  # from 0 to −0, NumPy says, is an interval of negative length
     table: np.ndarray = dice.uniform(-1, 1, (draw(st.integers(1, 3)), weights))
     table *= 10.0 ** dice.uniform(low, high, table.shape)
     chosen = st.tuples(st.integers(0, len(table) - 1), st.integers(0, weights - 1), st.floats(-largest, largest))
