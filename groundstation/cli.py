@@ -74,6 +74,31 @@ def scenario_arguments(*names: str) -> Callable[[Any], Any]:
     return decorate
 
 
+_TOLD = (
+    click.option(
+        "--metrics",
+        envvar="MEANFLOCK_METRICS",
+        metavar="[HOST:]PORT",
+        help="Where Prometheus can read the run; 0 for any free port.",
+    ),
+    click.option(
+        "--log-format",
+        type=click.Choice((logs.TEXT, logs.JSON)),
+        envvar="MEANFLOCK_LOG_FORMAT",
+        help="Pass on the logs of all processes, on stderr; with json it has nothing else.",
+    ),
+    click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object, nothing else."),
+    click.option("--quiet", is_flag=True, help="No progress bar."),
+)
+
+
+def _telling(command: Any) -> Any:
+    """Adds what a flight tells, and to whom."""
+    for option in reversed(_TOLD):
+        command = option(command)
+    return command
+
+
 @cli.command(cls=_Run)
 @scenario_arguments()
 @click.option("--in-process", is_flag=True, help="All nodes in this process, without the network.")
@@ -95,20 +120,7 @@ def scenario_arguments(*names: str) -> Callable[[Any], Any]:
     help="Where the world listens, e.g. tcp/127.0.0.1:7447. [default: a free port]",
 )
 @click.option("--tls", type=click.Path(path_type=Path), metavar="DIR", help="Mutual TLS; see `meanflock certs init`.")
-@click.option(
-    "--metrics",
-    envvar="MEANFLOCK_METRICS",
-    metavar="[HOST:]PORT",
-    help="Where Prometheus can read the run; 0 for any free port.",
-)
-@click.option(
-    "--log-format",
-    type=click.Choice((logs.TEXT, logs.JSON)),
-    envvar="MEANFLOCK_LOG_FORMAT",
-    help="Pass on the logs of all processes, on stderr; with json it has nothing else.",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object, nothing else.")
-@click.option("--quiet", is_flag=True, help="No progress bar.")
+@_telling
 def run(
     file: Path | None,
     method: str | None,
@@ -150,7 +162,7 @@ def run(
         tls=tls,
         quiet=quiet,
         view=view,
-        metrics=Address.parse("--metrics", metrics) if metrics is not None else None,
+        metrics=_metrics(metrics),
         log_format=log_format,
     )
     _tell(fly(flown, options), as_json, quiet)
@@ -162,16 +174,24 @@ def run(
 @click.option("--uavs-per-process", type=click.IntRange(1), default=1, show_default=True, metavar="M")
 @click.option("--tls", type=click.Path(path_type=Path), metavar="DIR", help="Mutual TLS; see `meanflock certs init`.")
 @click.option("--record/--no-record", default=True, show_default=True, help="Go on with recording.rrd.")
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object, nothing else.")
-@click.option("--quiet", is_flag=True, help="No progress bar.")
+@_telling
 def resume(
-    folder: Path, in_process: bool, uavs_per_process: int, tls: Path | None, record: bool, as_json: bool, quiet: bool
+    folder: Path,
+    in_process: bool,
+    uavs_per_process: int,
+    tls: Path | None,
+    record: bool,
+    metrics: str | None,
+    log_format: str | None,
+    as_json: bool,
+    quiet: bool,
 ) -> None:
     """Go on with a run that died, from its last checkpoint, to the end it would have had.
 
     \b
     Example: meanflock resume runs/20261121-101500-mfgfl-hf-s7
     """
+    quiet = quiet or log_format == logs.JSON
     dead = back(folder)
     _refuse_if_too_large(dead.scenario, 0 if in_process else uavs_per_process)
     options = Options(
@@ -181,8 +201,14 @@ def resume(
         tls=tls,
         record=record,
         quiet=quiet,
+        metrics=_metrics(metrics),
+        log_format=log_format,
     )
     _tell(fly(dead.scenario, options, dead), as_json, quiet)
+
+
+def _metrics(given: str | None) -> Address | None:
+    return None if given is None else Address.parse("--metrics", given)
 
 
 def _tell(done: Run, as_json: bool, quiet: bool) -> None:

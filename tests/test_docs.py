@@ -49,10 +49,10 @@ def test_every_command_of_every_page_is_one_that_exists(page: Path) -> None:
         verbs(cli)[verb].make_context(verb, arguments, resilient_parsing=False)
 
 
-def test_every_verb_and_every_option_of_run_is_in_the_reference() -> None:
+def test_every_verb_and_every_option_of_a_flight_is_in_the_reference() -> None:
     for verb, command in verbs(cli).items():
         assert f"meanflock {verb}" in CLI or f"`{verb}`" in CLI, verb
-        if verb == "run":
+        if verb in ("run", "resume"):
             for option in command.params:
                 if isinstance(option, click.Option):
                     assert option.opts[0] in CLI, option.opts[0]

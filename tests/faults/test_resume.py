@@ -2,6 +2,7 @@
 
 import json
 import os
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -243,6 +244,32 @@ def test_a_run_that_is_still_being_written_is_not_resumed(tmp_path: Path) -> Non
     assert (tmp_path / "run" / ".timeseries.arrow").stat().st_size == before
     with folder:
         pass
+
+
+def test_a_resumed_run_can_be_watched_and_logged_like_any_other(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flown = scenario(LATER)
+    expected = flight(tmp_path / "whole", flown)
+    folder = dead(tmp_path / "dead", flown, 150)
+    capsys.readouterr()
+    monkeypatch.setenv("MEANFLOCK_LOG", "INFO")
+    got = resumed(folder, "--metrics", "0", "--log-format", "json")
+    said = [json.loads(line) for line in capsys.readouterr().err.splitlines()]
+    assert {(line["run"], line["node"]) for line in said} == {("run", "in-process")}
+    assert sum(line["message"].startswith("metrics at http://127.0.0.1:") for line in said) == 1
+    assert steady(got) == steady(expected)
+
+
+def test_a_watch_that_cannot_be_kept_is_bad_input_and_the_run_can_still_be_resumed(tmp_path: Path) -> None:
+    folder = dead(tmp_path, scenario(LATER), 150)
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        taken = str(server.getsockname()[1])
+        for flags in (("--metrics", taken), ("--metrics", "everywhere"), ("--log-format", "xml")):
+            assert main(["resume", str(folder), "--in-process", "--quiet", *flags]) == 2
+            assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    assert resumed(folder)["ticks"] == 350
 
 
 # -- with processes -----------------------------------------------------------------------------------------------

@@ -7,8 +7,9 @@ import signal
 import socket
 import subprocess
 import urllib.request
+from collections.abc import Iterable
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import psutil
 import pytest
@@ -17,6 +18,8 @@ from prometheus_client.parser import text_string_to_metric_families
 from groundstation.cli import main
 from groundstation.engine import Engine
 from groundstation.launch import free_endpoint
+from groundstation.results import CHECKPOINT
+from groundstation.resume import back
 from groundstation.station import Station
 from swarm.scenario import load
 from swarm.session import ZenohBus
@@ -35,7 +38,7 @@ def scrape(url: str) -> dict[tuple[str, frozenset[tuple[str, str]]], float]:
         return {(s.name, frozenset(s.labels.items())): s.value for family in families for s in family.samples}
 
 
-def told_url(stream: IO[str]) -> str:
+def told_url(stream: Iterable[str]) -> str:
     """The address a process says it can be read at."""
     for line in stream:
         if found := re.search(r"metrics at (http://127\.0\.0\.1:\d+/metrics)", line):
@@ -111,6 +114,26 @@ def test_the_whole_command_can_be_read_while_it_flies_and_nobody_listens_afterwa
     assert json.loads((command.folder / "summary.json").read_text())["ticks"] > 0
     with pytest.raises(OSError, match="refused"):
         scrape(url)
+
+
+def test_a_run_that_goes_on_can_be_read_and_says_everything_in_json(command: Command, spawn: Spawn) -> None:
+    dead = command.start(*SHORT, *ENDLESS, "--json", "--quiet")
+    until(lambda: list(command.out.glob(f"*/{CHECKPOINT}")), "a checkpoint")
+    dead.kill()
+    dead.communicate()
+    begin = back(command.folder).start.tick
+    flags = ("--metrics", "0", "--log-format", "json", "--no-record", "--json")
+    process = spawn("groundstation.cli", "resume", str(command.folder), *flags)
+    assert process.stderr is not None
+    first = process.stderr.readline()
+    url = told_url(iter([first]))
+    until(lambda: scrape(url)["meanflock_ticks_total", frozenset()] > begin + 20, "ticks beyond the checkpoint")
+    process.send_signal(signal.SIGINT)
+    _, rest = process.communicate(timeout=DEADLINE_S)
+    said = [json.loads(line) for line in (first + rest).splitlines()]
+    assert {line["run"] for line in said} == {command.folder.name}
+    assert "interrupted" in said[-1]["message"]
+    assert process.returncode == 1
 
 
 def test_no_port_is_open_unless_it_was_asked_for(spawn: Spawn) -> None:
