@@ -8,9 +8,13 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
+from groundstation.engine import Engine
 from groundstation.launch import free_endpoint
+from groundstation.results import read_checkpoint
+from groundstation.resume import back
 from groundstation.viewer import verify
 from swarm.methods import Method
+from swarm.scenario import load
 from tests.integration.conftest import DEADLINE_S, Command, Spawn, processes_of, until
 
 pytestmark = pytest.mark.processes
@@ -130,6 +134,34 @@ def test_a_killed_process_ends_the_run_with_its_name_and_leaves_no_orphan(victim
     assert {"worldsim": "world"}.get(victim, victim) in err
     assert processes_of(run) == []
     assert len(pq.read_table(command.folder / "timeseries.parquet")) > 0
+
+
+def test_a_run_whose_world_was_killed_is_whole_so_far_and_is_resumed_to_the_end_it_would_have_had(
+    command: Command, spawn: Spawn
+) -> None:
+    long = ("--uavs", "4", "--seed", "7", "--duration", "300", "--set", "stop=duration")
+    undisturbed = Engine(load(None, ["stop=duration"], uavs=4, seed=7, duration=300.0), "undisturbed")
+    for _ in undisturbed.fly():
+        pass
+    process = command.start(*long, "--json", "--quiet")
+    command.flying()
+    until(lambda: read_checkpoint(command.folder)["tick"] >= 100, "a checkpoint of minds that have learned")
+    run = command.folder.name
+    next(p for p in processes_of(run) if "worldsim" in p.cmdline()).kill()
+    out, err = process.communicate(timeout=DEADLINE_S)
+    assert (process.returncode, out) == (1, "")
+    assert err.startswith("error: world was killed by SIGKILL")
+    until(lambda: processes_of(run) == [], "all processes gone")
+    assert verify(command.folder / "recording.rrd") is None
+    flown = len(pq.read_table(command.folder / "timeseries.parquet"))
+    assert back(command.folder).start.tick < flown < 3001
+    resumed = spawn("groundstation.cli", "resume", str(command.folder), "--json", "--quiet")
+    out, err = resumed.communicate(timeout=DEADLINE_S)
+    assert resumed.returncode == 0, err
+    assert json.loads(out)["trajectory_sha256"] == undisturbed.world.finish()["trajectory_sha256"]
+    assert pq.read_table(command.folder / "timeseries.parquet")["tick"].to_pylist() == list(range(3001))
+    assert verify(command.folder / "recording.rrd") is None
+    assert processes_of(run) == []
 
 
 def test_when_the_launcher_itself_is_killed_everyone_leaves(command: Command) -> None:
