@@ -229,13 +229,15 @@ def view(folder: Path) -> None:
     Example: meanflock view runs/20261121-101500-mfgfl-hf-s7
     """
     from groundstation.recording import open_viewer, repair, verify
+    from groundstation.replay import complete
 
     path = folder if folder.suffix == ".rrd" else folder / RECORDING
     if not path.is_file():
         raise BadInput(f"{path}: no recording; name the folder of a run that was recorded")
     if folder.is_dir():
         recover(folder)
-    if verify(path) is not None:
+        complete(folder)
+    elif verify(path) is not None:
         repair(path)
     open_viewer(path)
 

@@ -6,7 +6,9 @@ shows it. These are the only files that import rerun. What a run holds in memory
 
 import math
 import time
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -14,6 +16,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
+from rerun.chunk import RrdReader
 
 from groundstation import blueprint as look
 from groundstation.viewer import listening_address, open_viewer, repair, verify
@@ -28,7 +31,7 @@ __all__ = ["Recorder", "open_viewer", "repair", "verify"]
 APPLICATION = "meanflock"
 BATCH_TICKS = 500  # rows sent at once; a few at a time, a recording is mostly headers, and its cost mostly calls
 BATCH_WALL_S = 0.5  # ... but a live viewer waits no longer than this
-FILE_WALL_S = 2.0  # ... and a run that is killed loses no more than this
+FILE_WALL_S = 2.0  # ... and who is killed leaves no more than this to be replayed
 TRAIL_STEP_S = 0.5  # a trail is made of pieces this long
 LARGE_SWARM_STRIDE = 5  # a large swarm's positions are recorded every this many ticks
 LINKS_PER_TICK = 2000  # of a tick's links, as many are drawn; all are counted
@@ -127,11 +130,12 @@ class Recorder:
 
         self._send_map(ticks, positions, states, diagnostics[..., _DIAGNOSTIC["phi_G"]])
         self._send_links(ticks, positions, np.concatenate([block.links for block in blocks]))
-        self._send_plots(ticks, states, diagnostics, swarm, np.concatenate([block.energy for block in blocks]))
         self._send_reports(blocks)
         self._send_events(ticks, positions, swarm, events)
         if not self._large:
             self._send_lanes(ticks, np.concatenate([block.status for block in blocks]))
+        # The last, and with a value in every tick: where these are in a file, all before them is, see `recorded`.
+        self._send_plots(ticks, states, diagnostics, swarm, np.concatenate([block.energy for block in blocks]))
         self._sent_at = time.monotonic()
 
     def close(self) -> None:
@@ -255,10 +259,10 @@ class Recorder:
         self._send_scalars(look.ALIGNMENT.entity, ticks, columns("phi_A"))
         self._send_scalars(look.RISK.entity, ticks, columns("phi_C", "phi_C_distinct"))
         self._send_scalars(look.FAILURES.entity, ticks, columns("outages", "collisions"))
-        self._send_scalars(look.PHI_G.entity, ticks, _range(diagnostics[..., _DIAGNOSTIC["phi_G"]]))
         for plot, name in ((look.HJB, "hjb_residual"), (look.FPK, "fpk_residual")):
             known, lines = _log_range(diagnostics[..., _DIAGNOSTIC[name]])
             self._send_scalars(plot.entity, ticks[known], lines)
+        self._send_scalars(look.PHI_G.entity, ticks, _range(diagnostics[..., _DIAGNOSTIC["phi_G"]]))
 
     def _send_reports(self, blocks: list[Telemetry]) -> None:
         """The leader's value weights and the spread of all models, where the world asked for them."""
@@ -273,7 +277,7 @@ class Recorder:
             return
         levels = [_LEVELS.get(event.kind, "INFO") for event in events]
         log = rr.TextLog.columns(
-            text=[e.text if e.kind in e.text else f"{e.kind}: {e.text}" for e in events],
+            text=[line(event) for event in events],
             level=levels,
             color=np.array([_LEVEL_COLORS[level] for level in levels], dtype=np.uint32),
         )
@@ -299,6 +303,36 @@ class Recorder:
             texts = [look.lane(uav, Status(int(now))) for row in status[changed] for uav, now in enumerate(row)]
             counts = np.full(int(changed.sum()), self._scenario.uavs)
             self._send(look.LANES, ticks[changed], rr.StateChange.columns(state=texts).partition(counts))
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What is in recordings of a run: ticks (R,) of which they have everything, and lines of the log with theirs."""
+
+    ticks: NDArray[np.int64]
+    lines: set[tuple[int, str]]
+
+
+def recorded(parts: Iterable[Path]) -> Recorded:
+    """Reads what recordings hold; they are whole, or were repaired."""
+    ticks: list[int] = []
+    lines: set[tuple[int, str]] = set()
+    for part in parts:
+        ticks += [tick for tick, _ in _rows(part, look.PHI_G.entity, "Scalars:scalars")]
+        lines |= {(tick, text[0]) for tick, text in _rows(part, look.EVENTS, "TextLog:text")}
+    return Recorded(np.unique(np.array(ticks, dtype=np.int64)), lines)
+
+
+def _rows(path: Path, entity: str, component: str) -> Iterator[tuple[int, Any]]:
+    for chunk in RrdReader(path).stream().filter(content=f"/{entity}"):
+        batch = chunk.to_record_batch()
+        if {look.TICKS, component} <= set(batch.schema.names):
+            yield from zip(batch.column(look.TICKS).to_pylist(), batch.column(component).to_pylist(), strict=True)
+
+
+def line(event: Event) -> str:
+    """An event as the log of a recording shows it."""
+    return event.text if event.kind in event.text else f"{event.kind}: {event.text}"
 
 
 def _range(values: NDArray[Any]) -> NDArray[np.float64]:

@@ -253,7 +253,12 @@ def past(folder: Path, tick: int | None = None) -> Past:
 
 def states_of(rows: pa.Table) -> NDArray[np.float64]:
     """The states (T, N, 4) in rows of a time series."""
-    columns = [rows[name].combine_chunks() for name in ("x_m", "y_m", "vx_m_s", "vy_m_s")]
+    return per_uav(rows, "x_m", "y_m", "vx_m_s", "vy_m_s")
+
+
+def per_uav(rows: pa.Table, *names: str) -> NDArray[Any]:
+    """Columns of a time series that have an entry a UAV, (T, N, columns)."""
+    columns = [rows[name].combine_chunks() for name in names]
     flat = [(column.flatten() if isinstance(column, pa.ListArray) else column).to_numpy() for column in columns]
     return np.stack(flat, axis=-1).reshape(len(rows), -1, len(columns))
 

@@ -115,12 +115,16 @@ class Desk:
             self.progress = FlightProgress(scenario, options.quiet)
             self.sinks: list[Sink] = [self.folder, self.progress]
             if options.record:
-                from groundstation.recording import Recorder  # rerun takes a third of a second to load
+                from groundstation.recording import Recorder, recorded  # rerun takes a third of a second to load
+                from groundstation.replay import missing
                 from groundstation.viewer import Continued, open_viewer
 
-                opening.enter_context(Continued(self.folder.path / RECORDING))
+                before = opening.enter_context(Continued(self.folder.path / RECORDING))
                 recorder = Recorder(scenario, run_id, self.folder.path / RECORDING, options.serve)
                 opening.enter_context(recorder)
+                if past is not None:
+                    for block in missing(self.folder.path, past, recorded(before.earlier), scenario.uavs):
+                        recorder.write(block)
                 self.sinks.append(recorder)
                 if options.view and recorder.live_url is not None:
                     open_viewer(recorder.live_url)

@@ -46,33 +46,36 @@ class Continued:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self.earlier: list[Path] = []  # what there is already, whole; what cannot be read is left aside
 
     def __enter__(self) -> "Continued":
-        if self._path.exists():  # beside the ones that were left by who was killed before it could join them
-            self._path.replace(self._path.with_name(f".earlier-{len(self._earlier()):03}.{self._path.name}"))
+        aside = self._aside()  # the ones that were left by who was killed before it could join them
+        if self._path.exists():
+            aside.append(self._path.replace(self._path.with_name(f".earlier-{len(aside):03}.{self._path.name}")))
+        for part in aside:
+            try:
+                if verify(part) is not None:
+                    repair(part)
+                self.earlier.append(part)
+            except RunFailed as error:
+                log.warning("%s", error)
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Joins all; where an earlier one cannot be read, they are left aside and the new one stands alone."""
-        earlier = self._earlier()
-        if not earlier or not self._path.exists():
+        """Joins all that can be read; where that fails, the new one stands alone and the others are left aside."""
+        if not self.earlier or not self._path.exists():
             return
         joined = self._path.with_name(f".joined.{self._path.name}")
         try:
-            for part in earlier:
-                if verify(part) is not None:
-                    repair(part)
-            parts = [str(part) for part in (*earlier, self._path)]
+            parts = [str(part) for part in (*self.earlier, self._path)]
             if _run("rrd", "merge", *parts, "-o", str(joined)).returncode == 0 and joined.exists():
                 joined.replace(self._path)
-                for part in earlier:
+                for part in self.earlier:
                     part.unlink()
-        except RunFailed as error:
-            log.warning("%s", error)
         finally:
             joined.unlink(missing_ok=True)
 
-    def _earlier(self) -> list[Path]:
+    def _aside(self) -> list[Path]:
         return sorted(self._path.parent.glob(f".earlier-*.{self._path.name}"))
 
 

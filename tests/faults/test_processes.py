@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from groundstation.launch import free_endpoint
+from groundstation.recording import recorded
 from swarm import keys
 from swarm import scenario as scenarios
 from swarm.session import ZenohBus
@@ -217,6 +218,7 @@ def test_a_killed_ground_station_that_is_started_again_leaves_no_gap_in_rows_and
     (folder,) = tmp_path.iterdir()
     table = pq.read_table(folder / "timeseries.parquet")
     assert table["tick"].to_pylist() == list(range(1801))
+    assert recorded([folder / "recording.rrd"]).ticks.tolist() == list(range(1801))
     expected = [(e.tick, e.kind, e.text) for e in lab.told.events if e.kind != "joined"]
     assert [(e["tick"], e["kind"], e["text"]) for e in events_in(folder) if e["kind"] != "joined"] == expected
     assert json.loads((folder / "summary.json").read_text())["trajectory_sha256"] == summary["trajectory_sha256"]

@@ -14,6 +14,7 @@ import pytest
 
 from groundstation.cli import main
 from groundstation.engine import Engine
+from groundstation.recording import recorded
 from groundstation.results import CHECKPOINT, RunFolder, states_of
 from groundstation.resume import back
 from groundstation.viewer import verify
@@ -304,5 +305,6 @@ def test_a_killed_command_is_resumed_on_processes_or_in_one_and_its_recording_is
         assert summary["trajectory_sha256"] == expected["trajectory_sha256"]
         assert pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist() == list(range(1201))
         assert verify(folder / "recording.rrd") is None
+        assert recorded([folder / "recording.rrd"]).ticks.tolist() == list(range(1201))
         names = {"scenario.toml", "summary.json", "timeseries.parquet", "events.jsonl", "recording.rrd"}
         assert {path.name for path in folder.iterdir()} == names

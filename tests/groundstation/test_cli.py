@@ -6,9 +6,13 @@ import re
 import socket
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 from groundstation.cli import main
+from groundstation.engine import Engine
+from groundstation.recording import Recorder, recorded
+from groundstation.results import RunFolder
 from swarm import scenario
 from swarm.errors import EXIT_BAD_INPUT, EXIT_CODE_HELP, EXIT_DONE, MeanflockError
 
@@ -141,6 +145,27 @@ def test_view_of_a_folder_without_a_recording_says_so(run, tmp_path) -> None:
     code, _, err = run("view", str(tmp_path))
     assert code == EXIT_BAD_INPUT
     assert "recording" in err
+
+
+def test_view_of_a_killed_run_opens_its_recording_filled_from_its_time_series(run, tmp_path, monkeypatch) -> None:
+    flown = scenario.load(None, ["duration=12", "stop=duration"], uavs=3)
+    folder = RunFolder(tmp_path, "killed", flown)
+    recorder = Recorder(flown, "killed", folder.path / "recording.rrd")
+    for _ in Engine(flown, "killed", sinks=[folder, recorder]).fly():
+        pass
+    recorder._pending = []  # as after kill -9: nothing is sent, nothing completed
+    recorder.close()
+    with (folder.path / "recording.rrd").open("r+b") as file:
+        file.truncate(file.seek(0, os.SEEK_END) - 100)
+    folder._spool = folder._stream = None  # type: ignore[assignment]
+    folder._events.close()
+    opened: list[Path] = []
+    monkeypatch.setattr("groundstation.recording.open_viewer", opened.append)
+    code, _, _ = run("view", str(folder.path))
+    assert (code, opened) == (EXIT_DONE, [folder.path / "recording.rrd"])
+    rows = len(pq.read_table(folder.path / "timeseries.parquet"))
+    assert recorded(opened).ticks.tolist() == list(range(rows))
+    assert rows > 100
 
 
 def test_doctor_reports_everything_and_fails_where_a_run_would(run) -> None:

@@ -1,0 +1,180 @@
+"""What a killed recorder had not sent yet comes back into its recording from the time series."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rerun as rr
+
+from groundstation import blueprint as look
+from groundstation.recording import Recorded, Recorder, recorded
+from groundstation.replay import complete, missing
+from groundstation.results import EVENTS, RunFolder, past, recover
+from groundstation.run import Desk, Options
+from groundstation.viewer import verify
+from swarm.errors import BadInput
+from swarm.messages import Telemetry
+from tests.faults.conftest import Lab, scenario
+from tests.groundstation.test_recording import column
+
+NOTHING = Recorded(np.zeros(0, dtype=np.int64), set())
+FLOWN = scenario(
+    "duration=30", 'faults=[{kind="kill", tick=101, uavs=[2]}, {kind="pause", tick=150, duration_s=3.0, uavs=[1]}]'
+)
+
+
+@pytest.fixture(autouse=True)
+def _strict() -> Iterator[None]:
+    """Bad data raises instead of warning."""
+    rr.set_strict_mode(True)
+    yield
+    rr.set_strict_mode(False)
+
+
+@pytest.fixture(scope="module")
+def blocks() -> list[Telemetry]:
+    lab = Lab(FLOWN)
+    lab.fly()
+    return lab.told.blocks
+
+
+def kept(out: Path, blocks: list[Telemetry]) -> Path:
+    """A folder with these blocks, as a kill leaves it."""
+    folder = RunFolder(out, "run", FLOWN)
+    for block in blocks:
+        folder.write(block)
+    folder._spool = folder._stream = None  # type: ignore[assignment]
+    folder._events.close()
+    return folder.path
+
+
+def killed(path: Path, blocks: list[Telemetry], sent: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A recording to which the recorder had sent `sent` blocks when it was killed."""
+    with Recorder(FLOWN, "run", path) as recorder, monkeypatch.context() as patched:
+        for block in blocks[:sent]:
+            recorder.write(block)
+        recorder.flush()
+        patched.setattr(recorder, "flush", lambda: None)
+        for block in blocks[sent:]:
+            recorder.write(block)
+        recorder.close()
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-200])  # without its footer
+
+
+def events(blocks: list[Telemetry]) -> list[tuple[int, str, str, tuple[int, ...]]]:
+    return sorted((event.tick, event.kind, event.text, event.uavs) for block in blocks for event in block.events)
+
+
+def joined(blocks: list[Telemetry], name: str) -> np.ndarray:
+    return np.concatenate([getattr(block, name) for block in blocks])
+
+
+Contents = dict[str, tuple[list[int], list[Any]]]
+EVERYTHING = (
+    (look.UAVS, "Points2D:positions"),
+    (look.VELOCITY, "Arrows2D:vectors"),
+    (look.ENERGY.entity, "Scalars:scalars"),
+    (look.BITS.entity, "Scalars:scalars"),
+    (look.HJB.entity, "Scalars:scalars"),
+    (look.PHI_G.entity, "Scalars:scalars"),
+    (look.WEIGHTS, "Scalars:scalars"),
+    (look.SPREAD.entity, "Scalars:scalars"),
+    (look.EVENTS, "TextLog:text"),
+)
+
+
+def contents(path: Path) -> Contents:
+    found = {}
+    for entity, name in EVERYTHING:
+        ticks, rows = column(path, entity, name)
+        found[entity] = ticks.tolist(), rows
+    return found
+
+
+def test_a_folder_replays_its_flight_but_for_the_links(blocks: list[Telemetry], tmp_path: Path) -> None:
+    folder = kept(tmp_path, blocks)
+    for _ in range(2):  # from what was spooled, and from what that became
+        replayed = list(missing(folder, past(folder), NOTHING, 6))
+        assert replayed[0].first_tick == 0
+        for name in ("states", "accelerations", "diagnostics", "status", "energy", "swarm", "reports", "spread"):
+            np.testing.assert_array_equal(joined(replayed, name), joined(blocks, name), strict=True)
+        assert joined(replayed, "report_ticks").tolist() == joined(blocks, "report_ticks").tolist()
+        assert events(replayed) == events(blocks)
+        assert len(joined(blocks, "links")) > len(joined(replayed, "links")) == 0
+        recover(folder)
+
+
+@pytest.fixture(scope="module")
+def whole(blocks: list[Telemetry], tmp_path_factory: pytest.TempPathFactory) -> Contents:
+    """What the recording of nobody who was killed holds."""
+    path = tmp_path_factory.mktemp("whole") / "recording.rrd"
+    with Recorder(FLOWN, "run", path) as recorder:
+        for block in blocks:
+            recorder.write(block)
+    return contents(path)
+
+
+@pytest.mark.parametrize(
+    "sent", [0, 1, 6, 15]
+)  # block 5 ends with tick 101, and what befalls UAV 2 in that tick is told in the next one
+def test_the_recording_of_a_killed_run_is_completed_to_the_last_row(
+    sent: int, blocks: list[Telemetry], whole: Contents, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert (blocks[6].first_tick, blocks[6].events[0].tick) == (102, 101)
+    folder = kept(tmp_path, blocks)
+    killed(folder / "recording.rrd", blocks, sent, monkeypatch)
+    assert verify(folder / "recording.rrd") is not None
+    complete(folder)
+    assert verify(folder / "recording.rrd") is None
+    assert contents(folder / "recording.rrd") == whole
+    assert not list(folder.glob(".*.rrd"))
+
+
+@pytest.mark.parametrize("sent", [None, 3])
+def test_a_recorder_that_goes_on_begins_with_what_was_not_recorded(
+    sent: int | None, blocks: list[Telemetry], whole: Contents, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = kept(tmp_path, blocks[:9])
+    if sent is not None:  # else nobody recorded before
+        killed(folder / "recording.rrd", blocks[:9], sent, monkeypatch)
+    with Desk(FLOWN, "run", Options(out=tmp_path, quiet=True), past(folder)) as desk:
+        for block in blocks[9:]:
+            for sink in desk.sinks:
+                sink.write(block)
+    assert contents(folder / "recording.rrd") == whole
+    assert verify(folder / "recording.rrd") is None
+
+
+def test_a_recording_of_which_nothing_can_be_read_is_made_anew_and_the_old_one_left_aside(
+    blocks: list[Telemetry], whole: Contents, tmp_path: Path
+) -> None:
+    folder = kept(tmp_path, blocks)
+    (folder / "recording.rrd").write_bytes(b"no recording")
+    complete(folder)
+    assert contents(folder / "recording.rrd") == whole
+    assert (folder / ".earlier-000.recording.rrd").read_bytes() == b"no recording"
+
+
+def test_a_recording_alone_is_mended_as_far_as_it_goes(
+    blocks: list[Telemetry], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    killed(tmp_path / "recording.rrd", blocks, 3, monkeypatch)
+    complete(tmp_path)
+    assert verify(tmp_path / "recording.rrd") is None
+    assert recorded([tmp_path / "recording.rrd"]).ticks[-1] == blocks[3].first_tick - 1
+
+
+def test_rows_and_events_that_are_none_of_this_flight_are_bad_input(blocks: list[Telemetry], tmp_path: Path) -> None:
+    folder = kept(tmp_path, blocks)
+    so_far = past(folder)
+    for uavs in (5, 7):
+        with pytest.raises(BadInput, match="damaged"):
+            list(missing(folder, so_far, NOTHING, uavs))
+    size = (folder / EVENTS).stat().st_size
+    for nonsense in (b"[]\n", b'{"tick": 1}\n', b"\xff", b'{"tick": "x", "kind": "", "text": "", "uavs": []}\n'):
+        (folder / EVENTS).write_bytes(nonsense.ljust(size))
+        with pytest.raises(BadInput, match="damaged"):
+            list(missing(folder, so_far, NOTHING, 6))
