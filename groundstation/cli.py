@@ -15,7 +15,7 @@ from rich.table import Table
 
 from groundstation import doctor as checks
 from groundstation.progress import summary_table
-from groundstation.results import RECORDING, recover, to_toml
+from groundstation.results import RECORDING, alone, recover, to_toml
 from groundstation.resume import back
 from groundstation.run import Options, Run, fly
 from swarm import __version__, logs, scenario
@@ -235,8 +235,9 @@ def view(folder: Path) -> None:
     if not path.is_file():
         raise BadInput(f"{path}: no recording; name the folder of a run that was recorded")
     if folder.is_dir():
-        recover(folder)
-        complete(folder)
+        with alone(folder):
+            recover(folder)
+            complete(folder)
     elif verify(path) is not None:
         repair(path)
     open_viewer(path)

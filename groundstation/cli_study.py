@@ -124,11 +124,12 @@ def plot(folder: Path) -> None:
     Example: meanflock plot runs/20261121-101500-mfgfl-hf-s7
     """
     from groundstation import plots
-    from groundstation.results import recover
+    from groundstation.results import alone, recover
 
     if not folder.is_dir():
         raise BadInput(f"{folder}: no such run; name the folder of one")
-    recover(folder)
+    with alone(folder):
+        recover(folder)
     _report(plots.write(plots.plot_run(folder), folder / "plots"))
 
 

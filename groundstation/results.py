@@ -5,11 +5,11 @@ import json
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import pyarrow as pa
@@ -76,10 +76,10 @@ class RunFolder:
         except OSError as error:
             raise self._unusable(parent, error, new) from error
         try:
-            fcntl.flock(self._events, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
+            _lock(self._events, self.path)
+        except BadInput:
             self._events.close()
-            raise BadInput(f"{self.path}: another process still writes this run; let it end first") from error
+            raise
         self._flown, self._dt = flown, flown.dt
         self._over, self._resumed, self._full = False, past is not None, False
         self._last_tick = -1
@@ -196,6 +196,27 @@ class RunFolder:
                 ) from error
         finally:
             self._events.close()
+
+
+@contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Nobody else writes the run in `folder` while the context lasts.
+
+    Raises:
+        BadInput: somebody does.
+    """
+    path = folder / EVENTS
+    with path.open("rb") if path.exists() else nullcontext() as events:
+        if events is not None:
+            _lock(events, folder)
+        yield
+
+
+def _lock(file: IO[bytes], folder: Path) -> None:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        raise BadInput(f"{folder}: another process still writes this run; let it end first") from error
 
 
 def recover(folder: Path) -> None:

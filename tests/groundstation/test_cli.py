@@ -11,7 +11,7 @@ import pytest
 
 from groundstation.cli import main
 from groundstation.engine import Engine
-from groundstation.recording import Recorder, recorded
+from groundstation.recording import Recorder, recorded, verify
 from groundstation.results import RunFolder
 from swarm import scenario
 from swarm.errors import EXIT_BAD_INPUT, EXIT_CODE_HELP, EXIT_DONE, MeanflockError
@@ -166,6 +166,25 @@ def test_view_of_a_killed_run_opens_its_recording_filled_from_its_time_series(ru
     rows = len(pq.read_table(folder.path / "timeseries.parquet"))
     assert recorded(opened).ticks.tolist() == list(range(rows))
     assert rows > 100
+
+
+@pytest.mark.parametrize("verb", ["view", "plot"])
+def test_a_run_that_still_flies_is_not_completed_under_its_hands(run, tmp_path, verb) -> None:
+    flown = scenario.load(None, ["duration=4", "stop=duration"], uavs=3)
+    with (
+        RunFolder(tmp_path, "flying", flown) as folder,
+        Recorder(flown, "flying", folder.path / "recording.rrd") as recorder,
+    ):
+        engine = Engine(flown, "flying", sinks=[folder, recorder])
+        for tick in engine.fly():
+            if tick == 30:
+                code, _, err = run(verb, str(folder.path))
+                assert (code, err.count("\n")) == (EXIT_BAD_INPUT, 1)
+                assert "still writes this run" in err
+        engine.world.finish()
+    assert verify(folder.path / "recording.rrd") is None
+    assert recorded([folder.path / "recording.rrd"]).ticks[-1] == 40
+    assert len(pq.read_table(folder.path / "timeseries.parquet")) == 41
 
 
 def test_doctor_reports_everything_and_fails_where_a_run_would(run) -> None:
