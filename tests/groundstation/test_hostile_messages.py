@@ -1,0 +1,248 @@
+"""A flight under attack: what makes no sense is dropped and counted by its reason, as if it had never come."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from groundstation.engine import Engine
+from swarm import codec, keys
+from swarm.bus import Delivery
+from swarm.messages import (
+    Act,
+    FrameKind,
+    Frames,
+    Join,
+    Ready,
+    Received,
+    Refusal,
+    Sense,
+    Stop,
+)
+from tests.groundstation.test_engine import INT8, NUMBER, RUN, Kept, fly, scenario, steady
+
+
+def act(tick: int, rows: int = 2, **changes: Any) -> Act:
+    fields: dict[str, Any] = {"run": NUMBER, "tick": tick, "outcome": np.full((rows, 5), 3.0), **changes}
+    return Act(**fields)
+
+
+def batch(**changes: Any) -> Frames:
+    fields: dict[str, Any] = {
+        "kind": FrameKind.UPLOAD,
+        "round": 1,
+        "source": np.array([0, 1], dtype=np.int32),
+        "payload": np.zeros((2, 246), dtype=np.float32),
+        **changes,
+    }
+    return Frames(**fields)
+
+
+def spoiled(value: float) -> np.ndarray:
+    outcome = np.zeros((2, 5))
+    outcome[1, 1] = value
+    return outcome
+
+
+def hostile(tick: int) -> list[tuple[str, bytes, str]]:
+    """[node, bytes, reason] of what someone might send between the ticks; agent-0 holds UAVs 0 and 1."""
+    good = codec.encode(act(tick))
+    short = np.zeros((2, 245), dtype=np.float32)
+    acts: list[tuple[Act, str]] = [
+        (act(tick), "duplicate"),  # the node was not asked, or has answered
+        (act(tick - 1), "stale"),
+        (act(tick + 1), "stale"),
+        (act(2**63), "stale"),
+        (act(-1), "stale"),
+        (act(tick, run=NUMBER ^ 1), "wrong-run"),
+        (act(tick, outcome=spoiled(np.nan)), "non-finite"),
+        (act(tick, outcome=spoiled(-np.inf)), "non-finite"),
+        (act(tick, rows=3), "wrong-shape"),
+        (act(tick, outcome=np.zeros((2, 5), dtype=np.float32)), "wrong-shape"),
+        (act(tick, outcome=np.zeros(())), "wrong-shape"),
+        (act(tick, report=np.zeros((2, 245))), "wrong-shape"),
+        (act(tick, diverged=(2,)), "wrong-shape"),
+        (act(tick, diverged=(2**64 - 1,)), "wrong-shape"),
+        (act(tick, diverged=(-1, 2**63)), "wrong-shape"),
+        (act(tick, outbox=(batch(), batch())), "wrong-shape"),
+        (act(tick, outbox=(batch(kind=FrameKind.GLOBAL),)), "wrong-kind"),
+        (act(tick, outbox=(batch(payload=short),)), "wrong-shape"),
+        (act(tick, outbox=(batch(source=np.array([0, 2], dtype=np.int32)),)), "wrong-shape"),
+        (act(tick, outbox=(batch(source=np.array([1, 0], dtype=np.int32)),)), "wrong-shape"),
+        (act(tick, outbox=(batch(source=np.array([0, 0], dtype=np.int32)),)), "wrong-shape"),
+        (act(tick, outbox=(batch(source=np.array(0, dtype=np.int32)),)), "wrong-shape"),
+        (act(tick, outbox=(batch(source=np.array([0.0, 1.0])),)), "wrong-shape"),
+        (act(tick, outbox=(batch(payload=np.array(0, dtype=np.float32)),)), "wrong-shape"),
+        (act(tick, outbox=(batch(links=np.zeros((1, 2), dtype=np.int32)),)), "wrong-shape"),
+    ]
+    empty = batch(source=np.zeros(0, dtype=np.int32), payload=np.zeros((0, 246), dtype=np.float32))
+    acts.append((act(tick, outbox=(empty,)), "wrong-shape"))
+    from_agent = [("agent-0", codec.encode(message), reason) for message, reason in acts]
+    return [
+        *from_agent,
+        ("agent-0", good[:-1], "malformed"),
+        ("agent-0", good[:3], "malformed"),
+        ("agent-0", b"", "malformed"),
+        ("agent-0", good + b"\0", "malformed"),
+        ("agent-0", bytes(100_000), "oversized"),
+        ("agent-0", codec.encode(act(tick, report=np.zeros((99, 246)))), "oversized"),
+        ("agent-0", codec.encode(Stop(NUMBER, "go home")), "wrong-kind"),
+        ("agent-0", codec.encode(Sense(NUMBER, tick, np.zeros((2, 4)), False)), "wrong-kind"),
+        ("agent-0", codec.encode(Join("agent", 1)), "wrong-kind"),
+        ("agent-0", codec.encode(Ready(NUMBER ^ 1)), "wrong-kind"),
+        ("agent-1", good, "unknown-node"),  # UAV 1 has no node of its own
+        ("agent-99", good, "unknown-node"),
+        ("world", good, "unknown-node"),
+        ("*", good, "unknown-node"),
+        ("leader", codec.encode(act(tick, rows=0)), "duplicate"),
+        ("leader", good, "wrong-shape"),
+    ]
+
+
+def test_hostile_messages_are_dropped_counted_by_reason_and_change_nothing() -> None:
+    flown = scenario("mfgfl-hf", "duration=6")
+    honest = fly(flown, uavs_per_node=2)
+    engine = Engine(flown, RUN, uavs_per_node=2)
+    expected: dict[str, int] = {}
+    for tick in engine.fly():
+        if tick % 7:
+            continue
+        for node, raw, reason in hostile(tick):
+            before = engine.world._ledger.drops.copy()
+            engine.world.handle(Delivery("message", keys.act(RUN, node), raw))
+            found = engine.world._ledger.drops - before
+            assert found == {reason: 1}, (node, reason, found)
+            expected[reason] = expected.get(reason, 0) + 1
+    summary = engine.world.finish()
+    assert summary["dropped_messages"] == expected
+    assert not honest["dropped_messages"]
+    assert steady(summary) == steady(honest)
+
+
+def test_hostile_bytes_in_place_of_a_model_are_dropped_and_change_nothing() -> None:
+    flown = scenario("mfgfl-hf", "duration=6", *INT8)
+    honest = fly(flown, uavs_per_node=2)
+    engine = Engine(flown, RUN, uavs_per_node=2)
+    good = np.zeros((2, 262), dtype="u1")
+    good[:, 246:] = np.ones((2, 4), dtype="<f4").view("u1")
+    beyond, no_scale = good.copy(), good.copy()
+    beyond[1, 17] = 0x80
+    no_scale[0, 246:250] = 0
+    payloads = [(good[:, :-1], "wrong-shape"), (good.astype("<f4"), "wrong-shape"), (beyond, "non-finite")]
+    payloads += [(no_scale, "non-finite"), (np.zeros((2, 246), dtype="<f4"), "wrong-shape")]
+    residuals = [(np.zeros((2, 245)), "wrong-shape"), (np.zeros((3, 246)), "wrong-shape")]
+    residuals += [(np.full((2, 246), np.nan), "non-finite"), (np.zeros((2, 246), dtype="<f4"), "wrong-shape")]
+    for tick in engine.fly():
+        acts = [(act(tick, outbox=(batch(payload=sent),)), reason) for sent, reason in payloads]
+        acts += [(act(tick, residuals=told), reason) for told, reason in residuals]
+        acts.append((act(tick, outbox=(batch(payload=good),), residuals=np.zeros((2, 246))), "duplicate"))  # else well
+        for message, reason in acts if tick % 7 == 0 else ():
+            before = engine.world.instruments.ledger.drops.copy()
+            engine.world.handle(Delivery("message", keys.act(RUN, "agent-0"), codec.encode(message)))
+            assert engine.world.instruments.ledger.drops - before == {reason: 1}
+    assert steady(engine.world.finish()) == steady(honest)
+
+
+def test_a_flood_is_counted_but_does_not_flood_the_log_of_events() -> None:
+    kept = Kept()
+    engine = Engine(scenario("mfg", "duration=3"), RUN, sinks=[kept])
+    for _ in engine.fly():
+        for _ in range(20):
+            engine.world.handle(Delivery("message", keys.act(RUN, "agent-7"), b"\xc1"))
+    assert engine.world.finish()["dropped_messages"] == {"unknown-node": 600}
+    events = [event.kind for block in kept.blocks for event in block.events]
+    assert events.count("dropped") == 100
+
+
+def test_hostile_questions_and_receipts_are_dropped_too() -> None:
+    flown = scenario("mfg", "duration=2")
+    honest = fly(flown)
+    engine, replies = Engine(flown, RUN), []
+    for tick in engine.fly():
+        if tick > 3:
+            continue
+        for raw in (b"", b"\xc1", bytes(300), codec.encode(Ready(NUMBER))):
+            engine.world.handle(Delivery("question", keys.join(RUN), raw, replies.append))
+        for raw in (b"", bytes(65), codec.encode(Received(NUMBER ^ 1, 5)), codec.encode(Ready(NUMBER))):
+            engine.world.handle(Delivery("message", keys.received(RUN), raw))
+    assert not replies
+    summary = engine.world.finish()
+    assert summary["dropped_messages"] == {"malformed": 9, "oversized": 6, "wrong-kind": 6, "wrong-run": 3}
+    assert summary["trajectory_sha256"] == honest["trajectory_sha256"]
+
+
+@pytest.mark.parametrize(
+    "join",
+    [
+        Join("agent", 1),
+        Join("agent", 1, 2),
+        Join("agent", 2**63, 2**63),
+        Join("agent", 0),
+        Join("agent", -5),
+        Join("leader", 0),
+        Join("pirate", 1),
+    ],
+)
+def test_who_comes_late_or_is_nobody_is_refused_in_words(join: Join) -> None:
+    engine, replies = Engine(scenario("mfg", "duration=2"), RUN), []
+    key = keys.join(RUN, keys.asker(join.role, join.uav))
+    engine.world.handle(Delivery("question", key, codec.encode(join), replies.append))
+    (answer,) = (codec.decode(raw) for raw in replies)
+    assert isinstance(answer, Refusal)
+    assert answer.reason
+    assert answer.for_now == ("its agent already" in answer.reason)  # it may be lost; the rest will not change
+
+
+def test_who_asks_under_the_name_of_another_is_dropped_without_an_answer() -> None:
+    engine, replies = Engine(scenario("mfg", "duration=2"), RUN), []
+    for name, join in (("agent-1", Join("agent", 1, 2)), ("agent", Join("leader", 0)), ("x", Join("agent", 1))):
+        engine.world.handle(Delivery("question", keys.join(RUN, name), codec.encode(join), replies.append))
+    assert not replies
+    assert engine.world._ledger.drops == {"wrong-name": 3}
+
+
+# -- finite, well-formed and absurd -------------------------------------------------------------------------------
+
+
+class Forger:
+    """Answers for agent-0, which holds UAVs 0 and 1, in one tick."""
+
+    def __init__(self, engine: Engine, tick: int, **changes: Any) -> None:
+        self._world, self._tick, self._changes = engine.world, tick, changes
+        self._put = engine.world._bus.put
+        engine.world._bus.put = self.put  # type: ignore[method-assign]
+
+    def put(self, key: str, payload: bytes) -> None:
+        if key == keys.sense(RUN, "agent-0"):
+            sense = codec.decode(payload)
+            if isinstance(sense, Sense) and sense.tick == self._tick:
+                forged = codec.encode(act(self._tick, **self._changes))
+                self._world.handle(Delivery("message", keys.act(RUN, "agent-0"), forged))
+                return
+        self._put(key, payload)
+
+
+ABSURD: dict[str, dict[str, Any]] = {
+    "acceleration": {"outcome": np.array([[1e300, 0, 0, 0, 0], [0, 0, 0, 0, 0]])},
+    "residual": {"outcome": np.array([[0, 0, 1e300, 0, 0], [0, 0, 0, 0, 0]])},
+    "interaction": {"outcome": np.array([[0, 0, 0, 0, 1e39], [0, 0, 0, 0, 0]])},
+    "report": {"outcome": np.zeros((2, 5)), "report": np.full((2, 246), 1e300)},
+    "report beyond a float": {"outcome": np.zeros((2, 5)), "report": np.full((2, 246), 1e39)},
+}
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("what", ABSURD)
+def test_an_absurd_number_from_one_node_costs_neither_the_others_nor_the_recording(what: str) -> None:
+    kept = Kept()
+    engine = Engine(scenario("mfg", "duration=6"), RUN, uavs_per_node=2, sinks=[kept])
+    Forger(engine, 10, **ABSURD[what])  # a tick in which reports are asked for
+    for _ in engine.fly():
+        pass
+    summary = engine.world.finish(linger_s=0.5)
+    assert summary["ticks"] == 60
+    assert summary["lost"] <= 2
+    assert np.isfinite(engine.world.flight.states).all()
+    assert engine.station.summary is not None
+    assert engine.station.missed_blocks == 0
+    assert sum(len(block.states) for block in kept.blocks) == 61
