@@ -14,6 +14,7 @@ import pytest
 from benchmarks import peers, scaling, store
 from benchmarks.peer import environment
 from benchmarks.processes import BenchmarkFailed
+from tests.polling import DEADLINE_S
 
 ROOT = Path(__file__).parents[1]
 FIGURE = {
@@ -24,7 +25,7 @@ FIGURE = {
 
 def benchmarks(*flags: str) -> "subprocess.CompletedProcess[str]":
     command = [sys.executable, "-m", "benchmarks", *flags]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S)
 
 
 @pytest.fixture(scope="module")

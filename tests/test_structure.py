@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.polling import DEADLINE_S
+
 ROOT = Path(__file__).parents[1]
 MAY_IMPORT = {
     "swarm": set(),
@@ -142,7 +144,7 @@ def test_a_process_of_the_swarm_loads_only_what_it_needs(module: str) -> None:
         forbidden += ["scipy", "channel", "worldsim"]
     code = LOADED.format(module=module, forbidden=forbidden)
     loaded = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S, check=True
     )
     assert loaded.stdout.strip() == ""
 

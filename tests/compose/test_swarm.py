@@ -8,8 +8,7 @@ import os
 import shutil
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +16,9 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from groundstation import certs
+from tests.polling import DEADLINE_S, until
 
 REPOSITORY = Path(__file__).parents[2]
-DEADLINE_S = 180.0
 UAVS = 5
 USER = os.getuid() or 1000  # nobody's containers are root
 
@@ -50,15 +49,6 @@ pytestmark = [
     pytest.mark.timeout(420),
     pytest.mark.skipif(not engine_runs() and not os.environ.get("REQUIRE_ENGINE"), reason="no container engine runs"),
 ]
-
-
-def until(true: Callable[[], Any], what: str) -> Any:
-    end = time.monotonic() + DEADLINE_S
-    while time.monotonic() < end:
-        if result := true():
-            return result
-        time.sleep(0.2)
-    raise AssertionError(f"not within {DEADLINE_S:.0f} s: {what}")
 
 
 class Compose:

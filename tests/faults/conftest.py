@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -22,9 +21,9 @@ from swarm.bus import MemoryBus
 from swarm.messages import Event, Join, Telemetry
 from swarm.scenario import Scenario, load
 from swarm.spoke import Spoke
+from tests.polling import DEADLINE_S, until
 
 RUN = "faults"
-DEADLINE_S = 60.0
 SETTINGS = ("uavs=3", "seed=7", "stop=duration", "federation.period=40", "method=mfgfl-h")
 ENDLESS = (*SETTINGS, "duration=100000")
 
@@ -32,16 +31,6 @@ ENDLESS = (*SETTINGS, "duration=100000")
 def scenario(*settings: str, method: str = "mfgfl-h") -> Scenario:
     fixed = ["uavs=6", "seed=3", "duration=12", 'stop="duration"', "federation.period=20"]
     return load(None, [*fixed, *settings], method=method)
-
-
-def until(true: Callable[[], Any], what: str, deadline_s: float = DEADLINE_S) -> Any:
-    """Polls until `true()` is, and returns it."""
-    end = time.monotonic() + deadline_s
-    while time.monotonic() < end:
-        if result := true():
-            return result
-        time.sleep(0.01)
-    raise AssertionError(f"not within {deadline_s} s: {what}")
 
 
 class Told:

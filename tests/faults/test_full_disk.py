@@ -16,7 +16,8 @@ from groundstation.results import RunFolder, past
 from groundstation.viewer import verify
 from swarm import scenario as scenarios
 from swarm.errors import BadInput, RunFailed
-from tests.faults.conftest import DEADLINE_S, Lab, Processes, scenario, spool_bytes, until
+from tests.faults.conftest import Lab, Processes, scenario, spool_bytes
+from tests.polling import DEADLINE_S, until
 
 FULL_BYTES = 200 * 1024
 SETTINGS = ("uavs=4", "seed=7", "stop=duration", "duration=80", "federation.period=40")

@@ -11,7 +11,8 @@ import pytest
 
 from groundstation import certs
 from swarm import scenario as scenarios
-from tests.faults.conftest import DEADLINE_S, SETTINGS, Flight, Lab, Processes, ends_by_itself
+from tests.faults.conftest import SETTINGS, Flight, Lab, Processes, ends_by_itself
+from tests.polling import DEADLINE_S
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 

@@ -20,18 +20,8 @@ from groundstation.recording import recorded
 from swarm import keys
 from swarm import scenario as scenarios
 from swarm.session import ZenohBus
-from tests.faults.conftest import (
-    DEADLINE_S,
-    SETTINGS,
-    Flight,
-    Lab,
-    Processes,
-    ends_by_itself,
-    events_in,
-    spool_bytes,
-    summary_of,
-    until,
-)
+from tests.faults.conftest import SETTINGS, Flight, Lab, Processes, ends_by_itself, events_in, spool_bytes, summary_of
+from tests.polling import DEADLINE_S, until
 
 pytestmark = pytest.mark.processes
 

@@ -22,7 +22,8 @@ from swarm import scenario as scenarios
 from swarm.errors import BadInput
 from swarm.methods import Method
 from swarm.scenario import Scenario
-from tests.faults.conftest import DEADLINE_S, Lab, scenario, until
+from tests.faults.conftest import Lab, scenario
+from tests.polling import DEADLINE_S, until
 
 LATER = "duration=35"  # checkpoints in ticks 1, 101, 201 and 301
 TIMING = {"wall_time_s", "real_time_factor", "mode"}

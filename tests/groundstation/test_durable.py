@@ -13,6 +13,7 @@ from groundstation.engine import Engine
 from groundstation.results import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, RunFolder
 from groundstation.resume import back
 from swarm import scenario as scenarios
+from tests.polling import DEADLINE_S
 
 SETTINGS = ("uavs=3", "seed=7", "duration=30", "stop=duration", "federation.period=40")
 
@@ -115,7 +116,7 @@ def test_a_run_killed_at_any_step_of_replacing_its_checkpoint_resumes_to_the_sam
     # Six calls make the folder and five the first checkpoint: these are all of the second's, and the next.
     outs = [tmp_path / str(number) for number in range(6)]
     line = [sys.executable, "-c", KILLED, ":".join(map(str, outs)), "12", *SETTINGS]
-    done = subprocess.run(line, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(line, capture_output=True, text=True, timeout=DEADLINE_S)
     assert done.returncode == 0, done.stderr
     starts = []
     for out in outs:

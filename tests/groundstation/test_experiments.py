@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from groundstation.paper.series import SERIES
 from groundstation.paper.store import COORDINATES, Results, Store
 from swarm.errors import BadInput, RunFailed
 from swarm.scenario import load
+from tests.polling import DEADLINE_S, until
 
 
 def tiny(method: str, *settings: str, uavs: int = 3, duration: float = 3.0) -> Any:
@@ -273,19 +273,18 @@ def test_ctrl_c_ends_the_grid_and_its_workers(tmp_path: Path) -> None:
         f"run_grid(Path({str(tmp_path)!r}), 1, {{'s0'}}, jobs=2)"
     )
     grid_process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, start_new_session=True)
-    family: list[psutil.Process] = []
-    deadline = time.monotonic() + 60
-    working = 0
-    while working < 2 and time.monotonic() < deadline:
-        time.sleep(0.05)
+
+    def working() -> list[psutil.Process]:
+        """All processes of the grid, once two of them fly."""
         family = psutil.Process(grid_process.pid).children(recursive=True)
-        working = sum(process.cpu_times().user > 1.0 for process in family)
-    assert working >= 2
+        return family if sum(process.cpu_times().user > 1.0 for process in family) >= 2 else []
+
+    family = until(working, "two workers")
     os.killpg(grid_process.pid, signal.SIGINT)
-    _, said = grid_process.communicate(timeout=30)
+    _, said = grid_process.communicate(timeout=DEADLINE_S)
     assert grid_process.returncode == 1
     assert b"RunFailed: interrupted" in said
-    _, alive = psutil.wait_procs(family, timeout=10)
+    _, alive = psutil.wait_procs(family, timeout=DEADLINE_S)
     assert not alive
 
 

@@ -1,121 +1,22 @@
-"""The recorder: what a viewer finds in the file is what the telemetry said, whatever ends the recording."""
+"""The recorder: what a viewer finds in the file is what the telemetry said."""
 
-import os
-import shutil
-import signal
 import socket
-import subprocess
-import sys
-import time
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-import rerun as rr
 from rerun.chunk import RrdReader
 
 from groundstation import blueprint as look
-from groundstation import viewer
-from groundstation.recording import Recorder, repair, verify
-from groundstation.screenshot import MISSING_GRAPHICS, screenshot
+from groundstation.recording import Recorder, verify
 from swarm import state
-from swarm.errors import BadInput, RunFailed
-from swarm.messages import SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
-from swarm.model import MODEL_FLOATS, VALUE_FEATURES
+from swarm.errors import BadInput
+from swarm.messages import SWARM_COLUMNS, Telemetry
+from swarm.model import VALUE_FEATURES
 from swarm.scenario import Scenario
+from tests.groundstation.recordings import COLLISIONS, ROUND_TICKS, column, flight, record, scalars
 
-ROUND_TICKS = 100
-COLLISIONS = ((120, (3, 4)), (121, (5, 6)), (333, (0, 24)))  # tick, pair
-
-
-@pytest.fixture(autouse=True)
-def _strict() -> Iterator[None]:
-    """Bad data raises instead of warning."""
-    rr.set_strict_mode(True)
-    yield
-    rr.set_strict_mode(False)
-
-
-def flight(uavs: int = 25, ticks: int = 600, block: int = 20) -> list[Telemetry]:
-    """A made-up flight from (150, 100) to the origin in 60 s, with rounds, collisions and a lost UAV."""
-    rng = np.random.default_rng(1)
-    tick = np.arange(ticks)
-    share = (tick / 600)[:, None, None]
-    position = np.array([150.0, 100.0]) * (1 - share) + rng.normal(size=(1, uavs, 2)) * 3
-    velocity = np.broadcast_to([-2.5, -1.7], position.shape) + 0.1 * rng.normal(size=position.shape)
-    states = np.concatenate([position, velocity], axis=-1)
-    diagnostics = np.abs(rng.normal(size=(ticks, uavs, 3))).astype(np.float32)
-    diagnostics[0] = 0  # nobody has learned yet
-    diagnostics[:, -1, :2] = 0  # nobody ever hears of the last one
-    status = np.zeros((ticks, uavs), dtype=np.uint8)
-    status[500:, 0] = Status.ARRIVED
-    status[400:, min(7, uavs - 1)] = Status.LOST
-    swarm = rng.random(size=(ticks, len(SWARM_COLUMNS)))
-    return [
-        Telemetry(
-            run=1,
-            block=number,
-            first_tick=first,
-            states=states[first : first + block],
-            accelerations=np.zeros((len(tick[first : first + block]), uavs, 2), dtype=np.float32),
-            diagnostics=diagnostics[first : first + block],
-            status=status[first : first + block],
-            energy=np.cumsum(np.ones((ticks, uavs), dtype=np.float32), axis=0)[first : first + block],
-            swarm=swarm[first : first + block],
-            links=_links(uavs, first, block),
-            report_ticks=np.array([first], dtype=np.int32),
-            reports=rng.normal(size=(1, MODEL_FLOATS)).astype(np.float32),
-            spread=np.array([1.0]),
-            events=_events(uavs, first, block),
-        )
-        for number, first in enumerate(range(0, ticks, block))
-    ]
-
-
-def _links(uavs: int, first: int, block: int) -> np.ndarray:
-    rows = [
-        (tick, source, 0, FrameKind.UPLOAD, -8 if source % 5 == 0 else 4)
-        for tick in range(first, first + block)
-        if tick and tick % ROUND_TICKS == 0
-        for source in range(1, uavs - 1)
-    ]
-    if first == 0:
-        rows += [(0, source, (source + 1) % uavs, FrameKind.STATE, 1) for source in range(uavs)]
-    return np.array(rows, dtype=np.int32).reshape(-1, 5)
-
-
-def _events(uavs: int, first: int, block: int) -> tuple[Event, ...]:
-    events = [Event(tick, "collision", "too near", pair) for tick, pair in COLLISIONS if uavs > max(pair)]
-    events += [Event(400, "lost", "UAV 7 is silent", (7,)), Event(100, "round", "round 1 averaged")]
-    return tuple(event for event in events if first <= event.tick < first + block)
-
-
-def record(path: Path, blocks: list[Telemetry], **changes: Any) -> Scenario:
-    scenario = Scenario(**{"uavs": blocks[0].states.shape[1], **changes})
-    with Recorder(scenario, "test", path) as recorder:
-        for block in blocks:
-            recorder.write(block)
-    return scenario
-
-
-def column(path: Path, entity: str, name: str) -> tuple[np.ndarray, list[Any]]:
-    """Ticks (R,) and a component's rows, in the order of the ticks."""
-    rows: list[tuple[int, Any]] = []
-    for chunk in RrdReader(path).stream().filter(content=f"/{entity}"):
-        batch = chunk.to_record_batch()
-        if look.TICKS in batch.schema.names and name in batch.schema.names:
-            ticks, values = batch.column(look.TICKS).to_pylist(), batch.column(name).to_pylist()
-            rows += zip(ticks, values, strict=True)
-    rows.sort(key=lambda row: row[0])
-    return np.array([tick for tick, _ in rows]), [value for _, value in rows]
-
-
-def scalars(path: Path, plot: look.Plot | str) -> tuple[np.ndarray, np.ndarray]:
-    entity = plot if isinstance(plot, str) else plot.entity
-    ticks, values = column(path, entity, "Scalars:scalars")
-    return ticks, np.array(values)
+pytestmark = pytest.mark.usefixtures("strict")
 
 
 @pytest.fixture(scope="module")
@@ -315,116 +216,3 @@ def test_close_may_be_called_again(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="closed"):
         recorder.write(flight(ticks=20)[0])
     assert verify(tmp_path / "recording.rrd") is None
-
-
-def test_a_late_viewer_gets_the_history(tmp_path: Path) -> None:
-    blocks = flight(uavs=4, ticks=60)
-    late = tmp_path / "late.rrd"
-    with Recorder(Scenario(uavs=4), "test", tmp_path / "own.rrd", serve=("localhost", 0)) as recorder:
-        assert recorder.live_url is not None
-        assert "://127.0.0.1:" in recorder.live_url or "://[::1]:" in recorder.live_url
-        for block in blocks:
-            recorder.write(block)
-        recorder.flush()
-        listener = save_live(recorder.live_url, late)
-        try:
-            wait_for(lambda: len(ticks_so_far(late)) == 60, "the late viewer did not get the whole history")
-        finally:
-            listener.terminate()
-            listener.wait(timeout=20)
-    assert verify(tmp_path / "own.rrd") is None
-    np.testing.assert_array_equal(ticks_so_far(late), np.arange(60))
-
-
-def ticks_so_far(growing: Path) -> np.ndarray:
-    """The ticks in a recording that another process may still be writing: its size says little about what is in it."""
-    if not growing.exists():
-        return np.array([])
-    read = growing.with_name(f"read.{growing.name}")
-    shutil.copyfile(growing, read)
-    try:
-        repair(read)
-        return column(read, look.UAVS, "Points2D:positions")[0]
-    except (RunFailed, ValueError):  # not yet a recording, or only the blueprint has come
-        return np.array([])
-    finally:
-        read.unlink()
-
-
-@pytest.mark.processes
-def test_a_killed_recording_is_repaired(tmp_path: Path) -> None:
-    path = tmp_path / "recording.rrd"
-    child = subprocess.Popen(
-        [sys.executable, __file__, str(path)], stdout=subprocess.PIPE, env={**os.environ, "CI": "1"}
-    )
-    try:
-        assert child.stdout is not None
-        assert child.stdout.readline() == b"recorded\n"
-        wait_for(lambda: len(ticks_so_far(path)) > 0, "nothing reached the file")
-    finally:
-        child.send_signal(signal.SIGKILL)
-        child.wait()
-    assert verify(path) is not None
-    repair(path)
-    assert verify(path) is None
-    ticks, positions = column(path, look.UAVS, "Points2D:positions")
-    states = np.concatenate([block.states for block in flight()])
-    assert len(ticks) > 0
-    np.testing.assert_array_equal(np.array(positions), states[ticks, :, :2].astype(np.float32))
-    assert [file.name for file in tmp_path.iterdir()] == ["recording.rrd"]
-
-
-def test_what_is_no_recording_cannot_be_repaired_and_is_left_alone(tmp_path: Path) -> None:
-    path = tmp_path / "recording.rrd"
-    path.write_bytes(b"not a recording")
-    assert verify(path) is not None
-    with pytest.raises(RunFailed, match="cannot be repaired"):
-        repair(path)
-    assert path.read_bytes() == b"not a recording"
-
-
-def test_a_run_that_is_not_there_is_not_opened(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="no such recording"):
-        viewer.open_viewer(tmp_path / "recording.rrd")
-
-
-@pytest.mark.processes
-def test_a_picture_needs_no_display_and_shows_no_error(recorded: tuple[Path, list[Telemetry]], tmp_path: Path) -> None:
-    png = tmp_path / "swarm.png"
-    try:
-        screenshot(recorded[0], png, at_s=33.4, size=(1280, 720))
-    except RunFailed as error:
-        no_graphics = ("No graphics adapter", "Failed to get render context")  # with and without drivers installed
-        if any(reason in str(error) for reason in no_graphics) and MISSING_GRAPHICS in str(error):
-            pytest.skip(str(error))
-        raise
-    header = png.read_bytes()[:24]
-    assert header[:8] == b"\x89PNG\r\n\x1a\n"
-    assert (int.from_bytes(header[16:20], "big"), int.from_bytes(header[20:24], "big")) == (1280, 720)
-
-
-def test_no_picture_of_what_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="no such recording"):
-        screenshot(tmp_path / "recording.rrd", tmp_path / "swarm.png", at_s=0.0)
-
-
-def save_live(url: str, path: Path) -> "subprocess.Popen[bytes]":
-    """Something that listens like a viewer, but writes what it gets to a file."""
-    return subprocess.Popen(
-        [*viewer._program(), url, "--save", str(path)], env=viewer._environment(), stderr=subprocess.DEVNULL
-    )
-
-
-def wait_for(condition: Any, otherwise: str, seconds: float = 30.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, otherwise
-        time.sleep(0.05)
-
-
-if __name__ == "__main__":  # the child that is killed
-    interrupted = Recorder(Scenario(), "test", Path(sys.argv[1]))
-    for part in flight():
-        interrupted.write(part)
-    print("recorded", flush=True)
-    signal.pause()

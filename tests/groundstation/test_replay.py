@@ -1,12 +1,10 @@
 """What a killed recorder had not sent yet comes back into its recording from the time series."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import rerun as rr
 
 from groundstation import blueprint as look
 from groundstation.recording import Recorded, Recorder, recorded
@@ -17,20 +15,14 @@ from groundstation.viewer import verify
 from swarm.errors import BadInput
 from swarm.messages import Telemetry
 from tests.faults.conftest import Lab, scenario
-from tests.groundstation.test_recording import column
+from tests.groundstation.recordings import column
+
+pytestmark = pytest.mark.usefixtures("strict")
 
 NOTHING = Recorded(np.zeros(0, dtype=np.int64), set())
 FLOWN = scenario(
     "duration=30", 'faults=[{kind="kill", tick=101, uavs=[2]}, {kind="pause", tick=150, duration_s=3.0, uavs=[1]}]'
 )
-
-
-@pytest.fixture(autouse=True)
-def _strict() -> Iterator[None]:
-    """Bad data raises instead of warning."""
-    rr.set_strict_mode(True)
-    yield
-    rr.set_strict_mode(False)
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,8 @@ from typing import Any
 import psutil
 import pytest
 
-DEADLINE_S = 60.0
+from tests.polling import DEADLINE_S, until
+
 Spawn = Callable[..., "subprocess.Popen[str]"]
 
 
@@ -24,16 +24,6 @@ def processes_of(text: str) -> list[psutil.Process]:
         if alive and process.pid != os.getpid() and any(text in part for part in process.info["cmdline"] or []):
             found.append(process)
     return found
-
-
-def until(true: Callable[[], Any], what: str, deadline_s: float = DEADLINE_S) -> Any:
-    """Polls until `true()` is, and returns it."""
-    end = time.monotonic() + deadline_s
-    while time.monotonic() < end:
-        if result := true():
-            return result
-        time.sleep(0.02)
-    raise AssertionError(f"not within {deadline_s} s: {what}")
 
 
 @pytest.fixture

@@ -23,7 +23,8 @@ from groundstation.resume import back
 from groundstation.station import Station
 from swarm.scenario import load
 from swarm.session import ZenohBus
-from tests.integration.conftest import DEADLINE_S, Command, Spawn, processes_of, until
+from tests.integration.conftest import Command, Spawn, processes_of
+from tests.polling import DEADLINE_S, until
 
 pytestmark = pytest.mark.processes
 

@@ -15,7 +15,8 @@ from groundstation.resume import back
 from groundstation.viewer import verify
 from swarm.methods import Method
 from swarm.scenario import load
-from tests.integration.conftest import DEADLINE_S, Command, Spawn, processes_of, until
+from tests.integration.conftest import Command, Spawn, processes_of
+from tests.polling import DEADLINE_S, until
 
 pytestmark = pytest.mark.processes
 

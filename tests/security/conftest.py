@@ -5,7 +5,6 @@ import re
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,21 +24,13 @@ from swarm.identity import LEADER, WORLD, Identity
 from swarm.messages import Act, Join
 from swarm.session import ZenohBus
 from swarm.spoke import Spoke
+from tests.polling import DEADLINE_S, until
 
 RUN = "attacked"
 UAVS = 5
 HELD = 4  # the agent that stands still
 HOLD_TICK = 25
 SETTINGS = (f"uavs={UAVS}", "seed=7", "duration=6", "federation.period=10")
-DEADLINE_S = 30.0
-
-
-def until(true: Callable[[], Any], what: str) -> None:
-    """Polls until `true()` is."""
-    end = time.monotonic() + DEADLINE_S
-    while not true():
-        assert time.monotonic() < end, f"not within {DEADLINE_S} s: {what}"
-        time.sleep(0.02)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,8 @@ from swarm.errors import BusError
 from swarm.identity import LEADER, Identity
 from swarm.messages import Act, FrameKind, Frames, Join, Ready, Refusal
 from swarm.session import _COMMON, ZenohBus, _config, _tls, secured
-from tests.security.conftest import DEADLINE_S, HELD, HOLD_TICK, RUN, UAVS, Flight, Folders, until
+from tests.polling import DEADLINE_S, until
+from tests.security.conftest import HELD, HOLD_TICK, RUN, UAVS, Flight, Folders
 
 pytestmark = pytest.mark.processes
 

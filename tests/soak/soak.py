@@ -17,12 +17,12 @@ import pyarrow.parquet as pq
 from groundstation.results import CHECKPOINT, states_of
 from groundstation.viewer import verify
 from swarm.rounds import Rounds
+from tests.polling import DEADLINE_S
 from tests.soak.mishaps import BadDay, Mishap, Wait
 from tests.soak.swarm import BARRIER_S, Flock
 from tests.soak.vitals import Vitals
 
 AT_ONCE = 3  # mishaps that are not mended yet
-DEADLINE_S = 180.0  # for anything a mishap waits for; the machine may be busy
 SAMPLE_EVERY_S = 1.0
 _LAST_TICKS = 400  # less than an agent needs to start
 

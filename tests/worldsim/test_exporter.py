@@ -15,6 +15,7 @@ from swarm import keys
 from swarm.address import Address
 from swarm.errors import BadInput
 from swarm.scenario import Scenario, load
+from tests.polling import DEADLINE_S
 from worldsim.durations import BOUNDS_S, Durations
 from worldsim.exporter import exported
 
@@ -26,7 +27,7 @@ class Scrape:
     """The samples of one answer, by name and labels."""
 
     def __init__(self, url: str) -> None:
-        with urllib.request.urlopen(url, timeout=30) as answer:
+        with urllib.request.urlopen(url, timeout=DEADLINE_S) as answer:
             self.families = list(text_string_to_metric_families(answer.read().decode()))
         self._samples = {
             (sample.name, frozenset(sample.labels.items())): sample.value

@@ -1,0 +1,132 @@
+"""Rerun's own program: it shows what was recorded, live and late, and mends what was cut off."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from groundstation import blueprint as look
+from groundstation import viewer
+from groundstation.recording import Recorder, repair, verify
+from groundstation.screenshot import MISSING_GRAPHICS, screenshot
+from swarm.errors import BadInput, RunFailed
+from swarm.scenario import Scenario
+from tests.groundstation.recordings import column, flight, record
+from tests.polling import DEADLINE_S, until
+
+pytestmark = pytest.mark.usefixtures("strict")
+
+
+def test_a_late_viewer_gets_the_history(tmp_path: Path) -> None:
+    blocks = flight(uavs=4, ticks=60)
+    late = tmp_path / "late.rrd"
+    with Recorder(Scenario(uavs=4), "test", tmp_path / "own.rrd", serve=("localhost", 0)) as recorder:
+        assert recorder.live_url is not None
+        assert "://127.0.0.1:" in recorder.live_url or "://[::1]:" in recorder.live_url
+        for block in blocks:
+            recorder.write(block)
+        recorder.flush()
+        listener = save_live(recorder.live_url, late)
+        try:
+            until(lambda: len(ticks_so_far(late)) == 60, "the whole history at the late viewer")
+        finally:
+            listener.terminate()
+            listener.wait(DEADLINE_S)
+    assert verify(tmp_path / "own.rrd") is None
+    np.testing.assert_array_equal(ticks_so_far(late), np.arange(60))
+
+
+def ticks_so_far(growing: Path) -> np.ndarray:
+    """The ticks in a recording that another process may still be writing: its size says little about what is in it."""
+    if not growing.exists():
+        return np.array([])
+    read = growing.with_name(f"read.{growing.name}")
+    shutil.copyfile(growing, read)
+    try:
+        repair(read)
+        return column(read, look.UAVS, "Points2D:positions")[0]
+    except (RunFailed, ValueError):  # not yet a recording, or only the blueprint has come
+        return np.array([])
+    finally:
+        read.unlink()
+
+
+@pytest.mark.processes
+def test_a_killed_recording_is_repaired(tmp_path: Path) -> None:
+    path = tmp_path / "recording.rrd"
+    child = subprocess.Popen(
+        [sys.executable, "-m", "tests.groundstation.test_viewer", str(path)],
+        cwd=Path(__file__).parents[2],
+        stdout=subprocess.PIPE,
+        env={**os.environ, "CI": "1"},
+    )
+    try:
+        assert child.stdout is not None
+        assert child.stdout.readline() == b"recorded\n"
+        until(lambda: len(ticks_so_far(path)) > 0, "rows in the file")
+    finally:
+        child.send_signal(signal.SIGKILL)
+        child.wait()
+    assert verify(path) is not None
+    repair(path)
+    assert verify(path) is None
+    ticks, positions = column(path, look.UAVS, "Points2D:positions")
+    states = np.concatenate([block.states for block in flight()])
+    assert len(ticks) > 0
+    np.testing.assert_array_equal(np.array(positions), states[ticks, :, :2].astype(np.float32))
+    assert [file.name for file in tmp_path.iterdir()] == ["recording.rrd"]
+
+
+def test_what_is_no_recording_cannot_be_repaired_and_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "recording.rrd"
+    path.write_bytes(b"not a recording")
+    assert verify(path) is not None
+    with pytest.raises(RunFailed, match="cannot be repaired"):
+        repair(path)
+    assert path.read_bytes() == b"not a recording"
+
+
+def test_a_run_that_is_not_there_is_not_opened(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="no such recording"):
+        viewer.open_viewer(tmp_path / "recording.rrd")
+
+
+@pytest.mark.processes
+def test_a_picture_needs_no_display_and_shows_no_error(tmp_path: Path) -> None:
+    path, png = tmp_path / "recording.rrd", tmp_path / "swarm.png"
+    record(path, flight())
+    try:
+        screenshot(path, png, at_s=33.4, size=(1280, 720))
+    except RunFailed as error:
+        no_graphics = ("No graphics adapter", "Failed to get render context")  # with and without drivers installed
+        if any(reason in str(error) for reason in no_graphics) and MISSING_GRAPHICS in str(error):
+            pytest.skip(str(error))
+        raise
+    header = png.read_bytes()[:24]
+    assert header[:8] == b"\x89PNG\r\n\x1a\n"
+    assert (int.from_bytes(header[16:20], "big"), int.from_bytes(header[20:24], "big")) == (1280, 720)
+
+
+def test_no_picture_of_what_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="no such recording"):
+        screenshot(tmp_path / "recording.rrd", tmp_path / "swarm.png", at_s=0.0)
+
+
+def save_live(url: str, path: Path) -> "subprocess.Popen[bytes]":
+    """Something that listens like a viewer, but writes what it gets to a file."""
+    return subprocess.Popen(
+        [*viewer._program(), url, "--save", str(path)], env=viewer._environment(), stderr=subprocess.DEVNULL
+    )
+
+
+if __name__ == "__main__":  # the child that is killed
+    interrupted = Recorder(Scenario(), "test", Path(sys.argv[1]))
+    for part in flight():
+        interrupted.write(part)
+    print("recorded", flush=True)
+    signal.pause()

@@ -1,0 +1,17 @@
+"""Waiting for what others do: looking again until a deadline, never sleeping for as long as it should take."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+DEADLINE_S = 180.0  # costs nothing where it is not reached; below the timeout of a test
+
+
+def until(true: Callable[[], Any], what: str, deadline_s: float = DEADLINE_S, pause_s: float = 0.02) -> Any:
+    """Calls `true()` until it is, and returns what it was."""
+    end = time.monotonic() + deadline_s
+    while True:
+        if result := true():
+            return result
+        assert time.monotonic() < end, f"not within {deadline_s:.0f} s: {what}"
+        time.sleep(pause_s)
