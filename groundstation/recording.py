@@ -1,7 +1,8 @@
 """The flight as a Rerun recording: written to a file, served to viewers.
 
 `Recorder` turns telemetry into columns and sends them in batches; `blueprint.py` says how they look, `screenshot.py`
-shows it. These are the only files that import rerun. What a run holds in memory here does not grow with its length.
+shows it. These are the only files that import rerun. Of what was sent, memory holds no more than rerun's index of the
+file, which becomes its footer: some 70 KB a batch, and all of a run that grows with its length here.
 """
 
 import math

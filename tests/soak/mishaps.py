@@ -24,6 +24,9 @@ class Wait(NamedTuple):
 Mishap = Iterator[Wait]
 
 
+STATION_DIES_UNTIL = 0.6  # of the flight: the last one lives long enough for its memory to be judged
+
+
 class BadDay:
     """Draws mishaps; nobody is hit twice at once, and one leader always stays."""
 
@@ -45,10 +48,11 @@ class BadDay:
 
     def next(self) -> tuple[str, Mishap]:
         """A mishap whose victims are well; each kind comes as often as its weight says, in an order that is drawn."""
+        late = self._flock.tick > STATION_DIES_UNTIL * self._flock.ticks
         for attempt in range(2):
             for kind in list(self._bag):
                 role = kind.__name__.split("_")[0]
-                if role not in self.busy:
+                if role not in self.busy and not (late and kind in (self.station_killed, self.station_interrupted)):
                     self._bag.remove(kind)
                     return kind.__name__.replace("_", " "), kind()
             if not attempt:
