@@ -5,6 +5,8 @@ from collections.abc import Callable
 from typing import Any
 
 DEADLINE_S = 180.0  # costs nothing where it is not reached; below the timeout of a test
+# So long a frozen process certainly keeps its link: a lease of 10 s, less the quarter between two signs of life.
+LINK_SURE_S = 7.0
 
 
 def until(true: Callable[[], Any], what: str, deadline_s: float = DEADLINE_S, pause_s: float = 0.02) -> Any:

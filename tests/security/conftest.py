@@ -98,7 +98,7 @@ class Flight:
     crew: list[threading.Thread] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        flags = ["--endpoint", self.endpoint, "--run", RUN, "--barrier", "60"]
+        flags = ["--endpoint", self.endpoint, "--run", RUN, "--barrier", str(DEADLINE_S)]
         flags += [flag for setting in SETTINGS for flag in ("--set", setting)]
         if self.folders is not None:
             flags += ["--tls", str(self.folders.good)]
