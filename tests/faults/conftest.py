@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -183,6 +184,27 @@ class Flight:
     def reach(self, tick: int) -> None:
         """Waits until the row of a tick is on the disk."""
         until(lambda: self.rows() > tick, f"tick {tick}")
+
+    def station_again(self, number: signal.Signals) -> None:
+        """Ends the station, and waits until another one records.
+
+        Meanwhile an agent is frozen for most of the time, so that the flight is not over before a station has started.
+        """
+        self.station.send_signal(number)
+        self.station.communicate(timeout=DEADLINE_S)
+        kept, agent = self.rows(), self.agents[0]
+        self.station = self.processes.station(self.out, "--resume", "latest")
+
+        def records() -> bool:
+            agent.send_signal(signal.SIGCONT)
+            time.sleep(0.02)
+            agent.send_signal(signal.SIGSTOP)
+            return self.rows() > kept
+
+        try:
+            until(records, "another station records", pause_s=0.5)
+        finally:
+            agent.send_signal(signal.SIGCONT)
 
     def end(self) -> dict[str, Any]:
         """Ends an endless flight; its summary."""

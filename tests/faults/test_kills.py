@@ -2,6 +2,7 @@
 
 import json
 import random
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -67,10 +68,8 @@ def test_a_run_whose_leader_station_and_world_are_killed_at_random_ticks_is_resu
     flight.leaders.append(flight.leader())
     assert "stands by" in flight.event("rejoined")["text"]
     flight.reach(second)
-    flight.station.kill()
-    flight.station.wait(DEADLINE_S)
-    flight.station = processes.station(tmp_path, "--resume", "latest")
-    flight.reach(max(third, 150, flight.rows() + 20))  # there is a checkpoint, and the station is back
+    flight.station_again(signal.SIGKILL)
+    flight.reach(max(third, 150))  # there is a checkpoint
     flight.world.kill()
     for process in (*flight.agents, *flight.leaders, flight.station):
         _, err = process.communicate(timeout=DEADLINE_S)

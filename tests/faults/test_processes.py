@@ -206,9 +206,7 @@ def test_a_killed_ground_station_that_is_started_again_leaves_no_gap_in_rows_and
     flight = Flight(processes, tmp_path, settings=settings)
     for number in range(2):
         flight.flying(5_000)
-        flight.station.send_signal(signal.SIGTERM if number else signal.SIGKILL)
-        flight.station.communicate(timeout=DEADLINE_S)
-        flight.station = processes.station(tmp_path, "--resume", "latest")
+        flight.station_again(signal.SIGTERM if number else signal.SIGKILL)
     summary = summary_of(flight.world)
     ends_by_itself(flight.station)
     (folder,) = tmp_path.iterdir()
