@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from agent import lean  # noqa: F401  # first: what NumPy and msgspec shall not load
 from agent.node import Agent
 from swarm import keys, logs
 from swarm.errors import BadInput

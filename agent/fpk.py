@@ -3,8 +3,7 @@
 Weights `(..., 2, 69)` are [ŵ_F0, ŵ_F1]: m̂ = ŵ_F0ᵀσ_F and its time derivative m̂̇ = ŵ_F1ᵀσ_F.
 """
 
-from dataclasses import dataclass
-
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,8 +14,7 @@ from swarm.scenario import Scenario
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class FpkResult:
+class FpkResult(msgspec.Struct, frozen=True, eq=False):
     """One tick of the density learner: weights (..., 2, 69) after the step, residual e_F (...) before it."""
 
     weights: Floats

@@ -3,8 +3,7 @@
 Weights `(..., 2, 54)` are [ŵ_H0, ŵ_H1]: ψ̂ = ŵ_H0ᵀσ_H and its time derivative ψ̂̇ = ŵ_H1ᵀσ_H.
 """
 
-from dataclasses import dataclass
-
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,8 +15,7 @@ from swarm.scenario import Scenario
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class HjbResult:
+class HjbResult(msgspec.Struct, frozen=True, eq=False):
     """One tick of the value learner.
 
     weights: (..., 2, 54) after the step.

@@ -4,9 +4,9 @@ Where states are shared it is the paper's empirical mean over the states receive
 a quadrature of m̂ over nodes that travel with the UAV.
 """
 
-from importlib.resources import files
 from itertools import product
 from math import factorial, prod
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,7 @@ def empirical(states: Floats, known: Floats, cost: Cost) -> Floats:
 
 def standard_nodes() -> Floats:
     """The 64 scrambled-Sobol points of the standard normal in four dimensions, `(64, 4)`; a fixed table."""
-    text = files("agent").joinpath("nodes.csv").read_text(encoding="ascii")
+    text = Path(__file__).with_name("nodes.csv").read_text(encoding="ascii")
     return np.array([[float(cell) for cell in line.split(",")] for line in text.splitlines()])
 
 

@@ -7,7 +7,6 @@ as the network does; an endpoint with a handler is called at once, which lets on
 
 import queue
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 import msgspec
@@ -62,11 +61,11 @@ def matches(pattern: str, key: str) -> bool:
     return len(wanted) == len(parts) and all(want in ("*", part) for want, part in zip(wanted, parts, strict=True))
 
 
-@dataclass
 class MemoryNetwork:
     """The wire between the endpoints of one process."""
 
-    endpoints: list["MemoryBus"] = field(default_factory=list)
+    def __init__(self) -> None:
+        self.endpoints: list[MemoryBus] = []
 
     def endpoint(self, handler: Handler | None = None) -> "MemoryBus":
         """A new participant; with a handler, deliveries are handled at once in the sender's thread."""

@@ -1,15 +1,14 @@
 """Who a process is on the network: the certificate it shows, and the authority whose certificates it believes."""
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from swarm.errors import BadInput
 
 WORLD, LEADER, STATION = "world", "leader", "station"
 
 
-@dataclass(frozen=True)
-class Identity:
+class Identity(NamedTuple):
     """A name and the folder its certificate is in, as `meanflock certs init` makes it."""
 
     folder: Path

@@ -1,6 +1,5 @@
 """The log of a process on standard error: text for people, or one JSON object a line for machines."""
 
-import json
 import logging
 import os
 import sys
@@ -35,6 +34,8 @@ class JsonLines(logging.Formatter):
         }
         if record.exc_info:
             line["exception"] = self.formatException(record.exc_info)
+        import json  # only here: most logs are text
+
         return json.dumps(line, default=str)
 
 

@@ -1,8 +1,6 @@
 """A scenario: every number a run depends on, with its unit, its bounds and the paper's value as default."""
 
-import hashlib
 import math
-import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, cast
@@ -277,6 +275,8 @@ class Scenario(_Table, frozen=True):
                 part, standard = part[parent], standard[parent]
             if part[key] == standard[key]:
                 del part[key]
+        import hashlib  # only here: it loads OpenSSL, and an agent never asks
+
         return hashlib.sha256(msgspec.json.encode(table, order="sorted")).hexdigest()
 
 
@@ -348,11 +348,18 @@ def load(path: Path | None, settings: Iterable[str] = (), **options: Any) -> Sce
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return _parse(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror}; give a readable scenario file") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:  # of the parser, or bytes that are no UTF-8
         raise BadInput(f"{path}: not TOML: {error}") from error
+
+
+def _parse(text: str) -> dict[str, Any]:
+    """TOML, or ValueError."""
+    import tomllib  # only here: nodes are sent their scenario as JSON
+
+    return tomllib.loads(text)
 
 
 def _apply(table: dict[str, Any], setting: str) -> None:
@@ -361,8 +368,8 @@ def _apply(table: dict[str, Any], setting: str) -> None:
     if not equals or not key.strip():
         raise BadInput(f"--set {setting}: write it as key=value, for example --set wind.sigma=0.2")
     try:
-        value = tomllib.loads(f"value = {text}")["value"]
-    except (tomllib.TOMLDecodeError, KeyError):
+        value = _parse(f"value = {text}")["value"]
+    except (ValueError, KeyError):
         value = text.strip()
     *parents, last = key.strip().split(".")
     for parent in parents:

@@ -4,10 +4,8 @@ The world is the router and everyone else a client: no router binary, no multica
 Settings were chosen by measurement, see docs/performance.md.
 """
 
-import json
 import os
 import queue
-import socket
 import threading
 import time
 from collections.abc import Mapping
@@ -20,6 +18,7 @@ os.environ.setdefault(
     "(acc:(handover:app),net:(handover:app),tx:(handover:app),app:(worker_threads:1),rx:(worker_threads:1))",
 )
 
+import msgspec
 import zenoh
 
 from swarm.access import NOBODY
@@ -53,7 +52,7 @@ _RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor"
 def _config(settings: Mapping[str, Any]) -> zenoh.Config:
     config = zenoh.Config()
     for path, value in settings.items():
-        config.insert_json5(path, json.dumps(value))
+        config.insert_json5(path, msgspec.json.encode(value).decode())
     return config
 
 
@@ -262,6 +261,8 @@ def check_free(endpoint: str) -> None:
     Raises:
         BadInput: `endpoint` cannot be listened on.
     """
+    import socket  # only here: clients leave sockets to Zenoh
+
     _, _, address = endpoint.partition("/")
     host, _, port = address.rpartition(":")
     try:
