@@ -4,14 +4,13 @@ Where states are shared it is the paper's empirical mean over the states receive
 a quadrature of m̂ over nodes that travel with the UAV.
 """
 
-from itertools import product
 from math import factorial, prod
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.basis import DENSITY_EXPONENTS, scales
+from agent.basis import DENSITY_DEGREE, DENSITY_EXPONENTS, scales
 from swarm import state
 from swarm.scenario import Cost, Scenario
 
@@ -57,19 +56,17 @@ class Quadrature:
         std = np.array([spread.node_position_std] * 2 + [spread.node_velocity_std] * 2)
         offsets = standard_nodes() * std
         self.kernel = kernel(offsets[:, state.VELOCITY], offsets[:, state.POSITION], scenario.cost)
-        terms = [(0,) * state.SIZE, *map(tuple, DENSITY_EXPONENTS.tolist())]
-        number = {term: k for k, term in enumerate(terms)}
-        pairs = [
-            (number[n], number[whole] - 1, number[r])
-            for n, r in product(terms, repeat=2)
-            if (whole := tuple(a + b for a, b in zip(n, r, strict=True))) in number and any(whole)
-        ]
-        self.weight = np.array([weight for _, weight, _ in pairs])
-        self.term = np.array([term for _, _, term in pairs])
-        self.starts = np.searchsorted([n for n, _, _ in pairs], np.arange(len(terms) + 1))
-        self.factorial = np.array([float(prod(map(factorial, term))) for term in terms])
+        terms = np.concatenate([np.zeros((1, state.SIZE), dtype=np.intp), DENSITY_EXPONENTS])
+        degree = terms.sum(axis=-1)
+        together = np.add.outer(degree, degree)  # of n + r: a term of m̂ if it is one of the 69
+        n, r = np.nonzero((together > 0) & (together <= DENSITY_DEGREE))
+        place = (terms * (DENSITY_DEGREE + 1) ** np.arange(state.SIZE)[::-1]).sum(axis=-1)  # ascending, as terms are
+        self.weight = np.searchsorted(place, place[n] + place[r]) - 1
+        self.term = r
+        self.starts = np.searchsorted(n, np.arange(len(terms) + 1))
+        self.factorial = np.array([float(prod(map(factorial, term))) for term in terms.tolist()])
         scaled = offsets / scales(scenario.learner)
-        monomials = (scaled[None, :, :] ** np.array(terms)[:, None, :]).prod(axis=-1)
+        monomials = (scaled[None, :, :] ** terms[:, None, :]).prod(axis=-1)
         self.monomials = np.ascontiguousarray(monomials / self.factorial[:, None])
 
     def density(self, weights: Floats, terms: Floats) -> Floats:
