@@ -11,6 +11,9 @@ ENV PYTHONUNBUFFERED=1 \
     OPENBLAS_NUM_THREADS=1 \
     HOME=/tmp \
     PATH=/venv/bin:$PATH
+# The slim images leave out the standard library's bytecode, and nothing may write it later: every start would compile.
+RUN python -m compileall -q -x '/(test|tests|idlelib|lib2to3|site-packages)/' \
+    "$(python -c 'import sysconfig; print(sysconfig.get_path("stdlib"))')"
 
 # ---- builders: dependencies first (their layers change with the pins only), then the code ----------------------------
 FROM base AS builder

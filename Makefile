@@ -129,7 +129,8 @@ if [ $$pip = own ]; then "$$python" -m venv --clear $(1); \
 else "$$python" -m venv --clear --without-pip $(1); "$$python" -m pip --python $(1)/bin/python install -qq pip; fi
 endef
 
-# $(call install,EXTRA): make the environment if there is none, then install this checkout into it.
+# $(call install,EXTRA): make the environment if there is none, then install this checkout into it. Its bytecode is made
+# here: where PYTHONDONTWRITEBYTECODE is set, every process of a swarm would compile it for itself, each time.
 define install
 @set -eu; \
 if ! { $(in_place); }; then \
@@ -138,6 +139,7 @@ if ! { $(in_place); }; then \
 	$(call make_venv,$(VENV)); \
 fi; \
 $(BIN)/python -m pip install -qq -c constraints.txt -e '.[$(1)]'; \
+$(BIN)/python -m compileall -q agent channel groundstation leader swarm worldsim; \
 pwd -P > $(VENV)/.home
 endef
 
