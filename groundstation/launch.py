@@ -8,6 +8,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -17,9 +18,11 @@ from swarm import logs
 from swarm.address import Address
 from swarm.errors import RunFailed
 from swarm.identity import STATION, Identity
+from swarm.process import CHILD
 from swarm.session import ZenohBus
 
 LAST_LINES = 8
+_FORKS = sys.platform == "linux"  # elsewhere system libraries may not survive it
 _TERM_GRACE_S = 5.0
 
 
@@ -57,6 +60,15 @@ def end_all(processes: Sequence["subprocess.Popen[bytes]"]) -> None:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
+
+
+def _sweep(group: int) -> None:
+    """Kills what is left of a process group whose leader was killed, and waits until it is gone."""
+    end = time.monotonic() + _TERM_GRACE_S
+    with suppress(ProcessLookupError):
+        while time.monotonic() < end:
+            os.killpg(group, signal.SIGKILL)
+            time.sleep(0.01)
 
 
 class Swarm:
@@ -112,10 +124,13 @@ class Swarm:
             self._start("leader", f"standby leader {number}" if number else "leader", ["--wait", str(wait_s)])
 
     def start_agents(self, uavs: int, rows: int, wait_s: float) -> None:
-        """As many agents as `uavs` need, `rows` UAVs in each."""
-        for number in range(-(-uavs // rows)):
+        """As many agents as `uavs` need, `rows` UAVs in each; where that is safe, forked from the first."""
+        processes = -(-uavs // rows)
+        together = processes if _FORKS else 1
+        for number in range(0, processes, together):
             who = ["--uav", str(number * rows)] if self._tls is not None else []
-            self._start("agent", f"agent process {number}", ["--rows", str(rows), "--wait", str(wait_s), *who])
+            name = f"agent process {number}" if together == 1 else "agents"
+            self._start("agent", name, ["--count", str(together), "--rows", str(rows), "--wait", str(wait_s), *who])
 
     def connect(self, timeout_s: float) -> ZenohBus:
         """This process as a listener of the swarm."""
@@ -149,6 +164,9 @@ class Swarm:
     def close(self) -> None:
         """Ends whatever still runs: first asked, then killed."""
         end_all([child.process for child in self._children])
+        for child in self._children:
+            if child.process.returncode < 0:  # killed: what it had forked may still be on its way out
+                _sweep(child.process.pid)
         self._pass_on()
         self._children = []
         for descriptor in (self._hold, self._child_stdin):
@@ -181,7 +199,7 @@ class Swarm:
                 stdin=self._child_stdin,
                 stdout=subprocess.DEVNULL,
                 stderr=output,
-                env={**os.environ, "MEANFLOCK_CHILD": "1"},
+                env={**os.environ, CHILD: "1"},
                 start_new_session=True,  # Ctrl-C in the terminal is this process's to handle
             )
         self._children.append(Child(name, process, log))

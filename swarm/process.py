@@ -15,6 +15,8 @@ from swarm.errors import EXIT_BAD_INPUT, EXIT_RUN_FAILED, MeanflockError
 from swarm.identity import Identity
 from swarm.session import DEFAULT_ENDPOINT
 
+CHILD = "MEANFLOCK_CHILD"  # a variable: "1" where whoever started this process holds its standard input open
+
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
@@ -69,7 +71,7 @@ class Interrupted:
 
 def orphaned() -> bool:
     """Whether this process was started by a launcher (it holds our standard input open) that is gone."""
-    if os.environ.get("MEANFLOCK_CHILD") != "1":
+    if os.environ.get(CHILD) != "1":
         return False
     readable, _, _ = select.select([0], [], [], 0)
     return bool(readable) and os.read(0, 1) == b""

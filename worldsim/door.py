@@ -122,7 +122,10 @@ class Door:
             raise MessageRejected("unknown-node", f"{name}, which was lost")
         message = codec.decode(raw, inbound.limit(len(member.uavs), self._scenario))
         if isinstance(message, Ready) and message.run == self._fingerprint:
-            self._welcome(member)
+            if self.closed:  # it was not there yet when all others were sent home
+                self._stop(name, "finished")
+            else:
+                self._welcome(member)
             return
         tick = self._flight.tick
         self._barrier.answer(name, inbound.check(message, self._fingerprint, tick, member, self._scenario, self._float))

@@ -135,6 +135,24 @@ def test_a_node_that_was_admitted_and_never_became_ready_frees_its_place_for_ano
     assert [event.tick for event in lab.told.events if event.kind == "rejoined"] == [32]
 
 
+def test_who_was_admitted_and_is_ready_only_after_the_flight_is_sent_home_all_the_same() -> None:
+    lab = Lab(scenario(), uavs_per_node=1)
+    late = lab.engine.network.endpoint()
+
+    def half() -> None:
+        raw = codec.encode(Join("agent", 1))
+        lab.world.handle(Delivery("question", keys.join(RUN, "agent"), raw, lambda answer: None))
+
+    lab.fly({10: lambda: lab.kill("agent-5"), 100: half})
+    late.subscribe(keys.sense(RUN, "agent-5.2"))  # only now: what the world said at the end it has not heard
+    late.put(keys.act(RUN, "agent-5.2"), codec.encode(Ready(NUMBER)))
+    heard = late.receive(0.0)
+    assert heard is not None
+    stop = codec.decode(heard.payload)
+    assert isinstance(stop, Stop)
+    assert (stop.run, stop.reason) == (NUMBER, "finished")
+
+
 def test_who_is_lost_before_take_off_is_missing_and_another_takes_the_place() -> None:
     from agent.node import Agent
     from leader.node import Leader

@@ -2,9 +2,11 @@
 
 import json
 import signal
+import sys
 from collections import Counter
 from pathlib import Path
 
+import psutil
 import pyarrow.parquet as pq
 import pytest
 
@@ -163,6 +165,46 @@ def test_a_run_whose_world_was_killed_is_whole_so_far_and_is_resumed_to_the_end_
     assert pq.read_table(command.folder / "timeseries.parquet")["tick"].to_pylist() == list(range(3001))
     assert verify(command.folder / "recording.rrd") is None
     assert processes_of(run) == []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="agents are forked on Linux only")
+def test_a_forked_agent_that_is_killed_ends_the_run_with_its_name(command: Command) -> None:
+    process = command.start("--no-record", *ENDLESS)
+    run = command.flying()
+    agents = [p for p in processes_of(run) if "agent" in p.cmdline()]
+    (first,) = (p for p in agents if p.children())
+    assert len(agents) == 5
+    assert sorted(agents, key=lambda p: p.pid)[1:] == sorted(first.children(), key=lambda p: p.pid)
+    first.children()[2].kill()
+    _, err = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 1
+    assert "agent process 2 was killed by SIGKILL" in err
+    assert processes_of(run) == []
+
+
+def test_agents_forked_by_hand_fly_and_leave_when_they_are_told_to(spawn: Spawn) -> None:
+    base = ("--endpoint", free_endpoint(), "--run", "three-of-one")
+    flags = ("--set", "uavs=6", "--set", "method=mfg", "--set", "stop=duration", "--set", "duration=100000")
+    world = spawn("worldsim", *base, *flags)
+    agents = spawn("agent", *base, "--count", "3", "--rows", "2")
+    spawn("leader", *base)
+    until(lambda: len(processes_of("three-of-one")) == 6, "world, leader, three agents and who waits for them")
+    frozen = psutil.Process(agents.pid).children()[1]
+    frozen.suspend()  # and is woken up to hear it
+    agents.terminate()
+    _, err = agents.communicate(timeout=DEADLINE_S)
+    assert (agents.returncode, err) == (0, "")
+    until(lambda: len(processes_of("three-of-one")) == 2, "all agents gone")
+    world.terminate()
+    world.communicate(timeout=DEADLINE_S)
+
+
+@pytest.mark.parametrize("flags", [("--count", "0"), ("--count", "2", "--tls", "certs")])
+def test_a_count_that_cannot_be_is_refused(flags: tuple[str, ...], spawn: Spawn) -> None:
+    agent = spawn("agent", *flags)
+    _, err = agent.communicate(timeout=DEADLINE_S)
+    assert agent.returncode == 2
+    assert err.startswith("error: --count")
 
 
 def test_when_the_launcher_itself_is_killed_everyone_leaves(command: Command) -> None:
