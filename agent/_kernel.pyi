@@ -13,3 +13,14 @@ def step(
     density_out: NDArray[Any],
     numbers_out: NDArray[Any],
 ) -> float: ...
+def answer(
+    tables: object,
+    raw: bytes,
+    sense: tuple[bytes, bytes],
+    act: tuple[bytes, bytes],
+    bound: float,
+    value: NDArray[Any],
+    density: NDArray[Any],
+    value_out: NDArray[Any],
+    density_out: NDArray[Any],
+) -> bytes | None: ...

@@ -309,11 +309,72 @@ done:
     return result;
 }
 
+/* Whether a buffer holds exactly this many contiguous doubles; the view is to be released if so. */
+static int holds(PyObject *array, Py_buffer *view, int flags, Py_ssize_t doubles) {
+    if (PyObject_GetBuffer(array, view, PyBUF_C_CONTIGUOUS | flags) < 0) {
+        PyErr_Clear();
+        return 0;
+    }
+    if (view->len == doubles * (Py_ssize_t)sizeof(double) && view->itemsize == sizeof(double)) return 1;
+    PyBuffer_Release(view);
+    return 0;
+}
+
+static PyObject *answer(PyObject *module, PyObject *args) {
+    enum { VALUE, DENSITY, VALUE_OUT, DENSITY_OUT, ARRAYS };
+    typedef struct { const char *text; Py_ssize_t size; } Text;
+    PyObject *capsule, *array[ARRAYS], *act = NULL;
+    Text raw, before, after, say_before, say_after; /* around the numbers of the Sense, and of the Act */
+    double bound;
+    if (!PyArg_ParseTuple(args, "Oy#(y#y#)(y#y#)dOOOO:answer", &capsule, &raw.text, &raw.size, &before.text,
+                          &before.size, &after.text, &after.size, &say_before.text, &say_before.size, &say_after.text,
+                          &say_after.size, &bound, &array[VALUE], &array[DENSITY], &array[VALUE_OUT],
+                          &array[DENSITY_OUT]))
+        return NULL;
+    const Tables *t = PyCapsule_GetPointer(capsule, NAME);
+    if (t == NULL) return NULL;
+    const Py_ssize_t in = SIZE * sizeof(double), out = NUMBERS * sizeof(double); /* bytes of a row */
+    const Py_ssize_t brought = raw.size - before.size - after.size, rows = brought / in;
+    if (!t->learns_density || brought <= 0 || brought % in || memcmp(raw.text, before.text, before.size)
+        || memcmp(raw.text + raw.size - after.size, after.text, after.size))
+        Py_RETURN_NONE;
+    Py_buffer view[ARRAYS];
+    int views = 0;
+    for (; views < ARRAYS; views++) {
+        Py_ssize_t doubles = rows * 2 * (views == VALUE || views == VALUE_OUT ? VALUES : DENSITIES);
+        if (!holds(array[views], &view[views], views >= VALUE_OUT ? PyBUF_WRITABLE : 0, doubles)) break;
+    }
+    int inside = views == ARRAYS;
+    if (inside) inside = (act = PyBytes_FromStringAndSize(NULL, say_before.size + rows * out + say_after.size)) != NULL;
+    char *end = inside ? PyBytes_AsString(act) : NULL;
+    if (inside) memcpy(end, say_before.text, say_before.size);
+    for (Py_ssize_t m = 0; m < rows && inside; m++) {
+        double s[SIZE], numbers[NUMBERS];
+        memcpy(s, raw.text + before.size + m * in, in);
+        for (int c = 0; c < SIZE; c++) inside = inside && isfinite(s[c]);
+        if (!inside) break;
+        row_step(t, s, NULL, 0, NULL, (double *)view[VALUE].buf + m * 2 * VALUES,
+                 (double *)view[DENSITY].buf + m * 2 * DENSITIES, (double *)view[VALUE_OUT].buf + m * 2 * VALUES,
+                 (double *)view[DENSITY_OUT].buf + m * 2 * DENSITIES, numbers);
+        for (int k = 0; k < NUMBERS; k++) inside = inside && fabs(numbers[k]) < bound; /* NaN is below nothing */
+        memcpy(end + say_before.size + m * out, numbers, out);
+    }
+    if (inside) memcpy(end + say_before.size + rows * out, say_after.text, say_after.size);
+    while (views--) PyBuffer_Release(&view[views]);
+    if (inside) return act;
+    Py_XDECREF(act);
+    if (PyErr_Occurred()) return NULL;
+    Py_RETURN_NONE;
+}
+
 static PyMethodDef methods[] = {
     {"tables", tables, METH_O, "Tables of a scenario, from a dict of arrays; checked once."},
     {"step", step, METH_VARARGS,
      "step(tables, states, value, density, known | None, value_out, density_out, numbers_out)\n\n"
      "All float64, rows first. Returns the largest of the numbers, or NaN."},
+    {"answer", answer, METH_VARARGS,
+     "answer(tables, raw, (before, after), (before, after), bound, value, density, value_out, density_out)\n\n"
+     "The bytes of an Act to a plain Sense; None where it is not one, or where a number is not below the bound."},
     {NULL, NULL, 0, NULL},
 };
 

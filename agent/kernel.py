@@ -13,6 +13,7 @@ from agent.hjb import HjbLearner
 from agent.interaction import Quadrature
 from agent.minds import Minds, Outcome
 from swarm.messages import OUTCOME_FLOATS
+from swarm.model import BEYOND_SENSE
 from swarm.scenario import Scenario
 
 try:
@@ -87,3 +88,15 @@ class Kernel:
         states = np.ascontiguousarray(states)
         largest = _kernel.step(self._tables, states, value, density, known, stepped, moved, numbers)
         return Outcome(Minds(stepped, moved), numbers, largest)
+
+    def answer(
+        self, raw: bytes, sense: tuple[bytes, bytes], act: tuple[bytes, bytes], minds: Minds, after: Minds
+    ) -> bytes | None:
+        """The Act to a plain Sense, the minds then being in `after`, whose arrays are overwritten.
+
+        None, and `after` is of no use: `raw` is not in the frame of such a Sense (`swarm.plain.Plain.frame`), not
+        finite, of other rows than the minds, or a number that came out is not below `BEYOND_SENSE`.
+        """
+        return _kernel.answer(
+            self._tables, raw, sense, act, BEYOND_SENSE, minds.value, minds.density, after.value, after.density
+        )

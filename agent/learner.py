@@ -26,9 +26,9 @@ class Learner:
         self._hjb = HjbLearner(scenario)
         self._fpk = FpkLearner(scenario)
         self._quadrature = interaction.Quadrature(scenario)
-        self._kernel: Kernel | None = None
+        self.kernel: Kernel | None = None
         if compiled and Kernel.serves(scenario):
-            self._kernel = Kernel(scenario, self._hjb, self._fpk, self._quadrature)
+            self.kernel = Kernel(scenario, self._hjb, self._fpk, self._quadrature)
 
     def init(self, rows: int, initial_states: Floats) -> Minds:
         """Minds at take-off; every UAV fits the same density to the initial states of all, `(N, 4)`."""
@@ -51,8 +51,8 @@ class Learner:
         learns_density = self._scenario.method.learns_density
         if not learns_density and known is None:
             raise ValueError("hjb needs the states its rows know")
-        if self._kernel is not None:
-            return self._kernel(minds, states, None if learns_density else known)
+        if self.kernel is not None:
+            return self.kernel(minds, states, None if learns_density else known)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             return self._step(minds, states, known)
 

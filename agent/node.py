@@ -8,6 +8,7 @@ from agent.feedback import Feedback
 from agent.learner import Learner
 from agent.minds import Minds, Outcome
 from agent.offline import Program
+from agent.reflex import Reflex
 from swarm import faults, model, payload, state
 from swarm.codec import FLOAT_OF_BITS, expect
 from swarm.errors import MessageRejected
@@ -57,6 +58,20 @@ class Agent:
             self._known = np.repeat(plan[None], len(self.uavs), axis=0)
             if welcome.known is not None:
                 self._known[...] = expect("known", welcome.known, self._known.shape, np.float64)
+        self._reflex: Reflex | None = None  # where some ticks come to nothing but to learn
+        sleeps = any(isinstance(fault, faults.Pause) for fault in self._scenario.faults)
+        if self._learner.kernel is not None and self._known is None and self._program is None and not sleeps:
+            self._reflex = Reflex(self._learner.kernel, welcome.run, len(self.uavs))
+
+    def reflex(self, raw: bytes, tick: int) -> bytes | None:
+        """Answers a plain Sense of that tick where nothing is to be done but to learn; otherwise None."""
+        if self._reflex is None or self._silenced or self._rounds.opens(tick):
+            return None
+        after = self._reflex(raw, tick, self._minds)
+        if after is None:
+            return None
+        self._minds, answer = after
+        return answer
 
     def act(self, sense: Sense) -> Act:
         """One tick.

@@ -42,10 +42,13 @@ LEARNER: list[Part] = [
     ("agent.fpk:FpkLearner.step", "FPK step"),
     ("agent.kernel:Kernel.__call__", "the compiled learners"),
     ("agent.learner:Learner.step", "learner, the rest"),
+    ("agent.kernel:Kernel.answer", "a plain tick, compiled"),
+    ("agent.node:Agent.reflex", "agent: reflex"),
     ("agent.node:Agent.act", "agent: inbox, outbox, checks"),
     ("swarm.spoke:Spoke.handle", "agent: protocol"),
 ]
 CODEC: list[Part] = [(f"swarm.codec:{name}", "codec") for name in ("encode", "decode", "encode_frames")]
+CODEC += [(f"swarm.plain:{name}", "codec, plain messages") for name in ("encode", "decode")]
 WORLD: list[Part] = [
     ("worldsim.node:World._tick", "world, the rest of the tick"),
     ("worldsim.node:World._ask", "address and fill inboxes"),

@@ -55,7 +55,7 @@ def _unpack(code: int, data: memoryview) -> np.ndarray:
         array: np.ndarray = np.ndarray(shape, dtype, data, start)
     except ValueError as error:  # an empty array whose other axes are beyond what NumPy can address
         raise MessageRejected("wrong-shape", f"array {shape} {dtype}: {error}") from error
-    if dtype.kind == "f" and not np.isfinite(array).all():
+    if dtype.kind == "f" and not finite(array):
         raise MessageRejected("non-finite", f"array {shape} {dtype}")
     return array
 
@@ -123,6 +123,11 @@ def decode_as(kind: type[M], raw: bytes, run: int, limit: int = MAX_BYTES) -> M:
     if got != run:
         raise MessageRejected("wrong-run", f"run {got}, this is {run}")
     return message
+
+
+def finite(array: np.ndarray) -> bool:
+    """Whether all of its floats are."""
+    return bool(np.logical_and.reduce(np.isfinite(array), axis=None))  # `.all()` takes twice the time of a few floats
 
 
 def expect(name: str, array: np.ndarray, shape: tuple[int | None, ...], dtype: Any) -> np.ndarray:

@@ -26,6 +26,9 @@ _MAX_DROP_LINES = 100  # in the log; the counter goes on
 class Node(Protocol):
     """Agent or leader."""
 
+    def reflex(self, raw: bytes, tick: int) -> bytes | None:
+        """The Act to a plain Sense of that tick (`swarm.plain`), or None where it takes more: then nothing changed."""
+
     def act(self, sense: Sense) -> Act:
         """Answers a Sense, or raises MessageRejected and has not changed."""
 
@@ -125,6 +128,12 @@ class Spoke:
                 time.sleep(min(_REFUSED_AGAIN_S, left))
 
     def _answer(self, raw: bytes) -> None:
+        assert self._node is not None
+        if (answer := self._node.reflex(raw, self._last_tick + 1)) is not None:
+            self._last_tick += 1
+            self._last_act = answer
+            self._bus.put(self._speak, answer)
+            return
         message = codec.decode(raw)
         if isinstance(message, Stop) and message.run == self._fingerprint:
             self.stopped = message.reason
@@ -136,7 +145,6 @@ class Spoke:
         if message.tick < self._last_tick:
             raise MessageRejected("stale", f"tick {message.tick} after {self._last_tick}")
         if message.tick > self._last_tick:
-            assert self._node is not None
             self._last_act = codec.encode(self._node.act(message))
             self._last_tick = message.tick
         # The same tick again: the world has not heard the answer. It gets the same one; nothing is learned twice.

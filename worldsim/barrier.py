@@ -1,6 +1,6 @@
 """The barrier of a tick: who was asked, what was asked, and who has answered."""
 
-from swarm import codec
+from swarm import plain
 from swarm.bus import Bus
 from swarm.errors import MessageRejected
 from swarm.keys import sense as sense_key
@@ -26,7 +26,7 @@ class Barrier:
     def ask(self, member: Member, sense: Sense) -> None:
         """Asks a node and expects its answer."""
         self.asked[member.name] = member
-        raw = self._questions[member.name] = codec.encode(sense)
+        raw = self._questions[member.name] = plain.encode(sense)
         self._bus.put(sense_key(self._run, member.name), raw)
 
     def ask_again(self) -> None:

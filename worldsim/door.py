@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from swarm import codec, keys, scenario
+from swarm import codec, keys, plain, scenario
 from swarm.bus import Bus, Delivery
 from swarm.errors import MessageRejected
 from swarm.messages import Join, Ready, Received, Refusal, Stop, Welcome
@@ -120,6 +120,10 @@ class Door:
         if member.lost:
             self._stop(name, "lost: nobody waits for this node any more")
             raise MessageRejected("unknown-node", f"{name}, which was lost")
+        tick = self._flight.tick
+        if (act := plain.decode(raw, self._fingerprint, tick, len(member.uavs))) is not None:
+            self._barrier.answer(name, act)
+            return
         message = codec.decode(raw, inbound.limit(len(member.uavs), self._scenario))
         if isinstance(message, Ready) and message.run == self._fingerprint:
             if self.closed:  # it was not there yet when all others were sent home
@@ -127,7 +131,6 @@ class Door:
             else:
                 self._welcome(member)
             return
-        tick = self._flight.tick
         self._barrier.answer(name, inbound.check(message, self._fingerprint, tick, member, self._scenario, self._float))
 
     def _welcome(self, member: Member) -> None:

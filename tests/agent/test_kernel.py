@@ -108,7 +108,7 @@ def test_an_exponent_other_than_one_is_left_to_numpy() -> None:
 def test_what_does_not_fit_is_refused_before_anything_is_written() -> None:
     learner = Learner(scenario(Method.MFG))
     minds = learner.init(2, initial_states(scenario(Method.MFG)))
-    tables = learner._kernel._tables  # type: ignore[union-attr]
+    tables = learner.kernel._tables  # type: ignore[union-attr]
     good = [np.zeros((2, 4)), minds.value, minds.density, None]
     out = [np.full((2, 2, 54), 7.0), np.full((2, 2, 69), 7.0), np.full((2, 5), 7.0)]
     for place, wrong in [

@@ -237,7 +237,7 @@ class Siege:
 def _whole(node: Any) -> dict[int, Any]:
     """What a copy of a node shares with it: the tables of a compiled kernel, which nobody can change or copy."""
     learner = getattr(node, "_learner", None)
-    kernel = getattr(learner, "_kernel", None)
+    kernel = getattr(learner, "kernel", None)
     return {} if kernel is None else {id(kernel): kernel}
 
 

@@ -1,0 +1,145 @@
+"""A plain tick by reflex is the tick the long way, to the last bit; and what is not plain is not answered by reflex."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agent import kernel
+from agent.node import Agent
+from swarm import codec, keys, scenario, state
+from swarm.codec import FLOAT_OF_BITS
+from swarm.messages import Act, FrameKind, Frames, Sense, Welcome
+from swarm.methods import Method
+from swarm.model import MODEL_FLOATS
+from swarm.scenario import Scenario, load
+from worldsim.formation import initial_states
+
+NUMBER = keys.fingerprint("reflex-test")
+DENSITIES = [method for method in Method if method.learns_density]
+
+pytestmark = pytest.mark.skipif(not kernel.is_compiled(), reason="installed without a C compiler")
+
+
+def flown(method: Method = Method.MFGFL_HF, *settings: str) -> Scenario:
+    return load(None, ["uavs=8", "federation.period=5", *settings], method=str(method))
+
+
+def agent(of: Scenario, rows: int = 3) -> Agent:
+    plan = initial_states(of).astype(FLOAT_OF_BITS[of.radio.bits_per_float])
+    return Agent(Welcome(NUMBER, "agent-0", tuple(range(rows)), 0, scenario.encode(of), plan))
+
+
+def states_at(tick: int, rows: int = 3) -> state.States:
+    return np.random.default_rng(tick).uniform([0, 0, -5, -5], [160, 110, 5, 5], (rows, state.SIZE))
+
+
+def sense(tick: int, rows: int = 3, **more: object) -> Sense:
+    return Sense(NUMBER, tick, states_at(tick, rows), **({"report": False} | more))  # type: ignore[arg-type]
+
+
+def minds(of: Agent, tick: int) -> bytes:
+    report = of.act(sense(tick, len(of.uavs), report=True)).report
+    assert report is not None
+    return report.tobytes()
+
+
+@pytest.mark.parametrize("method", DENSITIES)
+@pytest.mark.parametrize("rows", [1, 3, 8])
+def test_a_flight_by_reflex_is_the_flight_the_long_way(method: Method, rows: int) -> None:
+    quick, slow, reflexes = agent(flown(method), rows), agent(flown(method), rows), 0
+    for tick in range(300):
+        asked = sense(tick, rows, report=tick % 10 == 0)
+        expected = codec.encode(slow.act(asked))
+        answer = quick.reflex(codec.encode(asked), tick)
+        reflexes += answer is not None
+        assert (answer or codec.encode(quick.act(asked))) == expected
+    assert minds(quick, 300) == minds(slow, 300)
+    rounds = 30 if method.is_federated else 0  # of the ticks without a report, those with an upload
+    assert reflexes == 270 - rounds
+
+
+@pytest.mark.parametrize("method", [Method.HJB, Method.OFFLINE])
+def test_methods_that_do_more_than_learn_have_no_reflex(method: Method) -> None:
+    assert agent(flown(method)).reflex(codec.encode(sense(1)), 1) is None
+
+
+def test_a_reflex_needs_the_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kernel, "_kernel", None)
+    assert agent(flown()).reflex(codec.encode(sense(1)), 1) is None
+
+
+def test_where_states_are_shared_or_uavs_are_paused_no_tick_is_plain() -> None:
+    sharing = flown(Method.MFGFL_HF, "federation.state_period=7")
+    pause = {"kind": "pause", "uavs": [0], "time_s": 3.0, "duration_s": 1.0}
+    for of in (sharing, load(None, ["uavs=8"], faults=[pause])):
+        assert agent(of).reflex(codec.encode(sense(1)), 1) is None
+
+
+GLOBAL = Frames(
+    FrameKind.GLOBAL,
+    1,
+    np.zeros(1, np.int32),
+    np.ones((1, MODEL_FLOATS), np.float32),
+    np.array([[0, 0]], np.int32),
+)
+NOT_PLAIN = {
+    "another run": Sense(NUMBER + 1, 2, states_at(2), False),
+    "another tick": sense(3),
+    "a report is wanted": sense(2, report=True),
+    "a checkpoint is wanted": sense(2, checkpoint=True),
+    "a global model has come": sense(2, inbox=(GLOBAL,)),
+    "other rows": sense(2, 2),
+    "no rows": Sense(NUMBER, 2, np.zeros((0, 4)), False),
+    "floats of half the width": Sense(NUMBER, 2, states_at(2, 6).astype(np.float32), False),
+    "not a number": Sense(NUMBER, 2, np.full((3, 4), np.nan), False),
+    "infinity": Sense(NUMBER, 2, np.full((3, 4), -np.inf), False),
+    "a state beyond all bounds": Sense(NUMBER, 2, np.full((3, 4), 1e200), False),
+    "an act": Act(NUMBER, 2, np.zeros((3, 5))),
+}
+
+
+@pytest.mark.parametrize("what", NOT_PLAIN)
+def test_what_is_not_plain_is_left_to_the_long_way_and_changes_nothing(what: str) -> None:
+    node, untouched = agent(flown()), agent(flown())
+    for each in (node, untouched):
+        assert each.reflex(codec.encode(sense(1)), 1) is not None
+    assert node.reflex(codec.encode(NOT_PLAIN[what]), 2) is None
+    assert minds(node, 2) == minds(untouched, 2)
+
+
+@settings(max_examples=150, deadline=None, database=None)
+@given(st.binary(max_size=200) | st.tuples(st.integers(0, 62), st.integers(1, 255)))
+def test_a_reflex_withstands_any_bytes(hostile: bytes | tuple[int, int]) -> None:
+    if isinstance(hostile, tuple):
+        good = bytearray(codec.encode(sense(1, 1)))
+        good[hostile[0] % len(good)] ^= hostile[1]
+        hostile = bytes(good)
+    node = agent(flown(), 1)
+    answer = node.reflex(hostile, 1)
+    if answer is not None:  # then the codec reads the same
+        understood = codec.decode(hostile)
+        assert isinstance(understood, Sense)
+        assert codec.encode(agent(flown(), 1).act(understood)) == answer
+
+
+def test_once_a_row_is_silenced_there_is_no_reflex_any_more() -> None:
+    node, tick = agent(flown(Method.MFG)), 0
+    wild = states_at(0)
+    wild[1] = [1e8, 1e8, 1e8, 1e8]
+    while not node.act(Sense(NUMBER, tick, wild, False)).diverged:
+        tick += 1
+        assert tick < 50, "it never diverged"
+    assert node.reflex(codec.encode(sense(tick + 1)), tick + 1) is None
+
+
+def test_minds_that_are_strided_take_the_long_way_once() -> None:
+    """A global model leaves the rows of a node as views into one array; the kernel wants them whole."""
+    node = agent(flown())
+    node.act(sense(1, inbox=(GLOBAL,)))
+    slow = agent(flown())
+    slow.act(sense(1, inbox=(GLOBAL,)))
+    for tick in (2, 3, 4):
+        raw = codec.encode(sense(tick))
+        answer = node.reflex(raw, tick) or codec.encode(node.act(sense(tick)))
+        assert answer == codec.encode(slow.act(sense(tick)))
