@@ -2,6 +2,7 @@
 
 import re
 import zlib
+from functools import lru_cache
 
 from swarm.errors import BadInput
 
@@ -35,6 +36,7 @@ def join(run: str, name: str = "*") -> str:
     return f"{ROOT}/{run}/node/{name}/join"
 
 
+@lru_cache(maxsize=4096)  # asked for in every tick
 def sense(run: str, node: str) -> str:
     """World → node."""
     return f"{ROOT}/{run}/node/{node}/sense"
@@ -60,6 +62,7 @@ def alive(run: str, role: str, node: str) -> str:
     return f"{ROOT}/{run}/alive/{role}/{node}"
 
 
+@lru_cache(maxsize=4096)  # asked for in every tick
 def node_of(key: str) -> str:
     """The node a key of `join`, `act`, `sense` or `alive` belongs to."""
     parts = key.split("/")

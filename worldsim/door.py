@@ -49,26 +49,26 @@ class Door:
         self.minds: Resumption | None = None  # whose minds are handed out until then
         self.on_leader_lost: Callable[[], None] = lambda: None  # one that was asked in this tick
         self._scenario, self._bus, self._run = flown, bus, run
-        self._fingerprint = keys.fingerprint(run)
+        self._fingerprint, self._received = keys.fingerprint(run), keys.received(run)
         self._float = codec.FLOAT_OF_BITS[flown.radio.bits_per_float]
         self._plan = flight.states.astype(self._float)
         self._flight, self._barrier, self._outbox, self._ledger = flight, barrier, outbox, ledger
         self._note, self._clock = note, clock
         bus.subscribe(keys.act(run, "*"))
-        bus.subscribe(keys.received(run))
+        bus.subscribe(self._received)
         bus.watch(keys.alive(run, "*", "*"))
         bus.answer(keys.join(run))
 
     def handle(self, delivery: Delivery) -> None:
         """One delivery, whatever it is. Never raises for what the network sent."""
         try:
-            if delivery.kind == "question":
-                self._answer(delivery)
-            elif delivery.kind == "message" and delivery.key == keys.received(self._run):
+            if delivery.kind == "message" and delivery.key == self._received:
                 received = codec.decode_as(Received, delivery.payload, self._fingerprint, limit=64)
                 self._outbox.acknowledge(received.block)
             elif delivery.kind == "message":
                 self._hear(keys.node_of(delivery.key), delivery.payload)
+            elif delivery.kind == "question":
+                self._answer(delivery)
             else:
                 self._presence(delivery)
         except MessageRejected as error:

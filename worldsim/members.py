@@ -33,6 +33,11 @@ class Member:
     ready: bool = False
     lost: bool = False
 
+    def __post_init__(self) -> None:
+        # Where its UAVs are among all: a slice, where it is one, costs a fraction of so many indices.
+        first, end = (int(self.uavs[0]), int(self.uavs[-1]) + 1) if len(self.uavs) else (0, 0)
+        self.place: slice | NDArray[np.intp] = slice(first, end) if end - first == len(self.uavs) else self.uavs
+
 
 class Members:
     """The nodes of a run of N UAVs, by name. UAVs without an agent are free: from the start, or since it was lost."""

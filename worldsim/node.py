@@ -195,6 +195,9 @@ class World:
 
     def _play(self, tick: int) -> None:
         """The fault script, as far as it takes somebody out of the mission or puts them to sleep."""
+        if not self._scenario.faults:
+            self._awake = self.flight.status != Status.LOST
+            return
         for event in self._script.events(tick):
             self._rows.note(event)
         killed = self._script.killed(tick)
@@ -219,7 +222,7 @@ class World:
         for member in self._members.present:
             if member.role != LEADER and member.ready and (all_awake or self._awake[member.uavs].any()):
                 heard = tuple(inbox.of_agent(member, due, self._awake)) if due else ()
-                states = self.flight.states[member.uavs]
+                states = self.flight.states[member.place]
                 self._barrier.ask(member, Sense(self._fingerprint, tick, states, reporting, heard, whole))
         self._ask_leader()
 
