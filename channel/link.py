@@ -39,7 +39,8 @@ def squared_threshold(radio: Radio, distance_m: Floats) -> Floats:
     power_w = 10.0 ** (radio.tx_power_dbm / 10.0) * 1e-3
     noise_w = radio.bandwidth_hz * 10.0 ** (radio.noise_psd_dbm_hz / 10.0) * 1e-3
     target = 10.0 ** (radio.target_snr_db / 10.0)
-    gain = target * noise_w / power_w * np.power(distance_m, radio.path_loss_exponent)
+    loss = np.power(distance_m, radio.path_loss_exponent) if radio.path_loss_exponent else np.ones_like(distance_m)
+    gain = target * noise_w / power_w * loss
     return gain if radio.fading == "power" else gain * gain
 
 
@@ -56,11 +57,13 @@ def transmit(radio: Radio, draw: np.random.Generator, distance_m: Floats, bits: 
     threshold = squared_threshold(radio, distance_m)
     slots = np.zeros(len(distance_m), dtype=np.int64)
     missing = np.full(len(distance_m), needed)
-    busy = np.arange(len(distance_m))
+    busy: slice | NDArray[np.intp] = slice(None)  # all, without a copy: most messages are through in the first slot
+    left = len(distance_m)
     for _ in range(radio.latency_threshold_slots):
-        if not len(busy):
+        if not left:
             break
         slots[busy] += 1
-        missing[busy] -= squared_amplitude(draw, len(busy), radio.rice_xi, radio.rice_chi) >= threshold[busy]
-        busy = busy[missing[busy] > 0]
+        missing[busy] -= squared_amplitude(draw, left, radio.rice_xi, radio.rice_chi) >= threshold[busy]
+        busy = np.flatnonzero(missing > 0)
+        left = len(busy)
     return Transmission(slots, missing <= 0)

@@ -1,6 +1,7 @@
 """What the radio cost: bits, link copies, deliveries, outages, airtime, by kind of traffic and by link."""
 
 from dataclasses import asdict, dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -71,9 +72,10 @@ class Meter:
         np.maximum.at(longest, links[:, 0], sent.slots)
         bill.airtime_s += float(longest.sum()) * self.radio.coherence_time_s
         self._expect(bill, payload_bits, distance_m)
-        pair = sources[links[:, 0]], links[:, 1]
-        self._link_sent[pair] += 1
-        self._link_outages[pair] += ~sent.delivered
+        pair = sources[links[:, 0]] * self.uavs + links[:, 1]
+        self._link_sent.reshape(-1)[pair] += 1
+        failed = pair[~sent.delivered]
+        self._link_outages.reshape(-1)[failed] += 1
 
     def initial(self, payload_bits: int) -> None:
         """The mission plan: one state broadcast a UAV before take-off, never in outage."""
@@ -115,13 +117,22 @@ class Meter:
 
     def _expect(self, bill: Traffic, payload_bits: int, distance_m: NDArray[np.float64]) -> None:
         if self.radio.path_loss_exponent == 0.0:  # every link is alike
-            if not len(distance_m):
-                return
-            distance_m, copies = distance_m[:1], len(distance_m)
+            outages, slots = (len(distance_m) * of_one for of_one in _expected_anywhere(self.radio, payload_bits))
         else:
-            copies = 1
-        success = theory.slot_success(self.radio, distance_m)
-        bill.expected_outages += copies * float(theory.outage(self.radio, success, payload_bits).sum())
-        bill.expected_delivered_slots += copies * float(
-            theory.delivered_latency(self.radio, success, payload_bits).sum()
-        )
+            outages, slots = _expected(self.radio, payload_bits, distance_m)
+        bill.expected_outages += outages
+        bill.expected_delivered_slots += slots
+
+
+def _expected(radio: Radio, payload_bits: int, distance_m: NDArray[np.float64]) -> tuple[float, float]:
+    """Outages and delivered slots to expect of a message over each of these links, summed."""
+    success = theory.slot_success(radio, distance_m)
+    return (
+        float(theory.outage(radio, success, payload_bits).sum()),
+        float(theory.delivered_latency(radio, success, payload_bits).sum()),
+    )
+
+
+@lru_cache(maxsize=64)  # by radio and length; a run knows a few
+def _expected_anywhere(radio: Radio, payload_bits: int) -> tuple[float, float]:
+    return _expected(radio, payload_bits, np.ones(1))
