@@ -16,8 +16,8 @@ def step(
 def answer(
     tables: object,
     raw: bytes,
-    sense: tuple[bytes, bytes],
-    act: tuple[bytes, bytes],
+    sense: tuple[bytes, ...],
+    act: tuple[bytes, ...],
     bound: float,
     value: NDArray[Any],
     density: NDArray[Any],

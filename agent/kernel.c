@@ -320,20 +320,27 @@ static int holds(PyObject *array, Py_buffer *view, int flags, Py_ssize_t doubles
     return 0;
 }
 
+typedef struct { const char *text; Py_ssize_t size; } Text;
+
+static char *put(char *end, const void *what, Py_ssize_t size) {
+    memcpy(end, what, size);
+    return end + size;
+}
+
 static PyObject *answer(PyObject *module, PyObject *args) {
     enum { VALUE, DENSITY, VALUE_OUT, DENSITY_OUT, ARRAYS };
-    typedef struct { const char *text; Py_ssize_t size; } Text;
-    PyObject *capsule, *array[ARRAYS], *act = NULL;
-    Text raw, before, after, say_before, say_after; /* around the numbers of the Sense, and of the Act */
+    PyObject *capsule, *frame, *array[ARRAYS], *act = NULL;
+    Text raw, before, after, say[3] = {{NULL, 0}}; /* around the states; around the outcome and, if any, the report */
     double bound;
-    if (!PyArg_ParseTuple(args, "Oy#(y#y#)(y#y#)dOOOO:answer", &capsule, &raw.text, &raw.size, &before.text,
-                          &before.size, &after.text, &after.size, &say_before.text, &say_before.size, &say_after.text,
-                          &say_after.size, &bound, &array[VALUE], &array[DENSITY], &array[VALUE_OUT],
-                          &array[DENSITY_OUT]))
+    if (!PyArg_ParseTuple(args, "Oy#(y#y#)O!dOOOO:answer", &capsule, &raw.text, &raw.size, &before.text, &before.size,
+                          &after.text, &after.size, &PyTuple_Type, &frame, &bound, &array[VALUE], &array[DENSITY],
+                          &array[VALUE_OUT], &array[DENSITY_OUT])
+        || !PyArg_ParseTuple(frame, "y#y#|y#:act", &say[0].text, &say[0].size, &say[1].text, &say[1].size, &say[2].text,
+                             &say[2].size))
         return NULL;
     const Tables *t = PyCapsule_GetPointer(capsule, NAME);
     if (t == NULL) return NULL;
-    const Py_ssize_t in = SIZE * sizeof(double), out = NUMBERS * sizeof(double); /* bytes of a row */
+    const Py_ssize_t d = sizeof(double), in = SIZE * d, out = NUMBERS * d, v = 2 * VALUES, f = 2 * DENSITIES;
     const Py_ssize_t brought = raw.size - before.size - after.size, rows = brought / in;
     if (!t->learns_density || brought <= 0 || brought % in || memcmp(raw.text, before.text, before.size)
         || memcmp(raw.text + raw.size - after.size, after.text, after.size))
@@ -341,25 +348,34 @@ static PyObject *answer(PyObject *module, PyObject *args) {
     Py_buffer view[ARRAYS];
     int views = 0;
     for (; views < ARRAYS; views++) {
-        Py_ssize_t doubles = rows * 2 * (views == VALUE || views == VALUE_OUT ? VALUES : DENSITIES);
+        Py_ssize_t doubles = rows * (views == VALUE || views == VALUE_OUT ? v : f);
         if (!holds(array[views], &view[views], views >= VALUE_OUT ? PyBUF_WRITABLE : 0, doubles)) break;
     }
     int inside = views == ARRAYS;
-    if (inside) inside = (act = PyBytes_FromStringAndSize(NULL, say_before.size + rows * out + say_after.size)) != NULL;
-    char *end = inside ? PyBytes_AsString(act) : NULL;
-    if (inside) memcpy(end, say_before.text, say_before.size);
+    if (inside) {
+        Py_ssize_t size = say[0].size + rows * out + say[1].size;
+        if (say[2].text != NULL) size += rows * (v + f) * d + say[2].size;
+        inside = (act = PyBytes_FromStringAndSize(NULL, size)) != NULL;
+    }
+    char *end = inside ? put(PyBytes_AsString(act), say[0].text, say[0].size) : NULL;
     for (Py_ssize_t m = 0; m < rows && inside; m++) {
         double s[SIZE], numbers[NUMBERS];
         memcpy(s, raw.text + before.size + m * in, in);
         for (int c = 0; c < SIZE; c++) inside = inside && isfinite(s[c]);
         if (!inside) break;
-        row_step(t, s, NULL, 0, NULL, (double *)view[VALUE].buf + m * 2 * VALUES,
-                 (double *)view[DENSITY].buf + m * 2 * DENSITIES, (double *)view[VALUE_OUT].buf + m * 2 * VALUES,
-                 (double *)view[DENSITY_OUT].buf + m * 2 * DENSITIES, numbers);
+        row_step(t, s, NULL, 0, NULL, (double *)view[VALUE].buf + m * v, (double *)view[DENSITY].buf + m * f,
+                 (double *)view[VALUE_OUT].buf + m * v, (double *)view[DENSITY_OUT].buf + m * f, numbers);
         for (int k = 0; k < NUMBERS; k++) inside = inside && fabs(numbers[k]) < bound; /* NaN is below nothing */
-        memcpy(end + say_before.size + m * out, numbers, out);
+        end = put(end, numbers, out);
     }
-    if (inside) memcpy(end + say_before.size + rows * out, say_after.text, say_after.size);
+    if (inside) end = put(end, say[1].text, say[1].size);
+    if (inside && say[2].text != NULL) {
+        for (Py_ssize_t m = 0; m < rows; m++) { /* agent.minds.Minds.models */
+            end = put(end, (double *)view[VALUE_OUT].buf + m * v, v * d);
+            end = put(end, (double *)view[DENSITY_OUT].buf + m * f, f * d);
+        }
+        put(end, say[2].text, say[2].size);
+    }
     while (views--) PyBuffer_Release(&view[views]);
     if (inside) return act;
     Py_XDECREF(act);
@@ -373,8 +389,9 @@ static PyMethodDef methods[] = {
      "step(tables, states, value, density, known | None, value_out, density_out, numbers_out)\n\n"
      "All float64, rows first. Returns the largest of the numbers, or NaN."},
     {"answer", answer, METH_VARARGS,
-     "answer(tables, raw, (before, after), (before, after), bound, value, density, value_out, density_out)\n\n"
-     "The bytes of an Act to a plain Sense; None where it is not one, or where a number is not below the bound."},
+     "answer(tables, raw, (before, after), (before, after[, end]), bound, value, density, value_out, density_out)\n\n"
+     "The bytes of an Act to a plain Sense, with a report of the models where there is an end; None where it is not a\n"
+     "plain Sense, or where a number is not below the bound."},
     {NULL, NULL, 0, NULL},
 };
 

@@ -90,9 +90,10 @@ class Kernel:
         return Outcome(Minds(stepped, moved), numbers, largest)
 
     def answer(
-        self, raw: bytes, sense: tuple[bytes, bytes], act: tuple[bytes, bytes], minds: Minds, after: Minds
+        self, raw: bytes, sense: tuple[bytes, ...], act: tuple[bytes, ...], minds: Minds, after: Minds
     ) -> bytes | None:
-        """The Act to a plain Sense, the minds then being in `after`, whose arrays are overwritten.
+        """The Act to a plain Sense, the minds then being in `after`, whose arrays are overwritten; and reported, where
+        the frame of the Act has a place for that.
 
         None, and `after` is of no use: `raw` is not in the frame of such a Sense (`swarm.plain.Plain.frame`), not
         finite, of other rows than the minds, or a number that came out is not below `BEYOND_SENSE`.

@@ -17,7 +17,7 @@ class Reflex:
 
     def __init__(self, kernel: Kernel, run: int, rows: int) -> None:
         self._kernel = kernel
-        self._senses, self._acts = plain.senses(run, rows), plain.acts(run, rows)
+        self._kinds = [(plain.senses(run, rows, report), plain.acts(run, rows, report)) for report in (False, True)]
         self._spare: Minds | None = None  # whose place the next minds take
 
     def __call__(self, raw: bytes, tick: int, minds: Minds) -> tuple[Minds, bytes] | None:
@@ -28,8 +28,9 @@ class Reflex:
         spare = self._spare
         if spare is None:
             spare = self._spare = Minds(np.empty_like(minds.value), np.empty_like(minds.density))
-        answer = self._kernel.answer(raw, self._senses.frame(tick), self._acts.frame(tick), minds, spare)
-        if answer is None:
-            return None
-        self._spare = minds
-        return spare, answer
+        for senses, acts in self._kinds:
+            answer = self._kernel.answer(raw, senses.frame(tick), acts.frame(tick), minds, spare)
+            if answer is not None:
+                self._spare = minds
+                return spare, answer
+        return None

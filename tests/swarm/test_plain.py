@@ -21,9 +21,9 @@ finite = st.floats(width=64, allow_nan=False, allow_infinity=False)
 
 
 @QUICK
-@given(runs, ticks, rows.flatmap(lambda m: arrays(np.float64, (m, 4), elements=floats)))
-def test_a_plain_sense_is_written_as_the_codec_does(run: int, tick: int, states: np.ndarray) -> None:
-    sense = Sense(run, tick, states, False)
+@given(runs, ticks, rows.flatmap(lambda m: arrays(np.float64, (m, 4), elements=floats)), st.booleans())
+def test_a_plain_sense_is_written_as_the_codec_does(run: int, tick: int, states: np.ndarray, report: bool) -> None:
+    sense = Sense(run, tick, states, report)
     assert plain.encode(sense) == codec.encode(sense)
 
 
@@ -33,7 +33,6 @@ FRAMES = Frames(FrameKind.STATE, 0, np.zeros(1, np.int32), np.zeros((1, 4), np.f
 @pytest.mark.parametrize(
     "sense",
     [
-        Sense(RUN, 7, np.ones((2, 4)), True),
         Sense(RUN, 7, np.ones((2, 4)), False, (FRAMES,)),
         Sense(RUN, 7, np.ones((2, 4)), False, (), True),
         Sense(RUN, 7, np.ones((0, 4)), False),
@@ -44,11 +43,16 @@ def test_a_sense_that_is_not_plain_is_written_as_well(sense: Sense) -> None:
 
 
 @QUICK
-@given(runs, ticks, rows.flatmap(lambda m: arrays(np.float64, (m, 5), elements=floats)))
-def test_a_plain_act_is_read_as_the_codec_does(run: int, tick: int, outcome: np.ndarray) -> None:
-    raw = codec.encode(Act(run, tick, outcome))
+@given(runs, ticks, rows.flatmap(lambda m: arrays(np.float64, (m, 5), elements=floats)), st.booleans(), floats)
+def test_a_plain_act_is_read_as_the_codec_does(
+    run: int, tick: int, outcome: np.ndarray, reports: bool, weight: float
+) -> None:
+    report = np.full((len(outcome), 246), 0.5) if reports else None
+    if report is not None:
+        report[-1, -1] = weight
+    raw = codec.encode(Act(run, tick, outcome, report=report))
     read = plain.decode(raw, run, tick, len(outcome))
-    if not np.isfinite(outcome).all():
+    if not (np.isfinite(outcome).all() and (report is None or np.isfinite(report).all())):
         assert read is None
         with pytest.raises(MessageRejected, match="array"):
             codec.decode(raw)
@@ -58,6 +62,7 @@ def test_a_plain_act_is_read_as_the_codec_does(run: int, tick: int, outcome: np.
     assert read.outcome.shape == outcome.shape
     assert read.outcome.tobytes() == outcome.tobytes()
     assert not read.outcome.flags.writeable
+    assert (read.report is None) == (report is None)
 
 
 OTHERS: dict[str, Message] = {
@@ -69,7 +74,8 @@ OTHERS: dict[str, Message] = {
     "floats of half the width": Act(RUN, 300, np.ones((4, 5), dtype=np.float32)),
     "one who has diverged": Act(RUN, 300, np.ones((2, 5)), (1,)),
     "an outbox": Act(RUN, 300, np.ones((2, 5)), outbox=(FRAMES,)),
-    "a report": Act(RUN, 300, np.ones((2, 5)), report=np.ones((2, 246))),
+    "a report of other models": Act(RUN, 300, np.ones((2, 5)), report=np.ones((2, 245))),
+    "residuals": Act(RUN, 300, np.ones((2, 5)), report=np.ones((2, 246)), residuals=np.ones((2, 246))),
     "a sense": Sense(RUN, 300, np.ones((2, 5)), False),
 }
 
