@@ -18,7 +18,7 @@ from typing import Any
 from agent.node import Agent
 from benchmarks.figure import Effort, Figure, Outcome, Say
 from swarm import keys
-from swarm.messages import Act, Join, Sense
+from swarm.messages import Join
 from swarm.process import orphaned
 from swarm.session import ZenohBus
 from swarm.spoke import Spoke
@@ -232,12 +232,12 @@ class _Weighed(Agent):
     stopwatch: Stopwatch
     first, last, report = 20, 0, Path()
 
-    def act(self, sense: Sense) -> Act:
-        """As any agent; at the last tick it writes what it found."""
-        if sense.tick == self.first:
+    def reflex(self, raw: bytes, tick: int) -> bytes | None:
+        """As any agent, which is asked for its reflex in every tick; at the last it writes what it found."""
+        if tick == self.first:
             self.stopwatch.clear()
             self._before = _used()
-        if sense.tick == self.last:
+        if tick == self.last:
             ticks = self.last - self.first
             cpu, main, switches = (now - then for now, then in zip(_used(), self._before, strict=True))
             parts = self.stopwatch.parts(ticks, main / 1e3 / ticks)
@@ -248,7 +248,7 @@ class _Weighed(Agent):
             absent = self.stopwatch.absent
             found = {"cpu_us": total, "switches": switches / ticks, "parts": rows, "absent": absent}
             self.report.write_text(json.dumps(found), encoding="utf-8")
-        return super().act(sense)
+        return super().reflex(raw, tick)
 
 
 def _used() -> tuple[int, int, int]:
