@@ -44,8 +44,8 @@ def run(effort: Effort, say: Say) -> Outcome:
         try:
             world = World(flown, bus, swarm.run)
             swarm.start("leader")
+            swarm.start("agent", "--count", str(UAVS))
             for name in names:
-                swarm.start("agent")
                 floor.start("benchmarks.lockstep_floor", "--node", name)
             floor.start("benchmarks.lockstep_floor", "--node", "leader")
             world.gather(60.0)

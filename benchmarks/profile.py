@@ -201,8 +201,7 @@ def _networked(effort: Effort) -> dict[str, Any]:
             children.start("groundstation", "--out", str(out), "--rerun", "")
             children.start("leader")
             children.start("benchmarks.profile", "--report", str(report), "--ticks", str(ticks))
-            for _ in range(UAVS - 1):
-                children.start("agent")
+            children.start("agent", "--count", str(UAVS - 1))
             world.gather(60.0)
             flight = world.fly()
             for _ in range(20):

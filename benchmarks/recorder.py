@@ -1,24 +1,28 @@
-"""What recording costs a tick, and a disk."""
+"""What recording costs a tick, and a disk: in one process, and in a swarm of processes."""
 
 import tempfile
 import time
 from contextlib import ExitStack
 from pathlib import Path
 
-from benchmarks.figure import Effort, Figure, Outcome, Say
+from benchmarks.figure import Effort, Figure, Outcome, Say, per_call_ms
+from benchmarks.processes import Children
 from groundstation.engine import Engine
 from groundstation.recording import Recorder
 from groundstation.results import RECORDING, TIMESERIES, RunFolder
-from swarm import scenario
+from swarm import keys, scenario
+from swarm.session import ZenohBus
+from worldsim.node import World
 
 TITLE = "The recorder"
 ABOUT = (
     "The in-process swarm of 25 UAVs (mfgfl-hf) flown in turns without any recording, with the run folder alone (time "
-    "series and events), and with `recording.rrd` too. In the swarm of processes all this happens in the ground "
-    "station's process, beside the flight. The share is of the CPU time of the thread that flies, which a busy machine "
-    "hardly lengthens."
+    "series and events), and with `recording.rrd` too: there the share is of the CPU time of the thread that flies, "
+    "which a busy machine hardly lengthens. In the swarm of processes all this is done by the ground station, "
+    "beside the flight: there it is of the wall time of a tick, in turns with a recorder and with nobody who listens."
 )
 UAVS = 25
+NETWORKED_TICKS = 200  # at a time
 CHUNK = 500  # the recorder sends its rows in batches of as many ticks
 SHARE_TARGET = 10.0
 
@@ -61,12 +65,14 @@ def run(effort: Effort, say: Say) -> Outcome:
     share = [
         100 * (full - none) / full for full, none in zip(thread["recorded"], thread["without"], strict=True)
     ]  # of the recorded tick
+    beside = _networked(effort, say)
     return Outcome(
         [
+            Figure("recorder's share of a tick, 25 processes", "%", beside, target=SHARE_TARGET),
             Figure("tick recorded", "ms/tick", wall["recorded"], floor=floor),
             Figure("tick with the run folder only", "ms/tick", wall["folder"], floor=floor),
             floor,
-            Figure("recorder's share of a tick", "%", share, target=SHARE_TARGET),
+            Figure("recorder's share of a tick, in one process", "%", share, target=SHARE_TARGET),
             Figure(
                 "CPU of recording, all threads",
                 "ms/tick",
@@ -77,3 +83,37 @@ def run(effort: Effort, say: Say) -> Outcome:
             Figure("closing the recording", "s", [closing_s]),
         ]
     )
+
+
+def _networked(effort: Effort, say: Say) -> list[float]:
+    """Two swarms of processes alive side by side and flown in turns, one with a ground station that records."""
+    flown = scenario.load(None, uavs=UAVS, stop="duration", duration=1e6)
+    share = []
+    with Children("watched") as watched, Children("alone") as alone:
+        say("starting 2 × 26 processes")
+        buses = ZenohBus.router(watched.endpoint), ZenohBus.router(alone.endpoint)
+        try:
+            buses[0].announce(keys.alive(watched.run, "world", "world"))
+            worlds = World(flown, buses[0], watched.run, stations=1), World(flown, buses[1], alone.run)
+            watched.start("groundstation", "--out", str(watched.folder / "runs"), "--rerun", "")
+            for children, world in zip((watched, alone), worlds, strict=True):
+                children.start("leader")
+                children.start("agent", "--count", str(UAVS))
+                world.gather(60.0)
+            flights = [world.fly() for world in worlds]
+            for repeat in range(effort.of(9, 2) + 1):
+                say(f"25 processes, {repeat}")
+                with_recorder, without = (
+                    per_call_ms(lambda ticks=ticks: next(ticks), NETWORKED_TICKS) for ticks in flights
+                )
+                if repeat:
+                    share.append(100 * (with_recorder - without) / with_recorder)
+            watched.check()
+            worlds[0].finish(0.0)
+            worlds[1].stop("measured")
+            for children in (watched, alone):
+                children.wait(8.0)
+        finally:
+            for bus in buses:
+                bus.close()
+    return share
