@@ -24,7 +24,7 @@ ABOUT = (
     "Memory of the agents in flight: RSS as `top` shows it, and PSS, in which what 25 processes share is counted once "
     "in all. They are started as `meanflock run` starts them: forked from one that has loaded what an agent needs. "
     "*Up and joined* is the time from launching world, leader and 25 agents to the first tick. The floor is as many "
-    "processes, started one by one, that load Python, NumPy, msgspec and Zenoh, open a session and answer once."
+    "processes, forked likewise, that load Python, NumPy, msgspec and Zenoh, open a session and answer."
 )
 AGENTS = 25
 UP_TARGET_S, UP_STRETCH_S = 6.0, 3.0
@@ -133,13 +133,13 @@ def _floor() -> tuple[float, list[tuple[float, float]]]:
         start = time.perf_counter()
         world = FloorWorld(children.endpoint, children.run, names)
         try:
-            clients = [children.start("benchmarks.lockstep_floor", "--imports", "--node", name) for name in names]
+            clients = children.start("benchmarks.lockstep_floor", "--imports", "--count", str(AGENTS))
             world.gather()
             world.tick(asked)
             first_s = time.perf_counter() - start
             for _ in range(TICKS_BEFORE_WEIGHING):
                 world.tick(asked)
-            weights = [memory_mib(client) for client in clients]
+            weights = [memory_mib(client) for client in psutil.Process(clients.pid).children()]
         finally:
             world.close()
             children.wait(2.0)

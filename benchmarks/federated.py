@@ -45,8 +45,7 @@ def run(effort: Effort, say: Say) -> Outcome:
             world = World(flown, bus, swarm.run)
             swarm.start("leader")
             swarm.start("agent", "--count", str(UAVS))
-            for name in names:
-                floor.start("benchmarks.lockstep_floor", "--node", name)
+            floor.start("benchmarks.lockstep_floor", "--count", str(UAVS))
             floor.start("benchmarks.lockstep_floor", "--node", "leader")
             world.gather(60.0)
             bare.gather()

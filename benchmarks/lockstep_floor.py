@@ -1,7 +1,8 @@
 """The floor of a networked tick: a lockstep of raw bytes over the same Zenoh session settings, and nothing else.
 
 The benchmark process is router and world; every client is a process that answers each message with as many bytes as
-it is told. No codec, no learning, no physics. `python -m benchmarks.lockstep_floor` is such a client.
+it is told. No codec, no learning, no physics. `python -m benchmarks.lockstep_floor` is such a client, or many that are
+forked as agents are: what they share in memory they share in the caches.
 """
 
 import argparse
@@ -9,6 +10,7 @@ import struct
 import time
 from collections.abc import Mapping, Sequence
 
+from agent.siblings import fork
 from swarm import keys
 from swarm.process import orphaned
 from swarm.session import ZenohBus
@@ -68,20 +70,22 @@ class FloorWorld:
 
 
 def main() -> None:
-    """One client: says hello until it is asked, then answers."""
+    """A client: says hello until it is asked, then answers."""
     options = argparse.ArgumentParser()
     options.add_argument("--endpoint", required=True)
     options.add_argument("--run", required=True)
-    options.add_argument("--node", required=True)
+    options.add_argument("--node", default="agent")
+    options.add_argument("--count", type=int, default=0, help="clients to become, each with its number behind the name")
     options.add_argument("--imports", action="store_true", help="load what an agent loads, too")
     given = options.parse_args()
     if given.imports:
         import msgspec  # noqa: F401
         import numpy as np  # noqa: F401
+    node = f"{given.node}-{fork(given.count)}" if given.count else given.node
     bus = ZenohBus.client(given.endpoint)
     try:
-        bus.subscribe(keys.sense(given.run, given.node))
-        speak = keys.act(given.run, given.node)
+        bus.subscribe(keys.sense(given.run, node))
+        speak = keys.act(given.run, node)
         hello = _HEAD.pack(_HELLO, 0)
         bus.put(speak, hello)
         asked = False

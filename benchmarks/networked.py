@@ -9,8 +9,8 @@ TITLE = "The swarm of processes"
 ABOUT = (
     "`meanflock run`: leader, world, ground station and one process a UAV, learning, metering and recording. Start-up "
     "is excluded, everything between first and last tick is not. The floor is a bare Zenoh lockstep of as many "
-    "processes with the same session settings and messages of the same size, but no codec, learning, physics or "
-    "recording."
+    "processes, forked from one as agents are, with the same session settings and messages of the same size, but no "
+    "codec, learning, physics or recording."
 )
 SIM_TICK_S = 0.1
 TARGETS = {25: (15.0, 25.0), 64: (4.0, 8.0)}  # times real time: target, stretch
@@ -58,8 +58,7 @@ def floor_tick_ms(clients: int, ticks: int) -> float:
     with Children("floor") as children:
         world = FloorWorld(children.endpoint, children.run, names)
         try:
-            for name in names:
-                children.start("benchmarks.lockstep_floor", "--node", name)
+            children.start("benchmarks.lockstep_floor", "--count", str(clients))
             world.gather()
             for _ in range(20):
                 world.tick(asked)

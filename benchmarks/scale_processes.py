@@ -3,6 +3,8 @@
 import time
 from itertools import pairwise
 
+import psutil
+
 from benchmarks.agent_process import connected, memory_mib
 from benchmarks.figure import Effort, Figure, Outcome, Say
 from benchmarks.networked import floor_tick_ms
@@ -71,7 +73,7 @@ def _swarm(agents: int, ticks: int) -> tuple[list[float], float, float]:
             "worldsim", "--stations", "1", "--set", "stop=duration", "--set", "duration=1e5", "--set", f"uavs={agents}"
         )
         children.start("leader")
-        processes = [children.start("agent") for _ in range(agents)]
+        forked = children.start("agent", "--count", str(agents))
         bus = connected(children)
         try:
             watch = Stopwatch()
@@ -84,7 +86,7 @@ def _swarm(agents: int, ticks: int) -> tuple[list[float], float, float]:
                 children.check()
                 if time.perf_counter() - launched > _DEADLINE_S:
                     raise BenchmarkFailed(f"{agents} processes do not fly {ticks} ticks in {_DEADLINE_S:.0f} s")
-            pss = sum(memory_mib(process)[1] for process in processes)
+            pss = sum(memory_mib(agent)[1] for agent in psutil.Process(forked.pid).children())
         finally:
             bus.close()
         world.terminate()
