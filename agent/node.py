@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from agent.byzantine import Byzantine
 from agent.feedback import Feedback
+from agent.heads import Heads
 from agent.learner import Learner
 from agent.minds import Minds, Outcome
 from agent.offline import Program
@@ -34,6 +35,7 @@ class Agent:
         self._rounds = Rounds(self._scenario)
         self._shared = model.shared(self._method)
         self._byzantine = Byzantine(self._scenario)
+        self._heads = Heads(self._scenario, self.uavs)
         self._up, self._down = payload.upload(self._scenario), payload.broadcast(self._scenario)
         self._feedback = Feedback(self._up, len(self.uavs), kept=self._scenario.keeps_residuals)
         if self._feedback.residuals is not None and welcome.residuals is not None:
@@ -86,11 +88,14 @@ class Agent:
         # 0. Rows the fault script pauses are as they were when the tick is over, whatever the others do.
         asleep = self._asleep(sense.tick)
         before = self._minds, self._known[asleep] if asleep is not None and self._known is not None else None
-        # 1. Take in what the radio brought: a global model overwrites, a neighbour's state replaces the last one.
+        # 1. Take in what the radio brought: a global model overwrites, a neighbour's state replaces the last one,
+        #    and the head of a cluster keeps the uploads of a round.
         for frames in sense.inbox:
             self._receive(frames)
-        # 2. Speak: in a round's tick the participants' models as they are now, and states where the method shares them.
-        outbox = tuple(self._uploads(sense.tick, asleep) + self._state_broadcasts(sense.tick, states))
+        # 2. Speak: in a round's tick the participants' models as they are now, and states where the method shares them;
+        #    the means of clusters once all their uploads have come or are lost.
+        relays, refused = self._relays(sense.tick, asleep)
+        outbox = tuple(self._uploads(sense.tick, asleep) + relays + self._state_broadcasts(sense.tick, states))
         # 3. Learn one step of each network, and act on it.
         if self._known is not None:
             self._known[np.arange(len(self.uavs)), self.uavs] = states
@@ -110,6 +115,7 @@ class Agent:
             outbox=outbox,
             report=self._minds.models() if sense.report else None,
             known=self._known if sense.checkpoint else None,
+            refused=tuple(refused),
             residuals=self._feedback.residuals if sense.checkpoint else None,
         )
 
@@ -129,11 +135,11 @@ class Agent:
         """A batch this node can receive, or MessageRejected."""
         rows = len(expect("source", frames.source, (None,), np.int32))
         is_global = frames.kind == FrameKind.GLOBAL
-        if frames.kind == FrameKind.UPLOAD or (is_global and not self._method.is_federated):
+        if frames.kind == FrameKind.RELAY or (is_global and not self._method.is_federated):
             raise MessageRejected("wrong-kind", f"{frames.kind.name} frames are not for an agent")
         if is_global:
             self._down.check(frames.payload, rows)
-        else:
+        elif frames.kind == FrameKind.STATE:
             expect("payload", frames.payload, (rows, state.SIZE), self._float)
         if frames.links is None:
             raise MessageRejected("wrong-shape", "frames without links")
@@ -143,12 +149,16 @@ class Agent:
             raise MessageRejected("wrong-shape", "frames name UAVs that are not here")
         if not _within(links[:, 0], rows):
             raise MessageRejected("wrong-shape", "links beyond the payload")
+        if frames.kind == FrameKind.UPLOAD:
+            self._heads.check(frames)
 
     def _receive(self, frames: Frames) -> None:
         assert frames.links is not None
         sent, row = frames.links[:, 0], np.searchsorted(self.uavs, frames.links[:, 1])
         if frames.kind == FrameKind.GLOBAL:
             self._minds = self._minds.with_models(row, self._shared, self._down.decode(frames.payload[sent]))
+        elif frames.kind == FrameKind.UPLOAD:
+            self._heads.collect(frames)
         elif self._known is not None:
             self._known[row, frames.source[sent]] = frames.payload[sent]
             if self._method.learns_density:  # only the rows that heard something: another row is another UAV
@@ -169,6 +179,11 @@ class Agent:
         models = self._byzantine.distort(number, source, models, self._up)
         fits = self._up.sound(models)  # a model beyond the range of the payload cannot be sent
         return [Frames(FrameKind.UPLOAD, number, source[fits], models[fits])] if fits.any() else []
+
+    def _relays(self, tick: int, asleep: NDArray[np.bool_] | None) -> tuple[list[Frames], list[int]]:
+        if not self._rounds.relays(tick):
+            return [], []
+        return self._heads.relay(tick, self.uavs[self._diverged if asleep is None else self._diverged | asleep])
 
     def _state_broadcasts(self, tick: int, states: Floats) -> list[Frames]:
         period = 1 if self._method is Method.HJB else self._scenario.federation.state_period

@@ -16,8 +16,8 @@ from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_m
 from benchmarks.in_process import flight, learner_step
 from benchmarks.peer.environment import Environment
 from groundstation.engine import Engine
-from leader.aggregate import fedavg
 from swarm import scenario
+from swarm.mean import fedavg
 from swarm.model import MODEL_FLOATS
 
 TITLE = "Peers"

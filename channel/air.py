@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from channel.link import Transmission, transmit
 from channel.meter import Meter
 from swarm import state
+from swarm.clusters import Clusters
 from swarm.messages import FrameKind, Frames
 from swarm.rounds import delivery_ticks
 from swarm.scenario import Scenario
@@ -29,6 +30,7 @@ class Air:
     def __init__(self, scenario: Scenario) -> None:
         self.meter = Meter(scenario.radio, scenario.uavs)
         self._scenario = scenario
+        self._head_of = Clusters(scenario).head_of
         self._draw = generator(scenario.seed, "radio")
         self._in_flight: defaultdict[int, list[Frames]] = defaultdict(list)
 
@@ -75,7 +77,7 @@ class Air:
         radio = self._scenario.radio
         sources = batch.source.astype(np.intp)
         links = self._links(batch.kind, sources, states)
-        on_board = links[:, 1] == sources[links[:, 0]]  # the leader process rides on UAV h: no radio between them
+        on_board = links[:, 1] == sources[links[:, 0]]  # heads hear themselves, the leader rides on UAV h
         by_radio = links[~on_board]
         difference = states[sources[by_radio[:, 0]], state.POSITION] - states[by_radio[:, 1], state.POSITION]
         distance = np.sqrt((difference * difference).sum(axis=-1))
@@ -85,7 +87,8 @@ class Air:
             failed = cut(sources[by_radio[:, 0]], by_radio[:, 1])
             spent = np.where(failed, radio.latency_threshold_slots, sent.slots)
             sent = Transmission(spent, sent.delivered & ~failed)
-        paying = sources if batch.kind != FrameKind.UPLOAD else sources[sources != self._scenario.federation.leader]
+        to_one = batch.kind in (FrameKind.UPLOAD, FrameKind.RELAY)  # a link each, so who needs no radio pays nothing
+        paying = sources[by_radio[:, 0]] if to_one else sources
         rank = np.searchsorted(paying, sources[by_radio[:, 0]])
         self.meter.count(batch.kind, bits, paying, np.stack([rank, by_radio[:, 1]], axis=-1), distance, sent)
 
@@ -115,6 +118,8 @@ class Air:
         leader = self._scenario.federation.leader
         rows = np.arange(len(sources))
         if kind == FrameKind.UPLOAD:
+            return np.stack([rows, self._head_of[sources]], axis=-1)
+        if kind == FrameKind.RELAY:
             return np.stack([rows, np.full(len(sources), leader)], axis=-1)
         everyone = np.arange(self._scenario.uavs)
         if kind == FrameKind.GLOBAL:

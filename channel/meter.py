@@ -12,7 +12,12 @@ from channel.link import Transmission
 from swarm.messages import FrameKind
 from swarm.scenario import Radio
 
-TRAFFIC = {FrameKind.UPLOAD: "uplink", FrameKind.GLOBAL: "broadcast", FrameKind.STATE: "state"}
+TRAFFIC = {
+    FrameKind.UPLOAD: "uplink",
+    FrameKind.RELAY: "relay",
+    FrameKind.GLOBAL: "broadcast",
+    FrameKind.STATE: "state",
+}
 
 
 @dataclass

@@ -12,8 +12,8 @@ from agent.feedback import Feedback
 from channel.link import slots_needed
 from groundstation.engine import Engine
 from groundstation.paper.batch import Batch
-from leader.aggregate import fedavg
 from swarm import codec, payload, scenario
+from swarm.mean import fedavg
 from swarm.messages import OUTCOME_FLOATS, Act, FrameKind, Frames
 from swarm.payload import Coding
 from swarm.scenario import Scenario

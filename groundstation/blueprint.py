@@ -81,7 +81,13 @@ _SIZES, _SIZES_COLORS, _SIZES_WIDTHS = ("max", "mean"), (ORANGE, WHITE), (1.2, 2
 
 ENERGY = Plot("plots/energy", "energy since take-off, J", _RANGE, _RANGE_COLORS, _RANGE_WIDTHS, True)
 SPEED = Plot("plots/speed", "speed, m/s: mean, min, max", _RANGE, _RANGE_COLORS, _RANGE_WIDTHS)
-BITS = Plot("plots/bits", "payload sent, Mbit", ("uplink", "broadcast", "state"), (BLUE, ORANGE, VIOLET), legend=True)
+BITS = Plot(
+    "plots/bits",
+    "payload sent, Mbit",
+    ("uplink", "relay", "broadcast", "state"),
+    (BLUE, GREEN, ORANGE, VIOLET),
+    legend=True,
+)
 ALIGNMENT = Plot("plots/alignment", "misalignment φ_A", ("φ_A",), (VIOLET,))
 RISK = Plot(
     "plots/risk",

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
+from channel.meter import TRAFFIC
 from groundstation import plotstyle
 from groundstation.paper import statistics
 from groundstation.results import EVENTS, SCENARIO, TIMESERIES
@@ -148,12 +149,13 @@ def _run_curves(table: pa.Table, scenario: Scenario) -> Figure:
     spread(energy, _grid(table, "energy_J"))
     spread(speed, np.hypot(_grid(table, "vx_m_s"), _grid(table, "vy_m_s")))
     for ax, columns in (
-        (bits, ("uplink_bits", "broadcast_bits", "state_bits")),
+        (bits, tuple(f"{name}_bits" for name in TRAFFIC.values())),
         (alignment, ("phi_A",)),
         (risk, ("phi_C",)),
         (arrived, ("arrived",)),
     ):
-        ax.plot(times, sum(_line(table, column)[::step] for column in columns), color=tone)
+        kept = [column for column in columns if column in table.column_names]  # older runs have no relays
+        ax.plot(times, sum(_line(table, column)[::step] for column in kept), color=tone)
     arrived.plot(times, _line(table, "collisions")[::step], color="#CC2222", linewidth=1.0, label="collisions")
     arrived.legend(loc="upper left", fontsize=7)
     for ax, column in ((value, "hjb_residual"), (density, "fpk_residual")):

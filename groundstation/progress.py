@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from channel.meter import TRAFFIC
 from swarm.messages import SWARM_COLUMNS, Telemetry
 from swarm.scenario import Scenario
 
@@ -47,7 +48,7 @@ class FlightProgress:
         row = block.swarm[-1]
         elapsed = self._bar.tasks[0].elapsed or 0.0
         seconds = tick * self._scenario.dt
-        bits = row[_COLUMN["uplink_bits"]] + row[_COLUMN["broadcast_bits"]] + row[_COLUMN["state_bits"]]
+        bits = sum(row[_COLUMN[f"{name}_bits"]] for name in TRAFFIC.values())
         detail = (
             f"{seconds:6.1f} s  ×{seconds / elapsed if elapsed else 0:.0f} real time  "
             f"arrived {row[_COLUMN['arrived']]:.0f}/{self._scenario.uavs}  {bits / 1e6:.2f} Mbit  "
@@ -81,7 +82,7 @@ def summary_table(summary: dict[str, object]) -> Table:
     add("collisions", summary["collisions"], "pairs", 0)
     add("speed, highest", summary["speed_max_m_s"], "m/s", 1)
     add("distance, mean", summary["distance_mean_m"], "m", 0)
-    for name in ("uplink", "broadcast", "state"):
+    for name in TRAFFIC.values():
         if bits[name]:
             add(f"{name} payload", bits[name], "bits")
     add("on the wire", summary["wire_bytes"], "bytes")

@@ -253,7 +253,7 @@ class Recorder:
         def columns(*names: str) -> NDArray[np.float64]:
             return swarm[:, [_COLUMN[name] for name in names]]
 
-        bits = columns("uplink_bits", "broadcast_bits", "state_bits") / 1e6
+        bits = columns("uplink_bits", "relay_bits", "broadcast_bits", "state_bits") / 1e6
         self._send_scalars(look.ENERGY.entity, ticks, _range(energy))
         self._send_scalars(look.SPEED.entity, ticks, _range(state.speed(states)))
         self._send_scalars(look.BITS.entity, ticks, bits)

@@ -10,30 +10,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from swarm.mean import fedavg
+
 Floats = NDArray[np.float64]
-
-ABSURD = 1e9  # no weight of a learner that still learns: features are of order one, and so are the costs
-
-
-def refuse(models: dict[int, Floats]) -> tuple[dict[int, Floats], list[int]]:
-    """The models that can be averaged at all, and the UAVs, ascending, whose are not finite or absurdly large."""
-    with np.errstate(invalid="ignore"):
-        bad = sorted(uav for uav, vector in models.items() if not (np.abs(vector) < ABSURD).all())
-    return {uav: vector for uav, vector in models.items() if uav not in bad}, bad
-
-
-def fedavg(models: dict[int, Floats]) -> Floats:
-    """Mean of the models by UAV, `(L,)` each, summed in order of the UAV so that arrival order leaves no trace.
-
-    Raises:
-        ValueError: no model.
-    """
-    if not models:
-        raise ValueError("nothing arrived to average")
-    total = np.zeros_like(next(iter(models.values())), dtype=np.float64)
-    for uav in sorted(models):
-        total += models[uav]
-    return total / len(models)
 
 
 def median(models: dict[int, Floats]) -> Floats:

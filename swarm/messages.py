@@ -18,9 +18,10 @@ class _Message(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fiel
 class FrameKind(enum.IntEnum):
     """What a radio frame carries."""
 
-    UPLOAD = 0  # a UAV's model, to the leader
+    UPLOAD = 0  # a UAV's model, to the head of its cluster: the leader, where there is but one
     GLOBAL = 1  # the averaged model, to every UAV
     STATE = 2  # a UAV's own state, to UAVs in range
+    RELAY = 3  # the mean of a cluster, from its head to the leader
 
 
 class Frames(_Message, frozen=True):
@@ -90,7 +91,7 @@ class Act(_Message, frozen=True, tag="act"):
     outbox: tuple[Frames, ...] = ()
     report: np.ndarray | None = None  # (M, 246) f8, the whole models where asked for
     known: np.ndarray | None = None  # (M, N, 4) f8, at a checkpoint the states each row knows, if it keeps any
-    refused: tuple[int, ...] = ()  # of the leader: UAVs whose upload it will not average
+    refused: tuple[int, ...] = ()  # of the leader or a head: UAVs whose upload it will not average
     residuals: np.ndarray | None = None  # (M, L) f8, at a checkpoint what rounding took from the last uploads, if kept
 
 
@@ -158,6 +159,7 @@ OUTCOME_FLOATS = 2 + len(DIAGNOSTICS)
 
 SWARM_COLUMNS = (  # cumulative since take-off unless named otherwise
     "uplink_bits",
+    "relay_bits",
     "broadcast_bits",
     "state_bits",
     "deliveries",

@@ -1,14 +1,20 @@
 """When a federated round happens and who takes part: known to all beforehand, so no invitation is paid for."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from swarm.messages import FrameKind
-from swarm.scenario import Scenario
 from swarm.seeds import generator
 
+if TYPE_CHECKING:
+    from swarm.scenario import Scenario
 
-def delivery_ticks(scenario: Scenario, slots: NDArray[np.int64]) -> NDArray[np.intp]:
+HOPS = 2  # of a model where there are clusters: to the head, and on to the leader
+
+
+def delivery_ticks(scenario: "Scenario", slots: NDArray[np.int64]) -> NDArray[np.intp]:
     """Ticks until a message that took so many slots is delivered: max(1, ⌈slots θ/dt⌉), same shape.
 
     A quotient that is a whole number but for rounding counts as that number.
@@ -20,31 +26,47 @@ def delivery_ticks(scenario: Scenario, slots: NDArray[np.int64]) -> NDArray[np.i
 class Rounds:
     """The calendar of the rounds k = 1, 2 … of a scenario; without rounds for methods that share no model."""
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: "Scenario") -> None:
         self._scenario = scenario
         self._period = scenario.period_ticks if scenario.method.is_federated else 0
         longest = np.array(scenario.radio.latency_threshold_slots)
         self._horizon = int(delivery_ticks(scenario, longest))
+        self._relays = scenario.federation.clusters > 1
+        self._open_ticks = self._horizon * (HOPS if self._relays else 1)
+        self._drawn: tuple[int, NDArray[np.intp]] | None = None
 
     def opens(self, tick: int) -> int:
         """The round whose uploads are sent in this tick (tick = k·n0), or 0."""
         return tick // self._period if self._period and tick and tick % self._period == 0 else 0
 
+    def relays(self, tick: int) -> int:
+        """The round whose heads hand on their means in this tick, when every upload has arrived or is lost, or 0."""
+        return self.opens(tick - self._horizon) if self._relays and tick > self._horizon else 0
+
     def closes(self, tick: int) -> int:
-        """The round that is averaged in this tick, when every upload has arrived or is lost, or 0."""
-        return self.opens(tick - self._horizon) if tick > self._horizon else 0
+        """The round that is averaged in this tick, when all that is sent to the leader has arrived or is lost, or 0."""
+        return self.opens(tick - self._open_ticks) if tick > self._open_ticks else 0
 
     def of(self, kind: FrameKind, tick: int) -> int:
         """The round that frames of a kind sent in this tick belong to, or 0."""
-        if kind == FrameKind.UPLOAD:
-            return self.opens(tick)
-        return self.closes(tick) if kind == FrameKind.GLOBAL else 0
+        match kind:
+            case FrameKind.UPLOAD:
+                return self.opens(tick)
+            case FrameKind.RELAY:
+                return self.relays(tick)
+            case FrameKind.GLOBAL:
+                return self.closes(tick)
+        return 0
 
     def is_open(self, tick: int) -> bool:
         """Whether the leader may have anything to do in this tick."""
-        return bool(self._period) and tick >= self._period and tick % self._period <= self._horizon
+        return bool(self._period) and tick >= self._period and tick % self._period <= self._open_ticks
 
     def participants(self, number: int) -> NDArray[np.intp]:
         """𝒩_h of a round: N_h UAVs, ascending."""
-        draw = generator(self._scenario.seed, "participants", number)
-        return np.sort(draw.choice(self._scenario.uavs, self._scenario.participants, replace=False))
+        if self._drawn is None or self._drawn[0] != number:
+            draw = generator(self._scenario.seed, "participants", number)
+            drawn = np.sort(draw.choice(self._scenario.uavs, self._scenario.participants, replace=False))
+            drawn.flags.writeable = False
+            self._drawn = number, drawn
+        return self._drawn[1]

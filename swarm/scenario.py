@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal, TypeAlias, cast
 import msgspec
 from msgspec import Meta, field
 
+from swarm import clusters
 from swarm.errors import BadInput
 from swarm.faults import Fault, LeaderLoss
 from swarm.methods import Method
@@ -22,6 +23,7 @@ _LATER = (
     "federation.payload",
     "federation.broadcast_payload",
     "federation.error_feedback",
+    "federation.clusters",
 )
 
 Payload: TypeAlias = Literal["float64", "float32", "float16", "int8"]  # how a model is written, see swarm/payload.py
@@ -126,6 +128,7 @@ class Federation(_Table, frozen=True):
     error_feedback: Annotated[
         bool, Meta(description="what rounding to a narrower payload takes from an upload is added to the UAV's next")
     ] = True
+    clusters: Annotated[int, Meta(ge=1, description="K, clusters whose heads average for the leader; 1: none do")] = 1
 
 
 class Radio(_Table, frozen=True):
@@ -203,6 +206,7 @@ class Scenario(_Table, frozen=True):
                     f"`federation.{key}` {wanted} is wider than a float of the radio, `radio.bits_per_float` "
                     f"{radio_bits}; take a narrower payload or a wider float"
                 )
+        clusters.check(self)
         for number, fault in enumerate(self.faults):
             if any(uav >= self.uavs for uav in getattr(fault, "uavs", ())):
                 raise ValueError(f"`faults[{number}].uavs` names UAV {max(fault.uavs)} of 0…{self.uavs - 1}")  # type: ignore[union-attr]

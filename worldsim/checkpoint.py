@@ -19,7 +19,7 @@ from swarm.messages import Act
 from swarm.scenario import Scenario
 from worldsim.members import Member
 
-SCHEMA = 2
+SCHEMA = 3
 EVERY_TICKS = 100
 MAX_BYTES = 24 * 2**20  # a larger one would push the telemetry out of the outbox
 

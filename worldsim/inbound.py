@@ -1,12 +1,16 @@
 """What the world lets in: an Act must fit the node that sent it, the tick, and what the method may say."""
 
+from collections.abc import Collection
+
 import numpy as np
 
 from swarm import model, payload, state
+from swarm.clusters import Clusters
 from swarm.codec import expect
 from swarm.errors import MessageRejected
 from swarm.messages import OUTCOME_FLOATS, Act, FrameKind, Frames, Message
-from swarm.methods import Method
+from swarm.relay import Relay
+from swarm.rounds import Rounds
 from swarm.scenario import Scenario
 from worldsim.members import Member
 
@@ -17,7 +21,7 @@ _BYTES_A_ROW = 8 * OUTCOME_FLOATS + 9 + 4 * 8 * model.MODEL_FLOATS  # outcome, i
 def limit(rows: int, scenario: Scenario) -> int:
     """The most bytes an honest Act of a node with that many UAVs can have."""
     known = 8 * state.SIZE * scenario.uavs if scenario.keeps_states else 0
-    refused = 5 * scenario.uavs if not rows else 0
+    refused = 5 * scenario.uavs if not rows or scenario.federation.clusters > 1 else 0
     return _OVERHEAD_BYTES + refused + max(1, rows) * (_BYTES_A_ROW + known)
 
 
@@ -42,7 +46,8 @@ def check(message: Message, run: int, tick: int, member: Member, scenario: Scena
     if message.residuals is not None:
         floats = model.shared_floats(scenario.method)
         expect("residuals", message.residuals, (rows if scenario.keeps_residuals else 0, floats), np.float64)
-    if message.refused and (member.role == "agent" or not set(message.refused) <= set(range(scenario.uavs))):
+    refused = set(message.refused)
+    if refused and (len(refused) < len(message.refused) or not refused <= set(_averaged_by(member, tick, scenario))):
         raise MessageRejected("wrong-shape", "refused names UAVs that did not upload")
     if message.diverged and not np.isin(message.diverged, member.uavs).all():
         raise MessageRejected("wrong-shape", "diverged names UAVs of another node")
@@ -53,25 +58,31 @@ def check(message: Message, run: int, tick: int, member: Member, scenario: Scena
     return message
 
 
-def stray(frames: Frames, expected: int, averaged: int) -> MessageRejected | None:
-    """Why a batch does not belong to the round it should, `expected`; None where it does.
+def stray(frames: Frames, tick: int, rounds: Rounds, averaged: int) -> MessageRejected | None:
+    """Why a batch does not belong to the round that is open for its kind in this tick; None where it does.
 
     Frames of a kind go on the air as those of one round: who names another would take everybody's models there, and
-    the world would keep those of a round to come until then. `averaged`: the last round that was.
+    the world would keep those of a round to come until then. Nor has a round room for models of UAVs that do not take
+    part in it. `averaged`: the last round that was.
     """
+    expected = rounds.of(frames.kind, tick)
     if frames.kind == FrameKind.GLOBAL and frames.round <= averaged:
         return MessageRejected("duplicate", f"round {frames.round} has been averaged")
     if frames.round != expected:
         return MessageRejected("wrong-round", f"{frames.kind.name} of round {frames.round}, expected {expected}")
+    if frames.kind == FrameKind.UPLOAD and len(others := np.setdiff1d(frames.source, rounds.participants(expected))):
+        return MessageRejected("wrong-round", f"UAVs {others.tolist()} take no part in round {expected}")
     return None
 
 
 def _check_frames(frames: Frames, member: Member, scenario: Scenario, float_: np.dtype) -> None:
-    if frames.kind not in _sayable(member, scenario.method):
+    if frames.kind not in _sayable(member, scenario):
         raise MessageRejected("wrong-kind", f"{frames.kind.name} frames from {member.name}")
     source = expect("source", frames.source, (None,), np.int32)
     if frames.kind == FrameKind.STATE:
         expect("payload", frames.payload, (len(source), state.SIZE), float_)
+    elif frames.kind == FrameKind.RELAY:
+        Relay(scenario).check(source, frames.payload)
     else:
         coding = payload.upload(scenario) if frames.kind == FrameKind.UPLOAD else payload.broadcast(scenario)
         coding.check(frames.payload, len(source))
@@ -82,7 +93,19 @@ def _check_frames(frames: Frames, member: Member, scenario: Scenario, float_: np
         raise MessageRejected("wrong-shape", "only the world says which links carried a frame")
 
 
-def _sayable(member: Member, method: Method) -> set[FrameKind]:
+def _sayable(member: Member, scenario: Scenario) -> set[FrameKind]:
     if member.role != "agent":
         return {FrameKind.GLOBAL}
-    return {FrameKind.UPLOAD, FrameKind.STATE} if method.is_federated else {FrameKind.STATE}
+    if not scenario.method.is_federated:
+        return {FrameKind.STATE}
+    relays = {FrameKind.RELAY} if scenario.federation.clusters > 1 else set()
+    return {FrameKind.UPLOAD, FrameKind.STATE} | relays
+
+
+def _averaged_by(member: Member, tick: int, scenario: Scenario) -> Collection[int]:
+    """The UAVs whose models a node may average in a tick: a leader all, an agent those of clusters it heads."""
+    if member.role != "agent":
+        return range(scenario.uavs)
+    if not Rounds(scenario).relays(tick):
+        return ()
+    return np.flatnonzero(np.isin(Clusters(scenario).head_of, member.uavs)).tolist()

@@ -1,4 +1,4 @@
-"""What reaches a node: the part of the delivered frames that is for it, and what a leader needs of an open round."""
+"""What reaches a node: the part of the delivered frames that is for it, and what an averager needs of an open round."""
 
 from collections.abc import Iterable, Iterator
 from typing import Any
@@ -9,25 +9,29 @@ from numpy.typing import NDArray
 from swarm.messages import FrameKind, Frames
 from worldsim.members import Member
 
+AVERAGED = (FrameKind.UPLOAD, FrameKind.RELAY)  # these are kept until they are
+
 
 def of_agent(member: Member, due: Iterable[Frames], awake: NDArray[np.bool_]) -> Iterator[Frames]:
     """The links of an agent's UAVs that are `awake` (N,), and the payloads they need."""
     everyone = len(member.uavs) == len(awake) and bool(awake.all())
     for batch in due:
         assert batch.links is not None
-        if batch.kind == FrameKind.UPLOAD:
+        if batch.kind in AVERAGED:
             continue
         links = batch.links
         if not everyone:
             links = links[np.isin(links[:, 1], member.uavs) & awake[links[:, 1]]]
         if len(links):
-            yield _only(batch, links)
+            yield only(batch, links)
 
 
 class Uploads:
-    """What UAV h has received in the rounds that are open. A leader hears each upload once, a new one hears all."""
+    """What a UAV that averages has received in open rounds. A node hears each once, a new one hears all."""
 
-    def __init__(self) -> None:
+    def __init__(self, kind: FrameKind = FrameKind.UPLOAD) -> None:
+        """`kind`: of the frames it averages."""
+        self._kind = kind
         self._kept: list[Frames] = []
         self._told = 0  # of them, to whom:
         self._reader: str | None = None
@@ -35,16 +39,20 @@ class Uploads:
     def receive(self, due: Iterable[Frames]) -> None:
         """Keeps what is delivered in this tick."""
         for batch in due:
-            if batch.kind == FrameKind.UPLOAD and batch.links is not None and len(batch.links):
-                self._kept.append(_only(batch, batch.links))
+            if batch.kind == self._kind and batch.links is not None and len(batch.links):
+                self._kept.append(only(batch, batch.links))
 
-    def read(self, leader: str) -> tuple[Frames, ...]:
-        """What a leader has not heard yet."""
-        if leader != self._reader:
-            self._reader, self._told = leader, 0
+    def read(self, reader: str) -> tuple[Frames, ...]:
+        """What a node has not heard yet."""
+        if reader != self._reader:
+            self._reader, self._told = reader, 0
         unheard = tuple(self._kept[self._told :])
         self._told = len(self._kept)
         return unheard
+
+    def count(self, number: int) -> int:
+        """How many models of a round have arrived."""
+        return sum(len(frames.source) for frames in self._kept if frames.round == number)
 
     def close(self, number: int) -> None:
         """A round is over, averaged or void."""
@@ -53,16 +61,16 @@ class Uploads:
         self._told = sum(frames.round > number for frames in heard)
 
     def snapshot(self) -> list[Any]:
-        """What is kept; whoever leads after `restore` hears it all."""
+        """What is kept; whoever averages after `restore` hears it all."""
         return [[f.round, f.source, f.payload, f.links] for f in self._kept]
 
     def restore(self, snapshot: list[Any]) -> None:
         """Goes on with what a snapshot kept."""
-        self._kept = [Frames(FrameKind.UPLOAD, *fields) for fields in snapshot]
+        self._kept = [Frames(self._kind, *fields) for fields in snapshot]
         self._told, self._reader = 0, None
 
 
-def _only(batch: Frames, links: NDArray[np.int32]) -> Frames:
+def only(batch: Frames, links: NDArray[np.int32]) -> Frames:
     """The batch cut down to some of its links."""
     used = np.zeros(len(batch.source), dtype=bool)
     used[links[:, 0]] = True

@@ -16,17 +16,19 @@ from swarm.errors import BadInput, RunFailed
 from swarm.messages import Act, Event, Finished, FrameKind, Frames, Sense, Status, Stop
 from swarm.rounds import Rounds
 from swarm.scenario import Scenario
-from worldsim import checkpoint, inbound, inbox
+from worldsim import checkpoint, inbox
 from worldsim.barrier import Barrier
 from worldsim.checkpoint import Minds, Resumption
 from worldsim.door import Door
 from worldsim.durations import Durations
 from worldsim.faults import Script
 from worldsim.flight import Flight
+from worldsim.heads import Heads
 from worldsim.instruments import Instruments
 from worldsim.ledger import Ledger
 from worldsim.members import LEADER, Member, Members
 from worldsim.schedule import Schedule
+from worldsim.speech import Speech
 from worldsim.summary import summary, weight_spread
 from worldsim.telemetry import Outbox, Rows
 from worldsim.waiting import Waiting
@@ -78,7 +80,8 @@ class World:
         self._outbox = Outbox()
         self._ledger = Ledger(refused)
         self._ticks = Durations()
-        self._uploads = inbox.Uploads()
+        self._uploads = inbox.Uploads(FrameKind.RELAY if scenario.federation.clusters > 1 else FrameKind.UPLOAD)
+        self._heads = Heads(scenario)
         self._barrier = Barrier(bus, run)
         self._commands = np.zeros((scenario.uavs, state.AXES))
         self._awake = np.ones(scenario.uavs, dtype=bool)
@@ -94,6 +97,7 @@ class World:
         self._door = Door(
             scenario, bus, run, members, self.flight, self._barrier, self._outbox, ledger, self._note, clock
         )
+        self._speech = Speech(self._rounds, ledger, self._door.drop, self._note)
         self._door.minds = resume
         self._door.on_leader_lost = self._ask_leader
         self._waiting = Waiting(self._barrier, self._door, ledger, self._schedule, barrier_s, self._wait, clock)
@@ -180,6 +184,9 @@ class World:
         diagnostics = np.zeros((self._scenario.uavs, 3))
         frames = self._collect(diagnostics)
         links = self.air.send(tick, frames, self.flight.states, self._script.cut(tick, self.flight.states))
+        if number := self._rounds.relays(tick):
+            for text in self._heads.relayed(number, frames, links):
+                self._note("void", text)
         # 5. The world moves.
         self.flight.advance(self._commands, self._script.gust(tick, self.flight.states))
         # 6. Whoever listens is told.
@@ -217,11 +224,13 @@ class World:
     def _ask(self, tick: int, reporting: bool, whole: bool) -> None:
         due = self.air.due(tick)
         self._uploads.receive(due)
+        self._heads.receive(due, self._awake)
         self._barrier.open()
         all_awake = bool(self._awake.all())
         for member in self._members.present:
             if member.role != LEADER and member.ready and (all_awake or self._awake[member.uavs].any()):
                 heard = tuple(inbox.of_agent(member, due, self._awake)) if due else ()
+                heard += self._heads.read(member)
                 states = self.flight.states[member.place]
                 self._barrier.ask(member, Sense(self._fingerprint, tick, states, reporting, heard, whole))
         self._ask_leader()
@@ -255,27 +264,14 @@ class World:
     def _collect(self, diagnostics: NDArray[np.float64]) -> list[Frames]:
         """Commands and diagnostics into their rows; frames of one kind joined, sources ascending."""
         self._barrier.standing = False
-        by_kind: dict[FrameKind, list[Frames]] = {}
         acts = self._barrier.acts  # without those held over in real time
         answered = [(member, acts[name]) for name, member in self._barrier.asked.items() if name in acts]
         self._enter(answered, diagnostics)
-        for _, act in answered:
-            for batch in act.outbox:
-                if (heard := self._heard(batch)) is not None:
-                    by_kind.setdefault(batch.kind, []).append(heard)
-                    self.air.meter.wire(batch.kind, len(codec.encode_frames(heard)))
+        frames = self._speech.of(self.flight.tick, [act for _, act in answered], self._awake, self.air.meter)
         if number := self._rounds.closes(self.flight.tick):
             self._uploads.close(number)
         self._commands[self.flight.status == Status.LOST] = 0.0
-        return [
-            Frames(
-                kind,
-                batches[0].round,
-                np.concatenate([batch.source for batch in batches]),
-                np.concatenate([batch.payload for batch in batches]),
-            )
-            for kind, batches in by_kind.items()
-        ]
+        return frames
 
     def _enter(self, answered: list[tuple[Member, Act]], diagnostics: NDArray[np.float64]) -> None:
         for _, act in answered:
@@ -294,22 +290,6 @@ class World:
         used = sane & self._awake[uavs]
         self._commands[uavs[used]] = outcome[used, : state.AXES]
         diagnostics[uavs[used]] = outcome[used, state.AXES :]
-
-    def _heard(self, batch: Frames) -> Frames | None:
-        """What of a batch goes on the air: the lost and the paused are silent, and only open rounds are spoken of."""
-        expected = self._rounds.of(batch.kind, self.flight.tick)
-        if (stray := inbound.stray(batch, expected, self._ledger.averaged)) is not None:
-            self._door.drop(stray, f"frames of UAV {batch.source[0]}")
-            return None
-        if batch.kind == FrameKind.GLOBAL:
-            self._ledger.rounds += 1
-            self._ledger.averaged = batch.round
-            self._note("round", f"round {batch.round} averaged and broadcast")
-            return batch
-        speaks = self._awake[batch.source]
-        if speaks.all():
-            return batch
-        return Frames(batch.kind, batch.round, batch.source[speaks], batch.payload[speaks]) if speaks.any() else None
 
     # -- step 6 -------------------------------------------------------------------------------------------------
 
@@ -341,6 +321,7 @@ class World:
                 "air": self.air.snapshot(),
                 "ledger": self._ledger.snapshot(self._wall_s()),
                 "uploads": self._uploads.snapshot(),
+                "heads": self._heads.snapshot(),
                 "commands": self._commands,
                 "minds": minds.snapshot(),
             }
@@ -357,6 +338,7 @@ class World:
             self.air.restore(kept["air"])
             self._ledger.restore(kept["ledger"])
             self._uploads.restore(kept["uploads"])
+            self._heads.restore(kept["heads"])
             self._commands[...] = kept["commands"]
             self._rows.resume(kept["block"] + 1, self.flight.tick + 1)
         except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -60,6 +60,7 @@ class Rows:
         meter = air.meter
         self._swarm[k] = (
             meter.traffic[FrameKind.UPLOAD].payload_bits,
+            meter.traffic[FrameKind.RELAY].payload_bits,
             meter.traffic[FrameKind.GLOBAL].payload_bits,
             meter.traffic[FrameKind.STATE].payload_bits,
             meter.total("delivered"),

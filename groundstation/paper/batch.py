@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.feedback import Feedback
+from agent.heads import Heads
 from agent.learner import Learner
 from agent.minds import Minds, Outcome
 from agent.node import BEYOND_SENSE
@@ -62,6 +63,7 @@ class _Run:
     rounds: Rounds
     air: Air
     leader: Leader | None
+    heads: Heads
     residual_max: Floats = field(default_factory=lambda: np.zeros(2))
     spread: float | None = None
     rounds_done: int = 0
@@ -90,6 +92,7 @@ class Batch:
         scenarios = [msgspec.structs.replace(flown, seed=seed) for seed in seeds]
         self._scenario, self._n = flown, flown.uavs
         self._method, self._shared = flown.method, model.shared(flown.method)
+        self._averaged = FrameKind.RELAY if federation.clusters > 1 else FrameKind.UPLOAD  # by the leader
         self._float = FLOAT_OF_BITS[flown.radio.bits_per_float]
         self._learner = Learner(flown)
         self._flights = Flights(scenarios)
@@ -141,7 +144,8 @@ class Batch:
         leader = None
         if self._method.is_federated:
             leader = Leader(Welcome(0, "leader", (), 0, scenario.encode(one), plan))
-        return _Run(one, number, Learner(one), Rounds(one), Air(one), leader)
+        heads = Heads(one, np.arange(self._n))
+        return _Run(one, number, Learner(one), Rounds(one), Air(one), leader, heads)
 
     def _tick(self) -> Floats:
         """The steps of `agent.node`, `leader.node` and `worldsim.node`, for all runs; the diagnostics `(R, N, 3)`."""
@@ -213,8 +217,8 @@ class Batch:
             for frames in due:
                 self._take_in(row, run, frames)
             if run.leader is not None and run.rounds.is_open(tick):
-                uploads = tuple(_with_links(frames) for frames in due if frames.kind == FrameKind.UPLOAD)
-                act = run.leader.act(Sense(0, tick, states[row, :0], False, uploads))
+                averaged = tuple(_with_links(frames) for frames in due if frames.kind == self._averaged)
+                act = run.leader.act(Sense(0, tick, states[row, :0], False, averaged))
                 run.speech += act.outbox
                 run.rounds_done += len(act.outbox)
 
@@ -224,6 +228,8 @@ class Batch:
         sent, rows = frames.links[:, 0], row * self._n + frames.links[:, 1].astype(np.intp)
         if frames.kind == FrameKind.GLOBAL:
             self._minds = self._minds.with_models(rows, self._shared, self._down.decode(frames.payload[sent]))
+        elif frames.kind == FrameKind.UPLOAD and self._averaged == FrameKind.RELAY:
+            run.heads.collect(frames)
         elif frames.kind == FrameKind.STATE and self._known is not None:
             self._known[rows, frames.source[sent]] = frames.payload[sent]
             if self._method.learns_density:
@@ -246,6 +252,8 @@ class Batch:
                 fits = self._up.sound(said)
                 if fits.any():
                     run.speech.append(Frames(FrameKind.UPLOAD, number, source[fits].astype(np.int32), said[fits]))
+        for run, out in zip(self._runs, self._diverged.reshape(-1, self._n), strict=True):
+            run.speech += run.heads.relay(tick, np.flatnonzero(out))[0]
         period = 1 if self._method is Method.HJB else self._scenario.federation.state_period
         if self._program is not None or not period or tick % period or tick == 0:
             return None

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from agent.feedback import Feedback
 from agent.node import Agent
-from leader.aggregate import fedavg
 from swarm.errors import MessageRejected
+from swarm.mean import fedavg
 from swarm.messages import FrameKind, Frames, Sense, Welcome
 from swarm.methods import Method
 from swarm.payload import Coding

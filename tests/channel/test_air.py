@@ -191,6 +191,7 @@ def test_a_transmission_costs_its_floats_and_the_bill_is_their_count(
     assert traffic["state"]["transmissions"] == states
     assert bits == {
         "uplink": uploads * model_bits,
+        "relay": 0,
         "broadcast": len(rounds) * model_bits,
         "state": states * 4 * 32,
         "total": (uploads + len(rounds)) * model_bits + states * 128,

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from agent.byzantine import Byzantine
-from leader.aggregate import ABSURD, fedavg, krum, median, refuse, rule, suspects, trimmed_mean
+from leader.aggregate import krum, median, rule, suspects, trimmed_mean
+from swarm.mean import ABSURD, fedavg, refuse
 from swarm.scenario import load
 from tests.faults.conftest import Lab, scenario
 

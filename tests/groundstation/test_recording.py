@@ -72,7 +72,7 @@ def test_plots_hold_the_telemetrys_numbers(recorded: tuple[Path, list[Telemetry]
     np.testing.assert_array_equal(ticks, np.arange(600))
     np.testing.assert_allclose(values, np.stack([energy.mean(1), energy.min(1), energy.max(1)], axis=-1))
     for plot, names, unit in (
-        (look.BITS, ("uplink_bits", "broadcast_bits", "state_bits"), 1e6),
+        (look.BITS, ("uplink_bits", "relay_bits", "broadcast_bits", "state_bits"), 1e6),
         (look.ALIGNMENT, ("phi_A",), 1),
         (look.RISK, ("phi_C", "phi_C_distinct"), 1),
         (look.FAILURES, ("outages", "collisions"), 1),

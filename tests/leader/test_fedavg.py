@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from leader.aggregate import fedavg
+from swarm.mean import fedavg
 
 
 def models(count: int, seed: int = 1) -> dict[int, np.ndarray]:

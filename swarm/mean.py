@@ -1,0 +1,53 @@
+"""The mean of models, Eq. FL_AVG: of uploads, and of the means that heads of clusters hand on.
+
+Models are by UAV; sums have the order of the UAVs, so that the order of arrival leaves no trace.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+ABSURD = 1e9  # no weight of a learner that still learns: features are of order one, and so are the costs
+
+
+def refuse(models: dict[int, Floats]) -> tuple[dict[int, Floats], list[int]]:
+    """The models that can be averaged at all, and the UAVs, ascending, whose are not finite or absurdly large."""
+    with np.errstate(invalid="ignore"):
+        bad = sorted(uav for uav, vector in models.items() if not (np.abs(vector) < ABSURD).all())
+    return {uav: vector for uav, vector in models.items() if uav not in bad}, bad
+
+
+def fedavg(models: dict[int, Floats]) -> Floats:
+    """Mean of the models, `(L,)` each.
+
+    Raises:
+        ValueError: no model.
+    """
+    if not models:
+        raise ValueError("nothing arrived to average")
+    total = np.zeros_like(next(iter(models.values())), dtype=np.float64)
+    for uav in sorted(models):
+        total += models[uav]
+    return total / len(models)
+
+
+def relayed(models: dict[int, Floats]) -> Floats:
+    """What a head hands on: `fedavg`, and the number of models behind it, `(L + 1,)`."""
+    return np.append(fedavg(models), float(len(models)))
+
+
+def pooled(relays: dict[int, Floats]) -> Floats:
+    """Mean of all models behind the relays, `(L + 1,)` each: Σ n_c w_c / Σ n_c.
+
+    Raises:
+        ValueError: no relay.
+    """
+    if not relays:
+        raise ValueError("nothing arrived to average")
+    total = np.zeros(len(next(iter(relays.values()))))
+    for head in sorted(relays):
+        *_, count = relay = relays[head]
+        total[:-1] += count * relay[:-1]
+        total[-1] += count
+    return total[:-1] / total[-1]

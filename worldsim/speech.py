@@ -1,0 +1,60 @@
+"""What the nodes said in a tick, as it goes on the air: only what a round has room for, the silent left out."""
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from channel.meter import Meter
+from swarm import codec
+from swarm.errors import MessageRejected
+from swarm.messages import Act, FrameKind, Frames
+from swarm.rounds import Rounds
+from worldsim import inbound
+from worldsim.ledger import Ledger
+
+
+class Speech:
+    """Turns the outboxes of a tick into frames of one batch a kind, sources ascending."""
+
+    def __init__(
+        self,
+        rounds: Rounds,
+        ledger: Ledger,
+        drop: Callable[[MessageRejected, str], None],
+        note: Callable[[str, str], None],
+    ) -> None:
+        self._rounds, self._ledger, self._drop, self._note = rounds, ledger, drop, note
+
+    def of(self, tick: int, acts: Iterable[Act], awake: NDArray[np.bool_], meter: Meter) -> list[Frames]:
+        """The frames of a tick; `acts` in order of their UAVs, `awake` (N,). Their bytes go on the bill."""
+        by_kind: dict[FrameKind, list[Frames]] = {}
+        for act in acts:
+            for batch in act.outbox:
+                if (heard := self._heard(tick, batch, awake)) is not None:
+                    by_kind.setdefault(batch.kind, []).append(heard)
+                    meter.wire(batch.kind, len(codec.encode_frames(heard)))
+        return [
+            Frames(
+                kind,
+                batches[0].round,
+                np.concatenate([batch.source for batch in batches]),
+                np.concatenate([batch.payload for batch in batches]),
+            )
+            for kind, batches in by_kind.items()
+        ]
+
+    def _heard(self, tick: int, batch: Frames, awake: NDArray[np.bool_]) -> Frames | None:
+        """What of a batch goes on the air: the lost and the paused are silent, and only open rounds are spoken of."""
+        if (stray := inbound.stray(batch, tick, self._rounds, self._ledger.averaged)) is not None:
+            self._drop(stray, f"frames of UAV {batch.source[0]}")
+            return None
+        if batch.kind == FrameKind.GLOBAL:
+            self._ledger.rounds += 1
+            self._ledger.averaged = batch.round
+            self._note("round", f"round {batch.round} averaged and broadcast")
+            return batch
+        speaks = awake[batch.source]
+        if speaks.all():
+            return batch
+        return Frames(batch.kind, batch.round, batch.source[speaks], batch.payload[speaks]) if speaks.any() else None
