@@ -52,5 +52,7 @@ class Relay:
         if not np.isin(source, self._clusters.heads).all():
             raise MessageRejected("wrong-shape", f"relays of UAVs {source.tolist()}, which head no cluster")
         counts = payload[:, -1].astype(np.float64)
-        if ((counts < 1) | (counts > self._clusters.sizes[self._clusters.of[source]]) | (np.floor(counts) != counts)).any():
+        if (
+            (counts < 1) | (counts > self._clusters.sizes[self._clusters.of[source]]) | (np.floor(counts) != counts)
+        ).any():
             raise MessageRejected("wrong-shape", f"relays of {counts.tolist()} models")

@@ -50,10 +50,6 @@ class Uploads:
         self._told = len(self._kept)
         return unheard
 
-    def count(self, number: int) -> int:
-        """How many models of a round have arrived."""
-        return sum(len(frames.source) for frames in self._kept if frames.round == number)
-
     def close(self, number: int) -> None:
         """A round is over, averaged or void."""
         heard = self._kept[: self._told]

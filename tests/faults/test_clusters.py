@@ -1,0 +1,492 @@
+"""A round on two levels: the same mean as on one, bit by bit accounted for, whatever is lost on the way."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agent.heads import Heads
+from channel.air import Air
+from groundstation.engine import Engine
+from groundstation.resume import back
+from leader.node import Leader
+from swarm import codec
+from swarm import scenario as scenarios
+from swarm.clusters import Clusters
+from swarm.mean import fedavg
+from swarm.messages import Act, FrameKind, Frames, Sense, Welcome
+from swarm.rounds import Rounds
+from swarm.scenario import Scenario, load
+from swarm.spoke import Spoke
+from tests.faults.conftest import Lab, scenario
+from tests.faults.test_resume import LATER, dead, flight, resumed, steady
+from worldsim.formation import initial_states
+
+FLOATS, PERIOD = 108, 20
+CLEAR = ("radio.bits_per_float=64", "radio.target_snr_db=60")  # nothing is lost, nothing rounded
+ROUGH = (  # three slots of eight, a third of a tick each: some are lost, the others take one to three ticks
+    "radio.bits_per_float=64",
+    "radio.coherence_time_s=0.03",
+    "radio.bandwidth_hz=3333",
+    "radio.target_snr_db=104.3",
+)
+SLOW = ("radio.coherence_time_s=0.03", "radio.target_snr_db=76")  # uploads take up to three ticks, some are lost
+
+
+def swarm(*settings_: str, uavs: int = 12, clusters: int = 3) -> Scenario:
+    return scenario(f"uavs={uavs}", f"federation.clusters={clusters}", *settings_)
+
+
+# -- one round, without a flight ----------------------------------------------------------------------------------
+
+
+def one_round(of: Scenario, models: np.ndarray) -> tuple[np.ndarray | None, list[int], Air]:
+    """The mean the leader broadcasts of `models` (N, L), the UAVs whose model got through both hops, and the air."""
+    rounds, air, states = Rounds(of), Air(of), initial_states(of)
+    heads = Heads(of, np.arange(of.uavs))
+    leader = Leader(Welcome(0, "leader", (), 0, scenarios.encode(of), states))
+    tick, (uploads, relays) = PERIOD, (np.zeros((0, 5)), np.zeros((0, 5)))
+    source = rounds.participants(1).astype(np.int32)
+    uploads = air.send(tick, [Frames(FrameKind.UPLOAD, 1, source, models[source])], states)
+    while True:
+        tick += 1
+        due = air.due(tick)
+        for frames in due:
+            if frames.kind == FrameKind.UPLOAD and of.federation.clusters > 1:
+                heads.check(frames)
+                heads.collect(frames)
+        said, refused = heads.relay(tick, np.zeros(0, dtype=np.intp))
+        assert not refused
+        if said:
+            relays = air.send(tick, said, states)
+        kind = FrameKind.RELAY if of.federation.clusters > 1 else FrameKind.UPLOAD
+        heard = tuple(
+            Frames(kind, 1, f.source[f.links[:, 0]], f.payload[f.links[:, 0]])  # type: ignore[index]
+            for f in due
+            if f.kind == kind
+        )
+        act = leader.act(Sense(0, tick, np.zeros((0, 4)), False, heard))
+        if rounds.closes(tick):
+            break
+    lost, silent = (set(links[links[:, 4] < 0, 1].tolist()) for links in (uploads, relays))
+    head_of = Clusters(of).head_of if of.federation.clusters > 1 else np.full(of.uavs, -1)
+    through = [uav for uav in source.tolist() if uav not in lost and head_of[uav] not in silent]
+    return (act.outbox[0].payload[0] if act.outbox else None), through, air
+
+
+@st.composite
+def rounds_of(draw: st.DrawFn) -> tuple[list[str], int]:
+    """Settings of a swarm with clusters, and a seed for its models."""
+    uavs = draw(st.integers(1, 40))
+    return [
+        f"uavs={uavs}",
+        f"federation.clusters={draw(st.integers(1, uavs))}",
+        f"federation.leader={draw(st.integers(0, uavs - 1))}",
+        f"federation.fraction={draw(st.floats(0.01, 1.0))}",
+        f"seed={draw(st.integers(0, 2**62))}",
+        f"federation.period={PERIOD}",
+    ], draw(st.integers(0, 2**32))
+
+
+def drawn(uavs: int, seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).standard_normal((uavs, FLOATS))
+
+
+@settings(max_examples=60, deadline=None, database=None)
+@given(rounds_of())
+def test_where_nothing_is_lost_the_mean_on_two_levels_is_that_on_one(asked: tuple[list[str], int]) -> None:
+    of = load(None, [*asked[0], *CLEAR], method="mfgfl-h")
+    models = drawn(of.uavs, asked[1])
+    mean, through, _ = one_round(of, models)
+    flat, _, _ = one_round(load(None, [*asked[0], *CLEAR, "federation.clusters=1"], method="mfgfl-h"), models)
+    assert through == Rounds(of).participants(1).tolist()
+    assert mean is not None
+    assert flat is not None
+    np.testing.assert_allclose(mean, flat, rtol=0, atol=1e-12)
+
+
+@settings(max_examples=60, deadline=None, database=None)
+@given(rounds_of())
+def test_whatever_is_lost_the_mean_is_that_of_the_models_that_got_through_both_levels(
+    asked: tuple[list[str], int],
+) -> None:
+    of = load(None, [*asked[0], *ROUGH], method="mfgfl-h")
+    models = drawn(of.uavs, asked[1])
+    mean, through, _ = one_round(of, models)
+    assert (mean is None) == (not through)
+    if mean is not None:
+        np.testing.assert_allclose(mean, fedavg({uav: models[uav] for uav in through}), rtol=0, atol=1e-12)
+
+
+def test_with_outages_some_models_are_lost_on_the_first_hop_and_some_on_the_second() -> None:
+    """What makes the property above worth its name."""
+    lost: dict[FrameKind, int] = {FrameKind.UPLOAD: 0, FrameKind.RELAY: 0}
+    delivered = dict(lost)
+    for seed in range(20):
+        asked = ["uavs=30", "federation.clusters=6", f"federation.period={PERIOD}", f"seed={seed}"]
+        of = load(None, [*asked, *ROUGH], method="mfgfl-h")
+        _, _, air = one_round(of, drawn(30, seed))
+        for kind in lost:
+            lost[kind] += air.meter.traffic[kind].outages
+            delivered[kind] += air.meter.traffic[kind].delivered
+    assert min(*lost.values(), *delivered.values()) > 0
+
+
+# -- the bill -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("leader", "bits"), [(0, 32), (5, 64), (7, 16)])
+def test_both_levels_cost_what_a_hand_counts(leader: int, bits: int) -> None:
+    """8 UAVs, 3 clusters {0 1 2}, {3 4 5}, {6 7}; all upload; five rounds."""
+    of = scenario(
+        "uavs=8", "federation.clusters=3", "federation.fraction=1.0", f"federation.leader={leader}",
+        f"radio.bits_per_float={bits}", "radio.target_snr_db=60",
+    )  # fmt: skip
+    lab = Lab(of)
+    summary = lab.fly()
+    traffic = summary["radio"]["traffic"]
+    assert summary["rounds"] == 5
+    assert traffic["uplink"]["transmissions"] == traffic["uplink"]["sent"] == 5 * (8 - 3)  # heads need no radio
+    assert traffic["relay"]["transmissions"] == traffic["relay"]["sent"] == 5 * (3 - 1)  # nor does the leader's own
+    assert summary["payload_bits"] == {
+        "uplink": 25 * FLOATS * bits,
+        "relay": 10 * (FLOATS + 1) * bits,
+        "broadcast": 5 * FLOATS * bits,
+        "state": 8 * 4 * bits,
+        "total": (30 * FLOATS + 10 * (FLOATS + 1)) * bits + 32 * bits,
+    }
+    heads = {0: (0, 3, 6), 5: (0, 5, 6), 7: (0, 3, 7)}[leader]
+    members = ((0, 1, 2), (3, 4, 5), (6, 7))
+    up = {(uav, head) for head, group in zip(heads, members, strict=True) for uav in group if uav != head}
+    relays = {(head, leader) for head in heads if head != leader}
+    links = np.concatenate([block.links for block in lab.told.blocks])
+    for kind, expected, ticks in ((FrameKind.UPLOAD, up, 0), (FrameKind.RELAY, relays, 1), (FrameKind.GLOBAL, None, 2)):
+        of_kind = links[links[:, 3] == kind]
+        assert sorted(set(of_kind[:, 0].tolist())) == [20 + ticks, 40 + ticks, 60 + ticks, 80 + ticks, 100 + ticks]
+        assert expected is None or {(int(s), int(t)) for _, s, t, _, _ in of_kind} == expected
+
+
+def test_outages_and_latencies_of_both_levels_are_those_of_the_closed_forms() -> None:
+    rough = ("radio.target_snr_db=76", "duration=60", "federation.fraction=1.0", "method=mfgfl-hf")
+    lab = Lab(load(None, ["uavs=60", "federation.clusters=20", "federation.period=10", 'stop="duration"', *rough]))
+    traffic = lab.fly()["radio"]["traffic"]
+    for name, links in (("uplink", 40), ("relay", 19)):
+        bill = traffic[name]
+        assert bill["sent"] == bill["delivered"] + bill["outages"]
+        p = bill["outage_rate_theory"]
+        assert 0 < p < 1
+        assert abs(bill["outage_rate"] - p) < 5 * np.sqrt(p * (1 - p) / bill["sent"])
+        assert bill["latency_slots_mean"] == pytest.approx(bill["latency_slots_mean_theory"], rel=0.03)
+        assert bill["airtime_s"] * 20_000 == pytest.approx(  # slots of 50 µs; a lost message takes all eight
+            bill["delivered"] * bill["latency_slots_mean"] + 8 * bill["outages"]
+        )
+        assert bill["sent"] <= links * 59
+        assert bill["wire_bytes"] * 8 > bill["payload_bits"] > 0
+    assert traffic["uplink"]["sent"] == 40 * 59
+
+
+# -- flights ------------------------------------------------------------------------------------------------------
+
+
+def globals_of(of: Scenario) -> list[np.ndarray]:
+    """The models a flight's leader broadcasts, by round."""
+    lab, heard = Lab(of), list[np.ndarray]()
+    send = lab.world.air.send
+
+    def listen(tick: int, frames: list[Frames], *rest: Any) -> Any:
+        heard.extend(batch.payload[0] for batch in frames if batch.kind == FrameKind.GLOBAL)
+        return send(tick, frames, *rest)
+
+    lab.world.air.send = listen  # type: ignore[method-assign, assignment]
+    lab.fly()
+    return heard
+
+
+def test_the_first_global_model_of_a_flight_is_the_flat_one_and_rounds_delay_it_by_a_hop() -> None:
+    two, one = globals_of(swarm(*CLEAR)), globals_of(swarm(*CLEAR, clusters=1))
+    assert len(two) == len(one) == 5
+    np.testing.assert_allclose(two[0], one[0], rtol=0, atol=1e-12)
+    assert np.abs(two[1] - one[1]).max() > 1e-12  # a tick more of local steps is lost to a tick more of delay
+
+
+@pytest.mark.parametrize("rows", [None, 1, 5])
+@pytest.mark.parametrize("method", ["mfgfl-h", "mfgfl-f", "mfgfl-hf"])
+def test_heads_in_one_node_and_in_many_fly_the_same(method: str, rows: int | None) -> None:
+    of = load(
+        None,
+        ["uavs=12", "seed=3", "duration=12", 'stop="duration"', "federation.period=20", "federation.clusters=4", *SLOW],
+        method=method,
+    )
+    alone = Lab(of).fly()
+    split = Lab(of, uavs_per_node=rows).fly()
+    assert alone["rounds"] == 5
+    assert alone["dropped_messages"] == {}
+    assert alone["radio"]["traffic"]["relay"]["outages"] > 0 or method != "mfgfl-hf"
+    for name in ("trajectory_sha256", "payload_bits", "rounds", "uploads_refused", "dropped_messages"):
+        assert split[name] == alone[name]
+
+
+def test_narrow_uploads_are_relayed_as_floats() -> None:
+    summary = Lab(swarm("federation.payload=int8", "federation.broadcast_payload=int8")).fly()
+    traffic = summary["radio"]["traffic"]
+    assert traffic["uplink"]["payload_bits"] == traffic["uplink"]["transmissions"] * (8 * FLOATS + 2 * 32)
+    assert traffic["relay"]["payload_bits"] == traffic["relay"]["transmissions"] * 32 * (FLOATS + 1)
+    assert summary["rounds"] == 5
+
+
+def test_absurd_uploads_are_refused_by_heads_and_counted() -> None:
+    wild = ("federation.byzantine_fraction=0.25", "federation.byzantine_kind=huge", "federation.fraction=1.0")
+    flat, two = (Lab(swarm(*wild, *CLEAR, clusters=count)).fly() for count in (1, 3))
+    assert two["uploads_refused"] == flat["uploads_refused"] == 5 * 3
+    assert two["dropped_messages"] == {}
+
+
+# -- who is missing -----------------------------------------------------------------------------------------------
+
+
+def voids(lab: Lab) -> list[tuple[int, str]]:
+    return [(event.tick, event.text) for event in lab.told.events if event.kind == "void"]
+
+
+def without(head: int, number: int, why: str) -> tuple[int, str]:
+    return number * PERIOD + 1, f"round {number} goes on without the cluster of UAV {head}: {why}"
+
+
+def test_a_head_that_is_paused_a_head_that_is_killed_and_a_relay_nobody_can_hear_each_cost_their_cluster() -> None:
+    script = """faults=[{kind="pause", tick=41, duration_s=0.1, uavs=[4]}, {kind="kill", tick=61, uavs=[8]},
+        {kind="partition", tick=81, duration_s=0.1, uavs=[4]}]""".replace("\n", " ")
+    lab = Lab(swarm(script, "federation.fraction=1.0", *CLEAR), uavs_per_node=1)
+    summary = lab.fly()
+    # Who sleeps when uploads come has not heard them; who dies is silent ever after.
+    assert voids(lab) == [
+        without(4, 2, "its head is silent"),
+        without(8, 3, "its head is silent"),
+        without(4, 4, "its relay is lost"),
+        without(8, 4, "its head is silent"),
+        without(8, 5, "its head is silent"),
+    ]
+    assert summary["rounds"] == 5
+    relays = np.concatenate([block.links for block in lab.told.blocks])
+    relays = relays[relays[:, 3] == FrameKind.RELAY]
+    told = [(int(tick), int(source), bool(slots > 0)) for tick, source, _, _, slots in relays]
+    assert told == [(21, 4, True), (21, 8, True), (41, 8, True), (61, 4, True), (81, 4, False), (101, 4, True)]
+
+
+def test_a_head_that_falls_silent_between_the_hops_costs_its_cluster_and_the_log_says_so() -> None:
+    slow = ("radio.coherence_time_s=0.03", "radio.target_snr_db=60")
+    lab = Lab(swarm(*slow, "federation.fraction=1.0"), uavs_per_node=1)
+    summary = lab.fly({42: lambda: lab.kill("agent-4")})
+    assert voids(lab)[0] == (43, "round 2 goes on without the cluster of UAV 4: its head is silent")
+    assert summary["rounds"] == 5
+
+
+def test_a_node_that_takes_a_head_over_between_the_hops_hears_what_its_predecessor_had_heard() -> None:
+    slow = ("radio.coherence_time_s=0.03", "radio.target_snr_db=60", "federation.fraction=1.0")
+    lab = Lab(swarm(*slow), uavs_per_node=1)
+    undisturbed = lab.fly()
+    assert voids(lab) == []
+    other = Lab(swarm(*slow), uavs_per_node=1)
+    sent: list[Frames] = []
+    send = other.world.air.send
+
+    def listen(tick: int, frames: list[Frames], *rest: Any) -> Any:
+        sent.extend(batch for batch in frames if batch.kind == FrameKind.RELAY)
+        return send(tick, frames, *rest)
+
+    other.world.air.send = listen  # type: ignore[method-assign, assignment]
+
+    def again() -> Spoke:
+        other.kill("agent-4")
+        return other.agent()
+
+    assert Rounds(other.world._scenario).relays(43) == 2
+    summary = other.fly({42: again})
+    assert voids(other) == []
+    counts = {
+        (batch.round, uav): row[-1] for batch in sent for uav, row in zip(batch.source, batch.payload, strict=True)
+    }
+    assert counts[2, 4] == counts[1, 4] == 4  # its own upload among them, sent before it died
+    assert summary["rounds"] == undisturbed["rounds"]
+
+
+@pytest.mark.parametrize("at", [41, 42, 43, 44, 45, 46])
+def test_another_leader_takes_over_between_the_hops(at: int) -> None:
+    expected = Lab(swarm(*SLOW), leaders=2).fly()
+    lab = Lab(swarm(*SLOW), leaders=2)
+    summary = lab.fly({at: lambda: lab.kill("leader")})
+    assert summary["trajectory_sha256"] == expected["trajectory_sha256"]
+    assert summary["rounds"] == expected["rounds"]
+
+
+@pytest.mark.parametrize("at", range(20, 30))
+def test_a_run_resumed_at_any_tick_of_a_round_ends_as_it_would_have(
+    at: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Uploads take up to four ticks from tick 20 on, relays up to four more."""
+    slow = ("radio.coherence_time_s=0.05", "radio.target_snr_db=76")
+    of = load(None, [f"uavs={9}", "federation.clusters=3", LATER, 'stop="duration"', "federation.period=20", *slow])
+    expected = flight(tmp_path / "whole", of)
+    monkeypatch.setattr("worldsim.node.REPORT_EVERY_TICKS", 1)
+    init = Engine.__init__
+
+    def often(engine: Engine, *given_: Any, **named: Any) -> None:
+        init(engine, *given_, **named)
+        engine.world._checkpoint_every = 1
+
+    monkeypatch.setattr(Engine, "__init__", often)
+    folder = dead(tmp_path / "dead", of, at + 1, rows=4)
+    monkeypatch.undo()
+    assert back(folder).start.tick == at
+    got = resumed(folder, "--uavs-per-process", "2")
+    volatile = ("wire_bytes", "radio", "weight_spread_final")
+    assert steady(got, *volatile) == steady(expected, *volatile)
+    assert got["radio"]["outages"] == expected["radio"]["outages"] > 0
+
+
+# -- who lies -----------------------------------------------------------------------------------------------------
+
+
+def saying(lab: Lab, name: str, change: Callable[[Frames], Frames | None], kind: FrameKind) -> None:
+    """From now on a node says `change` of its frames of a kind, before or instead of them."""
+    spoke: Any = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
+    put = spoke._bus.put
+
+    def speak(key: str, raw: bytes) -> None:
+        act = codec.decode(raw)
+        if isinstance(act, Act) and (found := [frames for frames in act.outbox if frames.kind == kind]):
+            put(key, codec.encode(Act(act.run, act.tick, act.outcome, outbox=(change(found[0]),))))  # type: ignore[arg-type]
+        put(key, raw)
+
+    spoke._bus.put = speak
+
+
+def counted(frames: Frames, count: float) -> Frames:
+    payload = frames.payload.copy()
+    payload[0, -1] = count
+    return Frames(frames.kind, frames.round, frames.source, payload)
+
+
+HOSTILE: dict[str, tuple[Callable[[Frames], Frames], str]] = {
+    "of more models than its cluster has": (lambda f: counted(f, 5.0), "wrong-shape"),
+    "of half a model": (lambda f: counted(f, 0.5), "wrong-shape"),
+    "of no model": (lambda f: counted(f, 0.0), "wrong-shape"),
+    "without a count": (lambda f: Frames(f.kind, f.round, f.source, f.payload[:, :-1]), "wrong-shape"),
+    "in doubles": (lambda f: Frames(f.kind, f.round, f.source, f.payload.astype("<f8")), "wrong-shape"),
+    "of another head": (lambda f: Frames(f.kind, f.round, f.source + 4, f.payload), "wrong-shape"),
+    "of a UAV that heads nothing": (lambda f: Frames(f.kind, f.round, f.source + 1, f.payload), "wrong-shape"),
+    "with links": (
+        lambda f: Frames(f.kind, f.round, f.source, f.payload, np.zeros((1, 2), np.int32)),
+        "wrong-shape",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", HOSTILE)
+def test_a_relay_that_cannot_be_is_dropped_and_counted_and_the_flight_is_as_if_it_had_not_come(what: str) -> None:
+    change, reason = HOSTILE[what]
+    expected = Lab(swarm(), uavs_per_node=1).fly()
+    lab = Lab(swarm(), uavs_per_node=1)
+    saying(lab, "agent-4", change, FrameKind.RELAY)
+    summary = lab.fly()
+    assert summary["dropped_messages"] == {reason: 5}
+    assert summary["trajectory_sha256"] == expected["trajectory_sha256"]
+
+
+def test_relays_are_for_heads_rounds_and_scenarios_that_have_them() -> None:
+    """From who heads nothing, between the rounds, and where there are no clusters."""
+    model = np.ones((1, FLOATS + 1), np.float32)
+
+    def extra(lab: Lab, name: str, uav: int) -> dict[str, Any]:
+        spoke: Any = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
+        put = spoke._bus.put
+
+        def speak(key: str, raw: bytes) -> None:
+            act = codec.decode(raw)
+            if isinstance(act, Act) and act.tick == 30:
+                said = Frames(FrameKind.RELAY, 1, np.array([uav], np.int32), model)
+                put(key, codec.encode(Act(act.run, act.tick, act.outcome, outbox=(said,), report=act.report)))
+            put(key, raw)
+
+        spoke._bus.put = speak
+        summary: dict[str, Any] = lab.fly()["dropped_messages"]
+        return summary
+
+    assert extra(Lab(swarm(), uavs_per_node=1), "agent-5", 5) == {"wrong-shape": 1}
+    assert extra(Lab(swarm(), uavs_per_node=1), "agent-4", 4) == {"wrong-round": 1, "duplicate": 1}
+    assert extra(Lab(swarm(clusters=1), uavs_per_node=1), "agent-0", 0) == {"wrong-kind": 1}
+
+
+@pytest.mark.parametrize(("tick", "refused"), [(21, (0,)), (21, (5, 5)), (21, (12,)), (20, (5,)), (30, (4,))], ids=str)
+def test_a_node_refuses_uploads_of_its_own_cluster_once_and_when_it_averages(tick: int, refused: tuple[int]) -> None:
+    lab = Lab(swarm(), uavs_per_node=1)
+    spoke: Any = lab.bus_of("agent-4").handler.__self__  # type: ignore[union-attr]
+    put = spoke._bus.put
+
+    def speak(key: str, raw: bytes) -> None:
+        act = codec.decode(raw)
+        if isinstance(act, Act) and act.tick == tick:
+            put(key, codec.encode(Act(act.run, act.tick, act.outcome, refused=refused)))
+        put(key, raw)
+
+    spoke._bus.put = speak
+    summary = lab.fly()
+    assert (summary["dropped_messages"], summary["uploads_refused"]) == ({"wrong-shape": 1}, 0)
+
+
+@pytest.mark.parametrize("clusters", [1, 3])
+def test_who_takes_no_part_in_a_round_is_not_heard_in_it(clusters: int) -> None:
+    of = swarm("federation.fraction=0.5", clusters=clusters)
+    expected = Lab(of, uavs_per_node=1).fly()
+    lab = Lab(of, uavs_per_node=1)
+    takes_part = [uav for uav in range(12) if 11 in Rounds(of).participants(1 + uav)]
+    idle = [number for number in range(1, 6) if 11 not in Rounds(of).participants(number)]
+    assert idle
+    assert takes_part
+    spoke: Any = lab.bus_of("agent-11").handler.__self__  # type: ignore[union-attr]
+    put = spoke._bus.put
+
+    def speak(key: str, raw: bytes) -> None:
+        act = codec.decode(raw)
+        if isinstance(act, Act) and act.tick % PERIOD == 0 and act.tick // PERIOD in idle:
+            model = np.full((1, FLOATS), 5.0, np.float32)
+            said = Frames(FrameKind.UPLOAD, act.tick // PERIOD, np.array([11], np.int32), model)
+            raw = codec.encode(Act(act.run, act.tick, act.outcome, outbox=(said,), report=act.report))
+        put(key, raw)
+
+    spoke._bus.put = speak
+    summary = lab.fly()
+    assert summary["dropped_messages"] == {"wrong-round": len(idle)}
+    assert summary["trajectory_sha256"] == expected["trajectory_sha256"]
+
+
+def test_a_head_that_lies_speaks_for_its_cluster_and_no_more() -> None:
+    """The documented limit: what it hands on weighs as much as its cluster has UAVs."""
+    lab = Lab(swarm("federation.fraction=1.0", *CLEAR), uavs_per_node=1)
+    hostile_relay = np.full(FLOATS, 7.0)
+    heard: list[np.ndarray] = []
+    spoke: Any = lab.bus_of("agent-4").handler.__self__  # type: ignore[union-attr]
+    put, send = spoke._bus.put, lab.world.air.send
+
+    def speak(key: str, raw: bytes) -> None:
+        act = codec.decode(raw)
+        if isinstance(act, Act) and act.tick == PERIOD + 1:
+            payload = np.append(hostile_relay, 4.0)[None]
+            said = Frames(FrameKind.RELAY, 1, np.array([4], np.int32), payload)
+            raw = codec.encode(Act(act.run, act.tick, act.outcome, outbox=(said,), report=act.report))
+        put(key, raw)
+
+    def listen(tick: int, frames: list[Frames], *rest: Any) -> Any:
+        heard.extend(batch.payload[0] for batch in frames if batch.kind == FrameKind.GLOBAL and batch.round == 1)
+        return send(tick, frames, *rest)
+
+    spoke._bus.put, lab.world.air.send = speak, listen  # type: ignore[method-assign, assignment]
+    lab.fly()
+    honest = globals_of(swarm("federation.fraction=1.0", *CLEAR))[0]
+    moved = heard[0] - honest
+    own = (3 * heard[0] - hostile_relay) / 2  # the mean of the other eight
+    assert np.abs(moved).max() > 1
+    assert np.abs(own - honest).max() < 1
