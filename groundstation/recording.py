@@ -22,6 +22,7 @@ from rerun.chunk import RrdReader
 from groundstation import blueprint as look
 from groundstation.viewer import listening_address, open_viewer, repair, verify
 from swarm import state
+from swarm.clusters import Clusters
 from swarm.errors import BadInput, RunFailed
 from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
 from swarm.model import VALUE_FEATURES
@@ -92,6 +93,7 @@ class Recorder:
         self._sent_at = time.monotonic()
         self._patience_s = FILE_WALL_S if serve is None else BATCH_WALL_S
         self._status: NDArray[np.uint8] = np.full(scenario.uavs, 255, dtype=np.uint8)  # none known yet
+        self._round = np.zeros((0, 5), dtype=np.int32)  # links of the last one
         self._trail_start: Floats = np.empty((0, scenario.uavs, 2), dtype=np.float32)  # not yet in a piece
 
         self._stream: rr.RecordingStream | None = rr.RecordingStream(APPLICATION, recording_id=run_id)
@@ -220,24 +222,30 @@ class Recorder:
             colors = np.where(chosen[:, 4] < 0, look.RED, look.GREEN).astype(np.uint32)
             columns = rr.LineStrips2D.columns(strips=ends, colors=colors)
             self._send(entity, at.astype(np.int64), columns.partition(count))
-        uploads = links[links[:, 3] == FrameKind.UPLOAD]
-        if len(uploads) and not self._large:
-            self._send_round(uploads[uploads[:, 0] == uploads[-1, 0]])
+        if self._large:
+            return
+        for kind in (FrameKind.UPLOAD, FrameKind.RELAY):
+            of_kind = links[links[:, 3] == kind]
+            if len(of_kind):
+                last = of_kind[of_kind[:, 0] == of_kind[-1, 0]]
+                self._round = last if kind == FrameKind.UPLOAD else np.concatenate([self._round, last])
+                self._send_round(last[:1, 0].astype(np.int64))
 
-    def _send_round(self, uploads: NDArray[np.int32]) -> None:
+    def _send_round(self, at: Ticks) -> None:
         """The last round as a graph: who was heard (green), who was not (red), who was not asked (grey)."""
         uavs, leader = self._scenario.uavs, self._scenario.federation.leader
+        sent = self._round
         colors = np.full(uavs, look.GREY, dtype=np.uint32)
-        colors[uploads[:, 1]] = np.where(uploads[:, 4] < 0, look.RED, look.GREEN)
+        colors[sent[:, 1]] = np.where(sent[:, 4] < 0, look.RED, look.GREEN)
         colors[leader] = look.WHITE
         angle = np.arange(uavs) * (2 * math.pi / uavs)
         places = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * max(80.0, 9.0 * uavs)
+        places[Clusters(self._scenario).heads] *= 0.5  # of clusters, between their UAVs and the leader
         places[leader] = 0.0
         names = [str(uav) for uav in range(uavs)]
-        heard = [(str(source), str(leader)) for source in uploads[uploads[:, 4] >= 0, 1] if source != leader]
+        heard = [(str(source), str(target)) for _, source, target, _, slots in sent if slots >= 0 and source != target]
         nodes = rr.GraphNodes.columns(node_ids=names, labels=names, positions=places, colors=colors)
         edges = rr.GraphEdges.columns(edges=heard)
-        at = uploads[:1, 0].astype(np.int64)
         self._send(look.ROUND, at, nodes.partition([uavs]), edges.partition([len(heard)]))
 
     def _send_plots(

@@ -198,6 +198,7 @@ MISFITS: dict[str, Sense] = {
     "half precision": sense(1, states=np.zeros((3, 4), dtype=np.float32)),
     "a state without axes": sense(1, states=np.zeros(())),
     "an upload": sense(1, frames(FrameKind.UPLOAD, [0], ZERO, [[0, 2]])),
+    "a relay": sense(1, frames(FrameKind.RELAY, [0], np.zeros((1, 247)), [[0, 2]])),
     "no links": sense(1, frames(FrameKind.GLOBAL, [0], ZERO, None)),
     "a model too short": sense(1, frames(FrameKind.GLOBAL, [0], ZERO[:, :-1], [[0, 2]])),
     "more sources than payload": sense(1, frames(FrameKind.GLOBAL, [0, 1], ZERO, [[0, 2]])),

@@ -78,6 +78,22 @@ def test_an_upload_goes_to_the_leader_a_global_model_to_everyone_a_state_to_thos
     assert of_kind[FrameKind.STATE] == by_radio[FrameKind.STATE]
 
 
+def test_with_clusters_an_upload_goes_to_the_head_and_a_relay_to_the_leader() -> None:
+    """Clusters {0 1 2} and {3 4 5}; UAV 4 leads, so it heads the second."""
+    air = Air(scenario("federation.leader=4", "federation.clusters=2", "radio.target_snr_db=60", method="mfgfl-hf"))
+    states = line(0.0, 1.0, 2.0, 3.0, 4.0, 5.0)
+    uploads = air.send(5, [frames(FrameKind.UPLOAD, [0, 1, 3, 4, 5], 246, 1)], states)
+    assert {(int(s), int(t)) for _, s, t, _, _ in uploads} == {(1, 0), (3, 4), (5, 4)}
+    assert links_of(air.due(6)) == {(0, 0), (1, 0), (3, 4), (4, 4), (5, 4)}
+    relays = air.send(6, [frames(FrameKind.RELAY, [0, 4], 247, 1)], states)
+    assert {(int(s), int(t)) for _, s, t, _, _ in relays} == {(0, 4)}
+    assert links_of(air.due(7)) == {(0, 4), (4, 4)}
+    bills = air.meter.traffic
+    assert bills[FrameKind.UPLOAD].payload_bits == 3 * 246 * 32
+    assert bills[FrameKind.RELAY].payload_bits == 247 * 32
+    assert air.meter.links() == [[0, 4, 1, 0], [1, 0, 1, 0], [3, 4, 1, 0], [5, 4, 1, 0]]
+
+
 def test_what_is_delivered_is_what_was_sent() -> None:
     air = Air(scenario("radio.target_snr_db=60"))
     sent = frames(FrameKind.UPLOAD, [1, 3, 4], 108, 9)

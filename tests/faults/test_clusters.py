@@ -245,6 +245,15 @@ def test_absurd_uploads_are_refused_by_heads_and_counted() -> None:
     assert two["dropped_messages"] == {}
 
 
+def test_the_hierarchical_scenario_flies() -> None:
+    path = Path(__file__).parents[2] / "scenarios" / "hierarchical.toml"
+    summary = Lab(load(path, ["duration=41", 'stop="duration"'])).fly()
+    traffic = summary["radio"]["traffic"]
+    assert (summary["uavs"], summary["rounds"], summary["dropped_messages"]) == (100, 2, {})
+    assert traffic["relay"]["transmissions"] == 2 * 4
+    assert 2 * 75 <= traffic["uplink"]["transmissions"] <= 2 * 80
+
+
 # -- who is missing -----------------------------------------------------------------------------------------------
 
 

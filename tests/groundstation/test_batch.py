@@ -57,6 +57,8 @@ def test_every_run_of_a_batch_is_the_engines_run(method: Method) -> None:
         ("mfgfl-hf", ["radio.coherence_time_s=0.05"]),  # uploads take several ticks
         ("mfgfl-hf", ["radio.bits_per_float=16", "cost.beta=0.7", "cost.epsilon=0.3"]),
         ("mfgfl-hf", ["federation.payload=int8", "federation.broadcast_payload=int8", "radio.target_snr_db=78"]),
+        ("mfgfl-hf", ["federation.clusters=3", "federation.leader=4", "radio.target_snr_db=77"]),
+        ("mfgfl-h", ["federation.clusters=2", "radio.coherence_time_s=0.03", "federation.payload=int8"]),
         ("mfgfl-f", ["federation.payload=float16", "federation.fraction=0.5"]),
         ("mfgfl-h", ["federation.payload=int8", "federation.error_feedback=false"]),
         ("mfgfl-h", ["wind.sigma=1.5", "federation.fraction=0.3", "federation.leader=3"]),

@@ -3,6 +3,7 @@
 import socket
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
@@ -11,9 +12,9 @@ from groundstation import blueprint as look
 from groundstation.recording import Recorder, verify
 from swarm import state
 from swarm.errors import BadInput
-from swarm.messages import SWARM_COLUMNS, Telemetry
+from swarm.messages import SWARM_COLUMNS, FrameKind, Telemetry
 from swarm.model import VALUE_FEATURES
-from swarm.scenario import Scenario
+from swarm.scenario import Federation, Scenario
 from tests.groundstation.recordings import COLLISIONS, ROUND_TICKS, column, flight, record, scalars
 
 pytestmark = pytest.mark.usefixtures("strict")
@@ -128,6 +129,23 @@ def test_links_are_green_where_delivered_and_red_in_outage(recorded: tuple[Path,
     assert len(strips[0]) == 25
     _, edges = column(path, look.ROUND, "GraphEdges:edges")
     assert len(edges[-1]) == np.count_nonzero(sources % 5)
+
+
+def test_a_round_of_clusters_is_a_tree(tmp_path: Path) -> None:
+    """Five of five UAVs each, headed by UAVs 0, 5 … 20; UAV 7 and the head of UAVs 10 to 14 are not heard."""
+    path, (block,) = tmp_path / "tree.rrd", flight(ticks=20)
+    up = [(2, uav, uav // 5 * 5, FrameKind.UPLOAD, -8 if uav == 7 else 4) for uav in range(25) if uav % 5]
+    on = [(3, head, 0, FrameKind.RELAY, -8 if head == 10 else 4) for head in (5, 10, 15, 20)]
+    links = np.array(up + on, dtype=np.int32)
+    record(path, [msgspec.structs.replace(block, links=links)], federation=Federation(clusters=5))
+    ticks, edges = column(path, look.ROUND, "GraphEdges:edges")
+    _, colors = column(path, look.ROUND, "GraphNodes:colors")
+    assert ticks.tolist() == [2, 3]
+    assert [len(of_tick) for of_tick in edges] == [20 - 1, 20 - 1 + 4 - 1]
+    expected = [look.WHITE, look.GREEN, look.GREEN, look.RED, look.RED]
+    assert [colors[1][uav] for uav in (0, 5, 6, 7, 10)] == expected
+    ticks, strips = column(path, look.MODEL_LINKS, "LineStrips2D:strips")
+    assert (ticks.tolist(), [len(lines) for lines in strips]) == ([2, 3], [20, 4])
 
 
 def test_lanes_change_where_a_status_does(recorded: tuple[Path, list[Telemetry]]) -> None:

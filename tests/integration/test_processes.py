@@ -52,6 +52,17 @@ def test_models_in_bytes_fly_the_same_run_in_one_process_and_in_five(command: Co
     assert each["dropped_messages"] == {}
 
 
+def test_heads_of_clusters_fly_the_same_run_in_one_process_in_three_and_in_six(command: Command) -> None:
+    flags = ("--uavs", "6", "--seed", "7", "--duration", "30", "--set", "federation.period=40", "--no-record")
+    clusters = ("--set", "federation.clusters=3", "--set", "radio.target_snr_db=76")
+    alone = command.summary("--in-process", *flags, *clusters)
+    for other in (command.summary("--uavs-per-process", "2", *flags, *clusters), command.summary(*flags, *clusters)):
+        assert other["trajectory_sha256"] == alone["trajectory_sha256"]
+        assert other["payload_bits"] == alone["payload_bits"]
+        assert other["dropped_messages"] == {}
+    assert alone["payload_bits"]["relay"] == alone["radio"]["traffic"]["relay"]["transmissions"] * 247 * 32 > 0
+
+
 def test_a_finished_run_leaves_all_five_files_and_reruns_bit_identically(command: Command, spawn: Spawn) -> None:
     first = command.summary(*SHORT)
     folder = command.folder

@@ -144,6 +144,58 @@ def test_bytes_are_averaged_as_the_weights_they_stand_for_and_broadcast_as_the_s
             node.act(sense(closing(of, 2), bad))
 
 
+def relayed(counts: dict[int, int], number: int = 1) -> Frames:
+    """Of heads 0, 3 (the leader's) and 6: the mean is the model of the head."""
+    source = np.array(sorted(counts), dtype=np.int32)
+    payload = np.stack([np.append(model_of(uav)[:108], np.float32(counts[uav])) for uav in sorted(counts)])
+    return Frames(FrameKind.RELAY, number, source, payload, np.array([[row, 3] for row in range(len(source))], "<i4"))
+
+
+def test_relays_are_weighed_by_how_many_models_are_behind_them() -> None:
+    of = flown("federation.clusters=3")
+    node, end = leader(of), closing(of, 1)
+    assert end == PERIOD + 2
+    act = node.act(sense(end, relayed({0: 3, 3: 1, 6: 2})))
+    total = 3.0 * model_of(0).astype(float) + 1.0 * model_of(3) + 2.0 * model_of(6)
+    assert said(act) == [(FrameKind.GLOBAL, 1, [3])]
+    np.testing.assert_array_equal(act.outbox[0].payload[0], (total[:108] / 6.0).astype(np.float32))
+
+
+def test_a_cluster_that_does_not_reach_the_leader_weighs_nothing_and_without_any_a_round_is_void() -> None:
+    of = flown("federation.clusters=3")
+    node = leader(of)
+    act = node.act(sense(closing(of, 1), relayed({6: 2})))
+    np.testing.assert_array_equal(act.outbox[0].payload[0], model_of(6)[:108])
+    assert said(node.act(sense(closing(of, 2)))) == []
+
+
+def test_an_absurd_relay_is_refused_by_the_name_of_its_head() -> None:
+    of = flown("federation.clusters=3")
+    node, batch = leader(of), relayed({0: 3, 6: 2})
+    batch.payload[0, 5] = 1e10
+    act = node.act(sense(closing(of, 1), batch))
+    assert act.refused == (0,)
+    np.testing.assert_array_equal(act.outbox[0].payload[0], model_of(6)[:108])
+
+
+@pytest.mark.parametrize(
+    ("settings", "batch"),
+    [
+        (("federation.clusters=3",), upload([0, 1])),
+        ((), relayed({3: 2})),
+        (("federation.clusters=3",), relayed({3: 4})),
+        (("federation.clusters=3",), relayed({4: 1})),
+    ],
+    ids=["an upload where there are heads", "a relay where there are none", "of too many models", "of no head"],
+)
+def test_a_leader_hears_uploads_or_relays_and_of_these_such_as_can_be(settings: tuple[str], batch: Frames) -> None:
+    of = flown(*settings)
+    node = leader(of)
+    with pytest.raises(MessageRejected):
+        node.act(sense(closing(of, 1), batch))
+    assert not node.act(sense(closing(of, 1))).outbox
+
+
 def spoiled(**changes: object) -> Frames:
     good = upload([0, 1])
     fields = {name: getattr(good, name) for name in good.__struct_fields__}

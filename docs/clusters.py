@@ -1,0 +1,111 @@
+"""Measures what clusters cost beside one leader for all, and writes the table of scaling.md."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from groundstation.engine import Engine
+from swarm import scenario
+from swarm.clusters import Clusters
+from swarm.messages import FrameKind, Telemetry
+from swarm.rounds import Rounds
+from swarm.scenario import Scenario
+
+PAGE = Path(__file__).with_name("scaling.md")
+UAVS = (100, 400)
+RADIOS = {  # name of the row → settings
+    "the paper's, α = 0": (),
+    "α = 2, 400 times the power": ("radio.path_loss_exponent=2.0", "radio.tx_power_dbm=46"),
+}
+FLIGHT = ("duration=101", 'stop="duration"')  # five rounds of mfgfl-hf
+
+
+def main() -> None:
+    given = argparse.ArgumentParser(description=__doc__)
+    given.add_argument("--seeds", type=int, default=10)
+    given.add_argument("--jobs", type=int, default=-1)
+    asked = given.parse_args()
+    flown = {
+        (radio, uavs, count): [
+            scenario.load(None, [*settings, *FLIGHT, f"federation.clusters={count}"], uavs=uavs, seed=seed)
+            for seed in range(1, asked.seeds + 1)
+        ]
+        for radio, settings in RADIOS.items()
+        for uavs in UAVS
+        for count in (1, 5, round(uavs**0.5))
+    }
+    jobs = Parallel(n_jobs=asked.jobs, verbose=5)
+    measured = iter(jobs(delayed(measure)(of) for seeds in flown.values() for of in seeds))
+    lines = [
+        "| radio | N | K | heard by UAV h | up, kbit | airtime, ms | busiest receiver, ms | lost, % | in the mean, % "
+        "| ticks |",
+        f"|{'---|' * 10}",
+    ]
+    for (radio, uavs, count), seeds in flown.items():
+        mean = {name: np.mean(values) for name, values in _columns([next(measured) for _ in seeds]).items()}
+        cells = (
+            f"{mean['heard']:.1f}", f"{mean['kbit']:,.0f}", f"{mean['airtime']:.2f}", f"{mean['queue']:.2f}",
+            f"{mean['lost']:.1f}", f"{mean['share']:.1f}", f"{mean['ticks']:.0f}",
+        )  # fmt: skip
+        lines.append(f"| {radio} | {uavs} | {count} | {' | '.join(cells)} |")
+    page = PAGE.read_text(encoding="utf-8")
+    before, start, rest = page.partition("<!-- clusters -->\n")
+    _, end, after = rest.partition("<!-- end -->")
+    PAGE.write_text("\n".join((before + start, *lines, "", end + after)), encoding="utf-8")
+    print(PAGE)
+
+
+def measure(of: Scenario) -> dict[str, float]:
+    """What a round of one flight came to, on the way up; means over its rounds."""
+    engine = Engine(of, "clusters", sinks=[links := _Links()])
+    for _ in engine.fly():
+        pass
+    summary = engine.world.finish()
+    up = [summary["radio"]["traffic"][name] for name in ("uplink", "relay")]
+    rounds, leader = summary["rounds"], of.federation.leader
+    sent = links.of(FrameKind.UPLOAD, FrameKind.RELAY)
+    slot_ms = of.radio.coherence_time_s * 1e3
+    return {
+        "heard": np.count_nonzero(sent[:, 2] == leader) / rounds,
+        "kbit": sum(bill["payload_bits"] for bill in up) / 1e3 / rounds,
+        "airtime": sum(bill["airtime_s"] for bill in up) * 1e3 / rounds,
+        "queue": np.bincount(sent[:, 2], np.abs(sent[:, 4])).max() * slot_ms / rounds,
+        "lost": 100 * sum(bill["outages"] for bill in up) / sum(bill["sent"] for bill in up),
+        "share": float(np.mean([_share(of, sent, number) for number in range(1, rounds + 1)])),
+        "ticks": next(tick for tick in range(of.period_ticks, 10**6) if Rounds(of).closes(tick)) - of.period_ticks + 1,
+    }
+
+
+class _Links:
+    """A sink that keeps the links."""
+
+    def __init__(self) -> None:
+        self._kept: list[np.ndarray] = []
+
+    def write(self, block: Telemetry) -> None:
+        self._kept.append(block.links)
+
+    def of(self, *kinds: FrameKind) -> np.ndarray:
+        links = np.concatenate(self._kept)
+        return links[np.isin(links[:, 3], kinds)]
+
+
+def _share(of: Scenario, sent: np.ndarray, number: int) -> float:
+    """Percent of the models of a round that are in its mean."""
+    of_round = sent[(sent[:, 0] >= number * of.period_ticks) & (sent[:, 0] < (number + 1) * of.period_ticks)]
+    failed = of_round[of_round[:, 4] < 0]
+    uploads, relays = (failed[failed[:, 3] == kind, 1] for kind in (FrameKind.UPLOAD, FrameKind.RELAY))
+    source = Rounds(of).participants(number)
+    lost = np.isin(source, uploads) | np.isin(Clusters(of).head_of[source], relays)
+    return float(100 * (1 - lost.mean()))
+
+
+def _columns(rows: list[dict[str, float]]) -> dict[str, list[Any]]:
+    return {name: [row[name] for row in rows] for name in rows[0]}
+
+
+if __name__ == "__main__":
+    main()
