@@ -38,15 +38,15 @@ class Broken(AssertionError):
     """A promise that mutated messages broke; the text has the message in hexadecimal."""
 
 
-def scenario() -> Scenario:
+def scenario(clusters: int = 1) -> Scenario:
     """Short, with rounds, two of which are open at any time, and shared states."""
     fixed = ["uavs=6", "seed=3", f"duration={TICKS / 10}", 'stop="duration"', "federation.period=20"]
-    return load(None, [*fixed, "federation.state_period=30"], method="mfgfl-hf")
+    return load(None, [*fixed, "federation.state_period=30", f"federation.clusters={clusters}"], method="mfgfl-hf")
 
 
-def recorded() -> tuple[list[bytes], dict[str, Any]]:
+def recorded(flown: Scenario) -> tuple[list[bytes], dict[str, Any]]:
     """Every message of an undisturbed flight, thinned out, with the golden ones; and the summary of that flight."""
-    engine = Engine(scenario(), RUN, uavs_per_node=ROWS, leaders=2)
+    engine = Engine(flown, RUN, uavs_per_node=ROWS, leaders=2)
     said: list[bytes] = []
     spy = engine.network.endpoint(lambda delivery: said.append(delivery.payload))
     for key in ("act", "sense"):
@@ -74,15 +74,18 @@ def recorded() -> tuple[list[bytes], dict[str, Any]]:
 class Siege:
     """`count` mutated messages thrown at one flight. Nothing but a counted drop may come of them."""
 
-    def __init__(self, count: int, seed: int, told: Callable[[int], None] = lambda thrown: None) -> None:
+    def __init__(
+        self, count: int, seed: int, told: Callable[[int], None] = lambda thrown: None, clusters: int = 1
+    ) -> None:
         self.thrown: Counter[str] = Counter()  # by receiver
         self.outcome: Counter[str] = Counter()  # by reason of the drop, or what else became of it
         self.rss: list[int] = []  # bytes, after each tick
-        corpus, self.expected = recorded()
+        self._flown = scenario(clusters)
+        corpus, self.expected = recorded(self._flown)
         self._next = Mutator(corpus, seed)
         self._a_tick = -(-count // TICKS)
         self._told = told
-        self._engine = Engine(scenario(), RUN, uavs_per_node=ROWS, leaders=2)
+        self._engine = Engine(self._flown, RUN, uavs_per_node=ROWS, leaders=2)
         self._world = self._engine.world
         self._spokes = [bus.handler.__self__ for bus in self._engine.network.endpoints if self._is_spoke(bus.handler)]
         self._kept: dict[int, Any] = {}  # of a spoke's node, a twin that may be spoiled
@@ -101,8 +104,8 @@ class Siege:
         """
         process = psutil.Process()
         with tempfile.TemporaryDirectory() as out, ExitStack() as desk:
-            folder = desk.enter_context(RunFolder(Path(out), "run", scenario()))
-            recorder = desk.enter_context(Recorder(scenario(), RUN, Path(out) / "run" / "recording.rrd"))
+            folder = desk.enter_context(RunFolder(Path(out), "run", self._flown))
+            recorder = desk.enter_context(Recorder(self._flown, RUN, Path(out) / "run" / "recording.rrd"))
             self._sinks = [folder, recorder]
             self._target = self._station()
             self._ambush()
@@ -220,7 +223,7 @@ class Siege:
     # -- the ground station ---------------------------------------------------------------------------------------
 
     def _station(self) -> Station:
-        return Station(MemoryNetwork().endpoint(), RUN, self._sinks, uavs=scenario().uavs)
+        return Station(MemoryNetwork().endpoint(), RUN, self._sinks, uavs=self._flown.uavs)
 
     def _at_station(self, raw: bytes, message: Any) -> None:
         """A station of its own, with real files: telemetry that fits is kept, whatever numbers it has."""
@@ -244,13 +247,13 @@ def _whole(node: Any) -> dict[int, Any]:
 class Insider:
     """A flight one of whose nodes is possessed: before every honest answer it sends mutations of it."""
 
-    def __init__(self, count: int, seed: int, who: str) -> None:
-        self._count, self._seed, self._who = count, seed, who
+    def __init__(self, count: int, seed: int, who: str, clusters: int = 1) -> None:
+        self._count, self._seed, self._who, self._clusters = count, seed, who, clusters
         self.let_in = 0
 
     def fly(self) -> dict[str, Any]:
         """The flight, to its end; its summary, as JSON can hold it."""
-        engine = Engine(scenario(), RUN, uavs_per_node=1, leaders=1)
+        engine = Engine(scenario(self._clusters), RUN, uavs_per_node=1, leaders=1)
         spoke = next(
             b.handler.__self__ for b in engine.network.endpoints if keys.sense(RUN, self._who) in b._subscriptions
         )

@@ -7,8 +7,9 @@ from tests.fuzz.siege import Insider, Siege
 COUNT = 5000
 
 
-def test_a_flight_under_fire_ends_as_the_one_in_peace() -> None:
-    siege = Siege(COUNT, seed=1)
+@pytest.mark.parametrize("clusters", [1, 3])
+def test_a_flight_under_fire_ends_as_the_one_in_peace(clusters: int) -> None:
+    siege = Siege(COUNT, seed=1, clusters=clusters)
     summary = siege.fly()
     for name in ("trajectory_sha256", "rounds", "arrived", "lost", "collisions", "payload_bits", "radio", "wire_bytes"):
         assert summary[name] == siege.expected[name], name
@@ -21,9 +22,9 @@ def test_a_flight_under_fire_ends_as_the_one_in_peace() -> None:
     assert {"wrong-kind", "wrong-run", "stale", "unknown-node", "wrong-shape"} <= set(summary["dropped_messages"])
 
 
-@pytest.mark.parametrize("who", ["agent-0", "agent-4", "leader"])
-def test_a_node_gone_mad_ends_neither_the_flight_nor_what_is_told_of_it(who: str) -> None:
-    insider = Insider(1000, seed=2, who=who)
+@pytest.mark.parametrize(("who", "clusters"), [("agent-0", 1), ("agent-4", 1), ("leader", 1), ("agent-4", 3)])
+def test_a_node_gone_mad_ends_neither_the_flight_nor_what_is_told_of_it(who: str, clusters: int) -> None:
+    insider = Insider(1000, seed=2, who=who, clusters=clusters)
     summary = insider.fly()
     assert summary["ticks"] == 125
     assert insider.let_in > 0
