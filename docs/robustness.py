@@ -178,7 +178,8 @@ the barrier's deadline, and the round is averaged without it. What a million mut
 - More than 20 %, other methods, other radios: `federation.byzantine_fraction` takes any share.
 - *Holds* is a statement about arrivals and time. A row may hold and still cost more energy; the
   columns say.
-- A malicious leader owns every model, a malicious head of a cluster its cluster's share. Nothing here stands against that.
+- A malicious leader owns every model, a malicious head of a cluster its cluster's share. Nothing here stands against
+  that.
 """
 
 
