@@ -67,7 +67,7 @@ class Agent:
 
     def reflex(self, raw: bytes, tick: int) -> bytes | None:
         """Answers a plain Sense of that tick where nothing is to be done but to learn; otherwise None."""
-        if self._reflex is None or self._silenced or self._rounds.opens(tick):
+        if self._reflex is None or self._silenced or self._rounds.opens(tick) or self._rounds.relays(tick):
             return None
         after = self._reflex(raw, tick, self._minds)
         if after is None:

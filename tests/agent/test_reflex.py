@@ -44,6 +44,15 @@ def minds(of: Agent, tick: int) -> bytes:
     return report.tobytes()
 
 
+GLOBAL = Frames(
+    FrameKind.GLOBAL,
+    1,
+    np.zeros(1, np.int32),
+    np.ones((1, MODEL_FLOATS), np.float32),
+    np.array([[0, 0]], np.int32),
+)
+
+
 @pytest.mark.parametrize("method", DENSITIES)
 @pytest.mark.parametrize("rows", [1, 3, 8])
 def test_a_flight_by_reflex_is_the_flight_the_long_way(method: Method, rows: int) -> None:
@@ -56,6 +65,21 @@ def test_a_flight_by_reflex_is_the_flight_the_long_way(method: Method, rows: int
         assert (answer or codec.encode(quick.act(asked))) == expected
     assert minds(quick, 300) == minds(slow, 300)
     assert reflexes == 300 - (59 if method.is_federated else 0)  # all but those with an upload
+
+
+def test_a_head_relays_in_a_tick_that_brings_it_nothing() -> None:
+    hops = ("radio.coherence_time_s=0.1", "radio.latency_threshold_slots=2")  # two ticks each
+    of = flown(Method.MFGFL_HF, "federation.period=10", "federation.clusters=2", *hops)
+    quick, slow, relays = agent(of), agent(of), 0
+    for tick in range(100):
+        number, since = divmod(tick, 10)
+        heard = Frames(FrameKind.UPLOAD, number, GLOBAL.source + 1, GLOBAL.payload, GLOBAL.links)
+        asked = sense(tick, inbox=(heard,) if number and since == 1 else ())
+        act = slow.act(asked)
+        relays += any(batch.kind == FrameKind.RELAY for batch in act.outbox)
+        raw = codec.encode(asked)
+        assert (quick.reflex(raw, tick) or codec.encode(quick.act(asked))) == codec.encode(act)
+    assert relays == 9
 
 
 @pytest.mark.parametrize("method", [Method.HJB, Method.OFFLINE])
@@ -75,13 +99,6 @@ def test_where_states_are_shared_or_uavs_are_paused_no_tick_is_plain() -> None:
         assert agent(of).reflex(codec.encode(sense(1)), 1) is None
 
 
-GLOBAL = Frames(
-    FrameKind.GLOBAL,
-    1,
-    np.zeros(1, np.int32),
-    np.ones((1, MODEL_FLOATS), np.float32),
-    np.array([[0, 0]], np.int32),
-)
 NOT_PLAIN = {
     "another run": Sense(NUMBER + 1, 2, states_at(2), False),
     "another tick": sense(3),
