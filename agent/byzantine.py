@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from swarm.ascending import contains
 from swarm.payload import Coding
 from swarm.scenario import Scenario
 from swarm.seeds import generator
@@ -28,7 +29,7 @@ class Byzantine:
         self, number: int, uavs: NDArray[np.integer], payload: NDArray[np.generic], coding: Coding
     ) -> NDArray[np.generic]:
         """The uploads `(S, width)` of `uavs` (S,) in a round, those of false ones replaced; same dtype and shape."""
-        false = np.isin(uavs, self.uavs)
+        false = contains(self.uavs, uavs)
         if not false.any():
             return payload
         honest = coding.decode(payload[false])

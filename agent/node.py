@@ -11,6 +11,7 @@ from agent.minds import Minds, Outcome
 from agent.offline import Program
 from agent.reflex import Reflex
 from swarm import faults, model, payload, state
+from swarm.ascending import contains
 from swarm.codec import FLOAT_OF_BITS, expect
 from swarm.errors import MessageRejected
 from swarm.messages import Act, FrameKind, Frames, Sense, Welcome
@@ -172,7 +173,7 @@ class Agent:
         number = self._rounds.opens(tick)
         if not number:
             return []
-        takes_part = np.isin(self.uavs, self._rounds.participants(number)) & ~self._diverged
+        takes_part = contains(self._rounds.participants(number), self.uavs) & ~self._diverged
         rows = np.flatnonzero(takes_part if asleep is None else takes_part & ~asleep)
         source = self.uavs[rows].astype(np.int32)
         models = self._feedback.encode(rows, self._minds.models()[rows, self._shared])
@@ -213,4 +214,4 @@ class Agent:
 
 def _within(numbers: NDArray[np.int32], end: int) -> bool:
     """Whether all of them are 0…end − 1."""
-    return not len(numbers) or bool(numbers.min() >= 0 and numbers.max() < end)
+    return bool((numbers.astype(np.uint32) < end).all())  # what is negative is very large

@@ -31,6 +31,8 @@ class Air:
         self.meter = Meter(scenario.radio, scenario.uavs)
         self._scenario = scenario
         self._head_of = Clusters(scenario).head_of
+        slowest = np.array(scenario.radio.latency_threshold_slots)
+        self._next_tick = bool(delivery_ticks(scenario, slowest) == 1)  # whatever arrives does so then
         self._draw = generator(scenario.seed, "radio")
         self._in_flight: defaultdict[int, list[Frames]] = defaultdict(list)
 
@@ -77,41 +79,47 @@ class Air:
         radio = self._scenario.radio
         sources = batch.source.astype(np.intp)
         links = self._links(batch.kind, sources, states)
-        on_board = links[:, 1] == sources[links[:, 0]]  # heads hear themselves, the leader rides on UAV h
-        by_radio = links[~on_board]
-        difference = states[sources[by_radio[:, 0]], state.POSITION] - states[by_radio[:, 1], state.POSITION]
-        distance = np.sqrt((difference * difference).sum(axis=-1))
+        by_radio = sources[links[:, 0]] != links[:, 1]  # heads hear themselves, the leader rides on UAV h
+        row, target = links[by_radio].T
+        source = sources[row]
+        distance = self._distance(states, source, target)
         bits = 8 * batch.payload.itemsize * batch.payload.shape[1]
         sent = transmit(radio, self._draw, distance, bits)
         if cut is not None:
-            failed = cut(sources[by_radio[:, 0]], by_radio[:, 1])
+            failed = cut(source, target)
             spent = np.where(failed, radio.latency_threshold_slots, sent.slots)
             sent = Transmission(spent, sent.delivered & ~failed)
-        to_one = batch.kind in (FrameKind.UPLOAD, FrameKind.RELAY)  # a link each, so who needs no radio pays nothing
-        paying = sources[by_radio[:, 0]] if to_one else sources
-        rank = np.searchsorted(paying, sources[by_radio[:, 0]])
-        self.meter.count(batch.kind, bits, paying, np.stack([rank, by_radio[:, 1]], axis=-1), distance, sent)
+        paying = sources
+        if batch.kind in (FrameKind.UPLOAD, FrameKind.RELAY):  # a link each, so who needs no radio pays nothing
+            paying, row = source, np.arange(len(source))
+        self.meter.count(batch.kind, bits, paying, np.stack([row, target], axis=-1), distance, sent)
 
-        arrival = np.full(len(links), tick + 1)
-        arrival[~on_board] = tick + delivery_ticks(self._scenario, sent.slots)
         through = np.ones(len(links), dtype=bool)
-        through[~on_board] = sent.delivered
-        # Most often everything arrives in one tick, and finding that out is cheaper than sorting.
-        ticks = arrival[through]
-        for due in np.unique(ticks) if len(ticks) and ticks.min() != ticks.max() else ticks[:1]:
-            arrived = links[through & (arrival == due)].astype(np.int32)
-            self._in_flight[int(due)].append(Frames(batch.kind, batch.round, batch.source, batch.payload, arrived))
-        slots = np.where(sent.delivered, sent.slots, -sent.slots)
-        return np.stack(
-            [
-                np.full(len(by_radio), tick),
-                sources[by_radio[:, 0]],
-                by_radio[:, 1],
-                np.full(len(by_radio), batch.kind),
-                slots,
-            ],
-            axis=-1,
-        ).astype(np.int32)
+        through[by_radio] = sent.delivered
+        if self._next_tick:
+            self._deliver(tick + 1, batch, links[through])
+        else:
+            arrival = np.full(len(links), tick + 1)
+            arrival[by_radio] = tick + delivery_ticks(self._scenario, sent.slots)
+            for due in np.unique(arrival[through]).tolist():
+                self._deliver(due, batch, links[through & (arrival == due)])
+        record = np.empty((len(source), 5), dtype=np.int32)
+        record[:, 0], record[:, 1], record[:, 2], record[:, 3] = tick, source, target, batch.kind
+        record[:, 4] = np.where(sent.delivered, sent.slots, -sent.slots)
+        return record
+
+    def _deliver(self, tick: int, batch: Frames, links: Indices) -> None:
+        """The frames of a batch arrive over these links in a tick to come."""
+        if len(links):
+            arrived = Frames(batch.kind, batch.round, batch.source, batch.payload, links.astype(np.int32))
+            self._in_flight[tick].append(arrived)
+
+    def _distance(self, states: state.States, source: Indices, target: Indices) -> NDArray[np.float64]:
+        """Of links, `(K,)`, m; not measured where no length makes a difference."""
+        if not self._scenario.radio.path_loss_exponent:
+            return np.ones(len(source))
+        difference = states[source, state.POSITION] - states[target, state.POSITION]
+        return np.sqrt((difference * difference).sum(axis=-1))
 
     def _links(self, kind: FrameKind, sources: Indices, states: state.States) -> Indices:
         """[row of sources, receiving UAV] of every link a kind uses, `(K, 2)`."""

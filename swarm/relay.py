@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarm import model
+from swarm.ascending import contains
 from swarm.clusters import Clusters
 from swarm.codec import FLOAT_OF_BITS, expect
 from swarm.errors import MessageRejected
@@ -49,7 +50,7 @@ class Relay:
             MessageRejected: `wrong-shape`: not of this shape, not of a head, or of more models than its cluster has.
         """
         expect("payload", payload, (len(source), self.width), self.dtype)
-        if not np.isin(source, self._clusters.heads).all():
+        if not contains(self._clusters.heads, source).all():
             raise MessageRejected("wrong-shape", f"relays of UAVs {source.tolist()}, which head no cluster")
         counts = payload[:, -1].astype(np.float64)
         if (

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarm.ascending import contains
 from swarm.clusters import Clusters
 from swarm.messages import FrameKind, Frames
 from swarm.scenario import Scenario
@@ -36,7 +37,7 @@ class Heads:
 
     def read(self, member: Member) -> tuple[Frames, ...]:
         """What the heads a node holds have received and it has not heard yet."""
-        held = self._heads[np.isin(self._heads, member.uavs)].tolist() if self._sent_to else []
+        held = self._heads[contains(member.uavs, self._heads)].tolist() if self._sent_to else []
         return tuple(frames for head in held for frames in self._of[head].read(member.name))
 
     def relayed(self, number: int, frames: Iterable[Frames], links: NDArray[np.int32]) -> Iterator[str]:

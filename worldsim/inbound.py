@@ -5,6 +5,7 @@ from collections.abc import Collection
 import numpy as np
 
 from swarm import model, payload, state
+from swarm.ascending import contains
 from swarm.clusters import Clusters
 from swarm.codec import expect
 from swarm.errors import MessageRejected
@@ -70,8 +71,10 @@ def stray(frames: Frames, tick: int, rounds: Rounds, averaged: int) -> MessageRe
         return MessageRejected("duplicate", f"round {frames.round} has been averaged")
     if frames.round != expected:
         return MessageRejected("wrong-round", f"{frames.kind.name} of round {frames.round}, expected {expected}")
-    if frames.kind == FrameKind.UPLOAD and len(others := np.setdiff1d(frames.source, rounds.participants(expected))):
-        return MessageRejected("wrong-round", f"UAVs {others.tolist()} take no part in round {expected}")
+    if frames.kind == FrameKind.UPLOAD and not (taking := contains(rounds.participants(expected), frames.source)).all():
+        return MessageRejected(
+            "wrong-round", f"UAVs {frames.source[~taking].tolist()} take no part in round {expected}"
+        )
     return None
 
 
@@ -87,7 +90,7 @@ def _check_frames(frames: Frames, member: Member, scenario: Scenario, float_: np
         coding = payload.upload(scenario) if frames.kind == FrameKind.UPLOAD else payload.broadcast(scenario)
         coding.check(frames.payload, len(source))
     own = member.uavs if member.role == "agent" else np.array([scenario.federation.leader])
-    if not len(source) or not np.isin(source, own).all() or (np.diff(source) <= 0).any():
+    if not len(source) or not contains(own, source).all() or (source[1:] <= source[:-1]).any():
         raise MessageRejected("wrong-shape", f"frames of {member.name} name UAVs {source.tolist()}")
     if frames.links is not None:
         raise MessageRejected("wrong-shape", "only the world says which links carried a frame")
@@ -108,4 +111,4 @@ def _averaged_by(member: Member, tick: int, scenario: Scenario) -> Collection[in
         return range(scenario.uavs)
     if not Rounds(scenario).relays(tick):
         return ()
-    return np.flatnonzero(np.isin(Clusters(scenario).head_of, member.uavs)).tolist()
+    return np.flatnonzero(contains(member.uavs, Clusters(scenario).head_of)).tolist()

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarm.ascending import contains
 from swarm.messages import FrameKind, Frames
 from worldsim.members import Member
 
@@ -21,7 +22,7 @@ def of_agent(member: Member, due: Iterable[Frames], awake: NDArray[np.bool_]) ->
             continue
         links = batch.links
         if not everyone:
-            links = links[np.isin(links[:, 1], member.uavs) & awake[links[:, 1]]]
+            links = links[contains(member.uavs, links[:, 1]) & awake[links[:, 1]]]
         if len(links):
             yield only(batch, links)
 

