@@ -37,12 +37,16 @@ class Door:
         while not self._over.is_set():
             delivery = self._bus.receive(0.05)
             if delivery is not None and delivery.reply is not None:
-                delivery.reply(codec.encode(self._answers[min(self.asked, len(self._answers) - 1)]))
-                self.asked += 1
+                answer = self._answers[min(self.asked, len(self._answers) - 1)]
+                self.asked += 1  # before who asks can go on
+                delivery.reply(codec.encode(answer))
 
 
 class Deaf:
     """A node nobody asks."""
+
+    def reflex(self, raw: bytes, tick: int) -> bytes | None:
+        raise AssertionError(raw)
 
     def act(self, sense: Sense) -> Act:
         raise AssertionError(sense)
@@ -66,10 +70,23 @@ def join(spoke: Spoke, timeout_s: float, cancelled: Callable[[], bool] = lambda:
     return spoke.join(Join("agent", 1, 3), lambda welcome: Deaf(), timeout_s, cancelled)
 
 
+def count_asks(spoke: Spoke, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The keys it asks under, one an attempt; what a door on a loaded machine hears may be late."""
+    asks: list[str] = []
+    ask = spoke._bus.ask
+
+    def counted(key: str, payload: bytes, timeout_s: float) -> bytes | None:
+        asks.append(key)
+        return ask(key, payload, timeout_s)
+
+    monkeypatch.setattr(spoke._bus, "ask", counted)
+    return asks
+
+
 def test_who_is_refused_for_now_asks_again_until_it_is_let_in(opens: Callable[..., tuple[Door, Spoke]]) -> None:
     door, spoke = opens(TAKEN, TAKEN, WELCOME)
     assert join(spoke, DEADLINE_S).uavs == (3,)
-    assert door.asked == 3
+    assert door.asked >= 3
 
 
 def test_who_is_refused_for_now_gives_up_when_its_time_is_up_and_says_why(
@@ -81,18 +98,24 @@ def test_who_is_refused_for_now_gives_up_when_its_time_is_up_and_says_why(
     assert door.asked >= 2
 
 
-def test_who_is_refused_for_good_does_not_ask_again(opens: Callable[..., tuple[Door, Spoke]]) -> None:
-    door, spoke = opens(NEVER, WELCOME)
+def test_who_is_refused_for_good_does_not_ask_again(
+    opens: Callable[..., tuple[Door, Spoke]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, spoke = opens(NEVER)
+    asks = count_asks(spoke, monkeypatch)
     with pytest.raises(BusError, match="refused: UAV 9"):
         join(spoke, DEADLINE_S)
-    assert door.asked == 1
+    assert len(asks) == 1
 
 
-def test_who_is_interrupted_while_it_is_refused_asks_no_more(opens: Callable[..., tuple[Door, Spoke]]) -> None:
-    door, spoke = opens(TAKEN)
+def test_who_is_interrupted_while_it_is_refused_asks_no_more(
+    opens: Callable[..., tuple[Door, Spoke]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, spoke = opens(TAKEN)
+    asks = count_asks(spoke, monkeypatch)
     with pytest.raises(BusError, match=r"interrupted .*UAV 3"):
-        join(spoke, DEADLINE_S, cancelled=lambda: door.asked >= 2)
-    assert door.asked == 2
+        join(spoke, DEADLINE_S, cancelled=lambda: len(asks) >= 2)
+    assert len(asks) == 2
 
 
 def test_a_join_whose_answer_is_lost_is_repeated_with_the_same_token(monkeypatch: pytest.MonkeyPatch) -> None:
