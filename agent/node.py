@@ -34,6 +34,8 @@ class Agent:
         self._method = self._scenario.method
         self._float = FLOAT_OF_BITS[self._scenario.radio.bits_per_float]
         self._rounds = Rounds(self._scenario)
+        if self._method.is_federated:
+            self._rounds.participants(1)  # drawn while nobody waits
         self._shared = model.shared(self._method)
         self._byzantine = Byzantine(self._scenario)
         self._heads = Heads(self._scenario, self.uavs)

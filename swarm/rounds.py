@@ -23,6 +23,9 @@ def delivery_ticks(scenario: "Scenario", slots: NDArray[np.int64]) -> NDArray[np
     return np.maximum(1, np.ceil(ticks * (1.0 - 1e-9))).astype(np.intp)
 
 
+_DRAWN_AT_ONCE = 8  # rounds: the first draw of a process among many finds nothing in the caches, the others do
+
+
 class Rounds:
     """The calendar of the rounds k = 1, 2 … of a scenario; without rounds for methods that share no model."""
 
@@ -33,7 +36,7 @@ class Rounds:
         self._horizon = int(delivery_ticks(scenario, longest))
         self._relays = scenario.federation.clusters > 1
         self._open_ticks = self._horizon * (HOPS if self._relays else 1)
-        self._drawn: tuple[int, NDArray[np.intp]] | None = None
+        self._drawn: dict[int, NDArray[np.intp]] = {}
 
     def opens(self, tick: int) -> int:
         """The round whose uploads are sent in this tick (tick = k·n0), or 0."""
@@ -64,9 +67,12 @@ class Rounds:
 
     def participants(self, number: int) -> NDArray[np.intp]:
         """𝒩_h of a round: N_h UAVs, ascending."""
-        if self._drawn is None or self._drawn[0] != number:
-            draw = generator(self._scenario.seed, "participants", number)
-            drawn = np.sort(draw.choice(self._scenario.uavs, self._scenario.participants, replace=False))
-            drawn.flags.writeable = False
-            self._drawn = number, drawn
-        return self._drawn[1]
+        if number not in self._drawn:
+            self._drawn = {round_: self._draw(round_) for round_ in range(number, number + _DRAWN_AT_ONCE)}
+        return self._drawn[number]
+
+    def _draw(self, number: int) -> NDArray[np.intp]:
+        draw = generator(self._scenario.seed, "participants", number)
+        drawn = np.sort(draw.choice(self._scenario.uavs, self._scenario.participants, replace=False))
+        drawn.flags.writeable = False
+        return drawn
