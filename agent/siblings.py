@@ -8,6 +8,7 @@ import gc
 import logging
 import os
 import signal
+import sys
 import time
 from typing import NoReturn
 
@@ -15,6 +16,7 @@ from swarm import logs
 from swarm.errors import EXIT_RUN_FAILED
 from swarm.process import CHILD, Interrupted, orphaned
 
+SAFE = sys.platform == "linux"  # elsewhere system libraries may not survive a fork
 _POLL_S = 0.05
 _GRACE_S = 3.0  # a launcher waits a little longer
 

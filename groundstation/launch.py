@@ -14,6 +14,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO
 
+from agent import siblings
 from swarm import logs
 from swarm.address import Address
 from swarm.errors import RunFailed
@@ -22,7 +23,6 @@ from swarm.process import CHILD
 from swarm.session import ZenohBus
 
 LAST_LINES = 8
-_FORKS = sys.platform == "linux"  # elsewhere system libraries may not survive it
 _TERM_GRACE_S = 5.0
 
 
@@ -126,7 +126,7 @@ class Swarm:
     def start_agents(self, uavs: int, rows: int, wait_s: float) -> None:
         """As many agents as `uavs` need, `rows` UAVs in each; where that is safe, forked from the first."""
         processes = -(-uavs // rows)
-        together = processes if _FORKS else 1
+        together = processes if siblings.SAFE else 1
         for number in range(0, processes, together):
             who = ["--uav", str(number * rows)] if self._tls is not None else []
             name = f"agent process {number}" if together == 1 else "agents"

@@ -5,9 +5,11 @@ from pathlib import Path
 
 import psutil
 
+from agent import siblings
+
 MEGABYTE = 2**20
-# Measured, with a quarter on top: what belongs to a process alone, libraries shared by all counted once.
-AGENT_MB = 28
+# Measured, with a quarter on top: what belongs to a process alone; what is shared by all is counted once.
+AGENT_MB = 10 if siblings.SAFE else 28  # forked from one that has loaded everything, or each for itself
 IN_PROCESS_MB = 220  # all rooms and the recorder in one process
 NETWORKED_MB = 450  # world, leader, ground station, and 64 MiB of telemetry that may wait
 UAV_KB = 50
