@@ -71,7 +71,7 @@ does not measure them again. Lockstep without learning, one 32-byte broadcast an
 - The tuned runtime (one thread a task) is worth 13–22 % and is on. Receive and transmit never share a pool: a router so
   set up waited for itself for ever, three times out of three.
 - `lowlatency` is off although it is faster: messages from 50 kB on vanish without a word, and a put to a frozen
-  subscriber blocks.
+  subscriber blocks. On top of the tuned runtime it takes 8 % of their CPU off the clients and puts 40 % on the world's.
 - Shared memory is off: on by default from 3 KiB, it dropped messages silently and left segments behind.
 - Per agent and tick, bare Zenoh costs 136 µs of CPU and seven context switches: hand-overs between threads, not the
   interpreter lock. That is why several UAVs in one process (`--uavs-per-process`) are so much cheaper than as many
