@@ -62,8 +62,8 @@ def end_all(processes: Sequence["subprocess.Popen[bytes]"]) -> None:
             process.wait()
 
 
-def _sweep(group: int) -> None:
-    """Kills what is left of a process group whose leader was killed, and waits until it is gone."""
+def sweep(group: int) -> None:
+    """Kills what is left of a process group whose leader is gone, and waits until it is gone."""
     end = time.monotonic() + _TERM_GRACE_S
     with suppress(ProcessLookupError):
         while time.monotonic() < end:
@@ -166,7 +166,7 @@ class Swarm:
         end_all([child.process for child in self._children])
         for child in self._children:
             if child.process.returncode < 0:  # killed: what it had forked may still be on its way out
-                _sweep(child.process.pid)
+                sweep(child.process.pid)
         self._pass_on()
         self._children = []
         for descriptor in (self._hold, self._child_stdin):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 
 from benchmarks import peers, scaling, store
@@ -145,6 +146,33 @@ def test_a_peer_is_timed_in_its_own_process_and_ends_with_it() -> None:
         process = peer._process
         assert process.poll() is None
     assert process.poll() is not None
+
+
+LEAVES_BEHIND = """
+import subprocess, sys, tempfile
+child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+tempfile.mkstemp()
+print("ready", flush=True)
+input()
+print(child.pid, flush=True)
+input()
+"""
+
+
+def gone(process: psutil.Process) -> bool:
+    try:
+        return bool(process.status() == psutil.STATUS_ZOMBIE)
+    except psutil.NoSuchProcess:
+        return True
+
+
+def test_what_a_peer_started_and_wrote_goes_with_it() -> None:
+    with environment.Peer([sys.executable, "-c", LEAVES_BEHIND], "peer 1") as peer:
+        child, folder = psutil.Process(int(peer.measure(1))), Path(peer._folder.name)
+        assert not gone(child)
+        assert any(folder.iterdir())
+    assert gone(child)
+    assert not folder.exists()
 
 
 @pytest.mark.parametrize(

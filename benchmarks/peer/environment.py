@@ -14,11 +14,12 @@ from types import TracebackType
 
 from benchmarks.machine import ROOT
 from benchmarks.processes import BenchmarkFailed
-from groundstation.launch import end_all
+from groundstation.launch import end_all, sweep
 
 FOLDER = ROOT / ".bench"
 SCRIPTS = Path(__file__).parent
 ANSWER_S = 60.0
+_SETTINGS = {"PYTHONDONTWRITEBYTECODE": "1", "FLWR_TELEMETRY_ENABLED": "0", "RAY_USAGE_STATS_ENABLED": "0"}
 
 
 def pins(peer: str) -> list[str]:
@@ -90,21 +91,21 @@ def install(command: list[str], log: Path, end: float) -> None:
 
 
 class Peer:
-    """A peer's process, ready to be timed; a context manager that ends it."""
+    """A peer's process in a folder of its own, ready to be timed; a context manager that ends it."""
 
     def __init__(self, command: list[str], version: str) -> None:
         """Raises BenchmarkFailed where it does not get ready."""
         self.version = version
         self._unread = b""
-        FOLDER.mkdir(exist_ok=True)
+        self._folder = tempfile.TemporaryDirectory(prefix="peer-", ignore_cleanup_errors=True)
         self._log = tempfile.TemporaryFile()  # noqa: SIM115  # closed in `close`
         self._process = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._log,
-            cwd=FOLDER,
-            env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1", "FLWR_TELEMETRY_ENABLED": "0"},
+            cwd=self._folder.name,
+            env=os.environ | _SETTINGS | {"TMPDIR": self._folder.name, "FLWR_HOME": self._folder.name},
             start_new_session=True,
         )
         try:
@@ -132,11 +133,13 @@ class Peer:
         return float(self._line())
 
     def close(self) -> None:
-        """Ends it."""
+        """Ends it and what it started; what it wrote goes with it."""
         end_all([self._process])
+        sweep(self._process.pid)  # ray's daemons outlive it where it had to be killed
         for file in (self._process.stdin, self._process.stdout, self._log):
             if file is not None:
                 file.close()
+        self._folder.cleanup()
 
     def _line(self) -> str:
         assert self._process.stdout is not None
