@@ -79,7 +79,8 @@ does not measure them again. Lockstep without learning, one 32-byte broadcast an
 
 ## Peers, measured once
 
-On the same kind of machine, one at a time, with the same 984-byte model; not measured again by this program:
+On the same kind of machine, one at a time, with the same 984-byte model. This program does not measure these again; its
+own races with most of them are above:
 
 | work | peer | figure |
 |---|---|---|

@@ -98,6 +98,17 @@ RACES = (
         "its agents act but do not learn here",
     ),
     Race(
+        "crazyflow",
+        "crazyflow_control",
+        25,
+        "control step of 25 drones on the CPU: 10 ms of flight",
+        "0.1 s of 25 UAVs, mfgfl-hf, in process: a tick",
+        partial(_tick, "mfgfl-hf", 25),
+        50,
+        "its drones are rigid bodies on rotors, in five steps of physics, and neither learn nor talk; ours are points "
+        "that do, and a tick flies ten times as far",
+    ),
+    Race(
         "pyrvo",
         "pyrvo_orca",
         25,
@@ -125,6 +136,17 @@ RACES = (
         partial(_round, 25),
         5,
         "its clients take one gradient step; ours learn in all three ticks and pay for the radio",
+    ),
+    Race(
+        "flwr",
+        "flwr_round",
+        25,
+        "round of its simulation engine, 25 clients, 246 floats",
+        "three ticks of 25 UAVs in process: a round",
+        partial(_round, 25),
+        2,
+        "its clients take one gradient step each, in a worker process for each core, and it looks for messages every "
+        "0.1 s",
     ),
     Race(
         "flwr",

@@ -113,6 +113,11 @@ def test_every_peer_has_pins_and_a_script() -> None:
         assert (environment.SCRIPTS / f"{race.script}.py").is_file()
 
 
+def test_no_two_figures_of_the_races_share_a_name() -> None:
+    names = [f"{race.peer}: {race.theirs}" for race in peers.RACES] + [race.ours for race in peers.RACES]
+    assert len(names) == len(set(names)), "the regression check tells figures apart by their names"
+
+
 def test_a_peer_that_is_not_set_up_says_how_to(tmp_path: Path) -> None:
     with pytest.raises(BenchmarkFailed, match="--setup pyrvo"):
         environment.Environment("pyrvo", tmp_path).start("pyrvo_orca", 5)
