@@ -110,9 +110,9 @@ def future_table(fitted: Fit) -> list[str]:
         return senders * slots_each * radio.coherence_time_s * radio.bandwidth_hz / spectrum
 
     lines = {
-        "processes of one UAV: memory": lambda n: _bytes(25 * 2**20 * n),
+        "processes of one UAV: memory": lambda n: _bytes(13 * 2**20 * n),
         "… and a tick": lambda n: _seconds(fitted.ms(n, n) / 1e3),
-        "processes of 250 UAVs: memory": lambda n: _bytes(25 * 2**20 * n / 250 + 25e3 * n),
+        "processes of 250 UAVs: memory": lambda n: _bytes(13 * 2**20 * n / 250 + 25e3 * n),
         "… and a tick without metrics (b P + c N)": lambda n: _seconds(
             (fitted.ms(n, n / 250) - fitted.ms(n) + fitted.coefficients[1] * n) / 1e3
         ),
