@@ -38,7 +38,7 @@ class Plain:
             pieces.append(first[start:here])
             start = here + array.nbytes
         self._pieces = (*pieces, first[start:])
-        self._rest = len(first) - start + sum(array.nbytes for array in zeros) + sum(map(len, pieces[1:]))
+        self._rest = len(first) - len(self._before) - 1 - len(pieces[0])  # of the length, from the first array on
         self._tick = -1
         self._frame: tuple[bytes, ...] = ()
 
