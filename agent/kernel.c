@@ -1,184 +1,27 @@
-/* One tick of the learners, compiled: what agent/{basis,interaction,hjb,fpk}.py say, for the rows of a process.
+/* One tick of the learners, compiled: the module agent/kernel.py imports. The mathematics is in rows.h.
  *
  * The Python form is the definition and the fallback. This one gives the same bits: every sum is taken in NumPy's
- * order (`sum_of`), nothing is contracted into fused operations, and the tables come from the Python classes.
+ * order, nothing is contracted into fused operations, and the tables come from the Python classes.
  * Compiled without a compiler's leave to reorder floating point; with it, tests/agent/test_kernel.py fails.
  */
 #define PY_SSIZE_T_CLEAN
 #define Py_LIMITED_API 0x030B0000
 #include <Python.h>
-#include <float.h>
 #include <math.h>
-#include <stdint.h>
 #include <string.h>
 
-#if defined(__x86_64__) && defined(__gnu_linux__) && defined(__GNUC__) && !defined(__clang__)
-#define WIDE __attribute__((target_clones("default", "avx2"))) /* wider vectors, the same operations in each lane */
-#else
-#define WIDE
+#include "tables.h"
+
+static int lanes = 1; /* how many rows this machine steps at once */
+
+/* Three rows are stepped at once, too, with a lane to spare; two are as quick one by one. */
+static void step_rows(const Tables *t, const Rows *rows, Py_ssize_t count) {
+    Py_ssize_t from = 0;
+#if MANY > 1
+    for (Py_ssize_t left; lanes > 1 && (left = count - from) > 2; from += left < lanes ? left : lanes)
+        step_many(t, rows, from, (int)(left < lanes ? left : lanes));
 #endif
-
-enum {
-    SIZE = 4, AXES = 2, POWERS = 7, FLAT = SIZE * POWERS,
-    PER_AXIS = 27, VALUES = AXES * PER_AXIS, BLOCKS = 4 * VALUES, /* σ_H and its three derivatives */
-    PAIRS = 15, ALL_PAIRS = 8 * PAIRS, DENSITIES = 69, TERMS = DENSITIES + 1,
-    PRODUCTS_MOST = 512, NODES = 64, NUMBERS = 5, BLOCK = 128
-};
-
-typedef struct {
-    double scale[SIZE], value_factor[BLOCKS], pair_factor[ALL_PAIRS], factorial[TERMS];
-    double monomials[TERMS * NODES], kernel[NODES];
-    double c1, c2, c3, epsilon, mu_h, push, kappa, drag, wind[AXES], half_variance, gain, arrived_squared, mu_f;
-    int32_t value_first[BLOCKS], value_second[BLOCKS], pair_first[ALL_PAIRS], pair_second[ALL_PAIRS];
-    int32_t at_position[TERMS], at_velocity[TERMS], left[2 * DENSITIES], right[2 * DENSITIES];
-    int32_t weight[PRODUCTS_MOST], term[PRODUCTS_MOST], starts[TERMS + 1];
-    int learns_density;
-} Tables;
-
-/* NumPy's pairwise sum of contiguous doubles. */
-static double pairwise(const double *a, Py_ssize_t n) {
-    if (n < 8) {
-        double sum = -0.0;
-        for (Py_ssize_t i = 0; i < n; i++) sum += a[i];
-        return sum;
-    }
-    if (n <= BLOCK) {
-        double r[8];
-        Py_ssize_t i = 8;
-        memcpy(r, a, sizeof r);
-        for (; i < n - n % 8; i += 8)
-            for (int k = 0; k < 8; k++) r[k] += a[i + k];
-        double sum = ((r[0] + r[1]) + (r[2] + r[3])) + ((r[4] + r[5]) + (r[6] + r[7]));
-        for (; i < n; i++) sum += a[i];
-        return sum;
-    }
-    Py_ssize_t half = n / 2;
-    half -= half % 8;
-    return pairwise(a, half) + pairwise(a + half, n - half);
-}
-
-/* np.sum over a contiguous last axis. */
-static double sum_of(const double *a, Py_ssize_t n) { return 0.0 + pairwise(a, n); }
-
-/* swarm.state.dot */
-static double dot(const double *a, const double *b, int n) {
-    double products[2 * (DENSITIES > VALUES ? DENSITIES : VALUES)];
-    for (int i = 0; i < n; i++) products[i] = a[i] * b[i];
-    return sum_of(products, n);
-}
-
-/* np.maximum: what is not a number stays so. */
-static double at_least(double x, double least) { return x >= least || x != x ? x : least; }
-
-static double plane(const double *a, const double *b) { return dot(a, b, AXES); }
-
-/* agent.interaction.empirical, with β = 1 */
-static double empirical(const Tables *t, const double *s, const double *known, Py_ssize_t n, double *products) {
-    for (Py_ssize_t j = 0; j < n; j++, known += SIZE) {
-        double dr[AXES] = {known[0] - s[0], known[1] - s[1]}, dv[AXES] = {known[2] - s[2], known[3] - s[3]};
-        products[j] = plane(dv, dv) / (t->epsilon + plane(dr, dr));
-    }
-    return sum_of(products, n) / (double)n;
-}
-
-/* agent.interaction.Quadrature; terms: [1, σ_F] */
-WIDE static double quadrature(const Tables *t, const double *weights, const double *terms) {
-    double w[DENSITIES], s[TERMS], products[PRODUCTS_MOST], mass[NODES] = {0}, weighed[NODES];
-    for (int k = 0; k < DENSITIES; k++) w[k] = weights[k] * t->factorial[k + 1];
-    for (int k = 0; k < TERMS; k++) s[k] = terms[k] / t->factorial[k];
-    for (int p = 0; p < t->starts[TERMS]; p++) products[p] = w[t->weight[p]] * s[t->term[p]];
-    for (int k = 0; k < TERMS; k++) {
-        const double *first = products + t->starts[k];
-        int more = t->starts[k + 1] - t->starts[k] - 1;
-        double coefficient = more ? first[0] + pairwise(first + 1, more) : first[0];
-        for (int q = 0; q < NODES; q++) mass[q] += coefficient * t->monomials[k * NODES + q];
-    }
-    for (int q = 0; q < NODES; q++) mass[q] = at_least(mass[q], 0.0);
-    for (int q = 0; q < NODES; q++) weighed[q] = mass[q] * t->kernel[q];
-    return sum_of(weighed, NODES) / at_least(sum_of(mass, NODES), DBL_MIN);
-}
-
-/* agent.hjb.HjbLearner.step; numbers: [a_x, a_y, e_H, …]. Returns the curvature. */
-static double value_step(const Tables *t, const double *s, const double *powers, double phi_g,
-                         const double *weights, double *stepped, double *numbers) {
-    double blocks[BLOCKS], gradient[2 * VALUES], before[AXES], drift[AXES], slope[AXES], by_position[AXES];
-    for (int k = 0; k < BLOCKS; k++)
-        blocks[k] = powers[t->value_first[k]] * powers[t->value_second[k]] * t->value_factor[k];
-    const double *sigma = blocks, *by_r = blocks + VALUES, *by_v = blocks + 2 * VALUES, *bend = blocks + 3 * VALUES;
-
-    for (int x = 0; x < AXES; x++) {
-        before[x] = -t->gain * dot(by_v + x * PER_AXIS, weights + x * PER_AXIS, PER_AXIS);
-        drift[x] = before[x] - t->drag * (s[2 + x] - t->wind[x]);
-    }
-    for (int x = 0; x < AXES; x++)
-        for (int k = x * PER_AXIS; k < (x + 1) * PER_AXIS; k++)
-            gradient[k] = bend[k] * t->half_variance + s[2 + x] * by_r[k] + drift[x] * by_v[k];
-    memcpy(gradient + VALUES, sigma, VALUES * sizeof *sigma);
-
-    double residual = dot(weights, gradient, 2 * VALUES);
-    residual += t->c3 * plane(before, before);
-    residual += plane(s + 2, s) / at_least(sqrt(plane(s, s)), DBL_MIN) + t->c1 * plane(s + 2, s + 2);
-    residual += t->c2 * phi_g;
-
-    double rate = t->mu_h * residual;
-    for (int k = 0; k < 2 * VALUES; k++) stepped[k] = weights[k] - rate * gradient[k];
-    for (int x = 0; x < AXES; x++) {
-        by_position[x] = s[x] + t->kappa * s[2 + x];
-        slope[x] = t->kappa * s[x] + s[2 + x];
-    }
-    if (plane(by_position, s + 2) + plane(slope, drift) > 0 && dot(s, s, SIZE) >= t->arrived_squared)
-        for (int x = 0; x < AXES; x++)
-            for (int k = x * PER_AXIS; k < (x + 1) * PER_AXIS; k++) stepped[k] += t->push * slope[x] * by_v[k];
-    for (int x = 0; x < AXES; x++)
-        numbers[x] = -t->gain * dot(by_v + x * PER_AXIS, stepped + x * PER_AXIS, PER_AXIS);
-    numbers[AXES] = residual;
-    return dot(bend, stepped, VALUES);
-}
-
-/* agent.fpk.FpkLearner.step; returns e_F. */
-static double density_step(const Tables *t, const double *s, const double *pairs, const double *terms,
-                           const double *action, double curvature, const double *weights, double *stepped) {
-    double parts[4 * PAIRS], gradient[2 * DENSITIES], drift[AXES];
-    double divergence = -2.0 * t->drag - t->gain * curvature, spread = -t->half_variance;
-    const double *velocity = pairs + 3 * PAIRS;
-    for (int x = 0; x < AXES; x++) drift[x] = action[x] - t->drag * (s[2 + x] - t->wind[x]);
-    for (int k = 0; k < PAIRS; k++) {
-        parts[k] = pairs[k];
-        parts[PAIRS + k] = divergence * pairs[k] + s[2] * pairs[PAIRS + k] + s[3] * pairs[2 * PAIRS + k];
-        parts[2 * PAIRS + k] = velocity[k];
-        parts[3 * PAIRS + k] = drift[0] * velocity[PAIRS + k] + drift[1] * velocity[2 * PAIRS + k]
-                             + spread * velocity[3 * PAIRS + k] + spread * velocity[4 * PAIRS + k];
-    }
-    for (int k = 0; k < DENSITIES; k++)
-        gradient[k] = parts[t->left[k]] * parts[t->right[k]]
-                    + parts[t->left[DENSITIES + k]] * parts[t->right[DENSITIES + k]];
-    memcpy(gradient + DENSITIES, terms + 1, DENSITIES * sizeof *terms);
-    double residual = dot(weights, gradient, 2 * DENSITIES), rate = t->mu_f * residual;
-    for (int k = 0; k < 2 * DENSITIES; k++) stepped[k] = weights[k] - rate * gradient[k];
-    return residual;
-}
-
-/* agent.learner.Learner.step for one row; known: (n, 4) for hjb. */
-static void row_step(const Tables *t, const double *s, const double *known, Py_ssize_t n, double *scratch,
-                     const double *value, const double *density, double *value_out, double *density_out,
-                     double *numbers) {
-    double powers[FLAT], pairs[ALL_PAIRS], terms[TERMS];
-    for (int c = 0; c < SIZE; c++) {
-        double u = s[c] / t->scale[c], power = 1.0;
-        for (int k = 0; k < POWERS; k++, power *= u) powers[c * POWERS + k] = power;
-    }
-    if (!t->learns_density) {
-        numbers[4] = empirical(t, s, known, n, scratch);
-        value_step(t, s, powers, numbers[4], value, value_out, numbers);
-        numbers[3] = 0.0;
-        return;
-    }
-    for (int k = 0; k < ALL_PAIRS; k++)
-        pairs[k] = powers[t->pair_first[k]] * powers[t->pair_second[k]] * t->pair_factor[k];
-    for (int k = 0; k < TERMS; k++) terms[k] = pairs[t->at_position[k]] * pairs[3 * PAIRS + t->at_velocity[k]];
-    numbers[4] = quadrature(t, density, terms);
-    double curvature = value_step(t, s, powers, numbers[4], value, value_out, numbers);
-    numbers[3] = density_step(t, s, pairs, terms, numbers, curvature, density, density_out);
+    for (; from < count; from++) step_one(t, rows, from, 1);
 }
 
 /* ---- Python ---- */
@@ -289,13 +132,13 @@ static PyObject *step(PyObject *module, PyObject *args) {
             goto done;
         }
     }
-    const double *states = view[STATES].buf, *value = view[VALUE].buf, *density = view[DENSITY].buf;
-    const double *known = view[KNOWN].buf;
-    double *value_out = view[VALUE_OUT].buf, *density_out = view[DENSITY_OUT].buf, *numbers = view[NUMBERS_OUT].buf;
-    for (Py_ssize_t m = 0; m < rows; m++)
-        row_step(t, states + m * SIZE, t->learns_density ? NULL : known + m * others * SIZE, others, scratch,
-                 value + m * 2 * VALUES, density + m * 2 * DENSITIES, value_out + m * 2 * VALUES,
-                 density_out + m * 2 * DENSITIES, numbers + m * NUMBERS);
+    const double *states = view[STATES].buf, *known = view[KNOWN].buf;
+    double *numbers = view[NUMBERS_OUT].buf;
+    for (Py_ssize_t m = 0; m < rows && !t->learns_density; m++)
+        numbers[m * NUMBERS + 4] = empirical(t, states + m * SIZE, known + m * others * SIZE, others, scratch);
+    const Rows all = {view[STATES].buf, view[VALUE].buf, view[DENSITY].buf,
+                      view[VALUE_OUT].buf, view[DENSITY_OUT].buf, view[NUMBERS_OUT].buf};
+    step_rows(t, &all, rows);
     double largest = 0.0; /* and what is not a number stays so */
     for (Py_ssize_t k = 0; k < rows * NUMBERS && largest == largest; k++) {
         double size = fabs(numbers[k]);
@@ -325,6 +168,13 @@ typedef struct { const char *text; Py_ssize_t size; } Text;
 static char *put(char *end, const void *what, Py_ssize_t size) {
     memcpy(end, what, size);
     return end + size;
+}
+
+/* Bytes may begin anywhere. */
+static double double_at(const char *text, Py_ssize_t k) {
+    double number;
+    memcpy(&number, text + k * (Py_ssize_t)sizeof number, sizeof number);
+    return number;
 }
 
 static PyObject *answer(PyObject *module, PyObject *args) {
@@ -358,15 +208,14 @@ static PyObject *answer(PyObject *module, PyObject *args) {
         inside = (act = PyBytes_FromStringAndSize(NULL, size)) != NULL;
     }
     char *end = inside ? put(PyBytes_AsString(act), say[0].text, say[0].size) : NULL;
-    for (Py_ssize_t m = 0; m < rows && inside; m++) {
-        double s[SIZE], numbers[NUMBERS];
-        memcpy(s, raw.text + before.size + m * in, in);
-        for (int c = 0; c < SIZE; c++) inside = inside && isfinite(s[c]);
-        if (!inside) break;
-        row_step(t, s, NULL, 0, NULL, (double *)view[VALUE].buf + m * v, (double *)view[DENSITY].buf + m * f,
-                 (double *)view[VALUE_OUT].buf + m * v, (double *)view[DENSITY_OUT].buf + m * f, numbers);
-        for (int k = 0; k < NUMBERS; k++) inside = inside && fabs(numbers[k]) < bound; /* NaN is below nothing */
-        end = put(end, numbers, out);
+    const char *states = raw.text + before.size;
+    for (Py_ssize_t k = 0; k < rows * SIZE; k++) inside = inside && isfinite(double_at(states, k));
+    if (inside) {
+        const Rows all = {states, view[VALUE].buf, view[DENSITY].buf, view[VALUE_OUT].buf, view[DENSITY_OUT].buf, end};
+        step_rows(t, &all, rows);
+        for (Py_ssize_t k = 0; k < rows * NUMBERS; k++) /* NaN is below nothing */
+            inside = inside && fabs(double_at(end, k)) < bound;
+        end += rows * out;
     }
     if (inside) end = put(end, say[1].text, say[1].size);
     if (inside && say[2].text != NULL) {
@@ -397,4 +246,9 @@ static PyMethodDef methods[] = {
 
 static struct PyModuleDef definition = {PyModuleDef_HEAD_INIT, "_kernel", "The learners' tick, compiled.", 0, methods};
 
-PyMODINIT_FUNC PyInit__kernel(void) { return PyModule_Create(&definition); }
+PyMODINIT_FUNC PyInit__kernel(void) {
+#if MANY > 1
+    if (__builtin_cpu_supports("avx2")) lanes = MANY;
+#endif
+    return PyModule_Create(&definition);
+}

@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from agent import kernel
 from agent.learner import Learner
-from agent.minds import Minds
+from agent.minds import Minds, Outcome
 from groundstation.engine import Engine
 from swarm import state
 from swarm.methods import Method
@@ -20,6 +20,8 @@ from swarm.scenario import Scenario, load
 from worldsim.formation import initial_states
 
 LEARNING = [method for method in Method if method.learns_value]
+
+LANES = 8  # as many rows as any machine steps at once, or more
 
 needs_kernel = pytest.mark.skipif(not kernel.is_compiled(), reason="installed without a C compiler")
 
@@ -47,7 +49,7 @@ def test_where_there_is_a_compiler_there_is_a_kernel() -> None:
 
 @needs_kernel
 @pytest.mark.parametrize("method", LEARNING)
-@pytest.mark.parametrize("rows", [1, 2, 25, 130])
+@pytest.mark.parametrize("rows", [*range(1, 2 * LANES + 2), 25, 130])
 def test_a_flight_of_the_kernel_is_that_of_numpy(method: Method, rows: int) -> None:
     flown, draw = scenario(method), np.random.default_rng(rows)
     states = draw.uniform([-50, -50, -8, -8], [180, 130, 8, 8], (rows, state.SIZE))
@@ -81,6 +83,67 @@ def test_numbers_beyond_all_bounds_are_treated_alike(
             scenario(method), Minds(value, density), states, None if method.learns_density else known
         )
         assert compiled == plain
+
+
+def flying(method: Method, rows: int) -> tuple[Learner, Minds, np.ndarray, np.ndarray | None]:
+    """A learner, and rows as different as those of a swarm on its way."""
+    learner, draw = Learner(scenario(method)), np.random.default_rng(rows)
+    minds = learner.init(rows, initial_states(scenario(method)))
+    minds = Minds(draw.normal(0, 0.1, minds.value.shape), minds.density + draw.normal(0, 0.1, minds.density.shape))
+    states = draw.uniform([-50, -50, -8, -8], [180, 130, 8, 8], (rows, state.SIZE))
+    return learner, minds, states, None if method.learns_density else draw.normal(0, 30, (rows, 9, state.SIZE))
+
+
+def rows_of(outcome: Outcome) -> list[bytes]:
+    """The bits of each row: its models and its numbers."""
+    return [
+        models.tobytes() + row.tobytes() for models, row in zip(outcome.minds.models(), outcome.numbers, strict=True)
+    ]
+
+
+@needs_kernel
+@pytest.mark.parametrize("method", [Method.MFG, Method.HJB])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e308])
+@pytest.mark.parametrize("rows", [LANES, LANES + 3])
+def test_a_row_never_touches_another(method: Method, bad: float, rows: int) -> None:
+    learner, minds, states, known = flying(method, rows)
+    sound = rows_of(learner.step(minds, states, known))
+    for broken in range(rows):
+        for where in (states, minds.value, minds.density):
+            kept = where[broken].copy()
+            where[broken] = bad
+            others = rows_of(learner.step(minds, states, known))
+            where[broken] = kept
+            assert others[:broken] + others[broken + 1 :] == sound[:broken] + sound[broken + 1 :]
+
+
+@needs_kernel
+@pytest.mark.parametrize("method", [Method.MFG, Method.HJB])
+@pytest.mark.parametrize("rows", range(1, 2 * LANES + 2))
+def test_a_row_is_the_same_in_any_company_and_nothing_is_read_or_written_beyond_the_last(
+    method: Method, rows: int
+) -> None:
+    """The arrays given are the beginnings of longer ones, which hold what would show."""
+    learner, minds, states, known = flying(method, 2 * LANES + 2)
+    alone = [
+        rows_of(
+            learner.step(
+                Minds(minds.value[row], minds.density[row]), states[row], None if known is None else known[row]
+            )
+        )[0]
+        for row in (slice(k, k + 1) for k in range(rows))
+    ]
+    for array in (states, minds.value, minds.density, *([] if known is None else [known])):
+        array[rows:] = np.nan
+    given = (states[:rows], minds.value[:rows], minds.density[:rows], None if known is None else known[:rows])
+    value, density, numbers = (np.full((2 * LANES + 2, *shape), 7.0) for shape in ((2, 54), (2, 69), (5,)))
+    if known is not None:
+        density[:rows] = minds.density[:rows]  # nothing learns it
+    assert learner.kernel is not None
+    kernel._kernel.step(learner.kernel._tables, *given, value[:rows], density[:rows], numbers[:rows])
+    stepped = Outcome(Minds(value[:rows], density[:rows]), numbers[:rows], 0.0)
+    assert rows_of(stepped) == alone
+    assert all((array[rows:] == 7.0).all() for array in (value, density, numbers))
 
 
 @needs_kernel
