@@ -122,7 +122,8 @@ INLINE Lanes value_step(const Tables *t, const Lanes *s, const Lanes *powers, La
         by_position[x] = s[x] + t->kappa * s[2 + x];
         slope[x] = t->kappa * s[x] + s[2 + x];
     }
-    Mask pushed = (plane(by_position, s + 2) + plane(slope, drift) > 0.0) & (dot(s, s, SIZE) >= t->arrived_squared);
+    Mask leaving = plane(by_position, s + 2) + plane(slope, drift) > 0.0, on_way = dot(s, s, SIZE) >= t->arrived_squared;
+    Mask pushed = leaving & on_way;
     if (any(pushed))
         for (int x = 0; x < AXES; x++)
             for (int k = x * PER_AXIS; k < (x + 1) * PER_AXIS; k++)

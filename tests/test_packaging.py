@@ -89,6 +89,13 @@ def test_a_process_of_the_swarm_stays_small() -> None:
     assert world == base | {"prometheus-client", "scipy"}
 
 
+def test_the_kernel_is_built_from_all_of_its_files_wherever_they_are_taken() -> None:
+    (extension,) = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["ext-modules"]
+    there = {path.relative_to(ROOT).as_posix() for path in (ROOT / "agent").glob("*.[ch]")}
+    assert {*extension["sources"], *extension["depends"]} == there  # both enter a source distribution
+    assert "$(wildcard agent/*.[ch])" in (ROOT / "Makefile").read_text()
+
+
 def test_every_make_target_is_documented() -> None:
     makefile = (ROOT / "Makefile").read_text()
     (phony,) = re.findall(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)
