@@ -17,6 +17,11 @@ from worldsim.metrics import pairs
 
 Floats = NDArray[np.float64]
 
+# As numbers of the array they are compared with: a member of an enumeration is converted anew each time.
+FLYING, LOST = np.uint8(Status.FLYING), np.uint8(Status.LOST)
+BOUND = 1e9  # a million kilometres or km/s: no metric is left worth having
+_KEPT = np.dtype("<f8")
+
 _SCALARS = ("tick", "collisions", "speed_difference_sum", "near_sum", "speed_max")
 _ARRAYS = {  # as what they are kept
     "states": "<f8",
@@ -95,7 +100,7 @@ class Flight:
         """Whether the mission has ended."""
         if self.tick >= self.scenario.max_ticks:
             return True
-        return self.scenario.stop == "arrival" and not (self.status == Status.FLYING).any()
+        return self.scenario.stop == "arrival" and not np.count_nonzero(self.status == FLYING)
 
     def lose(self, uavs: NDArray[np.intp], kind: str, why: str) -> None:
         """Takes UAVs out of the mission: physics goes on without command, nobody waits for them."""
@@ -116,26 +121,32 @@ class Flight:
 
         `gust`: (N, 2) in m/s², of the air: it spares nobody.
         """
-        alive = (self.status != Status.LOST)[:, None]
-        noise = self._wind.standard_normal((self.scenario.uavs, state.AXES))
+        n, dt = self.scenario.uavs, self.scenario.dt
+        noise = self._wind.standard_normal((n, state.AXES))
+        on_way = self.status == FLYING
+        flying = np.count_nonzero(on_way)
+        if flying < n:
+            accelerations = np.where((self.status != LOST)[:, None], accelerations, 0.0)
         with np.errstate(over="ignore", invalid="ignore"):
-            pushed = np.where(alive, accelerations, 0.0)
-            moved = dynamics.step(self.scenario, self.states, pushed if gust is None else pushed + gust, noise)
-            sane = (np.abs(moved) < 1e9).all(axis=-1)  # a million kilometres: no metric is left worth having
-        on_way = self.status == Status.FLYING
+            moved = dynamics.step(
+                self.scenario, self.states, accelerations if gust is None else accelerations + gust, noise
+            )
+            size = np.abs(moved)
         self.tick += 1
-        if not sane.all():
+        if not np.maximum.reduce(size, axis=None) < BOUND:  # NaN is below nothing
+            sane = (size < BOUND).all(axis=-1)
             moved[~sane] = self.states[~sane]
             moved[~sane, state.VELOCITY] = 0.0
             self.lose(np.flatnonzero(~sane), "diverged", "left every bound")
         self.states = moved
         speed = state.speed(moved)
-        self.energy = self.energy + energy.power(self.scenario.vehicle, speed) * self.scenario.dt
-        self._speed_sum += np.where(on_way, speed, 0.0)
-        self._ticks_on_way += on_way
-        self.distance += np.where(on_way, speed * self.scenario.dt, 0.0)
-        if on_way.any():
-            self.speed_max = max(self.speed_max, float(speed[on_way].max()))
+        self.energy = self.energy + energy.power(self.scenario.vehicle, speed) * dt
+        if flying:
+            on_their_way = speed if flying == n else np.where(on_way, speed, 0.0)
+            self._speed_sum += on_their_way
+            self._ticks_on_way += on_way
+            self.distance += on_their_way * dt
+            self.speed_max = max(self.speed_max, float(np.maximum.reduce(on_their_way)))
         self._observe()
         self._arrive()
 
@@ -168,7 +179,7 @@ class Flight:
         self._hash = hashlib.sha256(np.ascontiguousarray(history, dtype="<f8").tobytes())
 
     def _observe(self) -> None:
-        self._hash.update(self.states.astype("<f8", copy=False).tobytes())
+        self._hash.update(self.states.astype(_KEPT, copy=False).tobytes())
         seen = pairs(self.scenario.metrics, self.states)
         self.speed_difference_sum += float(seen.speed_difference)
         self.near_sum += int(seen.near)
@@ -177,7 +188,7 @@ class Flight:
 
     def _collide(self, touching: NDArray[np.intp]) -> None:
         """Counts a pair once, and only while both are on the way."""
-        flying = self.status == Status.FLYING
+        flying = self.status == FLYING
         for first, second in touching[flying[touching].all(axis=-1)].tolist():
             if (first, second) not in self._collided:
                 self._collided.add((first, second))
@@ -186,7 +197,9 @@ class Flight:
 
     def _arrive(self) -> None:
         within = state.norm(self.states) <= self.scenario.destination.radius
-        new = np.flatnonzero(within & (self.status == Status.FLYING))
+        if not np.count_nonzero(within):
+            return
+        new = np.flatnonzero(within & (self.status == FLYING))
         if len(new):
             self.status[new] = Status.ARRIVED
             self.arrival_tick[new] = self.tick

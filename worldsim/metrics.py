@@ -6,6 +6,7 @@ not grow with N².
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,27 +40,37 @@ def pairs(metrics: Metrics, states: state.States) -> Pairs:
 
 
 def few(metrics: Metrics, states: state.States) -> Pairs:
-    """All N² pairs of all instants as one array."""
-    n = states.shape[-2]
-    x, y, vx, vy = (states[..., k] for k in (state.X, state.Y, state.VX, state.VY))
+    """All pairs of all instants as one array: each once, the instants side by side."""
+    n, leading = states.shape[-2], states.shape[:-2]
+    first, second, place = _all_pairs(n)
+    columns = np.ascontiguousarray(states.reshape(-1, n, state.SIZE).transpose(1, 2, 0))
+    difference = columns.take(first, axis=0, mode="clip")  # "clip": straight into the result, without a second check
+    difference -= columns.take(second, axis=0, mode="clip")
+    difference *= difference
+    distance = difference[:, state.X] + difference[:, state.Y]
+    speeds = np.zeros((len(first) + 1, distance.shape[1]))  # and that of a UAV to itself
+    np.add(difference[:, state.VX], difference[:, state.VY], out=speeds[:-1])
+    np.sqrt(speeds, out=speeds)
+    matrix = np.ascontiguousarray(speeds.T).take(place, axis=1, mode="clip")  # all N², in whose order they are summed
+    total = np.add.reduce(matrix, axis=-1)
+    near = np.add.reduce(distance <= metrics.hazard_radius**2, axis=0, dtype=np.intp)
+    touching = distance < metrics.collision_radius**2
+    colliding = _nobody(states)
+    if np.count_nonzero(touching):
+        instant, pair = np.nonzero(touching.T)
+        where = np.unravel_index(instant, leading) if leading else ()
+        colliding = np.stack([*where, first[pair], second[pair]], axis=-1)
+    return Pairs((total / n**2).reshape(leading)[()], near.reshape(leading)[()], colliding)
 
-    def squared(first: Floats, second: Floats) -> Floats:
-        along = first[..., :, None] - first[..., None, :]
-        across = second[..., :, None] - second[..., None, :]
-        along *= along
-        across *= across
-        along += across
-        return along
 
-    distance = squared(x, y)
-    speeds = np.sqrt(squared(vx, vy))
-    near = (distance <= metrics.hazard_radius**2).sum(axis=(-2, -1))
-    colliding = distance < metrics.collision_radius**2
-    total = speeds.reshape(*speeds.shape[:-2], n * n).sum(axis=-1)
-    if np.count_nonzero(colliding) == colliding.size // n:  # each with itself
-        return Pairs(total / n**2, (near - n) // 2, _nobody(states))
-    found = np.argwhere(colliding)
-    return Pairs(total / n**2, (near - n) // 2, found[found[:, -2] < found[:, -1]])
+@lru_cache(maxsize=8)
+def _all_pairs(n: int) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """i and j of the pairs i < j, ascending, and by rows of the N × N matrix which pair an entry is; the last + 1 where
+    it is none."""
+    first, second = np.triu_indices(n, 1)
+    place = np.full((n, n), len(first))
+    place[first, second] = place[second, first] = np.arange(len(first))
+    return first, second, place.ravel()
 
 
 def many(metrics: Metrics, states: state.States) -> Pairs:

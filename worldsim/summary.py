@@ -17,8 +17,15 @@ MAX_LINKS_LISTED = 1000
 
 def weight_spread(models: NDArray[np.float64]) -> float:
     """Root-mean-square distance of N models `(N, 246)` from their mean."""
-    deviation = models - models.mean(axis=0)
-    return float(np.sqrt((deviation * deviation).sum(axis=-1).mean()))
+    return float(weight_spreads(models))
+
+
+def weight_spreads(models: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same of many swarms, `(..., N, 246)`; `(...)`."""
+    deviation = models - models.mean(axis=-2, keepdims=True)
+    deviation *= deviation
+    spread: NDArray[np.float64] = np.sqrt(deviation.sum(axis=-1).mean(axis=-1))
+    return spread
 
 
 def flight_summary(flight: Flight) -> dict[str, Any]:

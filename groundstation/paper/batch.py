@@ -21,17 +21,18 @@ from agent.node import BEYOND_SENSE
 from agent.offline import Program
 from channel.air import Air
 from groundstation.paper.flights import Flights
-from groundstation.paper.series import Curves, Record
+from groundstation.paper.series import Curves, Record, spreads
 from groundstation.paper.statecast import StateCast
 from leader.node import Leader
 from swarm import model, payload, scenario, state
 from swarm.codec import FLOAT_OF_BITS
 from swarm.errors import BadInput
-from swarm.messages import DIAGNOSTICS, FrameKind, Frames, Sense, Status, Welcome
+from swarm.messages import DIAGNOSTICS, FrameKind, Frames, Sense, Welcome
 from swarm.methods import Method
 from swarm.rounds import Rounds
 from swarm.scenario import Scenario
-from worldsim.summary import summary, weight_spread
+from worldsim.flight import LOST
+from worldsim.summary import summary
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -64,7 +65,7 @@ class _Run:
     air: Air
     leader: Leader | None
     heads: Heads
-    residual_max: Floats = field(default_factory=lambda: np.zeros(2))
+    bits: int = 0  # of payload, so far
     spread: float | None = None
     rounds_done: int = 0
     speech: list[Frames] = field(default_factory=list)  # of this tick
@@ -114,10 +115,12 @@ class Batch:
             for run, meter in zip(self._runs, self._cast.meters, strict=True):
                 run.air.meter = meter
         self._cast_due: tuple[Mask, NDArray] | None = None
+        self._residual_max = np.zeros((len(self._runs), 2))  # |e_H|, |e_F|
         keeps_states = self._method is Method.HJB or flown.federation.state_period > 0
         self._known = np.repeat(plan.astype(np.float64)[None], rows, axis=0) if keeps_states else None
         for run in self._runs:
             run.air.meter.initial(state.SIZE * flown.radio.bits_per_float)
+            run.bits = _payload_bits(run)
         self._curves = Curves(flown, list(seeds), trace)
 
     def fly(self) -> list[Flown]:
@@ -169,10 +172,9 @@ class Batch:
             if run.speech:
                 run.air.send(tick, run.speech, of_run)
                 run.speech = []
+                run.bits = _payload_bits(run)
         self._cast_due = due
-        largest = np.abs(diagnostics[..., :2]).max(axis=1)
-        for run, residual in zip(self._runs, largest, strict=True):
-            run.residual_max = np.maximum(run.residual_max, residual)
+        np.maximum(self._residual_max, np.abs(diagnostics[..., :2]).max(axis=1), out=self._residual_max)
         self._flights.advance(accelerations)
         if tick % REPORT_EVERY_TICKS == 0:
             self._report()
@@ -186,10 +188,9 @@ class Batch:
     def _settle(self, outcome: Outcome) -> Floats:
         """Takes over the minds; silences rows that are no longer finite. [a (2), e_H, e_F, φ_G] by row, `(RN, 5)`."""
         numbers = outcome.numbers
-        sane: Mask = np.all(np.abs(numbers) < BEYOND_SENSE, axis=-1)
         self._minds = outcome.minds
-        if not sane.all() or self._diverged.any():
-            self._diverged |= ~sane
+        if not outcome.largest < BEYOND_SENSE or self._diverged.any():  # NaN is below nothing
+            self._diverged |= ~np.all(np.abs(numbers) < BEYOND_SENSE, axis=-1)
             numbers[self._diverged] = 0.0
             keep = ~self._diverged[:, None, None]
             self._minds = Minds(np.where(keep, self._minds.value, 0.0), np.where(keep, self._minds.density, 0.0))
@@ -252,8 +253,9 @@ class Batch:
                 fits = self._up.sound(said)
                 if fits.any():
                     run.speech.append(Frames(FrameKind.UPLOAD, number, source[fits].astype(np.int32), said[fits]))
-        for run, out in zip(self._runs, self._diverged.reshape(-1, self._n), strict=True):
-            run.speech += run.heads.relay(tick, np.flatnonzero(out))[0]
+        if self._runs[0].rounds.relays(tick):
+            for run, out in zip(self._runs, self._diverged.reshape(-1, self._n), strict=True):
+                run.speech += run.heads.relay(tick, np.flatnonzero(out))[0]
         period = 1 if self._method is Method.HJB else self._scenario.federation.state_period
         if self._program is not None or not period or tick % period or tick == 0:
             return None
@@ -271,14 +273,17 @@ class Batch:
 
     def _report(self) -> None:
         models = self._minds.models().reshape(len(self._runs), self._n, -1)
-        known = np.isfinite(models).all(axis=-1) & (self._flights.status != Status.LOST)
-        for run, of_run, counted in zip(self._runs, models, known, strict=True):
-            if counted.any():
-                run.spread = weight_spread(of_run[counted])
+        known = np.isfinite(models).all(axis=-1) & (self._flights.status != LOST)
+        for run, spread in zip(self._runs, spreads(models, known).tolist(), strict=True):
+            if spread == spread:  # of somebody
+                run.spread = spread
 
     def _observe(self, diagnostics: Floats) -> None:
         numbers = [run.number for run in self._runs]
-        bits = [int(run.air.meter.total("payload_bits")) for run in self._runs]
+        if self._cast is not None:
+            for run in self._runs:
+                run.bits = _payload_bits(run)
+        bits = [run.bits for run in self._runs]
         self._curves.tick(numbers, self._flights, bits)
         if self._curves.samples(self._flights.tick):
             self._curves.sample(numbers, self._flights, bits, diagnostics, self._minds)
@@ -288,8 +293,8 @@ class Batch:
         learns = self._method.learns_density
         protocol: dict[str, Any] = {
             "rounds": run.rounds_done,
-            "hjb_residual_max": float(run.residual_max[0]),
-            "fpk_residual_max": float(run.residual_max[1]) if learns else None,
+            "hjb_residual_max": float(self._residual_max[row, 0]),
+            "fpk_residual_max": float(self._residual_max[row, 1]) if learns else None,
             "weight_spread_final": run.spread,
             "nodes_lost": 0,
             "uploads_refused": 0,
@@ -312,6 +317,7 @@ class Batch:
         self._flights.keep(rows)
         self._minds = Minds(self._minds.value[each], self._minds.density[each])
         self._diverged = self._diverged[each]
+        self._residual_max = self._residual_max[rows]
         self._feedback.keep(each)
         if self._known is not None:
             self._known = self._known[each]
@@ -319,6 +325,10 @@ class Batch:
             self._cast.keep(rows)
         if self._cast_due is not None:
             self._cast_due = self._cast_due[0][rows], self._cast_due[1][rows]
+
+
+def _payload_bits(run: _Run) -> int:
+    return int(run.air.meter.total("payload_bits"))
 
 
 def _with_links(frames: Frames) -> Frames:

@@ -4,10 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarm import state
-from swarm.messages import Status
 from swarm.scenario import Scenario
 from worldsim import dynamics, energy
-from worldsim.flight import Flight
+from worldsim.flight import BOUND, FLYING, LOST, Flight
 from worldsim.metrics import pairs
 
 Floats = NDArray[np.float64]
@@ -84,7 +83,7 @@ class Flights:
             return np.ones(len(self), dtype=bool)
         if self.scenario.stop == "duration":
             return np.zeros(len(self), dtype=bool)
-        return ~(self.status == Status.FLYING).any(axis=-1)
+        return ~(self.status == FLYING).any(axis=-1)
 
     @property
     def collisions(self) -> NDArray[np.int64]:
@@ -119,14 +118,16 @@ class Flights:
 
     def advance(self, accelerations: Floats) -> None:
         """One tick of all flights under `accelerations` (R, N, 2), m/s²."""
-        lost = self.status == Status.LOST
-        commands = np.where(lost[..., None], 0.0, accelerations) if lost.any() else accelerations
+        on_way = self.status == FLYING
+        all_on_way = np.count_nonzero(on_way) == on_way.size
+        if not all_on_way:
+            accelerations = np.where((self.status != LOST)[..., None], accelerations, 0.0)
         with np.errstate(over="ignore", invalid="ignore"):
-            moved = dynamics.step(self.scenario, self.states, commands, self._next_noise())
-            sane: NDArray[np.bool_] = np.all(np.abs(moved) < 1e9, axis=-1)
-        on_way = self.status == Status.FLYING
+            moved = dynamics.step(self.scenario, self.states, accelerations, self._next_noise())
+            size = np.abs(moved)
         self.tick += 1
-        if not sane.all():
+        if not np.maximum.reduce(size, axis=None) < BOUND:
+            sane: NDArray[np.bool_] = np.all(size < BOUND, axis=-1)
             moved[~sane] = self.states[~sane]
             moved[~sane, state.VELOCITY] = 0.0
             for row in np.flatnonzero(~sane.all(axis=-1)):
@@ -134,13 +135,16 @@ class Flights:
         self.states[...] = moved
         speed = state.speed(moved)
         self.energy += energy.power(self.scenario.vehicle, speed) * self.scenario.dt
-        speed_on_way = np.where(on_way, speed, 0.0)
-        self._speed_sum += speed_on_way
+        on_their_way = speed if all_on_way else np.where(on_way, speed, 0.0)
+        self._speed_sum += on_their_way
         self._ticks_on_way += on_way
-        self.distance += np.where(on_way, speed * self.scenario.dt, 0.0)
-        np.maximum(self.speed_max, speed_on_way.max(axis=-1), out=self.speed_max)
+        self.distance += on_their_way * self.scenario.dt
+        np.maximum(self.speed_max, on_their_way.max(axis=-1), out=self.speed_max)
         self._observe()
-        within = (state.norm(moved) <= self.scenario.destination.radius) & (self.status == Status.FLYING)
+        within = state.norm(moved) <= self.scenario.destination.radius
+        if not np.count_nonzero(within):
+            return
+        within &= self.status == FLYING
         for row in np.flatnonzero(within.any(axis=-1)):
             self._rows[row].tick = self.tick
             self._rows[row].land()
@@ -153,6 +157,8 @@ class Flights:
         seen = pairs(self.scenario.metrics, self.states)
         self.speed_difference_sum += seen.speed_difference
         self.near_sum += seen.near
+        if not len(seen.colliding):
+            return
         flights = seen.colliding[:, 0]
         for row in np.unique(flights):
             self._rows[row].tick = self.tick

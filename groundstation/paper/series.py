@@ -11,10 +11,9 @@ from agent import interaction
 from agent.minds import Minds
 from groundstation.paper.flights import Flights
 from swarm import state
-from swarm.messages import Status
 from swarm.scenario import Scenario
-from worldsim.flight import Flight
-from worldsim.summary import weight_spread
+from worldsim.flight import LOST, Flight
+from worldsim.summary import weight_spread, weight_spreads
 
 Floats = NDArray[np.float64]
 Scalar = float | int | bool | None
@@ -131,7 +130,6 @@ class Curves:
         speed = state.speed(states)
         trip = np.where(way, flights.arrival_energy, flights.energy)
         position = states[..., state.POSITION]
-        apart = position[:, :, None, :] - position[:, None, :, :]
         models = minds.models().reshape(runs, n, -1)
         value = minds.value.reshape(runs, n, -1)
         leader = value[:, self._scenario.federation.leader]
@@ -162,7 +160,7 @@ class Curves:
             "near_pairs": self._now(self._near, numbers, now),
             "collisions": flights.collisions,
             "arrived": way.sum(axis=1),
-            "lost": (flights.status == Status.LOST).sum(axis=1),
+            "lost": (flights.status == LOST).sum(axis=1),
             "bits": bits,
             "hjb_abs_mean": size[..., 0].mean(axis=1) if known and learns_value else np.nan,
             "hjb_abs_max": size[..., 0].max(axis=1) if known and learns_value else np.nan,
@@ -172,10 +170,8 @@ class Curves:
             "phi_G_learned": diagnostics[..., 2].mean(axis=1) if known and learns_value else np.nan,
             "distance_mean_m": flights.distance.mean(axis=1),
             "to_go_mean_m": np.sqrt((position * position).sum(axis=-1)).mean(axis=1),
-            "pair_distance_m": np.sqrt((apart * apart).sum(axis=-1)).sum(axis=(1, 2)) / (n * (n - 1))
-            if n > 1
-            else np.nan,
-            "weight_spread": [_spread(*run) for run in zip(models, flights.status, strict=True)],
+            "pair_distance_m": _distances(states).sum(axis=(1, 2)) / (n * (n - 1)) if n > 1 else np.nan,
+            "weight_spread": spreads(models, flights.status != LOST),
             "leader_value_norm": np.sqrt((leader * leader).sum(axis=-1)),
             "leader_value_step": step,
             "value_norm_max": value_norm.max(axis=1),
@@ -227,7 +223,7 @@ class Curves:
             "mission": int(flight.arrival_tick.max()) if arrived.all() else end,
         }
         result: dict[str, Scalar] = {
-            "diverged": bool((flight.status == Status.LOST).any()),
+            "diverged": bool((flight.status == LOST).any()),
             "all_arrived": bool(arrived.all()),
             "t_avg_censored_s": float(np.where(arrived, flight.arrival_tick, self._scenario.max_ticks).mean()) * dt,
         }
@@ -240,9 +236,25 @@ class Curves:
         return result
 
 
-def _spread(models: Floats, status: NDArray[np.uint8]) -> float:
-    present = status != Status.LOST
-    return weight_spread(models[present]) if present.any() else np.nan
+def spreads(models: Floats, counted: NDArray[np.bool_]) -> Floats:
+    """`weight_spread` of the counted UAVs of each run, `(R,)`; NaN where there is none.
+
+    Args:
+        models: (R, N, 246). counted: (R, N).
+    """
+    if counted.all():
+        return weight_spreads(models)
+    of_run = zip(models, counted, strict=True)
+    return np.array([weight_spread(one[there]) if there.any() else np.nan for one, there in of_run])
+
+
+def _distances(states: state.States) -> Floats:
+    """Between all UAVs of each run, `(R, N, N)`, m."""
+    along, across = (column[:, :, None] - column[:, None, :] for column in (states[..., state.X], states[..., state.Y]))
+    along *= along
+    across *= across
+    along += across
+    return np.sqrt(along, out=along)
 
 
 def _windows(series: dict[str, Floats]) -> dict[str, Scalar]:
