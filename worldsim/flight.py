@@ -18,7 +18,7 @@ from worldsim.metrics import pairs
 Floats = NDArray[np.float64]
 
 # As numbers of the array they are compared with: a member of an enumeration is converted anew each time.
-FLYING, LOST = np.uint8(Status.FLYING), np.uint8(Status.LOST)
+FLYING, ARRIVED, LOST = np.uint8(Status.FLYING), np.uint8(Status.ARRIVED), np.uint8(Status.LOST)
 BOUND = 1e9  # a million kilometres or km/s: no metric is left worth having
 _KEPT = np.dtype("<f8")
 

@@ -39,7 +39,8 @@ class Ledger:
 
     def residuals(self, diagnostics: np.ndarray) -> None:
         """Takes note of the diagnostics (N, 3) of a tick."""
-        self.residual_max = np.maximum(self.residual_max, np.abs(diagnostics[:, :2]).max(axis=0))
+        largest = np.maximum.reduce(np.abs(diagnostics), axis=0)
+        self.residual_max = np.maximum(self.residual_max, largest[:2])
 
     def snapshot(self, wall_s: float) -> dict[str, Any]:
         """All of it, for `restore`."""

@@ -43,14 +43,14 @@ def few(metrics: Metrics, states: state.States) -> Pairs:
     """All pairs of all instants as one array: each once, the instants side by side."""
     n, leading = states.shape[-2], states.shape[:-2]
     first, second, place = _all_pairs(n)
-    columns = np.ascontiguousarray(states.reshape(-1, n, state.SIZE).transpose(1, 2, 0))
-    difference = columns.take(first, axis=0, mode="clip")  # "clip": straight into the result, without a second check
-    difference -= columns.take(second, axis=0, mode="clip")
+    columns = np.ascontiguousarray(states.reshape(-1, n, state.SIZE).transpose(2, 1, 0))
+    difference = columns.take(first, axis=1, mode="clip")  # "clip": straight into the result, without a second check
+    difference -= columns.take(second, axis=1, mode="clip")
     difference *= difference
-    distance = difference[:, state.X] + difference[:, state.Y]
+    position, velocity = difference.reshape(2, state.AXES, len(first), columns.shape[-1])
+    distance = np.add(position[0], position[1], out=position[0])
     speeds = np.zeros((len(first) + 1, distance.shape[1]))  # and that of a UAV to itself
-    np.add(difference[:, state.VX], difference[:, state.VY], out=speeds[:-1])
-    np.sqrt(speeds, out=speeds)
+    np.sqrt(np.add(velocity[0], velocity[1], out=velocity[0]), out=speeds[:-1])
     matrix = np.ascontiguousarray(speeds.T).take(place, axis=1, mode="clip")  # all N², in whose order they are summed
     total = np.add.reduce(matrix, axis=-1)
     near = np.add.reduce(distance <= metrics.hazard_radius**2, axis=0, dtype=np.intp)

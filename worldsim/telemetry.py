@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from channel.air import Air
 from swarm import codec, model
-from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Event, Finished, FrameKind, Status, Telemetry
-from worldsim.flight import Flight
+from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Event, Finished, FrameKind, Telemetry
+from worldsim.flight import ARRIVED, Flight
 from worldsim.ledger import Ledger
 
 Floats = NDArray[np.float64]
@@ -70,7 +70,7 @@ class Rows:
             flight.phi_c,
             flight.phi_c_distinct or 0.0,
             flight.collisions,
-            np.count_nonzero(flight.status == Status.ARRIVED),
+            np.count_nonzero(flight.status == ARRIVED),
             ledger.rounds,
             ledger.held,
             ledger.deadline_misses,

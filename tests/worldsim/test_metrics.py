@@ -96,6 +96,20 @@ def test_who_flies_alike_has_no_difference_and_colliding_pairs_are_named_once(me
     assert seen.colliding.tolist() == [[0, 1]]
 
 
+@pytest.mark.parametrize("shape", [(1,), (2,), (25,), (100,), (3, 25), (2, 1), (2, 3, 7)])
+def test_a_small_swarm_s_alignment_is_the_sum_over_the_matrix_of_all_pairs_to_the_last_bit(
+    shape: tuple[int, ...],
+) -> None:
+    states = np.random.default_rng(7).normal(0, 30, (*shape, state.SIZE))
+    vx, vy = states[..., state.VX], states[..., state.VY]
+    along, across = vx[..., :, None] - vx[..., None, :], vy[..., :, None] - vy[..., None, :]
+    matrix = np.sqrt(along * along + across * across)
+    total = matrix.reshape(*shape[:-1], shape[-1] ** 2).sum(axis=-1)
+    found = few(METRICS, states).speed_difference
+    assert np.shape(found) == shape[:-1]
+    assert np.asarray(found).tobytes() == np.asarray(total / shape[-1] ** 2).tobytes()
+
+
 # -- a large swarm's way and a small one's ------------------------------------------------------------------------
 
 
