@@ -22,12 +22,16 @@ class Feedback:
         self._coding = coding
 
     def encode(self, rows: NDArray[np.intp], models: Floats) -> NDArray[np.generic]:
-        """What `rows` (S,) upload for their `models` (S, L); what cannot be sent leaves no residual."""
+        """What `rows` (S,) upload for their `models` (S, L); what cannot be sent leaves no residual.
+
+        The residuals are replaced, never written to: who has kept those of before can put them back.
+        """
         if self.residuals is None:
             return self._coding.encode(models)
         meant = models + self.residuals[rows]
         payload = self._coding.encode(meant)
         sound = self._coding.sound(payload)
+        self.residuals = self.residuals.copy()
         self.residuals[rows[sound]] = meant[sound] - self._coding.decode(payload[sound])
         return payload
 

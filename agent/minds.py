@@ -25,10 +25,8 @@ class Minds(msgspec.Struct, frozen=True, eq=False):
         """The same minds, the `part` of the models of `rows` overwritten by `vectors` (len(rows), L)."""
         models = self.models()
         models[rows, part] = vectors
-        return Minds(
-            models[:, model.VALUE].reshape(self.value.shape),
-            models[:, model.DENSITY].reshape(self.density.shape),
-        )
+        parts = (models[:, model.VALUE], self.value), (models[:, model.DENSITY], self.density)
+        return Minds(*[np.ascontiguousarray(part).reshape(like.shape) for part, like in parts])
 
 
 class Outcome(msgspec.Struct, frozen=True, eq=False):

@@ -11,7 +11,6 @@ from agent.minds import Minds, Outcome
 from agent.offline import Program
 from agent.reflex import Reflex
 from swarm import faults, model, payload, state
-from swarm.ascending import contains
 from swarm.codec import FLOAT_OF_BITS, expect
 from swarm.errors import MessageRejected
 from swarm.messages import Act, FrameKind, Frames, Sense, Welcome
@@ -30,12 +29,13 @@ class Agent:
 
     def __init__(self, welcome: Welcome) -> None:
         self.uavs = np.array(welcome.uavs, dtype=np.intp)
+        self._names = self.uavs.astype(np.int32)  # as frames have them
         self._scenario: Scenario = decode(welcome.scenario)
         self._method = self._scenario.method
         self._float = FLOAT_OF_BITS[self._scenario.radio.bits_per_float]
-        self._rounds = Rounds(self._scenario)
+        self._rounds = Rounds(self._scenario, self.uavs)
         if self._method.is_federated:
-            self._rounds.participants(1)  # drawn while nobody waits
+            self._rounds.rows(1)  # drawn while nobody waits
         self._shared = model.shared(self._method)
         self._byzantine = Byzantine(self._scenario)
         self._heads = Heads(self._scenario, self.uavs)
@@ -66,17 +66,32 @@ class Agent:
         self._reflex: Reflex | None = None  # where some ticks come to nothing but to learn
         sleeps = any(isinstance(fault, faults.Pause) for fault in self._scenario.faults)
         if self._learner.kernel is not None and self._known is None and self._program is None and not sleeps:
-            self._reflex = Reflex(self._learner.kernel, welcome.run, len(self.uavs))
+            self._reflex = Reflex(self._learner.kernel, self._scenario, welcome.run, self.uavs)
 
     def reflex(self, raw: bytes, tick: int) -> bytes | None:
-        """Answers a plain Sense of that tick where nothing is to be done but to learn; otherwise None."""
-        if self._reflex is None or self._silenced or self._rounds.opens(tick) or self._rounds.relays(tick):
+        """Answers a plain Sense of that tick where nothing is to be done but to learn, to upload the models, or to take
+        over the global one; otherwise None."""
+        if self._reflex is None or self._silenced:
             return None
-        after = self._reflex(raw, tick, self._minds)
+        if self._rounds.is_quiet(tick):
+            after = self._reflex(raw, tick, self._minds)
+        else:
+            after = self._reflex_in_round(self._reflex, raw, tick)
         if after is None:
             return None
         self._minds, answer = after
         return answer
+
+    def _reflex_in_round(self, reflex: Reflex, raw: bytes, tick: int) -> tuple[Minds, bytes] | None:
+        if self._rounds.relays(tick):
+            return None
+        if (number := self._rounds.heard(tick)) and (after := reflex.hear(raw, tick, number, self._minds)):
+            return after
+        before = self._feedback.residuals
+        after = reflex(raw, tick, self._minds, *self._uploads(tick, None))
+        if after is None:
+            self._feedback.residuals = before
+        return after
 
     def act(self, sense: Sense) -> Act:
         """One tick.
@@ -175,13 +190,20 @@ class Agent:
         number = self._rounds.opens(tick)
         if not number:
             return []
-        takes_part = contains(self._rounds.participants(number), self.uavs) & ~self._diverged
-        rows = np.flatnonzero(takes_part if asleep is None else takes_part & ~asleep)
-        source = self.uavs[rows].astype(np.int32)
-        models = self._feedback.encode(rows, self._minds.models()[rows, self._shared])
-        models = self._byzantine.distort(number, source, models, self._up)
-        fits = self._up.sound(models)  # a model beyond the range of the payload cannot be sent
-        return [Frames(FrameKind.UPLOAD, number, source[fits], models[fits])] if fits.any() else []
+        rows = self._rounds.rows(number)
+        if asleep is not None or self._silenced:
+            silent = self._diverged if asleep is None else self._diverged | asleep
+            rows = rows[~silent[rows]]
+        if not len(rows):
+            return []
+        source, models = self._names[rows], self._minds.models()[rows, self._shared]
+        if self._feedback.residuals is None and not len(self._byzantine.uavs):
+            sent = self._up.encode_all(models)  # the short way
+            if sent is not None:
+                return [Frames(FrameKind.UPLOAD, number, source, sent)]
+        sent = self._byzantine.distort(number, source, self._feedback.encode(rows, models), self._up)
+        fits = self._up.sound(sent)  # a model beyond the range of the payload cannot be sent
+        return [Frames(FrameKind.UPLOAD, number, source[fits], sent[fits])] if fits.any() else []
 
     def _relays(self, tick: int, asleep: NDArray[np.bool_] | None) -> tuple[list[Frames], list[int]]:
         if not self._rounds.relays(tick):

@@ -33,10 +33,10 @@ class Coding:
         self.floats = model.shared_floats(method)  # L
         self._sizes = model.part_sizes(method)
         self._starts = np.cumsum((0, *self._sizes[:-1]))
-        self._exact = name in _FLOATS  # but for the width of its floats
+        self.is_exact = name in _FLOATS  # but for the width of its floats
         self.dtype = _FLOATS.get(name, _BYTE)
-        self.width = self.floats if self._exact else self.floats + _SCALE.itemsize * len(self._sizes)
-        self.largest = float(np.finfo(self.dtype).max) if self._exact else STEPS * COARSEST  # a weight can be
+        self.width = self.floats if self.is_exact else self.floats + _SCALE.itemsize * len(self._sizes)
+        self.largest = float(np.finfo(self.dtype).max) if self.is_exact else STEPS * COARSEST  # a weight can be
 
     @property
     def bits(self) -> int:
@@ -46,7 +46,7 @@ class Coding:
     def encode(self, models: Floats) -> np.ndarray:
         """Models `(S, L)` as payloads `(S, width)`; `sound` says which of them can be sent."""
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-            if self._exact:
+            if self.is_exact:
                 return models.astype(self.dtype)
             step = np.maximum.reduceat(np.abs(models), self._starts, axis=-1) / STEPS
             scales = step.astype(_SCALE)
@@ -55,16 +55,26 @@ class Coding:
             steps = np.rint(models / self._spread(scales)).astype(np.int8)
         return np.concatenate([steps.view(_BYTE), scales.view(_BYTE)], axis=-1)
 
+    def encode_all(self, models: Floats) -> np.ndarray | None:
+        """The payloads of models all of which can be sent, as `encode` makes them; or None, and it takes a closer look.
+
+        In fewer steps where no float is near the largest that can be written.
+        """
+        if not self.is_exact:
+            payload = self.encode(models)
+            return payload if self.sound(payload).all() else None
+        return models.astype(self.dtype) if np.abs(models).max() < self.largest else None
+
     def decode(self, payload: np.ndarray) -> Floats:
         """The models `(S, L)` in sound payloads."""
-        if self._exact:
+        if self.is_exact:
             return payload.astype(np.float64)
         steps, scales = self._halves(payload)
         return steps * self._spread(scales)
 
     def sound(self, payload: np.ndarray) -> NDArray[np.bool_]:
         """Which payloads can be sent and read, `(S,)`: floats that are finite, steps and scales within bounds."""
-        if self._exact:
+        if self.is_exact:
             return np.asarray(np.isfinite(payload).all(axis=-1))
         steps, scales = self._halves(payload)
         bounded = ((scales >= FINEST) & (scales <= COARSEST)).all(axis=-1)

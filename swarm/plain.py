@@ -1,93 +1,145 @@
-"""Plain messages: a node's Senses that bring nothing but states, and its Acts that say nothing but what it does.
+"""Plain messages: a node's Senses and Acts that bring and say nothing but what most ticks are made of.
 
-Between rounds a swarm says nothing else; every so often an Act also reports the models it learned. Two plain messages
-differ in the tick and in the numbers of their arrays, so they are told from all others by their bytes, and read and
-written without taking them apart: most of what a message costs among many processes is code and data that the others
-have pushed out of the caches. Nothing depends on it: what is not plain, or says the same in other bytes, goes through
-the codec.
+Between rounds that is states, and what the node does; every so often an Act also reports the models it learned. A round
+adds two: the Act that uploads models, and the Sense that brings the global one. Messages of a kind differ in the tick,
+in the round and in the numbers of their arrays, so they are told from all others by their bytes, and read and written
+without taking them apart: most of what a message costs among many processes is code and data that the others have
+pushed out of the caches. Nothing depends on it: what is not plain, or says the same in other bytes, goes through the
+codec.
 """
 
 from collections.abc import Callable
 from functools import cache
+from typing import Any, TypeAlias
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from swarm import codec, model, state
-from swarm.messages import OUTCOME_FLOATS, Act, Message, Sense
+from swarm.messages import OUTCOME_FLOATS, Act, FrameKind, Frames, Message, Sense
 
-Floats = NDArray[np.float64]
+Layout: TypeAlias = tuple[tuple[int, ...], np.dtype[Any]]  # shape and dtype of an array
 
+_FLOAT, _INDEX = np.dtype("<f8"), np.dtype("<i4")
 _whole_number = msgspec.msgpack.Encoder().encode
 
 
 class Plain:
-    """The messages of one kind for so many rows."""
+    """The messages of one kind, with arrays of fixed layouts."""
 
-    def __init__(self, make: Callable[..., Message], *shapes: tuple[int, ...]) -> None:
-        """`make`: such a message, of a tick and arrays of these shapes, none of them empty."""
-        zeros = [np.zeros(shape) for shape in shapes]
-        first = codec.encode(make(0, *zeros))
-        start = _difference(first, codec.encode(make(1, *zeros)))
-        self._shapes, self._before, pieces = shapes, first[:start], []
-        start += 1  # the tick, here of one byte
-        for k, array in enumerate(zeros):
-            ones = np.frombuffer(b"\1" * array.nbytes).reshape(array.shape)
-            here = _difference(first, codec.encode(make(0, *zeros[:k], ones, *zeros[k + 1 :])))
-            pieces.append(first[start:here])
-            start = here + array.nbytes
-        self._pieces = (*pieces, first[start:])
-        self._rest = len(first) - len(self._before) - 1 - len(pieces[0])  # of the length, from the first array on
-        self._tick = -1
+    def __init__(self, make: Callable[..., Message], *layouts: Layout, of_round: bool = False) -> None:
+        """`make`: such a message, of a tick, of the number of a round if it is `of_round`, and of arrays of these
+        layouts, none of them empty; all in the order in which they travel, and arrays between the two numbers.
+        """
+        arrays = [np.zeros(shape, dtype) for shape, dtype in layouts]
+        numbers = 1 + of_round
+        parts: list[Any] = [*[0] * numbers, *arrays]
+        first = codec.encode(make(*parts))
+
+        def place(of: int, other: Any) -> int:
+            return _difference(first, codec.encode(make(*parts[:of], other, *parts[of + 1 :])))
+
+        gaps = [(place(k, 1), 1, True) for k in range(numbers)]
+        for k, array in enumerate(arrays, numbers):
+            ones = np.frombuffer(b"\1" * array.nbytes, array.dtype).reshape(array.shape)
+            gaps.append((place(k, ones), array.nbytes, False))
+        self._pieces: list[list[bytes]] = [[]]  # before, between and after the arrays; in two where a number is in it
+        end = 0
+        for start, size, is_number in sorted(gaps):
+            self._pieces[-1].append(first[end:start])
+            end = start + size
+            if not is_number:
+                self._pieces.append([])
+        self._pieces[-1].append(first[end:])
+        self._arrays = [(shape, dtype, array.nbytes) for (shape, dtype), array in zip(layouts, arrays, strict=True)]
+        self._bytes = sum(array.nbytes for array in arrays)
+        self._of = -1, 0
         self._frame: tuple[bytes, ...] = ()
 
-    def frame(self, tick: int) -> tuple[bytes, ...]:
-        """What comes before, between and after the arrays of a message of that tick."""
-        if self._tick != tick:
-            between, *rest = self._pieces
-            self._tick, self._frame = tick, (self._before + _whole_number(tick) + between, *rest)
+    def frame(self, tick: int, number: int = 0) -> tuple[bytes, ...]:
+        """What comes before, between and after the arrays of a message of that tick, and of that round."""
+        if self._of != (tick, number):
+            written = map(_whole_number, (tick, number))
+            self._frame = tuple([piece[0] if len(piece) == 1 else next(written).join(piece) for piece in self._pieces])
+            self._of = tick, number
         return self._frame
 
-    def encode(self, tick: int, array: Floats) -> bytes:
-        """What the codec makes of the message of a tick with this array, of the shape, where there is but one."""
-        before, after = self.frame(tick)
-        return before + array.tobytes() + after
+    def encode(self, tick: int, *arrays: NDArray[Any], number: int = 0) -> bytes:
+        """What the codec makes of the message of a tick with these arrays, which have the layouts."""
+        before, *rest = self.frame(tick, number)
+        for array, after in zip(arrays, rest, strict=True):
+            before += array.tobytes() + after
+        return before
 
-    def decode(self, tick: int, raw: bytes) -> list[Floats] | None:
-        """The arrays, finite and of the shapes, if these are the bytes of such a message of that tick; or None."""
-        frame, place, arrays = self.frame(tick), 0, []
-        if len(raw) != len(frame[0]) + self._rest:
+    def decode(self, tick: int, raw: bytes, number: int = 0) -> list[NDArray[Any]] | None:
+        """The arrays, their floats finite, if these are the bytes of such a message of that tick; or None."""
+        frame, place, arrays = self.frame(tick, number), 0, []
+        if len(raw) != self._bytes + sum(map(len, frame)):
             return None
-        for piece, shape in zip(frame, self._shapes, strict=False):
+        for piece, (shape, dtype, size) in zip(frame, self._arrays, strict=False):
             if not raw.startswith(piece, place):
                 return None
             place += len(piece)
-            arrays.append(np.ndarray(shape, np.float64, raw, place))
-            place += arrays[-1].nbytes
-        return arrays if raw.endswith(frame[-1]) and all(map(codec.finite, arrays)) else None
+            arrays.append(np.ndarray(shape, dtype, raw, place))
+            place += size
+        if not raw.endswith(frame[-1]):
+            return None
+        return arrays if all(codec.finite(array) for array in arrays if array.dtype.kind == "f") else None
 
 
 @cache
 def senses(run: int, rows: int, report: bool = False) -> Plain:
     """Senses of a run for a node of so many UAVs: states (rows, 4). `report`: those that want the models."""
-    return Plain(lambda tick, states: Sense(run, tick, states, report), (rows, state.SIZE))
+    return Plain(lambda tick, states: Sense(run, tick, states, report), ((rows, state.SIZE), _FLOAT))
+
+
+@cache
+def hearings(run: int, rows: int, report: bool, payload: Layout) -> Plain:
+    """Senses that bring the global model of a round to every UAV of a node: states, source (1,), payload (1, …) as it
+    is transmitted, links (rows, 2)."""
+
+    def make(tick: int, number: int, states: Any, source: Any, payload: Any, links: Any) -> Message:
+        return Sense(run, tick, states, report, (Frames(FrameKind.GLOBAL, number, source, payload, links),))
+
+    layouts = ((rows, state.SIZE), _FLOAT), ((1,), _INDEX), payload, ((rows, 2), _INDEX)
+    return Plain(make, *layouts, of_round=True)
 
 
 @cache
 def acts(run: int, rows: int, report: bool = False) -> Plain:
     """Acts of a run of a node of so many UAVs: outcome (rows, 5); with a report the models, (rows, 246), too."""
-    outcome, models = (rows, OUTCOME_FLOATS), (rows, model.MODEL_FLOATS)
+    outcome, models = ((rows, OUTCOME_FLOATS), _FLOAT), ((rows, model.MODEL_FLOATS), _FLOAT)
     if report:
         return Plain(lambda tick, outcome, models: Act(run, tick, outcome, report=models), outcome, models)
     return Plain(lambda tick, outcome: Act(run, tick, outcome), outcome)
 
 
+@cache
+def uploads(run: int, rows: int, report: bool, payload: Layout) -> Plain:
+    """Acts that upload models in a round: outcome, source (S,), payload (S, …) as it is transmitted; with a report the
+    models, too."""
+
+    def make(tick: int, number: int, outcome: Any, source: Any, payload: Any, models: Any = None) -> Message:
+        return Act(run, tick, outcome, outbox=(Frames(FrameKind.UPLOAD, number, source, payload),), report=models)
+
+    layouts = ((rows, OUTCOME_FLOATS), _FLOAT), (payload[0][:1], _INDEX), payload
+    reported = [((rows, model.MODEL_FLOATS), _FLOAT)] if report else []
+    return Plain(make, *layouts, *reported, of_round=True)
+
+
 def encode(sense: Sense) -> bytes:
     """What the codec makes of a Sense; of a plain one, in less time."""
-    if sense.inbox or sense.checkpoint or not len(sense.states):
+    rows, inbox = len(sense.states), sense.inbox
+    if not rows or sense.checkpoint or len(inbox) > 1:
         return codec.encode(sense)
-    return senses(sense.run, len(sense.states), sense.report).encode(sense.tick, sense.states)
+    if not inbox:
+        return senses(sense.run, rows, sense.report).encode(sense.tick, sense.states)
+    kind, number, source, payload, links = msgspec.structs.astuple(inbox[0])
+    if kind != FrameKind.GLOBAL or len(source) != 1 or links is None or len(links) != rows:
+        return codec.encode(sense)
+    hearing = hearings(sense.run, rows, sense.report, (payload.shape, payload.dtype))
+    return hearing.encode(sense.tick, sense.states, source, payload, links, number=number)
 
 
 def decode(raw: bytes, run: int, tick: int, rows: int) -> Act | None:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from swarm.ascending import contains
 from swarm.messages import FrameKind
 from swarm.seeds import generator
 
@@ -29,14 +30,16 @@ _DRAWN_AT_ONCE = 8  # rounds: the first draw of a process among many finds nothi
 class Rounds:
     """The calendar of the rounds k = 1, 2 … of a scenario; without rounds for methods that share no model."""
 
-    def __init__(self, scenario: "Scenario") -> None:
+    def __init__(self, scenario: "Scenario", uavs: NDArray[np.intp] | None = None) -> None:
+        """`uavs`: whose rows are wanted, ascending; None for nobody's."""
         self._scenario = scenario
+        self._uavs = np.zeros(0, dtype=np.intp) if uavs is None else uavs
         self._period = scenario.period_ticks if scenario.method.is_federated else 0
         longest = np.array(scenario.radio.latency_threshold_slots)
         self._horizon = int(delivery_ticks(scenario, longest))
         self._relays = scenario.federation.clusters > 1
         self._open_ticks = self._horizon * (HOPS if self._relays else 1)
-        self._drawn: dict[int, NDArray[np.intp]] = {}
+        self._drawn: dict[int, tuple[NDArray[np.intp], NDArray[np.intp]]] = {}
 
     def opens(self, tick: int) -> int:
         """The round whose uploads are sent in this tick (tick = k·n0), or 0."""
@@ -49,6 +52,12 @@ class Rounds:
     def closes(self, tick: int) -> int:
         """The round that is averaged in this tick, when all that is sent to the leader has arrived or is lost, or 0."""
         return self.opens(tick - self._open_ticks) if tick > self._open_ticks else 0
+
+    def heard(self, tick: int) -> int:
+        """The round whose global model may arrive in this tick, or 0."""
+        if not self._period or not self._open_ticks < tick % self._period <= self._open_ticks + self._horizon:
+            return 0
+        return tick // self._period
 
     def of(self, kind: FrameKind, tick: int) -> int:
         """The round that frames of a kind sent in this tick belong to, or 0."""
@@ -65,14 +74,28 @@ class Rounds:
         """Whether the leader may have anything to do in this tick."""
         return bool(self._period) and tick >= self._period and tick % self._period <= self._open_ticks
 
+    def is_quiet(self, tick: int) -> bool:
+        """Whether no model is sent or can arrive in this tick."""
+        if not self._period or tick < self._period:
+            return True
+        return tick % self._period > self._open_ticks + self._horizon
+
     def participants(self, number: int) -> NDArray[np.intp]:
         """𝒩_h of a round: N_h UAVs, ascending."""
+        return self._draws(number)[0]
+
+    def rows(self, number: int) -> NDArray[np.intp]:
+        """The places of those that take part in a round among the `uavs`, ascending."""
+        return self._draws(number)[1]
+
+    def _draws(self, number: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         if number not in self._drawn:
             self._drawn = {round_: self._draw(round_) for round_ in range(number, number + _DRAWN_AT_ONCE)}
         return self._drawn[number]
 
-    def _draw(self, number: int) -> NDArray[np.intp]:
+    def _draw(self, number: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         draw = generator(self._scenario.seed, "participants", number)
         drawn = np.sort(draw.choice(self._scenario.uavs, self._scenario.participants, replace=False))
-        drawn.flags.writeable = False
-        return drawn
+        rows = np.flatnonzero(contains(drawn, self._uavs))
+        drawn.flags.writeable = rows.flags.writeable = False
+        return drawn, rows

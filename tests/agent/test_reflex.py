@@ -1,5 +1,6 @@
 """A plain tick by reflex is the tick the long way, to the last bit; and what is not plain is not answered by reflex."""
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,8 +8,9 @@ from hypothesis import strategies as st
 
 from agent import kernel
 from agent.node import Agent
-from swarm import codec, keys, scenario, state
+from swarm import codec, keys, payload, scenario, state
 from swarm.codec import FLOAT_OF_BITS
+from swarm.errors import MessageRejected
 from swarm.messages import Act, FrameKind, Frames, Sense, Welcome
 from swarm.methods import Method
 from swarm.model import MODEL_FLOATS
@@ -53,18 +55,142 @@ GLOBAL = Frames(
 )
 
 
+def brought(of: Scenario, number: int, rows: int, source: int | None = None) -> Frames:
+    """A global model as it comes to every row of a node."""
+    coding = payload.broadcast(of)
+    sent = coding.encode(np.random.default_rng(number).normal(size=(1, coding.floats)))
+    links = np.array([[0, row] for row in range(rows)], np.int32)
+    leader = np.array([of.federation.leader if source is None else source], np.int32)
+    return Frames(FrameKind.GLOBAL, number, leader, sent, links)
+
+
 @pytest.mark.parametrize("method", DENSITIES)
 @pytest.mark.parametrize("rows", [1, 3, 8])
 def test_a_flight_by_reflex_is_the_flight_the_long_way(method: Method, rows: int) -> None:
-    quick, slow, reflexes = agent(flown(method), rows), agent(flown(method), rows), 0
+    of = flown(method)
+    quick, slow, reflexes = agent(of, rows), agent(of, rows), 0
     for tick in range(300):
-        asked = sense(tick, rows, report=tick % 10 == 0)
+        number, since = divmod(tick, 5)
+        inbox = (brought(of, number, rows),) if number and since == 2 and method.is_federated else ()
+        asked = sense(tick, rows, report=tick % 10 == 0, inbox=inbox)
         expected = codec.encode(slow.act(asked))
         answer = quick.reflex(codec.encode(asked), tick)
         reflexes += answer is not None
         assert (answer or codec.encode(quick.act(asked))) == expected
     assert minds(quick, 300) == minds(slow, 300)
-    assert reflexes == 300 - (59 if method.is_federated else 0)  # all but those with an upload
+    assert reflexes == 300
+
+
+CODINGS = {
+    "doubles": ("radio.bits_per_float=64",),
+    "halves": ("federation.payload=float16", "federation.broadcast_payload=float16"),
+    "bytes": ("federation.payload=int8", "federation.broadcast_payload=int8"),
+    "bytes, and what they lose is lost": ("federation.payload=int8", "federation.error_feedback=false"),
+    "falsehoods": ("federation.byzantine_fraction=0.4", "federation.byzantine_kind=noise"),
+    "some": ("federation.fraction=0.4",),
+}
+
+
+@pytest.mark.parametrize("rows", [1, 4])
+@pytest.mark.parametrize("how", CODINGS)
+def test_rounds_by_reflex_are_rounds_the_long_way_however_models_are_written(how: str, rows: int) -> None:
+    of = flown(Method.MFGFL_HF, *CODINGS[how])
+    quick, slow = agent(of, rows), agent(of, rows)
+    for tick in range(60):
+        number, since = divmod(tick, 5)
+        inbox = (brought(of, number, rows),) if number and since == 2 else ()
+        asked = sense(tick, rows, report=tick % 10 == 0, inbox=inbox)
+        assert quick.reflex(codec.encode(asked), tick) == codec.encode(slow.act(asked))
+    last = sense(60, rows, report=True, checkpoint=True)
+    assert codec.encode(quick.act(last)) == codec.encode(slow.act(last))
+
+
+def test_an_upload_that_is_not_sent_by_reflex_leaves_no_residual_behind() -> None:
+    of = flown(Method.MFGFL_HF, "federation.payload=int8")
+    quick, slow = agent(of), agent(of)
+    for node in (quick, slow):
+        for tick in range(5):
+            node.act(sense(tick))
+    assert quick.reflex(codec.encode(sense(6)), 5) is None
+    asked = sense(5, checkpoint=True)
+    assert quick.reflex(codec.encode(asked), 5) is None
+    act = slow.act(asked)
+    assert act.residuals is not None
+    assert act.residuals.any()
+    assert codec.encode(quick.act(asked)) == codec.encode(act)
+
+
+def unlike(frames: Frames, **other: object) -> tuple[Frames, ...]:
+    return (msgspec.structs.replace(frames, **other),)
+
+
+def nearly_brought() -> dict[str, tuple[Frames, ...]]:
+    good = brought(flown(), 1, 3)
+    wide, none = good.payload.astype(np.float64), good.payload.copy()
+    none[0, 7] = np.nan
+    infinite, huge, last = good.payload.copy(), good.payload.copy(), good.payload.copy()
+    infinite[0, 245], huge[0, 0], last[0, 120] = -np.inf, 3e38, np.inf
+    return {
+        "twice": (good, good),
+        "of another UAV": unlike(good, source=good.source + 1),
+        "of a UAV that is not": unlike(good, source=good.source + 100),
+        "of another round": unlike(good, round=2),
+        "to some of the rows": unlike(good, links=np.array([[0, 0], [0, 2]], np.int32)),
+        "in another order": unlike(good, links=np.array([[0, 1], [0, 0], [0, 2]], np.int32)),
+        "to other rows": unlike(good, links=np.array([[0, 0], [0, 1], [0, 5]], np.int32)),
+        "beyond the payload": unlike(good, links=np.array([[0, 0], [0, 1], [1, 2]], np.int32)),
+        "without links": unlike(good, links=None),
+        "an upload": unlike(good, kind=FrameKind.UPLOAD),
+        "wider floats": unlike(good, payload=wide),
+        "fewer floats": unlike(good, payload=good.payload[:, :245]),
+        "not a number": unlike(good, payload=none),
+        "infinity": unlike(good, payload=infinite),
+        "infinity in a density": unlike(good, payload=last),
+        "far beyond all bounds": unlike(good, payload=huge),
+    }
+
+
+@pytest.mark.parametrize("what", nearly_brought())
+def test_what_is_not_quite_a_global_model_comes_to_the_same_as_the_long_way(what: str) -> None:
+    comes_to_the_same(flown(), codec.encode(sense(7, inbox=nearly_brought()[what])), 7)
+
+
+def comes_to_the_same(of: Scenario, raw: bytes, tick: int) -> None:
+    """Bytes in the tick in which a global model may come: by reflex first, as a spoke does, or the long way alone."""
+    quick, slow = agent(of), agent(of)
+    for node in (quick, slow):
+        for before in range(tick - 2, tick):
+            node.act(sense(before))
+    told = []
+    for node in (quick, slow):
+        answer = node.reflex(raw, tick) if node is quick else None
+        if answer is None:
+            try:
+                asked = codec.decode(raw)
+                answer = codec.encode(node.act(asked)) if isinstance(asked, Sense) and asked.run == NUMBER else None
+            except MessageRejected as error:
+                answer = error.reason.encode()
+        told.append((answer, minds(node, tick + 1)))
+    assert told[0] == told[1]
+
+
+@pytest.mark.parametrize("broadcast", ["float32", "int8"])
+def test_a_damaged_global_model_comes_to_the_same_as_the_long_way(broadcast: str) -> None:
+    of = flown(Method.MFGFL_HF, f"federation.broadcast_payload={broadcast}")
+    good = codec.encode(sense(7, inbox=(brought(of, 1, 3),)))
+
+    @settings(max_examples=30, deadline=None, database=None)
+    @given(st.lists(st.tuples(st.integers(0, len(good) - 1), st.integers(0, 255)), min_size=1, max_size=4))
+    def check(damage: list[tuple[int, int]]) -> None:
+        raw = bytearray(good)
+        for place, byte in damage:
+            raw[place] = byte
+        comes_to_the_same(of, bytes(raw), 7)
+
+    check()
+    comes_to_the_same(of, good, 7)
+    comes_to_the_same(of, good[:-1], 7)
+    comes_to_the_same(of, good + b"\xc2", 7)
 
 
 def test_a_head_relays_in_a_tick_that_brings_it_nothing() -> None:
@@ -148,13 +274,11 @@ def test_once_a_row_is_silenced_there_is_no_reflex_any_more() -> None:
     assert node.reflex(codec.encode(sense(tick + 1)), tick + 1) is None
 
 
-def test_minds_that_are_strided_take_the_long_way_once() -> None:
-    """A global model leaves the rows of a node as views into one array; the kernel wants them whole."""
+def test_a_global_model_taken_over_the_long_way_leaves_minds_that_go_on_by_reflex() -> None:
     node = agent(flown())
     node.act(sense(1, inbox=(GLOBAL,)))
     slow = agent(flown())
     slow.act(sense(1, inbox=(GLOBAL,)))
     for tick in (2, 3, 4):
         raw = codec.encode(sense(tick))
-        answer = node.reflex(raw, tick) or codec.encode(node.act(sense(tick)))
-        assert answer == codec.encode(slow.act(sense(tick)))
+        assert node.reflex(raw, tick) == codec.encode(slow.act(sense(tick)))

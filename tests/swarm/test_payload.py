@@ -205,3 +205,23 @@ def test_both_directions_are_written_as_the_scenario_says_and_else_as_the_radio_
         assert (payload.upload(flown).dtype, payload.broadcast(flown).dtype) == (np.dtype(dtype),) * 2
     mixed = load(None, ["federation.payload=int8", "federation.broadcast_payload=float16"])
     assert (payload.upload(mixed).dtype, payload.broadcast(mixed).dtype) == (np.dtype("u1"), np.dtype("<f2"))
+
+
+@pytest.mark.parametrize("name", ["float16", "float32", "float64", "int8"])
+def test_models_that_all_fit_are_written_the_same_in_fewer_steps_and_no_others_are(name: str) -> None:
+    coding = Coding(name, Method.MFGFL_HF)  # type: ignore[arg-type]
+    edges = st.sampled_from([np.nan, np.inf, -np.inf, 65504.0, 65519.9, 65520.0, 3.5e38, -1.7e308, 1e33, 1e-320, -0.0])
+
+    @QUICK
+    @given(models(largest=1e5), st.lists(st.tuples(st.integers(0, 245), edges), max_size=3))
+    def check(meant: np.ndarray, chosen: list[tuple[int, float]]) -> None:
+        for weight, value in chosen:
+            meant[-1, weight] = value
+        short, long = coding.encode_all(meant), coding.encode(meant)
+        if short is not None:
+            assert short.tobytes() == long.tobytes()
+            assert coding.sound(long).all()
+        elif name != "float16":  # which is near its largest soon
+            assert not coding.sound(long).all() or np.abs(meant).max() >= coding.largest
+
+    check()

@@ -27,7 +27,56 @@ def test_a_plain_sense_is_written_as_the_codec_does(run: int, tick: int, states:
     assert plain.encode(sense) == codec.encode(sense)
 
 
+DTYPES = ["<f2", "<f4", "<f8", "u1"]
+
+
+@st.composite
+def batches(draw: st.DrawFn, kind: FrameKind, sources: int, *, links: int = 0) -> Frames:
+    """Models of so many UAVs as they are transmitted."""
+    dtype = np.dtype(draw(st.sampled_from(DTYPES)))
+    payload = np.frombuffer(draw(st.binary(min_size=sources * 3 * dtype.itemsize)), "u1")
+    payload = payload[: sources * 3 * dtype.itemsize].view(dtype).reshape(sources, 3)
+    uavs = arrays(np.int32, sources, elements=st.integers(0, 2**31 - 1))
+    to = draw(arrays(np.int32, (links, 2), elements=st.integers(-(2**31), 2**31 - 1))) if links else None
+    return Frames(kind, draw(st.integers(0, 2**40)), draw(uavs), payload, to)
+
+
+@QUICK
+@given(st.data(), runs, ticks, rows, st.booleans())
+def test_a_sense_that_brings_the_global_model_is_written_as_the_codec_does(
+    data: st.DataObject, run: int, tick: int, count: int, report: bool
+) -> None:
+    brought = data.draw(batches(FrameKind.GLOBAL, 1, links=count))
+    sense = Sense(run, tick, np.full((count, 4), 0.25), report, (brought,))
+    assert plain.encode(sense) == codec.encode(sense)
+
+
+@QUICK
+@given(st.data(), runs, ticks, rows, st.booleans())
+def test_an_upload_is_written_and_read_as_the_codec_does(
+    data: st.DataObject, run: int, tick: int, count: int, reports: bool
+) -> None:
+    sent = data.draw(batches(FrameKind.UPLOAD, data.draw(st.integers(1, count))))
+    outcome, report = np.full((count, 5), 0.25), np.full((count, 246), 0.5) if reports else None
+    act = Act(run, tick, outcome, outbox=(sent,), report=report)
+    kind = plain.uploads(run, count, reports, (sent.payload.shape, sent.payload.dtype))
+    parts = [outcome, sent.source, sent.payload] + ([report] if report is not None else [])
+    raw = kind.encode(tick, *parts, number=sent.round)
+    assert raw == codec.encode(act)
+    read = kind.decode(tick, raw, sent.round)
+    if not np.isfinite(sent.payload).all():
+        assert read is None
+        return
+    assert read is not None
+    assert [part.tobytes() for part in read] == [part.tobytes() for part in parts]
+    assert kind.decode(tick + 1, raw, sent.round) is None
+    assert kind.decode(tick, raw, sent.round + 1) is None
+
+
 FRAMES = Frames(FrameKind.STATE, 0, np.zeros(1, np.int32), np.zeros((1, 4), np.float32), np.zeros((1, 2), np.int32))
+
+_TO_ONE_OF_TWO = np.zeros(1, np.int32), np.ones((1, 5), np.float32), np.zeros((1, 2), np.int32)
+_OF_TWO = np.arange(2, dtype=np.int32), np.ones((2, 5), np.float32), np.zeros((1, 2), np.int32)
 
 
 @pytest.mark.parametrize(
@@ -36,6 +85,10 @@ FRAMES = Frames(FrameKind.STATE, 0, np.zeros(1, np.int32), np.zeros((1, 4), np.f
         Sense(RUN, 7, np.ones((2, 4)), False, (FRAMES,)),
         Sense(RUN, 7, np.ones((2, 4)), False, (), True),
         Sense(RUN, 7, np.ones((0, 4)), False),
+        Sense(RUN, 7, np.ones((2, 4)), False, (FRAMES, FRAMES)),
+        Sense(RUN, 7, np.ones((2, 4)), False, (Frames(FrameKind.GLOBAL, 3, *_TO_ONE_OF_TWO),)),
+        Sense(RUN, 7, np.ones((1, 4)), False, (Frames(FrameKind.GLOBAL, 3, *_OF_TWO),)),
+        Sense(RUN, 7, np.ones((1, 4)), False, (Frames(FrameKind.UPLOAD, 3, *_TO_ONE_OF_TWO),), True),
     ],
 )
 def test_a_sense_that_is_not_plain_is_written_as_well(sense: Sense) -> None:

@@ -138,3 +138,51 @@ def test_only_the_paper_s_federated_methods_have_rounds() -> None:
 def test_who_learns_what_is_as_the_paper_s_algorithms_say() -> None:
     assert {method for method in Method if not method.learns_density} == {Method.HJB, Method.OFFLINE}
     assert {method for method in Method if not method.learns_value} == {Method.OFFLINE}
+
+
+@pytest.mark.parametrize("clusters", [1, 3])
+@pytest.mark.parametrize(("coherence", "slots"), [(5e-5, 8), (0.1, 3)])
+@pytest.mark.parametrize("period", [1, 4, 9, 20])
+def test_in_a_quiet_tick_no_model_is_sent_or_can_arrive(
+    period: int, coherence: float, slots: int, clusters: int
+) -> None:
+    hop = max(1, round(coherence * slots / 0.1))
+    if clusters > 1 and period < 2 * hop:
+        return  # there is no such scenario
+    of = scenario(
+        "method=mfgfl-h",
+        f"federation.period={period}",
+        f"federation.clusters={clusters}",
+        f"radio.coherence_time_s={coherence}",
+        f"radio.latency_threshold_slots={slots}",
+    )
+    rounds = Rounds(of)
+    arrivals = {
+        tick + late: number for tick in range(500) if (number := rounds.closes(tick)) for late in range(1, hop + 1)
+    }
+    for tick in range(500):
+        busy = rounds.opens(tick) or rounds.relays(tick) or rounds.closes(tick) or tick in arrivals
+        assert not (busy and rounds.is_quiet(tick))
+        if heard := rounds.heard(tick):
+            assert heard == arrivals[tick]
+    busy_ticks = 1 + (3 if clusters > 1 else 2) * hop
+    if period >= busy_ticks:
+        heard_in = {tick: rounds.heard(tick) for tick in range(500)}
+        assert {tick: number for tick, number in heard_in.items() if number} == {
+            tick: number for tick, number in arrivals.items() if tick < 500
+        }
+        assert sum(rounds.is_quiet(tick) for tick in range(2 * period, 3 * period)) == period - busy_ticks
+
+
+def test_without_rounds_every_tick_is_quiet() -> None:
+    assert all(Rounds(scenario("method=mfg")).is_quiet(tick) for tick in range(500))
+
+
+def test_rows_that_take_part_are_the_participants_among_them() -> None:
+    of = scenario("method=mfgfl-h", "federation.fraction=0.4")
+    uavs = np.array([2, 3, 11, 17, 24])
+    rounds = Rounds(of, uavs)
+    for number in (1, 2, 9, 30, 4):
+        assert uavs[rounds.rows(number)].tolist() == sorted(set(uavs) & set(rounds.participants(number)))
+        np.testing.assert_array_equal(rounds.participants(number), Rounds(of).participants(number))
+    assert len(Rounds(of).rows(1)) == 0
