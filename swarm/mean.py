@@ -13,7 +13,11 @@ ABSURD = 1e9  # no weight of a learner that still learns: features are of order 
 
 def refuse(models: dict[int, Floats]) -> tuple[dict[int, Floats], list[int]]:
     """The models that can be averaged at all, and the UAVs, ascending, whose are not finite or absurdly large."""
+    if not models:
+        return models, []
     with np.errstate(invalid="ignore"):
+        if (np.abs(np.concatenate(list(models.values()))) < ABSURD).all():  # as a rule; NaN is below nothing
+            return models, []
         bad = sorted(uav for uav, vector in models.items() if not (np.abs(vector) < ABSURD).all())
     return {uav: vector for uav, vector in models.items() if uav not in bad}, bad
 

@@ -9,6 +9,7 @@ from swarm import codec, keys, plain, scenario
 from swarm.bus import Bus, Delivery
 from swarm.errors import MessageRejected
 from swarm.messages import Join, Ready, Received, Refusal, Stop, Welcome
+from swarm.rounds import Rounds
 from swarm.scenario import Scenario
 from worldsim import inbound
 from worldsim.barrier import Barrier
@@ -51,6 +52,7 @@ class Door:
         self._scenario, self._bus, self._run = flown, bus, run
         self._fingerprint, self._received = keys.fingerprint(run), keys.received(run)
         self._float = codec.FLOAT_OF_BITS[flown.radio.bits_per_float]
+        self._rounds = Rounds(flown)
         self._plan = flight.states.astype(self._float)
         self._flight, self._barrier, self._outbox, self._ledger = flight, barrier, outbox, ledger
         self._note, self._clock = note, clock
@@ -124,6 +126,11 @@ class Door:
         if (act := plain.decode(raw, self._fingerprint, tick, len(member.uavs))) is not None:
             self._barrier.answer(name, act)
             return
+        if number := self._rounds.opens(tick):
+            act = inbound.upload(raw, self._fingerprint, tick, number, member, self._scenario)
+            if act is not None:
+                self._barrier.answer(name, act)
+                return
         message = codec.decode(raw, inbound.limit(len(member.uavs), self._scenario))
         if isinstance(message, Ready) and message.run == self._fingerprint:
             if self.closed:  # it was not there yet when all others were sent home

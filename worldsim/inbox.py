@@ -21,7 +21,9 @@ def of_agent(member: Member, due: Iterable[Frames], awake: NDArray[np.bool_]) ->
         if batch.kind in AVERAGED:
             continue
         links = batch.links
-        if not everyone:
+        if len(member.uavs) == 1:  # awake, or it would not be asked
+            links = links[links[:, 1] == member.uavs[0]]
+        elif not everyone:
             links = links[contains(member.uavs, links[:, 1]) & awake[links[:, 1]]]
         if len(links):
             yield only(batch, links)
@@ -71,7 +73,7 @@ def only(batch: Frames, links: NDArray[np.int32]) -> Frames:
     """The batch cut down to some of its links."""
     used = np.zeros(len(batch.source), dtype=bool)
     used[links[:, 0]] = True
-    if used.all():
+    if len(used) == 1 or used.all():
         return Frames(batch.kind, batch.round, batch.source, batch.payload, links)
     place = np.cumsum(used, dtype=np.int32) - 1  # of a row among those that are used
     renumbered = np.stack([place[links[:, 0]], links[:, 1]], axis=-1)

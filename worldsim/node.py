@@ -226,6 +226,7 @@ class World:
         self._uploads.receive(due)
         self._heads.receive(due, self._awake)
         self._barrier.open()
+        self._ask_leader()  # first: in a round it has the most to do, and all others wait for it
         all_awake = bool(self._awake.all())
         for member in self._members.present:
             if member.role != LEADER and member.ready and (all_awake or self._awake[member.uavs].any()):
@@ -233,7 +234,6 @@ class World:
                 heard += self._heads.read(member)
                 states = self.flight.states[member.place]
                 self._barrier.ask(member, Sense(self._fingerprint, tick, states, reporting, heard, whole))
-        self._ask_leader()
 
     def _ask_leader(self) -> None:
         """Asks the elected leader, if a round is open; again if another is elected before the tick is over."""

@@ -1,6 +1,7 @@
 """What the nodes said in a tick, as it goes on the air: only what a round has room for, the silent left out."""
 
 from collections.abc import Callable, Iterable
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,18 +32,24 @@ class Speech:
         by_kind: dict[FrameKind, list[Frames]] = {}
         for act in acts:
             for batch in act.outbox:
-                if (heard := self._heard(tick, batch, awake)) is not None:
-                    by_kind.setdefault(batch.kind, []).append(heard)
-                    meter.wire(batch.kind, len(codec.encode_frames(heard)))
-        return [
-            Frames(
-                kind,
-                batches[0].round,
-                np.concatenate([batch.source for batch in batches]),
-                np.concatenate([batch.payload for batch in batches]),
-            )
-            for kind, batches in by_kind.items()
-        ]
+                by_kind.setdefault(batch.kind, []).append(batch)
+        return [frames for batches in by_kind.values() if (frames := self._joined(tick, batches, awake, meter))]
+
+    def _joined(self, tick: int, batches: list[Frames], awake: NDArray[np.bool_], meter: Meter) -> Frames | None:
+        """All batches of a kind as one, without what is not heard."""
+        together = _join(batches)
+        if together is None or together.kind == FrameKind.GLOBAL or not self._is_heard(tick, together, awake):
+            batches = [heard for batch in batches if (heard := self._heard(tick, batch, awake)) is not None]
+            together = _join(batches)
+        for batch in batches:
+            rows, width = batch.payload.shape
+            meter.wire(batch.kind, _wire_bytes(batch.kind, batch.round, rows, width, batch.payload.dtype))
+        return together
+
+    def _is_heard(self, tick: int, batch: Frames, awake: NDArray[np.bool_]) -> bool:
+        """Whether all of a batch is."""
+        stray = inbound.stray(batch, tick, self._rounds, self._ledger.averaged)
+        return stray is None and bool(awake[batch.source].all())
 
     def _heard(self, tick: int, batch: Frames, awake: NDArray[np.bool_]) -> Frames | None:
         """What of a batch goes on the air: the lost and the paused are silent, and only open rounds are spoken of."""
@@ -58,3 +65,17 @@ class Speech:
         if speaks.all():
             return batch
         return Frames(batch.kind, batch.round, batch.source[speaks], batch.payload[speaks]) if speaks.any() else None
+
+
+def _join(batches: list[Frames]) -> Frames | None:
+    """Batches of one kind as one; None where there are none, or of several rounds."""
+    if len({batch.round for batch in batches}) != 1:
+        return None
+    source = np.concatenate([batch.source for batch in batches])
+    return Frames(batches[0].kind, batches[0].round, source, np.concatenate([batch.payload for batch in batches]))
+
+
+@lru_cache(maxsize=64)  # a round has a few
+def _wire_bytes(kind: FrameKind, number: int, rows: int, width: int, dtype: np.dtype) -> int:
+    """Bytes of a batch on the bus."""
+    return len(codec.encode_frames(Frames(kind, number, np.zeros(rows, np.int32), np.zeros((rows, width), dtype))))
