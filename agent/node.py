@@ -6,12 +6,13 @@ from numpy.typing import NDArray
 from agent.byzantine import Byzantine
 from agent.feedback import Feedback
 from agent.heads import Heads
+from agent.heard import Heard
 from agent.learner import Learner
 from agent.minds import Minds, Outcome
 from agent.offline import Program
 from agent.reflex import Reflex
 from swarm import faults, model, payload, state
-from swarm.codec import FLOAT_OF_BITS, expect
+from swarm.codec import FLOAT_OF_BITS, expect, finite
 from swarm.errors import MessageRejected
 from swarm.messages import Act, FrameKind, Frames, Sense, Welcome
 from swarm.methods import Method
@@ -59,6 +60,7 @@ class Agent:
         self._own[self.uavs] = True
         # What each row knows of everyone's state: the mission plan, then whatever its radio brings.
         self._known: Floats | None = None
+        self._heard = Heard(self.uavs, self._scenario.uavs)
         if self._scenario.keeps_states:
             self._known = np.repeat(plan[None], len(self.uavs), axis=0)
             if welcome.known is not None:
@@ -162,6 +164,8 @@ class Agent:
         if frames.links is None:
             raise MessageRejected("wrong-shape", "frames without links")
         links = expect("links", frames.links, (None, 2), np.int32)
+        if frames.kind == FrameKind.STATE and self._heard.again(frames):
+            return
         everyone = self._scenario.uavs
         if not (_within(frames.source, everyone) and _within(links[:, 1], everyone) and self._own[links[:, 1]].all()):
             raise MessageRejected("wrong-shape", "frames name UAVs that are not here")
@@ -172,15 +176,15 @@ class Agent:
 
     def _receive(self, frames: Frames) -> None:
         assert frames.links is not None
-        sent, row = frames.links[:, 0], np.searchsorted(self.uavs, frames.links[:, 1])
         if frames.kind == FrameKind.GLOBAL:
+            sent, row = frames.links[:, 0], np.searchsorted(self.uavs, frames.links[:, 1])
             self._minds = self._minds.with_models(row, self._shared, self._down.decode(frames.payload[sent]))
         elif frames.kind == FrameKind.UPLOAD:
             self._heads.collect(frames)
         elif self._known is not None:
-            self._known[row, frames.source[sent]] = frames.payload[sent]
+            self._heard.take_in(frames, self._known)
             if self._method.learns_density:  # only the rows that heard something: another row is another UAV
-                hearing = np.unique(row)
+                hearing = np.unique(np.searchsorted(self.uavs, frames.links[:, 1]))
                 heard = Minds(self._minds.value[hearing], self._minds.density[hearing])
                 density = self._minds.density.copy()
                 density[hearing] = self._learner.refit(heard, self._known[hearing]).density
@@ -216,8 +220,10 @@ class Agent:
             return []
         with np.errstate(over="ignore"):
             said = states.astype(self._float)
+        if not self._silenced and finite(said):
+            return [Frames(FrameKind.STATE, 0, self._names, said)]
         speaks = ~self._diverged & np.isfinite(said).all(axis=-1)
-        return [Frames(FrameKind.STATE, 0, self.uavs[speaks].astype(np.int32), said[speaks])] if speaks.any() else []
+        return [Frames(FrameKind.STATE, 0, self._names[speaks], said[speaks])] if speaks.any() else []
 
     def _wake(self, asleep: NDArray[np.bool_], minds: Minds, known: Floats | None) -> None:
         """Puts back what the sleeping rows had in mind."""

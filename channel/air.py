@@ -11,14 +11,16 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from channel.fading import Fading
 from channel.link import Transmission, transmit
+from channel.links import Links
 from channel.meter import Meter
 from swarm import state
 from swarm.clusters import Clusters
 from swarm.messages import FrameKind, Frames
 from swarm.rounds import delivery_ticks
 from swarm.scenario import Scenario
-from swarm.seeds import generator, random_state, set_random_state
+from swarm.seeds import generator
 
 Indices = NDArray[np.intp]
 Cut: TypeAlias = Callable[[Indices, Indices], NDArray[np.bool_]]  # sources (K,), targets (K,) → links that fail
@@ -33,7 +35,9 @@ class Air:
         self._head_of = Clusters(scenario).head_of
         slowest = np.array(scenario.radio.latency_threshold_slots)
         self._next_tick = bool(delivery_ticks(scenario, slowest) == 1)  # whatever arrives does so then
-        self._draw = generator(scenario.seed, "radio")
+        self._fading = Fading(generator(scenario.seed, "radio"), scenario.radio)
+        self._spoken = b""  # who sent to whom in the last broadcast,
+        self._links_of_spoken: Links | None = None
         self._in_flight: defaultdict[int, list[Frames]] = defaultdict(list)
 
     def send(
@@ -49,6 +53,8 @@ class Air:
             The links used, (K, 5): [tick, source, target, kind, slots], slots negative where in outage.
         """
         records = [self._send(tick, batch, states, cut) for batch in sorted(frames, key=lambda batch: batch.kind)]
+        if len(records) == 1:
+            return records[0]
         return np.concatenate(records) if records else np.zeros((0, 5), dtype=np.int32)
 
     def due(self, tick: int) -> list[Frames]:
@@ -58,7 +64,7 @@ class Air:
     def snapshot(self) -> dict[str, Any]:
         """All that is on the air and on the bill, for `restore`."""
         return {
-            "draw": random_state(self._draw),
+            "draw": self._fading.snapshot(),
             "in_flight": [
                 [due, int(f.kind), f.round, f.source, f.payload, f.links]
                 for due, batches in sorted(self._in_flight.items())
@@ -69,7 +75,7 @@ class Air:
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Goes on where a snapshot was taken."""
-        set_random_state(self._draw, snapshot["draw"])
+        self._fading.restore(snapshot["draw"])
         self._in_flight.clear()
         for due, kind, number, source, payload, links in snapshot["in_flight"]:
             self._in_flight[due].append(Frames(FrameKind(kind), number, source, payload, links))
@@ -77,63 +83,70 @@ class Air:
 
     def _send(self, tick: int, batch: Frames, states: state.States, cut: Cut | None) -> NDArray[np.int32]:
         radio = self._scenario.radio
-        sources = batch.source.astype(np.intp)
-        links = self._links(batch.kind, sources, states)
-        by_radio = sources[links[:, 0]] != links[:, 1]  # heads hear themselves, the leader rides on UAV h
-        row, target = links[by_radio].T
-        source = sources[row]
-        distance = self._distance(states, source, target)
+        links = self._links(batch.kind, batch.source.astype(np.intp), states)
+        distance = self._distance(states, links)
         bits = 8 * batch.payload.itemsize * batch.payload.shape[1]
-        sent = transmit(radio, self._draw, distance, bits)
+        sent = transmit(radio, self._fading, distance, bits)
         if cut is not None:
-            failed = cut(source, target)
+            failed = cut(links.source, links.target)
             spent = np.where(failed, radio.latency_threshold_slots, sent.slots)
             sent = Transmission(spent, sent.delivered & ~failed)
-        paying = sources
-        if batch.kind in (FrameKind.UPLOAD, FrameKind.RELAY):  # a link each, so who needs no radio pays nothing
-            paying, row = source, np.arange(len(source))
-        self.meter.count(batch.kind, bits, paying, np.stack([row, target], axis=-1), distance, sent)
+        self.meter.count(batch.kind, bits, links, distance, sent)
 
-        through = np.ones(len(links), dtype=bool)
-        through[by_radio] = sent.delivered
+        outages, through = sent.outages, sent.delivered
+        if links.on_board:
+            through = np.ones(len(links.ends), dtype=bool)
+            through[links.by_radio] = sent.delivered
         if self._next_tick:
-            self._deliver(tick + 1, batch, links[through])
+            self._deliver(tick + 1, batch, links.ends[through] if outages else links.ends)
         else:
-            arrival = np.full(len(links), tick + 1)
-            arrival[by_radio] = tick + delivery_ticks(self._scenario, sent.slots)
+            arrival = np.full(len(links.ends), tick + 1)
+            arrival[links.by_radio] = tick + delivery_ticks(self._scenario, sent.slots)
             for due in np.unique(arrival[through]).tolist():
-                self._deliver(due, batch, links[through & (arrival == due)])
-        record = np.empty((len(source), 5), dtype=np.int32)
-        record[:, 0], record[:, 1], record[:, 2], record[:, 3] = tick, source, target, batch.kind
-        record[:, 4] = np.where(sent.delivered, sent.slots, -sent.slots)
+                self._deliver(due, batch, links.ends[through & (arrival == due)])
+        record = links.record.copy()
+        record[:, 0], record[:, 4] = tick, sent.slots
+        if outages:
+            record[:, 4] = np.where(sent.delivered, sent.slots, -sent.slots)
         return record
 
-    def _deliver(self, tick: int, batch: Frames, links: Indices) -> None:
+    def _deliver(self, tick: int, batch: Frames, ends: NDArray[np.int32]) -> None:
         """The frames of a batch arrive over these links in a tick to come."""
-        if len(links):
-            arrived = Frames(batch.kind, batch.round, batch.source, batch.payload, links.astype(np.int32))
-            self._in_flight[tick].append(arrived)
+        if len(ends):
+            self._in_flight[tick].append(Frames(batch.kind, batch.round, batch.source, batch.payload, ends))
 
-    def _distance(self, states: state.States, source: Indices, target: Indices) -> NDArray[np.float64]:
-        """Of links, `(K,)`, m; not measured where no length makes a difference."""
+    def _distance(self, states: state.States, links: Links) -> NDArray[np.float64]:
+        """Of links by radio, `(K,)`, m; not measured where no length makes a difference."""
         if not self._scenario.radio.path_loss_exponent:
-            return np.ones(len(source))
-        difference = states[source, state.POSITION] - states[target, state.POSITION]
+            return links.alike
+        difference = states[links.source, state.POSITION] - states[links.target, state.POSITION]
         return np.sqrt((difference * difference).sum(axis=-1))
 
-    def _links(self, kind: FrameKind, sources: Indices, states: state.States) -> Indices:
-        """[row of sources, receiving UAV] of every link a kind uses, `(K, 2)`."""
-        leader = self._scenario.federation.leader
+    def _links(self, kind: FrameKind, sources: Indices, states: state.States) -> Links:
+        """Every link a kind uses."""
+        leader, uavs = self._scenario.federation.leader, self._scenario.uavs
         rows = np.arange(len(sources))
         if kind == FrameKind.UPLOAD:
-            return np.stack([rows, self._head_of[sources]], axis=-1)
+            return Links.of(kind, sources, rows, self._head_of[sources], uavs)
         if kind == FrameKind.RELAY:
-            return np.stack([rows, np.full(len(sources), leader)], axis=-1)
-        everyone = np.arange(self._scenario.uavs)
+            return Links.of(kind, sources, rows, np.full(len(sources), leader), uavs)
         if kind == FrameKind.GLOBAL:
-            wanted = np.ones((len(sources), len(everyone)), dtype=bool)
-        else:
-            here = states[sources][:, None, state.POSITION] - states[None, :, state.POSITION]
-            wanted = (here * here).sum(axis=-1) <= self._scenario.radio.range_m**2
-            wanted &= sources[:, None] != everyone[None, :]
-        return np.argwhere(wanted)
+            return Links.of(kind, sources, rows.repeat(uavs), np.tile(np.arange(uavs), len(sources)), uavs)
+        return self._in_range(sources, states)
+
+    def _in_range(self, sources: Indices, states: state.States) -> Links:
+        """From sources to all others they reach: mostly the same as a tick ago."""
+        here = states if len(sources) == len(states) else states[sources]
+        along = here[:, state.X, None] - states[:, state.X]
+        across = here[:, state.Y, None] - states[:, state.Y]
+        along *= along
+        across *= across
+        along += across
+        wanted = along <= self._scenario.radio.range_m**2
+        wanted[np.arange(len(sources)), sources] = False
+        spoken = sources.tobytes() + wanted.tobytes()
+        if self._links_of_spoken is None or spoken != self._spoken:
+            row, target = wanted.nonzero()
+            self._spoken = spoken
+            self._links_of_spoken = Links.of(FrameKind.STATE, sources, row, target, self._scenario.uavs)
+        return self._links_of_spoken

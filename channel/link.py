@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from channel.rician import squared_amplitude
+from channel.fading import Fading
 from swarm.scenario import Radio
 
 Floats = NDArray[np.float64]
@@ -22,6 +22,11 @@ class Transmission:
 
     slots: Counts
     delivered: NDArray[np.bool_]
+
+    @property
+    def outages(self) -> int:
+        """On how many links it was not delivered."""
+        return len(self.delivered) - int(np.count_nonzero(self.delivered))
 
 
 def bits_per_slot(radio: Radio) -> float:
@@ -44,26 +49,31 @@ def squared_threshold(radio: Radio, distance_m: Floats) -> Floats:
     return gain if radio.fading == "power" else gain * gain
 
 
-def transmit(radio: Radio, draw: np.random.Generator, distance_m: Floats, bits: int) -> Transmission:
+def transmit(radio: Radio, fading: Fading, distance_m: Floats, bits: int) -> Transmission:
     """Sends one message over K independent links, slot by slot, until it is through or D_M slots are spent.
 
     In every slot an amplitude is drawn for each link still busy, in link order, so the result depends on the
-    generator and the order of the links only.
+    fading and the order of the links only.
 
     Args:
         distance_m: (K,). bits: length of the message.
     """
-    needed = slots_needed(radio, bits)
-    threshold = squared_threshold(radio, distance_m)
+    alike, needed = not radio.path_loss_exponent, slots_needed(radio, bits)
+    threshold = squared_threshold(radio, distance_m[:1] if alike else distance_m)
     slots = np.zeros(len(distance_m), dtype=np.int64)
-    missing = np.full(len(distance_m), needed)
     busy: slice | NDArray[np.intp] = slice(None)  # all, without a copy: most messages are through in the first slot
-    left = len(distance_m)
-    for _ in range(radio.latency_threshold_slots):
+    missing, left = np.full(len(distance_m), needed), len(distance_m)  # slots of the busy, and how many those are
+    for slot in range(1, radio.latency_threshold_slots + 1):
         if not left:
             break
-        slots[busy] += 1
-        missing[busy] -= squared_amplitude(draw, left, radio.rice_xi, radio.rice_chi) >= threshold[busy]
-        busy = np.flatnonzero(missing > 0)
-        left = len(busy)
-    return Transmission(slots, missing <= 0)
+        slots[busy] = slot
+        failed = fading.squared(left) < (threshold if alike else threshold[busy])
+        if needed > 1:
+            missing -= ~failed
+            failed = missing > 0
+            missing = missing[failed]
+        still = failed.nonzero()[0]
+        busy, left = still if isinstance(busy, slice) else busy[still], len(still)
+    delivered = np.ones(len(slots), dtype=bool)
+    delivered[busy] = False
+    return Transmission(slots, delivered)

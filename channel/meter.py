@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from channel import theory
 from channel.link import Transmission
+from channel.links import Links
 from swarm.messages import FrameKind
 from swarm.scenario import Radio
 
@@ -48,39 +49,36 @@ class Meter:
     def __post_init__(self) -> None:
         self._link_sent = np.zeros((self.uavs, self.uavs), dtype=np.int32)
         self._link_outages = np.zeros((self.uavs, self.uavs), dtype=np.int32)
+        self._last: Links | None = None  # which mostly are those of the next tick: entered once, with how often
+        self._times = 0
 
     def count(
-        self,
-        kind: FrameKind,
-        payload_bits: int,
-        sources: NDArray[np.intp],
-        links: NDArray[np.intp],
-        distance_m: NDArray[np.float64],
-        sent: Transmission,
+        self, kind: FrameKind, payload_bits: int, links: Links, distance_m: NDArray[np.float64], sent: Transmission
     ) -> None:
         """Enters one batch of transmissions of a kind.
 
         Args:
-            payload_bits: of one transmission. sources: (S,) UAVs that transmitted.
-            links: (K, 2) [row of sources, receiving UAV]. distance_m: (K,). sent: what became of the K links.
+            payload_bits: of one transmission. distance_m: (K,), of the links by radio. sent: what became of those.
         """
         bill = self.traffic[kind]
-        bill.transmissions += len(sources)
-        bill.payload_bits += payload_bits * len(sources)
-        bill.sent += len(links)
-        delivered = int(sent.delivered.sum())
-        bill.delivered += delivered
-        bill.outages += len(links) - delivered
-        bill.slots += int(sent.slots.sum())
-        bill.delivered_slots += int(sent.slots[sent.delivered].sum())
-        longest = np.zeros(len(sources), dtype=np.int64)
-        np.maximum.at(longest, links[:, 0], sent.slots)
-        bill.airtime_s += float(longest.sum()) * self.radio.coherence_time_s
+        bill.transmissions += links.transmissions
+        bill.payload_bits += payload_bits * links.transmissions
+        if not (copies := len(links.pair)):
+            return
+        outages, slots = sent.outages, int(sent.slots.sum())
+        bill.sent += copies
+        bill.delivered += copies - outages
+        bill.outages += outages
+        bill.slots += slots
+        bill.delivered_slots += slots - outages * self.radio.latency_threshold_slots
+        bill.airtime_s += float(np.maximum.reduceat(sent.slots, links.first).sum()) * self.radio.coherence_time_s
         self._expect(bill, payload_bits, distance_m)
-        pair = sources[links[:, 0]] * self.uavs + links[:, 1]
-        self._link_sent.reshape(-1)[pair] += 1
-        failed = pair[~sent.delivered]
-        self._link_outages.reshape(-1)[failed] += 1
+        if links is not self._last:
+            self._enter()
+            self._last = links
+        self._times += 1
+        if outages:
+            self._link_outages.reshape(-1)[links.pair[~sent.delivered]] += 1
 
     def initial(self, payload_bits: int) -> None:
         """The mission plan: one state broadcast a UAV before take-off, never in outage."""
@@ -111,14 +109,21 @@ class Meter:
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Goes on with the bill of a snapshot."""
         self.traffic = {kind: Traffic(**bill) for kind, bill in zip(FrameKind, snapshot["traffic"], strict=True)}
+        self._last, self._times = None, 0
         source, target, sent, outages = snapshot["links"].T
         self._link_sent[...], self._link_outages[...] = 0, 0
         self._link_sent[source, target], self._link_outages[source, target] = sent, outages
 
     def _used(self) -> NDArray[np.int32]:
         """[source, target, sent, outages] of every link that was used, ascending, `(K, 4)`."""
+        self._enter()
         used = np.nonzero(self._link_sent)
         return np.stack([*used, self._link_sent[used], self._link_outages[used]], axis=-1).astype(np.int32)
+
+    def _enter(self) -> None:
+        if self._last is not None:
+            self._link_sent.reshape(-1)[self._last.pair] += self._times
+            self._times = 0
 
     def _expect(self, bill: Traffic, payload_bits: int, distance_m: NDArray[np.float64]) -> None:
         if self.radio.path_loss_exponent == 0.0:  # every link is alike

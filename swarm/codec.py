@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from swarm.errors import MessageRejected
-from swarm.messages import Frames, Message
+from swarm.messages import FrameKind, Frames, Message
 
 MAX_BYTES = 64 * 2**20  # no message of a swarm within the scenario's bounds comes near
 
@@ -79,6 +79,22 @@ def encode_frames(frames: Frames) -> bytes:
     return _encoder.encode(frames)
 
 
+def bytes_of_frames(frames: Frames) -> int:
+    """How long that part is; frames without links are as long as all others of their shape."""
+    if frames.links is not None:
+        return len(encode_frames(frames))
+    source, payload = ((array.shape, array.dtype) for array in (frames.source, frames.payload))
+    return _bytes_of_frames(frames.kind, frames.round, source, payload)
+
+
+_Form = tuple[tuple[int, ...], np.dtype]
+
+
+@functools.lru_cache(maxsize=256)
+def _bytes_of_frames(kind: FrameKind, round_: int, source: _Form, payload: _Form) -> int:
+    return len(encode_frames(Frames(kind, round_, np.zeros(*source), np.zeros(*payload))))
+
+
 def decode(raw: bytes, limit: int = MAX_BYTES) -> Message:
     """The message in `raw`, its arrays consistent with their headers and finite.
 
@@ -127,7 +143,9 @@ def decode_as(kind: type[M], raw: bytes, run: int, limit: int = MAX_BYTES) -> M:
 
 def finite(array: np.ndarray) -> bool:
     """Whether all of its floats are."""
-    return bool(np.logical_and.reduce(np.isfinite(array), axis=None))  # `.all()` takes twice the time of a few floats
+    if math.isfinite(np.vdot(array, array)):  # a third of the time; beyond the root of the largest number it overflows
+        return True
+    return bool(np.isfinite(array).all())
 
 
 def expect(name: str, array: np.ndarray, shape: tuple[int | None, ...], dtype: Any) -> np.ndarray:

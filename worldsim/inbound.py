@@ -3,6 +3,7 @@
 from collections.abc import Collection
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swarm import model, payload, plain, state
 from swarm.ascending import contains
@@ -108,10 +109,15 @@ def _check_frames(frames: Frames, member: Member, scenario: Scenario, float_: np
         coding = payload.upload(scenario) if frames.kind == FrameKind.UPLOAD else payload.broadcast(scenario)
         coding.check(frames.payload, len(source))
     own = member.uavs if member.role == "agent" else np.array([scenario.federation.leader])
-    if not len(source) or not contains(own, source).all() or (source[1:] <= source[:-1]).any():
+    if not len(source) or not (np.array_equal(own, source) or _some(own, source)):
         raise MessageRejected("wrong-shape", f"frames of {member.name} name UAVs {source.tolist()}")
     if frames.links is not None:
         raise MessageRejected("wrong-shape", "only the world says which links carried a frame")
+
+
+def _some(own: NDArray[np.intp], source: NDArray[np.int32]) -> bool:
+    """Whether sources are UAVs of a node, ascending."""
+    return bool(contains(own, source).all() and (source[1:] > source[:-1]).all())
 
 
 def _sayable(member: Member, scenario: Scenario) -> set[FrameKind]:

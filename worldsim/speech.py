@@ -1,7 +1,6 @@
 """What the nodes said in a tick, as it goes on the air: only what a round has room for, the silent left out."""
 
 from collections.abc import Callable, Iterable
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +41,7 @@ class Speech:
             batches = [heard for batch in batches if (heard := self._heard(tick, batch, awake)) is not None]
             together = _join(batches)
         for batch in batches:
-            rows, width = batch.payload.shape
-            meter.wire(batch.kind, _wire_bytes(batch.kind, batch.round, rows, width, batch.payload.dtype))
+            meter.wire(batch.kind, codec.bytes_of_frames(batch))
         return together
 
     def _is_heard(self, tick: int, batch: Frames, awake: NDArray[np.bool_]) -> bool:
@@ -69,13 +67,9 @@ class Speech:
 
 def _join(batches: list[Frames]) -> Frames | None:
     """Batches of one kind as one; None where there are none, or of several rounds."""
+    if len(batches) == 1:
+        return batches[0]
     if len({batch.round for batch in batches}) != 1:
         return None
     source = np.concatenate([batch.source for batch in batches])
     return Frames(batches[0].kind, batches[0].round, source, np.concatenate([batch.payload for batch in batches]))
-
-
-@lru_cache(maxsize=64)  # a round has a few
-def _wire_bytes(kind: FrameKind, number: int, rows: int, width: int, dtype: np.dtype) -> int:
-    """Bytes of a batch on the bus."""
-    return len(codec.encode_frames(Frames(kind, number, np.zeros(rows, np.int32), np.zeros((rows, width), dtype))))

@@ -77,7 +77,7 @@ class Rows:
         )
         if len(links):
             if flight.tick % STATE_LINKS_EVERY_TICKS:
-                links = links[(links[:, 3] != FrameKind.STATE) | (links[:, 4] < 0)]
+                links = links[np.flatnonzero((links[:, 3] != FrameKind.STATE) | (links[:, 4] < 0))]
             self._links.append(links)
         self._events += flight.events
         flight.events = []

@@ -257,6 +257,38 @@ def test_airtime_lasts_until_the_last_link_is_served_or_given_up() -> None:
     ]
 
 
+def test_whoever_speaks_and_is_in_range_the_bill_is_that_of_the_links_that_were_used() -> None:
+    """Speakers fall silent, UAVs leave the range and come back: no tick may go by the links of the one before."""
+    air, everyone = Air(scenario("radio.target_snr_db=77.5")), list(range(UAVS))
+    near, apart = line(*everyone), line(0.0, 1.0, 2.0, 130.0, 131.0, 400.0)
+    sent, outages, spent, airtime = np.zeros((UAVS, UAVS), int), np.zeros((UAVS, UAVS), int), 0, 0.0
+    ticks = [(near, everyone), (near, everyone), (apart, everyone), (near, [0, 2, 5]), (apart, [0, 2, 5])] * 4
+    for tick, (states, speakers) in enumerate(ticks):
+        along = states[:, state.X]
+        records = air.send(tick, [frames(FrameKind.STATE, speakers, 4)], states)
+        assert records[:, 1:3].tolist() == [
+            [source, target]
+            for source in speakers
+            for target in everyone
+            if 0 < abs(along[source] - along[target]) < 100
+        ]
+        assert (records[:, 0] == tick).all()
+        through = {(source, target) for _, source, target, _, slots in records.tolist() if slots > 0}
+        assert links_of(air.due(tick + 1)) == through
+        for _, source, target, _, slots in records.tolist():
+            sent[source, target] += 1
+            outages[source, target] += slots < 0
+            spent += abs(slots)
+        airtime += sum(np.abs(records[records[:, 1] == one, 4]).max(initial=0) for one in speakers) * 5e-5
+    bill = air.meter.traffic[FrameKind.STATE]
+    assert 0 < bill.outages == outages.sum() < bill.sent == sent.sum()
+    assert (bill.transmissions, bill.slots) == (sum(len(speakers) for _, speakers in ticks), spent)
+    assert bill.delivered_slots == spent - outages.sum() * 8
+    assert bill.airtime_s == pytest.approx(airtime)
+    used = zip(*np.nonzero(sent), strict=True)
+    assert air.meter.links() == [[s, t, sent[s, t], outages[s, t]] for s, t in used]
+
+
 # -- nobody's order matters ---------------------------------------------------------------------------------------
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from channel import theory
+from channel.fading import Fading
 from channel.link import bits_per_slot, slots_needed, transmit
 from channel.rician import squared_amplitude
 from swarm.scenario import Radio, load
@@ -137,10 +138,10 @@ def test_successes_outages_and_latencies_are_those_of_the_closed_form(name: str)
     assert 0.05 < p < 1.0 - 1e-6, "a setting that tests nothing"
 
     one_slot = radio(*(s for s in settings if "threshold" not in s), "latency_threshold_slots=1")
-    single = transmit(one_slot, draw, distance, 1)
+    single = transmit(one_slot, Fading(draw, one_slot), distance, 1)
     within_four_standard_errors(single.delivered.astype(float), p, p * (1 - p))
 
-    sent = transmit(given, draw, distance, bits)
+    sent = transmit(given, Fading(draw, given), distance, bits)
     outage = float(theory.outage(given, np.array([p]), bits)[0])
     within_four_standard_errors((~sent.delivered).astype(float), outage, outage * (1 - outage))
     observed = np.where(sent.delivered, sent.slots, 0).astype(float)
@@ -154,7 +155,7 @@ def test_successes_outages_and_latencies_are_those_of_the_closed_form(name: str)
 def test_the_latency_without_a_threshold_is_k_over_p() -> None:
     given, bits = radio("target_snr_db=75.7", "latency_threshold_slots=2000"), 246 * 32
     distance = np.full(LINKS, 10.0)
-    sent = transmit(given, np.random.default_rng(3), distance, bits)
+    sent = transmit(given, Fading(np.random.default_rng(3), given), distance, bits)
     assert sent.delivered.all()
     p = float(theory.slot_success(given, distance[:1])[0])
     needed = slots_needed(given, bits)
@@ -164,15 +165,15 @@ def test_the_latency_without_a_threshold_is_k_over_p() -> None:
 def test_every_link_has_its_own_distance() -> None:
     given = radio("path_loss_exponent=2", "target_snr_db=36", "latency_threshold_slots=1")
     metres = np.tile([60.0, 80.0, 90.0], LINKS)
-    delivered = transmit(given, np.random.default_rng(4), metres, 128).delivered
+    delivered = transmit(given, Fading(np.random.default_rng(4), given), metres, 128).delivered
     for value, p in zip((60.0, 80.0, 90.0), theory.slot_success(given, metres[:3]), strict=True):
         within_four_standard_errors(delivered[metres == value].astype(float), p, p * (1 - p))
 
 
 def test_links_fade_independently_of_each_other_and_of_the_past() -> None:
-    given, draw = radio("target_snr_db=76", "latency_threshold_slots=6"), np.random.default_rng(5)
-    n = LINKS
-    first, second = (transmit(given, draw, np.full(2 * n, 50.0), 246 * 32) for _ in range(2))
+    given = radio("target_snr_db=76", "latency_threshold_slots=6")
+    n, fading = LINKS, Fading(np.random.default_rng(5), given)
+    first, second = (transmit(given, fading, np.full(2 * n, 50.0), 246 * 32) for _ in range(2))
     for one, other in (
         (first.delivered[0::2], first.delivered[1::2]),  # neighbours
         (first.delivered[:n], first.delivered[n:]),
@@ -185,9 +186,9 @@ def test_links_fade_independently_of_each_other_and_of_the_past() -> None:
 
 def test_the_same_generator_gives_the_same_fading_and_no_links_are_no_work() -> None:
     given = radio("target_snr_db=76")
-    one, other = (transmit(given, np.random.default_rng(6), np.full(50, 9.0), 7872) for _ in range(2))
+    one, other = (transmit(given, Fading(np.random.default_rng(6), given), np.full(50, 9.0), 7872) for _ in range(2))
     np.testing.assert_array_equal(one.slots, other.slots)
     draw = np.random.default_rng(6)
-    nothing = transmit(given, draw, np.zeros(0), 7872)
+    nothing = transmit(given, Fading(draw, given), np.zeros(0), 7872)
     assert nothing.slots.shape == nothing.delivered.shape == (0,)
     np.testing.assert_array_equal(draw.random(3), np.random.default_rng(6).random(3))

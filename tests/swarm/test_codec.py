@@ -129,6 +129,24 @@ def test_an_array_that_is_no_contiguous_block_travels_as_its_values() -> None:
         np.testing.assert_array_equal(codec.decode(codec.encode(message)).states, view)  # type: ignore[union-attr]
 
 
+@QUICK
+@given(of_message(Frames))
+def test_how_long_frames_are_is_known_without_writing_them(frames: Frames) -> None:
+    assert codec.bytes_of_frames(frames) == len(codec.encode_frames(frames))
+
+
+@pytest.mark.parametrize("dtype", ["f2", "f4", "f8"])
+def test_the_largest_number_is_finite_and_what_is_beyond_it_is_not(dtype: str) -> None:
+    array = np.full((2, 3), np.finfo(dtype).max, dtype=dtype)
+    assert codec.finite(array)
+    assert codec.finite(array[:0])
+    for bad in (np.nan, np.inf, -np.inf):
+        array[1, 1] = bad
+        assert not codec.finite(array)
+        array[0, 0] = -np.inf
+        assert not codec.finite(array)
+
+
 @pytest.mark.parametrize("dtype", [">f8", "<i8", "c16", "O", "S3"])
 def test_an_array_of_a_dtype_that_does_not_travel_cannot_be_sent(dtype: str) -> None:
     with pytest.raises(KeyError):

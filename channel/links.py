@@ -1,0 +1,50 @@
+"""Which links the transmissions of a kind use in a tick, in the order in which they fade, are metered and delivered."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarm.messages import FrameKind
+
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True)
+class Links:
+    """L links of a batch, of which K by radio; by source, then by target. They are shared: none is ever written to.
+
+    ends: (L, 2) int32 [row of the batch, receiving UAV], as frames carry them. by_radio: (L,) bool; who sends to
+    itself needs no radio. source, target: (K,) UAVs at the ends of the links by radio. pair: (K,), source · N + target.
+    transmissions: how many are paid for. first: the first link by radio of each of them that has any.
+    record: (K, 5) int32 [0, source, target, kind, 0]. alike: (K,) metres, for where no length makes a difference.
+    """
+
+    ends: NDArray[np.int32]
+    by_radio: NDArray[np.bool_]
+    on_board: bool  # whether any is not by radio
+    source: Indices
+    target: Indices
+    pair: Indices
+    transmissions: int
+    first: Indices
+    record: NDArray[np.int32]
+    alike: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, kind: FrameKind, sources: Indices, row: Indices, target: Indices, uavs: int) -> "Links":
+        """Links from `sources[row]` to `target`, (L,) each, rows ascending; `uavs`: N."""
+        ends = np.stack([row, target], axis=-1).astype(np.int32)
+        by_radio = sources[row] != target
+        row, target = row[by_radio], target[by_radio]
+        source = sources[row]
+        record = np.zeros((len(source), 5), dtype=np.int32)
+        record[:, 1], record[:, 2], record[:, 3] = source, target, kind
+        if kind in (FrameKind.UPLOAD, FrameKind.RELAY):  # a link each, so who needs no radio pays nothing
+            transmissions, first = len(source), np.arange(len(source))
+        else:
+            transmissions, first = len(sources), np.flatnonzero(np.diff(row, prepend=-1))
+        pair = source * uavs + target
+        return cls(
+            ends, by_radio, not by_radio.all(), source, target, pair, transmissions, first, record, np.ones(len(pair))
+        )
