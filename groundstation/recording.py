@@ -15,6 +15,7 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import rerun as rr
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
@@ -96,6 +97,8 @@ class Recorder:
         self._round = np.zeros((0, 5), dtype=np.int32)  # links of the last one
         self._trail_start: Floats = np.empty((0, scenario.uavs, 2), dtype=np.float32)  # not yet in a piece
 
+        self._index_of: Ticks = np.empty(0, dtype=np.int64)
+        self._index: tuple[rr.TimeColumn, ...] = ()
         self._stream: rr.RecordingStream | None = rr.RecordingStream(APPLICATION, recording_id=run_id)
         self._stream.set_sinks(*sinks, default_blueprint=look.blueprint(scenario, live=serve is not None))
         self._stream.send_recording_name(run_id)
@@ -160,12 +163,11 @@ class Recorder:
 
     def _send(self, entity: str, ticks: Ticks, *columns: Any) -> None:
         """Sends component columns with one row a tick of `ticks`, (R,)."""
-        index = (
-            rr.TimeColumn(look.TIMELINE, duration=ticks * self._scenario.dt),
-            rr.TimeColumn(look.TICKS, sequence=ticks),
-        )
+        if ticks is not self._index_of:  # most columns of a batch have those of all its ticks
+            duration = rr.TimeColumn(look.TIMELINE, duration=ticks * self._scenario.dt)
+            self._index_of, self._index = ticks, (duration, rr.TimeColumn(look.TICKS, sequence=ticks))
         flat = [column for group in columns for column in group]
-        rr.send_columns(entity, index, flat, recording=self._stream)
+        rr.send_columns(entity, self._index, flat, recording=self._stream)
 
     def _send_scalars(self, plot: str, ticks: Ticks, values: NDArray[Any]) -> None:
         """Sends the lines of a plot, `values` being (R,) or (R, lines)."""
@@ -177,7 +179,7 @@ class Recorder:
         colors = look.phi_g_colors(phi_g)
         kept = ticks % LARGE_SWARM_STRIDE == 0 if self._large else np.full(len(ticks), True)
         if kept.any():
-            rows, points = ticks[kept], positions[kept]
+            rows, points = ticks if kept.all() else ticks[kept], positions[kept]
             counts = np.full(len(rows), self._scenario.uavs)
             points_flat = points.reshape(-1, 2)
             arrows = (states[kept][..., state.VELOCITY] * look.ARROW_S).astype(np.float32).reshape(-1, 2)
@@ -201,7 +203,7 @@ class Recorder:
             strips = path[ends[:, None] - self._trail_ticks + steps].swapaxes(1, 2)  # (pieces, N, points, 2)
             strips = strips.reshape(-1, *strips.shape[2:])
             shades = (colors[ends - begun].reshape(-1) & ~np.uint32(0xFF)) | np.uint32(0x80)  # the dots stand out
-            columns = rr.LineStrips2D.columns(strips=strips, colors=shades)
+            columns = rr.LineStrips2D.columns(strips=_strips(strips), colors=shades)
             counts = np.full(pieces, self._scenario.uavs)
             self._send(look.TRAILS, ticks[ends - begun], columns.partition(counts))
 
@@ -220,7 +222,7 @@ class Recorder:
             row = np.clip(np.searchsorted(ticks, chosen[:, 0]), 0, len(ticks) - 1)
             ends = np.stack([positions[row, chosen[:, 1]], positions[row, chosen[:, 2]]], axis=1)  # (K, 2, 2)
             colors = np.where(chosen[:, 4] < 0, look.RED, look.GREEN).astype(np.uint32)
-            columns = rr.LineStrips2D.columns(strips=ends, colors=colors)
+            columns = rr.LineStrips2D.columns(strips=_strips(ends), colors=colors)
             self._send(entity, at.astype(np.int64), columns.partition(count))
         if self._large:
             return
@@ -342,6 +344,14 @@ def _rows(path: Path, entity: str, component: str) -> Iterator[tuple[int, Any]]:
 def line(event: Event) -> str:
     """An event as the log of a recording shows it."""
     return event.text if event.kind in event.text else f"{event.kind}: {event.text}"
+
+
+def _strips(points: Floats) -> pa.ListArray:
+    """Lines of P points each, (K, P, 2), in the form rerun has them; from an array it makes them one by one."""
+    kind = rr.components.LineStrip2DBatch._ARROW_DATATYPE
+    count, each, _ = points.shape
+    flat = pa.FixedSizeListArray.from_arrays(points.reshape(-1), type=kind.value_type)
+    return pa.ListArray.from_arrays(np.arange(0, count * each + 1, each, dtype=np.int32), flat, type=kind)
 
 
 def _range(values: NDArray[Any]) -> NDArray[np.float64]:

@@ -335,12 +335,14 @@ def to_toml(flown: Scenario) -> str:
 
 
 def _batch(block: Telemetry, dt: float, columns: pa.Schema) -> pa.RecordBatch:
-    ticks = block.first_tick + np.arange(len(block.states))
+    rows, uavs, _ = block.states.shape
+    ticks = block.first_tick + np.arange(rows)
+    offsets = pa.array(np.arange(0, rows * uavs + 1, uavs, dtype=np.int32))
 
     def lists(values: np.ndarray) -> pa.Array:
-        rows, width = values.shape
-        return pa.ListArray.from_arrays(np.arange(0, rows * width + 1, width, dtype=np.int32), values.ravel())
+        return pa.ListArray.from_arrays(offsets, values.ravel())
 
+    swarm = pa.array(block.swarm.T.ravel())
     per_uav = [block.states[..., k] for k in range(4)]
     per_uav += [block.accelerations[..., k] for k in range(2)]
     per_uav += [block.energy, *(block.diagnostics[..., k] for k in range(len(DIAGNOSTICS))), block.status]
@@ -351,7 +353,7 @@ def _batch(block: Telemetry, dt: float, columns: pa.Schema) -> pa.RecordBatch:
             pa.array(ticks, pa.int32()),
             pa.array(ticks * dt),
             *map(lists, per_uav),
-            *[pa.array(block.swarm[:, k]) for k in range(len(SWARM_COLUMNS))],
+            *(swarm.slice(k * rows, rows) for k in range(len(SWARM_COLUMNS))),
             pa.array([None if k is None else block.spread[k] for k in reported], pa.float64()),
             pa.array([None if k is None else block.reports[k] for k in reported], pa.list_(pa.float32())),
         ],
