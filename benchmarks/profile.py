@@ -48,13 +48,14 @@ LEARNER: list[Part] = [
     ("swarm.spoke:Spoke.handle", "agent: protocol"),
 ]
 CODEC: list[Part] = [(f"swarm.codec:{name}", "codec") for name in ("encode", "decode", "encode_frames")]
-CODEC += [(f"swarm.plain:{name}", "codec, plain messages") for name in ("encode", "decode")]
+CODEC += [(f"swarm.plain:Plain.{name}", "codec, plain messages") for name in ("encode", "decode", "body")]
 WORLD: list[Part] = [
     ("worldsim.node:World._tick", "world, the rest of the tick"),
     ("worldsim.node:World._ask", "address and fill inboxes"),
     ("worldsim.barrier:Barrier.ask", "address and fill inboxes"),
     ("worldsim.waiting:Waiting.for_answers", "barrier, the loop"),
     ("worldsim.door:Door.handle", "take in answers: dispatch"),
+    ("worldsim.barrier:Barrier.hear", "take in answers: dispatch"),
     ("worldsim.inbound:check", "take in answers: check"),
     ("worldsim.node:World._collect", "collect commands and frames"),
     ("worldsim.node:World._play", "fault script"),

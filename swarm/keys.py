@@ -42,6 +42,7 @@ def sense(run: str, node: str) -> str:
     return f"{ROOT}/{run}/node/{node}/sense"
 
 
+@lru_cache(maxsize=4096)  # likewise
 def act(run: str, node: str) -> str:
     """Node → world; `*` for all nodes."""
     return f"{ROOT}/{run}/node/{node}/act"

@@ -8,6 +8,8 @@ pushed out of the caches. Nothing depends on it: what is not plain, or says the 
 codec.
 """
 
+import math
+import struct
 from collections.abc import Callable
 from functools import cache
 from typing import Any, TypeAlias
@@ -44,25 +46,30 @@ class Plain:
         for k, array in enumerate(arrays, numbers):
             ones = np.frombuffer(b"\1" * array.nbytes, array.dtype).reshape(array.shape)
             gaps.append((place(k, ones), array.nbytes, False))
-        self._pieces: list[list[bytes]] = [[]]  # before, between and after the arrays; in two where a number is in it
+        pieces: list[list[bytes]] = [[]]  # before, between and after the arrays; in two where a number is in it
         end = 0
         for start, size, is_number in sorted(gaps):
-            self._pieces[-1].append(first[end:start])
+            pieces[-1].append(first[end:start])
             end = start + size
             if not is_number:
-                self._pieces.append([])
-        self._pieces[-1].append(first[end:])
+                pieces.append([])
+        pieces[-1].append(first[end:])
+        (self._before, self._between), *self._pieces = pieces  # the tick comes first of all
+        self._rest = None if of_round else tuple([piece for (piece,) in self._pieces])
         self._arrays = [(shape, dtype, array.nbytes) for (shape, dtype), array in zip(layouts, arrays, strict=True)]
         self._bytes = sum(array.nbytes for array in arrays)
+        self._numbers = struct.Struct(f"<{arrays[0].size}d").unpack_from  # of few floats, in less time than NumPy's
         self._of = -1, 0
         self._frame: tuple[bytes, ...] = ()
 
     def frame(self, tick: int, number: int = 0) -> tuple[bytes, ...]:
         """What comes before, between and after the arrays of a message of that tick, and of that round."""
         if self._of != (tick, number):
-            written = map(_whole_number, (tick, number))
-            self._frame = tuple([piece[0] if len(piece) == 1 else next(written).join(piece) for piece in self._pieces])
-            self._of = tick, number
+            before, rest = self._before + _whole_number(tick) + self._between, self._rest
+            if rest is None:
+                said = _whole_number(number)
+                rest = tuple([said.join(piece) for piece in self._pieces])
+            self._of, self._frame = (tick, number), (before, *rest)
         return self._frame
 
     def encode(self, tick: int, *arrays: NDArray[Any], number: int = 0) -> bytes:
@@ -71,6 +78,18 @@ class Plain:
         for array, after in zip(arrays, rest, strict=True):
             before += array.tobytes() + after
         return before
+
+    def body(self, tick: int, raw: bytes) -> bytes | None:
+        """The bytes of the array, finite, if `raw` is such a message of that tick with but one, of doubles; or None.
+
+        None, too, where the sum of its numbers is not finite: `decode` tells.
+        """
+        before, after = self.frame(tick)
+        start = len(before)
+        end = start + self._bytes
+        if len(raw) != end + len(after) or not (raw.startswith(before) and raw.endswith(after)):
+            return None
+        return raw[start:end] if math.isfinite(sum(self._numbers(raw, start))) else None
 
     def decode(self, tick: int, raw: bytes, number: int = 0) -> list[NDArray[Any]] | None:
         """The arrays, their floats finite, if these are the bytes of such a message of that tick; or None."""
@@ -140,15 +159,6 @@ def encode(sense: Sense) -> bytes:
         return codec.encode(sense)
     hearing = hearings(sense.run, rows, sense.report, (payload.shape, payload.dtype))
     return hearing.encode(sense.tick, sense.states, source, payload, links, number=number)
-
-
-def decode(raw: bytes, run: int, tick: int, rows: int) -> Act | None:
-    """A plain Act of that run and tick, its numbers finite and of so many rows; None for whatever else this is."""
-    if rows:
-        for report in (False, True):
-            if (arrays := acts(run, rows, report).decode(tick, raw)) is not None:
-                return Act(run, tick, arrays[0], report=arrays[1] if report else None)
-    return None
 
 
 def _difference(one: bytes, other: bytes) -> int:

@@ -1,10 +1,10 @@
 """The barrier of a tick: who was asked, what was asked, and who has answered."""
 
-from swarm import plain
+from swarm import keys, plain
 from swarm.bus import Bus
 from swarm.errors import MessageRejected
-from swarm.keys import sense as sense_key
-from swarm.messages import Act, Sense
+from swarm.messages import Act, Frames, Sense
+from swarm.state import States
 from worldsim.members import Member
 
 
@@ -12,49 +12,90 @@ class Barrier:
     """The questions of one tick after the other."""
 
     def __init__(self, bus: Bus, run: str) -> None:
-        self._bus, self._run = bus, run
+        self._bus, self._run, self._fingerprint = bus, run, keys.fingerprint(run)
         self._questions: dict[str, bytes] = {}
+        self._silent: dict[str, Member] = {}  # who has yet to answer, by the key of the answer
+        self._tick, self._reporting = -1, False
         self.asked: dict[str, Member] = {}
-        self.acts: dict[str, Act] = {}
+        self.outcomes: dict[str, bytes] = {}  # of whoever has answered, (M, 5) f8
+        self.acts: dict[str, Act] = {}  # of them, the answers that say more than that
         self.standing = False  # between the first question of a tick and the last answer
 
-    def open(self) -> None:
-        """A new tick: nobody is asked yet."""
-        self.asked, self.acts, self._questions = {}, {}, {}
+    def open(self, tick: int, reporting: bool) -> None:
+        """A new tick, in which agents report their models or not: nobody is asked yet."""
+        self._tick, self._reporting = tick, reporting
+        self.asked, self.outcomes, self.acts, self._questions, self._silent = {}, {}, {}, {}, {}
         self.standing = True
 
-    def ask(self, member: Member, sense: Sense) -> None:
-        """Asks a node and expects its answer."""
-        self.asked[member.name] = member
-        raw = self._questions[member.name] = plain.encode(sense)
-        self._bus.put(sense_key(self._run, member.name), raw)
+    def close(self) -> None:
+        """The tick waits for nobody any more; what comes now is late."""
+        self.standing = False
+        self._silent = {}
+
+    def ask(self, member: Member, states: States, heard: tuple[Frames, ...] = (), whole: bool = False) -> None:
+        """Asks a node, which has these states and received these frames, and expects its answer.
+
+        `whole`: it is to answer with all that a checkpoint keeps.
+        """
+        rows = len(states)
+        if heard or whole or not rows:
+            report = self._reporting and rows > 0
+            raw = plain.encode(Sense(self._fingerprint, self._tick, states, report, heard, whole))
+        else:
+            raw = plain.senses(self._fingerprint, rows, self._reporting).encode(self._tick, states)
+        self.asked[member.name] = self._silent[keys.act(self._run, member.name)] = member
+        self._questions[member.name] = raw
+        self._bus.put(keys.sense(self._run, member.name), raw)
 
     def ask_again(self) -> None:
         """Repeats every question nobody answered yet."""
         for name in self.missing:
-            self._bus.put(sense_key(self._run, name), self._questions[name])
+            self._bus.put(keys.sense(self._run, name), self._questions[name])
+
+    def hear(self, key: str, raw: bytes) -> bool:
+        """Takes a plain answer (`swarm.plain`) that is waited for; with whatever else this is, nothing is done.
+
+        Most messages are such answers, so they are told first, and by few steps.
+        """
+        member = self._silent.get(key)
+        if member is None or not (rows := len(member.uavs)):
+            return False
+        answers = plain.acts(self._fingerprint, rows, self._reporting)
+        if self._reporting:
+            if (arrays := answers.decode(self._tick, raw)) is None:
+                return False
+            self.answer(member.name, Act(self._fingerprint, self._tick, arrays[0], report=arrays[1]))
+            return True
+        if (outcome := answers.body(self._tick, raw)) is None:
+            return False
+        self.outcomes[member.name] = outcome
+        del self._silent[key]
+        return True
 
     def answer(self, name: str, act: Act) -> None:
-        """Takes an answer.
+        """Takes any answer.
 
         Raises:
             MessageRejected: `duplicate`: the node was not asked, or has answered.
         """
-        if name not in self.asked or name in self.acts:
+        if name not in self.asked or name in self.outcomes:
             raise MessageRejected("duplicate", f"second answer of {name} to tick {act.tick}")
-        self.acts[name] = act
+        self._silent.pop(keys.act(self._run, name), None)
+        self.outcomes[name], self.acts[name] = act.outcome.tobytes(), act
 
     def forget(self, name: str) -> bool:
         """A node is gone: what it said in this tick counts no more. Returns whether it had been asked."""
+        self._silent.pop(keys.act(self._run, name), None)
+        self.outcomes.pop(name, None)
         self.acts.pop(name, None)
         return self.asked.pop(name, None) is not None
 
     @property
     def missing(self) -> list[str]:
         """Who has not answered."""
-        return [name for name in self.asked if name not in self.acts]
+        return [name for name in self.asked if name not in self.outcomes]
 
     @property
     def complete(self) -> bool:
         """Whether everyone has."""
-        return len(self.acts) >= len(self.asked)
+        return len(self.outcomes) >= len(self.asked)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from swarm import codec, keys, plain, scenario
+from swarm import codec, keys, scenario
 from swarm.bus import Bus, Delivery
 from swarm.errors import MessageRejected
 from swarm.messages import Join, Ready, Received, Refusal, Stop, Welcome
@@ -63,6 +63,8 @@ class Door:
 
     def handle(self, delivery: Delivery) -> None:
         """One delivery, whatever it is. Never raises for what the network sent."""
+        if delivery.kind == "message" and self._barrier.hear(delivery.key, delivery.payload):
+            return
         try:
             if delivery.kind == "message" and delivery.key == self._received:
                 received = codec.decode_as(Received, delivery.payload, self._fingerprint, limit=64)
@@ -123,9 +125,6 @@ class Door:
             self._stop(name, "lost: nobody waits for this node any more")
             raise MessageRejected("unknown-node", f"{name}, which was lost")
         tick = self._flight.tick
-        if (act := plain.decode(raw, self._fingerprint, tick, len(member.uavs))) is not None:
-            self._barrier.answer(name, act)
-            return
         if number := self._rounds.opens(tick):
             act = inbound.upload(raw, self._fingerprint, tick, number, member, self._scenario)
             if act is not None:

@@ -102,6 +102,11 @@ class Flight:
             return True
         return self.scenario.stop == "arrival" and not np.count_nonzero(self.status == FLYING)
 
+    @property
+    def lost(self) -> NDArray[np.bool_]:
+        """Which UAVs are out of the mission, (N,)."""
+        return self.status == LOST
+
     def lose(self, uavs: NDArray[np.intp], kind: str, why: str) -> None:
         """Takes UAVs out of the mission: physics goes on without command, nobody waits for them."""
         uavs = uavs[self.status[uavs] != Status.LOST]

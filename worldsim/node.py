@@ -13,7 +13,7 @@ from channel.air import Air
 from swarm import __version__, codec, keys, model, state
 from swarm.bus import Bus
 from swarm.errors import BadInput, RunFailed
-from swarm.messages import Act, Event, Finished, FrameKind, Frames, Sense, Status, Stop
+from swarm.messages import OUTCOME_FLOATS, Act, Event, Finished, FrameKind, Frames, Stop
 from swarm.rounds import Rounds
 from swarm.scenario import Scenario
 from worldsim import checkpoint, inbox
@@ -26,7 +26,7 @@ from worldsim.flight import Flight
 from worldsim.heads import Heads
 from worldsim.instruments import Instruments
 from worldsim.ledger import Ledger
-from worldsim.members import LEADER, Member, Members
+from worldsim.members import LEADER, Members
 from worldsim.schedule import Schedule
 from worldsim.speech import Speech
 from worldsim.summary import summary, weight_spread
@@ -85,6 +85,7 @@ class World:
         self._barrier = Barrier(bus, run)
         self._commands = np.zeros((scenario.uavs, state.AXES))
         self._awake = np.ones(scenario.uavs, dtype=bool)
+        self._answered: tuple[list[str], NDArray[np.intp]] = [], np.zeros(0, dtype=np.intp)  # nodes, their UAVs
         self._minds: Minds | None = None  # where, in the last tick, all were asked for all they know
         self._leads: str | None = None
         self._resumed = resume
@@ -203,13 +204,13 @@ class World:
     def _play(self, tick: int) -> None:
         """The fault script, as far as it takes somebody out of the mission or puts them to sleep."""
         if not self._scenario.faults:
-            self._awake = self.flight.status != Status.LOST
+            self._awake = ~self.flight.lost
             return
         for event in self._script.events(tick):
             self._rows.note(event)
         killed = self._script.killed(tick)
         self.flight.lose(killed, "lost", "killed by the fault script")
-        lost = self.flight.status == Status.LOST
+        lost = self.flight.lost
         for member in self._members.present if len(killed) else ():
             if np.isin(member.uavs, killed).any() and lost[member.uavs].all():
                 self._door.dismiss(member, "killed by the fault script")
@@ -225,15 +226,15 @@ class World:
         due = self.air.due(tick)
         self._uploads.receive(due)
         self._heads.receive(due, self._awake)
-        self._barrier.open()
+        self._barrier.open(tick, reporting)
         self._ask_leader()  # first: in a round it has the most to do, and all others wait for it
-        all_awake = bool(self._awake.all())
+        states, all_awake = self.flight.states, bool(self._awake.all())
         for member in self._members.present:
             if member.role != LEADER and member.ready and (all_awake or self._awake[member.uavs].any()):
                 heard = tuple(inbox.of_agent(member, due, self._awake)) if due else ()
-                heard += self._heads.read(member)
-                states = self.flight.states[member.place]
-                self._barrier.ask(member, Sense(self._fingerprint, tick, states, reporting, heard, whole))
+                if self._heads.told:
+                    heard += self._heads.read(member)
+                self._barrier.ask(member, states[member.place], heard, whole)
 
     def _ask_leader(self) -> None:
         """Asks the elected leader, if a round is open; again if another is elected before the tick is over."""
@@ -248,9 +249,7 @@ class World:
         if self._leads not in (None, leader.name):
             self._note("leader", f"{leader.name} takes over from {self._leads}")
         self._leads = leader.name
-        nowhere = np.zeros((0, state.SIZE))
-        unheard = self._uploads.read(leader.name)
-        self._barrier.ask(leader, Sense(self._fingerprint, tick, nowhere, False, unheard))
+        self._barrier.ask(leader, np.zeros((0, state.SIZE)), self._uploads.read(leader.name))
 
     # -- step 3 -------------------------------------------------------------------------------------------------
 
@@ -263,33 +262,42 @@ class World:
 
     def _collect(self, diagnostics: NDArray[np.float64]) -> list[Frames]:
         """Commands and diagnostics into their rows; frames of one kind joined, sources ascending."""
-        self._barrier.standing = False
-        acts = self._barrier.acts  # without those held over in real time
-        answered = [(member, acts[name]) for name, member in self._barrier.asked.items() if name in acts]
-        self._enter(answered, diagnostics)
-        frames = self._speech.of(self.flight.tick, [act for _, act in answered], self._awake, self.air.meter)
+        self._barrier.close()
+        asked, said, outcomes = self._barrier.asked, self._barrier.acts, self._barrier.outcomes
+        acts = [said[name] for name in asked if name in said] if said else []
+        for act in acts:
+            self._regard(act)
+        if outcomes:
+            names = [name for name in asked if name in outcomes]
+            if names != self._answered[0]:  # as a rule they are those of the last tick
+                self._answered = names, np.concatenate([asked[name].uavs for name in names])
+            outcome = np.frombuffer(b"".join([outcomes[name] for name in names])).reshape(-1, OUTCOME_FLOATS)
+            self._enter(self._answered[1], outcome, diagnostics)
+        frames = self._speech.of(self.flight.tick, acts, self._awake, self.air.meter)
         if number := self._rounds.closes(self.flight.tick):
             self._uploads.close(number)
-        self._commands[self.flight.status == Status.LOST] = 0.0
+        if (lost := self.flight.lost).any():
+            self._commands[lost] = 0.0
         return frames
 
-    def _enter(self, answered: list[tuple[Member, Act]], diagnostics: NDArray[np.float64]) -> None:
-        for _, act in answered:
+    def _regard(self, act: Act) -> None:
+        """Notes what is wrong with models, others' or a node's own."""
+        if act.refused:
             self._ledger.uploads_refused += len(act.refused)
-            if act.refused:
-                self._note("refused", f"uploads of UAV {', '.join(map(str, act.refused))} were not averaged")
-            if act.diverged:
-                self.flight.lose(np.array(act.diverged), "diverged", "the learner left the finite numbers")
-        if not answered:
-            return
-        uavs = np.concatenate([member.uavs for member, _ in answered])
-        outcome = np.concatenate([act.outcome for _, act in answered])
-        sane = (np.abs(outcome) < model.BEYOND_SENSE).all(axis=-1)
-        if not sane.all():
-            self.flight.lose(uavs[~sane], "diverged", "an answer beyond all bounds")
-        used = sane & self._awake[uavs]
-        self._commands[uavs[used]] = outcome[used, : state.AXES]
-        diagnostics[uavs[used]] = outcome[used, state.AXES :]
+            self._note("refused", f"uploads of UAV {', '.join(map(str, act.refused))} were not averaged")
+        if act.diverged:
+            self.flight.lose(np.array(act.diverged), "diverged", "the learner left the finite numbers")
+
+    def _enter(self, uavs: NDArray[np.intp], outcome: NDArray[np.float64], diagnostics: NDArray[np.float64]) -> None:
+        """Takes the outcome (K, 5) of some UAVs (K,)."""
+        if not np.abs(outcome).max(initial=0.0) < model.BEYOND_SENSE:
+            insane = (np.abs(outcome) >= model.BEYOND_SENSE).any(axis=-1)
+            self.flight.lose(uavs[insane], "diverged", "an answer beyond all bounds")
+            uavs, outcome = uavs[~insane], outcome[~insane]
+        if not (awake := self._awake[uavs]).all():
+            uavs, outcome = uavs[awake], outcome[awake]
+        self._commands[uavs] = outcome[:, : state.AXES]
+        diagnostics[uavs] = outcome[:, state.AXES :]
 
     # -- step 6 -------------------------------------------------------------------------------------------------
 
@@ -297,7 +305,7 @@ class World:
         minds = Minds(self._scenario, whole)
         for name, act in self._barrier.acts.items():
             minds.take(self._barrier.asked[name], act)
-        alive = self.flight.status != Status.LOST
+        alive = ~self.flight.lost
         sane = minds.sane & alive & self._awake
         if sane.any():
             self._ledger.spread = weight_spread(minds.models[sane])

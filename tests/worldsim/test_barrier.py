@@ -1,0 +1,118 @@
+"""The barrier tells plain answers by their bytes, and takes each for what the codec would."""
+
+import numpy as np
+import pytest
+
+from swarm import codec, keys
+from swarm.bus import Bus, MemoryNetwork
+from swarm.errors import MessageRejected
+from swarm.messages import Act, FrameKind, Frames, Sense
+from worldsim.barrier import Barrier
+from worldsim.members import Member
+
+RUN = "fence"
+FINGERPRINT = keys.fingerprint(RUN)
+TICK = 300
+STATES = np.arange(8.0).reshape(2, 4)
+OUTCOME = np.arange(10.0).reshape(2, 5)
+MODELS = np.ones((2, 246))
+KEY = keys.act(RUN, "agent-0")
+FRAMES = Frames(FrameKind.STATE, 0, np.zeros(1, np.int32), np.zeros((1, 4), np.float32), np.zeros((1, 2), np.int32))
+
+
+class Stand:
+    """A barrier with one agent of two UAVs in front of it."""
+
+    def __init__(self, reporting: bool = False) -> None:
+        network = MemoryNetwork()
+        self.agent: Bus = network.endpoint()
+        self.agent.subscribe(keys.sense(RUN, "agent-0"))
+        self.barrier = Barrier(network.endpoint(), RUN)
+        self.member = Member("agent-0", "agent", np.arange(2))
+        self.barrier.open(TICK, reporting)
+
+    def asked(self, *heard: Frames, whole: bool = False) -> bytes:
+        """What the agent hears when it is asked."""
+        self.barrier.ask(self.member, STATES, heard, whole)
+        delivery = self.agent.receive(0.0)
+        assert delivery is not None
+        return delivery.payload
+
+
+@pytest.mark.parametrize("reporting", [False, True])
+@pytest.mark.parametrize("heard", [(), (FRAMES,)])
+@pytest.mark.parametrize("whole", [False, True])
+def test_a_question_is_what_the_codec_writes(reporting: bool, heard: tuple[Frames, ...], whole: bool) -> None:
+    raw = Stand(reporting).asked(*heard, whole=whole)
+    assert raw == codec.encode(Sense(FINGERPRINT, TICK, STATES, reporting, heard, whole))
+
+
+def test_a_leader_has_no_models_to_report() -> None:
+    stand = Stand(reporting=True)
+    stand.member = Member("agent-0", "leader", np.zeros(0, dtype=np.intp))
+    stand.barrier.ask(stand.member, np.zeros((0, 4)))
+    delivery = stand.agent.receive(0.0)
+    assert delivery is not None
+    assert delivery.payload == codec.encode(Sense(FINGERPRINT, TICK, np.zeros((0, 4)), False))
+    assert not stand.barrier.hear(KEY, codec.encode(Act(FINGERPRINT, TICK, np.zeros((0, 5)))))
+    assert not stand.barrier.complete
+
+
+def test_a_plain_answer_counts_once() -> None:
+    stand = Stand()
+    stand.asked()
+    raw = codec.encode(Act(FINGERPRINT, TICK, OUTCOME))
+    assert stand.barrier.missing == ["agent-0"]
+    assert stand.barrier.hear(KEY, raw)
+    assert stand.barrier.complete
+    assert stand.barrier.outcomes == {"agent-0": OUTCOME.tobytes()}
+    assert not stand.barrier.acts
+    assert not stand.barrier.hear(KEY, raw)
+    with pytest.raises(MessageRejected) as refused:
+        stand.barrier.answer("agent-0", Act(FINGERPRINT, TICK, OUTCOME))
+    assert refused.value.reason == "duplicate"
+
+
+def test_an_answer_with_a_report_is_kept_with_it() -> None:
+    stand = Stand(reporting=True)
+    stand.asked()
+    assert stand.barrier.hear(KEY, codec.encode(Act(FINGERPRINT, TICK, OUTCOME, report=MODELS)))
+    act = stand.barrier.acts["agent-0"]
+    assert act.report is not None
+    assert (act.report == MODELS).all()
+    assert stand.barrier.outcomes["agent-0"] == OUTCOME.tobytes()
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        codec.encode(Act(FINGERPRINT, TICK - 1, OUTCOME)),
+        codec.encode(Act(FINGERPRINT + 1, TICK, OUTCOME)),
+        codec.encode(Act(FINGERPRINT, TICK, OUTCOME[:1])),
+        codec.encode(Act(FINGERPRINT, TICK, OUTCOME, diverged=(1,))),
+        codec.encode(Act(FINGERPRINT, TICK, OUTCOME, report=MODELS)),
+        codec.encode(Act(FINGERPRINT, TICK, np.full((2, 5), np.inf))),
+        codec.encode(Act(FINGERPRINT, TICK, np.full((2, 5), np.nan))),
+        codec.encode(Act(FINGERPRINT, TICK, np.full((2, 5), 1e308))),  # finite, but its sum is not
+        b"",
+    ],
+)
+def test_whatever_is_not_plain_is_left_to_the_codec(other: bytes) -> None:
+    stand = Stand()
+    stand.asked()
+    assert not stand.barrier.hear(KEY, other)
+    assert stand.barrier.missing == ["agent-0"]
+
+
+def test_nobody_is_heard_who_was_not_asked_or_is_gone_or_comes_late() -> None:
+    raw = codec.encode(Act(FINGERPRINT, TICK, OUTCOME))
+    stand = Stand()
+    assert not stand.barrier.hear(KEY, raw)
+    stand.asked()
+    assert not stand.barrier.hear(keys.act(RUN, "agent-1"), raw)
+    assert stand.barrier.forget("agent-0")
+    assert not stand.barrier.hear(KEY, raw)
+    stand.asked()
+    stand.barrier.close()
+    assert not stand.barrier.hear(KEY, raw)
+    assert not stand.barrier.outcomes
