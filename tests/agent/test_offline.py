@@ -40,7 +40,7 @@ def test_profile_covers_the_distance_within_the_limits_and_no_faster_one_would(
     assert profile[-1] == pytest.approx(0.0, abs=1e-12)
     ticks = len(profile) - 1
     k = np.arange(1, ticks + 1)
-    reach = np.minimum(np.minimum(k, ticks - k) * acceleration_max * dt, speed_max).sum() * dt
+    reach = np.minimum(np.minimum(k, ticks - k) * (acceleration_max * dt), speed_max).sum() * dt
     assert reach < distance
 
 
