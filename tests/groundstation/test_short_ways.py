@@ -12,6 +12,7 @@ from swarm.bus import MemoryBus
 from swarm.methods import Method
 from swarm.scenario import load
 from worldsim import inbound
+from worldsim.barrier import Barrier
 
 pytestmark = pytest.mark.skipif(not kernel.is_compiled(), reason="installed without a C compiler")
 
@@ -47,7 +48,7 @@ def fly(monkeypatch: pytest.MonkeyPatch, settings: tuple[str, ...], method: str,
         patch.setattr(Agent, "reflex", counted)
         if not short:
             patch.setattr(plain, "encode", codec.encode)
-            patch.setattr(plain, "decode", lambda *_: None)
+            patch.setattr(Barrier, "hear", lambda *_: False)
             patch.setattr(inbound, "upload", lambda *_: None)
         fixed = ["uavs=6", "duration=6", "stop=duration", "federation.period=10"]
         engine = Engine(load(None, [*fixed, *settings], method=method), "short", uavs_per_node=rows)
