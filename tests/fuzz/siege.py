@@ -264,7 +264,7 @@ class Insider:
             mutate = Mutator([raw], self._seed + engine.world.flight.tick)
             for _ in range(-(-self._count // TICKS)):
                 put(key, mutate(engine.world.flight.tick))
-            self.let_in += self._who in barrier.acts
+            self.let_in += self._who in barrier.outcomes
             put(key, raw)
 
         bus.put = possessed
