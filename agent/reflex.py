@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from agent.kernel import Kernel
 from agent.minds import Minds
-from swarm import model, payload, plain
+from swarm import codec, model, payload, plain
 from swarm.messages import Frames
 from swarm.scenario import Scenario
 
@@ -63,8 +63,8 @@ class Reflex:
             if place < 0 or not raw.startswith(head, place) or not raw.endswith(tail):
                 continue
             sent = np.ndarray((1, self._down.width), self._down.dtype, raw, start)
-            if not self._down.is_exact and not self._down.sound(sent).all():
-                return None  # what is exact but not finite shows in a residual, where every weight has a part
+            if not (codec.finite(sent) if self._down.is_exact else self._down.sound(sent).all()):
+                return None
             heard, spare = self._overwritten(minds, self._down.decode(sent)), self._spare or _like(minds)
             answer = self._kernel.answer(raw, (before, raw[place:]), acts.frame(tick), heard, spare)
             if answer is not None:
