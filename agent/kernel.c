@@ -53,9 +53,10 @@ static int all_below(const int32_t *index, int count, int end) {
 }
 
 static int sound(const Tables *t) {
-    int ascending = t->starts[0] == 0;
-    for (int k = 0; k < TERMS; k++) ascending = ascending && t->starts[k] < t->starts[k + 1];
-    return ascending && all_below(t->value_first, BLOCKS, FLAT) && all_below(t->value_second, BLOCKS, FLAT)
+    int few = t->starts[0] == 0; /* products of a term: one at least, and no more than there are terms */
+    for (int k = 0; k < TERMS; k++)
+        few = few && t->starts[k] < t->starts[k + 1] && t->starts[k + 1] - t->starts[k] <= TERMS;
+    return few && all_below(t->value_first, BLOCKS, FLAT) && all_below(t->value_second, BLOCKS, FLAT)
         && all_below(t->pair_first, ALL_PAIRS, FLAT) && all_below(t->pair_second, ALL_PAIRS, FLAT)
         && all_below(t->at_position, TERMS, PAIRS) && all_below(t->at_velocity, TERMS, PAIRS)
         && all_below(t->left, 2 * DENSITIES, 4 * PAIRS) && all_below(t->right, 2 * DENSITIES, 4 * PAIRS)

@@ -209,5 +209,10 @@ def test_tables_that_point_outside_are_refused() -> None:
             broken[name][-1] = bad
             with pytest.raises(ValueError, match="outside"):
                 real.tables(broken)
+    last = made["starts"][-1]  # one product for every term but the first, which has all the others
+    starts = np.concatenate([[0], np.arange(last - len(made["starts"]) + 2, last + 1)]).astype(np.int32)
+    crowded = {**made, "starts": starts}
+    with pytest.raises(ValueError, match="outside"):
+        real.tables(crowded)
     with pytest.raises(KeyError):
         real.tables({})
