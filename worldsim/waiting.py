@@ -8,6 +8,7 @@ from worldsim.durations import Durations
 from worldsim.ledger import Ledger
 from worldsim.schedule import Schedule
 
+STALL_S = 0.5  # who looks ten times a second and comes late by more stood still, and the nodes may have, too
 ASK_AGAIN_S = 1.0  # a Sense nobody answered is repeated: the first after a declaration can get lost
 
 
@@ -40,14 +41,17 @@ class Waiting:
 
     def _for_everyone(self) -> float:
         """Lockstep: until everyone has answered, or is lost; returns when."""
-        start = asked = now = self._clock()
+        asked = now = self._clock()
+        waited = 0.0
         while not self._barrier.complete:
+            before = now
             self._receive(0.1)
             now = self._clock()
-            if now - start > self._patience_s:
+            waited += min(now - before, STALL_S)
+            if waited > self._patience_s:
                 for name in self._barrier.missing:
                     self._door.lose(self._barrier.asked[name], f"no answer for {self._patience_s:.0f} s")
-                start = asked = self._clock()  # whoever takes over has its own time to answer
+                waited, asked = 0.0, self._clock()  # whoever takes over has its own time to answer
             elif now - asked > ASK_AGAIN_S:
                 asked = now
                 self._barrier.ask_again()

@@ -1,0 +1,36 @@
+"""How long a tick waits, by a clock of the test's own."""
+
+import numpy as np
+
+from swarm.bus import MemoryNetwork
+from worldsim.barrier import Barrier
+from worldsim.members import Member
+from worldsim.waiting import Waiting
+
+
+def losses(steps: list[float]) -> int:
+    """How often the clock is looked at, in such steps and then 0.1 s, until a node that says nothing is lost."""
+    now, looks = 0.0, 0
+    barrier = Barrier(MemoryNetwork().endpoint(), "patience")
+    barrier.open(0, reporting=False)
+    barrier.ask(Member("agent-0", "agent", np.arange(1)), np.zeros((1, 4)))
+
+    class Door:
+        def lose(self, member: Member, why: str) -> None:
+            barrier.forget(member.name)
+
+    def receive(timeout_s: float) -> None:
+        nonlocal now, looks
+        now += steps[looks] if looks < len(steps) else timeout_s
+        looks += 1
+
+    Waiting(barrier, Door(), None, None, 2.0, receive, lambda: now).for_answers()  # type: ignore[arg-type]
+    return looks
+
+
+def test_a_silent_node_is_lost_when_the_patience_is_over() -> None:
+    assert losses([]) in (20, 21)
+
+
+def test_a_machine_that_stood_still_has_not_waited_for_all_that_time() -> None:
+    assert losses([60.0]) in (15, 16, 17)
