@@ -1,5 +1,7 @@
 """The barrier of a tick: who was asked, what was asked, and who has answered."""
 
+from collections import Counter
+
 from swarm import keys, plain
 from swarm.bus import Bus
 from swarm.errors import MessageRejected
@@ -15,7 +17,8 @@ class Barrier:
         self._bus, self._run, self._fingerprint = bus, run, keys.fingerprint(run)
         self._questions: dict[str, bytes] = {}
         self._silent: dict[str, Member] = {}  # who has yet to answer, by the key of the answer
-        self._tick, self._reporting = -1, False
+        self._repeats: Counter[str] = Counter()  # second answers that may still come, by the node's name
+        self._tick, self.reporting = -1, False
         self.asked: dict[str, Member] = {}
         self.outcomes: dict[str, bytes] = {}  # of whoever has answered, (M, 5) f8
         self.acts: dict[str, Act] = {}  # of them, the answers that say more than that
@@ -23,7 +26,7 @@ class Barrier:
 
     def open(self, tick: int, reporting: bool) -> None:
         """A new tick, in which agents report their models or not: nobody is asked yet."""
-        self._tick, self._reporting = tick, reporting
+        self._tick, self.reporting = tick, reporting
         self.asked, self.outcomes, self.acts, self._questions, self._silent = {}, {}, {}, {}, {}
         self.standing = True
 
@@ -39,10 +42,10 @@ class Barrier:
         """
         rows = len(states)
         if heard or whole or not rows:
-            report = self._reporting and rows > 0
+            report = self.reporting and rows > 0
             raw = plain.encode(Sense(self._fingerprint, self._tick, states, report, heard, whole))
         else:
-            raw = plain.senses(self._fingerprint, rows, self._reporting).encode(self._tick, states)
+            raw = plain.senses(self._fingerprint, rows, self.reporting).encode(self._tick, states)
         self.asked[member.name] = self._silent[keys.act(self._run, member.name)] = member
         self._questions[member.name] = raw
         self._bus.put(keys.sense(self._run, member.name), raw)
@@ -50,6 +53,7 @@ class Barrier:
     def ask_again(self) -> None:
         """Repeats every question nobody answered yet."""
         for name in self.missing:
+            self._repeats[name] += 1
             self._bus.put(keys.sense(self._run, name), self._questions[name])
 
     def hear(self, key: str, raw: bytes) -> bool:
@@ -60,8 +64,8 @@ class Barrier:
         member = self._silent.get(key)
         if member is None or not (rows := len(member.uavs)):
             return False
-        answers = plain.acts(self._fingerprint, rows, self._reporting)
-        if self._reporting:
+        answers = plain.acts(self._fingerprint, rows, self.reporting)
+        if self.reporting:
             if (arrays := answers.decode(self._tick, raw)) is None:
                 return False
             self.answer(member.name, Act(self._fingerprint, self._tick, arrays[0], report=arrays[1]))
@@ -83,9 +87,18 @@ class Barrier:
         self._silent.pop(keys.act(self._run, name), None)
         self.outcomes[name], self.acts[name] = act.outcome.tobytes(), act
 
+    def is_repeat(self, name: str) -> bool:
+        """Whether an answer of a node that is not waited for is that to a question it was asked again, for which it
+        cannot be blamed; true once for every such question.
+        """
+        if is_due := self._repeats[name] > 0:
+            self._repeats[name] -= 1
+        return is_due
+
     def forget(self, name: str) -> bool:
         """A node is gone: what it said in this tick counts no more. Returns whether it had been asked."""
         self._silent.pop(keys.act(self._run, name), None)
+        self._repeats.pop(name, None)
         self.outcomes.pop(name, None)
         self.acts.pop(name, None)
         return self.asked.pop(name, None) is not None

@@ -8,7 +8,7 @@ import numpy as np
 from swarm import codec, keys, scenario
 from swarm.bus import Bus, Delivery
 from swarm.errors import MessageRejected
-from swarm.messages import Join, Ready, Received, Refusal, Stop, Welcome
+from swarm.messages import Act, Join, Ready, Received, Refusal, Stop, Welcome
 from swarm.rounds import Rounds
 from swarm.scenario import Scenario
 from worldsim import inbound
@@ -23,6 +23,7 @@ log = logging.getLogger("meanflock.world")
 
 STATION = "station"
 MAX_DROP_EVENTS = 100  # the counters go on
+_OF_REPEATS = ("duplicate", "stale")  # what a second answer to a question that was put twice is, in its tick or after
 
 Note = Callable[[str, str], None]  # kind and text of an event
 
@@ -33,6 +34,7 @@ class Door:
     def __init__(
         self,
         flown: Scenario,
+        rounds: Rounds,
         bus: Bus,
         run: str,
         members: Members,
@@ -49,10 +51,9 @@ class Door:
         self.closed = False  # after the last: who leaves is not lost
         self.minds: Resumption | None = None  # whose minds are handed out until then
         self.on_leader_lost: Callable[[], None] = lambda: None  # one that was asked in this tick
-        self._scenario, self._bus, self._run = flown, bus, run
+        self._scenario, self._rounds, self._bus, self._run = flown, rounds, bus, run
         self._fingerprint, self._received = keys.fingerprint(run), keys.received(run)
         self._float = codec.FLOAT_OF_BITS[flown.radio.bits_per_float]
-        self._rounds = Rounds(flown)
         self._plan = flight.states.astype(self._float)
         self._flight, self._barrier, self._outbox, self._ledger = flight, barrier, outbox, ledger
         self._note, self._clock = note, clock
@@ -124,22 +125,30 @@ class Door:
         if member.lost:
             self._stop(name, "lost: nobody waits for this node any more")
             raise MessageRejected("unknown-node", f"{name}, which was lost")
-        tick = self._flight.tick
-        if number := self._rounds.opens(tick):
-            act = inbound.upload(raw, self._fingerprint, tick, number, member, self._scenario)
-            if act is not None:
-                self._barrier.answer(name, act)
-                return
-        message = codec.decode(raw, inbound.limit(len(member.uavs), self._scenario))
-        if isinstance(message, Ready) and message.run == self._fingerprint:
-            if self.closed:  # it was not there yet when all others were sent home
-                self._stop(name, "finished")
-            else:
-                self._welcome(member)
-            return
-        self._barrier.answer(name, inbound.check(message, self._fingerprint, tick, member, self._scenario, self._float))
+        try:
+            if (act := self._upload(raw, member)) is None:
+                message = codec.decode(raw, inbound.limit(len(member.uavs), self._scenario))
+                if isinstance(message, Ready) and message.run == self._fingerprint:
+                    self._welcome(member)
+                    return
+                tick = self._flight.tick
+                act = inbound.check(message, self._fingerprint, tick, member, self._scenario, self._float)
+            self._barrier.answer(name, act)
+        except MessageRejected as error:
+            if error.reason not in _OF_REPEATS or not self._barrier.is_repeat(name):
+                raise
+
+    def _upload(self, raw: bytes, member: Member) -> Act | None:
+        """What a sound node says in a tick in which it uploads its model, told by its bytes."""
+        tick, is_reporting = self._flight.tick, self._barrier.reporting
+        if not (number := self._rounds.opens(tick)):
+            return None
+        return inbound.upload(raw, self._fingerprint, tick, number, member, self._scenario, is_reporting)
 
     def _welcome(self, member: Member) -> None:
+        if self.closed:  # it was not there yet when all others were sent home
+            self._stop(member.name, "finished")
+            return
         if member.ready:
             return
         member.ready = True

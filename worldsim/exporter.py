@@ -103,11 +103,11 @@ def exported(instruments: Instruments, address: Address) -> Iterator[str]:
     Raises:
         BadInput: nobody can listen at `address`.
     """
-    registry = CollectorRegistry()
-    registry.register(Exporter(instruments))
-    ProcessCollector(registry=registry)  # memory, CPU and open files of this process, under their usual names
+    shown = CollectorRegistry()
+    shown.register(Exporter(instruments))
+    ProcessCollector("", lambda: "self", "/proc", shown)  # memory, CPU and files of this process, under the usual names
     try:
-        server, thread = start_http_server(address.port, address.host, registry)
+        server, thread = start_http_server(address.port, address.host, shown)
     except OSError as error:
         raise address.refused("--metrics", error) from error
     try:

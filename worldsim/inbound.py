@@ -27,22 +27,24 @@ def limit(rows: int, scenario: Scenario) -> int:
     return _OVERHEAD_BYTES + refused + max(1, rows) * (_BYTES_A_ROW + known)
 
 
-def upload(raw: bytes, run: int, tick: int, number: int, member: Member, scenario: Scenario) -> Act | None:
-    """The Act of that tick of a node of one UAV that uploads its model in the round of that number, as a sound node
-    would write it (`swarm.plain`) and as `check` lets it in; None for whatever else this is: that takes a closer look.
+def upload(
+    raw: bytes, run: int, tick: int, number: int, member: Member, scenario: Scenario, reporting: bool
+) -> Act | None:
+    """The Act of that tick of a node of one UAV that uploads its model in the round of that number, and reports it or
+    not, as a sound node would write it (`swarm.plain`) and as `check` lets it in; None for whatever else this is: that
+    takes a closer look.
     """
     coding, rows = payload.upload(scenario), len(member.uavs)
     if rows != 1:
         return None
-    for report in (False, True):
-        uploads = plain.uploads(run, rows, report, ((rows, coding.width), coding.dtype))
-        if (arrays := uploads.decode(tick, raw, number)) is not None:
-            outcome, source, sent, *models = arrays
-            if source[0] != member.uavs[0] or not (coding.is_exact or coding.sound(sent).all()):
-                return None
-            outbox = (Frames(FrameKind.UPLOAD, number, source, sent),)
-            return Act(run, tick, outcome, outbox=outbox, report=models[0] if report else None)
-    return None
+    uploads = plain.uploads(run, rows, reporting, ((rows, coding.width), coding.dtype))
+    if (arrays := uploads.decode(tick, raw, number)) is None:
+        return None
+    outcome, source, sent, *models = arrays
+    if source[0] != member.uavs[0] or not (coding.is_exact or coding.sound(sent).all()):
+        return None
+    outbox = (Frames(FrameKind.UPLOAD, number, source, sent),)
+    return Act(run, tick, outcome, outbox=outbox, report=models[0] if reporting else None)
 
 
 def check(message: Message, run: int, tick: int, member: Member, scenario: Scenario, float_: np.dtype) -> Act:

@@ -96,7 +96,17 @@ class World:
         self._members = Members(scenario.uavs, wanted, standbys=federated, rows_at_most=rows_at_most)
         members, ledger = self._members, self._ledger
         self._door = Door(
-            scenario, bus, run, members, self.flight, self._barrier, self._outbox, ledger, self._note, clock
+            scenario,
+            self._rounds,
+            bus,
+            run,
+            members,
+            self.flight,
+            self._barrier,
+            self._outbox,
+            ledger,
+            self._note,
+            clock,
         )
         self._speech = Speech(self._rounds, ledger, self._door.drop, self._note)
         self._door.minds = resume

@@ -41,8 +41,8 @@ class Waiting:
 
     def _for_everyone(self) -> float:
         """Lockstep: until everyone has answered, or is lost; returns when."""
-        asked = now = self._clock()
-        waited = 0.0
+        now = self._clock()
+        waited = asked = 0.0
         while not self._barrier.complete:
             before = now
             self._receive(0.1)
@@ -51,9 +51,9 @@ class Waiting:
             if waited > self._patience_s:
                 for name in self._barrier.missing:
                     self._door.lose(self._barrier.asked[name], f"no answer for {self._patience_s:.0f} s")
-                waited, asked = 0.0, self._clock()  # whoever takes over has its own time to answer
-            elif now - asked > ASK_AGAIN_S:
-                asked = now
+                waited = asked = 0.0  # whoever takes over has its own time to answer
+            elif waited - asked > ASK_AGAIN_S:
+                asked = waited
                 self._barrier.ask_again()
         return now
 

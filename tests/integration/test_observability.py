@@ -7,7 +7,6 @@ import signal
 import socket
 import subprocess
 import urllib.request
-from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -26,13 +25,11 @@ from swarm.scenario import load
 from swarm.session import ZenohBus
 from tests.integration.conftest import Command, Spawn, processes_of
 from tests.polling import DEADLINE_S, until
-from worldsim.waiting import ASK_AGAIN_S
 
 pytestmark = pytest.mark.processes
 
 SHORT = ("--uavs", "3", "--seed", "7", "--duration", "30", "--set", "federation.period=40", "--no-record")
 ENDLESS = ("--duration", "100000", "--set", "stop=duration")
-NODES = {"agent-0", "agent-1", "agent-2", "leader"}
 SETTINGS = ("uavs=3", "seed=7", "duration=30", "federation.period=40")
 
 
@@ -327,13 +324,8 @@ def test_a_wall_clock_that_jumps_by_hours_changes_nothing(
     assert len(said) == 4 + len(others)
     assert len({line["time"][:13] for line in said}) >= 3
     summary = json.loads(out)
-    # A node that lets the world wait for a second, on a busy machine, is asked again and answers both: in the same tick
-    # the second answer is a duplicate, in a later one stale. Nothing else is said, and no more often than that.
-    assert all(line["node"] == "world" and line.get("peer") in NODES for line in others), others
-    assert {line.get("reason") for line in others} <= {"duplicate", "stale"}, others
-    assert Counter(line["reason"] for line in others) >= Counter(summary["dropped_messages"])  # one may come after it
-    assert len(others) <= len(NODES) * (summary["wall_time_s"] // ASK_AGAIN_S)
-    timing = ("wall_time_s", "real_time_factor", "mode", "run_id", "wire_bytes", "radio", "dropped_messages")
+    assert not others
+    timing = ("wall_time_s", "real_time_factor", "mode", "run_id", "wire_bytes", "radio")
     assert {k: v for k, v in summary.items() if k not in timing} == {k: v for k, v in calm.items() if k not in timing}
     assert 0.0 < summary["wall_time_s"] < DEADLINE_S
     assert processes_of(summary["run_id"]) == []

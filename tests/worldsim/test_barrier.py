@@ -116,3 +116,16 @@ def test_nobody_is_heard_who_was_not_asked_or_is_gone_or_comes_late() -> None:
     stand.barrier.close()
     assert not stand.barrier.hear(KEY, raw)
     assert not stand.barrier.outcomes
+
+
+def test_who_is_asked_twice_may_answer_twice_and_not_more_often() -> None:
+    stand = Stand()
+    stand.asked()
+    assert not stand.barrier.is_repeat("agent-0")
+    stand.barrier.ask_again()
+    stand.barrier.ask_again()
+    assert stand.barrier.hear(KEY, codec.encode(Act(FINGERPRINT, TICK, OUTCOME)))
+    stand.barrier.ask_again()  # it has answered
+    stand.barrier.open(TICK + 1, False)  # its other answers may come as late as this
+    assert [stand.barrier.is_repeat("agent-0") for _ in range(3)] == [True, True, False]
+    assert not stand.barrier.is_repeat("agent-1")

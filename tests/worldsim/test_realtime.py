@@ -50,14 +50,14 @@ class SlowBus(MemoryBus):
 
 
 class Flight:
-    """Two UAVs on two nodes, 20 ticks in real time."""
+    """Two UAVs on two nodes, 20 ticks in real time, or in lockstep."""
 
-    def __init__(self) -> None:
+    def __init__(self, realtime: float | None = 2.0) -> None:
         network = MemoryNetwork()
         self.bus = SlowBus(network)
         settings = ["uavs=2", "method=mfg", "duration=2", 'stop="duration"']
         flown = load(None, settings)
-        self.world = self.bus.world = World(flown, self.bus, RUN, realtime=2.0, clock=lambda: self.bus.now)
+        self.world = self.bus.world = World(flown, self.bus, RUN, realtime=realtime, clock=lambda: self.bus.now)
         for _ in range(2):
             endpoint = network.endpoint()
             spoke = Spoke(endpoint, RUN)
@@ -83,6 +83,19 @@ def test_in_time_nothing_is_held_and_every_tick_begins_when_it_should() -> None:
     assert summary["realtime"]["tick_start_jitter_ms"] == pytest.approx({"mean": 0, "p99": 0, "max": 0}, abs=1e-6)
     assert summary["wall_time_s"] == pytest.approx(20 * TICK_S)
     assert summary["real_time_factor"] == pytest.approx(2.0)
+
+
+def test_in_lockstep_who_is_asked_again_because_it_is_slow_may_answer_twice() -> None:
+    flight = Flight(realtime=None)
+
+    def slow(tick: int) -> None:  # then its second answers come in the same tick, or in the one after
+        late = {"agent-1": 2.5, "agent-0": 0.1 * tick} if tick in (3, 4, 9) else {}
+        flight.bus.delay_s = lambda node: late.get(node, PROMPT_S)
+
+    summary = flight.fly(slow)
+    assert summary["wall_time_s"] > 7.5
+    assert summary["dropped_messages"] == {}
+    assert summary["trajectory_sha256"] == Flight().fly()["trajectory_sha256"]
 
 
 def test_a_late_command_is_held_over_and_its_tick_counted() -> None:

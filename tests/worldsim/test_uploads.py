@@ -41,8 +41,8 @@ def act(of: Scenario, *uavs: int, report: bool = False, number: int = 2, tick: i
     return Act(RUN, tick, np.full((len(uavs), 5), 0.25), outbox=(batch(of, *uavs, number=number),), report=models)
 
 
-def read(of: Scenario, raw: bytes, by: Member) -> Act | None:
-    return inbound.upload(raw, RUN, TICK, 2, by, of)
+def read(of: Scenario, raw: bytes, by: Member, report: bool = False) -> Act | None:
+    return inbound.upload(raw, RUN, TICK, 2, by, of, report)
 
 
 def checked(of: Scenario, raw: bytes, by: Member) -> Act:
@@ -56,9 +56,10 @@ def checked(of: Scenario, raw: bytes, by: Member) -> Act:
 def test_an_upload_is_let_in_as_the_long_way_does(coding: str, report: bool) -> None:
     of = flown(f"federation.payload={coding}")
     raw = codec.encode(act(of, 3, report=report))
-    got = read(of, raw, member(3))
+    got = read(of, raw, member(3), report)
     assert got is not None
     assert codec.encode(got) == codec.encode(checked(of, raw, member(3))) == raw
+    assert read(of, raw, member(3), not report) is None
 
 
 def test_what_is_not_expected_takes_the_long_way() -> None:
