@@ -1,0 +1,47 @@
+"""What holds for all tests.
+
+A swarm in real time on a machine that itself stands still for seconds misses deadlines for which nothing here is to
+blame: such a test says nothing. If it failed, and the machine did stand still meanwhile, it says so and is run again,
+twice at the most. Any other failure is one at once, and so is that of a test without processes.
+"""
+
+from collections.abc import Generator
+from functools import cache
+from typing import Any
+
+import pytest
+
+from tests.standstill import Standstill
+
+
+class MachineStoodStill(Exception):
+    """The machine did, during a test that failed. `--only-rerun` knows it by its name."""
+
+
+@cache
+def _machine() -> Standstill:
+    machine = Standstill()
+    machine.start()
+    return machine
+
+
+def _judged(item: pytest.Item) -> Generator[None, Any, Any]:
+    if item.get_closest_marker("processes") is None:
+        return (yield)
+    before = _machine().total_s
+    try:
+        return (yield)
+    except (Exception, pytest.fail.Exception) as error:
+        if (stood_s := _machine().total_s - before) > 0:
+            raise MachineStoodStill(f"for {stood_s:.1f} s while this test ran, which failed") from error
+        raise
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item: pytest.Item) -> Generator[None, Any, Any]:
+    return (yield from _judged(item))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, Any, Any]:
+    return (yield from _judged(item))
