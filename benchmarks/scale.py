@@ -1,5 +1,6 @@
 """What a UAV costs as the swarm grows."""
 
+from collections.abc import Callable
 from statistics import median
 
 from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms, per_tick_ms
@@ -9,9 +10,9 @@ from benchmarks.processes import meanflock
 TITLE = "From 25 to 1000 UAVs"
 ABOUT = (
     "Cost of one UAV's tick, mfgfl-hf, all in one process; the floor is the learner's step alone on as many rows. The "
-    "ticks measured are those between rounds; *growth* is the last of them beside the cheapest. Then hjb, where every "
-    "UAV speaks to every other in every tick, and the networked swarm of 1000 UAVs as four processes of 250 rows, "
-    "recorded."
+    "ticks measured are those between rounds, of all sizes in turns; *growth* is 1000 UAVs beside the cheapest. Then "
+    "hjb, where every UAV speaks to every other in every tick, and the networked swarm of 1000 UAVs as four processes "
+    "of 250 rows, recorded."
 )
 SIZES = (25, 50, 100, 250, 500, 1000)
 BEYOND = 4000  # for the cost model of docs/scaling.md
@@ -28,24 +29,25 @@ def run(effort: Effort, say: Say) -> Outcome:
         sample = {"uavs": uavs, "processes": processes, "links": links, "ms": min(ms)}
         outcome.details["samples"].append(sample)
 
-    cost: dict[int, list[float]] = {}
-    for uavs in (*SIZES, BEYOND) if effort is Effort.FULL else (25, 250, 1000):
-        say(f"{uavs} UAVs in one process")
+    sizes = (*SIZES, BEYOND) if effort is Effort.FULL else (25, 250, 1000)
+    measures: dict[str, Callable[[], float]] = {}
+    for uavs in sizes:
+        say(f"{uavs} UAVs in one process: take-off")
         ticks, step = flight("mfgfl-hf", uavs).fly(), learner_step("mfgfl-hf", uavs)
         chunk = max(2, effort.of(1000, 250) // uavs)
         per_tick_ms(ticks, 3)
-        ms = in_turns(
-            effort.of(9, 3),
-            {"tick": lambda t=ticks, n=chunk: per_tick_ms(t, n), "step": lambda s=step, n=chunk: per_call_ms(s, n)},
-        )
-        keep(uavs, 0, ms["tick"])
-        floor = Figure(f"learner step alone, {uavs} rows", "µs/UAV", [1e3 * t / uavs for t in ms["step"]])
-        mine = [1e3 * t / uavs for t in ms["tick"]]
+        measures[f"tick {uavs}"] = lambda t=ticks, n=chunk: per_tick_ms(t, n)
+        measures[f"step {uavs}"] = lambda s=step, n=chunk: per_call_ms(s, n)
+    say("all sizes in turns")
+    ms = in_turns(effort.of(9, 3), measures)
+    cost: dict[int, list[float]] = {}
+    for uavs in sizes:
+        keep(uavs, 0, ms[f"tick {uavs}"])
+        floor = Figure(f"learner step alone, {uavs} rows", "µs/UAV", [1e3 * t / uavs for t in ms[f"step {uavs}"]])
+        mine = cost[uavs] = [1e3 * t / uavs for t in ms[f"tick {uavs}"]]
         outcome.figures += [Figure(f"UAV-tick, N = {uavs}", "µs/UAV-tick", mine, floor=floor), floor]
-        if uavs <= SIZES[-1]:
-            cost[uavs] = mine
-    cheapest = min(median(mine) for mine in cost.values())
-    growth = [mine / cheapest for mine in cost[SIZES[-1]]]
+    cheapest = min((cost[uavs] for uavs in sizes if uavs <= SIZES[-1]), key=median)
+    growth = [mine / least for mine, least in zip(cost[SIZES[-1]], cheapest, strict=True)]
     outcome.figures.append(Figure("growth of a UAV-tick to N = 1000", "×", growth, target=GROWTH))
     for uavs in SPEAKING if effort is Effort.FULL else SPEAKING[:1]:
         say(f"{uavs} UAVs that speak, in one process")
