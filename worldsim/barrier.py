@@ -1,6 +1,7 @@
 """The barrier of a tick: who was asked, what was asked, and who has answered."""
 
 from collections import Counter
+from collections.abc import Iterable
 
 from swarm import keys, plain
 from swarm.bus import Bus
@@ -40,15 +41,29 @@ class Barrier:
 
         `whole`: it is to answer with all that a checkpoint keeps.
         """
-        rows = len(states)
-        if heard or whole or not rows:
-            report = self.reporting and rows > 0
-            raw = plain.encode(Sense(self._fingerprint, self._tick, states, report, heard, whole))
-        else:
-            raw = plain.senses(self._fingerprint, rows, self.reporting).encode(self._tick, states)
-        self.asked[member.name] = self._silent[keys.act(self._run, member.name)] = member
-        self._questions[member.name] = raw
-        self._bus.put(keys.sense(self._run, member.name), raw)
+        report = self.reporting and len(states) > 0
+        self._put(member, plain.encode(Sense(self._fingerprint, self._tick, states, report, heard, whole)))
+
+    def ask_plainly(self, members: Iterable[Member], states: States) -> None:
+        """Asks nodes that hold UAVs, have received nothing and are to answer as ever; `states` (N, 4) are everyone's.
+
+        Most questions are such ones. They are cut from one string: where every UAV has a node of its own, that takes
+        half the time of as many arrays.
+        """
+        everyone, size = states.tobytes(), states.itemsize * states.shape[1]
+        for member in members:
+            before, after = plain.senses(self._fingerprint, len(member.uavs), self.reporting).frame(self._tick)
+            place = member.place
+            if isinstance(place, slice):
+                self._put(member, before + everyone[place.start * size : place.stop * size] + after)
+            else:
+                self._put(member, before + states[place].tobytes() + after)
+
+    def _put(self, member: Member, question: bytes) -> None:
+        name = member.name
+        self.asked[name] = self._silent[keys.act(self._run, name)] = member
+        self._questions[name] = question
+        self._bus.put(keys.sense(self._run, name), question)
 
     def ask_again(self) -> None:
         """Repeats every question nobody answered yet."""
@@ -82,9 +97,8 @@ class Barrier:
         Raises:
             MessageRejected: `duplicate`: the node was not asked, or has answered.
         """
-        if name not in self.asked or name in self.outcomes:
+        if self._silent.pop(keys.act(self._run, name), None) is None:
             raise MessageRejected("duplicate", f"second answer of {name} to tick {act.tick}")
-        self._silent.pop(keys.act(self._run, name), None)
         self.outcomes[name], self.acts[name] = act.outcome.tobytes(), act
 
     def is_repeat(self, name: str) -> bool:
@@ -106,9 +120,9 @@ class Barrier:
     @property
     def missing(self) -> list[str]:
         """Who has not answered."""
-        return [name for name in self.asked if name not in self.outcomes]
+        return [member.name for member in self._silent.values()]
 
     @property
     def complete(self) -> bool:
         """Whether everyone has."""
-        return len(self.outcomes) >= len(self.asked)
+        return not self._silent

@@ -238,13 +238,16 @@ class World:
         self._heads.receive(due, self._awake)
         self._barrier.open(tick, reporting)
         self._ask_leader()  # first: in a round it has the most to do, and all others wait for it
-        states, all_awake = self.flight.states, bool(self._awake.all())
-        for member in self._members.present:
-            if member.role != LEADER and member.ready and (all_awake or self._awake[member.uavs].any()):
-                heard = tuple(inbox.of_agent(member, due, self._awake)) if due else ()
-                if self._heads.told:
-                    heard += self._heads.read(member)
-                self._barrier.ask(member, states[member.place], heard, whole)
+        asked = [member for member in self._members.present if member.role != LEADER and member.ready]
+        if not self._awake.all():
+            asked = [member for member in asked if self._awake[member.uavs].any()]
+        if not (due or self._heads.told or whole):
+            self._barrier.ask_plainly(asked, self.flight.states)
+            return
+        for member in asked:
+            kept = self._heads.read(member) if self._heads.told else ()
+            heard = *inbox.of_agent(member, due, self._awake), *kept
+            self._barrier.ask(member, self.flight.states[member.place], heard, whole)
 
     def _ask_leader(self) -> None:
         """Asks the elected leader, if a round is open; again if another is elected before the tick is over."""
