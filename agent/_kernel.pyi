@@ -15,10 +15,10 @@ def step(
 ) -> float: ...
 def answer(
     tables: object,
-    raw: bytes,
-    sense: tuple[bytes, ...],
-    act: tuple[bytes, ...],
     bound: float,
+    raw: bytes,
+    tick: int,
+    kinds: tuple[tuple[tuple[bytes, ...], tuple[bytes, ...]], ...],
     value: NDArray[Any],
     density: NDArray[Any],
     value_out: NDArray[Any],

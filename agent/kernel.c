@@ -178,24 +178,62 @@ static double double_at(const char *text, Py_ssize_t k) {
     return number;
 }
 
+/* A whole number as MessagePack has it, in as few bytes as it takes; returns how many, at most 9. */
+static Py_ssize_t whole(unsigned long long number, char *to) {
+    int size = number < 128 ? 0 : number < 256 ? 1 : number < 65536 ? 2 : number >> 32 == 0 ? 4 : 8;
+    if (size == 0) to[0] = (char)number;
+    else to[0] = (char)(size == 1 ? 0xcc : size == 2 ? 0xcd : size == 4 ? 0xce : 0xcf);
+    for (int k = 0; k < size; k++) to[1 + k] = (char)(number >> 8 * (size - 1 - k));
+    return 1 + size;
+}
+
+/* The messages of a kind: what comes before the tick, between it and the arrays, and after each of them. */
+typedef struct { Text before, between, after, end; } Kind;
+
+static int kind(PyObject *pieces, Kind *k) {
+    k->end.text = NULL;
+    k->end.size = 0;
+    return PyArg_ParseTuple(pieces, "y#y#y#|y#:kind", &k->before.text, &k->before.size, &k->between.text, &k->between.size,
+                            &k->after.text, &k->after.size, &k->end.text, &k->end.size);
+}
+
+/* Where the array begins in `raw`, if it is a message of that kind and tick with nothing but one; or NULL. */
+static const char *begins(const Kind *k, Text raw, Text tick) {
+    const char *at = raw.text;
+    if (raw.size < k->before.size + tick.size + k->between.size + k->after.size) return NULL;
+    if (memcmp(at, k->before.text, k->before.size) || memcmp(at += k->before.size, tick.text, tick.size)
+        || memcmp(at += tick.size, k->between.text, k->between.size)
+        || memcmp(raw.text + raw.size - k->after.size, k->after.text, k->after.size))
+        return NULL;
+    return at + k->between.size;
+}
+
 static PyObject *answer(PyObject *module, PyObject *args) {
     enum { VALUE, DENSITY, VALUE_OUT, DENSITY_OUT, ARRAYS };
-    PyObject *capsule, *frame, *array[ARRAYS], *act = NULL;
-    Text raw, before, after, say[3] = {{NULL, 0}}; /* around the states; around the outcome and, if any, the report */
+    PyObject *capsule, *kinds, *array[ARRAYS], *act = NULL;
+    Text raw;
+    Kind asked, say;
+    char digits[9];
     double bound;
-    if (!PyArg_ParseTuple(args, "Oy#(y#y#)O!dOOOO:answer", &capsule, &raw.text, &raw.size, &before.text, &before.size,
-                          &after.text, &after.size, &PyTuple_Type, &frame, &bound, &array[VALUE], &array[DENSITY],
-                          &array[VALUE_OUT], &array[DENSITY_OUT])
-        || !PyArg_ParseTuple(frame, "y#y#|y#:act", &say[0].text, &say[0].size, &say[1].text, &say[1].size, &say[2].text,
-                             &say[2].size))
+    unsigned long long number;
+    if (!PyArg_ParseTuple(args, "Ody#KO!OOOO:answer", &capsule, &bound, &raw.text, &raw.size, &number, &PyTuple_Type,
+                          &kinds, &array[VALUE], &array[DENSITY], &array[VALUE_OUT], &array[DENSITY_OUT]))
         return NULL;
     const Tables *t = PyCapsule_GetPointer(capsule, NAME);
     if (t == NULL) return NULL;
+    const Text tick = {digits, whole(number, digits)};
+    const char *states = NULL;
+    for (Py_ssize_t k = 0; k < PyTuple_Size(kinds) && states == NULL; k++) {
+        PyObject *sense, *reply;
+        if (!PyArg_ParseTuple(PyTuple_GetItem(kinds, k), "O!O!:kinds", &PyTuple_Type, &sense, &PyTuple_Type, &reply)
+            || !kind(sense, &asked))
+            return NULL;
+        if ((states = begins(&asked, raw, tick)) != NULL && !kind(reply, &say)) return NULL;
+    }
+    if (states == NULL) Py_RETURN_NONE;
     const Py_ssize_t d = sizeof(double), in = SIZE * d, out = NUMBERS * d, v = 2 * VALUES, f = 2 * DENSITIES;
-    const Py_ssize_t brought = raw.size - before.size - after.size, rows = brought / in;
-    if (!t->learns_density || brought <= 0 || brought % in || memcmp(raw.text, before.text, before.size)
-        || memcmp(raw.text + raw.size - after.size, after.text, after.size))
-        Py_RETURN_NONE;
+    const Py_ssize_t brought = raw.text + raw.size - asked.after.size - states, rows = brought / in;
+    if (!t->learns_density || !rows || brought % in) Py_RETURN_NONE;
     Py_buffer view[ARRAYS];
     int views = 0;
     for (; views < ARRAYS; views++) {
@@ -204,27 +242,24 @@ static PyObject *answer(PyObject *module, PyObject *args) {
     }
     int inside = views == ARRAYS;
     if (inside) {
-        Py_ssize_t size = say[0].size + rows * out + say[1].size;
-        if (say[2].text != NULL) size += rows * (v + f) * d + say[2].size;
+        Py_ssize_t size = say.before.size + tick.size + say.between.size + rows * out + say.after.size;
+        if (say.end.text != NULL) size += rows * (v + f) * d + say.end.size;
         inside = (act = PyBytes_FromStringAndSize(NULL, size)) != NULL;
     }
-    char *end = inside ? put(PyBytes_AsString(act), say[0].text, say[0].size) : NULL;
-    const char *states = raw.text + before.size;
     for (Py_ssize_t k = 0; k < rows * SIZE; k++) inside = inside && isfinite(double_at(states, k));
     if (inside) {
+        char *end = put(PyBytes_AsString(act), say.before.text, say.before.size);
+        end = put(put(end, tick.text, tick.size), say.between.text, say.between.size);
         const Rows all = {states, view[VALUE].buf, view[DENSITY].buf, view[VALUE_OUT].buf, view[DENSITY_OUT].buf, end};
         step_rows(t, &all, rows);
         for (Py_ssize_t k = 0; k < rows * NUMBERS; k++) /* NaN is below nothing */
             inside = inside && fabs(double_at(end, k)) < bound;
-        end += rows * out;
-    }
-    if (inside) end = put(end, say[1].text, say[1].size);
-    if (inside && say[2].text != NULL) {
-        for (Py_ssize_t m = 0; m < rows; m++) { /* agent.minds.Minds.models */
+        end = put(end + rows * out, say.after.text, say.after.size);
+        for (Py_ssize_t m = 0; m < rows && say.end.text != NULL; m++) { /* agent.minds.Minds.models */
             end = put(end, (double *)view[VALUE_OUT].buf + m * v, v * d);
             end = put(end, (double *)view[DENSITY_OUT].buf + m * f, f * d);
         }
-        put(end, say[2].text, say[2].size);
+        if (say.end.text != NULL) put(end, say.end.text, say.end.size);
     }
     while (views--) PyBuffer_Release(&view[views]);
     if (inside) return act;
@@ -239,9 +274,10 @@ static PyMethodDef methods[] = {
      "step(tables, states, value, density, known | None, value_out, density_out, numbers_out)\n\n"
      "All float64, rows first. Returns the largest of the numbers, or NaN."},
     {"answer", answer, METH_VARARGS,
-     "answer(tables, raw, (before, after), (before, after[, end]), bound, value, density, value_out, density_out)\n\n"
-     "The bytes of an Act to a plain Sense, with a report of the models where there is an end; None where it is not a\n"
-     "plain Sense, or where a number is not below the bound."},
+     "answer(tables, bound, raw, tick, ((sense, act), ...), value, density, value_out, density_out)\n\n"
+     "sense: (before, between, after), act: (before, between, after[, end]): around the tick and the arrays. The bytes of\n"
+     "an Act to a plain Sense, with a report of the models where there is an end; None where it is not a plain Sense of\n"
+     "one of these kinds, or where a number is not below the bound."},
     {NULL, NULL, 0, NULL},
 };
 

@@ -4,6 +4,10 @@ Both give the same bits. One call for all the rows of a process takes the place 
 which finds its code and its data gone from the caches when twenty-five processes take turns on a core.
 """
 
+from collections.abc import Callable
+from functools import partial
+from typing import TypeAlias
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +26,7 @@ except ImportError:
     _kernel = None  # type: ignore[assignment]
 
 Floats = NDArray[np.float64]
+Kinds: TypeAlias = tuple[tuple[tuple[bytes, ...], tuple[bytes, ...]], ...]
 
 
 def is_compiled() -> bool:
@@ -79,6 +84,12 @@ class Kernel:
             {name: np.ascontiguousarray(number, dtype=np.float64) for name, number in doubles.items()}
             | {name: np.ascontiguousarray(index, dtype=np.int32) for name, index in indices.items()}
         )
+        # (raw, tick, kinds, value, density, value_out, density_out) → the Act to a plain Sense of that tick and of one
+        # of these kinds, what is learned then being in the last two, which are overwritten; and reported, where an Act
+        # of its kind has a place for that. `kinds`: of Senses and of the Acts that answer them, the pieces of both
+        # (`swarm.plain.Plain.pieces`). None, and the last two are of no use: `raw` is no such Sense, not finite, of
+        # other rows than the arrays, or a number that came out is not below `BEYOND_SENSE`.
+        self.answer: Callable[..., bytes | None] = partial(_kernel.answer, self._tables, BEYOND_SENSE)
 
     def __call__(self, minds: Minds, states: Floats, known: Floats | None) -> Outcome:
         """One tick of M rows; `known` (M, N, 4) for hjb only."""
@@ -88,16 +99,3 @@ class Kernel:
         states = np.ascontiguousarray(states)
         largest = _kernel.step(self._tables, states, value, density, known, stepped, moved, numbers)
         return Outcome(Minds(stepped, moved), numbers, largest)
-
-    def answer(
-        self, raw: bytes, sense: tuple[bytes, ...], act: tuple[bytes, ...], minds: Minds, after: Minds
-    ) -> bytes | None:
-        """The Act to a plain Sense, the minds then being in `after`, whose arrays are overwritten; and reported, where
-        the frame of the Act has a place for that.
-
-        None, and `after` is of no use: `raw` is not in the frame of such a Sense (`swarm.plain.Plain.frame`), not
-        finite, of other rows than the minds, or a number that came out is not below `BEYOND_SENSE`.
-        """
-        return _kernel.answer(
-            self._tables, raw, sense, act, BEYOND_SENSE, minds.value, minds.density, after.value, after.density
-        )

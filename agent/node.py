@@ -90,7 +90,8 @@ class Agent:
         if (number := self._rounds.heard(tick)) and (after := reflex.hear(raw, tick, number, self._minds)):
             return after
         before = self._feedback.residuals
-        after = reflex(raw, tick, self._minds, *self._uploads(tick, None))
+        said = self._uploads(tick, None)
+        after = reflex(raw, tick, self._minds, reflex.uploading(*said) if said else None)
         if after is None:
             self._feedback.residuals = before
         return after

@@ -10,7 +10,7 @@ bits.
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.kernel import Kernel
+from agent.kernel import Kernel, Kinds
 from agent.minds import Minds
 from swarm import codec, model, payload, plain
 from swarm.messages import Frames
@@ -25,7 +25,9 @@ class Reflex:
     def __init__(self, kernel: Kernel, scenario: Scenario, run: int, uavs: NDArray[np.intp]) -> None:
         self._kernel, self._run, self._rows = kernel, run, len(uavs)
         rows = self._rows
-        self._kinds = [(plain.senses(run, rows, report), plain.acts(run, rows, report)) for report in (False, True)]
+        self._senses = [plain.senses(run, rows, report).pieces() for report in (False, True)]
+        self._acts = [plain.acts(run, rows, report).pieces() for report in (False, True)]
+        self._kinds = tuple(zip(self._senses, self._acts, strict=True))
         self._down = payload.broadcast(scenario)
         self._bytes = self._down.bits // 8
         layout = (1, self._down.width), self._down.dtype
@@ -38,25 +40,23 @@ class Reflex:
         self._spare: Minds | None = None  # whose place the next minds take
         self._heard: Minds | None = None  # minds as a global model has left them
 
-    def __call__(self, raw: bytes, tick: int, minds: Minds, upload: Frames | None = None) -> tuple[Minds, bytes] | None:
-        """The minds after the tick and the Act, with that upload, if `raw` is a plain Sense of that tick and all
-        numbers stay in bounds.
+    def __call__(self, raw: bytes, tick: int, minds: Minds, kinds: Kinds | None = None) -> tuple[Minds, bytes] | None:
+        """The minds after the tick and the Act, if `raw` is a plain Sense of that tick and all numbers stay in bounds.
 
-        The minds given are the next call's to overwrite, if this one returns any.
+        The minds given are the next call's to overwrite, if this one returns any. `kinds`: of an Act with an upload.
         """
-        spare = self._spare or _like(minds)
-        for report, (senses, acts) in enumerate(self._kinds):
-            act = acts.frame(tick) if upload is None else self._uploads(tick, upload, bool(report))
-            answer = self._kernel.answer(raw, senses.frame(tick), act, minds, spare)
-            if answer is not None:
-                self._spare = minds
-                return spare, answer
-        return None
+        after = self._spare or _like(minds)
+        given = minds.value, minds.density, after.value, after.density
+        answer = self._kernel.answer(raw, tick, kinds or self._kinds, *given)
+        if answer is None:
+            return None
+        self._spare = minds
+        return after, answer
 
     def hear(self, raw: bytes, tick: int, number: int, minds: Minds) -> tuple[Minds, bytes] | None:
         """The same for a Sense that brings the global model of a round to every row, and nothing else."""
-        for hearings, (_, acts) in zip(self._hearings, self._kinds, strict=False):
-            before, source, brought, links, end = hearings.frame(tick, number)
+        for hearings, acts in zip(self._hearings, self._acts, strict=False):
+            before, between, source, brought, links, end = hearings.pieces(number)
             head, tail = source + self._source + brought, links + self._links + end
             start = len(raw) - len(tail) - self._bytes  # of the payload
             place = start - len(head)  # of all that follows the states
@@ -65,19 +65,20 @@ class Reflex:
             sent = np.ndarray((1, self._down.width), self._down.dtype, raw, start)
             if not (codec.finite(sent) if self._down.is_exact else self._down.sound(sent).all()):
                 return None
-            heard, spare = self._overwritten(minds, self._down.decode(sent)), self._spare or _like(minds)
-            answer = self._kernel.answer(raw, (before, raw[place:]), acts.frame(tick), heard, spare)
-            if answer is not None:
-                self._spare = minds
-                return spare, answer
+            heard = self._overwritten(minds, self._down.decode(sent))
+            if answered := self(raw, tick, heard, (((before, between, raw[place:]), acts),)):
+                self._spare = minds  # and not those that the model has overwritten
+                return answered
         return None
 
-    def _uploads(self, tick: int, said: Frames, report: bool) -> tuple[bytes, ...]:
-        """What comes before, between and after the arrays of an Act with that upload."""
-        layout = said.payload.shape, said.payload.dtype
-        uploads = plain.uploads(self._run, self._rows, report, layout)
-        outcome, source, sent, rest, *end = uploads.frame(tick, said.round)
-        return outcome, source + said.source.tobytes() + sent + said.payload.tobytes() + rest, *end
+    def uploading(self, said: Frames) -> Kinds:
+        """The kinds of a tick in which that is uploaded."""
+        layout, acts = (said.payload.shape, said.payload.dtype), []
+        for report in (False, True):
+            uploads = plain.uploads(self._run, self._rows, report, layout)
+            before, between, source, sent, rest, *end = uploads.pieces(said.round)
+            acts.append((before, between, source + said.source.tobytes() + sent + said.payload.tobytes() + rest, *end))
+        return tuple(zip(self._senses, acts, strict=True))
 
     def _overwritten(self, minds: Minds, shared: Floats) -> Minds:
         """What `minds.with_models(every row, …)` are; the same arrays every time."""

@@ -94,24 +94,14 @@ class World:
         federated = scenario.method.is_federated
         wanted = scenario.leaders(self.flight.tick) if federated else 0
         self._members = Members(scenario.uavs, wanted, standbys=federated, rows_at_most=rows_at_most)
-        members, ledger = self._members, self._ledger
+        members, barrier, ledger = self._members, self._barrier, self._ledger
         self._door = Door(
-            scenario,
-            self._rounds,
-            bus,
-            run,
-            members,
-            self.flight,
-            self._barrier,
-            self._outbox,
-            ledger,
-            self._note,
-            clock,
+            scenario, self._rounds, bus, run, members, self.flight, barrier, self._outbox, ledger, self._note, clock
         )
         self._speech = Speech(self._rounds, ledger, self._door.drop, self._note)
         self._door.minds = resume
         self._door.on_leader_lost = self._ask_leader
-        self._waiting = Waiting(self._barrier, self._door, ledger, self._schedule, barrier_s, self._wait, clock)
+        self._waiting = Waiting(barrier, self._door, ledger, self._schedule, barrier_s, self._wait, clock)
         self.handle = self._door.handle  # one delivery; never raises for what the network sent
 
     # -- the run ------------------------------------------------------------------------------------------------

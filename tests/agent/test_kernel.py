@@ -200,7 +200,7 @@ def test_tables_that_point_outside_are_refused() -> None:
 
     real = kernel._kernel
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(kernel, "_kernel", type("Fake", (), {"tables": staticmethod(keep)}))
+        patch.setattr(kernel, "_kernel", type("Fake", (), {"tables": staticmethod(keep), "answer": real.answer}))
         kernel.Kernel(learner._scenario, learner._hjb, learner._fpk, learner._quadrature)
     real.tables(made)
     for name in ("weight", "starts", "left", "value_first"):

@@ -81,6 +81,14 @@ def test_a_flight_by_reflex_is_the_flight_the_long_way(method: Method, rows: int
     assert reflexes == 300
 
 
+@pytest.mark.parametrize("tick", [0, 127, 128, 255, 256, 2**16 - 1, 2**16, 2**32 - 1, 2**32, 2**63 - 1])
+def test_a_tick_is_numbered_as_the_codec_does_it(tick: int) -> None:
+    quick, slow = agent(flown(Method.MFG)), agent(flown(Method.MFG))
+    asked = msgspec.structs.replace(sense(0), tick=tick)
+    assert quick.reflex(codec.encode(asked), tick + 1) is None
+    assert quick.reflex(codec.encode(asked), tick) == codec.encode(slow.act(asked))
+
+
 CODINGS = {
     "doubles": ("radio.bits_per_float=64",),
     "halves": ("federation.payload=float16", "federation.broadcast_payload=float16"),
