@@ -12,7 +12,8 @@ import numpy as np
 import psutil
 import pytest
 
-from benchmarks import peers, scaling, store
+from agent import kernel
+from benchmarks import peers, profile, scaling, store
 from benchmarks.peer import environment
 from benchmarks.processes import BenchmarkFailed
 from tests.polling import DEADLINE_S
@@ -226,3 +227,9 @@ def test_a_record_without_the_races_and_a_page_without_the_places_are_said(tmp_p
     assert "--only scale scale_processes" in capsys.readouterr().err
     with pytest.raises(ValueError, match="0 places for fit"):
         scaling.rewritten("# A page\n", {"fit": []})
+
+
+def test_what_a_tick_is_taken_apart_into_is_there() -> None:
+    with profile.Stopwatch() as watch:
+        watch.wrap([*profile.LEARNER, *profile.CODEC, *profile.WORLD, *profile.MEMORY_BUS, *profile.ZENOH_BUS])
+        assert watch.absent == ([] if kernel.is_compiled() else ["agent._kernel:answer"])
