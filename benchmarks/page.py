@@ -67,8 +67,8 @@ Measured once, in November 2026, in turns on one machine (Intel, 2.5 GHz), nothi
 In one process hjb's tick fell by a fifth, mfgfl-hf's by a seventh. The ratio to the floor moved less: its clients are
 forked now, too, and share the caches as agents do. [The tour](architecture.md#a-tick) says what a reflex is.
 
-Then came rows in SIMD lanes, rounds by reflex, links that are worked out once, plain answers told by their bytes. Old and
-new in turns, medians, on the same machine while its host was busy, so that everything took about twice its time:
+Then came rows in SIMD lanes, rounds by reflex, links that are worked out once, plain answers told by their bytes. Old
+and new in turns, medians, on the same machine while its host was busy, so that everything took about twice its time:
 
 | | turns | before | after |
 |---|---:|---:|---:|
