@@ -152,13 +152,11 @@ class ZenohBus:
         only = None if "*" in key else key
 
         def receive(sample: zenoh.Sample) -> None:
-            put(Delivery("message", only or str(sample.key_expr), sample.payload.to_bytes()))
+            name, payload = only or str(sample.key_expr), sample.payload
+            if not self._limited or self._has_room(name, len(payload)):
+                put(Delivery("message", name, payload.to_bytes()))
 
-        def receive_if_room(sample: zenoh.Sample) -> None:
-            if self._has_room(only or str(sample.key_expr), len(sample.payload)):
-                receive(sample)
-
-        self._declared.append(self._session.declare_subscriber(key, receive_if_room if self._limited else receive))
+        self._declared.append(self._session.declare_subscriber(key, receive))
 
     def answer(self, key: str) -> None:
         def receive(query: zenoh.Query) -> None:
