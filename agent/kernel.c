@@ -255,11 +255,13 @@ static PyObject *answer(PyObject *module, PyObject *args) {
         for (Py_ssize_t k = 0; k < rows * NUMBERS; k++) /* NaN is below nothing */
             inside = inside && fabs(double_at(end, k)) < bound;
         end = put(end + rows * out, say.after.text, say.after.size);
-        for (Py_ssize_t m = 0; m < rows && say.end.text != NULL; m++) { /* agent.minds.Minds.models */
-            end = put(end, (double *)view[VALUE_OUT].buf + m * v, v * d);
-            end = put(end, (double *)view[DENSITY_OUT].buf + m * f, f * d);
+        if (say.end.text != NULL) {
+            for (Py_ssize_t m = 0; m < rows; m++) { /* agent.minds.Minds.models */
+                end = put(end, (double *)view[VALUE_OUT].buf + m * v, v * d);
+                end = put(end, (double *)view[DENSITY_OUT].buf + m * f, f * d);
+            }
+            put(end, say.end.text, say.end.size);
         }
-        if (say.end.text != NULL) put(end, say.end.text, say.end.size);
     }
     while (views--) PyBuffer_Release(&view[views]);
     if (inside) return act;

@@ -235,8 +235,7 @@ class World:
             self._barrier.ask_plainly(asked, self.flight.states)
             return
         for member in asked:
-            kept = self._heads.read(member) if self._heads.told else ()
-            heard = *inbox.of_agent(member, due, self._awake), *kept
+            heard = *inbox.of_agent(member, due, self._awake), *self._heads.read(member)
             self._barrier.ask(member, self.flight.states[member.place], heard, whole)
 
     def _ask_leader(self) -> None:

@@ -11,8 +11,10 @@ from swarm import codec, plain
 from swarm.bus import MemoryBus
 from swarm.methods import Method
 from swarm.scenario import load
+from swarm.state import States
 from worldsim import inbound
 from worldsim.barrier import Barrier
+from worldsim.members import Member
 
 pytestmark = pytest.mark.skipif(not kernel.is_compiled(), reason="installed without a C compiler")
 
@@ -24,6 +26,11 @@ CLUSTERS = ("federation.clusters=2", *SLOW)
 BYZANTINE = ("federation.byzantine_fraction=0.4", "federation.byzantine_kind=huge")
 FAULTS = """faults=[{kind="kill", tick=20, uavs=[2]}, {kind="partition", tick=25, duration_s=3.0, uavs=[4]},
     {kind="leader-loss", tick=50}]""".replace("\n", " ")
+
+
+def one_by_one(barrier: Barrier, members: list[Member], states: States) -> None:
+    for member in members:
+        barrier.ask(member, states[member.place])
 
 
 def fly(monkeypatch: pytest.MonkeyPatch, settings: tuple[str, ...], method: str, rows: int, *, short: bool) -> Any:
@@ -48,6 +55,7 @@ def fly(monkeypatch: pytest.MonkeyPatch, settings: tuple[str, ...], method: str,
         patch.setattr(Agent, "reflex", counted)
         if not short:
             patch.setattr(plain, "encode", codec.encode)
+            patch.setattr(Barrier, "ask_plainly", one_by_one)
             patch.setattr(Barrier, "hear", lambda *_: False)
             patch.setattr(inbound, "upload", lambda *_: None)
         fixed = ["uavs=6", "duration=6", "stop=duration", "federation.period=10"]

@@ -47,6 +47,17 @@ def test_a_question_is_what_the_codec_writes(reporting: bool, heard: tuple[Frame
     assert raw == codec.encode(Sense(FINGERPRINT, TICK, STATES, reporting, heard, whole))
 
 
+@pytest.mark.parametrize("reporting", [False, True])
+@pytest.mark.parametrize("uavs", [[0], [1, 2], [0, 2]])  # the last are not side by side
+def test_plain_questions_are_what_the_codec_writes(reporting: bool, uavs: list[int]) -> None:
+    stand, states = Stand(reporting), np.arange(12.0).reshape(3, 4)
+    stand.barrier.ask_plainly([Member("agent-0", "agent", np.array(uavs))], states)
+    delivery = stand.agent.receive(0.0)
+    assert delivery is not None
+    assert delivery.payload == codec.encode(Sense(FINGERPRINT, TICK, states[uavs], reporting))
+    assert stand.barrier.missing == ["agent-0"]
+
+
 def test_a_leader_has_no_models_to_report() -> None:
     stand = Stand(reporting=True)
     stand.member = Member("agent-0", "leader", np.zeros(0, dtype=np.intp))
