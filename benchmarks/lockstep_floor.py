@@ -84,23 +84,21 @@ def main() -> None:
     node = f"{given.node}-{fork(given.count)}" if given.count else given.node
     bus = ZenohBus.client(given.endpoint)
     try:
-        bus.subscribe(keys.sense(given.run, node))
         speak = keys.act(given.run, node)
+        asked = False
+
+        def answer(_key: str, question: bytes) -> bool:
+            nonlocal asked
+            if asked := bool(question):
+                bus.put(speak, question[: _HEAD.size].ljust(_HEAD.unpack_from(question)[1], b"\0"))
+            return asked
+
+        bus.subscribe(keys.sense(given.run, node), answer)
         hello = _HEAD.pack(_HELLO, 0)
         bus.put(speak, hello)
-        asked = False
-        while True:
-            delivery = bus.receive(_AGAIN_S)
-            if delivery is None:
-                if orphaned():
-                    break
-                if not asked:
-                    bus.put(speak, hello)
-                continue
-            if not delivery.payload:
-                break
-            asked = True
-            bus.put(speak, delivery.payload[: _HEAD.size].ljust(_HEAD.unpack_from(delivery.payload)[1], b"\0"))
+        while bus.receive(_AGAIN_S) is None and not orphaned():
+            if not asked:
+                bus.put(speak, hello)
     finally:
         bus.close()
 

@@ -12,6 +12,7 @@ from typing import Literal, Protocol
 import msgspec
 
 Handler = Callable[["Delivery"], None]
+Offer = Callable[[str, bytes], bool]  # key and payload of a message; whether it is taken
 
 
 class Delivery(msgspec.Struct, frozen=True):
@@ -33,8 +34,11 @@ class Bus(Protocol):
     def put(self, key: str, payload: bytes) -> None:
         """Sends `payload` to every subscriber of `key`."""
 
-    def subscribe(self, key: str) -> None:
-        """From now on, messages under `key` (`*` stands for one part) are received."""
+    def subscribe(self, key: str, offer: Offer | None = None) -> None:
+        """From now on, messages under `key` (`*` stands for one part) are received.
+
+        `offer` is asked first, in whatever thread brings the message: what it takes is not received. It must not wait.
+        """
 
     def answer(self, key: str) -> None:
         """From now on, questions under `key` are received."""
@@ -81,18 +85,19 @@ class MemoryBus:
         self.handler = handler
         self._network = network
         self._queue: queue.SimpleQueue[Delivery] = queue.SimpleQueue()
-        self._subscriptions: list[str] = []
+        self._subscriptions: dict[str, Offer | None] = {}
         self._questions: list[str] = []
         self._watched: list[str] = []
         self._tokens: list[str] = []
-        self._routes: dict[str, list[MemoryBus]] = {}
+        self._routes: dict[str, list[tuple[MemoryBus, Offer | None]]] = {}
 
     def put(self, key: str, payload: bytes) -> None:
-        for bus in self._route(key):
-            bus._deliver(Delivery("message", key, payload))
+        for bus, offer in self._route(key):
+            if offer is None or not offer(key, payload):
+                bus._deliver(Delivery("message", key, payload))
 
-    def subscribe(self, key: str) -> None:
-        self._subscriptions.append(key)
+    def subscribe(self, key: str, offer: Offer | None = None) -> None:
+        self._subscriptions[key] = offer
         for bus in self._network.endpoints:
             bus._routes.clear()
 
@@ -136,10 +141,13 @@ class MemoryBus:
         for bus in self._network.endpoints:
             bus._routes.clear()
 
-    def _route(self, key: str) -> list["MemoryBus"]:
+    def _route(self, key: str) -> list[tuple["MemoryBus", Offer | None]]:
         if key not in self._routes:
             self._routes[key] = [
-                bus for bus in self._network.endpoints if any(matches(pattern, key) for pattern in bus._subscriptions)
+                (bus, offer)
+                for bus in self._network.endpoints
+                for pattern, offer in bus._subscriptions.items()
+                if matches(pattern, key)
             ]
         return self._routes[key]
 

@@ -4,6 +4,7 @@ The world is the router and everyone else a client: no router binary, no multica
 Settings were chosen by measurement, see docs/performance.md.
 """
 
+import logging
 import os
 import queue
 import threading
@@ -22,11 +23,13 @@ import msgspec
 import zenoh
 
 from swarm.access import NOBODY
-from swarm.bus import Delivery
+from swarm.bus import Delivery, Offer
 from swarm.codec import MAX_BYTES
 from swarm.errors import BadInput, BusError
 from swarm.identity import Identity
 from swarm.refusals import FILTER, Refusals
+
+log = logging.getLogger("meanflock.bus")
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
@@ -41,6 +44,9 @@ _COMMON: Mapping[str, Any] = {
     "transport/shared_memory/enabled": False,
     "transport/link/tx/lease": _LEASE_MS,
     "transport/link/rx/max_message_size": MAX_BYTES,
+    # What is received is read into as much fresh memory as a batch may take. Of the default of 64 KiB, cleared for each
+    # small message, the caches keep nothing else.
+    "transport/link/tx/batch_size": 8192,
     "transport/link/tx/queue/congestion_control/block/wait_before_close": 5_000_000,  # µs, below the lease
 }
 _ASK_AGAIN_S = 0.05
@@ -147,12 +153,14 @@ class ZenohBus:
             self._publishers[key] = publisher
         publisher.put(payload)
 
-    def subscribe(self, key: str) -> None:
+    def subscribe(self, key: str, offer: Offer | None = None) -> None:
         put = self._queue.put
         only = None if "*" in key else key
 
         def receive(sample: zenoh.Sample) -> None:
             name, payload = only or str(sample.key_expr), sample.payload
+            if offer is not None and self._takes(offer, name, payload.to_bytes()):
+                return
             if not self._limited or self._has_room(name, len(payload)):
                 put(Delivery("message", name, payload.to_bytes()))
 
@@ -206,6 +214,14 @@ class ZenohBus:
                 else:
                     del self._waiting[delivery.key]
         return delivery
+
+    def _takes(self, offer: Offer, key: str, payload: bytes) -> bool:
+        try:
+            return offer(key, payload)
+        except Exception:  # in Zenoh's thread nobody else would hear of it
+            if not self._closed:
+                log.exception("the message under %s was not taken", key)
+            return False
 
     def _has_room(self, key: str, more: int) -> bool:
         """Whether one more message of that many bytes may wait under `key`; then it is counted in."""

@@ -2,6 +2,7 @@
 
 import logging
 import os
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -42,6 +43,7 @@ class Spoke:
         self._node: Node | None = None
         self._last_tick = -1
         self._last_act = b""
+        self._busy = threading.RLock()  # the node is asked by one thread at a time; again by the same, on a memory bus
         self.stopped: str | None = None  # why the world sent everyone home
         self.dropped: Counter[str] = Counter()
 
@@ -65,7 +67,7 @@ class Spoke:
             raise BusError(f"the world of run {self._run!r} answered with {type(welcome).__name__}")
         self._node = make(welcome)
         self._speak = keys.act(self._run, welcome.node)
-        self._bus.subscribe(keys.sense(self._run, welcome.node))
+        self._bus.subscribe(keys.sense(self._run, welcome.node), self._at_once)
         self._bus.watch(keys.alive(self._run, "world", "world"))
         self._bus.announce(keys.alive(self._run, request.role, welcome.node))
         self._ready()
@@ -99,7 +101,8 @@ class Spoke:
             self.stopped = _GONE
         elif delivery.kind == "message":
             try:
-                self._answer(delivery.payload)
+                with self._busy:
+                    self._answer(delivery.payload)
             except MessageRejected as error:
                 self.dropped[error.reason] += 1
                 if self.dropped.total() <= _MAX_DROP_LINES:
@@ -127,13 +130,24 @@ class Spoke:
             if answer is not None:
                 time.sleep(min(_REFUSED_AGAIN_S, left))
 
-    def _answer(self, raw: bytes) -> None:
+    def _at_once(self, _key: str, raw: bytes) -> bool:
+        """Answers a plain Sense in the thread that brings it, unless the node is at work: handing it over to another
+        costs as much as answering it."""
         assert self._node is not None
-        if (answer := self._node.reflex(raw, self._last_tick + 1)) is not None:
+        if not self._busy.acquire(blocking=False):
+            return False
+        try:
+            if (answer := self._node.reflex(raw, self._last_tick + 1)) is None:
+                return False
             self._last_tick += 1
             self._last_act = answer
             self._bus.put(self._speak, answer)
-            return
+            return True
+        finally:
+            self._busy.release()
+
+    def _answer(self, raw: bytes) -> None:
+        assert self._node is not None
         message = codec.decode(raw)
         if isinstance(message, Stop) and message.run == self._fingerprint:
             self.stopped = message.reason

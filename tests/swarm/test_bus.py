@@ -84,6 +84,46 @@ def test_messages_of_one_publisher_arrive_in_order_and_whole(network: Open) -> N
     assert [next_of(hub, "message").payload for _ in sent] == sent
 
 
+def test_what_is_taken_when_it_is_offered_is_not_received(network: Open) -> None:
+    hub, one = network(), network()
+    offered: list[tuple[str, bytes]] = []
+
+    def offer(key: str, payload: bytes) -> bool:
+        offered.append((key, payload))
+        return payload != b"left"
+
+    hub.subscribe("t/*/act", offer)
+    until(lambda: one.put("t/1/act", b"taken") or offered, "an offer")
+    drain(hub)
+    offered.clear()
+    for payload in (b"1", b"left", b"2"):
+        one.put("t/1/act", payload)
+    assert next_of(hub, "message") == Delivery("message", "t/1/act", b"left")
+    until(lambda: len(offered) == 3, "all offers")
+    assert offered == [("t/1/act", b"1"), ("t/1/act", b"left"), ("t/1/act", b"2")]
+    assert hub.receive(0.2) is None
+
+
+def test_an_offer_that_fails_in_zenohs_thread_is_logged_and_the_message_received(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    endpoint = free_endpoint()
+    hub = ZenohBus.router(endpoint)
+    one = ZenohBus.client(endpoint)
+
+    def fail(_key: str, payload: bytes) -> bool:
+        raise ValueError(payload.decode())
+
+    try:
+        one.subscribe("t", fail)
+        assert put_until_heard(hub, one, "t", b"spilled").payload == b"spilled"
+    finally:
+        one.close()
+        hub.close()
+    assert "the message under t was not taken" in caplog.text
+    assert "ValueError: spilled" in caplog.text
+
+
 def test_a_question_is_answered_by_whoever_offers_answers(network: Open) -> None:
     hub, one = network(), network()
     hub.answer("t/join")

@@ -52,6 +52,33 @@ class Deaf:
         raise AssertionError(sense)
 
 
+class Slow:
+    """A node that answers even ticks by reflex, and for the others takes until it may go on; never two at once."""
+
+    def __init__(self) -> None:
+        self.said: list[tuple[int, int]] = []  # tick and thread of every answer
+        self.begun, self.go_on = threading.Event(), threading.Event()
+        self._work = threading.Lock()
+
+    def reflex(self, raw: bytes, tick: int) -> bytes | None:
+        return codec.encode(self._act(tick)) if tick % 2 == 0 and raw == asked(tick) else None
+
+    def act(self, sense: Sense) -> Act:
+        self.begun.set()
+        return self._act(sense.tick, wait=True)
+
+    def _act(self, tick: int, wait: bool = False) -> Act:
+        assert self._work.acquire(blocking=False)
+        assert not wait or self.go_on.wait(DEADLINE_S)
+        self.said.append((tick, threading.get_ident()))
+        self._work.release()
+        return Act(keys.fingerprint(RUN), tick, np.zeros((1, 5)))
+
+
+def asked(tick: int) -> bytes:
+    return codec.encode(Sense(keys.fingerprint(RUN), tick, np.zeros((1, 4)), report=False))
+
+
 @pytest.fixture
 def opens(network: Open) -> Iterator[Callable[..., tuple[Door, Spoke]]]:  # noqa: F811
     """A world that gives these answers, and somebody to ask it."""
@@ -149,3 +176,35 @@ def test_a_world_that_never_answers_is_given_up(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(bus, "ask", lambda *_: None)
     with pytest.raises(BusError, match="no world of run 'spoke'"):
         Spoke(bus, RUN).join(Join("agent", 1), lambda welcome: Deaf(), timeout_s=0.0)
+
+
+def test_a_plain_tick_is_answered_in_the_thread_that_asks_and_never_beside_another(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    wire, node = MemoryNetwork(), Slow()
+    world, bus = wire.endpoint(), wire.endpoint()
+    world.subscribe(keys.act(RUN, "*"))
+    monkeypatch.setattr(bus, "ask", lambda *_: codec.encode(WELCOME))
+    spoke = Spoke(bus, RUN)
+    spoke.join(Join("agent", 1, 3), lambda welcome: node, DEADLINE_S)
+    assert world.receive(0.0) is not None  # it is ready
+    over, here = threading.Event(), threading.get_ident()
+    loop = threading.Thread(target=spoke.serve, args=(over.is_set, lambda: False))
+    loop.start()
+    try:
+        for tick in (0, 1):
+            world.put(keys.sense(RUN, WELCOME.node), asked(tick))
+        assert node.begun.wait(DEADLINE_S)
+        world.put(keys.sense(RUN, WELCOME.node), asked(2))  # it is at work: this one waits
+        assert node.said == [(0, here)]
+        node.go_on.set()
+        answers = [world.receive(DEADLINE_S) for _ in range(3)]
+        assert [codec.decode(answer.payload).tick for answer in answers if answer is not None] == [0, 1, 2]
+        world.put(keys.sense(RUN, WELCOME.node), asked(2))  # again: the same answer, and nothing is learned twice
+        again = world.receive(DEADLINE_S)
+        assert again == answers[-1]
+    finally:
+        over.set()
+        node.go_on.set()
+        loop.join()
+    assert node.said == [(0, here), (1, loop.ident), (2, loop.ident)]
