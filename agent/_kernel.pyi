@@ -13,14 +13,17 @@ def step(
     density_out: NDArray[Any],
     numbers_out: NDArray[Any],
 ) -> float: ...
-def answer(
-    tables: object,
-    bound: float,
-    raw: bytes,
-    tick: int,
-    kinds: tuple[tuple[tuple[bytes, ...], tuple[bytes, ...]], ...],
-    value: NDArray[Any],
-    density: NDArray[Any],
-    value_out: NDArray[Any],
-    density_out: NDArray[Any],
-) -> bytes | None: ...
+
+class Turn:
+    def __init__(
+        self,
+        tables: object,
+        bound: float,
+        kinds: tuple[tuple[tuple[bytes, ...], tuple[bytes, ...]], ...],
+        value: NDArray[Any],
+        density: NDArray[Any],
+        value_out: NDArray[Any],
+        density_out: NDArray[Any],
+        /,
+    ) -> None: ...
+    def answer(self, raw: bytes, tick: int, /) -> bytes | None: ...

@@ -11,11 +11,12 @@
 #include <string.h>
 
 #include "tables.h"
+#include "turn.h"
 
 static int lanes = 1; /* how many rows this machine steps at once */
 
 /* Three rows are stepped at once, too, with a lane to spare; two are as quick one by one. */
-static void step_rows(const Tables *t, const Rows *rows, Py_ssize_t count) {
+void step_rows(const Tables *t, const Rows *rows, Py_ssize_t count) {
     Py_ssize_t from = 0;
 #if MANY > 1
     for (Py_ssize_t left; lanes > 1 && (left = count - from) > 2; from += left < lanes ? left : lanes)
@@ -29,6 +30,8 @@ static void step_rows(const Tables *t, const Rows *rows, Py_ssize_t count) {
 static const char *NAME = "meanflock.tables";
 
 static void forget(PyObject *capsule) { PyMem_Free(PyCapsule_GetPointer(capsule, NAME)); }
+
+const Tables *tables_in(PyObject *capsule) { return PyCapsule_GetPointer(capsule, NAME); }
 
 /* Copies exactly `count` items of `size` bytes out of entry `name` of a dict. */
 static int copy_entry(PyObject *dict, const char *name, void *to, Py_ssize_t count, Py_ssize_t size) {
@@ -101,7 +104,7 @@ static PyObject *step(PyObject *module, PyObject *args) {
     if (!PyArg_ParseTuple(args, "OOOOOOOO:step", &capsule, &array[STATES], &array[VALUE], &array[DENSITY],
                           &array[KNOWN], &array[VALUE_OUT], &array[DENSITY_OUT], &array[NUMBERS_OUT]))
         return NULL;
-    const Tables *t = PyCapsule_GetPointer(capsule, NAME);
+    const Tables *t = tables_in(capsule);
     if (t == NULL) return NULL;
     Py_buffer view[ARRAYS];
     double *scratch = NULL;
@@ -153,133 +156,11 @@ done:
     return result;
 }
 
-/* Whether a buffer holds exactly this many contiguous doubles; the view is to be released if so. */
-static int holds(PyObject *array, Py_buffer *view, int flags, Py_ssize_t doubles) {
-    if (PyObject_GetBuffer(array, view, PyBUF_C_CONTIGUOUS | flags) < 0) {
-        PyErr_Clear();
-        return 0;
-    }
-    if (view->len == doubles * (Py_ssize_t)sizeof(double) && view->itemsize == sizeof(double)) return 1;
-    PyBuffer_Release(view);
-    return 0;
-}
-
-typedef struct { const char *text; Py_ssize_t size; } Text;
-
-static char *put(char *end, const void *what, Py_ssize_t size) {
-    memcpy(end, what, size);
-    return end + size;
-}
-
-/* Bytes may begin anywhere. */
-static double double_at(const char *text, Py_ssize_t k) {
-    double number;
-    memcpy(&number, text + k * (Py_ssize_t)sizeof number, sizeof number);
-    return number;
-}
-
-/* A whole number as MessagePack has it, in as few bytes as it takes; returns how many, at most 9. */
-static Py_ssize_t whole(unsigned long long number, char *to) {
-    int size = number < 128 ? 0 : number < 256 ? 1 : number < 65536 ? 2 : number >> 32 == 0 ? 4 : 8;
-    if (size == 0) to[0] = (char)number;
-    else to[0] = (char)(size == 1 ? 0xcc : size == 2 ? 0xcd : size == 4 ? 0xce : 0xcf);
-    for (int k = 0; k < size; k++) to[1 + k] = (char)(number >> 8 * (size - 1 - k));
-    return 1 + size;
-}
-
-/* The messages of a kind: what comes before the tick, between it and the arrays, and after each of them. */
-typedef struct { Text before, between, after, end; } Kind;
-
-static int kind(PyObject *pieces, Kind *k) {
-    k->end.text = NULL;
-    k->end.size = 0;
-    return PyArg_ParseTuple(pieces, "y#y#y#|y#:kind", &k->before.text, &k->before.size, &k->between.text, &k->between.size,
-                            &k->after.text, &k->after.size, &k->end.text, &k->end.size);
-}
-
-/* Where the array begins in `raw`, if it is a message of that kind and tick with nothing but one; or NULL. */
-static const char *begins(const Kind *k, Text raw, Text tick) {
-    const char *at = raw.text;
-    if (raw.size < k->before.size + tick.size + k->between.size + k->after.size) return NULL;
-    if (memcmp(at, k->before.text, k->before.size) || memcmp(at += k->before.size, tick.text, tick.size)
-        || memcmp(at += tick.size, k->between.text, k->between.size)
-        || memcmp(raw.text + raw.size - k->after.size, k->after.text, k->after.size))
-        return NULL;
-    return at + k->between.size;
-}
-
-static PyObject *answer(PyObject *module, PyObject *args) {
-    enum { VALUE, DENSITY, VALUE_OUT, DENSITY_OUT, ARRAYS };
-    PyObject *capsule, *kinds, *array[ARRAYS], *act = NULL;
-    Text raw;
-    Kind asked, say;
-    char digits[9];
-    double bound;
-    unsigned long long number;
-    if (!PyArg_ParseTuple(args, "Ody#KO!OOOO:answer", &capsule, &bound, &raw.text, &raw.size, &number, &PyTuple_Type,
-                          &kinds, &array[VALUE], &array[DENSITY], &array[VALUE_OUT], &array[DENSITY_OUT]))
-        return NULL;
-    const Tables *t = PyCapsule_GetPointer(capsule, NAME);
-    if (t == NULL) return NULL;
-    const Text tick = {digits, whole(number, digits)};
-    const char *states = NULL;
-    for (Py_ssize_t k = 0; k < PyTuple_Size(kinds) && states == NULL; k++) {
-        PyObject *sense, *reply;
-        if (!PyArg_ParseTuple(PyTuple_GetItem(kinds, k), "O!O!:kinds", &PyTuple_Type, &sense, &PyTuple_Type, &reply)
-            || !kind(sense, &asked))
-            return NULL;
-        if ((states = begins(&asked, raw, tick)) != NULL && !kind(reply, &say)) return NULL;
-    }
-    if (states == NULL) Py_RETURN_NONE;
-    const Py_ssize_t d = sizeof(double), in = SIZE * d, out = NUMBERS * d, v = 2 * VALUES, f = 2 * DENSITIES;
-    const Py_ssize_t brought = raw.text + raw.size - asked.after.size - states, rows = brought / in;
-    if (!t->learns_density || !rows || brought % in) Py_RETURN_NONE;
-    Py_buffer view[ARRAYS];
-    int views = 0;
-    for (; views < ARRAYS; views++) {
-        Py_ssize_t doubles = rows * (views == VALUE || views == VALUE_OUT ? v : f);
-        if (!holds(array[views], &view[views], views >= VALUE_OUT ? PyBUF_WRITABLE : 0, doubles)) break;
-    }
-    int inside = views == ARRAYS;
-    if (inside) {
-        Py_ssize_t size = say.before.size + tick.size + say.between.size + rows * out + say.after.size;
-        if (say.end.text != NULL) size += rows * (v + f) * d + say.end.size;
-        inside = (act = PyBytes_FromStringAndSize(NULL, size)) != NULL;
-    }
-    for (Py_ssize_t k = 0; k < rows * SIZE; k++) inside = inside && isfinite(double_at(states, k));
-    if (inside) {
-        char *end = put(PyBytes_AsString(act), say.before.text, say.before.size);
-        end = put(put(end, tick.text, tick.size), say.between.text, say.between.size);
-        const Rows all = {states, view[VALUE].buf, view[DENSITY].buf, view[VALUE_OUT].buf, view[DENSITY_OUT].buf, end};
-        step_rows(t, &all, rows);
-        for (Py_ssize_t k = 0; k < rows * NUMBERS; k++) /* NaN is below nothing */
-            inside = inside && fabs(double_at(end, k)) < bound;
-        end = put(end + rows * out, say.after.text, say.after.size);
-        if (say.end.text != NULL) {
-            for (Py_ssize_t m = 0; m < rows; m++) { /* agent.minds.Minds.models */
-                end = put(end, (double *)view[VALUE_OUT].buf + m * v, v * d);
-                end = put(end, (double *)view[DENSITY_OUT].buf + m * f, f * d);
-            }
-            put(end, say.end.text, say.end.size);
-        }
-    }
-    while (views--) PyBuffer_Release(&view[views]);
-    if (inside) return act;
-    Py_XDECREF(act);
-    if (PyErr_Occurred()) return NULL;
-    Py_RETURN_NONE;
-}
-
 static PyMethodDef methods[] = {
     {"tables", tables, METH_O, "Tables of a scenario, from a dict of arrays; checked once."},
     {"step", step, METH_VARARGS,
      "step(tables, states, value, density, known | None, value_out, density_out, numbers_out)\n\n"
      "All float64, rows first. Returns the largest of the numbers, or NaN."},
-    {"answer", answer, METH_VARARGS,
-     "answer(tables, bound, raw, tick, ((sense, act), ...), value, density, value_out, density_out)\n\n"
-     "sense: (before, between, after), act: (before, between, after[, end]): around the tick and the arrays. The bytes of\n"
-     "an Act to a plain Sense, with a report of the models where there is an end; None where it is not a plain Sense of\n"
-     "one of these kinds, or where a number is not below the bound."},
     {NULL, NULL, 0, NULL},
 };
 
@@ -289,5 +170,8 @@ PyMODINIT_FUNC PyInit__kernel(void) {
 #if MANY > 1
     if (__builtin_cpu_supports("avx2")) lanes = MANY;
 #endif
-    return PyModule_Create(&definition);
+    PyObject *module = PyModule_Create(&definition), *turn = module == NULL ? NULL : PyType_FromSpec(&turn_spec);
+    if (turn == NULL || PyModule_AddObjectRef(module, "Turn", turn) < 0) Py_CLEAR(module);
+    Py_XDECREF(turn);
+    return module;
 }

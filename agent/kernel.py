@@ -5,7 +5,6 @@ which finds its code and its data gone from the caches when twenty-five processe
 """
 
 from collections.abc import Callable
-from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -84,12 +83,17 @@ class Kernel:
             {name: np.ascontiguousarray(number, dtype=np.float64) for name, number in doubles.items()}
             | {name: np.ascontiguousarray(index, dtype=np.int32) for name, index in indices.items()}
         )
-        # (raw, tick, kinds, value, density, value_out, density_out) → the Act to a plain Sense of that tick and of one
-        # of these kinds, what is learned then being in the last two, which are overwritten; and reported, where an Act
-        # of its kind has a place for that. `kinds`: of Senses and of the Acts that answer them, the pieces of both
-        # (`swarm.plain.Plain.pieces`). None, and the last two are of no use: `raw` is no such Sense, not finite, of
-        # other rows than the arrays, or a number that came out is not below `BEYOND_SENSE`.
-        self.answer: Callable[..., bytes | None] = partial(_kernel.answer, self._tables, BEYOND_SENSE)
+
+    def turn(self, kinds: Kinds, minds: Minds, after: Minds) -> Callable[[bytes, int], bytes | None]:
+        """From a plain Sense of a tick and of one of these kinds to the Act, the minds then being `after`.
+
+        `kinds`: of Senses and of the Acts that answer them, the pieces of both (`swarm.plain.Plain.pieces`). What is
+        called with the bytes and the tick holds on to the arrays of both minds, and overwrites those of `after`: they
+        are of no use where it returns None, because the bytes are no such Sense, not finite or of other rows, or
+        because a number that came out is not below `BEYOND_SENSE`.
+        """
+        arrays = minds.value, minds.density, after.value, after.density
+        return _kernel.Turn(self._tables, BEYOND_SENSE, kinds, *arrays).answer
 
     def __call__(self, minds: Minds, states: Floats, known: Floats | None) -> Outcome:
         """One tick of M rows; `known` (M, N, 4) for hjb only."""

@@ -91,7 +91,7 @@ class Agent:
             return after
         before = self._feedback.residuals
         said = self._uploads(tick, None)
-        after = reflex(raw, tick, self._minds, reflex.uploading(*said) if said else None)
+        after = reflex.upload(raw, tick, said[0], self._minds) if said else reflex(raw, tick, self._minds)
         if after is None:
             self._feedback.residuals = before
         return after

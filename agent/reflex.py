@@ -7,6 +7,9 @@ global model, once in the minds, leaves a Sense like any other. Whatever is not 
 bits.
 """
 
+from collections.abc import Callable
+from typing import TypeAlias
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +20,7 @@ from swarm.messages import Frames
 from swarm.scenario import Scenario
 
 Floats = NDArray[np.float64]
+Side: TypeAlias = tuple[Minds, Callable[[bytes, int], bytes | None]]
 
 
 class Reflex:
@@ -37,21 +41,29 @@ class Reflex:
         self._method = scenario.method
         self._source = np.array([scenario.federation.leader], dtype="<i4").tobytes()
         self._links = np.stack([np.zeros_like(uavs), uavs], axis=-1).astype("<i4").tobytes()
-        self._spare: Minds | None = None  # whose place the next minds take
         self._heard: Minds | None = None  # minds as a global model has left them
+        self._here: Side | None = None  # the minds last returned, and the tick that begins with them
+        self._there: Side | None = None  # those before, whose place the next take, and the tick that leads back
 
-    def __call__(self, raw: bytes, tick: int, minds: Minds, kinds: Kinds | None = None) -> tuple[Minds, bytes] | None:
+    def __call__(self, raw: bytes, tick: int, minds: Minds) -> tuple[Minds, bytes] | None:
         """The minds after the tick and the Act, if `raw` is a plain Sense of that tick and all numbers stay in bounds.
 
-        The minds given are the next call's to overwrite, if this one returns any. `kinds`: of an Act with an upload.
+        The minds given are the next call's to overwrite, if this one returns any.
         """
-        after = self._spare or _like(minds)
-        given = minds.value, minds.density, after.value, after.density
-        answer = self._kernel.answer(raw, tick, kinds or self._kinds, *given)
-        if answer is None:
+        here, there = self._sides(minds)
+        if (answer := here[1](raw, tick)) is None:
             return None
-        self._spare = minds
-        return after, answer
+        self._here, self._there = there, here
+        return there[0], answer
+
+    def upload(self, raw: bytes, tick: int, said: Frames, minds: Minds) -> tuple[Minds, bytes] | None:
+        """The same where the Act uploads that."""
+        layout, acts = (said.payload.shape, said.payload.dtype), []
+        for report in (False, True):
+            uploads = plain.uploads(self._run, self._rows, report, layout)
+            before, between, source, sent, rest, *end = uploads.pieces(said.round)
+            acts.append((before, between, source + said.source.tobytes() + sent + said.payload.tobytes() + rest, *end))
+        return self._once(raw, tick, tuple(zip(self._senses, acts, strict=True)), minds, minds)
 
     def hear(self, raw: bytes, tick: int, number: int, minds: Minds) -> tuple[Minds, bytes] | None:
         """The same for a Sense that brings the global model of a round to every row, and nothing else."""
@@ -66,19 +78,27 @@ class Reflex:
             if not (codec.finite(sent) if self._down.is_exact else self._down.sound(sent).all()):
                 return None
             heard = self._overwritten(minds, self._down.decode(sent))
-            if answered := self(raw, tick, heard, (((before, between, raw[place:]), acts),)):
-                self._spare = minds  # and not those that the model has overwritten
+            if answered := self._once(raw, tick, (((before, between, raw[place:]), acts),), heard, minds):
                 return answered
         return None
 
-    def uploading(self, said: Frames) -> Kinds:
-        """The kinds of a tick in which that is uploaded."""
-        layout, acts = (said.payload.shape, said.payload.dtype), []
-        for report in (False, True):
-            uploads = plain.uploads(self._run, self._rows, report, layout)
-            before, between, source, sent, rest, *end = uploads.pieces(said.round)
-            acts.append((before, between, source + said.source.tobytes() + sent + said.payload.tobytes() + rest, *end))
-        return tuple(zip(self._senses, acts, strict=True))
+    def _once(self, raw: bytes, tick: int, kinds: Kinds, begin: Minds, minds: Minds) -> tuple[Minds, bytes] | None:
+        """A tick of other kinds, which begins with other minds than those that are given back."""
+        here, there = self._sides(minds)
+        if (answer := self._kernel.turn(kinds, begin, there[0])(raw, tick)) is None:
+            return None
+        self._here, self._there = there, here
+        return there[0], answer
+
+    def _sides(self, minds: Minds) -> tuple[Side, Side]:
+        """The side of these minds, and the other. Ticks go from one to the other and back."""
+        if self._here is not None and self._there is not None and self._here[0] is minds:
+            return self._here, self._there
+        after = _like(minds)
+        return (minds, self._kernel.turn(self._kinds, minds, after)), (
+            after,
+            self._kernel.turn(self._kinds, after, minds),
+        )
 
     def _overwritten(self, minds: Minds, shared: Floats) -> Minds:
         """What `minds.with_models(every row, …)` are; the same arrays every time."""

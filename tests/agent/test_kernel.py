@@ -190,6 +190,39 @@ def test_what_does_not_fit_is_refused_before_anything_is_written() -> None:
 
 
 @needs_kernel
+def test_a_turn_of_what_does_not_fit_is_refused_when_it_is_made() -> None:
+    learner = Learner(scenario(Method.MFG))
+    minds, after = (learner.init(2, initial_states(scenario(Method.MFG))) for _ in range(2))
+    tables = learner.kernel._tables  # type: ignore[union-attr]
+    kinds = (((b"a", b"b", b"c"), (b"d", b"e", b"f")),)
+    good = [tables, 1e6, kinds, minds.value, minds.density, after.value, after.density]
+    turn = kernel._kernel.Turn(*good)
+    assert turn.answer(b"none of these", 1) is None
+    fixed = after.density.copy()
+    fixed.flags.writeable = False
+    for place, wrong in [
+        (0, object()),
+        (1, "high"),
+        (2, [*kinds]),
+        (2, ((kinds[0][0],),)),
+        (2, ((kinds[0][0][:2], kinds[0][1]),)),
+        (2, (((b"a", b"b", "c"), kinds[0][1]),)),
+        (3, minds.value[:0]),
+        (4, minds.density[:1]),
+        (5, after.value.astype(np.float32)),
+        (6, np.zeros((2, 4, 69))[:, ::2]),
+        (6, fixed),
+    ]:
+        with pytest.raises((TypeError, ValueError, BufferError)):
+            kernel._kernel.Turn(*good[:place], wrong, *good[place + 1 :])
+    with pytest.raises(TypeError):
+        kernel._kernel.Turn(*good, last=1)
+    for wrong in [(b"",), (b"", 1, 2), ("", 1), (bytearray(), 1), (b"", -1), (b"", 2**64), (b"", 1.0)]:
+        with pytest.raises((TypeError, OverflowError)):
+            turn.answer(*wrong)
+
+
+@needs_kernel
 def test_tables_that_point_outside_are_refused() -> None:
     learner = Learner(scenario(Method.MFG))
     made: dict[str, np.ndarray] = {}
@@ -200,7 +233,7 @@ def test_tables_that_point_outside_are_refused() -> None:
 
     real = kernel._kernel
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(kernel, "_kernel", type("Fake", (), {"tables": staticmethod(keep), "answer": real.answer}))
+        patch.setattr(kernel, "_kernel", type("Fake", (), {"tables": staticmethod(keep)}))
         kernel.Kernel(learner._scenario, learner._hjb, learner._fpk, learner._quadrature)
     real.tables(made)
     for name in ("weight", "starts", "left", "value_first"):
