@@ -7,6 +7,7 @@ forked as agents are: what they share in memory they share in the caches.
 
 import argparse
 import struct
+import threading
 import time
 from collections.abc import Mapping, Sequence
 
@@ -26,9 +27,10 @@ class FloorWorld:
 
     def __init__(self, endpoint: str, run: str, names: Sequence[str]) -> None:
         self._run, self._names = run, names
-        self._tick = 0
+        self._tick = self._left = 0
+        self._gate = threading.Lock()
         self._bus = ZenohBus.router(endpoint)
-        self._bus.subscribe(keys.act(run, "*"))
+        self._bus.subscribe(keys.act(run, "*"), self._overhear)
         self._sense = {name: keys.sense(run, name) for name in names}
 
     def gather(self) -> None:
@@ -48,18 +50,27 @@ class FloorWorld:
 
     def tick(self, asked: Mapping[str, tuple[int, int]]) -> None:
         """Puts `bytes out` to each name of `asked` and waits until each has answered with `bytes in`."""
-        self._tick += 1
+        with self._gate:
+            self._tick, self._left = self._tick + 1, len(asked)
         for name, (out, back) in asked.items():
             self._bus.put(self._sense[name], _HEAD.pack(self._tick, back).ljust(out, b"\0"))
-        left = len(asked)
         end = time.monotonic() + _GATHER_S
-        while left:
+        while self._left:
             delivery = self._bus.receive(1.0)
             if delivery is None:
                 if time.monotonic() > end:
                     raise TimeoutError("a floor client does not answer")
                 continue
-            left -= _HEAD.unpack_from(delivery.payload)[0] == self._tick
+            with self._gate:
+                self._left -= _HEAD.unpack_from(delivery.payload)[0] == self._tick
+
+    def _overhear(self, _key: str, answer: bytes) -> bool:
+        """Counts answers in the thread that brings them, as the world does; the last is left to who waits for it."""
+        with self._gate:
+            if self._left < 2 or _HEAD.unpack_from(answer)[0] != self._tick:
+                return False
+            self._left -= 1
+            return True
 
     def close(self) -> None:
         """Sends the clients home."""

@@ -48,7 +48,7 @@ LEARNER: list[Part] = [
     ("swarm.spoke:Spoke.handle", "agent: protocol"),
 ]
 CODEC: list[Part] = [(f"swarm.codec:{name}", "codec") for name in ("encode", "decode", "encode_frames")]
-CODEC += [(f"swarm.plain:Plain.{name}", "codec, plain messages") for name in ("encode", "decode", "body")]
+CODEC += [(f"swarm.plain:Plain.{name}", "codec, plain messages") for name in ("encode", "decode", "reader")]
 WORLD: list[Part] = [
     ("worldsim.node:World._tick", "world, the rest of the tick"),
     ("worldsim.node:World._ask", "address and fill inboxes"),

@@ -84,17 +84,22 @@ class Plain:
             before += array.tobytes() + after
         return before
 
-    def body(self, tick: int, raw: bytes) -> bytes | None:
-        """The bytes of the array, finite, if `raw` is such a message of that tick with but one, of doubles; or None.
+    def reader(self, tick: int) -> Callable[[bytes], bytes | None]:
+        """What tells such messages of that tick with but one array, of doubles, and returns the bytes of it, finite.
 
-        None, too, where the sum of its numbers is not finite: `decode` tells.
+        None for other messages; and where the sum of the numbers is not finite: `decode` tells.
         """
         before, after = self.frame(tick)
         start = len(before)
         end = start + self._bytes
-        if len(raw) != end + len(after) or not (raw.startswith(before) and raw.endswith(after)):
+        size, numbers, finite = end + len(after), self._numbers, math.isfinite
+
+        def read(raw: bytes) -> bytes | None:
+            if len(raw) == size and raw.startswith(before) and raw.endswith(after) and finite(sum(numbers(raw, start))):
+                return raw[start:end]
             return None
-        return raw[start:end] if math.isfinite(sum(self._numbers(raw, start))) else None
+
+        return read
 
     def decode(self, tick: int, raw: bytes, number: int = 0) -> list[NDArray[Any]] | None:
         """The arrays, their floats finite, if these are the bytes of such a message of that tick; or None."""

@@ -1,7 +1,8 @@
 """The barrier of a tick: who was asked, what was asked, and who has answered."""
 
+import threading
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable
 
 from swarm import keys, plain
 from swarm.bus import Bus
@@ -11,13 +12,29 @@ from swarm.state import States
 from worldsim.members import Member
 
 
+class Crowd:
+    """Nodes that are asked together, and the keys of their questions and answers."""
+
+    def __init__(self, members: list[Member], run: str) -> None:
+        self.members = members
+        self.questions = [keys.sense(run, member.name) for member in members]
+        self.by_name = {member.name: member for member in members}
+        self.by_answer = {keys.act(run, member.name): member for member in members}
+
+
 class Barrier:
-    """The questions of one tick after the other."""
+    """The questions of one tick after the other.
+
+    Plain answers are taken in whatever thread brings them, all else in that of the world.
+    """
 
     def __init__(self, bus: Bus, run: str) -> None:
         self._bus, self._run, self._fingerprint = bus, run, keys.fingerprint(run)
         self._questions: dict[str, bytes] = {}
         self._silent: dict[str, Member] = {}  # who has yet to answer, by the key of the answer
+        self._gate = threading.RLock()  # of that and of the answers
+        self._readers: dict[int, Callable[[bytes], bytes | None]] = {}  # of plain answers, by the UAVs of a node
+        self._crowd = Crowd([], run)  # who was last asked plainly
         self._repeats: Counter[str] = Counter()  # second answers that may still come, by the node's name
         self._tick, self.reporting = -1, False
         self.asked: dict[str, Member] = {}
@@ -27,14 +44,17 @@ class Barrier:
 
     def open(self, tick: int, reporting: bool) -> None:
         """A new tick, in which agents report their models or not: nobody is asked yet."""
-        self._tick, self.reporting = tick, reporting
-        self.asked, self.outcomes, self.acts, self._questions, self._silent = {}, {}, {}, {}, {}
-        self.standing = True
+        with self._gate:
+            self._tick, self.reporting = tick, reporting
+            self.asked, self.outcomes, self.acts, self._questions, self._silent = {}, {}, {}, {}, {}
+            self._readers = {}
+            self.standing = True
 
     def close(self) -> None:
         """The tick waits for nobody any more; what comes now is late."""
-        self.standing = False
-        self._silent = {}
+        with self._gate:
+            self.standing = False
+            self._silent = {}
 
     def ask(self, member: Member, states: States, heard: tuple[Frames, ...] = (), whole: bool = False) -> None:
         """Asks a node, which has these states and received these frames, and expects its answer.
@@ -44,25 +64,39 @@ class Barrier:
         report = self.reporting and len(states) > 0
         self._put(member, plain.encode(Sense(self._fingerprint, self._tick, states, report, heard, whole)))
 
-    def ask_plainly(self, members: Iterable[Member], states: States) -> None:
+    def ask_plainly(self, members: list[Member], states: States) -> None:
         """Asks nodes that hold UAVs, have received nothing and are to answer as ever; `states` (N, 4) are everyone's.
 
         Most questions are such ones. They are cut from one string: where every UAV has a node of its own, that takes
         a third of the time of as many arrays.
         """
         everyone, size = states.tobytes(), states.itemsize * states.shape[1]
+        frames = {
+            rows: plain.senses(self._fingerprint, rows, self.reporting).frame(self._tick)
+            for rows in {member.rows for member in members}
+        }
+        questions = []
         for member in members:
-            before, after = plain.senses(self._fingerprint, len(member.uavs), self.reporting).frame(self._tick)
+            before, after = frames[member.rows]
             place = member.place
             if isinstance(place, slice):
-                self._put(member, before + everyone[place.start * size : place.stop * size] + after)
+                questions.append(before + everyone[place.start * size : place.stop * size] + after)
             else:
-                self._put(member, before + states[place].tobytes() + after)
+                questions.append(before + states[place].tobytes() + after)
+        if members != self._crowd.members:  # as a rule they are those of the last tick
+            self._crowd = Crowd(members, self._run)
+        with self._gate:
+            self.asked.update(self._crowd.by_name)
+            self._silent.update(self._crowd.by_answer)
+            self._questions.update(zip(self._crowd.by_name, questions, strict=True))
+        for key, question in zip(self._crowd.questions, questions, strict=True):
+            self._bus.put(key, question)
 
     def _put(self, member: Member, question: bytes) -> None:
         name = member.name
-        self.asked[name] = self._silent[keys.act(self._run, name)] = member
-        self._questions[name] = question
+        with self._gate:
+            self.asked[name] = self._silent[keys.act(self._run, name)] = member
+            self._questions[name] = question
         self._bus.put(keys.sense(self._run, name), question)
 
     def ask_again(self) -> None:
@@ -71,21 +105,32 @@ class Barrier:
             self._repeats[name] += 1
             self._bus.put(keys.sense(self._run, name), self._questions[name])
 
-    def hear(self, key: str, raw: bytes) -> bool:
-        """Takes a plain answer (`swarm.plain`) that is waited for; with whatever else this is, nothing is done.
-
-        Most messages are such answers, so they are told first, and by few steps.
+    def overhear(self, key: str, raw: bytes) -> bool:
+        """Takes a plain answer (`swarm.plain`) that is waited for, whoever brings it; with whatever else this is,
+        nothing is done. Nor with the last: it goes to who waits for it, who would not wake otherwise.
         """
+        with self._gate:
+            return len(self._silent) > 1 and self._take(key, raw)
+
+    def hear(self, key: str, raw: bytes) -> bool:
+        """The same for the last as well."""
+        with self._gate:
+            return self._take(key, raw)
+
+    def _take(self, key: str, raw: bytes) -> bool:
         member = self._silent.get(key)
-        if member is None or not (rows := len(member.uavs)):
+        if member is None or not (rows := member.rows):
             return False
-        answers = plain.acts(self._fingerprint, rows, self.reporting)
         if self.reporting:
-            if (arrays := answers.decode(self._tick, raw)) is None:
+            arrays = plain.acts(self._fingerprint, rows, True).decode(self._tick, raw)
+            if arrays is None:
                 return False
             self.answer(member.name, Act(self._fingerprint, self._tick, arrays[0], report=arrays[1]))
             return True
-        if (outcome := answers.body(self._tick, raw)) is None:
+        read = self._readers.get(rows)
+        if read is None:
+            read = self._readers[rows] = plain.acts(self._fingerprint, rows).reader(self._tick)
+        if (outcome := read(raw)) is None:
             return False
         self.outcomes[member.name] = outcome
         del self._silent[key]
@@ -97,9 +142,10 @@ class Barrier:
         Raises:
             MessageRejected: `duplicate`: the node was not asked, or has answered.
         """
-        if self._silent.pop(keys.act(self._run, name), None) is None:
-            raise MessageRejected("duplicate", f"second answer of {name} to tick {act.tick}")
-        self.outcomes[name], self.acts[name] = act.outcome.tobytes(), act
+        with self._gate:
+            if self._silent.pop(keys.act(self._run, name), None) is None:
+                raise MessageRejected("duplicate", f"second answer of {name} to tick {act.tick}")
+            self.outcomes[name], self.acts[name] = act.outcome.tobytes(), act
 
     def is_repeat(self, name: str) -> bool:
         """Whether an answer of a node that is not waited for is that to a question it was asked again, for which it
@@ -111,16 +157,18 @@ class Barrier:
 
     def forget(self, name: str) -> bool:
         """A node is gone: what it said in this tick counts no more. Returns whether it had been asked."""
-        self._silent.pop(keys.act(self._run, name), None)
-        self._repeats.pop(name, None)
-        self.outcomes.pop(name, None)
-        self.acts.pop(name, None)
-        return self.asked.pop(name, None) is not None
+        with self._gate:
+            self._silent.pop(keys.act(self._run, name), None)
+            self._repeats.pop(name, None)
+            self.outcomes.pop(name, None)
+            self.acts.pop(name, None)
+            return self.asked.pop(name, None) is not None
 
     @property
     def missing(self) -> list[str]:
         """Who has not answered."""
-        return [member.name for member in self._silent.values()]
+        with self._gate:
+            return [member.name for member in self._silent.values()]
 
     @property
     def complete(self) -> bool:

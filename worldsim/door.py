@@ -57,7 +57,7 @@ class Door:
         self._plan = flight.states.astype(self._float)
         self._flight, self._barrier, self._outbox, self._ledger = flight, barrier, outbox, ledger
         self._note, self._clock = note, clock
-        bus.subscribe(keys.act(run, "*"))
+        bus.subscribe(keys.act(run, "*"), barrier.overhear)
         bus.subscribe(self._received)
         bus.watch(keys.alive(run, "*", "*"))
         bus.answer(keys.join(run))

@@ -22,7 +22,7 @@ class JoinRefused(MeanflockError):
         self.for_now = for_now
 
 
-@dataclass
+@dataclass(eq=False)
 class Member:
     """One node, from its admission until it is lost."""
 
@@ -34,6 +34,7 @@ class Member:
     lost: bool = False
 
     def __post_init__(self) -> None:
+        self.rows = len(self.uavs)
         # Where its UAVs are among all: a slice, where it is one, costs a fraction of so many indices.
         first, end = (int(self.uavs[0]), int(self.uavs[-1]) + 1) if len(self.uavs) else (0, 0)
         self.place: slice | NDArray[np.intp] = slice(first, end) if end - first == len(self.uavs) else self.uavs

@@ -113,7 +113,7 @@ def test_a_plain_act_is_read_as_the_codec_does(
         report[-1, -1] = weight
     raw = codec.encode(Act(run, tick, outcome, report=report))
     act = read(raw, tick, run, len(outcome))
-    body = plain.acts(run, len(outcome)).body(tick, raw)
+    body = plain.acts(run, len(outcome)).reader(tick)(raw)
     if report is None and body is not None:
         assert body == outcome.tobytes()
     assert body is None or report is None
@@ -152,7 +152,7 @@ OTHERS: dict[str, Message] = {
 def test_what_says_more_or_something_else_is_not_plain(what: str) -> None:
     raw = codec.encode(OTHERS[what])
     assert read(raw) is None
-    assert plain.acts(RUN, 2).body(300, raw) is None
+    assert plain.acts(RUN, 2).reader(300)(raw) is None
 
 
 @QUICK
@@ -163,7 +163,7 @@ def test_damaged_bytes_are_not_plain_or_mean_what_the_codec_reads(data: st.DataO
     for _ in range(data.draw(st.integers(1, 3))):
         raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
     cut = data.draw(st.sampled_from([bytes(raw), bytes(raw[:-1]), bytes(raw) + b"\xc0", bytes(raw[1:])]))
-    act, body = read(cut), plain.acts(RUN, 2).body(300, cut)
+    act, body = read(cut), plain.acts(RUN, 2).reader(300)(cut)
     assert body is None or act is not None
     if act is not None:
         understood = codec.decode(cut)

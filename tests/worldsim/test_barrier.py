@@ -1,5 +1,8 @@
 """The barrier tells plain answers by their bytes, and takes each for what the codec would."""
 
+import queue
+import threading
+
 import numpy as np
 import pytest
 
@@ -7,6 +10,7 @@ from swarm import codec, keys
 from swarm.bus import Bus, MemoryNetwork
 from swarm.errors import MessageRejected
 from swarm.messages import Act, FrameKind, Frames, Sense
+from tests.polling import DEADLINE_S
 from worldsim.barrier import Barrier
 from worldsim.members import Member
 
@@ -140,3 +144,51 @@ def test_who_is_asked_twice_may_answer_twice_and_not_more_often() -> None:
     stand.barrier.open(TICK + 1, False)  # its other answers may come as late as this
     assert [stand.barrier.is_repeat("agent-0") for _ in range(3)] == [True, True, False]
     assert not stand.barrier.is_repeat("agent-1")
+
+
+def test_the_last_answer_is_left_to_who_waits() -> None:
+    stand = Stand()
+    stand.asked()
+    raw = codec.encode(Act(FINGERPRINT, TICK, OUTCOME))
+    assert not stand.barrier.overhear(KEY, raw)
+    stand.barrier.ask_plainly([Member("agent-2", "agent", np.array([0, 1]))], STATES)
+    assert not stand.barrier.overhear(KEY, codec.encode(Act(FINGERPRINT, TICK - 1, OUTCOME)))
+    assert stand.barrier.overhear(KEY, raw)
+    assert stand.barrier.missing == ["agent-2"]
+    assert not stand.barrier.overhear(KEY, raw)
+    assert not stand.barrier.overhear(keys.act(RUN, "agent-2"), raw)
+    assert stand.barrier.hear(keys.act(RUN, "agent-2"), raw)
+    assert stand.barrier.complete
+    assert list(stand.barrier.outcomes) == ["agent-0", "agent-2"]
+
+
+def test_whoever_waits_wakes_however_answers_come_in_two_threads() -> None:
+    barrier = Barrier(MemoryNetwork().endpoint(), RUN)
+    crowd = [Member(f"agent-{uav}", "agent", np.array([uav])) for uav in range(12)]
+    waiting: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
+    asked: queue.SimpleQueue[int | None] = queue.SimpleQueue()
+    shuffle = np.random.default_rng(1).permutation
+
+    def bring() -> None:
+        while (tick := asked.get()) is not None:
+            for uav in shuffle(12):
+                key = keys.act(RUN, f"agent-{uav}")
+                raw = codec.encode(Act(FINGERPRINT, tick, np.full((1, 5), float(uav + tick))))
+                if uav % 3 == 0 or not barrier.overhear(key, raw):  # every third is none of those that are overheard
+                    waiting.put((key, raw))
+
+    thread = threading.Thread(target=bring)
+    thread.start()
+    try:
+        for tick in range(300):
+            barrier.open(tick, reporting=False)
+            barrier.ask_plainly(crowd, np.zeros((12, 4)))
+            asked.put(tick)
+            while not barrier.complete:
+                assert barrier.hear(*waiting.get(timeout=DEADLINE_S))
+            barrier.close()
+            expected = {member.name: np.full(5, uav + tick, float).tobytes() for uav, member in enumerate(crowd)}
+            assert barrier.outcomes == expected
+    finally:
+        asked.put(None)
+        thread.join()

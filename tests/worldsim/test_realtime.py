@@ -8,7 +8,7 @@ import pytest
 from agent.node import Agent
 from groundstation.engine import Engine
 from swarm import keys
-from swarm.bus import Delivery, MemoryBus, MemoryNetwork
+from swarm.bus import Delivery, MemoryBus, MemoryNetwork, Offer
 from swarm.errors import BadInput
 from swarm.messages import SWARM_COLUMNS, Join, Telemetry
 from swarm.scenario import load
@@ -31,6 +31,9 @@ class SlowBus(MemoryBus):
         self.delay_s: Callable[[str], float] = lambda node: PROMPT_S
         self.world: World
         self._coming: list[tuple[float, int, Delivery]] = []
+
+    def subscribe(self, key: str, offer: Offer | None = None) -> None:
+        super().subscribe(key)  # nothing is here at once
 
     def _deliver(self, delivery: Delivery) -> None:
         if delivery.kind != "message":
