@@ -7,24 +7,18 @@
 #include <math.h>
 #include <string.h>
 
+#include "../swarm/pairwise.h"
 #include "tables.h"
 
 #if LANES > 1
-#define INLINE static inline __attribute__((always_inline)) TARGET
-typedef double Lanes __attribute__((vector_size(LANES * sizeof(double))));
 typedef int64_t Mask __attribute__((vector_size(LANES * sizeof(double)))); /* all bits of a lane, or none */
 INLINE Lanes chosen(Mask which, Lanes yes, Lanes no) { return (Lanes)(((Mask)yes & which) | ((Mask)no & ~which)); }
 #else
-#define INLINE static inline
-typedef double Lanes;
 typedef int64_t Mask;
 INLINE Lanes chosen(Mask which, Lanes yes, Lanes no) { return which ? yes : no; }
 #endif
 
-enum {
-    PAIRWISE = 128,                         /* what NumPy's pairwise sum takes at once */
-    NODES_AT_ONCE = LANES > 1 ? 8 : NODES   /* sums that stay in registers */
-};
+enum { NODES_AT_ONCE = LANES > 1 ? 8 : NODES }; /* sums that stay in registers */
 
 INLINE int any(Mask which) {
     int64_t lane[LANES], found = 0;
@@ -43,25 +37,6 @@ INLINE Lanes root(Lanes x) {
 
 /* np.maximum: what is not a number stays so. */
 INLINE Lanes at_least(Lanes x, double least) { return chosen(x < least, (Lanes){0} + least, x); }
-
-/* NumPy's pairwise sum of a[i] b[i], or of a[i] where there is no b; n: 1 … PAIRWISE. */
-INLINE Lanes pairwise(const Lanes *a, const Lanes *b, int n) {
-#define ITEM(i) (b != NULL ? a[i] * b[i] : a[i])
-    if (n < 8) {
-        Lanes sum = ITEM(0);
-        for (int i = 1; i < n; i++) sum += ITEM(i);
-        return sum;
-    }
-    Lanes r[8];
-    int i = 8;
-    for (int k = 0; k < 8; k++) r[k] = ITEM(k);
-    for (; i < n - n % 8; i += 8)
-        for (int k = 0; k < 8; k++) r[k] += ITEM(i + k);
-    Lanes sum = ((r[0] + r[1]) + (r[2] + r[3])) + ((r[4] + r[5]) + (r[6] + r[7]));
-    for (; i < n; i++) sum += ITEM(i);
-    return sum;
-#undef ITEM
-}
 
 /* swarm.state.dot: np.sum of the products, which begins at zero; n: 1 … 2 * PAIRWISE. */
 INLINE Lanes dot(const Lanes *a, const Lanes *b, int n) {
