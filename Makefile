@@ -143,10 +143,10 @@ $(BIN)/python -m compileall -q agent channel groundstation leader swarm worldsim
 pwd -P > $(VENV)/.home
 endef
 
-$(VENV)/.ground: pyproject.toml constraints.txt $(wildcard agent/*.[ch]) $(STALE)
+$(VENV)/.ground: pyproject.toml constraints.txt $(wildcard */*.[ch]) $(STALE)
 	$(call install,ground)
 	@touch $@
 
-$(VENV)/.dev: pyproject.toml constraints.txt $(wildcard agent/*.[ch]) $(STALE)
+$(VENV)/.dev: pyproject.toml constraints.txt $(wildcard */*.[ch]) $(STALE)
 	$(call install,dev)
 	@touch $@ $(VENV)/.ground

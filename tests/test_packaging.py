@@ -89,11 +89,17 @@ def test_a_process_of_the_swarm_stays_small() -> None:
     assert world == base | {"prometheus-client", "scipy"}
 
 
-def test_the_kernel_is_built_from_all_of_its_files_wherever_they_are_taken() -> None:
-    (extension,) = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["ext-modules"]
-    there = {path.relative_to(ROOT).as_posix() for path in (ROOT / "agent").glob("*.[ch]")}
-    assert {*extension["sources"], *extension["depends"]} == there  # both enter a source distribution
-    assert "$(wildcard agent/*.[ch])" in (ROOT / "Makefile").read_text()
+def test_a_kernel_is_built_from_all_of_its_files_wherever_they_are_taken() -> None:
+    extensions = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["ext-modules"]
+    assert {extension["name"] for extension in extensions} == {"agent._kernel", "worldsim._kernel"}
+    shared = {path.relative_to(ROOT).as_posix() for path in (ROOT / "swarm").glob("*.[ch]")}
+    for extension in extensions:
+        room = extension["name"].partition(".")[0]
+        there = {path.relative_to(ROOT).as_posix() for path in (ROOT / room).glob("*.[ch]")}
+        assert {*extension["sources"], *extension["depends"]} == there | shared  # all enter a source distribution
+        assert extension["optional"]
+        assert extension["py-limited-api"]
+    assert "$(wildcard */*.[ch])" in (ROOT / "Makefile").read_text()
 
 
 def test_every_make_target_is_documented() -> None:

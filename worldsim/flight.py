@@ -8,18 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarm import state
-from swarm.messages import Event, Status
+from swarm.messages import Event
 from swarm.scenario import Scenario
 from swarm.seeds import generator, random_state, set_random_state
-from worldsim import dynamics, energy
 from worldsim.formation import initial_states
 from worldsim.metrics import pairs
+from worldsim.physics import ARRIVED, ARRIVING, DIVERGED, FLYING, LOST, Physics
 
 Floats = NDArray[np.float64]
 
-# As numbers of the array they are compared with: a member of an enumeration is converted anew each time.
-FLYING, ARRIVED, LOST = np.uint8(Status.FLYING), np.uint8(Status.ARRIVED), np.uint8(Status.LOST)
-BOUND = 1e9  # a million kilometres or km/s: no metric is left worth having
 _KEPT = np.dtype("<f8")
 
 _SCALARS = ("tick", "collisions", "speed_difference_sum", "near_sum", "speed_max")
@@ -37,7 +34,10 @@ _ARRAYS = {  # as what they are kept
 
 @dataclass
 class Flight:
-    """Everything the world knows of the UAVs. All arrays have one row a UAV unless named otherwise."""
+    """Everything the world knows of the UAVs. All arrays have one row a UAV unless named otherwise.
+
+    `states` is another array after every tick; all others stay and are written into.
+    """
 
     scenario: Scenario
     tick: int = 0
@@ -50,7 +50,7 @@ class Flight:
     def __post_init__(self) -> None:
         n = self.scenario.uavs
         self.states: state.States = initial_states(self.scenario)
-        self.status = np.full(n, Status.FLYING, dtype=np.uint8)
+        self.status = np.full(n, FLYING)
         self.energy = np.zeros(n)  # J since take-off
         self.arrival_tick = np.full(n, -1)
         self.arrival_energy = np.zeros(n)
@@ -60,7 +60,9 @@ class Flight:
         self._collided: set[tuple[int, int]] = set()
         self._wind = generator(self.scenario.seed, "wind")
         self._hash = hashlib.sha256()
-        self._observe()
+        self._physics = Physics(self.scenario)
+        seen = pairs(self.scenario.metrics, self.states)
+        self._observe(float(seen.speed_difference), int(seen.near), seen.colliding)
 
     @property
     def time_s(self) -> float:
@@ -109,16 +111,16 @@ class Flight:
 
     def lose(self, uavs: NDArray[np.intp], kind: str, why: str) -> None:
         """Takes UAVs out of the mission: physics goes on without command, nobody waits for them."""
-        uavs = uavs[self.status[uavs] != Status.LOST]
+        uavs = uavs[self.status[uavs] != LOST]
         if len(uavs):
-            self.status[uavs] = Status.LOST
+            self.status[uavs] = LOST
             self._event(kind, f"{why}: UAV {', '.join(map(str, uavs))} lost", uavs)
 
     def rejoin(self, uavs: NDArray[np.intp], who: str) -> None:
         """UAVs that were lost have a mind again; who had arrived has arrived still."""
-        uavs = uavs[self.status[uavs] == Status.LOST]
+        uavs = uavs[self.status[uavs] == LOST]
         if len(uavs):
-            self.status[uavs] = np.where(self.arrival_tick[uavs] >= 0, Status.ARRIVED, Status.FLYING)
+            self.status[uavs] = np.where(self.arrival_tick[uavs] >= 0, ARRIVED, FLYING)
             self._event("rejoined", f"{who} rejoined with UAV {', '.join(map(str, uavs))}", uavs)
 
     def advance(self, accelerations: state.Plane, gust: state.Plane | None = None) -> None:
@@ -126,34 +128,18 @@ class Flight:
 
         `gust`: (N, 2) in m/s², of the air: it spares nobody.
         """
-        n, dt = self.scenario.uavs, self.scenario.dt
-        noise = self._wind.standard_normal((n, state.AXES))
-        on_way = self.status == FLYING
-        flying = np.count_nonzero(on_way)
-        if flying < n:
-            accelerations = np.where((self.status != LOST)[:, None], accelerations, 0.0)
-        with np.errstate(over="ignore", invalid="ignore"):
-            moved = dynamics.step(
-                self.scenario, self.states, accelerations if gust is None else accelerations + gust, noise
-            )
-            size = np.abs(moved)
+        noise = self._wind.standard_normal((self.scenario.uavs, state.AXES))
+        books = self.energy, self.distance, self._speed_sum, self._ticks_on_way
+        moved = self._physics(self.states, self.status, accelerations, gust, noise, books)
         self.tick += 1
-        if not np.maximum.reduce(size, axis=None) < BOUND:  # NaN is below nothing
-            sane = (size < BOUND).all(axis=-1)
-            moved[~sane] = self.states[~sane]
-            moved[~sane, state.VELOCITY] = 0.0
-            self.lose(np.flatnonzero(~sane), "diverged", "left every bound")
-        self.states = moved
-        speed = state.speed(moved)
-        self.energy = self.energy + energy.power(self.scenario.vehicle, speed) * dt
-        if flying:
-            on_their_way = speed if flying == n else np.where(on_way, speed, 0.0)
-            self._speed_sum += on_their_way
-            self._ticks_on_way += on_way
-            self.distance += on_their_way * dt
-            self.speed_max = max(self.speed_max, float(np.maximum.reduce(on_their_way)))
-        self._observe()
-        self._arrive()
+        self.states = moved.states
+        fastest, speed_difference, near = moved.numbers.tolist()
+        self.speed_max = max(self.speed_max, fastest)
+        if moved.incidents & DIVERGED:
+            self.lose(np.flatnonzero(moved.marks & DIVERGED), "diverged", "left every bound")
+        self._observe(speed_difference, int(near), moved.colliding)
+        if moved.incidents & ARRIVING:
+            self._arrive(np.flatnonzero(moved.marks & ARRIVING))
 
     def snapshot(self) -> dict[str, Any]:
         """The flight as it is now, for `restore`; the hash can be had from the states of all ticks only."""
@@ -183,13 +169,12 @@ class Flight:
             raise ValueError(f"the time series does not end in the states of tick {self.tick}")
         self._hash = hashlib.sha256(np.ascontiguousarray(history, dtype="<f8").tobytes())
 
-    def _observe(self) -> None:
+    def _observe(self, speed_difference: float, near: int, colliding: NDArray[np.intp]) -> None:
         self._hash.update(self.states.astype(_KEPT, copy=False).tobytes())
-        seen = pairs(self.scenario.metrics, self.states)
-        self.speed_difference_sum += float(seen.speed_difference)
-        self.near_sum += int(seen.near)
-        if len(seen.colliding):
-            self._collide(seen.colliding)
+        self.speed_difference_sum += speed_difference
+        self.near_sum += near
+        if len(colliding):
+            self._collide(colliding)
 
     def _collide(self, touching: NDArray[np.intp]) -> None:
         """Counts a pair once, and only while both are on the way."""
@@ -200,16 +185,11 @@ class Flight:
                 self.collisions += 1
                 self._event("collision", f"UAV {first} and UAV {second} collided", np.array([first, second]))
 
-    def _arrive(self) -> None:
-        within = state.norm(self.states) <= self.scenario.destination.radius
-        if not np.count_nonzero(within):
-            return
-        new = np.flatnonzero(within & (self.status == FLYING))
-        if len(new):
-            self.status[new] = Status.ARRIVED
-            self.arrival_tick[new] = self.tick
-            self.arrival_energy[new] = self.energy[new]
-            self._event("arrived", f"UAV {', '.join(map(str, new))} arrived", new)
+    def _arrive(self, new: NDArray[np.intp]) -> None:
+        self.status[new] = ARRIVED
+        self.arrival_tick[new] = self.tick
+        self.arrival_energy[new] = self.energy[new]
+        self._event("arrived", f"UAV {', '.join(map(str, new))} arrived", new)
 
     def _event(self, kind: str, text: str, uavs: NDArray[np.intp]) -> None:
         self.events.append(Event(self.tick, kind, text, tuple(uavs.tolist())))

@@ -1,13 +1,14 @@
 """Many flights of one scenario, seed by seed, advanced as one array. The books of each are kept by a `Flight`."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from swarm import state
 from swarm.scenario import Scenario
-from worldsim import dynamics, energy
-from worldsim.flight import BOUND, FLYING, LOST, Flight
-from worldsim.metrics import pairs
+from worldsim.flight import Flight
+from worldsim.physics import ARRIVING, DIVERGED, FLYING, Physics
 
 Floats = NDArray[np.float64]
 
@@ -40,22 +41,23 @@ class _Row(Flight):
         """Pairs i < j within the collision radius now, `(K, 2)`."""
         self._collide(colliding)
 
-    def land(self) -> None:
-        """UAVs may have come within the destination."""
-        self._arrive()
+    def land(self, new: NDArray[np.intp]) -> None:
+        """These UAVs have come within the destination."""
+        self._arrive(new)
 
 
 class Flights:
     """R flights that took off together. Arrays have shape `(R, N, …)`, R shrinking as flights end.
 
-    Every number is computed by the operation `Flight.advance` would use, on a row of the same length, so that each
-    flight has the bits it would have alone.
+    Every number is computed as `Flight.advance` would, on a row of the same length, so that each flight has the bits it
+    would have alone.
     """
 
     def __init__(self, scenarios: list[Scenario]) -> None:
         """`scenarios`: equal but for the seed."""
         self.scenario = scenarios[0]
         self.tick = 0
+        self._physics = Physics(self.scenario)
         self._rows = [_Row(scenario) for scenario in scenarios]
         self.states: state.States
         self.status: NDArray[np.uint8]
@@ -71,7 +73,7 @@ class Flights:
         self.speed_max = np.array([row.speed_max for row in self._rows])
         self._history = np.empty((len(self._rows), CHUNK_TICKS, self.scenario.uavs, state.SIZE))
         self._filled = 0  # rows of the history not hashed yet
-        self._noise = np.empty((len(self._rows), 0, self.scenario.uavs, state.AXES))
+        self._noise = np.empty((0, len(self._rows), self.scenario.uavs, state.AXES))
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -114,61 +116,39 @@ class Flights:
         self.near_sum = self.near_sum[rows]
         self.speed_max = self.speed_max[rows]
         self._history = self._history[rows]
-        self._noise = self._noise[rows]
+        self._noise = self._noise.compress(rows, axis=1)
 
     def advance(self, accelerations: Floats) -> None:
         """One tick of all flights under `accelerations` (R, N, 2), m/s²."""
-        on_way = self.status == FLYING
-        all_on_way = np.count_nonzero(on_way) == on_way.size
-        if not all_on_way:
-            accelerations = np.where((self.status != LOST)[..., None], accelerations, 0.0)
-        with np.errstate(over="ignore", invalid="ignore"):
-            moved = dynamics.step(self.scenario, self.states, accelerations, self._next_noise())
-            size = np.abs(moved)
+        books = self.energy, self.distance, self._speed_sum, self._ticks_on_way
+        moved = self._physics(self.states, self.status, accelerations, None, self._next_noise(), books)
         self.tick += 1
-        if not np.maximum.reduce(size, axis=None) < BOUND:
-            sane: NDArray[np.bool_] = np.all(size < BOUND, axis=-1)
-            moved[~sane] = self.states[~sane]
-            moved[~sane, state.VELOCITY] = 0.0
-            for row in np.flatnonzero(~sane.all(axis=-1)):
-                self.lose(int(row), np.flatnonzero(~sane[row]), "diverged", "left every bound")
-        self.states[...] = moved
-        speed = state.speed(moved)
-        self.energy += energy.power(self.scenario.vehicle, speed) * self.scenario.dt
-        on_their_way = speed if all_on_way else np.where(on_way, speed, 0.0)
-        self._speed_sum += on_their_way
-        self._ticks_on_way += on_way
-        self.distance += on_their_way * self.scenario.dt
-        np.maximum(self.speed_max, on_their_way.max(axis=-1), out=self.speed_max)
-        self._observe()
-        within = state.norm(moved) <= self.scenario.destination.radius
-        if not np.count_nonzero(within):
-            return
-        within &= self.status == FLYING
-        for row in np.flatnonzero(within.any(axis=-1)):
-            self._rows[row].tick = self.tick
-            self._rows[row].land()
-
-    def _observe(self) -> None:
+        if moved.incidents & DIVERGED:
+            for row, uavs in _by_row(moved.marks & DIVERGED):
+                self.lose(row, uavs, "diverged", "left every bound")
+        self.states[...] = moved.states
+        fastest, speed_difference, near = moved.numbers.T
+        np.maximum(self.speed_max, fastest, out=self.speed_max)
+        self.speed_difference_sum += speed_difference
+        self.near_sum += near.astype(np.intp)
         if self._filled == CHUNK_TICKS:
             self._hash()
-        self._history[:, self._filled] = self.states
+        self._history[:, self._filled] = moved.states
         self._filled += 1
-        seen = pairs(self.scenario.metrics, self.states)
-        self.speed_difference_sum += seen.speed_difference
-        self.near_sum += seen.near
-        if not len(seen.colliding):
-            return
-        flights = seen.colliding[:, 0]
-        for row in np.unique(flights):
+        flights = moved.colliding[:, 0]
+        for row in np.unique(flights) if len(flights) else ():
             self._rows[row].tick = self.tick
-            self._rows[row].touch(seen.colliding[flights == row, 1:])
+            self._rows[row].touch(moved.colliding[flights == row, 1:])
+        if moved.incidents & ARRIVING:
+            for row, uavs in _by_row(moved.marks & ARRIVING):
+                self._rows[row].tick = self.tick
+                self._rows[row].land(uavs)
 
     def _next_noise(self) -> Floats:
         used = self.tick % CHUNK_TICKS
         if not used:
-            self._noise = np.stack([row.draw_wind(CHUNK_TICKS) for row in self._rows])
-        return self._noise[:, used]
+            self._noise = np.stack([row.draw_wind(CHUNK_TICKS) for row in self._rows], axis=1)
+        return self._noise[used]
 
     def _hash(self) -> None:
         for row, history in zip(self._rows, self._history, strict=True):
@@ -180,3 +160,8 @@ class Flights:
             setattr(self, name, stack)
             for row, of_row in zip(self._rows, stack, strict=True):
                 setattr(row, name, of_row)
+
+
+def _by_row(marked: NDArray[Any]) -> list[tuple[int, NDArray[np.intp]]]:
+    """The flights in which anybody is marked, (R, N), and who."""
+    return [(int(row), np.flatnonzero(marked[row])) for row in np.flatnonzero(marked.any(axis=-1))]

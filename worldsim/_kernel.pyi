@@ -1,0 +1,21 @@
+from typing import Any
+
+from numpy.typing import NDArray
+
+def advance(
+    constants: bytes,
+    n: int,
+    measures: bool,
+    states: NDArray[Any],
+    status: NDArray[Any],
+    accelerations: NDArray[Any],
+    gust: NDArray[Any] | None,
+    noise: NDArray[Any],
+    moved: NDArray[Any],
+    energy: NDArray[Any],
+    distance: NDArray[Any],
+    speed_sum: NDArray[Any],
+    ticks_on_way: NDArray[Any],
+    numbers: NDArray[Any],
+    marks: NDArray[Any],
+) -> int: ...

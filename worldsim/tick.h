@@ -1,0 +1,32 @@
+/* What the compiled tick of the world works on: a scenario's constants and the arrays of one swarm. */
+#ifndef MEANFLOCK_TICK_H
+#define MEANFLOCK_TICK_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+enum { SIZE = 4, AXES = 2, NUMBERS = 3, COLUMNS = SIZE + 2 };
+enum { FLYING = 0, LOST = 2 };                        /* swarm.messages.Status */
+enum { DIVERGED = 1, ARRIVING = 2, COLLIDING = 4 };   /* marks of a UAV, worldsim/physics.py */
+
+/* In the order in which worldsim/kernel.py lists them; doubles only. */
+typedef struct {
+    double wind[AXES], drag, dt, shake; /* shake: σ_wind √dt */
+    double induced, tip_squared, blade_power, induced_power, parasite_drag; /* induced: 2 χ_o² */
+    double bound, destination, hazard_squared, collision_squared;
+} Constants;
+
+/* N UAVs; SIZE doubles a UAV of states and moved, AXES of the next three, of which gust may be NULL; NUMBERS a swarm. */
+typedef struct {
+    const double *states, *accelerations, *gust, *noise;
+    const uint8_t *status;
+    double *moved, *energy, *distance, *speed_sum, *numbers;
+    int64_t *ticks_on_way;
+    uint8_t *marks;
+} Swarm;
+
+/* One tick of n UAVs, returns which marks there are. Room for n · COLUMNS doubles; and for n² where all pairs are to be
+ * measured, NULL where not. */
+int tick(const Constants *c, const Swarm *s, ptrdiff_t n, double *columns, double *matrix);
+
+#endif
