@@ -69,8 +69,11 @@ WORLD: list[Part] = [
     ("groundstation.station:Station.handle", "telemetry"),
     ("channel.air:Air.send", "channel"),
     ("channel.air:Air.due", "channel"),
-    ("worldsim.flight:Flight.advance", "flight: motion, energy, arrival"),
-    ("worldsim.flight:pairs", "flight: metrics of all pairs"),
+    ("worldsim.flight:Flight.advance", "flight: wind, hash, books"),
+    ("worldsim.physics:Physics.__call__", "flight: motion, energy, arrival"),
+    ("worldsim.physics:pairs", "flight: metrics of all pairs"),
+    ("worldsim.physics:many", "flight: metrics of all pairs"),
+    ("worldsim._kernel:advance", "flight: motion to metrics, compiled"),
 ]
 MEMORY_BUS: list[Part] = [("swarm.bus:MemoryBus.put", "bus: put")]
 ZENOH_BUS: list[Part] = [("swarm.session:ZenohBus.put", "bus: put")]

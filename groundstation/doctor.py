@@ -13,7 +13,8 @@ from typing import Literal
 
 import psutil
 
-from agent.kernel import is_compiled
+import agent.kernel
+import worldsim.kernel
 from groundstation.memory import MEGABYTE, available_mb, needed_mb
 from swarm.session import DEFAULT_ENDPOINT
 
@@ -73,12 +74,13 @@ def _package(name: str) -> Finding:
 
 
 def compiled() -> Finding:
-    """Whether the learners' kernel was compiled when this was installed; it runs without, with the same bits."""
-    if is_compiled():
-        return Finding("learners' kernel", "ok", "compiled")
-    return Finding(
-        "learners' kernel", "warning", "NumPy's, some ten times slower", "install a C compiler, then again this"
-    )
+    """Whether both kernels were compiled when this was installed; it runs without, with the same bits."""
+    kernels = {"the learners'": agent.kernel, "the world's": worldsim.kernel}
+    missing = [whose for whose, kernel in kernels.items() if not kernel.is_compiled()]
+    if not missing:
+        return Finding("kernels", "ok", f"compiled: {' and '.join(kernels)}")
+    found = f"{' and '.join(missing)}: NumPy's, some ten times slower"
+    return Finding("kernels", "warning", found, "install a C compiler, then again this")
 
 
 def memory(uavs: int, processes: int, keeps_states: bool = False) -> Finding:

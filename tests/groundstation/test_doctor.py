@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+import agent.kernel
+import worldsim.kernel
 from groundstation import certs, doctor
 from groundstation.cli import main
 from groundstation.doctor import Finding
@@ -106,10 +108,17 @@ def group(folder: Path, **files: str) -> Path:
 
 
 def test_a_kernel_that_was_not_compiled_is_worth_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
-    for there, verdict in ((True, "ok"), (False, "warning")):
-        monkeypatch.setattr(doctor, "is_compiled", lambda there=there: there)
-        assert doctor.compiled().verdict == verdict
-    assert "compiler" in doctor.compiled().mend
+    modules = {"learners": agent.kernel, "world": worldsim.kernel}
+    for module in modules.values():
+        monkeypatch.setattr(module, "_kernel", object())
+    assert doctor.compiled().verdict == "ok"
+    for name, module in modules.items():
+        with monkeypatch.context() as patch:
+            patch.setattr(module, "_kernel", None)
+            found = doctor.compiled()
+        assert found.verdict == "warning"
+        assert [other for other in modules if other in found.found] == [name]
+        assert "compiler" in found.mend
 
 
 def test_threads_beyond_the_limit_of_the_container_fail_with_the_number_it_takes(tmp_path: Path) -> None:
