@@ -59,6 +59,7 @@ class Flight:
         self._ticks_on_way = np.zeros(n, dtype=np.int64)
         self._collided: set[tuple[int, int]] = set()
         self._wind = generator(self.scenario.seed, "wind")
+        self._noise = np.empty((n, state.AXES))  # of the tick
         self._hash = hashlib.sha256()
         self._physics = Physics(self.scenario)
         seen = pairs(self.scenario.metrics, self.states)
@@ -128,7 +129,7 @@ class Flight:
 
         `gust`: (N, 2) in m/s², of the air: it spares nobody.
         """
-        noise = self._wind.standard_normal((self.scenario.uavs, state.AXES))
+        noise = self._wind.standard_normal(out=self._noise)
         books = self.energy, self.distance, self._speed_sum, self._ticks_on_way
         moved = self._physics(self.states, self.status, accelerations, gust, noise, books)
         self.tick += 1
