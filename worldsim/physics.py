@@ -72,7 +72,7 @@ class Physics:
         if self._kernel is None:
             return self._in_numpy(states, status, accelerations, gust, noise, books)
         small = states.shape[-2] <= FEW
-        moved, numbers, marks = np.empty_like(states), np.empty((*states.shape[:-2], 3)), np.empty_like(status)
+        moved, numbers, marks = np.empty(states.shape), np.empty((*states.shape[:-2], 3)), np.empty_like(status)
         incidents = self._kernel(small, states, status, accelerations, gust, noise, moved, books, numbers, marks)
         if not small:
             colliding = _enter(many(self._scenario.metrics, moved), numbers)
@@ -92,7 +92,7 @@ class Physics:
         books: Books,
     ) -> Moved:
         scenario, (spent, distance, speed_sum, ticks_on_way) = self._scenario, books
-        on_way, marks, incidents = status == FLYING, np.zeros_like(status), 0
+        on_way, marks, incidents = status == FLYING, np.zeros(status.shape, dtype=np.uint8), 0
         all_on_way = np.count_nonzero(on_way) == on_way.size
         if not all_on_way:
             accelerations = np.where((status != LOST)[..., None], accelerations, 0.0)
