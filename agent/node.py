@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.byzantine import Byzantine
+from agent.chorus import Chorus
 from agent.feedback import Feedback
 from agent.heads import Heads
 from agent.heard import Heard
@@ -69,11 +70,18 @@ class Agent:
         sleeps = any(isinstance(fault, faults.Pause) for fault in self._scenario.faults)
         if self._learner.kernel is not None and self._known is None and self._program is None and not sleeps:
             self._reflex = Reflex(self._learner.kernel, self._scenario, welcome.run, self.uavs)
+        self._chorus: Chorus | None = None
+        if self._method is Method.HJB and not sleeps:
+            self._chorus = Chorus(self._scenario, welcome.run, self.uavs, self._float)
 
     def reflex(self, raw: bytes, tick: int) -> bytes | None:
-        """Answers a plain Sense of that tick where nothing is to be done but to learn, to upload the models, or to take
-        over the global one; otherwise None."""
-        if self._reflex is None or self._silenced:
+        """Answers a plain Sense of that tick where nothing is to be done but to learn, to upload the models, to take
+        over the global one, or to hear everyone's state and say one's own; otherwise None."""
+        if self._silenced:
+            return None
+        if self._chorus is not None:
+            return self._join_in(self._chorus, raw, tick)
+        if self._reflex is None:
             return None
         if self._rounds.is_quiet(tick):
             after = self._reflex(raw, tick, self._minds)
@@ -83,6 +91,20 @@ class Agent:
             return None
         self._minds, answer = after
         return answer
+
+    def _join_in(self, chorus: Chorus, raw: bytes, tick: int) -> bytes | None:
+        assert self._known is not None
+        if (heard := chorus.hear(raw, tick, self._known)) is None:
+            return None
+        states, acts = heard
+        said = self._broadcast(states)
+        if not finite(said):
+            return None
+        outcome = self._think(tick, states)
+        if not outcome.largest < BEYOND_SENSE:
+            return None  # what is known is by now what it will be the long way
+        self._minds = outcome.minds
+        return chorus.answer(acts, tick, outcome.numbers, said, self._minds)
 
     def _reflex_in_round(self, reflex: Reflex, raw: bytes, tick: int) -> tuple[Minds, bytes] | None:
         if self._rounds.relays(tick):
@@ -219,12 +241,16 @@ class Agent:
         period = 1 if self._method is Method.HJB else self._scenario.federation.state_period
         if self._program is not None or not period or tick % period or tick == 0:  # at 0 the mission plan has said it
             return []
-        with np.errstate(over="ignore"):
-            said = states.astype(self._float)
+        said = self._broadcast(states)
         if not self._silenced and finite(said):
             return [Frames(FrameKind.STATE, 0, self._names, said)]
         speaks = ~self._diverged & np.isfinite(said).all(axis=-1)
         return [Frames(FrameKind.STATE, 0, self._names[speaks], said[speaks])] if speaks.any() else []
+
+    def _broadcast(self, states: Floats) -> NDArray[np.floating]:
+        """States (M, 4) as they are broadcast; infinite where the radio's floats end."""
+        with np.errstate(over="ignore"):
+            return states.astype(self._float)
 
     def _wake(self, asleep: NDArray[np.bool_], minds: Minds, known: Floats | None) -> None:
         """Puts back what the sleeping rows had in mind."""

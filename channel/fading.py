@@ -20,18 +20,30 @@ class Fading:
         self._draw, self._radio = draw, radio
         self._ahead: NDArray[np.float64] = np.empty(0)
         self._used = 0  # of those ahead
+        self._failed: NDArray[np.bool_] | None = None  # which of them are below
+        self._threshold = 0.0
         self._before = draw.bit_generator.state  # where the generator was before it drew the last block,
         self._begin = 0  # and where that begins among those ahead
 
     def squared(self, count: int) -> NDArray[np.float64]:
         """z² of the next `count` slots, `(count,)`; see `channel.rician`."""
-        end = self._used + count
-        if end > len(self._ahead):
+        begin = self._next(count)
+        return self._ahead[begin : self._used]
+
+    def below(self, threshold: float, count: int) -> NDArray[np.bool_]:
+        """Whether z² is below a threshold in the next `count` slots, `(count,)`; all ahead are compared at once."""
+        begin = self._next(count)
+        if self._failed is None or threshold != self._threshold:
+            self._failed, self._threshold = self._ahead < threshold, threshold
+        return self._failed[begin : self._used]
+
+    def _next(self, count: int) -> int:
+        """Where the next `count` begin among those ahead."""
+        if self._used + count > len(self._ahead):
             self._draw_block(count)
-            end = count
-        numbers = self._ahead[self._used : end]
-        self._used = end
-        return numbers
+        begin = self._used
+        self._used += count
+        return begin
 
     def _draw_block(self, count: int) -> None:
         """Puts at least `count` ahead, more than are left."""
@@ -39,7 +51,7 @@ class Fading:
         self._before = self._draw.bit_generator.state
         drawn = squared_amplitude(self._draw, max(_BLOCK, count - len(left)), self._radio.rice_xi, self._radio.rice_chi)
         self._ahead = np.concatenate([left, drawn]) if len(left) else drawn
-        self._used, self._begin = 0, len(left)
+        self._used, self._begin, self._failed = 0, len(left), None
 
     def snapshot(self) -> dict[str, Any]:
         """Where a generator is that has drawn what was asked for and nothing ahead."""
@@ -53,5 +65,5 @@ class Fading:
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Goes on where a snapshot was taken."""
         set_random_state(self._draw, snapshot)
-        self._ahead, self._used, self._begin = np.empty(0), 0, 0
+        self._ahead, self._used, self._begin, self._failed = np.empty(0), 0, 0, None
         self._before = self._draw.bit_generator.state

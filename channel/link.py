@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,8 +59,10 @@ def transmit(radio: Radio, fading: Fading, distance_m: Floats, bits: int) -> Tra
     Args:
         distance_m: (K,). bits: length of the message.
     """
-    alike, needed = not radio.path_loss_exponent, slots_needed(radio, bits)
-    threshold = squared_threshold(radio, distance_m[:1] if alike else distance_m)
+    needed = slots_needed(radio, bits)
+    if not radio.path_loss_exponent and needed == 1:
+        return _short(radio.latency_threshold_slots, fading, _threshold_anywhere(radio), len(distance_m))
+    threshold = squared_threshold(radio, distance_m)
     slots = np.zeros(len(distance_m), dtype=np.int64)
     busy: slice | NDArray[np.intp] = slice(None)  # all, without a copy: most messages are through in the first slot
     missing, left = np.full(len(distance_m), needed), len(distance_m)  # slots of the busy, and how many those are
@@ -67,7 +70,7 @@ def transmit(radio: Radio, fading: Fading, distance_m: Floats, bits: int) -> Tra
         if not left:
             break
         slots[busy] = slot
-        failed = fading.squared(left) < (threshold if alike else threshold[busy])
+        failed = fading.squared(left) < threshold[busy]
         if needed > 1:
             missing -= ~failed
             failed = missing > 0
@@ -77,3 +80,27 @@ def transmit(radio: Radio, fading: Fading, distance_m: Floats, bits: int) -> Tra
     delivered = np.ones(len(slots), dtype=bool)
     delivered[busy] = False
     return Transmission(slots, delivered)
+
+
+def _short(slots_at_most: int, fading: Fading, threshold: float, count: int) -> Transmission:
+    """A message that is through with the first slot that reaches the threshold, the same on all of `count` links.
+
+    A link spends one slot more than it fails; so what is kept of a slot is who goes on, and that is counted once.
+    """
+    busy = fading.below(threshold, count).nonzero()[0]
+    again = [busy]
+    for _ in range(1, slots_at_most):
+        if not (left := len(busy)):
+            break
+        busy = busy[fading.below(threshold, left)]
+        again.append(busy)
+    delivered = np.ones(count, dtype=bool)
+    delivered[again.pop()] = False  # of the last slot nobody goes on; who would is lost
+    slots = np.bincount(np.concatenate(again), minlength=count) if again else np.zeros(count, dtype=np.int64)
+    slots += 1
+    return Transmission(slots, delivered)
+
+
+@lru_cache(maxsize=64)  # a run knows one
+def _threshold_anywhere(radio: Radio) -> float:
+    return float(squared_threshold(radio, np.ones(1))[0])

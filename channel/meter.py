@@ -65,13 +65,13 @@ class Meter:
         bill.payload_bits += payload_bits * links.transmissions
         if not (copies := len(links.pair)):
             return
-        outages, slots = sent.outages, int(sent.slots.sum())
+        outages, slots = sent.outages, int(np.add.reduce(sent.slots))
         bill.sent += copies
         bill.delivered += copies - outages
         bill.outages += outages
         bill.slots += slots
         bill.delivered_slots += slots - outages * self.radio.latency_threshold_slots
-        bill.airtime_s += float(np.maximum.reduceat(sent.slots, links.first).sum()) * self.radio.coherence_time_s
+        bill.airtime_s += float(np.add.reduce(np.maximum.reduceat(sent.slots, links.first))) * self.radio.coherence_time_s
         self._expect(bill, payload_bits, distance_m)
         if links is not self._last:
             self._enter()
@@ -127,11 +127,11 @@ class Meter:
 
     def _expect(self, bill: Traffic, payload_bits: int, distance_m: NDArray[np.float64]) -> None:
         if self.radio.path_loss_exponent == 0.0:  # every link is alike
-            outages, slots = (len(distance_m) * of_one for of_one in _expected_anywhere(self.radio, payload_bits))
+            copies, (outages, slots) = len(distance_m), _expected_anywhere(self.radio, payload_bits)
         else:
-            outages, slots = _expected(self.radio, payload_bits, distance_m)
-        bill.expected_outages += outages
-        bill.expected_delivered_slots += slots
+            copies, (outages, slots) = 1, _expected(self.radio, payload_bits, distance_m)
+        bill.expected_outages += copies * outages
+        bill.expected_delivered_slots += copies * slots
 
 
 def _expected(radio: Radio, payload_bits: int, distance_m: NDArray[np.float64]) -> tuple[float, float]:

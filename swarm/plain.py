@@ -11,7 +11,7 @@ codec.
 import math
 import struct
 from collections.abc import Callable
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, TypeAlias
 
 import msgspec
@@ -57,7 +57,9 @@ class Plain:
         (self._before, self._between), *self._pieces = pieces  # the tick comes first of all
         self._rest = None if of_round else tuple([piece for (piece,) in self._pieces])
         self._arrays = [(shape, dtype, array.nbytes) for (shape, dtype), array in zip(layouts, arrays, strict=True)]
+        self.arrays = len(arrays)  # how many there are
         self._bytes = sum(array.nbytes for array in arrays)
+        self.size = len(first) - numbers  # in bytes, without the tick and the number of the round
         self._numbers = struct.Struct(f"<{arrays[0].size}d").unpack_from  # of few floats, in less time than NumPy's
         self._of = -1, 0
         self._frame: tuple[bytes, ...] = ()
@@ -144,6 +146,30 @@ def acts(run: int, rows: int, report: bool = False) -> Plain:
     return Plain(lambda tick, outcome: Act(run, tick, outcome), outcome)
 
 
+@lru_cache(maxsize=256)  # by who is heard: as a rule everyone, and few kinds
+def choruses(run: int, rows: int, report: bool, payload: Layout, links: int) -> Plain:
+    """Senses that bring states by radio: states, source (S,), payload (S, 4) as it is transmitted, links (K, 2), of
+    which there are so many."""
+
+    def make(tick: int, states: Any, source: Any, payload: Any, links: Any) -> Message:
+        return Sense(run, tick, states, report, (Frames(FrameKind.STATE, 0, source, payload, links),))
+
+    return Plain(make, ((rows, state.SIZE), _FLOAT), (payload[0][:1], _INDEX), payload, ((links, 2), _INDEX))
+
+
+@cache
+def broadcasts(run: int, rows: int, report: bool, payload: Layout) -> Plain:
+    """Acts that broadcast states: outcome, source (S,), payload (S, 4) as it is transmitted; with a report the models,
+    too."""
+
+    def make(tick: int, outcome: Any, source: Any, payload: Any, models: Any = None) -> Message:
+        return Act(run, tick, outcome, outbox=(Frames(FrameKind.STATE, 0, source, payload),), report=models)
+
+    layouts = ((rows, OUTCOME_FLOATS), _FLOAT), (payload[0][:1], _INDEX), payload
+    reported = [((rows, model.MODEL_FLOATS), _FLOAT)] if report else []
+    return Plain(make, *layouts, *reported)
+
+
 @cache
 def uploads(run: int, rows: int, report: bool, payload: Layout) -> Plain:
     """Acts that upload models in a round: outcome, source (S,), payload (S, …) as it is transmitted; with a report the
@@ -157,6 +183,11 @@ def uploads(run: int, rows: int, report: bool, payload: Layout) -> Plain:
     return Plain(make, *layouts, *reported, of_round=True)
 
 
+def size_of(number: int) -> int:
+    """How many bytes a tick takes, or the number of a round."""
+    return len(_whole_number(number))
+
+
 def encode(sense: Sense) -> bytes:
     """What the codec makes of a Sense; of a plain one, in less time."""
     rows, inbox = len(sense.states), sense.inbox
@@ -165,6 +196,9 @@ def encode(sense: Sense) -> bytes:
     if not inbox:
         return senses(sense.run, rows, sense.report).encode(sense.tick, sense.states)
     kind, number, source, payload, links = msgspec.structs.astuple(inbox[0])
+    if kind == FrameKind.STATE and number == 0 and links is not None and len(links):
+        chorus = choruses(sense.run, rows, sense.report, (payload.shape, payload.dtype), len(links))
+        return chorus.encode(sense.tick, sense.states, source, payload, links)
     if kind != FrameKind.GLOBAL or len(source) != 1 or links is None or len(links) != rows:
         return codec.encode(sense)
     hearing = hearings(sense.run, rows, sense.report, (payload.shape, payload.dtype))

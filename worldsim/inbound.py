@@ -73,7 +73,7 @@ def check(message: Message, run: int, tick: int, member: Member, scenario: Scena
         raise MessageRejected("wrong-shape", "refused names UAVs that did not upload")
     if message.diverged and not np.isin(message.diverged, member.uavs).all():
         raise MessageRejected("wrong-shape", "diverged names UAVs of another node")
-    if len({frames.kind for frames in message.outbox}) != len(message.outbox):
+    if len(message.outbox) > 1 and len({frames.kind for frames in message.outbox}) != len(message.outbox):
         raise MessageRejected("wrong-shape", "two batches of one kind in one outbox")
     for frames in message.outbox:
         _check_frames(frames, member, scenario, float_)
@@ -111,10 +111,15 @@ def _check_frames(frames: Frames, member: Member, scenario: Scenario, float_: np
         coding = payload.upload(scenario) if frames.kind == FrameKind.UPLOAD else payload.broadcast(scenario)
         coding.check(frames.payload, len(source))
     own = member.uavs if member.role == "agent" else np.array([scenario.federation.leader])
-    if not len(source) or not (np.array_equal(own, source) or _some(own, source)):
+    if not len(source) or not (_same(own, source) or _some(own, source)):
         raise MessageRejected("wrong-shape", f"frames of {member.name} name UAVs {source.tolist()}")
     if frames.links is not None:
         raise MessageRejected("wrong-shape", "only the world says which links carried a frame")
+
+
+def _same(own: NDArray[np.intp], source: NDArray[np.int32]) -> bool:
+    """Whether sources are all UAVs of a node; `np.array_equal` takes twice as long."""
+    return len(own) == len(source) and bool(np.logical_and.reduce(own == source))
 
 
 def _some(own: NDArray[np.intp], source: NDArray[np.int32]) -> bool:
@@ -122,13 +127,13 @@ def _some(own: NDArray[np.intp], source: NDArray[np.int32]) -> bool:
     return bool(contains(own, source).all() and (source[1:] > source[:-1]).all())
 
 
-def _sayable(member: Member, scenario: Scenario) -> set[FrameKind]:
+def _sayable(member: Member, scenario: Scenario) -> tuple[FrameKind, ...]:
     if member.role != "agent":
-        return {FrameKind.GLOBAL}
+        return (FrameKind.GLOBAL,)
     if not scenario.method.is_federated:
-        return {FrameKind.STATE}
-    relays = {FrameKind.RELAY} if scenario.federation.clusters > 1 else set()
-    return {FrameKind.UPLOAD, FrameKind.STATE} | relays
+        return (FrameKind.STATE,)
+    relays = (FrameKind.RELAY,) if scenario.federation.clusters > 1 else ()
+    return FrameKind.UPLOAD, FrameKind.STATE, *relays
 
 
 def _averaged_by(member: Member, tick: int, scenario: Scenario) -> Collection[int]:

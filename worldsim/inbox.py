@@ -71,10 +71,12 @@ class Uploads:
 
 def only(batch: Frames, links: NDArray[np.int32]) -> Frames:
     """The batch cut down to some of its links."""
+    if links is batch.links and len(batch.source) == 1:
+        return batch
     used = np.zeros(len(batch.source), dtype=bool)
     used[links[:, 0]] = True
-    if len(used) == 1 or used.all():
-        return Frames(batch.kind, batch.round, batch.source, batch.payload, links)
+    if len(used) == 1 or np.logical_and.reduce(used):
+        return batch if links is batch.links else Frames(batch.kind, batch.round, batch.source, batch.payload, links)
     place = np.cumsum(used, dtype=np.int32) - 1  # of a row among those that are used
     renumbered = np.stack([place[links[:, 0]], links[:, 1]], axis=-1)
     return Frames(batch.kind, batch.round, batch.source[used], batch.payload[used], renumbered)

@@ -39,8 +39,7 @@ class Ledger:
 
     def residuals(self, diagnostics: np.ndarray) -> None:
         """Takes note of the diagnostics (N, 3) of a tick."""
-        largest = np.maximum.reduce(np.abs(diagnostics), axis=0)
-        self.residual_max = np.maximum(self.residual_max, largest[:2])
+        self.residual_max = np.maximum(self.residual_max, np.maximum.reduce(np.abs(diagnostics))[:2])
 
     def snapshot(self, wall_s: float) -> dict[str, Any]:
         """All of it, for `restore`."""

@@ -13,7 +13,7 @@ from channel.air import Air
 from swarm import __version__, codec, keys, model, state
 from swarm.bus import Bus
 from swarm.errors import BadInput, RunFailed
-from swarm.messages import OUTCOME_FLOATS, Act, Event, Finished, FrameKind, Frames, Stop
+from swarm.messages import OUTCOME_FLOATS, Act, Event, Finished, FrameKind, Frames, Status, Stop
 from swarm.rounds import Rounds
 from swarm.scenario import Scenario
 from worldsim import checkpoint, inbox
@@ -36,6 +36,7 @@ from worldsim.waiting import Waiting
 REPORT_EVERY_TICKS = 10
 BLOCK_ROWS = 20
 
+_LOST = bytes([Status.LOST])
 Clock = Callable[[], float]
 
 
@@ -84,7 +85,8 @@ class World:
         self._heads = Heads(scenario)
         self._barrier = Barrier(bus, run)
         self._commands = np.zeros((scenario.uavs, state.AXES))
-        self._awake = np.ones(scenario.uavs, dtype=bool)
+        self._all = np.ones(scenario.uavs, dtype=bool)
+        self._awake = self._all  # who is neither lost nor asleep; as a rule that very array
         self._answered: tuple[list[str], NDArray[np.intp]] = [], np.zeros(0, dtype=np.intp)  # nodes, their UAVs
         self._minds: Minds | None = None  # where, in the last tick, all were asked for all they know
         self._leads: str | None = None
@@ -204,7 +206,7 @@ class World:
     def _play(self, tick: int) -> None:
         """The fault script, as far as it takes somebody out of the mission or puts them to sleep."""
         if not self._scenario.faults:
-            self._awake = ~self.flight.lost
+            self._awake = ~self.flight.lost if self._any_lost() else self._all
             return
         for event in self._script.events(tick):
             self._rows.note(event)
@@ -229,7 +231,7 @@ class World:
         self._barrier.open(tick, reporting)
         self._ask_leader()  # first: in a round it has the most to do, and all others wait for it
         asked = [member for member in self._members.present if member.role != LEADER and member.ready]
-        if not self._awake.all():
+        if self._awake is not self._all and not self._awake.all():
             asked = [member for member in asked if self._awake[member.uavs].any()]
         if not (due or self._heads.told or whole):
             self._barrier.ask_plainly(asked, self.flight.states)
@@ -278,9 +280,12 @@ class World:
         frames = self._speech.of(self.flight.tick, acts, self._awake, self.air.meter)
         if number := self._rounds.closes(self.flight.tick):
             self._uploads.close(number)
-        if (lost := self.flight.lost).any():
-            self._commands[lost] = 0.0
+        if self._any_lost():
+            self._commands[self.flight.lost] = 0.0
         return frames
+
+    def _any_lost(self) -> bool:
+        return _LOST in self.flight.status.tobytes()  # in a fifth of the time of a comparison
 
     def _regard(self, act: Act) -> None:
         """Notes what is wrong with models, others' or a node's own."""
@@ -292,11 +297,11 @@ class World:
 
     def _enter(self, uavs: NDArray[np.intp], outcome: NDArray[np.float64], diagnostics: NDArray[np.float64]) -> None:
         """Takes the outcome (K, 5) of some UAVs (K,)."""
-        if not np.abs(outcome).max(initial=0.0) < model.BEYOND_SENSE:
+        if not np.maximum.reduce(np.abs(outcome), axis=None, initial=0.0) < model.BEYOND_SENSE:
             insane = (np.abs(outcome) >= model.BEYOND_SENSE).any(axis=-1)
             self.flight.lose(uavs[insane], "diverged", "an answer beyond all bounds")
             uavs, outcome = uavs[~insane], outcome[~insane]
-        if not (awake := self._awake[uavs]).all():
+        if self._awake is not self._all and not (awake := self._awake[uavs]).all():
             uavs, outcome = uavs[awake], outcome[awake]
         self._commands[uavs] = outcome[:, : state.AXES]
         diagnostics[uavs] = outcome[:, state.AXES :]

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from channel.air import Air
 from swarm import codec, model
-from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Event, Finished, FrameKind, Telemetry
-from worldsim.flight import ARRIVED, Flight
+from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Event, Finished, FrameKind, Status, Telemetry
+from worldsim.flight import Flight
 from worldsim.ledger import Ledger
 
 Floats = NDArray[np.float64]
@@ -20,6 +20,9 @@ Floats = NDArray[np.float64]
 MAX_WAITING_BYTES = 64 * 2**20
 WINDOW_BLOCKS = 8
 STATE_LINKS_EVERY_TICKS = 10  # hjb uses N(N−1) links a tick; all their outages are kept, of the rest a sample
+
+_ARRIVED = bytes([Status.ARRIVED])
+_STATE = np.int32(FrameKind.STATE)  # a member of an enumeration is converted anew each time it is compared
 
 
 class Rows:
@@ -57,27 +60,27 @@ class Rows:
         self._diagnostics[k] = diagnostics
         self._status[k] = flight.status
         self._energy[k] = flight.energy
-        meter = air.meter
+        upload, broadcast, state, relay = bills = air.meter.traffic.values()  # by kind
         self._swarm[k] = (
-            meter.traffic[FrameKind.UPLOAD].payload_bits,
-            meter.traffic[FrameKind.RELAY].payload_bits,
-            meter.traffic[FrameKind.GLOBAL].payload_bits,
-            meter.traffic[FrameKind.STATE].payload_bits,
-            meter.total("delivered"),
-            meter.total("outages"),
-            meter.total("airtime_s"),
+            upload.payload_bits,
+            relay.payload_bits,
+            broadcast.payload_bits,
+            state.payload_bits,
+            sum([bill.delivered for bill in bills]),
+            sum([bill.outages for bill in bills]),
+            sum([bill.airtime_s for bill in bills]),
             flight.phi_a,
             flight.phi_c,
             flight.phi_c_distinct or 0.0,
             flight.collisions,
-            np.count_nonzero(flight.status == ARRIVED),
+            flight.status.tobytes().count(_ARRIVED),
             ledger.rounds,
             ledger.held,
             ledger.deadline_misses,
         )
         if len(links):
             if flight.tick % STATE_LINKS_EVERY_TICKS:
-                links = links[np.flatnonzero((links[:, 3] != FrameKind.STATE) | (links[:, 4] < 0))]
+                links = links.take(((links[:, 4] < 0) | (links[:, 3] != _STATE)).nonzero()[0], axis=0)
             self._links.append(links)
         self._events += flight.events
         flight.events = []
