@@ -38,8 +38,8 @@ class Chorus:
         self._heard, self._names = heard.astype("<i4").tobytes(), uavs.astype("<i4")
         came, said = (((count, state.SIZE), float_) for count in (len(heard), rows))
         self._kinds: defaultdict[int, list[tuple[Plain, Plain]]] = defaultdict(list)  # by the bytes of the Sense
-        for count in (len(links), len(links) - 1):
-            for report in (False, True) if count > 0 else ():
+        for count in (len(links), len(links) - 1) if rows > 1 else (len(links),) if everyone > 1 else ():
+            for report in (False, True):
                 senses = plain.choruses(run, rows, report, came, count)
                 self._kinds[senses.size].append((senses, plain.broadcasts(run, rows, report, said)))
 
@@ -50,18 +50,16 @@ class Chorus:
         """
         for senses, acts in self._kinds.get(len(raw) - plain.size_of(tick), ()):
             if (arrays := senses.decode(tick, raw)) is not None:
-                break
-        else:
-            return None
-        states, source, payload, links = arrays
-        if source.tobytes() != self._heard or (lost := self._lost(links)) is None:
-            return None
-        flat = known.reshape(-1, state.SIZE)
-        kept = flat[lost]
-        known[:, self._columns] = payload
-        flat[lost] = kept
-        flat[self._own] = states
-        return states, acts
+                states, source, payload, links = arrays
+                if source.tobytes() != self._heard or (lost := self._lost(links)) is None:
+                    return None
+                flat = known.reshape(-1, state.SIZE)
+                kept = flat[lost]
+                known[:, self._columns] = payload
+                flat[lost] = kept
+                flat[self._own] = states
+                return states, acts
+        return None
 
     def answer(self, acts: Plain, tick: int, outcome: Floats, said: NDArray[np.floating], minds: Minds) -> bytes:
         """The Act: outcome (M, 5), the states (M, 4) as they are broadcast, and the models where they are wanted."""

@@ -66,12 +66,13 @@ class Meter:
         if not (copies := len(links.pair)):
             return
         outages, slots = sent.outages, int(np.add.reduce(sent.slots))
+        longest = float(np.add.reduce(np.maximum.reduceat(sent.slots, links.first)))  # of each transmission, summed
         bill.sent += copies
         bill.delivered += copies - outages
         bill.outages += outages
         bill.slots += slots
         bill.delivered_slots += slots - outages * self.radio.latency_threshold_slots
-        bill.airtime_s += float(np.add.reduce(np.maximum.reduceat(sent.slots, links.first))) * self.radio.coherence_time_s
+        bill.airtime_s += longest * self.radio.coherence_time_s
         self._expect(bill, payload_bits, distance_m)
         if links is not self._last:
             self._enter()

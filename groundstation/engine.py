@@ -9,8 +9,12 @@ from swarm.bus import MemoryNetwork
 from swarm.messages import Join, Welcome
 from swarm.scenario import Scenario
 from swarm.spoke import Node, Spoke
-from worldsim.checkpoint import Resumption
-from worldsim.node import World
+from worldsim.checkpoint import EVERY_TICKS, Resumption
+from worldsim.node import BLOCK_ROWS, World
+
+# Of a block of telemetry: who records is called within a tick here, and that costs by the call. A small swarm flies so
+# many ticks in a few hundredths of a second, and no more are lost where it is killed than since the last checkpoint.
+_BLOCK_ROWS, _BLOCK_STATES = EVERY_TICKS, 2500
 
 
 class Engine:
@@ -36,7 +40,8 @@ class Engine:
         self._run = run
         self.network = network = MemoryNetwork()
         hub = network.endpoint()
-        self.world = World(scenario, hub, run, mode="in-process", realtime=realtime, resume=resume)
+        many = max(BLOCK_ROWS, min(_BLOCK_ROWS, _BLOCK_STATES // scenario.uavs))
+        self.world = World(scenario, hub, run, mode="in-process", realtime=realtime, resume=resume, block_rows=many)
         hub.handler = self.world.handle
         station_bus = network.endpoint()
         first_block = None if resume is None else resume.block + 1

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from groundstation import blueprint as look
+from groundstation.aside import Aside
 from groundstation.viewer import listening_address, open_viewer, repair, verify
 from swarm import state
 from swarm.clusters import Clusters
@@ -92,6 +93,7 @@ class Recorder:
         self._pending: list[Telemetry] = []
         self._pending_ticks = 0
         self._sent_at = time.monotonic()
+        self._aside = Aside("recorder")  # rerun does most of its part without holding Python up
         self._patience_s = FILE_WALL_S if serve is None else BATCH_WALL_S
         self._status: NDArray[np.uint8] = np.full(scenario.uavs, 255, dtype=np.uint8)  # none known yet
         self._round = np.zeros((0, 5), dtype=np.int32)  # links of the last one
@@ -120,13 +122,21 @@ class Recorder:
         self._pending.append(block)
         self._pending_ticks += len(block.states)
         if self._pending_ticks >= BATCH_TICKS or time.monotonic() - self._sent_at >= self._patience_s:
-            self.flush()
+            self._aside.do(self._send_blocks, self._taken())
 
     def flush(self) -> None:
-        """Sends what `write` still holds back."""
-        if self._stream is None or not self._pending:
-            return
+        """Sends what `write` still holds back, and waits until it is."""
+        self._aside.wait()
+        if self._stream is not None and self._pending:
+            self._send_blocks(self._taken())
+
+    def _taken(self) -> list[Telemetry]:
+        """What was held back, and is not any more."""
         blocks, self._pending, self._pending_ticks = self._pending, [], 0
+        self._sent_at = time.monotonic()
+        return blocks
+
+    def _send_blocks(self, blocks: list[Telemetry]) -> None:
         ticks = np.concatenate([block.first_tick + np.arange(len(block.states)) for block in blocks])
         states = np.concatenate([block.states for block in blocks])
         diagnostics = np.concatenate([block.diagnostics for block in blocks])
@@ -142,7 +152,6 @@ class Recorder:
             self._send_lanes(ticks, np.concatenate([block.status for block in blocks]))
         # The last, and with a value in every tick: where these are in a file, all before them is, see `recorded`.
         self._send_plots(ticks, states, diagnostics, swarm, np.concatenate([block.energy for block in blocks]))
-        self._sent_at = time.monotonic()
 
     def close(self) -> None:
         """Writes what is left and the file's footer, and stops serving. May be called again.
@@ -157,6 +166,7 @@ class Recorder:
         except RuntimeError as error:
             raise RunFailed(f"{self._path}: incomplete: {error}; is the disk full?") from error
         finally:
+            self._aside.close()
             stream, self._stream = self._stream, None
             if stream is not None:
                 stream.disconnect()

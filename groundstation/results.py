@@ -18,6 +18,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 from groundstation import durable
+from groundstation.aside import Aside
 from swarm import codec, scenario
 from swarm.errors import BadInput, MessageRejected, RunFailed
 from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Status, Telemetry
@@ -83,6 +84,7 @@ class RunFolder:
         self._flown, self._dt = flown, flown.dt
         self._over, self._resumed, self._full = False, past is not None, False
         self._last_tick = -1
+        self._aside = Aside("checkpoints")  # they wait for the disk
         self._schema = schema()
         spool = self.path / _SPOOL
         part = spool.with_suffix(".part")
@@ -117,6 +119,7 @@ class RunFolder:
             raise RunFailed(self._holds("no more is kept"))
         spooled, told = self._stream.tell(), os.fstat(self._events.fileno()).st_size
         try:
+            self._aside.look()  # where there was no room for a checkpoint, there is none for what comes
             self._append(block)
         except OSError as error:
             self._full = True
@@ -142,8 +145,11 @@ class RunFolder:
         if block.checkpoint:
             tick = block.first_tick + len(block.states) - 1
             kept = {"tick": tick, "block": block.block, "events_bytes": events_bytes, "body": block.checkpoint}
-            self._sync()  # a checkpoint goes on from these rows and events
-            durable.replace(self.path / CHECKPOINT, codec.encode_record(kept))
+            self._aside.do(self._keep, kept)
+
+    def _keep(self, checkpoint: dict[str, Any]) -> None:
+        self._sync()  # a checkpoint goes on from these rows and events
+        durable.replace(self.path / CHECKPOINT, codec.encode_record(checkpoint))
 
     def _holds(self, why: str) -> str:
         mend = f"make room, then `meanflock resume {self.path}`"
@@ -157,6 +163,7 @@ class RunFolder:
             RunFailed: there is no room for it.
         """
         try:
+            self._aside.wait()
             self._sync()
             durable.replace(self.path / SUMMARY, (json.dumps(summary, indent=1) + "\n").encode())
         except OSError as error:
@@ -181,10 +188,16 @@ class RunFolder:
             RunFailed: there is no room for the time series; its rows stay where they are.
         """
         try:
-            with suppress(OSError):  # the end of a stream is not needed to read it
-                self._spool.close()
-            with suppress(OSError):
-                self._stream.close()
+            try:
+                self._aside.close()
+            except OSError:
+                self._full = True  # no room for a checkpoint, none for the time series
+                raise
+            finally:
+                with suppress(OSError):  # the end of a stream is not needed to read it
+                    self._spool.close()
+                with suppress(OSError):
+                    self._stream.close()
             if failure is not None and issubclass(failure, BadInput) and not self._resumed:
                 shutil.rmtree(self.path)
             elif not self._full:  # where there is no room, the rows stay in the spool as after a kill

@@ -57,13 +57,15 @@ class World:
         refused: Counter[str] | None = None,
         resume: Resumption | None = None,
         checkpoint_every: int = checkpoint.EVERY_TICKS,
+        block_rows: int = BLOCK_ROWS,
         clock: Clock = time.monotonic,
     ) -> None:
         """`barrier_s`: how long a tick waits for a node before the node is lost. `realtime`: ticks follow the wall
         clock, this many times faster. `stations`: how many recording listeners must be there before the first tick.
         `rows_at_most`: UAVs one agent may hold. `refused`: what the router kept out, by reason. `mode` goes into the
         summary. `resume`: where to go on, instead of at tick 0. `checkpoint_every`: ticks, a multiple of
-        ten; 0 for never. `clock`: seconds, monotonic.
+        ten; 0 for never. `block_rows`: of a block of telemetry, as long as ticks do not follow the wall clock.
+        `clock`: seconds, monotonic.
 
         Raises:
             BadInput: what is to be resumed is of another scenario, or incomplete.
@@ -77,7 +79,7 @@ class World:
         self._script = Script(scenario)
         self.flight = Flight(scenario)
         self.air = Air(scenario)
-        self._rows = Rows(self._fingerprint, scenario.uavs, BLOCK_ROWS if realtime is None else 2)
+        self._rows = Rows(self._fingerprint, scenario.uavs, block_rows if realtime is None else 2)
         self._outbox = Outbox()
         self._ledger = Ledger(refused)
         self._ticks = Durations()

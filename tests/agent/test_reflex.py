@@ -216,9 +216,8 @@ def test_a_head_relays_in_a_tick_that_brings_it_nothing() -> None:
     assert relays == 9
 
 
-@pytest.mark.parametrize("method", [Method.HJB, Method.OFFLINE])
-def test_methods_that_do_more_than_learn_have_no_reflex(method: Method) -> None:
-    assert agent(flown(method)).reflex(codec.encode(sense(1)), 1) is None
+def test_a_program_has_no_reflex() -> None:
+    assert agent(flown(Method.OFFLINE)).reflex(codec.encode(sense(1)), 1) is None
 
 
 def test_a_reflex_needs_the_kernel(monkeypatch: pytest.MonkeyPatch) -> None:

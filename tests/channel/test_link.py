@@ -10,7 +10,7 @@ import pytest
 
 from channel import theory
 from channel.fading import Fading
-from channel.link import bits_per_slot, slots_needed, transmit
+from channel.link import bits_per_slot, slots_needed, squared_threshold, transmit
 from channel.rician import squared_amplitude
 from swarm.scenario import Radio, load
 
@@ -192,3 +192,18 @@ def test_the_same_generator_gives_the_same_fading_and_no_links_are_no_work() -> 
     nothing = transmit(given, Fading(draw, given), np.zeros(0), 7872)
     assert nothing.slots.shape == nothing.delivered.shape == (0,)
     np.testing.assert_array_equal(draw.random(3), np.random.default_rng(6).random(3))
+
+
+@pytest.mark.parametrize("settings", [(), ("latency_threshold_slots=1",), ("target_snr_db=78", "rice_xi=1.0")])
+@pytest.mark.parametrize("links", [0, 1, 600, 9000])
+def test_a_short_message_takes_the_slots_it_takes_one_by_one(settings: tuple[str, ...], links: int) -> None:
+    given = radio(*settings)
+    for_one, for_all = (Fading(np.random.default_rng(11), given) for _ in range(2))
+    threshold, busy, slots = squared_threshold(given, np.ones(1))[0], np.arange(links), np.zeros(links, dtype=int)
+    for slot in range(1, given.latency_threshold_slots + 1):
+        slots[busy] = slot
+        busy = busy[for_one.squared(len(busy)) < threshold]
+    sent = transmit(given, for_all, np.ones(links), 1)
+    np.testing.assert_array_equal(sent.slots, slots)
+    np.testing.assert_array_equal(np.flatnonzero(~sent.delivered), busy)
+    assert for_all.snapshot() == for_one.snapshot()

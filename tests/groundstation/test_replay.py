@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from groundstation import blueprint as look
+from groundstation import engine
 from groundstation.recording import Recorded, Recorder, recorded
 from groundstation.replay import complete, missing
 from groundstation.results import EVENTS, RunFolder, past, recover
@@ -27,7 +28,9 @@ FLOWN = scenario(
 
 @pytest.fixture(scope="module")
 def blocks() -> list[Telemetry]:
-    lab = Lab(FLOWN)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(engine, "_BLOCK_ROWS", 20)
+        lab = Lab(FLOWN)
     lab.fly()
     return lab.told.blocks
 
