@@ -42,6 +42,7 @@ def flight(out: Path, flown: Scenario, dies_at: int | None = None, rows: int | N
     engine = Engine(flown, "run", sinks=[folder], uavs_per_node=rows)
     for tick in engine.fly():
         if tick == dies_at:
+            folder._aside.wait()  # a checkpoint is written beside the flight
             folder._spool = folder._stream = None  # type: ignore[assignment]  # as after kill -9: nothing is completed
             folder._events.close()
             raise Died
@@ -140,6 +141,7 @@ def test_a_run_can_die_and_be_resumed_again_and_again(tmp_path: Path) -> None:
         for tick in engine.fly():
             if tick == dies_at:
                 break
+        again._aside.wait()
         again._spool = again._stream = None  # type: ignore[assignment]
         again._events.close()
     assert back(folder).start.tick == 301
@@ -148,7 +150,10 @@ def test_a_run_can_die_and_be_resumed_again_and_again(tmp_path: Path) -> None:
     assert [e["tick"] for e in events(folder) if e["kind"] == "resumed"] == [101, 201, 301]
 
 
-def test_a_spool_cut_off_in_the_middle_of_a_block_is_resumed_all_the_same(tmp_path: Path) -> None:
+def test_a_spool_cut_off_in_the_middle_of_a_block_is_resumed_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("groundstation.engine._BLOCK_ROWS", 20)  # so that there are some since the checkpoint
     flown = scenario(LATER)
     expected = flight(tmp_path / "whole", flown)
     folder = dead(tmp_path / "dead", flown, 250)

@@ -78,6 +78,7 @@ def test_a_folder_taken_up_again_holds_every_row_and_event_once(orderly: bool, t
                 with folder:
                     pass
             else:
+                folder._aside.wait()
                 folder._events.write(b'{"half')
                 folder._events.close()
                 folder._spool = folder._stream = None  # type: ignore[assignment]

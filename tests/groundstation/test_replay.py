@@ -40,6 +40,7 @@ def kept(out: Path, blocks: list[Telemetry]) -> Path:
     folder = RunFolder(out, "run", FLOWN)
     for block in blocks:
         folder.write(block)
+    folder._aside.wait()
     folder._spool = folder._stream = None  # type: ignore[assignment]
     folder._events.close()
     return folder.path
