@@ -19,7 +19,7 @@ from swarm.errors import BadInput, RunFailed
 from tests.faults.conftest import Lab, Processes, scenario, spool_bytes
 from tests.polling import DEADLINE_S, until
 
-FULL_BYTES = 200 * 1024
+FULL_BYTES = 320 * 1024
 SETTINGS = ("uavs=4", "seed=7", "stop=duration", "duration=80", "federation.period=40")
 WORDS = ("No space left on device", "File too large")
 
