@@ -58,12 +58,14 @@ class Reflex:
 
     def upload(self, raw: bytes, tick: int, said: Frames, minds: Minds) -> tuple[Minds, bytes] | None:
         """The same where the Act uploads that."""
-        layout, acts = (said.payload.shape, said.payload.dtype), []
-        for report in (False, True):
-            uploads = plain.uploads(self._run, self._rows, report, layout)
+        layout = said.payload.shape, said.payload.dtype
+        for report, senses in enumerate(self._senses):  # those that want a report are few
+            uploads = plain.uploads(self._run, self._rows, bool(report), layout)
             before, between, source, sent, rest, *end = uploads.pieces(said.round)
-            acts.append((before, between, source + said.source.tobytes() + sent + said.payload.tobytes() + rest, *end))
-        return self._once(raw, tick, tuple(zip(self._senses, acts, strict=True)), minds, minds)
+            act = before, between, source + said.source.tobytes() + sent + said.payload.tobytes() + rest, *end
+            if answered := self._once(raw, tick, ((senses, act),), minds, minds):
+                return answered
+        return None
 
     def hear(self, raw: bytes, tick: int, number: int, minds: Minds) -> tuple[Minds, bytes] | None:
         """The same for a Sense that brings the global model of a round to every row, and nothing else."""

@@ -1,16 +1,19 @@
 """The main job: agents as processes of their own over Zenoh, learning and recorded."""
 
+import itertools
+
 from benchmarks import sizes
 from benchmarks.figure import Effort, Figure, Outcome, Say, per_call_ms
 from benchmarks.lockstep_floor import FloorWorld
 from benchmarks.processes import Children, meanflock
+from worldsim.node import REPORT_EVERY_TICKS
 
 TITLE = "The swarm of processes"
 ABOUT = (
     "`meanflock run`: leader, world, ground station and one process a UAV, learning, metering and recording. Start-up "
     "is excluded, everything between first and last tick is not. The floor is a bare Zenoh lockstep of as many "
-    "processes, forked from one as agents are, with the same session settings and messages of the same size, but no "
-    "codec, learning, physics or recording."
+    "processes, forked from one as agents are, with the same session settings and messages of the same size, the models "
+    "that are reported every tenth tick among them, but no codec, learning, physics or recording."
 )
 SIM_TICK_S = 0.1
 TARGETS = {25: (15.0, 25.0), 64: (4.0, 8.0)}  # times real time: target, stretch
@@ -54,15 +57,19 @@ def run(effort: Effort, say: Say) -> Outcome:
 def floor_tick_ms(clients: int, ticks: int) -> float:
     """Mean time of a bare lockstep tick, ms."""
     names = [f"agent-{number}" for number in range(clients)]
-    asked = {name: (sizes.of(sizes.sense()), sizes.of(sizes.act())) for name in names}
+    asked, reported = (
+        {name: (sizes.of(sizes.sense()), sizes.of(sizes.act(report=report))) for name in names}
+        for report in (False, True)
+    )
+    kinds = itertools.cycle([reported] + [asked] * (REPORT_EVERY_TICKS - 1))
     with Children("floor") as children:
         world = FloorWorld(children.endpoint, children.run, names)
         try:
             children.start("benchmarks.lockstep_floor", "--count", str(clients))
             world.gather()
             for _ in range(20):
-                world.tick(asked)
-            return per_call_ms(lambda: world.tick(asked), ticks)
+                world.tick(next(kinds))
+            return per_call_ms(lambda: world.tick(next(kinds)), ticks)
         finally:
             world.close()
             children.wait(2.0)

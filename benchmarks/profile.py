@@ -53,7 +53,7 @@ WORLD: list[Part] = [
     ("worldsim.node:World._tick", "world, the rest of the tick"),
     ("worldsim.node:World._ask", "address and fill inboxes"),
     ("worldsim.barrier:Barrier.ask", "address and fill inboxes"),
-    ("worldsim.barrier:Barrier.ask_plainly", "address and fill inboxes"),
+    ("worldsim.barrier:Barrier.ask_all", "address and fill inboxes"),
     ("worldsim.waiting:Waiting.for_answers", "barrier, the loop"),
     ("worldsim.door:Door.handle", "take in answers: dispatch"),
     ("worldsim.barrier:Barrier.hear", "take in answers: dispatch"),

@@ -18,9 +18,10 @@ def sense(inbox: tuple[Frames, ...] = ()) -> Sense:
     return Sense(RUN, TICK, np.full((1, state.SIZE), 1.5), False, inbox)
 
 
-def act(outbox: tuple[Frames, ...] = ()) -> Act:
-    """What one UAV answers."""
-    return Act(RUN, TICK, np.full((1, OUTCOME_FLOATS), 1.5), outbox=outbox)
+def act(outbox: tuple[Frames, ...] = (), report: bool = False) -> Act:
+    """What one UAV answers; with its whole model in a tick in which that is reported."""
+    models = np.full((1, model.MODEL_FLOATS), 1.5) if report else None
+    return Act(RUN, TICK, np.full((1, OUTCOME_FLOATS), 1.5), outbox=outbox, report=models)
 
 
 def upload(method: Method, rows: int = 1) -> Frames:

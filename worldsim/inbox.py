@@ -1,6 +1,6 @@
 """What reaches a node: the part of the delivered frames that is for it, and what an averager needs of an open round."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -10,23 +10,36 @@ from swarm.ascending import contains
 from swarm.messages import FrameKind, Frames
 from worldsim.members import Member
 
-AVERAGED = (FrameKind.UPLOAD, FrameKind.RELAY)  # these are kept until they are
+_AVERAGED = (FrameKind.UPLOAD, FrameKind.RELAY)  # these are kept until they are
 
 
-def of_agent(member: Member, due: Iterable[Frames], awake: NDArray[np.bool_]) -> Iterator[Frames]:
-    """The links of an agent's UAVs that are `awake` (N,), and the payloads they need."""
-    everyone = len(member.uavs) == len(awake) and bool(awake.all())
-    for batch in due:
+def of_agents(due: Iterable[Frames], awake: NDArray[np.bool_]) -> list[Frames]:
+    """What is not kept for who averages, over links to UAVs that are `awake` (N,)."""
+    heard = [batch for batch in due if batch.kind not in _AVERAGED and batch.links is not None]
+    if heard and not awake.all():
+        heard = [only(batch, batch.links[awake[batch.links[:, 1]]]) for batch in heard if batch.links is not None]
+    return [batch for batch in heard if batch.links is not None and len(batch.links)]
+
+
+def only_a_model(heard: list[Frames]) -> Frames | None:
+    """The one batch among these, if it is a global model, to UAVs in ascending order."""
+    if len(heard) != 1 or heard[0].kind != FrameKind.GLOBAL or heard[0].links is None or len(heard[0].source) != 1:
+        return None
+    targets = heard[0].links[:, 1]
+    return heard[0] if np.logical_and.reduce(targets[1:] > targets[:-1]) else None
+
+
+def of_agent(member: Member, heard: Iterable[Frames], uavs: int) -> tuple[Frames, ...]:
+    """Of what was heard by `uavs` UAVs, the links to an agent's, and the payloads they need."""
+    own = []
+    for batch in heard:
         assert batch.links is not None
-        if batch.kind in AVERAGED:
-            continue
-        links = batch.links
-        if len(member.uavs) == 1:  # awake, or it would not be asked
-            links = links[links[:, 1] == member.uavs[0]]
-        elif not everyone:
-            links = links[contains(member.uavs, links[:, 1]) & awake[links[:, 1]]]
+        links, targets = batch.links, batch.links[:, 1]
+        if member.rows < uavs:
+            links = links[targets == member.uavs[0] if member.rows == 1 else contains(member.uavs, targets)]
         if len(links):
-            yield only(batch, links)
+            own.append(only(batch, links))
+    return tuple(own)
 
 
 class Uploads:

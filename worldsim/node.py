@@ -235,12 +235,14 @@ class World:
         asked = [member for member in self._members.present if member.role != LEADER and member.ready]
         if self._awake is not self._all and not self._awake.all():
             asked = [member for member in asked if self._awake[member.uavs].any()]
-        if not (due or self._heads.told or whole):
-            self._barrier.ask_plainly(asked, self.flight.states)
+        heard = inbox.of_agents(due, self._awake)
+        brought = inbox.only_a_model(heard)
+        if not (whole or self._heads.told) and (brought is not None or not heard):
+            self._barrier.ask_all(asked, self.flight.states, brought)
             return
         for member in asked:
-            heard = *inbox.of_agent(member, due, self._awake), *self._heads.read(member)
-            self._barrier.ask(member, self.flight.states[member.place], heard, whole)
+            own = inbox.of_agent(member, heard, self._scenario.uavs) + self._heads.read(member)
+            self._barrier.ask(member, self.flight.states[member.place], own, whole)
 
     def _ask_leader(self) -> None:
         """Asks the elected leader, if a round is open; again if another is elected before the tick is over."""

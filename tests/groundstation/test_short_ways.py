@@ -9,10 +9,11 @@ from agent.node import Agent
 from groundstation.engine import Engine
 from swarm import codec, plain
 from swarm.bus import MemoryBus
+from swarm.messages import Frames
 from swarm.methods import Method
 from swarm.scenario import load
 from swarm.state import States
-from worldsim import inbound
+from worldsim import inbound, inbox
 from worldsim.barrier import Barrier
 from worldsim.members import Member
 
@@ -28,9 +29,10 @@ FAULTS = """faults=[{kind="kill", tick=20, uavs=[2]}, {kind="partition", tick=25
     {kind="leader-loss", tick=50}]""".replace("\n", " ")
 
 
-def one_by_one(barrier: Barrier, members: list[Member], states: States) -> None:
+def one_by_one(barrier: Barrier, members: list[Member], states: States, brought: Frames | None = None) -> None:
+    heard = [] if brought is None else [brought]
     for member in members:
-        barrier.ask(member, states[member.place])
+        barrier.ask(member, states[member.place], inbox.of_agent(member, heard, len(states)))
 
 
 def fly(monkeypatch: pytest.MonkeyPatch, settings: tuple[str, ...], method: str, rows: int, *, short: bool) -> Any:
@@ -55,7 +57,7 @@ def fly(monkeypatch: pytest.MonkeyPatch, settings: tuple[str, ...], method: str,
         patch.setattr(Agent, "reflex", counted)
         if not short:
             patch.setattr(plain, "encode", codec.encode)
-            patch.setattr(Barrier, "ask_plainly", one_by_one)
+            patch.setattr(Barrier, "ask_all", one_by_one)
             for short_way in ("hear", "overhear"):
                 patch.setattr(Barrier, short_way, lambda *_: False)
             patch.setattr(inbound, "upload", lambda *_: None)

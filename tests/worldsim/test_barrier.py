@@ -55,7 +55,7 @@ def test_a_question_is_what_the_codec_writes(reporting: bool, heard: tuple[Frame
 @pytest.mark.parametrize("uavs", [[0], [1, 2], [0, 2]])  # the last are not side by side
 def test_plain_questions_are_what_the_codec_writes(reporting: bool, uavs: list[int]) -> None:
     stand, states = Stand(reporting), np.arange(12.0).reshape(3, 4)
-    stand.barrier.ask_plainly([Member("agent-0", "agent", np.array(uavs))], states)
+    stand.barrier.ask_all([Member("agent-0", "agent", np.array(uavs))], states)
     delivery = stand.agent.receive(0.0)
     assert delivery is not None
     assert delivery.payload == codec.encode(Sense(FINGERPRINT, TICK, states[uavs], reporting))
@@ -151,7 +151,7 @@ def test_the_last_answer_is_left_to_who_waits() -> None:
     stand.asked()
     raw = codec.encode(Act(FINGERPRINT, TICK, OUTCOME))
     assert not stand.barrier.overhear(KEY, raw)
-    stand.barrier.ask_plainly([Member("agent-2", "agent", np.array([0, 1]))], STATES)
+    stand.barrier.ask_all([Member("agent-2", "agent", np.array([0, 1]))], STATES)
     assert not stand.barrier.overhear(KEY, codec.encode(Act(FINGERPRINT, TICK - 1, OUTCOME)))
     assert stand.barrier.overhear(KEY, raw)
     assert stand.barrier.missing == ["agent-2"]
@@ -182,7 +182,7 @@ def test_whoever_waits_wakes_however_answers_come_in_two_threads() -> None:
     try:
         for tick in range(300):
             barrier.open(tick, reporting=False)
-            barrier.ask_plainly(crowd, np.zeros((12, 4)))
+            barrier.ask_all(crowd, np.zeros((12, 4)))
             asked.put(tick)
             while not barrier.complete:
                 assert barrier.hear(*waiting.get(timeout=DEADLINE_S))
