@@ -12,8 +12,8 @@ TITLE = "The swarm of processes"
 ABOUT = (
     "`meanflock run`: leader, world, ground station and one process a UAV, learning, metering and recording. Start-up "
     "is excluded, everything between first and last tick is not. The floor is a bare Zenoh lockstep of as many "
-    "processes, forked from one as agents are, with the same session settings and messages of the same size, the models "
-    "that are reported every tenth tick among them, but no codec, learning, physics or recording."
+    "processes, forked from one as agents are, with the same session settings and messages of the same size, reported "
+    "models among them, but no codec, learning, physics or recording."
 )
 SIM_TICK_S = 0.1
 TARGETS = {25: (15.0, 25.0), 64: (4.0, 8.0)}  # times real time: target, stretch
