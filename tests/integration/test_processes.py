@@ -1,6 +1,7 @@
 """The real thing: processes over Zenoh, started, flown, interrupted and killed."""
 
 import json
+import os
 import signal
 import sys
 from collections import Counter
@@ -186,6 +187,7 @@ def test_a_forked_agent_that_is_killed_ends_the_run_with_its_name(command: Comma
     (first,) = (p for p in agents if p.children())
     assert len(agents) == 5
     assert sorted(agents, key=lambda p: p.pid)[1:] == sorted(first.children(), key=lambda p: p.pid)
+    assert {os.sched_getscheduler(p.pid) for p in first.children()} == {os.SCHED_BATCH}
     first.children()[2].kill()
     _, err = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 1
