@@ -9,6 +9,7 @@ from swarm import codec, keys, scenario
 from swarm.bus import Bus, Delivery
 from swarm.errors import MessageRejected
 from swarm.messages import Act, Join, Ready, Received, Refusal, Stop, Welcome
+from swarm.methods import Method
 from swarm.rounds import Rounds
 from swarm.scenario import Scenario
 from worldsim import inbound
@@ -126,7 +127,7 @@ class Door:
             self._stop(name, "lost: nobody waits for this node any more")
             raise MessageRejected("unknown-node", f"{name}, which was lost")
         try:
-            if (act := self._upload(raw, member)) is None:
+            if (act := self._plainly_said(raw, member)) is None:
                 message = codec.decode(raw, inbound.limit(len(member.uavs), self._scenario))
                 if isinstance(message, Ready) and message.run == self._fingerprint:
                     self._welcome(member)
@@ -138,9 +139,11 @@ class Door:
             if error.reason not in _OF_REPEATS or not self._barrier.is_repeat(name):
                 raise
 
-    def _upload(self, raw: bytes, member: Member) -> Act | None:
-        """What a sound node says in a tick in which it uploads its model, told by its bytes."""
+    def _plainly_said(self, raw: bytes, member: Member) -> Act | None:
+        """What a sound node says in a tick in which it uploads its model, or in any of hjb, told by its bytes."""
         tick, is_reporting = self._flight.tick, self._barrier.reporting
+        if self._scenario.method is Method.HJB:
+            return inbound.broadcast(raw, self._fingerprint, tick, member, self._float, is_reporting)
         if not (number := self._rounds.opens(tick)):
             return None
         return inbound.upload(raw, self._fingerprint, tick, number, member, self._scenario, is_reporting)

@@ -47,6 +47,21 @@ def upload(
     return Act(run, tick, outcome, outbox=outbox, report=models[0] if reporting else None)
 
 
+def broadcast(raw: bytes, run: int, tick: int, member: Member, float_: np.dtype, reporting: bool) -> Act | None:
+    """The Act of that tick of a node that says where all of its UAVs are, in floats of that kind, and reports its
+    models or not; as `upload`, None for whatever else this is.
+    """
+    rows = member.rows
+    if not rows:
+        return None
+    arrays = plain.broadcasts(run, rows, reporting, ((rows, state.SIZE), float_)).decode(tick, raw)
+    if arrays is None or arrays[1].tobytes() != member.names:
+        return None
+    outcome, source, said, *models = arrays
+    outbox = (Frames(FrameKind.STATE, 0, source, said),)
+    return Act(run, tick, outcome, outbox=outbox, report=models[0] if reporting else None)
+
+
 def check(message: Message, run: int, tick: int, member: Member, scenario: Scenario, float_: np.dtype) -> Act:
     """`message` itself, if it is an Act of this run, this tick and this node.
 
