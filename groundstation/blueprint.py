@@ -13,6 +13,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from swarm.clusters import Clusters
 from swarm.messages import Status
 from swarm.model import VALUE_FEATURES
 from swarm.scenario import Scenario
@@ -121,6 +122,15 @@ def phi_g_colors(phi_g: NDArray[np.float32]) -> NDArray[np.uint32]:
 def lane(uav: int, status: Status) -> str:
     """What a UAV's lane reads in a state; the number is in it because lanes have no names."""
     return f"UAV {uav}: {status.name.lower()}"
+
+
+def graph(flown: Scenario) -> tuple[list[str], NDArray[np.float64]]:
+    """Names of the UAVs in the graph of a round, and where they are, (N, 2)."""
+    angle = np.arange(flown.uavs) * (2 * math.pi / flown.uavs)
+    places = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * max(80.0, 9.0 * flown.uavs)
+    places[Clusters(flown).heads] *= 0.5  # of clusters, between their UAVs and the leader
+    places[flown.federation.leader] = 0.0
+    return [str(uav) for uav in range(flown.uavs)], places
 
 
 def log_static(stream: rr.RecordingStream, scenario: Scenario) -> None:

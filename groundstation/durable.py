@@ -3,6 +3,8 @@
 import os
 from pathlib import Path
 
+from swarm.errors import BadInput
+
 
 def replace(path: Path, content: bytes | memoryview) -> None:
     """Writes `content` beside `path` and puts it in the place of what was there, when it is on the disk."""
@@ -44,3 +46,15 @@ def sync_folder(folder: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def check_writable(path: Path) -> None:
+    """Says that a file cannot be written before somebody works for it.
+
+    Raises:
+        BadInput: it cannot.
+    """
+    try:
+        path.open("ab").close()
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}; give a file in a folder that can be written") from error

@@ -21,11 +21,10 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from groundstation import blueprint as look
-from groundstation.aside import Aside
+from groundstation import durable
 from groundstation.viewer import listening_address, open_viewer, repair, verify
 from swarm import state
-from swarm.clusters import Clusters
-from swarm.errors import BadInput, RunFailed
+from swarm.errors import RunFailed
 from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
 from swarm.model import VALUE_FEATURES
 from swarm.scenario import Scenario
@@ -45,6 +44,10 @@ _LEVELS = {"outage": "WARN", "dropped": "WARN", "collision": "ERROR", "lost": "E
 _LEVEL_COLORS = {"INFO": look.WHITE, "WARN": look.ORANGE, "ERROR": look.RED}
 _COLUMN = {name: index for index, name in enumerate(SWARM_COLUMNS)}
 _DIAGNOSTIC = {name: index for index, name in enumerate(DIAGNOSTICS)}
+_SCALARS = rr.Scalars.descriptor_scalars()
+_POINTS, _COLORS = rr.Points2D.descriptor_positions(), rr.Points2D.descriptor_colors()
+_VECTORS, _ORIGINS = rr.Arrows2D.descriptor_vectors(), rr.Arrows2D.descriptor_origins()
+_STRIPS, _STRIP_COLORS = rr.LineStrips2D.descriptor_strips(), rr.LineStrips2D.descriptor_colors()
 _CORNERS = np.arange(11) * (math.pi / 5) + math.pi / 2
 _STAR = np.stack([np.cos(_CORNERS), np.sin(_CORNERS)], axis=-1) * np.where(np.arange(11) % 2, 0.4, 1.0)[:, None]
 
@@ -82,7 +85,7 @@ class Recorder:
             self.live_url = f"rerun+http://{f'[{host}]' if ':' in host else host}:{port}/proxy"
             sinks.append(rr.GrpcServerSink(bind_ip=host, port=port, server_memory_limit=memory_limit))
         if path is not None:
-            check_writable(path)
+            durable.check_writable(path)
             sinks.append(rr.FileSink(path))
         if not sinks:
             raise ValueError("a recorder needs a file, an address to serve on, or both")
@@ -93,12 +96,12 @@ class Recorder:
         self._pending: list[Telemetry] = []
         self._pending_ticks = 0
         self._sent_at = time.monotonic()
-        self._aside = Aside("recorder")  # rerun does most of its part without holding Python up
         self._patience_s = FILE_WALL_S if serve is None else BATCH_WALL_S
         self._status: NDArray[np.uint8] = np.full(scenario.uavs, 255, dtype=np.uint8)  # none known yet
         self._round = np.zeros((0, 5), dtype=np.int32)  # links of the last one
         self._trail_start: Floats = np.empty((0, scenario.uavs, 2), dtype=np.float32)  # not yet in a piece
 
+        self._graph = look.graph(scenario)
         self._index_of: Ticks = np.empty(0, dtype=np.int64)
         self._index: tuple[rr.TimeColumn, ...] = ()
         self._stream: rr.RecordingStream | None = rr.RecordingStream(APPLICATION, recording_id=run_id)
@@ -122,11 +125,10 @@ class Recorder:
         self._pending.append(block)
         self._pending_ticks += len(block.states)
         if self._pending_ticks >= BATCH_TICKS or time.monotonic() - self._sent_at >= self._patience_s:
-            self._aside.do(self._send_blocks, self._taken())
+            self._send_blocks(self._taken())
 
     def flush(self) -> None:
-        """Sends what `write` still holds back, and waits until it is."""
-        self._aside.wait()
+        """Sends what `write` still holds back."""
         if self._stream is not None and self._pending:
             self._send_blocks(self._taken())
 
@@ -166,7 +168,6 @@ class Recorder:
         except RuntimeError as error:
             raise RunFailed(f"{self._path}: incomplete: {error}; is the disk full?") from error
         finally:
-            self._aside.close()
             stream, self._stream = self._stream, None
             if stream is not None:
                 stream.disconnect()
@@ -182,21 +183,22 @@ class Recorder:
     def _send_scalars(self, plot: str, ticks: Ticks, values: NDArray[Any]) -> None:
         """Sends the lines of a plot, `values` being (R,) or (R, lines)."""
         if len(ticks):
-            self._send(plot, ticks, rr.Scalars.columns(scalars=values))
+            scalars = rr.components.ScalarBatch(values.reshape(-1))
+            self._send(plot, ticks, _cut(len(ticks), (_SCALARS, scalars)))
 
     def _send_map(self, ticks: Ticks, positions: Floats, states: state.States, phi_g: Floats) -> None:
         """UAVs, velocities and the leader's frame at every tick, and the pieces of trail now complete."""
         colors = look.phi_g_colors(phi_g)
-        kept = ticks % LARGE_SWARM_STRIDE == 0 if self._large else np.full(len(ticks), True)
-        if kept.any():
-            rows, points = ticks if kept.all() else ticks[kept], positions[kept]
-            counts = np.full(len(rows), self._scenario.uavs)
-            points_flat = points.reshape(-1, 2)
-            arrows = (states[kept][..., state.VELOCITY] * look.ARROW_S).astype(np.float32).reshape(-1, 2)
-            uavs = rr.Points2D.columns(positions=points_flat, colors=colors[kept].reshape(-1))
-            velocity = rr.Arrows2D.columns(origins=points_flat, vectors=arrows)
-            self._send(look.UAVS, rows, uavs.partition(counts))
-            self._send(look.VELOCITY, rows, velocity.partition(counts))
+        kept = (ticks % LARGE_SWARM_STRIDE == 0).nonzero()[0] if self._large else slice(None)
+        if len(rows := ticks[kept]):
+            rows = ticks if len(rows) == len(ticks) else rows
+            points = positions[kept]
+            arrows = (states[kept][..., state.VELOCITY] * look.ARROW_S).astype(np.float32)
+            places = rr.components.Position2DBatch(points.reshape(-1, 2))
+            costs = rr.components.ColorBatch(colors[kept].reshape(-1))
+            vectors = rr.components.Vector2DBatch(arrows.reshape(-1, 2))
+            self._send(look.UAVS, rows, _cut(len(rows), (_POINTS, places), (_COLORS, costs)))
+            self._send(look.VELOCITY, rows, _cut(len(rows), (_VECTORS, vectors), (_ORIGINS, places)))
             leader = points[:, self._scenario.federation.leader]
             frame = np.concatenate([leader, np.zeros_like(leader[:, :1])], axis=-1)
             self._send(look.LEADER, rows, rr.Transform3D.columns(translation=frame))
@@ -212,10 +214,10 @@ class Recorder:
                 steps = steps[[0, -1]]
             strips = path[ends[:, None] - self._trail_ticks + steps].swapaxes(1, 2)  # (pieces, N, points, 2)
             strips = strips.reshape(-1, *strips.shape[2:])
+            lines = rr.components.LineStrip2DBatch(_strips(strips))
             shades = (colors[ends - begun].reshape(-1) & ~np.uint32(0xFF)) | np.uint32(0x80)  # the dots stand out
-            columns = rr.LineStrips2D.columns(strips=_strips(strips), colors=shades)
-            counts = np.full(pieces, self._scenario.uavs)
-            self._send(look.TRAILS, ticks[ends - begun], columns.partition(counts))
+            parts = (_STRIPS, lines), (_STRIP_COLORS, rr.components.ColorBatch(shades))
+            self._send(look.TRAILS, ticks[ends - begun], _cut(pieces, *parts))
 
     def _send_links(self, ticks: Ticks, positions: Floats, links: NDArray[np.int32]) -> None:
         """A line from source to target for every transmission, green where delivered, red where in outage."""
@@ -250,12 +252,8 @@ class Recorder:
         colors = np.full(uavs, look.GREY, dtype=np.uint32)
         colors[sent[:, 1]] = np.where(sent[:, 4] < 0, look.RED, look.GREEN)
         colors[leader] = look.WHITE
-        angle = np.arange(uavs) * (2 * math.pi / uavs)
-        places = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * max(80.0, 9.0 * uavs)
-        places[Clusters(self._scenario).heads] *= 0.5  # of clusters, between their UAVs and the leader
-        places[leader] = 0.0
-        names = [str(uav) for uav in range(uavs)]
-        heard = [(str(source), str(target)) for _, source, target, _, slots in sent if slots >= 0 and source != target]
+        names, places = self._graph
+        heard = [(names[i], names[j]) for _, i, j, _, slots in sent.tolist() if slots >= 0 and i != j]
         nodes = rr.GraphNodes.columns(node_ids=names, labels=names, positions=places, colors=colors)
         edges = rr.GraphEdges.columns(edges=heard)
         self._send(look.ROUND, at, nodes.partition([uavs]), edges.partition([len(heard)]))
@@ -356,6 +354,17 @@ def line(event: Event) -> str:
     return event.text if event.kind in event.text else f"{event.kind}: {event.text}"
 
 
+def _cut(rows: int, *parts: tuple[rr.ComponentDescriptor, rr.ComponentBatchLike]) -> list[rr.ComponentColumn]:
+    """Columns of so many rows, each with an equal share of all values. Those of rerun's archetypes are cut one by one
+    first, and then anew: that takes longer than to send them."""
+    columns = []
+    for descriptor, batch in parts:
+        values = len(batch.as_arrow_array())
+        offsets = np.arange(0, values + 1, values // rows, dtype=np.int32)
+        columns.append(rr.ComponentColumn(descriptor, batch, offsets=offsets))
+    return columns
+
+
 def _strips(points: Floats) -> pa.ListArray:
     """Lines of P points each, (K, P, 2), in the form rerun has them; from an array it makes them one by one."""
     kind = rr.components.LineStrip2DBatch._ARROW_DATATYPE
@@ -383,15 +392,3 @@ def _log_range(values: Floats) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     mean = size.sum(axis=1) / some.sum(axis=1)
     lines: NDArray[np.float64] = np.log10(np.stack([size.max(axis=1), mean], axis=-1))
     return known, lines
-
-
-def check_writable(path: Path) -> None:
-    """Says that a file cannot be written before somebody works for it.
-
-    Raises:
-        BadInput: it cannot.
-    """
-    try:
-        path.open("ab").close()
-    except OSError as error:
-        raise BadInput(f"{path}: {error.strerror}; give a file in a folder that can be written") from error

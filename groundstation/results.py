@@ -349,24 +349,26 @@ def to_toml(flown: Scenario) -> str:
 
 def _batch(block: Telemetry, dt: float, columns: pa.Schema) -> pa.RecordBatch:
     rows, uavs, _ = block.states.shape
-    ticks = block.first_tick + np.arange(rows)
+    ticks = np.arange(block.first_tick, block.first_tick + rows, dtype=np.int32)
+
+    def lists(values: np.ndarray) -> list[pa.Array]:
+        """Columns of lists, of values (T, N, columns)."""
+        each = np.moveaxis(values, -1, 0).reshape(values.shape[-1], -1)  # one copy for all of them
+        return [pa.ListArray.from_arrays(offsets, column) for column in each]
+
     offsets = pa.array(np.arange(0, rows * uavs + 1, uavs, dtype=np.int32))
-
-    def lists(values: np.ndarray) -> pa.Array:
-        return pa.ListArray.from_arrays(offsets, values.ravel())
-
-    swarm = pa.array(block.swarm.T.ravel())
-    per_uav = [block.states[..., k] for k in range(4)]
-    per_uav += [block.accelerations[..., k] for k in range(2)]
-    per_uav += [block.energy, *(block.diagnostics[..., k] for k in range(len(DIAGNOSTICS))), block.status]
     report_of = dict(zip(block.report_ticks.tolist(), range(len(block.report_ticks)), strict=True))
     reported = [report_of.get(tick) for tick in ticks.tolist()]
     return pa.RecordBatch.from_arrays(
         [
-            pa.array(ticks, pa.int32()),
+            pa.array(ticks),
             pa.array(ticks * dt),
-            *map(lists, per_uav),
-            *(swarm.slice(k * rows, rows) for k in range(len(SWARM_COLUMNS))),
+            *lists(block.states),
+            *lists(block.accelerations),
+            *lists(block.energy[..., None]),
+            *lists(block.diagnostics),
+            *lists(block.status[..., None]),
+            *map(pa.array, np.ascontiguousarray(block.swarm.T)),
             pa.array([None if k is None else block.spread[k] for k in reported], pa.float64()),
             pa.array([None if k is None else block.reports[k] for k in reported], pa.list_(pa.float32())),
         ],

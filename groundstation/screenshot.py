@@ -8,7 +8,7 @@ from pathlib import Path
 from rerun.experimental import ViewerClient
 
 from groundstation import blueprint as look
-from groundstation.recording import check_writable
+from groundstation.durable import check_writable
 from groundstation.viewer import start_headless
 from swarm.errors import BadInput, RunFailed
 
