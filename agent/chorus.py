@@ -54,9 +54,10 @@ class Chorus:
                 if source.tobytes() != self._heard or (lost := self._lost(links)) is None:
                     return None
                 flat = known.reshape(-1, state.SIZE)
-                kept = flat[lost]
+                kept = flat[lost] if len(lost) else None
                 known[:, self._columns] = payload
-                flat[lost] = kept
+                if kept is not None:
+                    flat[lost] = kept
                 flat[self._own] = states
                 return states, acts
         return None

@@ -100,7 +100,9 @@ class Air:
             through = np.ones(len(links.ends), dtype=bool)
             through[links.by_radio] = sent.delivered
         if self._next_tick:
-            ends = links.ends.take(through.nonzero()[0], axis=0) if outages else links.ends  # `take`: a sixth of a mask
+            ends = links.ends
+            if outages:  # the two numbers of a link as one: a third of the time of a row each
+                ends = ends.view(np.int64)[:, 0].take(through.nonzero()[0])[:, None].view(np.int32)
             self._deliver(tick + 1, batch, ends)
         else:
             arrival = np.full(len(links.ends), tick + 1)

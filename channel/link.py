@@ -87,12 +87,12 @@ def _short(slots_at_most: int, fading: Fading, threshold: float, count: int) -> 
 
     A link spends one slot more than it fails; so what is kept of a slot is who goes on, and that is counted once.
     """
-    busy = fading.below(threshold, count).nonzero()[0]
+    busy = fading.failing(threshold, count)
     again = [busy]
     for _ in range(1, slots_at_most):
         if not (left := len(busy)):
             break
-        busy = busy[fading.below(threshold, left)]
+        busy = busy[fading.failing(threshold, left)]
         again.append(busy)
     delivered = np.ones(count, dtype=bool)
     delivered[again.pop()] = False  # of the last slot nobody goes on; who would is lost

@@ -82,9 +82,10 @@ class Plain:
     def encode(self, tick: int, *arrays: NDArray[Any], number: int = 0) -> bytes:
         """What the codec makes of the message of a tick with these arrays, which have the layouts."""
         before, *rest = self.frame(tick, number)
+        parts = [before]
         for array, after in zip(arrays, rest, strict=True):
-            before += array.tobytes() + after
-        return before
+            parts += array.tobytes(), after
+        return b"".join(parts)
 
     def reader(self, tick: int) -> Callable[[bytes], bytes | None]:
         """What tells such messages of that tick with but one array, of doubles, and returns the bytes of it, finite.

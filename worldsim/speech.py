@@ -47,7 +47,9 @@ class Speech:
     def _is_heard(self, tick: int, batch: Frames, awake: NDArray[np.bool_]) -> bool:
         """Whether all of a batch is."""
         stray = inbound.stray(batch, tick, self._rounds, self._ledger.averaged)
-        return stray is None and bool(awake[batch.source].all())
+        if stray is not None:
+            return False
+        return b"\0" not in awake.tobytes() or bool(awake[batch.source].all())  # as a rule everyone is
 
     def _heard(self, tick: int, batch: Frames, awake: NDArray[np.bool_]) -> Frames | None:
         """What of a batch goes on the air: the lost and the paused are silent, and only open rounds are spoken of."""

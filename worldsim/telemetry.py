@@ -22,7 +22,7 @@ WINDOW_BLOCKS = 8
 STATE_LINKS_EVERY_TICKS = 10  # hjb uses N(N−1) links a tick; all their outages are kept, of the rest a sample
 
 _ARRIVED = bytes([Status.ARRIVED])
-_STATE = np.int32(FrameKind.STATE)  # a member of an enumeration is converted anew each time it is compared
+_STATE = int(FrameKind.STATE)  # a member of an enumeration is converted anew each time it is compared
 
 
 class Rows:
@@ -80,7 +80,10 @@ class Rows:
         )
         if len(links):
             if flight.tick % STATE_LINKS_EVERY_TICKS:
-                links = links.take(((links[:, 4] < 0) | (links[:, 3] != _STATE)).nonzero()[0], axis=0)
+                kept = links[:, 4] < 0
+                if links.item(0, 3) != _STATE or links.item(-1, 3) != _STATE:  # kinds come one after the other
+                    kept |= links[:, 3] != _STATE
+                links = links.take(kept.nonzero()[0], axis=0)
             self._links.append(links)
         self._events += flight.events
         flight.events = []

@@ -46,4 +46,4 @@ def test_what_is_below_a_threshold_is_that_of_the_same_slots(asked: list[tuple[i
         if k % 4 == 3:
             np.testing.assert_array_equal(compared.squared(count), squared)
         else:
-            np.testing.assert_array_equal(compared.below(threshold, count), squared < threshold)
+            np.testing.assert_array_equal(compared.failing(threshold, count), np.flatnonzero(squared < threshold))
