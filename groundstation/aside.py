@@ -1,4 +1,7 @@
-"""Work beside the thread that flies: that which waits for a disk, or computes where Python lets other threads run."""
+"""Work beside the thread that flies: that which waits for a disk.
+
+Not what computes in many small steps: each of them hands Python's lock over, which costs the flight more than the step.
+"""
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
