@@ -38,10 +38,15 @@ class Chorus:
         self._heard, self._names = heard.astype("<i4").tobytes(), uavs.astype("<i4")
         came, said = (((count, state.SIZE), float_) for count in (len(heard), rows))
         self._kinds: defaultdict[int, list[tuple[Plain, Plain]]] = defaultdict(list)  # by the bytes of the Sense
-        for count in (len(links), len(links) - 1) if rows > 1 else (len(links),) if everyone > 1 else ():
+        for count in plain.chorus_links(rows, len(heard)):
             for report in (False, True):
                 senses = plain.choruses(run, rows, report, came, count)
                 self._kinds[senses.size].append((senses, plain.broadcasts(run, rows, report, said)))
+
+    @staticmethod
+    def serves(rows: int, everyone: int) -> bool:
+        """Whether a node of so many UAVs of so many is likely to hear all others, and there are any."""
+        return bool(plain.chorus_links(rows, everyone - (rows == 1)))
 
     def hear(self, raw: bytes, tick: int, known: Floats) -> tuple[Floats, Plain] | None:
         """The states (M, 4) in a Sense of that tick and the kind of its answer, or None if it is not a plain one.

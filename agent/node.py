@@ -71,7 +71,7 @@ class Agent:
         if self._learner.kernel is not None and self._known is None and self._program is None and not sleeps:
             self._reflex = Reflex(self._learner.kernel, self._scenario, welcome.run, self.uavs)
         self._chorus: Chorus | None = None
-        if self._method is Method.HJB and not sleeps:
+        if self._method is Method.HJB and not sleeps and Chorus.serves(len(self.uavs), self._scenario.uavs):
             self._chorus = Chorus(self._scenario, welcome.run, self.uavs, self._float)
 
     def reflex(self, raw: bytes, tick: int) -> bytes | None:

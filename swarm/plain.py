@@ -23,6 +23,8 @@ from swarm.messages import OUTCOME_FLOATS, Act, FrameKind, Frames, Message, Sens
 
 Layout: TypeAlias = tuple[tuple[int, ...], np.dtype[Any]]  # shape and dtype of an array
 
+_CHORUS_LINKS = 5000  # of so many about two are lost in a tick on the paper's radio
+
 _FLOAT, _INDEX = np.dtype("<f8"), np.dtype("<i4")
 _whole_number = msgspec.msgpack.Encoder().encode
 
@@ -147,6 +149,18 @@ def acts(run: int, rows: int, report: bool = False) -> Plain:
     return Plain(lambda tick, outcome: Act(run, tick, outcome), outcome)
 
 
+def chorus_links(rows: int, heard: int) -> tuple[int, ...]:
+    """How many links a chorus has to a node of so many UAVs that hears so many: all, or all but one.
+
+    Other numbers are not worth a kind of their own: it is made by writing such messages, and of many links more get
+    lost in every tick, and never as many as in the last.
+    """
+    links = rows * (heard - (rows > 1))
+    if not 0 < links <= _CHORUS_LINKS:
+        return ()
+    return (links, links - 1) if rows > 1 else (links,)  # who loses the only link is not heard
+
+
 @lru_cache(maxsize=256)  # by who is heard: as a rule everyone, and few kinds
 def choruses(run: int, rows: int, report: bool, payload: Layout, links: int) -> Plain:
     """Senses that bring states by radio: states, source (S,), payload (S, 4) as it is transmitted, links (K, 2), of
@@ -197,7 +211,7 @@ def encode(sense: Sense) -> bytes:
     if not inbox:
         return senses(sense.run, rows, sense.report).encode(sense.tick, sense.states)
     kind, number, source, payload, links = msgspec.structs.astuple(inbox[0])
-    if kind == FrameKind.STATE and number == 0 and links is not None and len(links):
+    if kind == FrameKind.STATE and number == 0 and links is not None and len(links) in chorus_links(rows, len(source)):
         chorus = choruses(sense.run, rows, sense.report, (payload.shape, payload.dtype), len(links))
         return chorus.encode(sense.tick, sense.states, source, payload, links)
     if kind != FrameKind.GLOBAL or len(source) != 1 or links is None or len(links) != rows:

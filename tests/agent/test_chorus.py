@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
+from agent.chorus import Chorus
 from agent.node import Agent
 from swarm import codec, keys, plain, scenario, state
 from swarm.codec import FLOAT_OF_BITS
@@ -112,3 +113,14 @@ def test_where_uavs_are_paused_no_tick_is_plain() -> None:
     pause = {"kind": "pause", "uavs": [0], "time_s": 3.0, "duration_s": 1.0}
     of = load(None, [f"uavs={UAVS}"], method="hjb", faults=[pause])
     assert agent(of, ROWS[0]).reflex(codec.encode(sense(of, ROWS[0], 3)), 3) is None
+
+
+def test_a_chorus_lacks_one_link_at_the_most_and_has_few_enough_to_lack_no_more() -> None:
+    assert plain.chorus_links(3, 8) == (21, 20)
+    assert plain.chorus_links(1, 7) == (7,)  # who loses the only link is not heard
+    assert plain.chorus_links(1, 0) == ()
+    assert plain.chorus_links(71, 71) == (4970, 4969)
+    assert plain.chorus_links(72, 72) == ()
+    assert Chorus.serves(1, 1000)
+    assert not Chorus.serves(1, 1)
+    assert not Chorus.serves(100, 100)
