@@ -84,8 +84,6 @@ class Uploads:
 
 def only(batch: Frames, links: NDArray[np.int32]) -> Frames:
     """The batch cut down to some of its links."""
-    if links is batch.links and len(batch.source) == 1:
-        return batch
     used = np.zeros(len(batch.source), dtype=bool)
     used[links[:, 0]] = True
     if len(used) == 1 or np.logical_and.reduce(used):

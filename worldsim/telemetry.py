@@ -60,15 +60,15 @@ class Rows:
         self._diagnostics[k] = diagnostics
         self._status[k] = flight.status
         self._energy[k] = flight.energy
-        upload, broadcast, state, relay = bills = air.meter.traffic.values()  # by kind
+        meter = air.meter
         self._swarm[k] = (
-            upload.payload_bits,
-            relay.payload_bits,
-            broadcast.payload_bits,
-            state.payload_bits,
-            sum([bill.delivered for bill in bills]),
-            sum([bill.outages for bill in bills]),
-            sum([bill.airtime_s for bill in bills]),
+            meter.traffic[FrameKind.UPLOAD].payload_bits,
+            meter.traffic[FrameKind.RELAY].payload_bits,
+            meter.traffic[FrameKind.GLOBAL].payload_bits,
+            meter.traffic[FrameKind.STATE].payload_bits,
+            meter.total("delivered"),
+            meter.total("outages"),
+            meter.total("airtime_s"),
             flight.phi_a,
             flight.phi_c,
             flight.phi_c_distinct or 0.0,
