@@ -11,14 +11,14 @@ from agent.heard import Heard
 from agent.learner import Learner
 from agent.minds import Minds, Outcome
 from agent.offline import Program
-from agent.reflex import Reflex
+from agent.reflex import Reflex, Side
 from swarm import faults, model, payload, state
 from swarm.codec import FLOAT_OF_BITS, expect, finite
 from swarm.errors import MessageRejected
 from swarm.messages import Act, FrameKind, Frames, Sense, Welcome
 from swarm.methods import Method
 from swarm.model import BEYOND_SENSE
-from swarm.rounds import Rounds
+from swarm.rounds import NEVER, Rounds
 from swarm.scenario import Scenario, decode
 
 Floats = NDArray[np.float64]
@@ -68,6 +68,8 @@ class Agent:
                 self._known[...] = expect("known", welcome.known, self._known.shape, np.float64)
         self._reflex: Reflex | None = None  # where some ticks come to nothing but to learn
         sleeps = any(isinstance(fault, faults.Pause) for fault in self._scenario.faults)
+        self._quiet = NEVER  # ticks with nothing to do but to learn, which begin with these sides of `_minds`
+        self._sides: tuple[Side, Side]
         if self._learner.kernel is not None and self._known is None and self._program is None and not sleeps:
             self._reflex = Reflex(self._learner.kernel, self._scenario, welcome.run, self.uavs)
         self._chorus: Chorus | None = None
@@ -77,17 +79,26 @@ class Agent:
     def reflex(self, raw: bytes, tick: int) -> bytes | None:
         """Answers a plain Sense of that tick where nothing is to be done but to learn, to upload the models, to take
         over the global one, or to hear everyone's state and say one's own; otherwise None."""
+        if tick not in self._quiet and not self._falls_quiet(tick):
+            return self._reflex_otherwise(raw, tick)
+        here, there = self._sides
+        if (answer := here[1](raw, tick)) is not None:
+            self._sides, self._minds = (there, here), there[0]
+        return answer
+
+    def _falls_quiet(self, tick: int) -> bool:
+        """Whether there is nothing to do in that tick but to learn, and so it will be for some ticks."""
+        self._quiet = NEVER if self._reflex is None or self._silenced else self._rounds.quiet(tick)
+        if self._quiet and self._reflex is not None:
+            self._sides = self._reflex.sides(self._minds)
+        return bool(self._quiet)
+
+    def _reflex_otherwise(self, raw: bytes, tick: int) -> bytes | None:
         if self._silenced:
             return None
         if self._chorus is not None:
             return self._join_in(self._chorus, raw, tick)
-        if self._reflex is None:
-            return None
-        if self._rounds.is_quiet(tick):
-            after = self._reflex(raw, tick, self._minds)
-        else:
-            after = self._reflex_in_round(self._reflex, raw, tick)
-        if after is None:
+        if self._reflex is None or (after := self._reflex_in_round(self._reflex, raw, tick)) is None:
             return None
         self._minds, answer = after
         return answer
@@ -127,6 +138,7 @@ class Agent:
         states = expect("states", sense.states, self._shape, _STATE)
         for frames in sense.inbox:
             self._check(frames)
+        self._quiet = NEVER
 
         # 0. Rows the fault script pauses are as they were when the tick is over, whatever the others do.
         asleep = self._asleep(sense.tick)

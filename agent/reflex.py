@@ -20,7 +20,7 @@ from swarm.messages import Frames
 from swarm.scenario import Scenario
 
 Floats = NDArray[np.float64]
-Side: TypeAlias = tuple[Minds, Callable[[bytes, int], bytes | None]]
+Side: TypeAlias = tuple[Minds, Callable[[bytes, int], bytes | None]]  # minds, and the tick that begins with them
 
 
 class Reflex:
@@ -42,19 +42,15 @@ class Reflex:
         self._source = np.array([scenario.federation.leader], dtype="<i4").tobytes()
         self._links = np.stack([np.zeros_like(uavs), uavs], axis=-1).astype("<i4").tobytes()
         self._heard: Minds | None = None  # minds as a global model has left them
-        self._here: Side | None = None  # the minds last returned, and the tick that begins with them
-        self._there: Side | None = None  # those before, whose place the next take, and the tick that leads back
+        self._both: tuple[Side, Side] | None = None  # sides of the last tick
 
     def __call__(self, raw: bytes, tick: int, minds: Minds) -> tuple[Minds, bytes] | None:
         """The minds after the tick and the Act, if `raw` is a plain Sense of that tick and all numbers stay in bounds.
 
         The minds given are the next call's to overwrite, if this one returns any.
         """
-        here, there = self._sides(minds)
-        if (answer := here[1](raw, tick)) is None:
-            return None
-        self._here, self._there = there, here
-        return there[0], answer
+        here, there = self.sides(minds)
+        return None if (answer := here[1](raw, tick)) is None else (there[0], answer)
 
     def upload(self, raw: bytes, tick: int, said: Frames, minds: Minds) -> tuple[Minds, bytes] | None:
         """The same where the Act uploads that."""
@@ -86,21 +82,16 @@ class Reflex:
 
     def _once(self, raw: bytes, tick: int, kinds: Kinds, begin: Minds, minds: Minds) -> tuple[Minds, bytes] | None:
         """A tick of other kinds, which begins with other minds than those that are given back."""
-        here, there = self._sides(minds)
-        if (answer := self._kernel.turn(kinds, begin, there[0])(raw, tick)) is None:
-            return None
-        self._here, self._there = there, here
-        return there[0], answer
+        after = self.sides(minds)[1][0]
+        return None if (answer := self._kernel.turn(kinds, begin, after)(raw, tick)) is None else (after, answer)
 
-    def _sides(self, minds: Minds) -> tuple[Side, Side]:
-        """The side of these minds, and the other. Ticks go from one to the other and back."""
-        if self._here is not None and self._there is not None and self._here[0] is minds:
-            return self._here, self._there
-        after = _like(minds)
-        return (minds, self._kernel.turn(self._kinds, minds, after)), (
-            after,
-            self._kernel.turn(self._kinds, after, minds),
-        )
+    def sides(self, minds: Minds) -> tuple[Side, Side]:
+        """The side of these minds, and the other: ticks go from one to the other and back."""
+        if self._both is None or all(minds is not side[0] for side in self._both):
+            after, turn = _like(minds), self._kernel.turn
+            self._both = (minds, turn(self._kinds, minds, after)), (after, turn(self._kinds, after, minds))
+        here, there = self._both
+        return (here, there) if here[0] is minds else (there, here)
 
     def _overwritten(self, minds: Minds, shared: Floats) -> Minds:
         """What `minds.with_models(every row, …)` are; the same arrays every time."""

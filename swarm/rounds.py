@@ -1,5 +1,6 @@
 """When a federated round happens and who takes part: known to all beforehand, so no invitation is paid for."""
 
+import sys
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +13,7 @@ from swarm.seeds import generator
 if TYPE_CHECKING:
     from swarm.scenario import Scenario
 
+NEVER = range(0)  # of ticks
 HOPS = 2  # of a model where there are clusters: to the head, and on to the leader
 
 
@@ -74,11 +76,13 @@ class Rounds:
         """Whether the leader may have anything to do in this tick."""
         return bool(self._period) and tick >= self._period and tick % self._period <= self._open_ticks
 
-    def is_quiet(self, tick: int) -> bool:
-        """Whether no model is sent or can arrive in this tick."""
-        if not self._period or tick < self._period:
-            return True
-        return tick % self._period > self._open_ticks + self._horizon
+    def quiet(self, tick: int) -> range:
+        """The ticks around this one in which no model is sent or can arrive; none where that is not so in this one."""
+        if not self._period:
+            return range(tick, sys.maxsize)
+        begin = tick - tick % self._period
+        last = self._open_ticks + self._horizon if begin else -1  # no round opens in tick 0
+        return range(begin + last + 1, begin + self._period) if tick > begin + last else NEVER
 
     def participants(self, number: int) -> NDArray[np.intp]:
         """𝒩_h of a round: N_h UAVs, ascending."""

@@ -159,8 +159,12 @@ class ZenohBus:
 
         def receive(sample: zenoh.Sample) -> None:
             name, payload = only or str(sample.key_expr), sample.payload
-            if offer is not None and self._takes(offer, name, payload.to_bytes()):
-                return
+            try:
+                if offer is not None and offer(name, payload.to_bytes()):
+                    return
+            except Exception:  # in Zenoh's thread nobody else would hear of it
+                if not self._closed:
+                    log.exception("the message under %s was not taken", name)
             if not self._limited or self._has_room(name, len(payload)):
                 put(Delivery("message", name, payload.to_bytes()))
 
@@ -214,14 +218,6 @@ class ZenohBus:
                 else:
                     del self._waiting[delivery.key]
         return delivery
-
-    def _takes(self, offer: Offer, key: str, payload: bytes) -> bool:
-        try:
-            return offer(key, payload)
-        except Exception:  # in Zenoh's thread nobody else would hear of it
-            if not self._closed:
-                log.exception("the message under %s was not taken", key)
-            return False
 
     def _has_room(self, key: str, more: int) -> bool:
         """Whether one more message of that many bytes may wait under `key`; then it is counted in."""

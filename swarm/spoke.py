@@ -134,7 +134,7 @@ class Spoke:
         """Answers a plain Sense in the thread that brings it, unless the node is at work: handing it over to another
         costs as much as answering it."""
         assert self._node is not None
-        if not self._busy.acquire(blocking=False):
+        if not self._busy.acquire(False):
             return False
         try:
             if (answer := self._node.reflex(raw, self._last_tick + 1)) is None:

@@ -162,7 +162,10 @@ def test_in_a_quiet_tick_no_model_is_sent_or_can_arrive(
     }
     for tick in range(500):
         busy = rounds.opens(tick) or rounds.relays(tick) or rounds.closes(tick) or tick in arrivals
-        assert not (busy and rounds.is_quiet(tick))
+        quiet = rounds.quiet(tick)
+        assert not (busy and quiet)
+        assert not quiet or tick in quiet
+        assert not any(tick in arrivals or rounds.opens(tick) for tick in quiet[:1000])
         if heard := rounds.heard(tick):
             assert heard == arrivals[tick]
     busy_ticks = 1 + (3 if clusters > 1 else 2) * hop
@@ -171,11 +174,12 @@ def test_in_a_quiet_tick_no_model_is_sent_or_can_arrive(
         assert {tick: number for tick, number in heard_in.items() if number} == {
             tick: number for tick, number in arrivals.items() if tick < 500
         }
-        assert sum(rounds.is_quiet(tick) for tick in range(2 * period, 3 * period)) == period - busy_ticks
+        assert all(rounds.quiet(other) == quiet for quiet in map(rounds.quiet, range(500)) for other in quiet)
+        assert sum(bool(rounds.quiet(tick)) for tick in range(2 * period, 3 * period)) == period - busy_ticks
 
 
 def test_without_rounds_every_tick_is_quiet() -> None:
-    assert all(Rounds(scenario("method=mfg")).is_quiet(tick) for tick in range(500))
+    assert all(tick in Rounds(scenario("method=mfg")).quiet(tick) for tick in range(500))
 
 
 def test_rows_that_take_part_are_the_participants_among_them() -> None:
