@@ -18,7 +18,7 @@ class Crowd:
 
     def __init__(self, members: list[Member], run: str) -> None:
         self.members = members
-        self.questions = [keys.sense(run, member.name) for member in members]
+        self.by_question = {keys.sense(run, member.name): member for member in members}
         self.by_name = {member.name: member for member in members}
         self.by_answer = {keys.act(run, member.name): member for member in members}
 
@@ -31,7 +31,8 @@ class Barrier:
 
     def __init__(self, bus: Bus, run: str) -> None:
         self._bus, self._run, self._fingerprint = bus, run, keys.fingerprint(run)
-        self._questions: dict[str, bytes] = {}
+        self._questions: dict[str, bytes] = {}  # to whom was asked alone, by name
+        self._cut: Questions | None = None  # all others
         self._silent: dict[str, Member] = {}  # who has yet to answer, by the key of the answer
         self._gate = threading.RLock()  # of that and of the answers
         self._readers: dict[int, Callable[[bytes], bytes | None]] = {}  # of plain answers, by the UAVs of a node
@@ -69,16 +70,15 @@ class Barrier:
         """Asks nodes that hold UAVs and have received nothing but, perhaps, a global model (`questions.Questions`);
         `states` (N, 4) are everyone's.
         """
-        cut = Questions(self._fingerprint, self._tick, self.reporting, states, brought)
-        questions = [cut.of(member) for member in members]
+        cut = self._cut = Questions(self._fingerprint, self._tick, self.reporting, states, brought)
         if members != self._crowd.members:  # as a rule they are those of the last tick
             self._crowd = Crowd(members, self._run)
         with self._gate:
             self.asked.update(self._crowd.by_name)
             self._silent.update(self._crowd.by_answer)
-            self._questions.update(zip(self._crowd.by_name, questions, strict=True))
-        for key, question in zip(self._crowd.questions, questions, strict=True):
-            self._bus.put(key, question)
+        put, question_to = self._bus.put, cut.of
+        for key, member in self._crowd.by_question.items():  # the first answers while the last is not yet asked
+            put(key, question_to(member))
 
     def _put(self, member: Member, question: bytes) -> None:
         name = member.name
@@ -91,37 +91,39 @@ class Barrier:
         """Repeats every question nobody answered yet."""
         for name in self.missing:
             self._repeats[name] += 1
-            self._bus.put(keys.sense(self._run, name), self._questions[name])
+            if (question := self._questions.get(name)) is None:
+                assert self._cut is not None
+                question = self._cut.of(self.asked[name])
+            self._bus.put(keys.sense(self._run, name), question)
 
     def overhear(self, key: str, raw: bytes) -> bool:
         """Takes a plain answer (`swarm.plain`) that is waited for, whoever brings it; with whatever else this is,
         nothing is done. Nor with the last: it goes to who waits for it, who would not wake otherwise.
         """
-        with self._gate:
-            return len(self._silent) > 1 and self._take(key, raw)
+        return self.hear(key, raw, 1)
 
-    def hear(self, key: str, raw: bytes) -> bool:
-        """The same for the last as well."""
+    def hear(self, key: str, raw: bytes, but: int = 0) -> bool:
+        """The same for the last as well; or, where no more than `but` answers are missing, for none."""
         with self._gate:
-            return self._take(key, raw)
-
-    def _take(self, key: str, raw: bytes) -> bool:
-        member = self._silent.get(key)
-        if member is None or not (rows := member.rows):
-            return False
-        if self.reporting:
-            arrays = plain.acts(self._fingerprint, rows, True).decode(self._tick, raw)
-            if arrays is None:
+            member = self._silent.get(key)
+            if member is None or len(self._silent) <= but or not (rows := member.rows):
                 return False
-            self.answer(member.name, Act(self._fingerprint, self._tick, arrays[0], report=arrays[1]))
+            if self.reporting:
+                return self._hear_report(member, raw)
+            read = self._readers.get(rows)
+            if read is None:
+                read = self._readers[rows] = plain.acts(self._fingerprint, rows).reader(self._tick)
+            if (outcome := read(raw)) is None:
+                return False
+            self.outcomes[member.name] = outcome
+            del self._silent[key]
             return True
-        read = self._readers.get(rows)
-        if read is None:
-            read = self._readers[rows] = plain.acts(self._fingerprint, rows).reader(self._tick)
-        if (outcome := read(raw)) is None:
+
+    def _hear_report(self, member: Member, raw: bytes) -> bool:
+        arrays = plain.acts(self._fingerprint, member.rows, True).decode(self._tick, raw)
+        if arrays is None:
             return False
-        self.outcomes[member.name] = outcome
-        del self._silent[key]
+        self.answer(member.name, Act(self._fingerprint, self._tick, arrays[0], report=arrays[1]))
         return True
 
     def answer(self, name: str, act: Act) -> None:

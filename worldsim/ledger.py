@@ -23,7 +23,7 @@ class Ledger:
         self.nodes_lost = 0
         self.uploads_refused = 0
         self.wall_s = 0.0  # flown before the run was resumed, s
-        self.residual_max = np.zeros(2)  # |e_H|, |e_F|
+        self.residual_max = (0.0, 0.0)  # |e_H|, |e_F|
         self.spread: float | None = None
         self.drops: Counter[str] = Counter()
 
@@ -37,9 +37,10 @@ class Ledger:
         """What was not let in, by the world and by its router, by reason. Whole, whichever thread asks."""
         return self.drops.copy() + self._refused.copy()
 
-    def residuals(self, diagnostics: np.ndarray) -> None:
-        """Takes note of the diagnostics (N, 3) of a tick."""
-        self.residual_max = np.maximum(self.residual_max, np.maximum.reduce(np.abs(diagnostics))[:2])
+    def residuals(self, hjb: float, fpk: float) -> None:
+        """Takes note of the largest |e_H| and |e_F| of a tick."""
+        most = self.residual_max
+        self.residual_max = max(most[0], hjb), max(most[1], fpk)
 
     def snapshot(self, wall_s: float) -> dict[str, Any]:
         """All of it, for `restore`."""
@@ -47,7 +48,7 @@ class Ledger:
         return {
             **scalars,
             "wall_s": wall_s,
-            "residual_max": self.residual_max,
+            "residual_max": np.array(self.residual_max),
             "spread": self.spread,
             "drops": dict(self.drops),
         }
@@ -56,7 +57,8 @@ class Ledger:
         """Goes on with the counts of a snapshot."""
         for name in _SCALARS:
             setattr(self, name, type(getattr(self, name))(snapshot[name]))
-        self.residual_max = snapshot["residual_max"].copy()
+        hjb, fpk = snapshot["residual_max"].tolist()
+        self.residual_max = hjb, fpk
         self.spread = snapshot["spread"]
         self.drops = Counter(snapshot["drops"])
 
@@ -64,8 +66,8 @@ class Ledger:
         """Its part of the summary; `schedule`: of a flight in real time."""
         return {
             "rounds": self.rounds,
-            "hjb_residual_max": float(self.residual_max[0]),
-            "fpk_residual_max": float(self.residual_max[1]) if learns_density else None,
+            "hjb_residual_max": self.residual_max[0],
+            "fpk_residual_max": self.residual_max[1] if learns_density else None,
             "weight_spread_final": self.spread,
             "nodes_lost": self.nodes_lost,
             "uploads_refused": self.uploads_refused,

@@ -7,18 +7,18 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from channel.air import Air
 from swarm import __version__, codec, keys, model, state
 from swarm.bus import Bus
 from swarm.errors import BadInput, RunFailed
-from swarm.messages import OUTCOME_FLOATS, Act, Event, Finished, FrameKind, Frames, Status, Stop
+from swarm.messages import Act, Event, Finished, FrameKind, Frames, Status, Stop
 from swarm.rounds import Rounds
 from swarm.scenario import Scenario
 from worldsim import checkpoint, inbox
 from worldsim.barrier import Barrier
 from worldsim.checkpoint import Minds, Resumption
+from worldsim.commands import Commands
 from worldsim.door import Door
 from worldsim.durations import Durations
 from worldsim.faults import Script
@@ -86,10 +86,9 @@ class World:
         self._uploads = inbox.Uploads(FrameKind.RELAY if scenario.federation.clusters > 1 else FrameKind.UPLOAD)
         self._heads = Heads(scenario)
         self._barrier = Barrier(bus, run)
-        self._commands = np.zeros((scenario.uavs, state.AXES))
+        self._commands = Commands(scenario.uavs)
         self._all = np.ones(scenario.uavs, dtype=bool)
         self._awake = self._all  # who is neither lost nor asleep; as a rule that very array
-        self._answered: tuple[list[str], NDArray[np.intp]] = [], np.zeros(0, dtype=np.intp)  # nodes, their UAVs
         self._minds: Minds | None = None  # where, in the last tick, all were asked for all they know
         self._leads: str | None = None
         self._resumed = resume
@@ -136,8 +135,7 @@ class World:
         self._leads = leader.name if (leader := self._members.lead()) is not None else None
         if self._resumed is None:
             self.air.meter.initial(state.SIZE * self._scenario.radio.bits_per_float)
-            nothing = np.zeros((self._scenario.uavs, 3))
-            self._rows.add(self.flight, self.air, self._commands, nothing, np.zeros((0, 5), np.int32), self._ledger)
+            self._rows.add(self.flight, self.air, self._commands, np.zeros((0, 5), np.int32), self._ledger)
         while not self.flight.over:
             began = self._clock()
             if self._schedule is not None:
@@ -186,21 +184,20 @@ class World:
         # 3. Wait for everyone, or lose who does not answer.
         self._waiting.for_answers()
         # 4. What they want to say goes on the air.
-        diagnostics = np.zeros((self._scenario.uavs, 3))
-        frames = self._collect(diagnostics)
+        frames = self._collect()
         links = self.air.send(tick, frames, self.flight.states, self._script.cut(tick, self.flight.states))
         if number := self._rounds.relays(tick):
             for text in self._heads.relayed(number, frames, links):
                 self._note("void", text)
         # 5. The world moves.
-        self.flight.advance(self._commands, self._script.gust(tick, self.flight.states))
+        self.flight.advance(self._commands.accelerations, self._script.gust(tick, self.flight.states))
         # 6. Whoever listens is told.
-        self._ledger.residuals(diagnostics)
+        self._ledger.residuals(*self._commands.residuals)
         if reporting:
             self._report(tick, whole)
         if self._rows.full:
             self._outbox.add(self._rows.take())
-        self._rows.add(self.flight, self.air, self._commands, diagnostics, links, self._ledger)
+        self._rows.add(self.flight, self.air, self._commands, links, self._ledger)
         self._publish()
 
     # -- step 1 -------------------------------------------------------------------------------------------------
@@ -268,24 +265,21 @@ class World:
 
     # -- step 4 -------------------------------------------------------------------------------------------------
 
-    def _collect(self, diagnostics: NDArray[np.float64]) -> list[Frames]:
+    def _collect(self) -> list[Frames]:
         """Commands and diagnostics into their rows; frames of one kind joined, sources ascending."""
         self._barrier.close()
-        asked, said, outcomes = self._barrier.asked, self._barrier.acts, self._barrier.outcomes
+        asked, said = self._barrier.asked, self._barrier.acts
         acts = [said[name] for name in asked if name in said] if said else []
         for act in acts:
             self._regard(act)
-        if outcomes:
-            names = [name for name in asked if name in outcomes]
-            if names != self._answered[0]:  # as a rule they are those of the last tick
-                self._answered = names, np.concatenate([asked[name].uavs for name in names])
-            outcome = np.frombuffer(b"".join([outcomes[name] for name in names])).reshape(-1, OUTCOME_FLOATS)
-            self._enter(self._answered[1], outcome, diagnostics)
+        awake = None if self._awake is self._all else self._awake
+        if len(insane := self._commands.enter(asked, self._barrier.outcomes, awake)):
+            self.flight.lose(insane, "diverged", "an answer beyond all bounds")
         frames = self._speech.of(self.flight.tick, acts, self._awake, self.air.meter)
         if number := self._rounds.closes(self.flight.tick):
             self._uploads.close(number)
         if self._any_lost():
-            self._commands[self.flight.lost] = 0.0
+            self._commands.accelerations[self.flight.lost] = 0.0
         return frames
 
     def _any_lost(self) -> bool:
@@ -298,17 +292,6 @@ class World:
             self._note("refused", f"uploads of UAV {', '.join(map(str, act.refused))} were not averaged")
         if act.diverged:
             self.flight.lose(np.array(act.diverged), "diverged", "the learner left the finite numbers")
-
-    def _enter(self, uavs: NDArray[np.intp], outcome: NDArray[np.float64], diagnostics: NDArray[np.float64]) -> None:
-        """Takes the outcome (K, 5) of some UAVs (K,)."""
-        if not np.maximum.reduce(np.abs(outcome), axis=None, initial=0.0) < model.BEYOND_SENSE:
-            insane = (np.abs(outcome) >= model.BEYOND_SENSE).any(axis=-1)
-            self.flight.lose(uavs[insane], "diverged", "an answer beyond all bounds")
-            uavs, outcome = uavs[~insane], outcome[~insane]
-        if self._awake is not self._all and not (awake := self._awake[uavs]).all():
-            uavs, outcome = uavs[awake], outcome[awake]
-        self._commands[uavs] = outcome[:, : state.AXES]
-        diagnostics[uavs] = outcome[:, state.AXES :]
 
     # -- step 6 -------------------------------------------------------------------------------------------------
 
@@ -341,7 +324,7 @@ class World:
                 "ledger": self._ledger.snapshot(self._wall_s()),
                 "uploads": self._uploads.snapshot(),
                 "heads": self._heads.snapshot(),
-                "commands": self._commands,
+                "commands": self._commands.accelerations,
                 "minds": minds.snapshot(),
             }
         )
@@ -358,7 +341,7 @@ class World:
             self._ledger.restore(kept["ledger"])
             self._uploads.restore(kept["uploads"])
             self._heads.restore(kept["heads"])
-            self._commands[...] = kept["commands"]
+            self._commands.accelerations[...] = kept["commands"]
             self._rows.resume(kept["block"] + 1, self.flight.tick + 1)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise BadInput(f"the run cannot be resumed: {error}") from error

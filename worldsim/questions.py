@@ -38,8 +38,7 @@ class Questions:
             return self._any(member)
         first, end = place.start, place.stop
         states = self._everyone[first * self._size : end * self._size]
-        hearing = self._hears.count(1, first, end)
-        if self._brought is None or not hearing:
+        if self._brought is None or not (hearing := self._hears.count(1, first, end)):
             before, after = self._plain.get(rows) or self._frame(rows)
             return before + states + after
         if hearing < rows:

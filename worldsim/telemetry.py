@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from channel.air import Air
 from swarm import codec, model
 from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Event, Finished, FrameKind, Status, Telemetry
+from worldsim.commands import Commands
 from worldsim.flight import Flight
 from worldsim.ledger import Ledger
 
@@ -48,16 +49,15 @@ class Rows:
         self,
         flight: Flight,
         air: Air,
-        accelerations: Floats,
-        diagnostics: Floats,
+        commands: Commands,
         links: NDArray[np.int32],
         ledger: Ledger,
     ) -> None:
-        """One row: the flight as it is now, with the commands (N, 2) and diagnostics (N, 3) that led here."""
+        """One row: the flight as it is now, with the commands and diagnostics that led here."""
         k = self._filled
         self._states[k] = flight.states
-        self._accelerations[k] = accelerations
-        self._diagnostics[k] = diagnostics
+        self._accelerations[k] = commands.accelerations
+        self._diagnostics[k] = commands.diagnostics
         self._status[k] = flight.status
         self._energy[k] = flight.energy
         meter = air.meter

@@ -72,7 +72,7 @@ class Flight:
     def fly(self, before: Callable[[int], None] = lambda tick: None) -> dict:
         before(0)
         for tick in self.world.fly():
-            self.commands.append(self.world._commands.copy())
+            self.commands.append(self.world._commands.accelerations.copy())
             before(tick)
         return self.world.finish(0.0)
 

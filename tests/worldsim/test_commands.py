@@ -1,0 +1,66 @@
+"""What the agents say stands in the rows of their UAVs, whoever answers, and nothing beyond all bounds does."""
+
+import numpy as np
+import pytest
+
+from swarm.model import BEYOND_SENSE
+from worldsim.commands import Commands
+from worldsim.members import Member
+
+UAVS = 5
+EVERYONE = {
+    "agent-0": Member("agent-0", "agent", np.array([0])),
+    "agent-1": Member("agent-1", "agent", np.array([1, 2, 3])),
+    "leader-0": Member("leader-0", "leader", np.zeros(0, dtype=np.intp)),
+    "agent-4": Member("agent-4", "agent", np.array([4])),
+}
+
+
+def said(*, but: tuple[str, ...] = (), scale: float = 1.0) -> dict[str, np.ndarray]:
+    """Numbers of all nodes `but` some, the last to have been asked first, as nobody has to keep the order."""
+    numbers = np.random.default_rng(1).normal(0, scale, (UAVS, 5))
+    return {name: numbers[member.uavs] for name, member in reversed(EVERYONE.items()) if name not in but}
+
+
+def as_bytes(numbers: dict[str, np.ndarray]) -> dict[str, bytes]:
+    return {name: rows.tobytes() for name, rows in numbers.items()}
+
+
+@pytest.mark.parametrize("but", [(), ("agent-0",), ("agent-1", "leader-0"), tuple(EVERYONE)])
+@pytest.mark.parametrize("asked", [list(EVERYONE), list(reversed(EVERYONE))])
+def test_the_numbers_of_a_node_are_in_the_rows_of_its_uavs(but: tuple[str, ...], asked: list[str]) -> None:
+    commands, before, after = Commands(UAVS), said(scale=3.0), said(but=but)
+    members = {name: EVERYONE[name] for name in asked}
+    assert not len(commands.enter(members, as_bytes(before), None))
+    assert not len(commands.enter(members, as_bytes(after), None))
+    for name, member in EVERYONE.items():
+        holds, told = commands.accelerations[member.uavs], commands.diagnostics[member.uavs]
+        assert (holds == (after if name in after else before)[name][:, :2]).all()
+        assert (told == (after[name][:, 2:] if name in after else 0.0)).all()
+    spoken = np.abs(np.concatenate([np.zeros((1, 5)), *after.values()]))
+    assert commands.residuals == (spoken[:, 2].max(), spoken[:, 3].max())
+
+
+def test_who_sleeps_is_not_taken_at_his_word() -> None:
+    commands, awake = Commands(UAVS), np.array([True, False, True, True, False])
+    commands.enter(EVERYONE, as_bytes(said()), awake)
+    assert commands.accelerations.any(axis=-1).tolist() == awake.tolist()
+    assert commands.diagnostics.any(axis=-1).tolist() == awake.tolist()
+    assert commands.residuals[0] == np.abs(commands.diagnostics[:, 0]).max()
+
+
+@pytest.mark.parametrize("column", range(5))
+@pytest.mark.parametrize("size", [BEYOND_SENSE, -BEYOND_SENSE, np.inf, np.nan])
+def test_what_is_beyond_all_bounds_is_named_and_not_taken(size: float, column: int) -> None:
+    commands, numbers = Commands(UAVS), said()
+    numbers["agent-1"][1, column] = size
+    assert commands.enter(EVERYONE, as_bytes(numbers), None).tolist() == [2]
+    assert commands.accelerations.any(axis=-1).tolist() == [True, True, False, True, True]
+    assert max(commands.residuals) < BEYOND_SENSE
+
+
+def test_where_all_are_beyond_nothing_is_taken() -> None:
+    commands, numbers = Commands(UAVS), {name: rows + np.inf for name, rows in said().items()}
+    assert sorted(commands.enter(EVERYONE, as_bytes(numbers), None)) == list(range(UAVS))
+    assert not commands.accelerations.any()
+    assert commands.residuals == (0.0, 0.0)
