@@ -19,3 +19,6 @@ def advance(
     numbers: NDArray[Any],
     marks: NDArray[Any],
 ) -> int: ...
+def enter(
+    said: list[bytes], bound: float, accelerations: NDArray[Any], diagnostics: NDArray[Any]
+) -> tuple[float, float] | None: ...

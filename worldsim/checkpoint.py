@@ -39,11 +39,11 @@ class Minds:
     def take(self, member: Member, act: Act) -> None:
         """Enters the answer of one node."""
         if act.report is not None:
-            self.models[member.uavs] = act.report
+            self.models[member.place] = act.report
         if self.known is not None and act.known is not None:
-            self.known[member.uavs] = act.known
+            self.known[member.place] = act.known
         if self.residuals is not None and act.residuals is not None:
-            self.residuals[member.uavs] = act.residuals
+            self.residuals[member.place] = act.residuals
 
     @property
     def sane(self) -> NDArray[np.bool_]:

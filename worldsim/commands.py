@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from swarm import model, state
 from swarm.messages import DIAGNOSTICS, OUTCOME_FLOATS
+from worldsim import kernel
 from worldsim.members import Member
 
 Uavs: TypeAlias = NDArray[np.intp]
 
-_ALL = slice(None)
 _NOBODY: Uavs = np.zeros(0, dtype=np.intp)
 
 
@@ -28,9 +28,9 @@ class Commands:
         self.diagnostics = np.zeros((uavs, len(DIAGNOSTICS)))
         self.residuals = (0.0, 0.0)
         self._everyone = np.arange(uavs)
-        self._names: list[str] = []  # who answered in the last tick,
-        self._uavs = _NOBODY  # and for whom;
-        self._rows: slice | Uavs = _NOBODY  # the same, where that is everyone in their order without numbers
+        self._names: list[str] = []  # who answered last,
+        self._uavs = _NOBODY  # for whom,
+        self._are_all = False  # and whether that is everyone in their order
 
     def enter(
         self, asked: Mapping[str, Member], outcomes: Mapping[str, bytes], awake: NDArray[np.bool_] | None
@@ -39,28 +39,23 @@ class Commands:
 
         `awake`: (N,), whose are; None for everyone's.
         """
-        self.diagnostics[...] = 0.0
-        self.residuals = (0.0, 0.0)
         names = list(asked) if len(outcomes) == len(asked) else [name for name in asked if name in outcomes]
-        if not names:
-            return _NOBODY
         if names != self._names:  # as a rule they are those of the last tick
-            self._names, self._uavs = names, np.concatenate([asked[name].uavs for name in names])
-            self._rows = _ALL if np.array_equal(self._uavs, self._everyone) else self._uavs
-        outcome = np.frombuffer(b"".join(map(outcomes.__getitem__, names))).reshape(-1, OUTCOME_FLOATS)
-        if not len(outcome):
-            return _NOBODY
-        largest = np.maximum.reduce(np.abs(outcome)).tolist()
-        if awake is None and all(size < model.BEYOND_SENSE for size in largest):  # NaN is below nothing
-            self._take(self._rows, outcome, largest)
-            return _NOBODY
-        sane = (np.abs(outcome) < model.BEYOND_SENSE).all(axis=-1)
+            self._names, self._uavs = names, np.concatenate([_NOBODY, *[asked[name].uavs for name in names]])
+            self._are_all = np.array_equal(self._uavs, self._everyone)
+        said = [outcomes[name] for name in names]
+        if awake is None and self._are_all:
+            residuals = kernel.enter(said, model.BEYOND_SENSE, self.accelerations, self.diagnostics)
+            if residuals is not None:
+                self.residuals = residuals
+                return _NOBODY
+        outcome = np.frombuffer(b"".join(said)).reshape(-1, OUTCOME_FLOATS)
+        sane = (np.abs(outcome) < model.BEYOND_SENSE).all(axis=-1)  # NaN is below nothing
         taken = sane if awake is None else sane & awake[self._uavs]
-        if taken.any():
-            self._take(self._uavs[taken], outcome[taken], np.abs(outcome[taken]).max(axis=0).tolist())
+        rows, numbers = self._uavs[taken], outcome[taken]
+        self.accelerations[rows], told = numbers[:, : state.AXES], numbers[:, state.AXES :]
+        self.diagnostics[...] = 0.0
+        self.diagnostics[rows] = told
+        hjb, fpk, _ = np.abs(told).max(axis=0, initial=0.0).tolist()
+        self.residuals = hjb, fpk
         return self._uavs[~sane]
-
-    def _take(self, rows: slice | Uavs, outcome: NDArray[np.float64], largest: list[float]) -> None:
-        self.accelerations[rows] = outcome[:, : state.AXES]
-        self.diagnostics[rows] = outcome[:, state.AXES :]
-        self.residuals = largest[state.AXES], largest[state.AXES + 1]

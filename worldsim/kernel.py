@@ -25,6 +25,14 @@ def is_compiled() -> bool:
     return _kernel is not None
 
 
+def enter(said: list[bytes], bound: float, accelerations: Floats, diagnostics: Floats) -> tuple[float, float] | None:
+    """Outcomes (N, 5), in pieces, into (N, 2) and (N, 3); returns the largest of either of the first two diagnostics.
+
+    None, and nothing is written, where a number is not below the bound, or where there is no compiled form.
+    """
+    return None if _kernel is None else _kernel.enter(said, bound, accelerations, diagnostics)
+
+
 class Kernel:
     """What `physics.Physics` says of small swarms, and of large ones all but their pairs."""
 

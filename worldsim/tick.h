@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-enum { SIZE = 4, AXES = 2, NUMBERS = 3, COLUMNS = SIZE + 2 };
+enum { SIZE = 4, AXES = 2, OUTCOME = AXES + 3, NUMBERS = 3, COLUMNS = SIZE + 2 };
 enum { FLYING = 0, LOST = 2 };                        /* swarm.messages.Status */
 enum { DIVERGED = 1, ARRIVING = 2, COLLIDING = 4 };   /* marks of a UAV, worldsim/physics.py */
 

@@ -248,3 +248,63 @@ def test_nothing_is_written_beyond_the_last_uav() -> None:
 def test_no_uavs_are_no_work() -> None:
     empty = [np.zeros((0, array.shape[1])) if array.ndim == 2 else array[:0] for array in arguments()[3:]]
     assert kernel._kernel.advance(arguments()[0], 4, True, *empty) == 0
+
+
+NOT_ENTERED = [
+    ([b"1" * 41], "item 0"),
+    ([b"1" * 40, "x" * 40], "item 1"),
+    ([np.zeros(5)], "item 0"),
+    ([b"1" * 40], "expected 2 doubles"),
+    ([b"1" * 40] * 3, "expected 6 doubles"),
+    ([], "expected 0 doubles"),
+]
+
+
+@needs_kernel
+@pytest.mark.parametrize(("said", "why"), NOT_ENTERED)
+def test_outcomes_that_do_not_fit_are_not_entered(said: list[Any], why: str) -> None:
+    accelerations, diagnostics = np.full((2, 2), 7.0), np.full((2, 3), 7.0)
+    with pytest.raises(ValueError, match=why):
+        kernel._kernel.enter(said, 1e9, accelerations, diagnostics)
+    assert (accelerations == 7).all()
+    assert (diagnostics == 7).all()
+
+
+@needs_kernel
+@pytest.mark.parametrize(
+    ("accelerations", "diagnostics"),
+    [
+        (np.zeros((2, 2)), np.zeros((2, 2))),
+        (np.zeros((2, 2)), np.zeros((2, 3), dtype=np.int64)),
+        (np.zeros((2, 2), dtype=np.float32), np.zeros((2, 3))),
+        (np.zeros((4, 2))[::2], np.zeros((2, 3))),
+        (np.zeros((2, 2)), bytes(48)),
+        (np.zeros((2, 2)), None),
+    ],
+)
+def test_outcomes_are_entered_only_where_there_is_room(accelerations: Any, diagnostics: Any) -> None:
+    with pytest.raises((ValueError, BufferError, TypeError)):
+        kernel._kernel.enter([b"1" * 80], 1e9, accelerations, diagnostics)
+    assert not np.asarray(accelerations).any()
+
+
+@needs_kernel
+@given(
+    st.lists(st.integers(0, 4), max_size=6),
+    st.integers(0, 2**32),
+    st.sampled_from([0.0, np.nan, np.inf, -np.inf, 10.0, -10.0, np.nextafter(10.0, 0.0)]),
+)
+def test_outcomes_are_entered_in_their_order_or_not_at_all(rows: list[int], seed: int, wild: float) -> None:
+    numbers = np.random.default_rng(seed).normal(0, 2, (sum(rows), 5)).clip(-9, 9)
+    if len(numbers):
+        numbers[seed % len(numbers), seed % 5] = wild
+    said = [part.tobytes() for part in np.split(numbers, np.cumsum(rows)[:-1])] if rows else []
+    accelerations, diagnostics = np.full((len(numbers), 2), 7.0), np.full((len(numbers), 3), 7.0)
+    largest = kernel.enter(said, 10.0, accelerations, diagnostics)
+    if len(numbers) and not abs(wild) < 10.0:
+        assert largest is None
+        assert (accelerations == 7).all()
+        assert (diagnostics == 7).all()
+    else:
+        assert largest == tuple(np.abs(numbers[:, 2:4]).max(axis=0, initial=0.0).tolist())
+        assert (np.concatenate([accelerations, diagnostics], axis=-1) == numbers).all()
