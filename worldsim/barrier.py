@@ -96,14 +96,10 @@ class Barrier:
                 question = self._cut.of(self.asked[name])
             self._bus.put(keys.sense(self._run, name), question)
 
-    def overhear(self, key: str, raw: bytes) -> bool:
+    def overhear(self, key: str, raw: bytes, but: int = 1) -> bool:
         """Takes a plain answer (`swarm.plain`) that is waited for, whoever brings it; with whatever else this is,
-        nothing is done. Nor with the last: it goes to who waits for it, who would not wake otherwise.
+        nothing is done. Nor with the last `but` one: it goes to who waits for it, who would not wake otherwise.
         """
-        return self.hear(key, raw, 1)
-
-    def hear(self, key: str, raw: bytes, but: int = 0) -> bool:
-        """The same for the last as well; or, where no more than `but` answers are missing, for none."""
         with self._gate:
             member = self._silent.get(key)
             if member is None or len(self._silent) <= but or not (rows := member.rows):

@@ -58,8 +58,7 @@ def fly(monkeypatch: pytest.MonkeyPatch, settings: tuple[str, ...], method: str,
         if not short:
             patch.setattr(plain, "encode", codec.encode)
             patch.setattr(Barrier, "ask_all", one_by_one)
-            for short_way in ("hear", "overhear"):
-                patch.setattr(Barrier, short_way, lambda *_: False)
+            patch.setattr(Barrier, "overhear", lambda *_: False)
             patch.setattr(inbound, "upload", lambda *_: None)
         fixed = ["uavs=6", "duration=6", "stop=duration", "federation.period=10"]
         engine = Engine(load(None, [*fixed, *settings], method=method), "short", uavs_per_node=rows)

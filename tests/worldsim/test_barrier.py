@@ -69,7 +69,7 @@ def test_a_leader_has_no_models_to_report() -> None:
     delivery = stand.agent.receive(0.0)
     assert delivery is not None
     assert delivery.payload == codec.encode(Sense(FINGERPRINT, TICK, np.zeros((0, 4)), False))
-    assert not stand.barrier.hear(KEY, codec.encode(Act(FINGERPRINT, TICK, np.zeros((0, 5)))))
+    assert not stand.barrier.overhear(KEY, codec.encode(Act(FINGERPRINT, TICK, np.zeros((0, 5)))), 0)
     assert not stand.barrier.complete
 
 
@@ -78,11 +78,11 @@ def test_a_plain_answer_counts_once() -> None:
     stand.asked()
     raw = codec.encode(Act(FINGERPRINT, TICK, OUTCOME))
     assert stand.barrier.missing == ["agent-0"]
-    assert stand.barrier.hear(KEY, raw)
+    assert stand.barrier.overhear(KEY, raw, 0)
     assert stand.barrier.complete
     assert stand.barrier.outcomes == {"agent-0": OUTCOME.tobytes()}
     assert not stand.barrier.acts
-    assert not stand.barrier.hear(KEY, raw)
+    assert not stand.barrier.overhear(KEY, raw, 0)
     with pytest.raises(MessageRejected) as refused:
         stand.barrier.answer("agent-0", Act(FINGERPRINT, TICK, OUTCOME))
     assert refused.value.reason == "duplicate"
@@ -91,7 +91,7 @@ def test_a_plain_answer_counts_once() -> None:
 def test_an_answer_with_a_report_is_kept_with_it() -> None:
     stand = Stand(reporting=True)
     stand.asked()
-    assert stand.barrier.hear(KEY, codec.encode(Act(FINGERPRINT, TICK, OUTCOME, report=MODELS)))
+    assert stand.barrier.overhear(KEY, codec.encode(Act(FINGERPRINT, TICK, OUTCOME, report=MODELS)), 0)
     act = stand.barrier.acts["agent-0"]
     assert act.report is not None
     assert (act.report == MODELS).all()
@@ -115,21 +115,21 @@ def test_an_answer_with_a_report_is_kept_with_it() -> None:
 def test_whatever_is_not_plain_is_left_to_the_codec(other: bytes) -> None:
     stand = Stand()
     stand.asked()
-    assert not stand.barrier.hear(KEY, other)
+    assert not stand.barrier.overhear(KEY, other, 0)
     assert stand.barrier.missing == ["agent-0"]
 
 
 def test_nobody_is_heard_who_was_not_asked_or_is_gone_or_comes_late() -> None:
     raw = codec.encode(Act(FINGERPRINT, TICK, OUTCOME))
     stand = Stand()
-    assert not stand.barrier.hear(KEY, raw)
+    assert not stand.barrier.overhear(KEY, raw, 0)
     stand.asked()
-    assert not stand.barrier.hear(keys.act(RUN, "agent-1"), raw)
+    assert not stand.barrier.overhear(keys.act(RUN, "agent-1"), raw, 0)
     assert stand.barrier.forget("agent-0")
-    assert not stand.barrier.hear(KEY, raw)
+    assert not stand.barrier.overhear(KEY, raw, 0)
     stand.asked()
     stand.barrier.close()
-    assert not stand.barrier.hear(KEY, raw)
+    assert not stand.barrier.overhear(KEY, raw, 0)
     assert not stand.barrier.outcomes
 
 
@@ -139,7 +139,7 @@ def test_who_is_asked_twice_may_answer_twice_and_not_more_often() -> None:
     assert not stand.barrier.is_repeat("agent-0")
     stand.barrier.ask_again()
     stand.barrier.ask_again()
-    assert stand.barrier.hear(KEY, codec.encode(Act(FINGERPRINT, TICK, OUTCOME)))
+    assert stand.barrier.overhear(KEY, codec.encode(Act(FINGERPRINT, TICK, OUTCOME)), 0)
     stand.barrier.ask_again()  # it has answered
     stand.barrier.open(TICK + 1, False)  # its other answers may come as late as this
     assert [stand.barrier.is_repeat("agent-0") for _ in range(3)] == [True, True, False]
@@ -157,7 +157,7 @@ def test_the_last_answer_is_left_to_who_waits() -> None:
     assert stand.barrier.missing == ["agent-2"]
     assert not stand.barrier.overhear(KEY, raw)
     assert not stand.barrier.overhear(keys.act(RUN, "agent-2"), raw)
-    assert stand.barrier.hear(keys.act(RUN, "agent-2"), raw)
+    assert stand.barrier.overhear(keys.act(RUN, "agent-2"), raw, 0)
     assert stand.barrier.complete
     assert list(stand.barrier.outcomes) == ["agent-0", "agent-2"]
 
@@ -185,7 +185,7 @@ def test_whoever_waits_wakes_however_answers_come_in_two_threads() -> None:
             barrier.ask_all(crowd, np.zeros((12, 4)))
             asked.put(tick)
             while not barrier.complete:
-                assert barrier.hear(*waiting.get(timeout=DEADLINE_S))
+                assert barrier.overhear(*waiting.get(timeout=DEADLINE_S), 0)
             barrier.close()
             expected = {member.name: np.full(5, uav + tick, float).tobytes() for uav, member in enumerate(crowd)}
             assert barrier.outcomes == expected
