@@ -11,6 +11,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from channel import kernel
+from channel.account import account
 from channel.fading import Fading
 from channel.link import Transmission, transmit
 from channel.links import Links
@@ -92,28 +94,22 @@ class Air:
         if cut is not None:
             failed = cut(links.source, links.target)
             spent = np.where(failed, radio.latency_threshold_slots, sent.slots)
-            sent = Transmission(spent, sent.delivered & ~failed)
-        self.meter.count(batch.kind, bits, links, distance, sent)
+            sent = Transmission(spent, sent.missing + failed)
+        came_to = account(tick, links, sent)
+        self.meter.count(batch.kind, bits, links, distance, came_to)
 
-        outages, through = sent.outages, sent.delivered
-        if links.on_board:
-            through = np.ones(len(links.ends), dtype=bool)
+        ends = links.ends
+        if not self._next_tick or came_to.outages:
+            through = np.ones(len(ends), dtype=bool)
             through[links.by_radio] = sent.delivered
-        if self._next_tick:
-            ends = links.ends
-            if outages:  # the two numbers of a link as one: a third of the time of a row each
-                ends = ends.view(np.int64)[:, 0].take(through.nonzero()[0])[:, None].view(np.int32)
-            self._deliver(tick + 1, batch, ends)
-        else:
-            arrival = np.full(len(links.ends), tick + 1)
+        if not self._next_tick:
+            arrival = np.full(len(ends), tick + 1)
             arrival[links.by_radio] = tick + delivery_ticks(self._scenario, sent.slots)
             for due in np.unique(arrival[through]).tolist():
-                self._deliver(due, batch, links.ends[through & (arrival == due)])
-        record = links.record.copy()
-        record[:, 0], record[:, 4] = tick, sent.slots
-        if outages:
-            record[(~sent.delivered).nonzero()[0], 4] *= -1
-        return record
+                self._deliver(due, batch, ends[through & (arrival == due)])
+        else:
+            self._deliver(tick + 1, batch, ends.compress(through, axis=0) if came_to.outages else ends)
+        return came_to.record
 
     def _deliver(self, tick: int, batch: Frames, ends: NDArray[np.int32]) -> None:
         """The frames of a batch arrive over these links in a tick to come."""
@@ -129,15 +125,15 @@ class Air:
 
     def _links(self, kind: FrameKind, sources: Indices, states: state.States) -> Links:
         """Every link a kind uses."""
+        if kind == FrameKind.STATE:
+            return self._in_range(sources, states)
         leader, uavs = self._scenario.federation.leader, self._scenario.uavs
         rows = np.arange(len(sources))
         if kind == FrameKind.UPLOAD:
             return Links.of(kind, sources, rows, self._head_of[sources], uavs)
         if kind == FrameKind.RELAY:
             return Links.of(kind, sources, rows, np.full(len(sources), leader), uavs)
-        if kind == FrameKind.GLOBAL:
-            return Links.of(kind, sources, rows.repeat(uavs), np.tile(np.arange(uavs), len(sources)), uavs)
-        return self._in_range(sources, states)
+        return Links.of(kind, sources, rows.repeat(uavs), np.tile(np.arange(uavs), len(sources)), uavs)
 
     def _in_range(self, sources: Indices, states: state.States) -> Links:
         """From sources to all others they reach: mostly the same as a tick ago, and everyone to everyone."""
@@ -164,6 +160,8 @@ class Air:
 
         Rounding keeps order, so a distance within the box comes out no longer than its diagonal.
         """
+        if kernel.is_compiled():
+            return kernel.within(states, self._range_squared)
         here = states[:, state.POSITION]
         along, across = (np.maximum.reduce(here) - np.minimum.reduce(here)).tolist()
         return bool(along * along + across * across <= self._range_squared)

@@ -1,6 +1,5 @@
 """The fading of one slot after another, drawn ahead: a call for every slot of a tick costs more than its numbers."""
 
-from bisect import bisect_left
 from typing import Any
 
 import numpy as np
@@ -10,58 +9,46 @@ from channel.rician import squared_amplitude
 from swarm.scenario import Radio
 from swarm.seeds import random_state, set_random_state
 
-_BLOCK = 4096  # amplitudes at a time: four ticks of 25 UAVs that all speak, and not yet out of the caches
+Floats = NDArray[np.float64]
+
+_BLOCK = 4096  # slots at a time: four ticks of 25 UAVs that all speak, and not yet out of the caches
 
 
 class Fading:
-    """z² of slots in the order in which they are asked for, as if each were drawn from the generator when it is."""
+    """Amplitudes of slots in the order in which they are asked for, as if each were drawn when it is."""
 
     def __init__(self, draw: np.random.Generator, radio: Radio) -> None:
         """`draw` is this object's own from now on."""
-        self._draw, self._radio = draw, radio
-        self._ahead: NDArray[np.float64] = np.empty(0)
-        self._used = 0  # of those ahead
-        self._failed: NDArray[np.intp] | None = None  # which of them are below
-        self._threshold = 0.0
-        self._places = memoryview(b"")  # the same; it is searched in a fraction of the time
-        self._asked, self._last = -1, 0  # up to where was asked last, and how many of those are before
+        self._draw = draw
+        self.xi, self.chi = radio.rice_xi, radio.rice_chi
+        self._normal: Floats = np.empty((0, 2))  # drawn ahead, from a slot on that may be over
+        self._used = 0  # slots of those
         self._before = draw.bit_generator.state  # where the generator was before it drew the last block,
-        self._begin = 0  # and where that begins among those ahead
+        self._begin = 0  # and with which slot of those ahead that begins
 
-    def squared(self, count: int) -> NDArray[np.float64]:
+    def squared(self, count: int) -> Floats:
         """z² of the next `count` slots, `(count,)`; see `channel.rician`."""
-        begin = self._next(count)
-        return self._ahead[begin : self._used]
+        squared = squared_amplitude(self.ahead(count)[:count], self.xi, self.chi)
+        self.use(count)
+        return squared
 
-    def failing(self, threshold: float, count: int) -> NDArray[np.intp]:
-        """In which of the next `count` slots z² is below a threshold, ascending; all ahead are compared at once."""
-        begin = self._next(count)
-        if self._failed is None or threshold != self._threshold:
-            self._failed, self._threshold = (self._ahead < threshold).nonzero()[0], threshold
-            self._places, self._asked = self._failed.data, -1
-        first = self._last if begin == self._asked else bisect_left(self._places, begin)
-        self._last = bisect_left(self._places, self._used, first, min(first + count, len(self._places)))
-        self._asked = self._used
-        return self._failed[first : self._last] - begin
+    def ahead(self, count: int) -> Floats:
+        """Standard normal numbers of the next slots, two a slot, of `count` at least; and so many must be used then."""
+        if self._used + count > len(self._normal):
+            left = self._normal[self._used :]
+            normal = np.empty((max(_BLOCK, count), 2))
+            normal[: len(left)] = left
+            self._before = self._draw.bit_generator.state
+            self._draw.standard_normal(out=normal[len(left) :])
+            self._normal, self._used, self._begin = normal, 0, len(left)
+        return self._normal[self._used :]
 
-    def _next(self, count: int) -> int:
-        """Where the next `count` begin among those ahead."""
-        if self._used + count > len(self._ahead):
-            self._draw_block(count)
-        begin = self._used
+    def use(self, count: int) -> None:
+        """The next `count` slots are over."""
         self._used += count
-        return begin
-
-    def _draw_block(self, count: int) -> None:
-        """Puts at least `count` ahead, more than are left."""
-        left = self._ahead[self._used :]
-        self._before = self._draw.bit_generator.state
-        drawn = squared_amplitude(self._draw, max(_BLOCK, count - len(left)), self._radio.rice_xi, self._radio.rice_chi)
-        self._ahead = np.concatenate([left, drawn]) if len(left) else drawn
-        self._used, self._begin, self._failed = 0, len(left), None
 
     def snapshot(self) -> dict[str, Any]:
-        """Where a generator is that has drawn what was asked for and nothing ahead."""
+        """Where a generator is that has drawn what was used and nothing ahead."""
         ahead = self._draw.bit_generator.state
         self._draw.bit_generator.state = self._before
         self._draw.standard_normal((self._used - self._begin, 2))
@@ -72,5 +59,5 @@ class Fading:
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Goes on where a snapshot was taken."""
         set_random_state(self._draw, snapshot)
-        self._ahead, self._used, self._begin, self._failed = np.empty(0), 0, 0, None
+        self._normal, self._used, self._begin = np.empty((0, 2)), 0, 0
         self._before = self._draw.bit_generator.state

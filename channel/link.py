@@ -1,12 +1,13 @@
 """One link: from distance to SNR threshold, from bits to slots, from slots to latency or outage."""
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from channel import kernel
 from channel.fading import Fading
 from swarm.scenario import Radio
 
@@ -14,20 +15,20 @@ Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 
-@dataclass(frozen=True, slots=True)
-class Transmission:
+class Transmission(NamedTuple):
     """What became of one message on each of K links.
 
-    slots: (K,) slots spent: D_m where delivered, D_M where not. delivered: (K,) bool.
+    slots: (K,) slots spent: D_m where delivered, D_M where not. missing: (K,) successful slots it lacks, 0 where
+    delivered.
     """
 
     slots: Counts
-    delivered: NDArray[np.bool_]
+    missing: Counts
 
     @property
-    def outages(self) -> int:
-        """On how many links it was not delivered."""
-        return len(self.delivered) - int(np.count_nonzero(self.delivered))
+    def delivered(self) -> NDArray[np.bool_]:
+        """On which links it was, (K,)."""
+        return self.missing == 0
 
 
 def bits_per_slot(radio: Radio) -> float:
@@ -50,7 +51,7 @@ def squared_threshold(radio: Radio, distance_m: Floats) -> Floats:
     return gain if radio.fading == "power" else gain * gain
 
 
-def transmit(radio: Radio, fading: Fading, distance_m: Floats, bits: int) -> Transmission:
+def transmit(radio: Radio, fading: Fading, distance_m: Floats, bits: int, *, compiled: bool = True) -> Transmission:
     """Sends one message over K independent links, slot by slot, until it is through or D_M slots are spent.
 
     In every slot an amplitude is drawn for each link still busy, in link order, so the result depends on the
@@ -58,49 +59,29 @@ def transmit(radio: Radio, fading: Fading, distance_m: Floats, bits: int) -> Tra
 
     Args:
         distance_m: (K,). bits: length of the message.
+        compiled: with the compiled kernel, if this installation has it; the bits are the same.
     """
-    needed = slots_needed(radio, bits)
-    if not radio.path_loss_exponent and needed == 1:
-        return _short(radio.latency_threshold_slots, fading, _threshold_anywhere(radio), len(distance_m))
-    threshold = squared_threshold(radio, distance_m)
-    slots = np.zeros(len(distance_m), dtype=np.int64)
-    busy: slice | NDArray[np.intp] = slice(None)  # all, without a copy: most messages are through in the first slot
-    missing, left = np.full(len(distance_m), needed), len(distance_m)  # slots of the busy, and how many those are
-    for slot in range(1, radio.latency_threshold_slots + 1):
-        if not left:
+    needed, threshold = _terms(radio, bits)
+    if radio.path_loss_exponent:
+        threshold = squared_threshold(radio, distance_m)
+    carry = kernel.carry if compiled and kernel.is_compiled() else _carry
+    return Transmission(*carry(fading, threshold, len(distance_m), needed, radio.latency_threshold_slots))
+
+
+def _carry(fading: Fading, threshold: Floats, links: int, needed: int, slots_at_most: int) -> tuple[Counts, Counts]:
+    """See `kernel.carry`."""
+    slots, missing = np.zeros(links, dtype=np.int64), np.full(links, needed)
+    threshold, busy = np.broadcast_to(threshold, links), np.arange(links)
+    for slot in range(1, slots_at_most + 1):
+        if not len(busy):
             break
         slots[busy] = slot
-        failed = fading.squared(left) < threshold[busy]
-        if needed > 1:
-            missing -= ~failed
-            failed = missing > 0
-            missing = missing[failed]
-        still = failed.nonzero()[0]
-        busy, left = still if isinstance(busy, slice) else busy[still], len(still)
-    delivered = np.ones(len(slots), dtype=bool)
-    delivered[busy] = False
-    return Transmission(slots, delivered)
+        missing[busy] -= fading.squared(len(busy)) >= threshold[busy]
+        busy = busy[missing[busy] > 0]
+    return slots, missing
 
 
-def _short(slots_at_most: int, fading: Fading, threshold: float, count: int) -> Transmission:
-    """A message that is through with the first slot that reaches the threshold, the same on all of `count` links.
-
-    A link spends one slot more than it fails; so what is kept of a slot is who goes on, and that is counted once.
-    """
-    busy = fading.failing(threshold, count)
-    again = [busy]
-    for _ in range(1, slots_at_most):
-        if not (left := len(busy)):
-            break
-        busy = busy[fading.failing(threshold, left)]
-        again.append(busy)
-    delivered = np.ones(count, dtype=bool)
-    delivered[again.pop()] = False  # of the last slot nobody goes on; who would is lost
-    slots = np.bincount(np.concatenate(again), minlength=count) if again else np.zeros(count, dtype=np.int64)
-    slots += 1
-    return Transmission(slots, delivered)
-
-
-@lru_cache(maxsize=64)  # a run knows one
-def _threshold_anywhere(radio: Radio) -> float:
-    return float(squared_threshold(radio, np.ones(1))[0])
+@lru_cache(maxsize=64)  # by radio and length; a run knows a few
+def _terms(radio: Radio, bits: int) -> tuple[int, Floats]:
+    """Slots needed, and the threshold (1,) of z² where no length makes a difference."""
+    return slots_needed(radio, bits), squared_threshold(radio, np.ones(1))

@@ -22,7 +22,6 @@ class Links:
 
     ends: NDArray[np.int32]
     by_radio: NDArray[np.bool_]
-    on_board: bool  # whether any is not by radio
     source: Indices
     target: Indices
     pair: Indices
@@ -45,6 +44,4 @@ class Links:
         else:
             transmissions, first = len(sources), np.flatnonzero(np.diff(row, prepend=-1))
         pair = source * uavs + target
-        return cls(
-            ends, by_radio, not by_radio.all(), source, target, pair, transmissions, first, record, np.ones(len(pair))
-        )
+        return cls(ends, by_radio, source, target, pair, transmissions, first, record, np.ones(len(pair)))

@@ -2,13 +2,14 @@
 
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from channel import theory
-from channel.link import Transmission
+from channel.account import Account
 from channel.links import Links
 from swarm.messages import FrameKind
 from swarm.scenario import Radio
@@ -53,20 +54,19 @@ class Meter:
         self._times = 0
 
     def count(
-        self, kind: FrameKind, payload_bits: int, links: Links, distance_m: NDArray[np.float64], sent: Transmission
+        self, kind: FrameKind, payload_bits: int, links: Links, distance_m: NDArray[np.float64], came_to: Account
     ) -> None:
         """Enters one batch of transmissions of a kind.
 
         Args:
-            payload_bits: of one transmission. distance_m: (K,), of the links by radio. sent: what became of those.
+            payload_bits: of one transmission. distance_m: (K,), of the links by radio. came_to: over those.
         """
         bill = self.traffic[kind]
         bill.transmissions += links.transmissions
         bill.payload_bits += payload_bits * links.transmissions
         if not (copies := len(links.pair)):
             return
-        outages, slots = sent.outages, int(np.add.reduce(sent.slots))
-        longest = float(np.add.reduce(np.maximum.reduceat(sent.slots, links.first)))  # of each transmission, summed
+        record, outages, slots, longest = came_to
         bill.sent += copies
         bill.delivered += copies - outages
         bill.outages += outages
@@ -79,7 +79,7 @@ class Meter:
             self._last = links
         self._times += 1
         if outages:
-            self._link_outages.reshape(-1)[links.pair[~sent.delivered]] += 1
+            self._link_outages.reshape(-1)[links.pair[record[:, 4] < 0]] += 1
 
     def initial(self, payload_bits: int) -> None:
         """The mission plan: one state broadcast a UAV before take-off, never in outage."""
@@ -98,7 +98,7 @@ class Meter:
 
     def total(self, name: str) -> float:
         """Sum of one field of `Traffic` over all kinds."""
-        return sum(getattr(bill, name) for bill in self.traffic.values())
+        return sum(map(attrgetter(name), self.traffic.values()))
 
     def snapshot(self) -> dict[str, Any]:
         """The bill so far, for `restore`."""

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 
-def squared_amplitude(draw: np.random.Generator, count: int, xi: float, chi: float) -> Floats:
-    """z² of `count` independent slots, `(count,)`; z = |ξ + χ(n₁ + jn₂)| with standard normal n₁, n₂."""
-    paths = draw.standard_normal((count, 2))  # in phase, in quadrature; in place, for they come by the thousand
-    paths *= chi
+def squared_amplitude(normal: Floats, xi: float, chi: float) -> Floats:
+    """z² of independent slots, `(count,)`; z = |ξ + χ(n₁ + jn₂)|, `normal`: standard normal n₁, n₂, `(count, 2)`."""
+    paths = normal * chi  # in phase, in quadrature; in place from here, for they come by the thousand
     paths[:, 0] += xi
     paths *= paths
     return paths[:, 0] + paths[:, 1]

@@ -14,6 +14,7 @@ from typing import Literal
 import psutil
 
 import agent.kernel
+import channel.kernel
 import worldsim.kernel
 from groundstation.memory import MEGABYTE, available_mb, needed_mb
 from swarm.session import DEFAULT_ENDPOINT
@@ -74,12 +75,12 @@ def _package(name: str) -> Finding:
 
 
 def compiled() -> Finding:
-    """Whether both kernels were compiled when this was installed; it runs without, with the same bits."""
-    kernels = {"the learners'": agent.kernel, "the world's": worldsim.kernel}
+    """Whether all kernels were compiled when this was installed; it runs without, with the same bits."""
+    kernels = {"the learners'": agent.kernel, "the world's": worldsim.kernel, "the radio's": channel.kernel}
     missing = [whose for whose, kernel in kernels.items() if not kernel.is_compiled()]
     if not missing:
-        return Finding("kernels", "ok", f"compiled: {' and '.join(kernels)}")
-    found = f"{' and '.join(missing)}: NumPy's, some ten times slower"
+        return Finding("kernels", "ok", f"compiled: {', '.join(kernels)}")
+    found = f"{', '.join(missing)}: NumPy's, some ten times slower"
     return Finding("kernels", "warning", found, "install a C compiler, then again this")
 
 

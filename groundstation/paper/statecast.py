@@ -29,20 +29,6 @@ class _Bill(Meter):
         self._link_outages += outages
 
 
-class _Drawn:
-    """Normal numbers already drawn, run by run, in the place of a generator."""
-
-    def __init__(self, generators: list[np.random.Generator], counts: NDArray[np.intp]) -> None:
-        self._normal = np.empty((int(counts.sum()), 2))
-        end = 0
-        for draw, count in zip(generators, counts.tolist(), strict=True):
-            draw.standard_normal(out=self._normal[end : end + count])
-            end += count
-
-    def standard_normal(self, _shape: tuple[int, int]) -> Floats:
-        return self._normal
-
-
 class StateCast:
     """The state broadcasts of R runs of one scenario, which differ in their seeds."""
 
@@ -116,10 +102,10 @@ class StateCast:
         for _ in range(self._radio.latency_threshold_slots):
             if not len(busy):
                 break
-            drawn = _Drawn(self._draws, np.bincount(run[busy], minlength=len(self._draws)))
-            amplitude = squared_amplitude(drawn, len(busy), self._radio.rice_xi, self._radio.rice_chi)  # type: ignore[arg-type]
+            normal = _normal(self._draws, np.bincount(run[busy], minlength=len(self._draws)))
+            squared = squared_amplitude(normal, self._radio.rice_xi, self._radio.rice_chi)
             slots[busy] += 1
-            missing[busy] -= amplitude >= (threshold if alike else threshold[busy])
+            missing[busy] -= squared >= (threshold if alike else threshold[busy])
             busy = busy[missing[busy] > 0]
         return slots, missing
 
@@ -168,3 +154,13 @@ class StateCast:
             float(theory.outage(self._radio, success, self._bits).sum()),
             float(theory.delivered_latency(self._radio, success, self._bits).sum()),
         )
+
+
+def _normal(draws: list[np.random.Generator], counts: NDArray[np.intp]) -> Floats:
+    """Standard normal numbers for so many slots of each run, run by run, two a slot."""
+    normal = np.empty((int(counts.sum()), 2))
+    end = 0
+    for draw, count in zip(draws, counts.tolist(), strict=True):
+        draw.standard_normal(out=normal[end : end + count])
+        end += count
+    return normal

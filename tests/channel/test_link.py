@@ -124,7 +124,7 @@ def test_rayleigh_is_an_exponential_tail() -> None:
 
 @pytest.mark.parametrize(("xi", "chi"), [(6.649, 1.347), (0.0, 1.347), (2.0, 0.5)])
 def test_the_squared_amplitude_has_the_moments_of_rice(xi: float, chi: float) -> None:
-    squared = squared_amplitude(np.random.default_rng(1), 100_000, xi, chi)
+    squared = squared_amplitude(np.random.default_rng(1).standard_normal((100_000, 2)), xi, chi)
     variance = 4 * chi**2 * (xi**2 + chi**2)  # of χ² (non-central χ² with two degrees of freedom)
     within_four_standard_errors(squared, xi**2 + 2 * chi**2, variance)
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import agent.kernel
+import channel.kernel
 import worldsim.kernel
 from groundstation import certs, doctor
 from groundstation.cli import main
@@ -108,7 +109,7 @@ def group(folder: Path, **files: str) -> Path:
 
 
 def test_a_kernel_that_was_not_compiled_is_worth_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
-    modules = {"learners": agent.kernel, "world": worldsim.kernel}
+    modules = {"learners": agent.kernel, "world": worldsim.kernel, "radio": channel.kernel}
     for module in modules.values():
         monkeypatch.setattr(module, "_kernel", object())
     assert doctor.compiled().verdict == "ok"
