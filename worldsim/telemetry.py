@@ -38,6 +38,7 @@ class Rows:
         self._status = np.zeros((capacity, uavs), dtype=np.uint8)
         self._energy = np.zeros((capacity, uavs), dtype=np.float32)
         self._swarm = np.zeros((capacity, len(SWARM_COLUMNS)))
+        self._outages = -1.0  # as of the last row; of none yet, so that the first is looked at
         self._clear(0)
 
     @property
@@ -61,13 +62,14 @@ class Rows:
         self._status[k] = flight.status
         self._energy[k] = flight.energy
         meter = air.meter
+        outages = meter.total("outages")
         self._swarm[k] = (
             meter.traffic[FrameKind.UPLOAD].payload_bits,
             meter.traffic[FrameKind.RELAY].payload_bits,
             meter.traffic[FrameKind.GLOBAL].payload_bits,
             meter.traffic[FrameKind.STATE].payload_bits,
             meter.total("delivered"),
-            meter.total("outages"),
+            outages,
             meter.total("airtime_s"),
             flight.phi_a,
             flight.phi_c,
@@ -78,13 +80,11 @@ class Rows:
             ledger.held,
             ledger.deadline_misses,
         )
+        if len(links) and flight.tick % STATE_LINKS_EVERY_TICKS:
+            links = self._sample(links, outages > self._outages)
         if len(links):
-            if flight.tick % STATE_LINKS_EVERY_TICKS:
-                kept = links[:, 4] < 0
-                if links.item(0, 3) != _STATE or links.item(-1, 3) != _STATE:  # kinds come one after the other
-                    kept |= links[:, 3] != _STATE
-                links = links.take(kept.nonzero()[0], axis=0)
             self._links.append(links)
+        self._outages = outages
         self._events += flight.events
         flight.events = []
         self._filled += 1
@@ -126,6 +126,12 @@ class Rows:
         self.block += 1
         self._clear(self._first_tick + n)
         return block
+
+    def _sample(self, links: NDArray[np.int32], lost: bool) -> NDArray[np.int32]:
+        """All but states that got through; `lost`: whether any did not."""
+        if links.item(0, 3) == links.item(-1, 3) == _STATE:  # kinds come one after the other
+            return links.compress(links[:, 4] < 0, axis=0) if lost else links[:0]
+        return links.compress((links[:, 4] < 0) | (links[:, 3] != _STATE), axis=0)
 
     def _clear(self, first_tick: int) -> None:
         self._first_tick = first_tick

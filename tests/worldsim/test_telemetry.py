@@ -1,0 +1,52 @@
+"""Of all links used, what is told: everything but states that got through, and of those a sample."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from groundstation.engine import Engine
+from swarm.messages import FrameKind, Telemetry
+from swarm.scenario import load
+from worldsim.telemetry import STATE_LINKS_EVERY_TICKS
+
+
+class Told:
+    """A sink that keeps the links."""
+
+    def __init__(self) -> None:
+        self.links: list[np.ndarray] = []
+
+    def write(self, block: Telemetry) -> None:
+        """One block more."""
+        self.links.append(block.links)
+
+
+@pytest.mark.parametrize(
+    ("method", "changes"),
+    [
+        ("hjb", []),
+        ("hjb", ["radio.target_snr_db=60"]),  # nothing is lost
+        ("mfgfl-hf", ["federation.state_period=3", "federation.period=7"]),
+        ("mfgfl-hf", ["federation.period=7"]),
+    ],
+)
+def test_outages_and_models_are_told_always_and_states_now_and_then(method: str, changes: list[str]) -> None:
+    flown = load(None, ["uavs=5", "duration=6", "radio.target_snr_db=77", *changes], method=method)
+    engine, used = Engine(flown, "telemetry", sinks=[told := Told()]), []
+    send = engine.world.air.send
+
+    def noted(*given: Any) -> np.ndarray:
+        used.append(send(*given).copy())
+        return used[-1]
+
+    engine.world.air.send = noted  # type: ignore[method-assign]
+    for _ in engine.fly():
+        pass
+    engine.world.finish()
+    links = np.concatenate(used)
+    sampled = (links[:, 0] + 1) % STATE_LINKS_EVERY_TICKS == 0
+    expected = links[sampled | (links[:, 4] < 0) | (links[:, 3] != FrameKind.STATE)]
+    np.testing.assert_array_equal(np.concatenate(told.links), expected)
+    assert sampled.any()
+    assert (links[:, 4] < 0).any() == ("radio.target_snr_db=60" not in changes)
