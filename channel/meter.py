@@ -2,7 +2,6 @@
 
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -98,7 +97,7 @@ class Meter:
 
     def total(self, name: str) -> float:
         """Sum of one field of `Traffic` over all kinds."""
-        return sum(map(attrgetter(name), self.traffic.values()))
+        return sum(getattr(bill, name) for bill in self.traffic.values())
 
     def snapshot(self) -> dict[str, Any]:
         """The bill so far, for `restore`."""
