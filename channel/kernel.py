@@ -1,7 +1,6 @@
 """The radio of a tick, compiled. Where no compiler was at hand when meanflock was installed, it is NumPy's.
 
-Both give the same bits. A call takes the place of a dozen of NumPy's in every slot of a message, on links of which only
-the first slot has many; and others of as many passes over all links as there are numbers to be had of them.
+Both give the same bits. Most slots of a message are for few links, and a dozen calls of NumPy in each were all it cost.
 """
 
 import numpy as np
