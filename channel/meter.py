@@ -51,6 +51,7 @@ class Meter:
         self._link_outages = np.zeros((self.uavs, self.uavs), dtype=np.int32)
         self._last: Links | None = None  # which mostly are those of the next tick: entered once, with how often
         self._times = 0
+        self._figures: tuple[float, ...] | None = None  # of most ticks they are those of the last
 
     def count(
         self, kind: FrameKind, payload_bits: int, links: Links, distance_m: NDArray[np.float64], came_to: Account
@@ -60,6 +61,7 @@ class Meter:
         Args:
             payload_bits: of one transmission. distance_m: (K,), of the links by radio. came_to: over those.
         """
+        self._figures = None
         bill = self.traffic[kind]
         bill.transmissions += links.transmissions
         bill.payload_bits += payload_bits * links.transmissions
@@ -82,6 +84,7 @@ class Meter:
 
     def initial(self, payload_bits: int) -> None:
         """The mission plan: one state broadcast a UAV before take-off, never in outage."""
+        self._figures = None
         bill = self.traffic[FrameKind.STATE]
         bill.transmissions += self.uavs
         bill.payload_bits += payload_bits * self.uavs
@@ -99,6 +102,13 @@ class Meter:
         """Sum of one field of `Traffic` over all kinds."""
         return sum(getattr(bill, name) for bill in self.traffic.values())
 
+    def figures(self) -> tuple[float, ...]:
+        """Payload bits by kind of traffic, as in `TRAFFIC`; deliveries, outages and airtime of all."""
+        if self._figures is None:
+            bits = [self.traffic[kind].payload_bits for kind in TRAFFIC]
+            self._figures = *bits, self.total("delivered"), self.total("outages"), self.total("airtime_s")
+        return self._figures
+
     def snapshot(self) -> dict[str, Any]:
         """The bill so far, for `restore`."""
         return {
@@ -108,6 +118,7 @@ class Meter:
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Goes on with the bill of a snapshot."""
+        self._figures = None
         self.traffic = {kind: Traffic(**bill) for kind, bill in zip(FrameKind, snapshot["traffic"], strict=True)}
         self._last, self._times = None, 0
         source, target, sent, outages = snapshot["links"].T

@@ -61,16 +61,9 @@ class Rows:
         self._diagnostics[k] = commands.diagnostics
         self._status[k] = flight.status
         self._energy[k] = flight.energy
-        meter = air.meter
-        outages = meter.total("outages")
+        *_, outages, _ = radio = air.meter.figures()
         self._swarm[k] = (
-            meter.traffic[FrameKind.UPLOAD].payload_bits,
-            meter.traffic[FrameKind.RELAY].payload_bits,
-            meter.traffic[FrameKind.GLOBAL].payload_bits,
-            meter.traffic[FrameKind.STATE].payload_bits,
-            meter.total("delivered"),
-            outages,
-            meter.total("airtime_s"),
+            *radio,
             flight.phi_a,
             flight.phi_c,
             flight.phi_c_distinct or 0.0,

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from channel.air import Air
+from channel.meter import Meter
 from groundstation.engine import Engine
 from swarm import state
 from swarm.codec import FLOAT_OF_BITS
@@ -245,6 +246,24 @@ def test_a_float_is_as_wide_as_the_scenario_says(bits: int) -> None:
     air.send(1, as_wide, line(*range(UAVS)))
     assert air.meter.traffic[FrameKind.UPLOAD].payload_bits == 2 * 108 * bits
     assert air.meter.traffic[FrameKind.STATE].payload_bits == 4 * bits
+
+
+def test_a_row_of_figures_is_of_the_bill_as_it_is_now() -> None:
+    air, states = (
+        Air(scenario("method=mfgfl-hf", "federation.clusters=2", "radio.target_snr_db=77")),
+        line(*range(UAVS)),
+    )
+    air.meter.initial(128)
+    kinds = [FrameKind.UPLOAD, FrameKind.STATE, FrameKind.GLOBAL, FrameKind.RELAY, FrameKind.STATE]
+    for tick, kind in enumerate(kinds):
+        air.send(tick, [frames(kind, [tick % 3 + 1], 4 + tick)], states)
+        bills = [air.meter.traffic[of] for of in (FrameKind.UPLOAD, FrameKind.RELAY, FrameKind.GLOBAL, FrameKind.STATE)]
+        totals = [sum(getattr(bill, name) for bill in bills) for name in ("delivered", "outages", "airtime_s")]
+        assert air.meter.figures() == pytest.approx((*(bill.payload_bits for bill in bills), *totals))
+        again = Meter(air.meter.radio, UAVS)
+        again.restore(air.meter.snapshot())
+        assert again.figures() == air.meter.figures() == air.meter.figures()
+    assert len({*air.meter.figures()[:4]}) == 4
 
 
 def test_airtime_lasts_until_the_last_link_is_served_or_given_up() -> None:
