@@ -75,6 +75,7 @@ class World:
         self._mode, self._barrier_s, self._clock = mode, barrier_s, clock
         self._schedule = None if realtime is None else Schedule(realtime, scenario.dt)
         self._stations, self._checkpoint_every = stations, checkpoint_every
+        self._keeps_more = scenario.keeps_states or scenario.keeps_residuals  # than models, which are in every report
         self._rounds = Rounds(scenario)
         self._script = Script(scenario)
         self.flight = Flight(scenario)
@@ -180,7 +181,7 @@ class World:
         # 2. Ask: every node gets its own states and what its radios received.
         reporting = tick % REPORT_EVERY_TICKS == 0
         whole = reporting and self._checkpoint_every > 0 and tick % self._checkpoint_every == 0
-        self._ask(tick, reporting, whole)
+        self._ask(tick, reporting, whole and self._keeps_more)
         # 3. Wait for everyone, or lose who does not answer.
         self._waiting.for_answers()
         # 4. What they want to say goes on the air.
