@@ -1,6 +1,7 @@
 """Files that are whole after a crash, of the process or the machine: what is on the disk is the old or the new one."""
 
 import os
+from io import FileIO
 from pathlib import Path
 
 from swarm.errors import BadInput
@@ -18,6 +19,12 @@ def replace(path: Path, content: bytes | memoryview) -> None:
     except OSError:
         part.unlink(missing_ok=True)
         raise
+
+
+def write(file: FileIO, content: bytes | memoryview) -> None:
+    """All of it: a disk that is almost full takes a part without a word."""
+    while content:
+        content = content[file.write(content) :]
 
 
 def move(part: Path, path: Path) -> None:

@@ -7,45 +7,28 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
-from io import FileIO
 from pathlib import Path
 from typing import IO, Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import tomli_w
-from numpy.typing import NDArray
 
 from groundstation import durable
 from groundstation.aside import Aside
+from groundstation.series import block_of, rows_of, schema, unbroken
+from groundstation.spool import Spool, spooled
 from swarm import codec, scenario
 from swarm.errors import BadInput, MessageRejected, RunFailed
-from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Status, Telemetry
+from swarm.messages import Status, Telemetry
 from swarm.scenario import Scenario
 
 SCENARIO, SUMMARY, TIMESERIES = "scenario.toml", "summary.json", "timeseries.parquet"
 EVENTS, RECORDING = "events.jsonl", "recording.rrd"
 CHECKPOINT = "checkpoint.msgpack"  # only while the run is not finished
 _MARK_BLOCK, _MARK_EVENTS = "meanflock.block", "meanflock.events_bytes"
-_SPOOL = ".timeseries.arrow"  # a Parquet file without its footer is lost, an Arrow stream is not
-
-
-def schema() -> pa.Schema:
-    """Columns of `timeseries.parquet`: one row a tick; lists have one entry a UAV."""
-    each = pa.list_(pa.float32())
-    return pa.schema(
-        [
-            ("tick", pa.int32()),
-            ("sim_time_s", pa.float64()),
-            *[(name, pa.list_(pa.float64())) for name in ("x_m", "y_m", "vx_m_s", "vy_m_s")],
-            *[(name, each) for name in ("ax_m_s2", "ay_m_s2", "energy_J", *DIAGNOSTICS)],
-            ("status", pa.list_(pa.uint8())),
-            *[(name, pa.float64()) for name in SWARM_COLUMNS],
-            ("weight_spread", pa.float64()),  # null between reports
-            ("leader_model", each),  # [ŵ_H0, ŵ_H1, ŵ_F0, ŵ_F1] of the leader UAV; null between reports
-        ]
-    )
+_SPOOL = ".telemetry"
+_PAST_STATES = 50_000  # of rows that are spooled once more, in one block
 
 
 @dataclass(frozen=True)
@@ -85,16 +68,14 @@ class RunFolder:
         self._over, self._resumed, self._full = False, past is not None, False
         self._last_tick = -1
         self._aside = Aside("checkpoints")  # they wait for the disk
-        self._schema = schema()
         spool = self.path / _SPOOL
         part = spool.with_suffix(".part")
         try:
-            self._stream = pa.OSFile(str(part), "wb")
-            self._spool = pa.ipc.new_stream(self._stream, self._schema)
+            self._spool = Spool(part, flown.dt)
             if past is not None:
                 self._events.truncate(past.events_bytes)
-                for batch in past.rows.to_batches(max_chunksize=1000):
-                    self._spool.write_batch(batch, custom_metadata=_mark(past.next_block - 1, past.events_bytes))
+                for rows in unbroken(past.rows, max(1, _PAST_STATES // flown.uavs)):
+                    self._spool.append(block_of(rows, past.next_block - 1), past.events_bytes)
                 self._last_tick = past.rows.num_rows - 1
                 self._sync()
                 (self.path / SUMMARY).unlink(missing_ok=True)
@@ -117,7 +98,7 @@ class RunFolder:
         """
         if self._full:
             raise RunFailed(self._holds("no more is kept"))
-        spooled, told = self._stream.tell(), os.fstat(self._events.fileno()).st_size
+        told = os.fstat(self._events.fileno()).st_size
         try:
             self._aside.look()  # where there was no room for a checkpoint, there is none for what comes
             self._append(block)
@@ -125,7 +106,6 @@ class RunFolder:
             self._full = True
             with suppress(OSError):
                 os.ftruncate(self._events.fileno(), told)
-                os.truncate(self.path / _SPOOL, spooled)
             raise RunFailed(self._holds(_reason(error))) from error
         if len(block.states):
             last = self._last_tick = block.first_tick + len(block.states) - 1
@@ -137,11 +117,9 @@ class RunFolder:
         for event in block.events:
             row = {"tick": event.tick, "sim_time_s": round(event.tick * self._dt, 6), "kind": event.kind}
             lines.append(json.dumps({**row, "text": event.text, "uavs": list(event.uavs)}) + "\n")
-        _write(self._events, "".join(lines).encode())
+        durable.write(self._events, "".join(lines).encode())
         events_bytes = os.fstat(self._events.fileno()).st_size
-        batch = _batch(block, self._dt, self._schema)
-        self._spool.write_batch(batch, custom_metadata=_mark(block.block, events_bytes))
-        self._stream.flush()
+        self._spool.append(block, events_bytes)
         if block.checkpoint:
             tick = block.first_tick + len(block.states) - 1
             kept = {"tick": tick, "block": block.block, "events_bytes": events_bytes, "body": block.checkpoint}
@@ -173,9 +151,7 @@ class RunFolder:
 
     def _sync(self) -> None:
         """Makes sure that all rows and events so far are on the disk; in between, the system may take its time."""
-        self._events.flush()
-        self._stream.flush()
-        for file in (self._events, self._stream):
+        for file in (self._events, self._spool):
             os.fsync(file.fileno())
 
     def __enter__(self) -> "RunFolder":
@@ -194,10 +170,7 @@ class RunFolder:
                 self._full = True  # no room for a checkpoint, none for the time series
                 raise
             finally:
-                with suppress(OSError):  # the end of a stream is not needed to read it
-                    self._spool.close()
-                with suppress(OSError):
-                    self._stream.close()
+                self._spool.close()
             if failure is not None and issubclass(failure, BadInput) and not self._resumed:
                 shutil.rmtree(self.path)
             elif not self._full:  # where there is no room, the rows stay in the spool as after a kill
@@ -251,7 +224,7 @@ def _to_parquet(spool: Path, path: Path) -> None:
     with pq.ParquetWriter(path, schema(), compression="zstd") as writer:
         gathered = []
         last: dict[str, str] = {}
-        for batch, mark in _whole_batches(spool):
+        for batch, mark in _rows_of(spool):
             gathered.append(batch)
             last = mark
             if len(gathered) == 50:
@@ -270,7 +243,7 @@ def past(folder: Path, tick: int | None = None) -> Past:
     """
     try:
         if (folder / _SPOOL).exists():
-            read = list(_whole_batches(folder / _SPOOL))
+            read = list(_rows_of(folder / _SPOOL))
             rows = pa.Table.from_batches([batch for batch, _ in read], schema())
             mark = read[-1][1] if read else {}
         else:
@@ -285,16 +258,10 @@ def past(folder: Path, tick: int | None = None) -> Past:
     return Past(rows, int(mark.get(_MARK_BLOCK, -1)) + 1, int(mark.get(_MARK_EVENTS, 0)))
 
 
-def states_of(rows: pa.Table) -> NDArray[np.float64]:
-    """The states (T, N, 4) in rows of a time series."""
-    return per_uav(rows, "x_m", "y_m", "vx_m_s", "vy_m_s")
-
-
-def per_uav(rows: pa.Table, *names: str) -> NDArray[Any]:
-    """Columns of a time series that have an entry a UAV, (T, N, columns)."""
-    columns = [rows[name].combine_chunks() for name in names]
-    flat = [(column.flatten() if isinstance(column, pa.ListArray) else column).to_numpy() for column in columns]
-    return np.stack(flat, axis=-1).reshape(len(rows), -1, len(columns))
+def _rows_of(spool: Path) -> Iterator[tuple[pa.RecordBatch, dict[str, str]]]:
+    """The rows of every block, with what is to be known of the folder that ends with it."""
+    for block, events_bytes, dt in spooled(spool):
+        yield rows_of(block, dt), {_MARK_BLOCK: str(block.block), _MARK_EVENTS: str(events_bytes)}
 
 
 def read_checkpoint(folder: Path) -> dict[str, Any]:
@@ -314,29 +281,6 @@ def read_checkpoint(folder: Path) -> dict[str, Any]:
         raise BadInput(f"{path}: damaged ({error}); the run cannot be resumed") from error
 
 
-def _whole_batches(spool: Path) -> Iterator[tuple[pa.RecordBatch, dict[str, str]]]:
-    """Everything before the cut a kill may have left, each batch with its mark."""
-    with pa.OSFile(str(spool), "rb") as source:
-        try:
-            stream = pa.ipc.open_stream(source)
-            while True:
-                batch, mark = stream.read_next_batch_with_custom_metadata()
-                yield batch, {k.decode(): v.decode() for k, v in (mark or {}).items()}
-        except (StopIteration, pa.ArrowInvalid, OSError):
-            return
-
-
-def _mark(block: int, events_bytes: int) -> dict[str, str]:
-    """What a batch of the spool says of itself: its block, and where the events of it and all before it end."""
-    return {_MARK_BLOCK: str(block), _MARK_EVENTS: str(events_bytes)}
-
-
-def _write(file: FileIO, content: bytes) -> None:
-    """All of it: a disk that is almost full takes a part without a word."""
-    while content:
-        content = content[file.write(content) :]
-
-
 def _reason(error: OSError) -> str:
     """In words; an error of a library has its number at most."""
     return error.strerror or (os.strerror(error.errno) if error.errno else str(error))
@@ -345,32 +289,3 @@ def _reason(error: OSError) -> str:
 def to_toml(flown: Scenario) -> str:
     """The resolved scenario as a file that flies the same run again."""
     return tomli_w.dumps(json.loads(scenario.encode(flown.resolved())))
-
-
-def _batch(block: Telemetry, dt: float, columns: pa.Schema) -> pa.RecordBatch:
-    rows, uavs, _ = block.states.shape
-    ticks = np.arange(block.first_tick, block.first_tick + rows, dtype=np.int32)
-
-    def lists(values: np.ndarray) -> list[pa.Array]:
-        """Columns of lists, of values (T, N, columns)."""
-        each = np.moveaxis(values, -1, 0).reshape(values.shape[-1], -1)  # one copy for all of them
-        return [pa.ListArray.from_arrays(offsets, column) for column in each]
-
-    offsets = pa.array(np.arange(0, rows * uavs + 1, uavs, dtype=np.int32))
-    report_of = dict(zip(block.report_ticks.tolist(), range(len(block.report_ticks)), strict=True))
-    reported = [report_of.get(tick) for tick in ticks.tolist()]
-    return pa.RecordBatch.from_arrays(
-        [
-            pa.array(ticks),
-            pa.array(ticks * dt),
-            *lists(block.states),
-            *lists(block.accelerations),
-            *lists(block.energy[..., None]),
-            *lists(block.diagnostics),
-            *lists(block.status[..., None]),
-            *map(pa.array, np.ascontiguousarray(block.swarm.T)),
-            pa.array([None if k is None else block.spread[k] for k in reported], pa.float64()),
-            pa.array([None if k is None else block.reports[k] for k in reported], pa.list_(pa.float32())),
-        ],
-        schema=columns,
-    )

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from groundstation.results import CHECKPOINT, SCENARIO, SUMMARY, Past, past, read_checkpoint, states_of
+from groundstation.results import CHECKPOINT, SCENARIO, SUMMARY, Past, past, read_checkpoint
+from groundstation.series import states_of
 from swarm import keys, scenario
 from swarm.errors import BadInput
 from swarm.scenario import Scenario

@@ -102,7 +102,7 @@ class Compose:
 
     def written(self) -> int:
         """Bytes of telemetry on the mounted volume."""
-        return sum(path.stat().st_size for path in self.out.glob("*/.timeseries.arrow"))
+        return sum(path.stat().st_size for path in self.out.glob("*/.telemetry"))
 
     def flying(self) -> None:
         """Waits for telemetry."""

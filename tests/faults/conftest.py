@@ -137,7 +137,7 @@ def events_in(folder: Path) -> list[dict[str, Any]]:
 
 def spool_bytes(out: Path) -> int:
     """How much of the only run has reached the disk."""
-    return sum(path.stat().st_size for path in out.glob("*/.timeseries.arrow"))
+    return sum(path.stat().st_size for path in out.glob("*/.telemetry"))
 
 
 class Flight:
@@ -179,7 +179,7 @@ class Flight:
 
     def rows(self) -> int:
         """How many rows of the flight are on the disk."""
-        return max((past(spool.parent).rows.num_rows for spool in self.out.glob("*/.timeseries.arrow")), default=0)
+        return max((past(spool.parent).rows.num_rows for spool in self.out.glob("*/.telemetry")), default=0)
 
     def reach(self, tick: int) -> None:
         """Waits until the row of a tick is on the disk."""

@@ -7,11 +7,13 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from io import FileIO
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 
+from groundstation import durable
 from groundstation.results import RunFolder, past
 from groundstation.viewer import verify
 from swarm import scenario as scenarios
@@ -130,7 +132,7 @@ def test_a_ground_station_whose_disk_is_full_ends_and_the_flight_goes_on(disk: D
     assert pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist() == list(range(summary["ticks"] + 1))
 
 
-@pytest.mark.parametrize("what", ["_write", "durable.replace"])
+@pytest.mark.parametrize("what", ["events", "head", "rows", "checkpoint"])
 def test_of_a_block_that_does_not_fit_nothing_is_kept(
     what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -142,15 +144,20 @@ def test_of_a_block_that_does_not_fit_nothing_is_kept(
         folder.write(block)
     folder._aside.wait()
     rows = whole(tmp_path / "run")
+    fits = iter({"events": (), "head": (1,), "rows": (1, 1), "checkpoint": ()}[what])
+    write = durable.write
 
-    def half(first: object, content: bytes) -> None:
-        if what == "_write":
-            first.write(content[: len(content) // 2])  # type: ignore[attr-defined]
+    def half(first: FileIO, content: bytes) -> None:
+        if next(fits, False):
+            write(first, content)
+            return
+        if what != "checkpoint":
+            first.write(content[: len(content) // 2])
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(f"groundstation.results.{what}", half)
-    failing = next(b for b in lab.told.blocks[3:] if (b.checkpoint if what == "durable.replace" else b.events))
-    if what == "durable.replace":  # beside the flight: its block has been kept, and the next one tells
+    monkeypatch.setattr(durable, "replace" if what == "checkpoint" else "write", half)
+    failing = next(b for b in lab.told.blocks[3:] if (b.checkpoint if what == "checkpoint" else b.events))
+    if what == "checkpoint":  # beside the flight: its block has been kept, and the next one tells
         for block in lab.told.blocks[3 : lab.told.blocks.index(failing) + 1]:
             folder.write(block)
         rows = whole(tmp_path / "run")
@@ -170,7 +177,7 @@ def test_a_disk_that_is_full_beforehand_is_bad_input_and_nothing_is_left(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("groundstation.results.pa.OSFile", full)
+    monkeypatch.setattr("groundstation.results.Spool", full)
     with pytest.raises(BadInput, match="No space left"):
         RunFolder(tmp_path, "run", scenario())
     assert list(tmp_path.iterdir()) == []

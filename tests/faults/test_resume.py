@@ -15,8 +15,9 @@ import pytest
 from groundstation.cli import main
 from groundstation.engine import Engine
 from groundstation.recording import recorded
-from groundstation.results import CHECKPOINT, RunFolder, states_of
+from groundstation.results import CHECKPOINT, RunFolder
 from groundstation.resume import back
+from groundstation.series import states_of
 from groundstation.viewer import verify
 from swarm import scenario as scenarios
 from swarm.errors import BadInput
@@ -43,7 +44,7 @@ def flight(out: Path, flown: Scenario, dies_at: int | None = None, rows: int | N
     for tick in engine.fly():
         if tick == dies_at:
             folder._aside.wait()  # a checkpoint is written beside the flight
-            folder._spool = folder._stream = None  # type: ignore[assignment]  # as after kill -9: nothing is completed
+            folder._spool = None  # type: ignore[assignment]  # as after kill -9: nothing is completed
             folder._events.close()
             raise Died
     summary = engine.world.finish()
@@ -142,7 +143,7 @@ def test_a_run_can_die_and_be_resumed_again_and_again(tmp_path: Path) -> None:
             if tick == dies_at:
                 break
         again._aside.wait()
-        again._spool = again._stream = None  # type: ignore[assignment]
+        again._spool = None  # type: ignore[assignment]
         again._events.close()
     assert back(folder).start.tick == 301
     assert steady(resumed(folder)) == steady(expected)
@@ -157,7 +158,7 @@ def test_a_spool_cut_off_in_the_middle_of_a_block_is_resumed_all_the_same(
     flown = scenario(LATER)
     expected = flight(tmp_path / "whole", flown)
     folder = dead(tmp_path / "dead", flown, 250)
-    spool = folder / ".timeseries.arrow"
+    spool = folder / ".telemetry"
     os.truncate(spool, spool.stat().st_size - 1000)
     with (folder / "events.jsonl").open("a") as file:
         file.write('{"tick": 2')
@@ -227,7 +228,7 @@ def test_what_cannot_be_resumed_is_bad_input_in_one_line_and_nothing_is_touched(
         (folder / CHECKPOINT).write_bytes(damage)
         refuses(folder, "resumed")
     (folder / CHECKPOINT).write_bytes(kept)
-    spool = folder / ".timeseries.arrow"
+    spool = folder / ".telemetry"
     rows = spool.read_bytes()
     os.truncate(spool, 9000)
     refuses(folder, "missing")
@@ -246,9 +247,9 @@ def test_a_run_that_is_still_being_written_is_not_resumed(tmp_path: Path) -> Non
     for tick in engine.fly():
         if tick == 150:
             break
-    before = (tmp_path / "run" / ".timeseries.arrow").stat().st_size
+    before = (tmp_path / "run" / ".telemetry").stat().st_size
     assert main(["resume", str(tmp_path / "run"), "--in-process", "--no-record", "--quiet"]) == 2
-    assert (tmp_path / "run" / ".timeseries.arrow").stat().st_size == before
+    assert (tmp_path / "run" / ".telemetry").stat().st_size == before
     with folder:
         pass
 

@@ -81,7 +81,7 @@ def test_a_folder_taken_up_again_holds_every_row_and_event_once(orderly: bool, t
                 folder._aside.wait()
                 folder._events.write(b'{"half')
                 folder._events.close()
-                folder._spool = folder._stream = None  # type: ignore[assignment]
+                folder._spool = None  # type: ignore[assignment]
         if tick == 230:
             so_far = past(tmp_path / "run")
             folder = RunFolder(tmp_path, "run", flown, so_far)

@@ -158,7 +158,7 @@ def test_view_of_a_killed_run_opens_its_recording_filled_from_its_time_series(ru
     with (folder.path / "recording.rrd").open("r+b") as file:
         file.truncate(file.seek(0, os.SEEK_END) - 100)
     folder._aside.wait()
-    folder._spool = folder._stream = None  # type: ignore[assignment]
+    folder._spool = None  # type: ignore[assignment]
     folder._events.close()
     opened: list[Path] = []
     monkeypatch.setattr("groundstation.recording.open_viewer", opened.append)

@@ -71,10 +71,10 @@ def test_rows_and_events_are_on_the_disk_before_the_checkpoint_and_that_before_i
     def durably(name: str) -> list[str]:
         return [f".{name}.part", f"→ {name}", "run"]
 
-    rows = [EVENTS, ".timeseries.arrow"]
+    rows = [EVENTS, ".telemetry"]
     table = "timeseries.parquet"
     assert done == [
-        *(*durably(SCENARIO), "elsewhere", "→ .timeseries.arrow", "run"),
+        *(*durably(SCENARIO), "elsewhere", "→ .telemetry", "run"),
         *(3 * [*rows, *durably(CHECKPOINT)]),
         *(*rows, *durably(SUMMARY), "run"),  # and the checkpoint taken away
         *(f".{table}", f"→ {table}", "run", "run"),  # and what was spooled

@@ -41,7 +41,7 @@ def kept(out: Path, blocks: list[Telemetry]) -> Path:
     for block in blocks:
         folder.write(block)
     folder._aside.wait()
-    folder._spool = folder._stream = None  # type: ignore[assignment]
+    folder._spool = None  # type: ignore[assignment]
     folder._events.close()
     return folder.path
 

@@ -67,8 +67,8 @@ class Command:
 
     def flying(self) -> str:
         """Waits until telemetry reaches the disk; the run's name."""
-        until(lambda: list(self.out.glob("*/.timeseries.arrow")), "a run folder")
-        spool = next(self.out.glob("*/.timeseries.arrow"))
+        until(lambda: list(self.out.glob("*/.telemetry")), "a run folder")
+        spool = next(self.out.glob("*/.telemetry"))
         until(lambda: spool.stat().st_size > 20_000, "rows in the time series")
         return spool.parent.name
 

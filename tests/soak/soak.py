@@ -14,7 +14,8 @@ from typing import Any
 import psutil
 import pyarrow.parquet as pq
 
-from groundstation.results import CHECKPOINT, states_of
+from groundstation.results import CHECKPOINT
+from groundstation.series import states_of
 from groundstation.viewer import verify
 from swarm.rounds import Rounds
 from tests.polling import DEADLINE_S
