@@ -62,6 +62,11 @@ _VIRIDIS = np.array(
     dtype=np.float64,
 )
 
+_STEPS = np.linspace(0.0, 1.0, len(_VIRIDIS))
+_CHANNELS = [
+    (np.append(np.diff(base) / np.diff(_STEPS), 0.0), base) for base in _VIRIDIS.T.copy()
+]  # slope from each step on
+
 
 @dataclass(frozen=True)
 class Plot:
@@ -108,9 +113,13 @@ WEIGHTS = "plots/weights"
 
 def viridis(share: NDArray[np.float64]) -> NDArray[np.uint32]:
     """RGBA colours, shape `(...)`, of numbers in [0, 1]; those outside take the colour of the nearer end."""
-    steps = np.linspace(0.0, 1.0, len(_VIRIDIS))
-    red, green, blue = (np.interp(share, steps, column).astype(np.uint32) for column in _VIRIDIS.T)
-    return (red << 24) | (green << 16) | (blue << 8) | np.uint32(0xFF)
+    share = np.clip(share, 0.0, 1.0, dtype=np.float64)
+    step = (share * (len(_VIRIDIS) - 1)).astype(np.intp)  # they are even: nothing to search for
+    share -= _STEPS[step]
+    color = np.full(share.shape, 0xFF, dtype=np.uint32)
+    for bits, (slope, base) in zip((24, 16, 8), _CHANNELS, strict=True):
+        color |= (slope[step] * share + base[step]).astype(np.uint32) << bits
+    return color
 
 
 def phi_g_colors(phi_g: NDArray[np.float32]) -> NDArray[np.uint32]:

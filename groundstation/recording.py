@@ -22,6 +22,7 @@ from rerun.chunk import RrdReader
 
 from groundstation import blueprint as look
 from groundstation import durable
+from groundstation.lines import log_sizes, span
 from groundstation.viewer import listening_address, open_viewer, repair, verify
 from swarm import state
 from swarm.errors import RunFailed
@@ -48,6 +49,13 @@ _SCALARS = rr.Scalars.descriptor_scalars()
 _POINTS, _COLORS = rr.Points2D.descriptor_positions(), rr.Points2D.descriptor_colors()
 _VECTORS, _ORIGINS = rr.Arrows2D.descriptor_vectors(), rr.Arrows2D.descriptor_origins()
 _STRIPS, _STRIP_COLORS = rr.LineStrips2D.descriptor_strips(), rr.LineStrips2D.descriptor_colors()
+_NODE_COLORS, _EDGES = rr.GraphNodes.descriptor_colors(), rr.GraphEdges.descriptor_edges()
+_TEXT, _LEVEL, _TEXT_COLOR = (
+    rr.TextLog.descriptor_text(),
+    rr.TextLog.descriptor_level(),
+    rr.TextLog.descriptor_color(),
+)
+_TRANSLATION = rr.Transform3D.descriptor_translation()
 _CORNERS = np.arange(11) * (math.pi / 5) + math.pi / 2
 _STAR = np.stack([np.cos(_CORNERS), np.sin(_CORNERS)], axis=-1) * np.where(np.arange(11) % 2, 0.4, 1.0)[:, None]
 
@@ -101,7 +109,9 @@ class Recorder:
         self._round = np.zeros((0, 5), dtype=np.int32)  # links of the last one
         self._trail_start: Floats = np.empty((0, scenario.uavs, 2), dtype=np.float32)  # not yet in a piece
 
-        self._graph = look.graph(scenario)
+        names, places = look.graph(scenario)
+        nodes = rr.GraphNodes.columns(node_ids=names, labels=names, positions=places)
+        self._names, self._nodes = pa.array(names), nodes.partition([scenario.uavs])  # of the graph of a round
         self._index_of: Ticks = np.empty(0, dtype=np.int64)
         self._index: tuple[rr.TimeColumn, ...] = ()
         self._stream: rr.RecordingStream | None = rr.RecordingStream(APPLICATION, recording_id=run_id)
@@ -183,7 +193,7 @@ class Recorder:
     def _send_scalars(self, plot: str, ticks: Ticks, values: NDArray[Any]) -> None:
         """Sends the lines of a plot, `values` being (R,) or (R, lines)."""
         if len(ticks):
-            scalars = rr.components.ScalarBatch(values.reshape(-1))
+            scalars = rr.components.ScalarBatch(pa.array(values.reshape(-1), pa.float64()))
             self._send(plot, ticks, _cut(len(ticks), (_SCALARS, scalars)))
 
     def _send_map(self, ticks: Ticks, positions: Floats, states: state.States, phi_g: Floats) -> None:
@@ -201,7 +211,7 @@ class Recorder:
             self._send(look.VELOCITY, rows, _cut(len(rows), (_VECTORS, vectors), (_ORIGINS, places)))
             leader = points[:, self._scenario.federation.leader]
             frame = np.concatenate([leader, np.zeros_like(leader[:, :1])], axis=-1)
-            self._send(look.LEADER, rows, rr.Transform3D.columns(translation=frame))
+            self._send(look.LEADER, rows, _cut(len(rows), (_TRANSLATION, rr.components.Translation3DBatch(frame))))
 
         path = np.concatenate([self._trail_start, positions])  # (P, N, 2)
         begun = len(self._trail_start)
@@ -234,8 +244,10 @@ class Recorder:
             row = np.clip(np.searchsorted(ticks, chosen[:, 0]), 0, len(ticks) - 1)
             ends = np.stack([positions[row, chosen[:, 1]], positions[row, chosen[:, 2]]], axis=1)  # (K, 2, 2)
             colors = np.where(chosen[:, 4] < 0, look.RED, look.GREEN).astype(np.uint32)
-            columns = rr.LineStrips2D.columns(strips=_strips(ends), colors=colors)
-            self._send(entity, at.astype(np.int64), columns.partition(count))
+            lines = rr.components.LineStrip2DBatch(_strips(ends))
+            parts = (_STRIPS, lines), (_STRIP_COLORS, rr.components.ColorBatch(colors))
+            columns = [rr.ComponentColumn(descriptor, batch, lengths=count) for descriptor, batch in parts]
+            self._send(entity, at.astype(np.int64), columns)
         if self._large:
             return
         for kind in (FrameKind.UPLOAD, FrameKind.RELAY):
@@ -252,11 +264,12 @@ class Recorder:
         colors = np.full(uavs, look.GREY, dtype=np.uint32)
         colors[sent[:, 1]] = np.where(sent[:, 4] < 0, look.RED, look.GREEN)
         colors[leader] = look.WHITE
-        names, places = self._graph
-        heard = [(names[i], names[j]) for _, i, j, _, slots in sent.tolist() if slots >= 0 and i != j]
-        nodes = rr.GraphNodes.columns(node_ids=names, labels=names, positions=places, colors=colors)
-        edges = rr.GraphEdges.columns(edges=heard)
-        self._send(look.ROUND, at, nodes.partition([uavs]), edges.partition([len(heard)]))
+        heard = sent[(sent[:, 4] >= 0) & (sent[:, 1] != sent[:, 2])]
+        kind = rr.components.GraphEdgeBatch._ARROW_DATATYPE
+        ends = [self._names.take(pa.array(column)) for column in heard[:, 1:3].T]
+        edges = rr.components.GraphEdgeBatch(pa.StructArray.from_arrays(ends, fields=list(kind)))
+        parts = (_NODE_COLORS, rr.components.ColorBatch(colors)), (_EDGES, edges)
+        self._send(look.ROUND, at, self._nodes, _cut(1, *parts))
 
     def _send_plots(
         self,
@@ -272,16 +285,16 @@ class Recorder:
             return swarm[:, [_COLUMN[name] for name in names]]
 
         bits = columns("uplink_bits", "relay_bits", "broadcast_bits", "state_bits") / 1e6
-        self._send_scalars(look.ENERGY.entity, ticks, _range(energy))
-        self._send_scalars(look.SPEED.entity, ticks, _range(state.speed(states)))
+        self._send_scalars(look.ENERGY.entity, ticks, span(energy))
+        self._send_scalars(look.SPEED.entity, ticks, span(state.speed(states)))
         self._send_scalars(look.BITS.entity, ticks, bits)
         self._send_scalars(look.ALIGNMENT.entity, ticks, columns("phi_A"))
         self._send_scalars(look.RISK.entity, ticks, columns("phi_C", "phi_C_distinct"))
         self._send_scalars(look.FAILURES.entity, ticks, columns("outages", "collisions"))
         for plot, name in ((look.HJB, "hjb_residual"), (look.FPK, "fpk_residual")):
-            known, lines = _log_range(diagnostics[..., _DIAGNOSTIC[name]])
-            self._send_scalars(plot.entity, ticks[known], lines)
-        self._send_scalars(look.PHI_G.entity, ticks, _range(diagnostics[..., _DIAGNOSTIC["phi_G"]]))
+            known, lines = log_sizes(diagnostics[..., _DIAGNOSTIC[name]])
+            self._send_scalars(plot.entity, ticks if known.all() else ticks[known], lines)
+        self._send_scalars(look.PHI_G.entity, ticks, span(diagnostics[..., _DIAGNOSTIC["phi_G"]]))
 
     def _send_reports(self, blocks: list[Telemetry]) -> None:
         """The leader's value weights and the spread of all models, where the world asked for them."""
@@ -295,12 +308,15 @@ class Recorder:
         if not events:
             return
         levels = [_LEVELS.get(event.kind, "INFO") for event in events]
-        log = rr.TextLog.columns(
-            text=[line(event) for event in events],
-            level=levels,
-            color=np.array([_LEVEL_COLORS[level] for level in levels], dtype=np.uint32),
+        log = (
+            (_TEXT, rr.components.TextBatch([line(event) for event in events])),
+            (_LEVEL, rr.components.TextLogLevelBatch(levels)),
+            (
+                _TEXT_COLOR,
+                rr.components.ColorBatch(np.array([_LEVEL_COLORS[level] for level in levels], dtype=np.uint32)),
+            ),
         )
-        self._send(look.EVENTS, np.array([event.tick for event in events], dtype=np.int64), log)
+        self._send(look.EVENTS, np.array([event.tick for event in events], dtype=np.int64), _cut(len(events), *log))
 
         hits = [event for event in events if event.kind == "collision" and event.uavs]
         if not hits:
@@ -311,7 +327,7 @@ class Recorder:
             [positions[row, list(event.uavs)].mean(axis=0) for row, event in zip(rows, hits, strict=True)]
         )
         stars = (centres[:, None] + STAR_M * _STAR).astype(np.float32)  # (hits, 11, 2)
-        self._send(look.COLLISIONS, at, rr.LineStrips2D.columns(strips=stars))
+        self._send(look.COLLISIONS, at, _cut(len(at), (_STRIPS, rr.components.LineStrip2DBatch(_strips(stars)))))
         self._send_scalars(look.HITS, at, swarm[rows, _COLUMN["phi_C"]])
 
     def _send_lanes(self, ticks: Ticks, status: NDArray[np.uint8]) -> None:
@@ -371,24 +387,3 @@ def _strips(points: Floats) -> pa.ListArray:
     count, each, _ = points.shape
     flat = pa.FixedSizeListArray.from_arrays(points.reshape(-1), type=kind.value_type)
     return pa.ListArray.from_arrays(np.arange(0, count * each + 1, each, dtype=np.int32), flat, type=kind)
-
-
-def _range(values: NDArray[Any]) -> NDArray[np.float64]:
-    """Mean, minimum and maximum over the UAVs: (T, N) to (T, 3)."""
-    lines = [values.mean(axis=1, dtype=np.float64), values.min(axis=1), values.max(axis=1)]
-    return np.stack(lines, axis=-1).astype(np.float64)
-
-
-def _log_range(values: Floats) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Which ticks have a residual at all, (T,), and log10 of its largest and mean size there, (R, 2).
-
-    A residual of exactly 0 is one nobody computed: before the first step, or of a lost UAV. It has no
-    logarithm and counts for nothing.
-    """
-    size = np.abs(values.astype(np.float64))
-    some = size > 0
-    known: NDArray[np.bool_] = np.any(some, axis=1)
-    size, some = size[known], some[known]
-    mean = size.sum(axis=1) / some.sum(axis=1)
-    lines: NDArray[np.float64] = np.log10(np.stack([size.max(axis=1), mean], axis=-1))
-    return known, lines
