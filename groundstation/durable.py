@@ -11,9 +11,8 @@ def replace(path: Path, content: bytes | memoryview) -> None:
     """Writes `content` beside `path` and puts it in the place of what was there, when it is on the disk."""
     part = path.with_name(f".{path.name}.part")
     try:
-        with part.open("wb") as file:
-            file.write(content)
-            file.flush()
+        with part.open("wb", buffering=0) as file:
+            write(file, content)
             os.fsync(file.fileno())
         rename(part, path)
     except OSError:

@@ -193,7 +193,7 @@ class Recorder:
     def _send_scalars(self, plot: str, ticks: Ticks, values: NDArray[Any]) -> None:
         """Sends the lines of a plot, `values` being (R,) or (R, lines)."""
         if len(ticks):
-            scalars = rr.components.ScalarBatch(pa.array(values.reshape(-1), pa.float64()))
+            scalars = rr.components.ScalarBatch(pa.array(values.reshape(-1).astype(np.float64, copy=False)))
             self._send(plot, ticks, _cut(len(ticks), (_SCALARS, scalars)))
 
     def _send_map(self, ticks: Ticks, positions: Floats, states: state.States, phi_g: Floats) -> None:
