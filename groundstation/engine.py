@@ -10,11 +10,13 @@ from swarm.messages import Join, Welcome
 from swarm.scenario import Scenario
 from swarm.spoke import Node, Spoke
 from worldsim.checkpoint import EVERY_TICKS, Resumption
-from worldsim.node import BLOCK_ROWS, World
+from worldsim.node import World
 
 # Of a block of telemetry: who records is called within a tick here, and that costs by the call. A small swarm flies so
-# many ticks in a few hundredths of a second, and no more are lost where it is killed than since the last checkpoint.
-_BLOCK_ROWS, _BLOCK_STATES = EVERY_TICKS, 2500
+# many ticks in a few hundredths of a second.
+_BLOCK_ROWS = 100
+# Of a checkpoint, on the same grounds: ticks of a UAV. One may wait for a disk five times.
+_CHECKPOINT_STATES, _CHECKPOINT_TICKS_AT_MOST = 25_000, 1000
 
 
 class Engine:
@@ -40,8 +42,16 @@ class Engine:
         self._run = run
         self.network = network = MemoryNetwork()
         hub = network.endpoint()
-        many = max(BLOCK_ROWS, min(_BLOCK_ROWS, _BLOCK_STATES // scenario.uavs))
-        self.world = World(scenario, hub, run, mode="in-process", realtime=realtime, resume=resume, block_rows=many)
+        self.world = World(
+            scenario,
+            hub,
+            run,
+            mode="in-process",
+            realtime=realtime,
+            resume=resume,
+            checkpoint_every=_checkpoint_every(scenario, realtime),
+            block_rows=_BLOCK_ROWS,
+        )
         hub.handler = self.world.handle
         station_bus = network.endpoint()
         first_block = None if resume is None else resume.block + 1
@@ -66,3 +76,11 @@ class Engine:
         bus.handler = spoke.handle
         spoke.join(request, make, timeout_s=0.0)
         return spoke
+
+
+def _checkpoint_every(scenario: Scenario, realtime: float | None) -> int:
+    """Ticks, a multiple of what it is in a swarm of processes; that, where ticks follow the wall clock."""
+    if realtime is not None:
+        return EVERY_TICKS
+    ticks = min(_CHECKPOINT_TICKS_AT_MOST, _CHECKPOINT_STATES // scenario.uavs)
+    return max(EVERY_TICKS, ticks // EVERY_TICKS * EVERY_TICKS)

@@ -4,6 +4,9 @@ import threading
 from collections import Counter
 from collections.abc import Callable
 
+import numpy as np
+from numpy.typing import NDArray
+
 from swarm import keys, plain
 from swarm.bus import Bus
 from swarm.errors import MessageRejected
@@ -18,9 +21,13 @@ class Crowd:
 
     def __init__(self, members: list[Member], run: str) -> None:
         self.members = members
-        self.by_question = {keys.sense(run, member.name): member for member in members}
+        self.questions = [keys.sense(run, member.name) for member in members]
         self.by_name = {member.name: member for member in members}
         self.by_answer = {keys.act(run, member.name): member for member in members}
+        places = [member.place for member in members]
+        self.firsts = [place.start for place in places if isinstance(place, slice)]
+        sizes = {member.rows for member in members}
+        self.rows = sizes.pop() if len(sizes) == 1 and len(self.firsts) == len(members) else 0  # where they are alike
 
 
 class Barrier:
@@ -41,15 +48,16 @@ class Barrier:
         self._tick, self.reporting = -1, False
         self.asked: dict[str, Member] = {}
         self.outcomes: dict[str, bytes] = {}  # of whoever has answered, (M, 5) f8
-        self.acts: dict[str, Act] = {}  # of them, the answers that say more than that
+        self.reports: dict[str, NDArray[np.float64]] = {}  # of them, the models, (M, 246),
+        self.acts: dict[str, Act] = {}  # or the answers that say more than that
         self.standing = False  # between the first question of a tick and the last answer
 
     def open(self, tick: int, reporting: bool) -> None:
         """A new tick, in which agents report their models or not: nobody is asked yet."""
         with self._gate:
             self._tick, self.reporting = tick, reporting
-            self.asked, self.outcomes, self.acts, self._questions, self._silent = {}, {}, {}, {}, {}
-            self._readers = {}
+            self.asked, self.outcomes, self.reports, self.acts = {}, {}, {}, {}
+            self._questions, self._silent, self._readers = {}, {}, {}
             self.standing = True
 
     def close(self) -> None:
@@ -76,9 +84,11 @@ class Barrier:
         with self._gate:
             self.asked.update(self._crowd.by_name)
             self._silent.update(self._crowd.by_answer)
-        put, question_to = self._bus.put, cut.of
-        for key, member in self._crowd.by_question.items():  # the first answers while the last is not yet asked
-            put(key, question_to(member))
+        crowd, put = self._crowd, self._bus.put
+        alike = brought is None and crowd.rows
+        questions = cut.of_each(crowd.rows, crowd.firsts) if alike else map(cut.of, members)
+        for key, question in zip(crowd.questions, questions, strict=True):
+            put(key, question)
 
     def _put(self, member: Member, question: bytes) -> None:
         name = member.name
@@ -105,13 +115,15 @@ class Barrier:
             if member is None or len(self._silent) <= but or not (rows := member.rows):
                 return False
             if self.reporting:
-                return self._hear_report(member, raw)
-            read = self._readers.get(rows)
-            if read is None:
-                read = self._readers[rows] = plain.acts(self._fingerprint, rows).reader(self._tick)
-            if (outcome := read(raw)) is None:
-                return False
-            self.outcomes[member.name] = outcome
+                if not self._hear_report(member, raw):
+                    return False
+            else:
+                read = self._readers.get(rows)
+                if read is None:
+                    read = self._readers[rows] = plain.acts(self._fingerprint, rows).reader(self._tick)
+                if (outcome := read(raw)) is None:
+                    return False
+                self.outcomes[member.name] = outcome
             del self._silent[key]
             return True
 
@@ -119,7 +131,7 @@ class Barrier:
         arrays = plain.acts(self._fingerprint, member.rows, True).decode(self._tick, raw)
         if arrays is None:
             return False
-        self.answer(member.name, Act(self._fingerprint, self._tick, arrays[0], report=arrays[1]))
+        self.outcomes[member.name], self.reports[member.name] = arrays[0].tobytes(), arrays[1]
         return True
 
     def answer(self, name: str, act: Act) -> None:
@@ -146,8 +158,8 @@ class Barrier:
         with self._gate:
             self._silent.pop(keys.act(self._run, name), None)
             self._repeats.pop(name, None)
-            self.outcomes.pop(name, None)
-            self.acts.pop(name, None)
+            for said in (self.outcomes, self.reports, self.acts):
+                said.pop(name, None)
             return self.asked.pop(name, None) is not None
 
     @property

@@ -34,9 +34,10 @@ from worldsim.telemetry import Outbox, Rows
 from worldsim.waiting import Waiting
 
 REPORT_EVERY_TICKS = 10
-BLOCK_ROWS = 20
+_BLOCK_ROWS, _BLOCK_STATES = 20, 2500  # of a block of telemetry: so many rows, or more of a small swarm
 
 _LOST = bytes([Status.LOST])
+_NO_LINKS = np.zeros((0, 5), dtype=np.int32)
 Clock = Callable[[], float]
 
 
@@ -57,14 +58,14 @@ class World:
         refused: Counter[str] | None = None,
         resume: Resumption | None = None,
         checkpoint_every: int = checkpoint.EVERY_TICKS,
-        block_rows: int = BLOCK_ROWS,
+        block_rows: int = 50,
         clock: Clock = time.monotonic,
     ) -> None:
         """`barrier_s`: how long a tick waits for a node before the node is lost. `realtime`: ticks follow the wall
         clock, this many times faster. `stations`: how many recording listeners must be there before the first tick.
         `rows_at_most`: UAVs one agent may hold. `refused`: what the router kept out, by reason. `mode` goes into the
         summary. `resume`: where to go on, instead of at tick 0. `checkpoint_every`: ticks, a multiple of
-        ten; 0 for never. `block_rows`: of a block of telemetry, as long as ticks do not follow the wall clock.
+        ten; 0 for never. `block_rows`: of a block of telemetry at most, as long as ticks do not follow the wall clock.
         `clock`: seconds, monotonic.
 
         Raises:
@@ -80,7 +81,8 @@ class World:
         self._script = Script(scenario)
         self.flight = Flight(scenario)
         self.air = Air(scenario)
-        self._rows = Rows(self._fingerprint, scenario.uavs, block_rows if realtime is None else 2)
+        rows = max(_BLOCK_ROWS, min(block_rows, _BLOCK_STATES // scenario.uavs)) if realtime is None else 2
+        self._rows = Rows(self._fingerprint, scenario.uavs, rows)
         self._outbox = Outbox()
         self._ledger = Ledger(refused)
         self._ticks = Durations()
@@ -136,7 +138,7 @@ class World:
         self._leads = leader.name if (leader := self._members.lead()) is not None else None
         if self._resumed is None:
             self.air.meter.initial(state.SIZE * self._scenario.radio.bits_per_float)
-            self._rows.add(self.flight, self.air, self._commands, np.zeros((0, 5), np.int32), self._ledger)
+            self._rows.add(self.flight, self.air, self._commands, _NO_LINKS, self._ledger)
         while not self.flight.over:
             began = self._clock()
             if self._schedule is not None:
@@ -186,7 +188,8 @@ class World:
         self._waiting.for_answers()
         # 4. What they want to say goes on the air.
         frames = self._collect()
-        links = self.air.send(tick, frames, self.flight.states, self._script.cut(tick, self.flight.states))
+        cut = self._script.cut(tick, self.flight.states)
+        links = self.air.send(tick, frames, self.flight.states, cut) if frames else _NO_LINKS
         if number := self._rounds.relays(tick):
             for text in self._heads.relayed(number, frames, links):
                 self._note("void", text)
@@ -298,12 +301,15 @@ class World:
 
     def _report(self, tick: int, whole: bool) -> None:
         minds = Minds(self._scenario, whole)
+        asked = self._barrier.asked
+        for name, models in self._barrier.reports.items():
+            minds.models[asked[name].place] = models
         for name, act in self._barrier.acts.items():
-            minds.take(self._barrier.asked[name], act)
+            minds.take(asked[name], act)
         alive = ~self.flight.lost
         sane = minds.sane & alive & self._awake
         if sane.any():
-            self._ledger.spread = weight_spread(minds.models[sane])
+            self._ledger.spread = weight_spread(minds.models if sane.all() else minds.models[sane])
             leader = self._scenario.federation.leader
             shown = minds.models[leader] if minds.sane[leader] else np.zeros(model.MODEL_FLOATS)
             self._rows.report(tick, shown, self._ledger.spread)

@@ -31,6 +31,12 @@ class Questions:
             self._links, self._link = links.tobytes(), links.itemsize * links.shape[1]
             self._hearing: dict[int, tuple[bytes, ...]] = {}  # what is around states and links
 
+    def of_each(self, rows: int, firsts: list[int]) -> list[bytes]:
+        """Those to nodes of so many UAVs, numbered without gaps from these on, where nobody receives anything."""
+        before, after = self._plain.get(rows) or self._frame(rows)
+        everyone, size, length = self._everyone, self._size, rows * self._size
+        return [before + everyone[first * size : first * size + length] + after for first in firsts]
+
     def of(self, member: Member) -> bytes:
         """That to a node."""
         place, rows = member.place, member.rows

@@ -23,10 +23,17 @@ from swarm.messages import Event, Join, Telemetry
 from swarm.scenario import Scenario, load
 from swarm.spoke import Spoke
 from tests.polling import DEADLINE_S, until
+from worldsim.checkpoint import EVERY_TICKS
 
 RUN = "faults"
 SETTINGS = ("uavs=3", "seed=7", "stop=duration", "federation.period=40", "method=mfgfl-h")
 ENDLESS = (*SETTINGS, "duration=100000")
+
+
+@pytest.fixture(autouse=True)
+def frequent_checkpoints(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a swarm of processes, so that short flights have some."""
+    monkeypatch.setattr("groundstation.engine._CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
 
 
 def scenario(*settings: str, method: str = "mfgfl-h") -> Scenario:

@@ -59,6 +59,7 @@ def test_rows_and_events_are_on_the_disk_before_the_checkpoint_and_that_before_i
 
     monkeypatch.setattr(os, "fsync", synced)
     monkeypatch.setattr(os, "replace", renamed)
+    monkeypatch.setattr("groundstation.engine._CHECKPOINT_TICKS_AT_MOST", 100)  # as in a swarm of processes
     flown = scenarios.load(None, SETTINGS)
     folder = RunFolder(tmp_path, "run", flown)
     engine = Engine(flown, "run", sinks=[folder])
@@ -83,7 +84,10 @@ def test_rows_and_events_are_on_the_disk_before_the_checkpoint_and_that_before_i
 
 KILLED = """
 import os, signal, sys
+from groundstation import engine
 from groundstation.cli import main
+
+engine._CHECKPOINT_TICKS_AT_MOST = 100  # as in a swarm of processes
 
 def kill_at(last):
     calls = 0

@@ -174,3 +174,13 @@ def test_without_its_leader_the_swarm_flies_on_and_has_no_more_rounds() -> None:
             engine.world.handle(Delivery("gone", keys.alive(RUN, "leader", "leader")))
     summary = engine.world.finish()
     assert (summary["ticks"], summary["lost"], summary["rounds"]) == (80, 0, 1)
+
+
+@pytest.mark.parametrize(
+    ("uavs", "realtime", "ticks"), [(2, None, 1000), (60, None, 400), (1000, None, 100), (2, 1e3, 100)]
+)
+def test_a_checkpoint_is_worth_about_as_much_flight_whatever_the_swarm(
+    uavs: int, realtime: float | None, ticks: int
+) -> None:
+    flown = load(None, [f"uavs={uavs}", "duration=1"], method="offline")
+    assert Engine(flown, RUN, realtime=realtime).world._checkpoint_every == ticks

@@ -92,10 +92,11 @@ def test_an_answer_with_a_report_is_kept_with_it() -> None:
     stand = Stand(reporting=True)
     stand.asked()
     assert stand.barrier.overhear(KEY, codec.encode(Act(FINGERPRINT, TICK, OUTCOME, report=MODELS)), 0)
-    act = stand.barrier.acts["agent-0"]
-    assert act.report is not None
-    assert (act.report == MODELS).all()
+    assert (stand.barrier.reports["agent-0"] == MODELS).all()
+    assert not stand.barrier.acts
     assert stand.barrier.outcomes["agent-0"] == OUTCOME.tobytes()
+    assert stand.barrier.forget("agent-0")
+    assert not stand.barrier.reports
 
 
 @pytest.mark.parametrize(

@@ -41,6 +41,14 @@ def test_a_question_that_brings_nothing_is_what_the_codec_writes(report: bool) -
         assert questions.of(member) == codec.encode(Sense(FINGERPRINT, TICK, STATES[member.uavs], report))
 
 
+@pytest.mark.parametrize("rows", [1, 3])
+@pytest.mark.parametrize("report", [False, True])
+def test_questions_to_nodes_that_are_alike_are_those_to_each(rows: int, report: bool) -> None:
+    nodes = [Member(f"agent-{first}", "agent", np.arange(first, first + rows)) for first in range(0, UAVS, rows)]
+    questions, firsts = Questions(FINGERPRINT, TICK, report, STATES), [int(node.uavs[0]) for node in nodes]
+    assert questions.of_each(rows, firsts) == [questions.of(node) for node in nodes]
+
+
 def test_agents_hear_what_is_not_kept_for_who_averages_and_only_awake() -> None:
     upload = Frames(FrameKind.UPLOAD, 3, np.array([1], np.int32), np.zeros((1, 4), np.float32), model([0]).links)
     assert inbox.of_agents([upload], AWAKE) == []
