@@ -9,7 +9,7 @@ from swarm.errors import BadInput
 
 def replace(path: Path, content: bytes | memoryview) -> None:
     """Writes `content` beside `path` and puts it in the place of what was there, when it is on the disk."""
-    part = path.with_name(f".{path.name}.part")
+    part = _part(path)
     try:
         with part.open("wb", buffering=0) as file:
             write(file, content)
@@ -40,9 +40,14 @@ def rename(part: Path, path: Path) -> None:
 
 
 def remove(path: Path) -> None:
-    """Takes a file away, if it is there, so that it is still gone after a crash."""
+    """Takes a file away, if it is there, so that it is still gone after a crash; and what `replace` left of it, killed."""
+    _part(path).unlink(missing_ok=True)
     path.unlink(missing_ok=True)
     sync_folder(path.parent)
+
+
+def _part(path: Path) -> Path:
+    return path.with_name(f".{path.name}.part")
 
 
 def sync_folder(folder: Path) -> None:
