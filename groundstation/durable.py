@@ -40,7 +40,7 @@ def rename(part: Path, path: Path) -> None:
 
 
 def remove(path: Path) -> None:
-    """Takes a file away, if it is there, so that it is still gone after a crash; and what `replace` left of it, killed."""
+    """Takes a file away, and what a `replace` that was killed left of it, so that it is still gone after a crash."""
     _part(path).unlink(missing_ok=True)
     path.unlink(missing_ok=True)
     sync_folder(path.parent)
