@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from swarm import state
 from swarm.messages import Event
+from swarm.normals import Normals
 from swarm.scenario import Scenario
-from swarm.seeds import generator, random_state, set_random_state
+from swarm.seeds import generator
 from worldsim.formation import initial_states
 from worldsim.metrics import pairs
 from worldsim.physics import ARRIVED, ARRIVING, DIVERGED, FLYING, LOST, Physics
@@ -58,8 +59,7 @@ class Flight:
         self._speed_sum = np.zeros(n)
         self._ticks_on_way = np.zeros(n, dtype=np.int64)
         self._collided: set[tuple[int, int]] = set()
-        self._wind = generator(self.scenario.seed, "wind")
-        self._noise = np.empty((n, state.AXES))  # of the tick
+        self._wind = Normals(generator(self.scenario.seed, "wind"))
         self._hash = hashlib.sha256()
         self._physics = Physics(self.scenario)
         seen = pairs(self.scenario.metrics, self.states)
@@ -129,7 +129,7 @@ class Flight:
 
         `gust`: (N, 2) in m/s², of the air: it spares nobody.
         """
-        noise = self._wind.standard_normal(out=self._noise)
+        noise = self._wind.take(len(self.states))
         books = self.energy, self.distance, self._speed_sum, self._ticks_on_way
         moved = self._physics(self.states, self.status, accelerations, gust, noise, books)
         self.tick += 1
@@ -148,7 +148,7 @@ class Flight:
             **{name: getattr(self, name) for name in _SCALARS},
             **{name: getattr(self, name).astype(kind) for name, kind in _ARRAYS.items()},
             "collided": sorted(self._collided),
-            "wind": random_state(self._wind),
+            "wind": self._wind.snapshot(),
         }
 
     def restore(self, snapshot: dict[str, Any], history: Floats) -> None:
@@ -165,13 +165,13 @@ class Flight:
         for name in _ARRAYS:
             getattr(self, name)[...] = snapshot[name]
         self._collided = {(first, second) for first, second in snapshot["collided"]}
-        set_random_state(self._wind, snapshot["wind"])
+        self._wind.restore(snapshot["wind"])
         if history.shape != (self.tick + 1, *self.states.shape) or history[-1].tobytes() != self.states.tobytes():
             raise ValueError(f"the time series does not end in the states of tick {self.tick}")
         self._hash = hashlib.sha256(np.ascontiguousarray(history, dtype="<f8").tobytes())
 
     def _observe(self, speed_difference: float, near: int, colliding: NDArray[np.intp]) -> None:
-        self._hash.update(self.states.astype(_KEPT, copy=False).tobytes())
+        self._hash.update(self.states.astype(_KEPT, copy=False).data)
         self.speed_difference_sum += speed_difference
         self.near_sum += near
         if len(colliding):

@@ -31,7 +31,7 @@ class _Row(Flight):
 
     def draw_wind(self, ticks: int) -> Floats:
         """What `advance` would draw in as many ticks, `(ticks, N, 2)`."""
-        return self._wind.standard_normal((ticks, self.scenario.uavs, state.AXES))
+        return self._wind.take(ticks * self.scenario.uavs).reshape(ticks, self.scenario.uavs, state.AXES)
 
     def hash_states(self, states: Floats) -> None:
         """The states of the next ticks, `(T, N, 4)`."""

@@ -4,14 +4,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from channel import fading
 from channel.fading import Fading
 from channel.rician import squared_amplitude
+from swarm import normals
 from swarm.scenario import load
 from swarm.seeds import random_state
 
 RADIO = load(None).radio
-COUNTS = st.lists(st.integers(0, 3 * fading._BLOCK // 2), max_size=8)
+COUNTS = st.lists(st.integers(0, 3 * normals._BLOCK // 2), max_size=8)
 
 
 def slot_by_slot(draw: np.random.Generator, counts: list[int]) -> list[np.ndarray]:

@@ -12,7 +12,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from channel import fading, kernel, link
+from channel import kernel, link
 from channel.account import account
 from channel.air import Air
 from channel.fading import Fading
@@ -20,7 +20,7 @@ from channel.link import Transmission, bits_per_slot, transmit
 from channel.links import Links
 from groundstation.engine import Engine
 from groundstation.paper.batch import Batch
-from swarm import state
+from swarm import normals, state
 from swarm.messages import FrameKind, Telemetry
 from swarm.scenario import Radio, load
 
@@ -61,7 +61,7 @@ def test_messages_of_the_kernel_are_those_of_numpy(messages: list[Any], block: i
     """One after the other through the same fading, whatever is drawn at a time."""
     given_radio, said = radio("rice_xi=6.0", "rice_chi=1.5"), []
     for carry in (kernel.carry, link._carry):
-        with patch.object(fading, "_BLOCK", block):
+        with patch.object(normals, "_BLOCK", block):
             drawn, results = Fading(np.random.default_rng(seed), given_radio), []
             for links, each, needed, most in messages:
                 threshold = np.resize(each, links) if isinstance(each, list) else np.array([each])
