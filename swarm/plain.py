@@ -106,6 +106,24 @@ class Plain:
 
         return read
 
+    def reporter(self, tick: int) -> Callable[[bytes], tuple[bytes, NDArray[np.float64]] | None]:
+        """The same of messages with two arrays of doubles: the bytes of the first, and the second, both finite."""
+        before, between, after = self.frame(tick)
+        (_, _, few), (shape, _, many) = self._arrays
+        start = len(before)
+        end = start + few
+        place = end + len(between)
+        size, numbers, finite = place + many + len(after), self._numbers, math.isfinite
+
+        def read(raw: bytes) -> tuple[bytes, NDArray[np.float64]] | None:
+            if len(raw) == size and raw.startswith(before) and raw.startswith(between, end) and raw.endswith(after):
+                array = np.ndarray(shape, _FLOAT, raw, place)
+                if finite(sum(numbers(raw, start))) and codec.finite(array):
+                    return raw[start:end], array
+            return None
+
+        return read
+
     def decode(self, tick: int, raw: bytes, number: int = 0) -> list[NDArray[Any]] | None:
         """The arrays, their floats finite, if these are the bytes of such a message of that tick; or None."""
         frame, place, arrays = self.frame(tick, number), 0, []

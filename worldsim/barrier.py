@@ -3,6 +3,7 @@
 import threading
 from collections import Counter
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,7 @@ class Barrier:
         self._cut: Questions | None = None  # all others
         self._silent: dict[str, Member] = {}  # who has yet to answer, by the key of the answer
         self._gate = threading.RLock()  # of that and of the answers
-        self._readers: dict[int, Callable[[bytes], bytes | None]] = {}  # of plain answers, by the UAVs of a node
+        self._readers: dict[int, Callable[[bytes], Any]] = {}  # of plain answers, by the UAVs of a node
         self._crowd = Crowd([], run)  # who was last asked plainly
         self._repeats: Counter[str] = Counter()  # second answers that may still come, by the node's name
         self._tick, self.reporting = -1, False
@@ -114,25 +115,17 @@ class Barrier:
             member = self._silent.get(key)
             if member is None or len(self._silent) <= but or not (rows := member.rows):
                 return False
+            if (read := self._readers.get(rows)) is None:
+                acts = plain.acts(self._fingerprint, rows, self.reporting)
+                read = self._readers[rows] = (acts.reporter if self.reporting else acts.reader)(self._tick)
+            outcome: Any = read(raw)
+            if outcome is None:
+                return False
             if self.reporting:
-                if not self._hear_report(member, raw):
-                    return False
-            else:
-                read = self._readers.get(rows)
-                if read is None:
-                    read = self._readers[rows] = plain.acts(self._fingerprint, rows).reader(self._tick)
-                if (outcome := read(raw)) is None:
-                    return False
-                self.outcomes[member.name] = outcome
+                outcome, self.reports[member.name] = outcome
+            self.outcomes[member.name] = outcome
             del self._silent[key]
             return True
-
-    def _hear_report(self, member: Member, raw: bytes) -> bool:
-        arrays = plain.acts(self._fingerprint, member.rows, True).decode(self._tick, raw)
-        if arrays is None:
-            return False
-        self.outcomes[member.name], self.reports[member.name] = arrays[0].tobytes(), arrays[1]
-        return True
 
     def answer(self, name: str, act: Act) -> None:
         """Takes any answer.

@@ -48,7 +48,7 @@ class Minds:
     @property
     def sane(self) -> NDArray[np.bool_]:
         """Which UAVs told a model that can be one, `(N,)`."""
-        fits: NDArray[np.bool_] = (np.abs(self.models) < model.BEYOND_SENSE).all(axis=-1)
+        fits: NDArray[np.bool_] = np.maximum.reduce(np.abs(self.models), axis=-1) < model.BEYOND_SENSE  # no NaN is
         return fits
 
     def complete(self, needed: NDArray[np.bool_]) -> bool:

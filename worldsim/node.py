@@ -306,12 +306,12 @@ class World:
             minds.models[asked[name].place] = models
         for name, act in self._barrier.acts.items():
             minds.take(asked[name], act)
-        alive = ~self.flight.lost
-        sane = minds.sane & alive & self._awake
+        alive, can_be = ~self.flight.lost, minds.sane
+        sane = can_be & alive & self._awake
         if sane.any():
             self._ledger.spread = weight_spread(minds.models if sane.all() else minds.models[sane])
             leader = self._scenario.federation.leader
-            shown = minds.models[leader] if minds.sane[leader] else np.zeros(model.MODEL_FLOATS)
+            shown = minds.models[leader] if can_be[leader] else np.zeros(model.MODEL_FLOATS)
             self._rows.report(tick, shown, self._ledger.spread)
         if whole and minds.complete(alive) and self._awake[alive].all():
             self._minds = minds

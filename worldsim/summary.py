@@ -22,9 +22,10 @@ def weight_spread(models: NDArray[np.float64]) -> float:
 
 def weight_spreads(models: NDArray[np.float64]) -> NDArray[np.float64]:
     """The same of many swarms, `(..., N, 246)`; `(...)`."""
-    deviation = models - models.mean(axis=-2, keepdims=True)
+    deviation = models - np.add.reduce(models, axis=-2, keepdims=True) / models.shape[-2]
     deviation *= deviation
-    spread: NDArray[np.float64] = np.sqrt(deviation.sum(axis=-1).mean(axis=-1))
+    squared = np.add.reduce(deviation, axis=-1)
+    spread: NDArray[np.float64] = np.sqrt(np.add.reduce(squared, axis=-1) / models.shape[-2])
     return spread
 
 
