@@ -60,7 +60,7 @@ class Plain:
         self._rest = None if of_round else tuple([piece for (piece,) in self._pieces])
         self._arrays = [(shape, dtype, array.nbytes) for (shape, dtype), array in zip(layouts, arrays, strict=True)]
         self.arrays = len(arrays)  # how many there are
-        self._bytes = sum(array.nbytes for array in arrays)
+        self.body = sum(array.nbytes for array in arrays)  # bytes of them
         self.size = len(first) - numbers  # in bytes, without the tick and the number of the round
         self._numbers = struct.Struct(f"<{arrays[0].size}d").unpack_from  # of few floats, in less time than NumPy's
         self._of = -1, 0
@@ -96,7 +96,7 @@ class Plain:
         """
         before, after = self.frame(tick)
         start = len(before)
-        end = start + self._bytes
+        end = start + self.body
         size, numbers, finite = end + len(after), self._numbers, math.isfinite
 
         def read(raw: bytes) -> bytes | None:
@@ -127,7 +127,7 @@ class Plain:
     def decode(self, tick: int, raw: bytes, number: int = 0) -> list[NDArray[Any]] | None:
         """The arrays, their floats finite, if these are the bytes of such a message of that tick; or None."""
         frame, place, arrays = self.frame(tick, number), 0, []
-        if len(raw) != self._bytes + sum(map(len, frame)):
+        if len(raw) != self.body + sum(map(len, frame)):
             return None
         for piece, (shape, dtype, size) in zip(frame, self._arrays, strict=False):
             if not raw.startswith(piece, place):

@@ -13,6 +13,7 @@ from swarm.bus import Bus
 from swarm.errors import MessageRejected
 from swarm.messages import Act, Frames, Sense
 from swarm.state import States
+from worldsim import kernel
 from worldsim.members import Member
 from worldsim.questions import Questions
 
@@ -117,7 +118,8 @@ class Barrier:
                 return False
             if (read := self._readers.get(rows)) is None:
                 acts = plain.acts(self._fingerprint, rows, self.reporting)
-                read = self._readers[rows] = (acts.reporter if self.reporting else acts.reader)(self._tick)
+                read = acts.reporter(self._tick) if self.reporting else kernel.reader(acts, self._tick)
+                self._readers[rows] = read
             outcome: Any = read(raw)
             if outcome is None:
                 return False

@@ -172,7 +172,29 @@ done:
     return result;
 }
 
+static PyObject *between(PyObject *module, PyObject *const *args, Py_ssize_t count) {
+    char *raw, *before, *after;
+    Py_ssize_t length, head, tail;
+    if (count != 4) return PyErr_Format(PyExc_TypeError, "between takes 4 arguments, %zd given", count);
+    const Py_ssize_t size = PyLong_AsSsize_t(args[2]);
+    if (size == -1 && PyErr_Occurred()) return NULL;
+    if (PyBytes_AsStringAndSize(args[0], &before, &head) < 0 || PyBytes_AsStringAndSize(args[1], &after, &tail) < 0
+        || PyBytes_AsStringAndSize(args[3], &raw, &length) < 0)
+        return NULL;
+    if (size < 0 || length - head - tail != size || memcmp(raw, before, head) || memcmp(raw + head + size, after, tail))
+        Py_RETURN_NONE;
+    for (Py_ssize_t i = 0; i + (Py_ssize_t)sizeof(double) <= size; i += sizeof(double)) {
+        double number;
+        memcpy(&number, raw + head + i, sizeof number);
+        if (!isfinite(number)) Py_RETURN_NONE;
+    }
+    return PyBytes_FromStringAndSize(raw + head, size);
+}
+
 static PyMethodDef methods[] = {
+    {"between", (PyCFunction)(void (*)(void))between, METH_FASTCALL,
+     "between(before, after, size, raw)\n\n"
+     "The so many bytes of doubles between two texts, if raw is those, and all of them are finite; or None."},
     {"enter", enter, METH_VARARGS,
      "enter(said, bound, accelerations, diagnostics)\n\n"
      "The rows of a list of bytes, each the outcome of a UAV, into two arrays; returns the largest of the first two\n"

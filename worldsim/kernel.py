@@ -5,11 +5,14 @@ they cost.
 """
 
 import math
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarm import state
+from swarm.plain import Plain
 from swarm.scenario import Scenario
 
 try:
@@ -31,6 +34,14 @@ def enter(said: list[bytes], bound: float, accelerations: Floats, diagnostics: F
     None, and nothing is written, where a number is not below the bound, or where there is no compiled form.
     """
     return None if _kernel is None else _kernel.enter(said, bound, accelerations, diagnostics)
+
+
+def reader(acts: Plain, tick: int) -> Callable[[bytes], bytes | None]:
+    """What `acts.reader` returns for a tick, only that no sum of numbers is too large for it."""
+    if _kernel is None:
+        return acts.reader(tick)
+    before, after = acts.frame(tick)
+    return partial(_kernel.between, before, after, acts.body)
 
 
 class Kernel:

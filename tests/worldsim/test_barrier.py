@@ -109,7 +109,6 @@ def test_an_answer_with_a_report_is_kept_with_it() -> None:
         codec.encode(Act(FINGERPRINT, TICK, OUTCOME, report=MODELS)),
         codec.encode(Act(FINGERPRINT, TICK, np.full((2, 5), np.inf))),
         codec.encode(Act(FINGERPRINT, TICK, np.full((2, 5), np.nan))),
-        codec.encode(Act(FINGERPRINT, TICK, np.full((2, 5), 1e308))),  # finite, but its sum is not
         b"",
     ],
 )

@@ -13,8 +13,8 @@ from hypothesis.extra.numpy import arrays
 
 from groundstation.engine import Engine
 from groundstation.paper.batch import Batch
-from swarm import state
-from swarm.messages import Status
+from swarm import codec, plain, state
+from swarm.messages import Act, Status
 from swarm.scenario import Scenario, load
 from worldsim import kernel, physics
 from worldsim.metrics import FEW
@@ -308,3 +308,34 @@ def test_outcomes_are_entered_in_their_order_or_not_at_all(rows: list[int], seed
     else:
         assert largest == tuple(np.abs(numbers[:, 2:4]).max(axis=0, initial=0.0).tolist())
         assert (np.concatenate([accelerations, diagnostics], axis=-1) == numbers).all()
+
+
+numbers = arrays(np.float64, st.tuples(st.integers(1, 4), st.just(5)), elements=st.floats(width=64))
+
+
+@needs_kernel
+@given(numbers, st.binary(max_size=40), st.integers(0, 70), st.sampled_from(["", "cut", "longer", "damaged"]))
+def test_an_answer_is_read_as_without_the_kernel(outcome: np.ndarray, noise: bytes, at: int, how: str) -> None:
+    acts, good = plain.acts(3, len(outcome)), codec.encode(Act(3, 300, outcome))
+    raw = {"": good, "cut": good[:at], "longer": good + noise, "damaged": good[:at] + noise + good[at + len(noise) :]}[
+        how
+    ]
+    read, expected = kernel.reader(acts, 300)(raw), acts.reader(300)(raw)
+    if expected is None and read is not None:  # too large a sum for it
+        assert 1e300 < np.abs(np.frombuffer(read)).max() < np.inf
+    else:
+        assert read == expected
+    assert kernel.reader(acts, 301)(raw) is None or how == "damaged"
+
+
+@needs_kernel
+@pytest.mark.parametrize(
+    "given",
+    [(), (b"", b"", 0), ("", b"", 0, b""), (b"", b"", "0", b""), (b"", b"", 0, bytearray()), (b"", b"", 2**70, b"")],
+)
+def test_what_reads_answers_takes_nothing_else(given: tuple[Any, ...]) -> None:
+    with pytest.raises((TypeError, OverflowError)):
+        kernel._kernel.between(*given)
+    assert kernel._kernel.between(b"ab", b"c", 8, b"abc") is None
+    assert kernel._kernel.between(b"ab", b"c", -3, b"") is None
+    assert kernel._kernel.between(b"ab", b"bc", -1, b"abc") is None
