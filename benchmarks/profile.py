@@ -56,7 +56,7 @@ WORLD: list[Part] = [
     ("worldsim.barrier:Barrier.ask_all", "address and fill inboxes"),
     ("worldsim.waiting:Waiting.for_answers", "barrier, the loop"),
     ("worldsim.door:Door.handle", "take in answers: dispatch"),
-    ("worldsim.barrier:Barrier.hear", "take in answers: dispatch"),
+    ("worldsim.barrier:Barrier.overhear", "take in answers: dispatch"),
     ("worldsim.inbound:check", "take in answers: check"),
     ("worldsim.node:World._collect", "collect commands and frames"),
     ("worldsim.node:World._play", "fault script"),
