@@ -91,7 +91,7 @@ def test_a_scrape_of_a_real_run_is_its_summary(spawn: Spawn, command: Command) -
             assert seen["meanflock_payload_bits_total", frozenset({("traffic", traffic)})] == bits
     assert summary["payload_bits"]["uplink"] > 0
     assert seen["meanflock_rounds_total", frozenset()] == summary["rounds"] > 0
-    assert seen["meanflock_telemetry_blocks_unacknowledged", frozenset()] >= 15
+    assert seen["meanflock_telemetry_blocks_unacknowledged", frozenset()] >= 300 // 50  # rows of a block, at the most
     assert seen["meanflock_nodes_alive", frozenset({("role", "station")})] == 1
     unwatched = command.summary("--in-process", *SHORT)
     assert summary["trajectory_sha256"] == unwatched["trajectory_sha256"]
