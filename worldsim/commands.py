@@ -20,7 +20,7 @@ class Commands:
     """The commands that hold, and the diagnostics of the last tick.
 
     accelerations: (N, 2), m/s²; who says nothing goes on as before. diagnostics: (N, 3), zeros of who says nothing.
-    residuals: the largest |e_H| and |e_F| of the tick.
+    residuals: the largest |e_H| and |e_F| of the tick. of_everyone: whether all answered, one after the other.
     """
 
     def __init__(self, uavs: int) -> None:
@@ -29,8 +29,8 @@ class Commands:
         self.residuals = (0.0, 0.0)
         self._everyone = np.arange(uavs)
         self._names: list[str] = []  # who answered last,
-        self._uavs = _NOBODY  # for whom,
-        self._are_all = False  # and whether that is everyone in their order
+        self._uavs = _NOBODY  # and for whom
+        self.of_everyone = False
 
     def enter(
         self, asked: Mapping[str, Member], outcomes: Mapping[str, bytes], awake: NDArray[np.bool_] | None
@@ -42,9 +42,9 @@ class Commands:
         names = list(asked) if len(outcomes) == len(asked) else [name for name in asked if name in outcomes]
         if names != self._names:  # as a rule they are those of the last tick
             self._names, self._uavs = names, np.concatenate([_NOBODY, *[asked[name].uavs for name in names]])
-            self._are_all = np.array_equal(self._uavs, self._everyone)
+            self.of_everyone = np.array_equal(self._uavs, self._everyone)
         said = [outcomes[name] for name in names]
-        if awake is None and self._are_all:
+        if awake is None and self.of_everyone:
             residuals = kernel.enter(said, model.BEYOND_SENSE, self.accelerations, self.diagnostics)
             if residuals is not None:
                 self.residuals = residuals

@@ -58,6 +58,7 @@ class Flight:
         self.distance = np.zeros(n)  # m flown until arrival
         self._speed_sum = np.zeros(n)
         self._ticks_on_way = np.zeros(n, dtype=np.int64)
+        self.any_lost = False
         self._collided: set[tuple[int, int]] = set()
         self._wind = Normals(generator(self.scenario.seed, "wind"))
         self._hash = hashlib.sha256()
@@ -114,7 +115,7 @@ class Flight:
         """Takes UAVs out of the mission: physics goes on without command, nobody waits for them."""
         uavs = uavs[self.status[uavs] != LOST]
         if len(uavs):
-            self.status[uavs] = LOST
+            self.status[uavs], self.any_lost = LOST, True
             self._event(kind, f"{why}: UAV {', '.join(map(str, uavs))} lost", uavs)
 
     def rejoin(self, uavs: NDArray[np.intp], who: str) -> None:
@@ -122,6 +123,7 @@ class Flight:
         uavs = uavs[self.status[uavs] == LOST]
         if len(uavs):
             self.status[uavs] = np.where(self.arrival_tick[uavs] >= 0, ARRIVED, FLYING)
+            self.any_lost = bool(self.lost.any())
             self._event("rejoined", f"{who} rejoined with UAV {', '.join(map(str, uavs))}", uavs)
 
     def advance(self, accelerations: state.Plane, gust: state.Plane | None = None) -> None:
@@ -164,6 +166,7 @@ class Flight:
             setattr(self, name, type(getattr(self, name))(snapshot[name]))
         for name in _ARRAYS:
             getattr(self, name)[...] = snapshot[name]
+        self.any_lost = bool(self.lost.any())
         self._collided = {(first, second) for first, second in snapshot["collided"]}
         self._wind.restore(snapshot["wind"])
         if history.shape != (self.tick + 1, *self.states.shape) or history[-1].tobytes() != self.states.tobytes():
