@@ -23,7 +23,7 @@ FLOOR_RATIO = 1.5
 def run(effort: Effort, say: Say) -> Outcome:
     """25 processes, and when there is time 64, each beside its floor."""
     outcome = Outcome()
-    swarms = [(25, effort.of(600, 200), effort.of(5, 1))] + ([(64, 300, 3)] if effort is Effort.FULL else [])
+    swarms = [(25, effort.of(600, 200), effort.of(9, 1))] + ([(64, 300, 5)] if effort is Effort.FULL else [])
     for uavs, ticks, repeats in swarms:
         flown, bare, start_s = [], [], []
         for repeat in range(repeats):
