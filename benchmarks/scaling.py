@@ -177,7 +177,7 @@ def draw(fitted: Fit, path: Path) -> None:
         axes.plot(uavs[mine], ms[mine], marker, color=colour, ms=5)
     axes.axhline(100.0, color="#9A9A9A", ls=(0, (4, 2)), lw=1)
     axes.annotate("real time: 100 ms", (10, 100), (4, -11), textcoords="offset points", color="#6A6A6A", fontsize=8)
-    axes.set(xscale="log", yscale="log", xlabel="number of UAVs", ylabel="tick (ms)", xlim=(10, 1e4), ylim=(0.2, 5e3))
+    axes.set(xscale="log", yscale="log", xlabel="number of UAVs", ylabel="tick (ms)", xlim=(10, 1e4), ylim=(0.1, 5e3))
     axes.legend(frameon=False, fontsize=8, loc="upper left", title="lines: the fitted model")
     axes.get_legend().get_title().set_fontsize(8)
     axes.spines[["top", "right"]].set_visible(False)
