@@ -5,7 +5,7 @@ n + max(1, ⌈D_m θ/dt⌉).
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -25,6 +25,7 @@ from swarm.scenario import Scenario
 from swarm.seeds import generator
 
 Indices = NDArray[np.intp]
+NO_LINKS = np.zeros((0, 5), dtype=np.int32)  # of a tick in which nobody sends; shared, not to be written to
 Cut: TypeAlias = Callable[[Indices, Indices], NDArray[np.bool_]]  # sources (K,), targets (K,) → links that fail
 
 
@@ -45,7 +46,7 @@ class Air:
         self._in_flight: defaultdict[int, list[Frames]] = defaultdict(list)
 
     def send(
-        self, tick: int, frames: Iterable[Frames], states: state.States, cut: Cut | None = None
+        self, tick: int, frames: Sequence[Frames], states: state.States, cut: Cut | None = None
     ) -> NDArray[np.int32]:
         """Transmits the frames of one tick, each kind in turn, sources ascending, targets ascending.
 
@@ -56,10 +57,10 @@ class Air:
         Returns:
             The links used, (K, 5): [tick, source, target, kind, slots], slots negative where in outage.
         """
+        if not frames:
+            return NO_LINKS
         records = [self._send(tick, batch, states, cut) for batch in sorted(frames, key=lambda batch: batch.kind)]
-        if len(records) == 1:
-            return records[0]
-        return np.concatenate(records) if records else np.zeros((0, 5), dtype=np.int32)
+        return records[0] if len(records) == 1 else np.concatenate(records)
 
     def due(self, tick: int) -> list[Frames]:
         """Frames delivered in this tick, oldest first; each with the links it arrived on."""

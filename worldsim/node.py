@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from channel.air import Air
+from channel.air import NO_LINKS, Air
 from swarm import __version__, codec, keys, model, state
 from swarm.bus import Bus
 from swarm.errors import BadInput, RunFailed
@@ -36,7 +36,6 @@ from worldsim.waiting import Waiting
 REPORT_EVERY_TICKS = 10
 _BLOCK_ROWS, _BLOCK_STATES = 20, 2500  # of a block of telemetry: so many rows, or more of a small swarm
 
-_NO_LINKS = np.zeros((0, 5), dtype=np.int32)
 Clock = Callable[[], float]
 
 
@@ -137,7 +136,7 @@ class World:
         self._leads = leader.name if (leader := self._members.lead()) is not None else None
         if self._resumed is None:
             self.air.meter.initial(state.SIZE * self._scenario.radio.bits_per_float)
-            self._rows.add(self.flight, self.air, self._commands, _NO_LINKS, self._ledger)
+            self._rows.add(self.flight, self.air, self._commands, NO_LINKS, self._ledger)
         while not self.flight.over:
             began = self._clock()
             if self._schedule is not None:
@@ -187,8 +186,7 @@ class World:
         self._waiting.for_answers()
         # 4. What they want to say goes on the air.
         frames = self._collect()
-        cut = self._script.cut(tick, self.flight.states)
-        links = self.air.send(tick, frames, self.flight.states, cut) if frames else _NO_LINKS
+        links = self.air.send(tick, frames, self.flight.states, self._script.cut(tick, self.flight.states))
         if number := self._rounds.relays(tick):
             for text in self._heads.relayed(number, frames, links):
                 self._note("void", text)
