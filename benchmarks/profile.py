@@ -48,7 +48,7 @@ LEARNER: list[Part] = [
     ("swarm.spoke:Spoke.handle", "agent: protocol"),
 ]
 CODEC: list[Part] = [(f"swarm.codec:{name}", "codec") for name in ("encode", "decode", "encode_frames")]
-CODEC += [(f"swarm.plain:Plain.{name}", "codec, plain messages") for name in ("encode", "decode", "reader")]
+CODEC += [(f"swarm.plain:Plain.{name}", "codec, plain messages") for name in ("encode", "decode")]
 WORLD: list[Part] = [
     ("worldsim.node:World._tick", "world, the rest of the tick"),
     ("worldsim.node:World._ask", "address and fill inboxes"),
@@ -57,7 +57,8 @@ WORLD: list[Part] = [
     ("worldsim.waiting:Waiting.for_answers", "barrier, the loop"),
     ("worldsim.door:Door.handle", "take in answers: dispatch"),
     ("worldsim.barrier:Barrier.overhear", "take in answers: dispatch"),
-    ("worldsim.inbound:check", "take in answers: check"),
+    ("worldsim.answers:Answers.read", "take in answers: sound ones, by their bytes"),
+    ("worldsim.inbound:check", "take in answers: all others"),
     ("worldsim.node:World._collect", "collect commands and frames"),
     ("worldsim.node:World._play", "fault script"),
     ("worldsim.node:World._keep", "checkpoints"),

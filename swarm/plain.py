@@ -8,8 +8,6 @@ pushed out of the caches. Nothing depends on it: what is not plain, or says the 
 codec.
 """
 
-import math
-import struct
 from collections.abc import Callable
 from functools import cache, lru_cache
 from typing import Any, TypeAlias
@@ -60,9 +58,9 @@ class Plain:
         self._rest = None if of_round else tuple([piece for (piece,) in self._pieces])
         self._arrays = [(shape, dtype, array.nbytes) for (shape, dtype), array in zip(layouts, arrays, strict=True)]
         self.arrays = len(arrays)  # how many there are
-        self.body = sum(array.nbytes for array in arrays)  # bytes of them
         self.size = len(first) - numbers  # in bytes, without the tick and the number of the round
-        self._numbers = struct.Struct(f"<{arrays[0].size}d").unpack_from  # of few floats, in less time than NumPy's
+        self.sizes = tuple([array.nbytes for array in arrays])
+        self.formats = "".join([array.dtype.char for array in arrays]).encode()  # as `struct` has them
         self._of = -1, 0
         self._frame: tuple[bytes, ...] = ()
 
@@ -89,45 +87,10 @@ class Plain:
             parts += array.tobytes(), after
         return b"".join(parts)
 
-    def reader(self, tick: int) -> Callable[[bytes], bytes | None]:
-        """What tells such messages of that tick with but one array, of doubles, and returns the bytes of it, finite.
-
-        None for other messages; and where the sum of the numbers is not finite: `decode` tells.
-        """
-        before, after = self.frame(tick)
-        start = len(before)
-        end = start + self.body
-        size, numbers, finite = end + len(after), self._numbers, math.isfinite
-
-        def read(raw: bytes) -> bytes | None:
-            if len(raw) == size and raw.startswith(before) and raw.endswith(after) and finite(sum(numbers(raw, start))):
-                return raw[start:end]
-            return None
-
-        return read
-
-    def reporter(self, tick: int) -> Callable[[bytes], tuple[bytes, NDArray[np.float64]] | None]:
-        """The same of messages with two arrays of doubles: the bytes of the first, and the second, both finite."""
-        before, between, after = self.frame(tick)
-        (_, _, few), (shape, _, many) = self._arrays
-        start = len(before)
-        end = start + few
-        place = end + len(between)
-        size, numbers, finite = place + many + len(after), self._numbers, math.isfinite
-
-        def read(raw: bytes) -> tuple[bytes, NDArray[np.float64]] | None:
-            if len(raw) == size and raw.startswith(before) and raw.startswith(between, end) and raw.endswith(after):
-                array = np.ndarray(shape, _FLOAT, raw, place)
-                if finite(sum(numbers(raw, start))) and codec.finite(array):
-                    return raw[start:end], array
-            return None
-
-        return read
-
     def decode(self, tick: int, raw: bytes, number: int = 0) -> list[NDArray[Any]] | None:
         """The arrays, their floats finite, if these are the bytes of such a message of that tick; or None."""
         frame, place, arrays = self.frame(tick, number), 0, []
-        if len(raw) != self.body + sum(map(len, frame)):
+        if len(raw) != sum(self.sizes) + sum(map(len, frame)):
             return None
         for piece, (shape, dtype, size) in zip(frame, self._arrays, strict=False):
             if not raw.startswith(piece, place):
@@ -138,6 +101,11 @@ class Plain:
         if not raw.endswith(frame[-1]):
             return None
         return arrays if all(codec.finite(array) for array in arrays if array.dtype.kind == "f") else None
+
+    def split(self, tick: int, raw: bytes, number: int = 0) -> tuple[bytes, ...] | None:
+        """The bytes of those arrays."""
+        arrays = self.decode(tick, raw, number)
+        return None if arrays is None else tuple([array.tobytes() for array in arrays])
 
 
 @cache

@@ -2,18 +2,14 @@
 
 import threading
 from collections import Counter
-from collections.abc import Callable
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from swarm import keys, plain
 from swarm.bus import Bus
 from swarm.errors import MessageRejected
 from swarm.messages import Act, Frames, Sense
+from swarm.scenario import Scenario
 from swarm.state import States
-from worldsim import kernel
+from worldsim.answers import Answers
 from worldsim.members import Member
 from worldsim.questions import Questions
 
@@ -35,31 +31,33 @@ class Crowd:
 class Barrier:
     """The questions of one tick after the other.
 
-    Plain answers are taken in whatever thread brings them, all else in that of the world.
+    Sound answers are taken in whatever thread brings them, all else in that of the world.
     """
 
-    def __init__(self, bus: Bus, run: str) -> None:
+    def __init__(self, bus: Bus, run: str, scenario: Scenario) -> None:
         self._bus, self._run, self._fingerprint = bus, run, keys.fingerprint(run)
+        self._answers = Answers(scenario, self._fingerprint)
         self._questions: dict[str, bytes] = {}  # to whom was asked alone, by name
         self._cut: Questions | None = None  # all others
         self._silent: dict[str, Member] = {}  # who has yet to answer, by the key of the answer
         self._gate = threading.RLock()  # of that and of the answers
-        self._readers: dict[int, Callable[[bytes], Any]] = {}  # of plain answers, by the UAVs of a node
         self._crowd = Crowd([], run)  # who was last asked plainly
         self._repeats: Counter[str] = Counter()  # second answers that may still come, by the node's name
         self._tick, self.reporting = -1, False
         self.asked: dict[str, Member] = {}
         self.outcomes: dict[str, bytes] = {}  # of whoever has answered, (M, 5) f8
-        self.reports: dict[str, NDArray[np.float64]] = {}  # of them, the models, (M, 246),
-        self.acts: dict[str, Act] = {}  # or the answers that say more than that
+        self.reports: dict[str, bytes] = {}  # of them, the models, (M, 246) f8,
+        self.outboxes: dict[str, tuple[Frames, ...]] = {}  # and frames, where there are any;
+        self.acts: dict[str, Act] = {}  # the whole answers of those that were not told by their bytes
         self.standing = False  # between the first question of a tick and the last answer
 
     def open(self, tick: int, reporting: bool) -> None:
         """A new tick, in which agents report their models or not: nobody is asked yet."""
         with self._gate:
             self._tick, self.reporting = tick, reporting
-            self.asked, self.outcomes, self.reports, self.acts = {}, {}, {}, {}
-            self._questions, self._silent, self._readers = {}, {}, {}
+            self.asked, self.outcomes, self.reports, self.outboxes, self.acts = {}, {}, {}, {}, {}
+            self._questions, self._silent = {}, {}
+            self._answers.open(tick, reporting)
             self.standing = True
 
     def close(self) -> None:
@@ -109,23 +107,20 @@ class Barrier:
             self._bus.put(keys.sense(self._run, name), question)
 
     def overhear(self, key: str, raw: bytes, but: int = 1) -> bool:
-        """Takes a plain answer (`swarm.plain`) that is waited for, whoever brings it; with whatever else this is,
+        """Takes a sound answer (`worldsim.answers`) that is waited for, whoever brings it; with whatever else this is,
         nothing is done. Nor with the last `but` one: it goes to who waits for it, who would not wake otherwise.
         """
         with self._gate:
             member = self._silent.get(key)
-            if member is None or len(self._silent) <= but or not (rows := member.rows):
+            if member is None or len(self._silent) <= but:
                 return False
-            if (read := self._readers.get(rows)) is None:
-                acts = plain.acts(self._fingerprint, rows, self.reporting)
-                read = acts.reporter(self._tick) if self.reporting else kernel.reader(acts, self._tick)
-                self._readers[rows] = read
-            outcome: Any = read(raw)
-            if outcome is None:
+            if (answer := self._answers.read(member, raw)) is None:
                 return False
-            if self.reporting:
-                outcome, self.reports[member.name] = outcome
-            self.outcomes[member.name] = outcome
+            self.outcomes[member.name], report, outbox = answer
+            if report:
+                self.reports[member.name] = report
+            if outbox:
+                self.outboxes[member.name] = outbox
             del self._silent[key]
             return True
 
@@ -139,6 +134,8 @@ class Barrier:
             if self._silent.pop(keys.act(self._run, name), None) is None:
                 raise MessageRejected("duplicate", f"second answer of {name} to tick {act.tick}")
             self.outcomes[name], self.acts[name] = act.outcome.tobytes(), act
+            if act.outbox:
+                self.outboxes[name] = act.outbox
 
     def is_repeat(self, name: str) -> bool:
         """Whether an answer of a node that is not waited for is that to a question it was asked again, for which it
@@ -153,9 +150,16 @@ class Barrier:
         with self._gate:
             self._silent.pop(keys.act(self._run, name), None)
             self._repeats.pop(name, None)
-            for said in (self.outcomes, self.reports, self.acts):
+            for said in (self.outcomes, self.reports, self.outboxes, self.acts):
                 said.pop(name, None)
             return self.asked.pop(name, None) is not None
+
+    @property
+    def spoken(self) -> list[Frames]:
+        """What everyone has said by radio, in the order in which they were asked."""
+        if not self.outboxes:
+            return []
+        return [batch for name in self.asked for batch in self.outboxes.get(name, ())]
 
     @property
     def missing(self) -> list[str]:

@@ -8,9 +8,7 @@ import numpy as np
 from swarm import codec, keys, scenario
 from swarm.bus import Bus, Delivery
 from swarm.errors import MessageRejected
-from swarm.messages import Act, Join, Ready, Received, Refusal, Stop, Welcome
-from swarm.methods import Method
-from swarm.rounds import Rounds
+from swarm.messages import Join, Ready, Received, Refusal, Stop, Welcome
 from swarm.scenario import Scenario
 from worldsim import inbound
 from worldsim.barrier import Barrier
@@ -35,7 +33,6 @@ class Door:
     def __init__(
         self,
         flown: Scenario,
-        rounds: Rounds,
         bus: Bus,
         run: str,
         members: Members,
@@ -52,7 +49,7 @@ class Door:
         self.closed = False  # after the last: who leaves is not lost
         self.minds: Resumption | None = None  # whose minds are handed out until then
         self.on_leader_lost: Callable[[], None] = lambda: None  # one that was asked in this tick
-        self._scenario, self._rounds, self._bus, self._run = flown, rounds, bus, run
+        self._scenario, self._bus, self._run = flown, bus, run
         self._fingerprint, self._received = keys.fingerprint(run), keys.received(run)
         self._float = codec.FLOAT_OF_BITS[flown.radio.bits_per_float]
         self._plan = flight.states.astype(self._float)
@@ -127,26 +124,16 @@ class Door:
             self._stop(name, "lost: nobody waits for this node any more")
             raise MessageRejected("unknown-node", f"{name}, which was lost")
         try:
-            if (act := self._plainly_said(raw, member)) is None:
-                message = codec.decode(raw, inbound.limit(len(member.uavs), self._scenario))
-                if isinstance(message, Ready) and message.run == self._fingerprint:
-                    self._welcome(member)
-                    return
-                tick = self._flight.tick
-                act = inbound.check(message, self._fingerprint, tick, member, self._scenario, self._float)
+            message = codec.decode(raw, inbound.limit(len(member.uavs), self._scenario))
+            if isinstance(message, Ready) and message.run == self._fingerprint:
+                self._welcome(member)
+                return
+            tick = self._flight.tick
+            act = inbound.check(message, self._fingerprint, tick, member, self._scenario, self._float)
             self._barrier.answer(name, act)
         except MessageRejected as error:
             if error.reason not in _OF_REPEATS or not self._barrier.is_repeat(name):
                 raise
-
-    def _plainly_said(self, raw: bytes, member: Member) -> Act | None:
-        """What a sound node says in a tick in which it uploads its model, or in any of hjb, told by its bytes."""
-        tick, is_reporting = self._flight.tick, self._barrier.reporting
-        if self._scenario.method is Method.HJB:
-            return inbound.broadcast(raw, self._fingerprint, tick, member, self._float, is_reporting)
-        if not (number := self._rounds.opens(tick)):
-            return None
-        return inbound.upload(raw, self._fingerprint, tick, number, member, self._scenario, is_reporting)
 
     def _welcome(self, member: Member) -> None:
         if self.closed:  # it was not there yet when all others were sent home

@@ -5,7 +5,7 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm import model, payload, plain, state
+from swarm import model, payload, state
 from swarm.ascending import contains
 from swarm.clusters import Clusters
 from swarm.codec import expect
@@ -25,41 +25,6 @@ def limit(rows: int, scenario: Scenario) -> int:
     known = 8 * state.SIZE * scenario.uavs if scenario.keeps_states else 0
     refused = 5 * scenario.uavs if not rows or scenario.federation.clusters > 1 else 0
     return _OVERHEAD_BYTES + refused + max(1, rows) * (_BYTES_A_ROW + known)
-
-
-def upload(
-    raw: bytes, run: int, tick: int, number: int, member: Member, scenario: Scenario, reporting: bool
-) -> Act | None:
-    """The Act of that tick of a node of one UAV that uploads its model in the round of that number, and reports it or
-    not, as a sound node would write it (`swarm.plain`) and as `check` lets it in; None for whatever else this is: that
-    takes a closer look.
-    """
-    coding, rows = payload.upload(scenario), len(member.uavs)
-    if rows != 1:
-        return None
-    uploads = plain.uploads(run, rows, reporting, ((rows, coding.width), coding.dtype))
-    if (arrays := uploads.decode(tick, raw, number)) is None:
-        return None
-    outcome, source, sent, *models = arrays
-    if source[0] != member.uavs[0] or not (coding.is_exact or coding.sound(sent).all()):
-        return None
-    outbox = (Frames(FrameKind.UPLOAD, number, source, sent),)
-    return Act(run, tick, outcome, outbox=outbox, report=models[0] if reporting else None)
-
-
-def broadcast(raw: bytes, run: int, tick: int, member: Member, float_: np.dtype, reporting: bool) -> Act | None:
-    """The Act of that tick of a node that says where all of its UAVs are, in floats of that kind, and reports its
-    models or not; as `upload`, None for whatever else this is.
-    """
-    rows = member.rows
-    if not rows:
-        return None
-    arrays = plain.broadcasts(run, rows, reporting, ((rows, state.SIZE), float_)).decode(tick, raw)
-    if arrays is None or arrays[1].tobytes() != member.names:
-        return None
-    outcome, source, said, *models = arrays
-    outbox = (Frames(FrameKind.STATE, 0, source, said),)
-    return Act(run, tick, outcome, outbox=outbox, report=models[0] if reporting else None)
 
 
 def check(message: Message, run: int, tick: int, member: Member, scenario: Scenario, float_: np.dtype) -> Act:

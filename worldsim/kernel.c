@@ -6,6 +6,7 @@
 #define Py_LIMITED_API 0x030B0000
 #include <Python.h>
 #include <math.h>
+#include <stdint.h>
 #include <string.h>
 
 #include "tick.h"
@@ -172,29 +173,76 @@ done:
     return result;
 }
 
-static PyObject *between(PyObject *module, PyObject *const *args, Py_ssize_t count) {
-    char *raw, *before, *after;
-    Py_ssize_t length, head, tail;
-    if (count != 4) return PyErr_Format(PyExc_TypeError, "between takes 4 arguments, %zd given", count);
-    const Py_ssize_t size = PyLong_AsSsize_t(args[2]);
+/* Whether so many bytes are finite floats, of the format a NumPy dtype has as its character; others are as they are. */
+static int sane_floats(const char *text, Py_ssize_t size, char format) {
+    int sane = 1;
+    if (format == 'd')
+        for (Py_ssize_t i = 0; i + 8 <= size; i += 8) {
+            uint64_t bits; /* they may begin anywhere */
+            memcpy(&bits, text + i, sizeof bits);
+            sane &= (bits & 0x7ff0000000000000) != 0x7ff0000000000000;
+        }
+    else if (format == 'f')
+        for (Py_ssize_t i = 0; i + 4 <= size; i += 4) {
+            uint32_t bits;
+            memcpy(&bits, text + i, sizeof bits);
+            sane &= (bits & 0x7f800000) != 0x7f800000;
+        }
+    else if (format == 'e')
+        for (Py_ssize_t i = 0; i + 2 <= size; i += 2) {
+            uint16_t bits;
+            memcpy(&bits, text + i, sizeof bits);
+            sane &= (bits & 0x7c00) != 0x7c00;
+        }
+    return sane;
+}
+
+/* The text that comes next in a message, or NULL, and then with an error if it is none. */
+static const char *follows(PyObject *text, const char *at, const char *end) {
+    char *expected;
+    Py_ssize_t length;
+    if (PyBytes_AsStringAndSize(text, &expected, &length) < 0) return NULL;
+    return end - at >= length && memcmp(at, expected, length) == 0 ? at + length : NULL;
+}
+
+/* The array that comes next, the same way. */
+static PyObject *array_at(PyObject *said, char format, const char *at, const char *end) {
+    const Py_ssize_t size = PyLong_AsSsize_t(said);
     if (size == -1 && PyErr_Occurred()) return NULL;
-    if (PyBytes_AsStringAndSize(args[0], &before, &head) < 0 || PyBytes_AsStringAndSize(args[1], &after, &tail) < 0
-        || PyBytes_AsStringAndSize(args[3], &raw, &length) < 0)
+    if (size < 0 || end - at < size || !sane_floats(at, size, format)) return NULL;
+    return PyBytes_FromStringAndSize(at, size);
+}
+
+static PyObject *split(PyObject *module, PyObject *const *args, Py_ssize_t count) {
+    char *formats, *raw;
+    Py_ssize_t arrays, length;
+    if (count != 4 || !PyTuple_Check(args[0]) || !PyTuple_Check(args[1]))
+        return PyErr_Format(PyExc_TypeError, "split takes two tuples, formats and a message");
+    if (PyBytes_AsStringAndSize(args[2], &formats, &arrays) < 0 || PyBytes_AsStringAndSize(args[3], &raw, &length) < 0)
         return NULL;
-    if (size < 0 || length - head - tail != size || memcmp(raw, before, head) || memcmp(raw + head + size, after, tail))
-        Py_RETURN_NONE;
-    for (Py_ssize_t i = 0; i + (Py_ssize_t)sizeof(double) <= size; i += sizeof(double)) {
-        double number;
-        memcpy(&number, raw + head + i, sizeof number);
-        if (!isfinite(number)) Py_RETURN_NONE;
+    if (PyTuple_Size(args[1]) != arrays || PyTuple_Size(args[0]) != arrays + 1)
+        return PyErr_Format(PyExc_ValueError, "%zd texts around %zd arrays of %zd formats", PyTuple_Size(args[0]),
+                            PyTuple_Size(args[1]), arrays);
+    PyObject *parts = PyTuple_New(arrays);
+    const char *at = raw, *end = raw + length;
+    for (Py_ssize_t k = 0; parts != NULL && k <= arrays; k++) {
+        PyObject *part = NULL;
+        at = follows(PyTuple_GetItem(args[0], k), at, end);
+        if (k < arrays && at != NULL) part = array_at(PyTuple_GetItem(args[1], k), formats[k], at, end);
+        if (part != NULL) {
+            at += PyBytes_Size(part);
+            PyTuple_SetItem(parts, k, part);
+        } else if (k < arrays || at != end)
+            Py_CLEAR(parts);
     }
-    return PyBytes_FromStringAndSize(raw + head, size);
+    if (parts == NULL && !PyErr_Occurred()) Py_RETURN_NONE;
+    return parts;
 }
 
 static PyMethodDef methods[] = {
-    {"between", (PyCFunction)(void (*)(void))between, METH_FASTCALL,
-     "between(before, after, size, raw)\n\n"
-     "The so many bytes of doubles between two texts, if raw is those, and all of them are finite; or None."},
+    {"split", (PyCFunction)(void (*)(void))split, METH_FASTCALL,
+     "split(texts, sizes, formats, raw)\n\n"
+     "The bytes of the arrays between these texts, if raw is those, each of its size and its floats finite; or None."},
     {"enter", enter, METH_VARARGS,
      "enter(said, bound, accelerations, diagnostics)\n\n"
      "The rows of a list of bytes, each the outcome of a UAV, into two arrays; returns the largest of the first two\n"

@@ -36,12 +36,11 @@ def enter(said: list[bytes], bound: float, accelerations: Floats, diagnostics: F
     return None if _kernel is None else _kernel.enter(said, bound, accelerations, diagnostics)
 
 
-def reader(acts: Plain, tick: int) -> Callable[[bytes], bytes | None]:
-    """What `acts.reader` returns for a tick, only that no sum of numbers is too large for it."""
+def splitter(expected: Plain, tick: int, number: int) -> Callable[[bytes], tuple[bytes, ...] | None]:
+    """What returns what `expected.split` does, of a tick and the number of a round."""
     if _kernel is None:
-        return acts.reader(tick)
-    before, after = acts.frame(tick)
-    return partial(_kernel.between, before, after, acts.body)
+        return lambda raw: expected.split(tick, raw, number)
+    return partial(_kernel.split, expected.frame(tick, number), expected.sizes, expected.formats)
 
 
 class Kernel:

@@ -86,7 +86,7 @@ class World:
         self._ticks = Durations()
         self._uploads = inbox.Uploads(FrameKind.RELAY if scenario.federation.clusters > 1 else FrameKind.UPLOAD)
         self._heads = Heads(scenario)
-        self._barrier = Barrier(bus, run)
+        self._barrier = Barrier(bus, run, scenario)
         self._commands = Commands(scenario.uavs)
         self._all = np.ones(scenario.uavs, dtype=bool)
         self._awake = self._all  # who is neither lost nor asleep; as a rule that very array
@@ -99,9 +99,7 @@ class World:
         wanted = scenario.leaders(self.flight.tick) if federated else 0
         self._members = Members(scenario.uavs, wanted, standbys=federated, rows_at_most=rows_at_most)
         members, barrier, ledger = self._members, self._barrier, self._ledger
-        self._door = Door(
-            scenario, self._rounds, bus, run, members, self.flight, barrier, self._outbox, ledger, self._note, clock
-        )
+        self._door = Door(scenario, bus, run, members, self.flight, barrier, self._outbox, ledger, self._note, clock)
         self._speech = Speech(self._rounds, ledger, self._door.drop, self._note)
         self._door.minds = resume
         self._door.on_leader_lost = self._ask_leader
@@ -269,14 +267,13 @@ class World:
     def _collect(self) -> list[Frames]:
         """Commands and diagnostics into their rows; frames of one kind joined, sources ascending."""
         self._barrier.close()
-        asked, said = self._barrier.asked, self._barrier.acts
-        acts = [said[name] for name in asked if name in said] if said else []
-        for act in acts:
+        asked, acts = self._barrier.asked, self._barrier.acts
+        for act in [acts[name] for name in asked if name in acts] if acts else []:
             self._regard(act)
         awake = None if self._awake is self._all else self._awake
         if len(insane := self._commands.enter(asked, self._barrier.outcomes, awake)):
             self.flight.lose(insane, "diverged", "an answer beyond all bounds")
-        frames = self._speech.of(self.flight.tick, acts, self._awake, self.air.meter)
+        frames = self._speech.of(self.flight.tick, self._barrier.spoken, self._awake, self.air.meter)
         if number := self._rounds.closes(self.flight.tick):
             self._uploads.close(number)
         if self.flight.any_lost:
@@ -296,10 +293,10 @@ class World:
     def _report(self, tick: int, whole: bool) -> None:
         minds, asked, reports = Minds(self._scenario, whole), self._barrier.asked, self._barrier.reports
         if self._commands.of_everyone and len(reports) == len(asked):  # as a rule
-            minds.models = np.concatenate([reports[name] for name in asked])
+            minds.models = np.frombuffer(b"".join([reports[name] for name in asked])).reshape(minds.models.shape)
         else:
             for name, models in reports.items():
-                minds.models[asked[name].place] = models
+                minds.models[asked[name].place] = np.frombuffer(models).reshape(-1, model.MODEL_FLOATS)
             for name, act in self._barrier.acts.items():
                 minds.take(asked[name], act)
         alive, can_be = ~self.flight.lost, minds.sane

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from channel.meter import Meter
 from swarm import codec
 from swarm.errors import MessageRejected
-from swarm.messages import Act, FrameKind, Frames
+from swarm.messages import FrameKind, Frames
 from swarm.rounds import Rounds
 from worldsim import inbound
 from worldsim.ledger import Ledger
@@ -26,12 +26,11 @@ class Speech:
     ) -> None:
         self._rounds, self._ledger, self._drop, self._note = rounds, ledger, drop, note
 
-    def of(self, tick: int, acts: Iterable[Act], awake: NDArray[np.bool_], meter: Meter) -> list[Frames]:
-        """The frames of a tick; `acts` in order of their UAVs, `awake` (N,). Their bytes go on the bill."""
+    def of(self, tick: int, spoken: Iterable[Frames], awake: NDArray[np.bool_], meter: Meter) -> list[Frames]:
+        """The frames of a tick; those `spoken` in order of their UAVs, `awake` (N,). Their bytes go on the bill."""
         by_kind: dict[FrameKind, list[Frames]] = {}
-        for act in acts:
-            for batch in act.outbox:
-                by_kind.setdefault(batch.kind, []).append(batch)
+        for batch in spoken:
+            by_kind.setdefault(batch.kind, []).append(batch)
         return [frames for batches in by_kind.values() if (frames := self._joined(tick, batches, awake, meter))]
 
     def _joined(self, tick: int, batches: list[Frames], awake: NDArray[np.bool_], meter: Meter) -> Frames | None:

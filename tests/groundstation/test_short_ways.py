@@ -13,7 +13,7 @@ from swarm.messages import Frames
 from swarm.methods import Method
 from swarm.scenario import load
 from swarm.state import States
-from worldsim import inbound, inbox
+from worldsim import inbox
 from worldsim.barrier import Barrier
 from worldsim.members import Member
 
@@ -59,7 +59,6 @@ def fly(monkeypatch: pytest.MonkeyPatch, settings: tuple[str, ...], method: str,
             patch.setattr(plain, "encode", codec.encode)
             patch.setattr(Barrier, "ask_all", one_by_one)
             patch.setattr(Barrier, "overhear", lambda *_: False)
-            patch.setattr(inbound, "upload", lambda *_: None)
         fixed = ["uavs=6", "duration=6", "stop=duration", "federation.period=10"]
         engine = Engine(load(None, [*fixed, *settings], method=method), "short", uavs_per_node=rows)
         for _ in engine.fly():

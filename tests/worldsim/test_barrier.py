@@ -10,6 +10,7 @@ from swarm import codec, keys
 from swarm.bus import Bus, MemoryNetwork
 from swarm.errors import MessageRejected
 from swarm.messages import Act, FrameKind, Frames, Sense
+from swarm.scenario import load
 from tests.polling import DEADLINE_S
 from worldsim.barrier import Barrier
 from worldsim.members import Member
@@ -31,7 +32,7 @@ class Stand:
         network = MemoryNetwork()
         self.agent: Bus = network.endpoint()
         self.agent.subscribe(keys.sense(RUN, "agent-0"))
-        self.barrier = Barrier(network.endpoint(), RUN)
+        self.barrier = Barrier(network.endpoint(), RUN, load(None, uavs=3))
         self.member = Member("agent-0", "agent", np.arange(2))
         self.barrier.open(TICK, reporting)
 
@@ -92,7 +93,7 @@ def test_an_answer_with_a_report_is_kept_with_it() -> None:
     stand = Stand(reporting=True)
     stand.asked()
     assert stand.barrier.overhear(KEY, codec.encode(Act(FINGERPRINT, TICK, OUTCOME, report=MODELS)), 0)
-    assert (stand.barrier.reports["agent-0"] == MODELS).all()
+    assert stand.barrier.reports == {"agent-0": MODELS.tobytes()}
     assert not stand.barrier.acts
     assert stand.barrier.outcomes["agent-0"] == OUTCOME.tobytes()
     assert stand.barrier.forget("agent-0")
@@ -163,7 +164,7 @@ def test_the_last_answer_is_left_to_who_waits() -> None:
 
 
 def test_whoever_waits_wakes_however_answers_come_in_two_threads() -> None:
-    barrier = Barrier(MemoryNetwork().endpoint(), RUN)
+    barrier = Barrier(MemoryNetwork().endpoint(), RUN, load(None, uavs=12))
     crowd = [Member(f"agent-{uav}", "agent", np.array([uav])) for uav in range(12)]
     waiting: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
     asked: queue.SimpleQueue[int | None] = queue.SimpleQueue()

@@ -10,10 +10,11 @@ from swarm.codec import FLOAT_OF_BITS
 from swarm.errors import MessageRejected
 from swarm.messages import Act, FrameKind, Frames
 from swarm.scenario import Scenario, load
+from tests.worldsim import sound
+from tests.worldsim.sound import RUN, TICK
 from worldsim import inbound
 from worldsim.members import Member
 
-RUN, TICK = 0xC0FFEE42, 20
 QUICK = settings(max_examples=200, deadline=None, database=None)
 FLOAT = FLOAT_OF_BITS[32]
 
@@ -42,8 +43,8 @@ def act(
     return Act(run, tick, np.full((len(uavs), 5), 0.25), diverged=diverged, outbox=outbox, report=models)
 
 
-def read(raw: bytes, by: Member, float_: np.dtype = FLOAT, report: bool = False) -> Act | None:
-    return inbound.broadcast(raw, RUN, TICK, by, float_, report)
+def read(raw: bytes, by: Member, bits: int = 32, report: bool = False) -> Act | None:
+    return sound.read(flown(bits), raw, by, report)
 
 
 def checked(raw: bytes, by: Member, bits: int = 32) -> Act:
@@ -59,10 +60,10 @@ def checked(raw: bytes, by: Member, bits: int = 32) -> Act:
 def test_states_are_let_in_as_the_long_way_does(bits: int, report: bool, uavs: tuple[int, ...]) -> None:
     float_ = FLOAT_OF_BITS[bits]
     raw = codec.encode(act(*uavs, float_=float_, report=report))
-    got = read(raw, member(*uavs), float_, report)
+    got = read(raw, member(*uavs), bits, report)
     assert got is not None
     assert codec.encode(got) == codec.encode(checked(raw, member(*uavs), bits)) == raw
-    assert read(raw, member(*uavs), float_, not report) is None
+    assert read(raw, member(*uavs), bits, not report) is None
 
 
 def test_what_is_not_expected_takes_the_long_way() -> None:
@@ -80,11 +81,14 @@ def test_what_is_not_expected_takes_the_long_way() -> None:
         act(3, 4, number=1),
         act(3, 4, diverged=(3,)),
         act(3, 4, float_=FLOAT_OF_BITS[64]),
-        Act(RUN, TICK, np.zeros((2, 5))),
+        Act(RUN, TICK, np.zeros((3, 5))),
     ]
     assert read(codec.encode(both), by) is not None
     assert not any(read(codec.encode(other), by) for other in others)
     assert checked(codec.encode(one_speaks), by).outbox[0].source.tolist() == [3]
+    silent = read(codec.encode(Act(RUN, TICK, both.outcome)), by)
+    assert silent is not None
+    assert not silent.outbox
     assert read(codec.encode(act(3)), Member("leader", "leader", np.zeros(0, np.intp))) is None
 
 

@@ -14,7 +14,7 @@ from hypothesis.extra.numpy import arrays
 from groundstation.engine import Engine
 from groundstation.paper.batch import Batch
 from swarm import codec, plain, state
-from swarm.messages import Act, Status
+from swarm.messages import Act, FrameKind, Frames, Status
 from swarm.scenario import Scenario, load
 from worldsim import kernel, physics
 from worldsim.metrics import FEW
@@ -311,31 +311,61 @@ def test_outcomes_are_entered_in_their_order_or_not_at_all(rows: list[int], seed
 
 
 numbers = arrays(np.float64, st.tuples(st.integers(1, 4), st.just(5)), elements=st.floats(width=64))
+payloads = st.sampled_from(["<f2", "<f4", "<f8"]).flatmap(
+    lambda kind: arrays(kind, (1, 6), elements=st.floats(width=8 * np.dtype(kind).itemsize))
+)
 
 
 @needs_kernel
-@given(numbers, st.binary(max_size=40), st.integers(0, 70), st.sampled_from(["", "cut", "longer", "damaged"]))
-def test_an_answer_is_read_as_without_the_kernel(outcome: np.ndarray, noise: bytes, at: int, how: str) -> None:
-    acts, good = plain.acts(3, len(outcome)), codec.encode(Act(3, 300, outcome))
-    raw = {"": good, "cut": good[:at], "longer": good + noise, "damaged": good[:at] + noise + good[at + len(noise) :]}[
-        how
-    ]
-    read, expected = kernel.reader(acts, 300)(raw), acts.reader(300)(raw)
-    if expected is None and read is not None:  # too large a sum for it
-        assert 1e300 < np.abs(np.frombuffer(read)).max() < np.inf
-    else:
-        assert read == expected
-    assert kernel.reader(acts, 301)(raw) is None or how == "damaged"
+@given(
+    numbers, payloads, st.binary(max_size=40), st.integers(0, 250), st.sampled_from(["", "cut", "longer", "damaged"])
+)
+def test_an_answer_is_split_as_without_the_kernel(
+    outcome: np.ndarray, payload: np.ndarray, noise: bytes, at: int, how: str
+) -> None:
+    uploads = plain.uploads(3, len(outcome), False, (payload.shape, payload.dtype))
+    outbox = (Frames(FrameKind.UPLOAD, 7, np.array([-1], np.int32), payload),)  # whose bytes are no finite float
+    for kind, act in (
+        (plain.acts(3, len(outcome)), Act(3, 300, outcome)),
+        (uploads, Act(3, 300, outcome, outbox=outbox)),
+    ):
+        good = codec.encode(act)
+        damaged = good[:at] + noise + good[at + len(noise) :]
+        raw = {"": good, "cut": good[:at], "longer": good + noise, "damaged": damaged}[how]
+        told = kernel.splitter(kind, 300, 7)(raw)
+        assert told == kind.split(300, raw, 7)
+        assert told is not None or how or not np.isfinite([*outcome.flat, *payload.flat]).all()
+        assert how == "damaged" or kernel.splitter(kind, 301, 7)(raw) is None
 
 
 @needs_kernel
 @pytest.mark.parametrize(
     "given",
-    [(), (b"", b"", 0), ("", b"", 0, b""), (b"", b"", "0", b""), (b"", b"", 0, bytearray()), (b"", b"", 2**70, b"")],
+    [
+        (),
+        ([b"", b""], (1,), b"d", b""),
+        ((b"", b""), [1], b"d", b""),
+        ((b"", b""), (1,), "d", b""),
+        ((b"", b""), (1,), b"d", bytearray()),
+        ((b"", ""), (1,), b"d", b"\0"),
+        ((b"", b""), ("1",), b"d", b""),
+        ((b"", b""), (2**70,), b"d", b""),
+        ((b"",), (1,), b"d", b""),
+        ((b"", b""), (1,), b"dd", b""),
+        ((), (), b"", b""),
+    ],
 )
-def test_what_reads_answers_takes_nothing_else(given: tuple[Any, ...]) -> None:
-    with pytest.raises((TypeError, OverflowError)):
-        kernel._kernel.between(*given)
-    assert kernel._kernel.between(b"ab", b"c", 8, b"abc") is None
-    assert kernel._kernel.between(b"ab", b"c", -3, b"") is None
-    assert kernel._kernel.between(b"ab", b"bc", -1, b"abc") is None
+def test_what_splits_answers_takes_nothing_else(given: tuple[Any, ...]) -> None:
+    with pytest.raises((TypeError, ValueError, OverflowError)):
+        kernel._kernel.split(*given)
+
+
+@needs_kernel
+def test_what_splits_answers_reads_nothing_beyond_their_end() -> None:
+    split = kernel._kernel.split
+    assert split((b"ab", b"c"), (8,), b"d", b"abc") is None
+    assert split((b"ab", b"c"), (-3,), b"d", b"") is None
+    assert split((b"ab", b"bc"), (-1,), b"d", b"abc") is None
+    assert split((b"ab", b"c"), (2**62,), b"d", b"abc") is None
+    assert split((b"ab", b"c"), (7,), b"d", b"ab\xff\xff\xff\xff\xff\xff\xffc") == (b"\xff" * 7,)
+    assert split((b"abc",), (), b"", b"abc") == ()

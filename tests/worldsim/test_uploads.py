@@ -13,12 +13,12 @@ from swarm.errors import MessageRejected
 from swarm.messages import Act, FrameKind, Frames
 from swarm.rounds import Rounds
 from swarm.scenario import Scenario, load
+from tests.worldsim.sound import RUN, TICK, read
 from worldsim import inbound
 from worldsim.ledger import Ledger
 from worldsim.members import Member
 from worldsim.speech import Speech
 
-RUN, TICK = 0xC0FFEE42, 20
 QUICK = settings(max_examples=200, deadline=None, database=None)
 
 
@@ -41,10 +41,6 @@ def act(of: Scenario, *uavs: int, report: bool = False, number: int = 2, tick: i
     return Act(RUN, tick, np.full((len(uavs), 5), 0.25), outbox=(batch(of, *uavs, number=number),), report=models)
 
 
-def read(of: Scenario, raw: bytes, by: Member, report: bool = False) -> Act | None:
-    return inbound.upload(raw, RUN, TICK, 2, by, of, report)
-
-
 def checked(of: Scenario, raw: bytes, by: Member) -> Act:
     """The long way."""
     message = codec.decode(raw, inbound.limit(len(by.uavs), of))
@@ -64,9 +60,12 @@ def test_an_upload_is_let_in_as_the_long_way_does(coding: str, report: bool) -> 
 
 def test_what_is_not_expected_takes_the_long_way() -> None:
     of = flown()
-    others = [act(of, 4), act(of, 3, number=3), act(of, 3, tick=21), Act(RUN, TICK, np.zeros((1, 5)))]
+    others = [act(of, 4), act(of, 3, number=3), act(of, 3, tick=21), Act(RUN, TICK, np.zeros((2, 5)))]
     assert not any(read(of, codec.encode(other), member(3)) for other in others)
     assert read(of, codec.encode(act(of, 3, 4)), member(3, 4)) is None
+    silent = read(of, codec.encode(Act(RUN, TICK, np.zeros((1, 5)))), member(3))  # takes no part in the round
+    assert silent is not None
+    assert not silent.outbox
 
 
 @pytest.mark.parametrize("coding", ["float32", "int8"])
@@ -107,8 +106,7 @@ class Air:
     def say(self, *batches: Frames, asleep: tuple[int, ...] = (), tick: int = TICK) -> list[Frames]:
         awake = np.ones(8, dtype=bool)
         awake[list(asleep)] = False
-        acts = [Act(RUN, tick, np.zeros((1, 5)), outbox=(each,)) for each in batches]
-        return self._speech.of(tick, acts, awake, self.meter)
+        return self._speech.of(tick, batches, awake, self.meter)
 
     @property
     def billed(self) -> int:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from swarm.bus import MemoryNetwork
+from swarm.scenario import load
 from worldsim.barrier import Barrier
 from worldsim.members import Member
 from worldsim.waiting import Waiting
@@ -11,7 +12,7 @@ from worldsim.waiting import Waiting
 def losses(steps: list[float]) -> int:
     """How often the clock is looked at, in such steps and then 0.1 s, until a node that says nothing is lost."""
     now, looks = 0.0, 0
-    barrier = Barrier(MemoryNetwork().endpoint(), "patience")
+    barrier = Barrier(MemoryNetwork().endpoint(), "patience", load(None, uavs=3))
     barrier.open(0, reporting=False)
     barrier.ask(Member("agent-0", "agent", np.arange(1)), np.zeros((1, 4)))
 
