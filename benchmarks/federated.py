@@ -80,7 +80,7 @@ def _shape(participants: int, names: list[str]) -> Callable[[int], dict[str, tup
     hears = (sizes.of(sizes.sense((sizes.broadcast(_HF),))), calm[1])
     averages = (sizes.of(sizes.sense((sizes.upload(_HF, participants),))), sends[1])
     ordinary = dict.fromkeys(names, calm)
-    upload = ordinary | dict.fromkeys(names[:participants], sends) | {"leader": calm}
+    upload = ordinary | dict.fromkeys(names[:participants], sends)
     average = ordinary | {"leader": averages}
     applied = dict.fromkeys(names, hears)
     special = {0: upload, 1: average, 2: applied}

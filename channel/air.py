@@ -43,6 +43,7 @@ class Air:
         self._everyone = np.arange(scenario.uavs).tobytes()
         self._spoken = b""  # who sent to whom in the last broadcast, nothing where everyone to everyone;
         self._links_of_spoken: Links | None = None
+        self._of_model: tuple[bytes, Links] | None = None  # the same of the last global model: always one UAV to all
         self._in_flight: defaultdict[int, list[Frames]] = defaultdict(list)
 
     def send(
@@ -134,7 +135,10 @@ class Air:
             return Links.of(kind, sources, rows, self._head_of[sources], uavs)
         if kind == FrameKind.RELAY:
             return Links.of(kind, sources, rows, np.full(len(sources), leader), uavs)
-        return Links.of(kind, sources, rows.repeat(uavs), np.tile(np.arange(uavs), len(sources)), uavs)
+        if self._of_model is None or self._of_model[0] != sources.tobytes():
+            to_all = Links.of(kind, sources, rows.repeat(uavs), np.tile(np.arange(uavs), len(sources)), uavs)
+            self._of_model = sources.tobytes(), to_all
+        return self._of_model[1]
 
     def _in_range(self, sources: Indices, states: state.States) -> Links:
         """From sources to all others they reach: mostly the same as a tick ago, and everyone to everyone."""

@@ -73,8 +73,8 @@ class Rounds:
         return 0
 
     def is_open(self, tick: int) -> bool:
-        """Whether the leader may have anything to do in this tick."""
-        return bool(self._period) and tick >= self._period and tick % self._period <= self._open_ticks
+        """Whether the leader may have anything to do in this tick: the first upload comes a tick after it is sent."""
+        return bool(self._period) and tick > self._period and (tick - 1) % self._period < self._open_ticks
 
     def quiet(self, tick: int) -> range:
         """The ticks around this one in which no model is sent or can arrive; none where that is not so in this one."""

@@ -85,8 +85,8 @@ class Barrier:
             self.asked.update(self._crowd.by_name)
             self._silent.update(self._crowd.by_answer)
         crowd, put = self._crowd, self._bus.put
-        alike = brought is None and crowd.rows
-        questions = cut.of_each(crowd.rows, crowd.firsts) if alike else map(cut.of, members)
+        alike = cut.of_each(crowd.rows, crowd.firsts) if crowd.rows else None
+        questions = map(cut.of, members) if alike is None else alike
         for key, question in zip(crowd.questions, questions, strict=True):
             put(key, question)
 

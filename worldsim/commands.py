@@ -39,7 +39,7 @@ class Commands:
 
         `awake`: (N,), whose are; None for everyone's.
         """
-        names = list(asked) if len(outcomes) == len(asked) else [name for name in asked if name in outcomes]
+        names = [name for name in asked if outcomes.get(name)]  # a leader's is empty
         if names != self._names:  # as a rule they are those of the last tick
             self._names, self._uavs = names, np.concatenate([_NOBODY, *[asked[name].uavs for name in names]])
             self.of_everyone = np.array_equal(self._uavs, self._everyone)

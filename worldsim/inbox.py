@@ -56,7 +56,8 @@ class Uploads:
         """Keeps what is delivered in this tick."""
         for batch in due:
             if batch.kind == self._kind and batch.links is not None and len(batch.links):
-                self._kept.append(only(batch, batch.links))
+                all_came = len(batch.links) == len(batch.source)  # there is a link for each of these
+                self._kept.append(batch if all_came else only(batch, batch.links))
 
     def read(self, reader: str) -> tuple[Frames, ...]:
         """What a node has not heard yet."""

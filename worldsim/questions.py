@@ -31,11 +31,26 @@ class Questions:
             self._links, self._link = links.tobytes(), links.itemsize * links.shape[1]
             self._hearing: dict[int, tuple[bytes, ...]] = {}  # what is around states and links
 
-    def of_each(self, rows: int, firsts: list[int]) -> list[bytes]:
-        """Those to nodes of so many UAVs, numbered without gaps from these on, where nobody receives anything."""
-        before, after = self._plain.get(rows) or self._frame(rows)
-        everyone, size, length = self._everyone, self._size, rows * self._size
-        return [before + everyone[first * size : first * size + length] + after for first in firsts]
+    def of_each(self, rows: int, firsts: list[int]) -> list[bytes] | None:
+        """Those to nodes of so many UAVs, numbered without gaps from these on.
+
+        None where a node may receive the model for some of them.
+        """
+        everyone, size, hears = self._everyone, self._size, self._hears
+        states = [everyone[first * size : (first + rows) * size] for first in firsts]
+        before, after = self._frame(rows)
+        if self._brought is None:
+            return [before + own + after for own in states]
+        if rows > 1 and b"\0" in hears:
+            return None
+        links, size = self._links, self._link
+        head, between, tail = self._frame_of_model(rows, self._brought)
+        return [
+            head + own + between + links[first * size : (first + rows) * size] + tail
+            if hears[first]
+            else before + own + after
+            for first, own in zip(firsts, states, strict=True)
+        ]
 
     def of(self, member: Member) -> bytes:
         """That to a node."""

@@ -101,15 +101,17 @@ def test_a_restarted_leader_stands_by_while_another_leads(undisturbed: dict[str,
 
 
 def test_a_leader_that_averages_a_round_again_is_not_heard() -> None:
-    honest = Lab(scenario("uavs=3")).fly()
-    lab = Lab(scenario("uavs=3"))
+    slow = scenario("uavs=3", "radio.coherence_time_s=0.1", "radio.target_snr_db=76")  # rounds are open for some ticks
+    honest = Lab(slow).fly()
+    lab = Lab(slow)
     spoke = lab.bus_of("leader").handler.__self__  # type: ignore[union-attr]
     act, said = spoke._node.act, []
 
     def again(sense):  # type: ignore[no-untyped-def]
         answer = act(sense)
         said.extend(answer.outbox)
-        if sense.tick == 60:
+        if sense.tick == 61:
+            assert not answer.outbox
             old = said[-1]
             answer = type(answer)(answer.run, answer.tick, answer.outcome, outbox=(old,))
         return answer

@@ -67,7 +67,7 @@ def test_uploads_relays_and_the_mean_are_a_horizon_apart(slots: int, horizon: in
         assert rounds.opens(tick) == flat.opens(tick)
         assert rounds.relays(tick) == (number if number and tick % 20 == horizon else 0)
         assert rounds.closes(tick) == (number if number and tick % 20 == 2 * horizon else 0)
-        assert rounds.is_open(tick) == (number > 0 and tick % 20 <= 2 * horizon)
+        assert rounds.is_open(tick) == (number > 0 and 0 < tick % 20 <= 2 * horizon)
         assert rounds.of(FrameKind.UPLOAD, tick) == rounds.opens(tick)
         assert rounds.of(FrameKind.RELAY, tick) == rounds.relays(tick)
         assert rounds.of(FrameKind.GLOBAL, tick) == rounds.closes(tick)

@@ -43,10 +43,13 @@ def test_a_question_that_brings_nothing_is_what_the_codec_writes(report: bool) -
 
 @pytest.mark.parametrize("rows", [1, 3])
 @pytest.mark.parametrize("report", [False, True])
-def test_questions_to_nodes_that_are_alike_are_those_to_each(rows: int, report: bool) -> None:
+@pytest.mark.parametrize("brought", [None, model(list(range(UAVS)))])
+def test_questions_to_nodes_that_are_alike_are_those_to_each(rows: int, report: bool, brought: Frames | None) -> None:
     nodes = [Member(f"agent-{first}", "agent", np.arange(first, first + rows)) for first in range(0, UAVS, rows)]
-    questions, firsts = Questions(FINGERPRINT, TICK, report, STATES), [int(node.uavs[0]) for node in nodes]
+    questions, firsts = Questions(FINGERPRINT, TICK, report, STATES, brought), [int(node.uavs[0]) for node in nodes]
     assert questions.of_each(rows, firsts) == [questions.of(node) for node in nodes]
+    some = Questions(FINGERPRINT, TICK, report, STATES, model([0, 4]))
+    assert some.of_each(rows, firsts) == ([some.of(node) for node in nodes] if rows == 1 else None)
 
 
 def test_agents_hear_what_is_not_kept_for_who_averages_and_only_awake() -> None:
