@@ -29,10 +29,10 @@ Floats = NDArray[np.float64]
 class Minds:
     """What the UAVs answered to a Sense that asked for all they know."""
 
-    def __init__(self, scenario: Scenario, whole: bool) -> None:
-        """`whole`: all it takes to go on was asked for, not the models alone."""
+    def __init__(self, scenario: Scenario, whole: bool, models: Floats | None = None) -> None:
+        """`whole`: all it takes to go on was asked for, not the models alone. `models`: (N, 246), if all are known."""
         uavs, floats = scenario.uavs, model.shared_floats(scenario.method)
-        self.models = np.full((uavs, model.MODEL_FLOATS), np.nan)
+        self.models: Floats = np.full((uavs, model.MODEL_FLOATS), np.nan) if models is None else models
         self.known = np.full((uavs, uavs, state.SIZE), np.nan) if whole and scenario.keeps_states else None
         self.residuals = np.full((uavs, floats), np.nan) if whole and scenario.keeps_residuals else None
 

@@ -239,10 +239,36 @@ static PyObject *split(PyObject *module, PyObject *const *args, Py_ssize_t count
     return parts;
 }
 
+static PyObject *spread_of(PyObject *module, PyObject *args) {
+    PyObject *models;
+    Py_buffer view;
+    Py_ssize_t n, width;
+    double bound, apart = -1.0;
+    if (!PyArg_ParseTuple(args, "Onnd:spread", &models, &n, &width, &bound)) return NULL;
+    if (n < 0 || width < 1 || n > PY_SSIZE_T_MAX / 16 - width || n > PY_SSIZE_T_MAX / 16 / width)
+        return PyErr_Format(PyExc_ValueError, "%zd models of %zd weights", n, width);
+    if (PyObject_GetBuffer(models, &view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) < 0) return NULL;
+    double *room = NULL;
+    if (holds(&view, n * width)) {
+        room = PyMem_Malloc((2 * width + n) * sizeof *room);
+        if (room == NULL) PyErr_NoMemory();
+        else if (n) apart = spread(view.buf, n, width, bound, room);
+    }
+    PyMem_Free(room);
+    PyBuffer_Release(&view);
+    if (PyErr_Occurred()) return NULL;
+    if (apart < 0.0) Py_RETURN_NONE;
+    return PyFloat_FromDouble(apart);
+}
+
 static PyMethodDef methods[] = {
     {"split", (PyCFunction)(void (*)(void))split, METH_FASTCALL,
      "split(texts, sizes, formats, raw)\n\n"
      "The bytes of the arrays between these texts, if raw is those, each of its size and its floats finite; or None."},
+    {"spread", spread_of, METH_VARARGS,
+     "spread(models, n, width, bound)\n\n"
+     "Root-mean-square distance of n models of so many weights from their mean. None where there is no model, or a\n"
+     "weight is not below the bound."},
     {"enter", enter, METH_VARARGS,
      "enter(said, bound, accelerations, diagnostics)\n\n"
      "The rows of a list of bytes, each the outcome of a UAV, into two arrays; returns the largest of the first two\n"

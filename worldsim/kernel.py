@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm import state
+from swarm import model, state
 from swarm.plain import Plain
 from swarm.scenario import Scenario
 
@@ -34,6 +34,14 @@ def enter(said: list[bytes], bound: float, accelerations: Floats, diagnostics: F
     None, and nothing is written, where a number is not below the bound, or where there is no compiled form.
     """
     return None if _kernel is None else _kernel.enter(said, bound, accelerations, diagnostics)
+
+
+def spread(models: Floats) -> float | None:
+    """`summary.weight_spread` of models (N, 246) in one piece.
+
+    None where there are none, where one is none that can be, or where there is no compiled form.
+    """
+    return None if _kernel is None else _kernel.spread(models, len(models), models.shape[1], model.BEYOND_SENSE)
 
 
 def splitter(expected: Plain, tick: int, number: int) -> Callable[[bytes], tuple[bytes, ...] | None]:

@@ -15,7 +15,7 @@ from swarm.errors import BadInput, RunFailed
 from swarm.messages import Act, Event, Finished, FrameKind, Frames, Stop
 from swarm.rounds import Rounds
 from swarm.scenario import Scenario
-from worldsim import checkpoint, inbox
+from worldsim import checkpoint, inbox, kernel
 from worldsim.barrier import Barrier
 from worldsim.checkpoint import Minds, Resumption
 from worldsim.commands import Commands
@@ -291,23 +291,34 @@ class World:
     # -- step 6 -------------------------------------------------------------------------------------------------
 
     def _report(self, tick: int, whole: bool) -> None:
-        minds, asked, reports = Minds(self._scenario, whole), self._barrier.asked, self._barrier.reports
-        if self._commands.of_everyone and len(reports) == len(asked):  # as a rule
-            minds.models = np.frombuffer(b"".join([reports[name] for name in asked])).reshape(minds.models.shape)
-        else:
-            for name, models in reports.items():
-                minds.models[asked[name].place] = np.frombuffer(models).reshape(-1, model.MODEL_FLOATS)
-            for name, act in self._barrier.acts.items():
-                minds.take(asked[name], act)
-        alive, can_be = ~self.flight.lost, minds.sane
-        sane = can_be & alive & self._awake
-        if sane.any():
-            self._ledger.spread = weight_spread(minds.models if sane.all() else minds.models[sane])
-            leader = self._scenario.federation.leader
-            shown = minds.models[leader] if can_be[leader] else np.zeros(model.MODEL_FLOATS)
-            self._rows.report(tick, shown, self._ledger.spread)
+        minds, alive, leader = self._told(whole), ~self.flight.lost, self._scenario.federation.leader
+        everyone = self._awake is self._all and not self.flight.any_lost
+        shown, spread = minds.models[leader], kernel.spread(minds.models) if everyone else None
+        if spread is None:  # somebody is lost or asleep, or told what cannot be a model
+            can_be = minds.sane
+            sane = can_be & alive & self._awake
+            if sane.any():
+                spread = weight_spread(minds.models[sane])
+            if not can_be[leader]:
+                shown = np.zeros(model.MODEL_FLOATS)
+        if spread is not None:
+            self._ledger.spread = spread
+            self._rows.report(tick, shown, spread)
         if whole and minds.complete(alive) and self._awake[alive].all():
             self._minds = minds
+
+    def _told(self, whole: bool) -> Minds:
+        """What the nodes reported in this tick."""
+        asked, reports, acts = self._barrier.asked, self._barrier.reports, self._barrier.acts
+        if self._commands.of_everyone and not acts:  # as a rule
+            models = np.frombuffer(b"".join([reports[name] for name in asked if name in reports]))
+            return Minds(self._scenario, whole, models.reshape(-1, model.MODEL_FLOATS))
+        minds = Minds(self._scenario, whole)
+        for name, said in reports.items():
+            minds.models[asked[name].place] = np.frombuffer(said).reshape(-1, model.MODEL_FLOATS)
+        for name, act in acts.items():
+            minds.take(asked[name], act)
+        return minds
 
     def _keep(self) -> None:
         """A checkpoint, if everyone told everything in the last tick; it goes out with all rows before it."""

@@ -29,4 +29,8 @@ typedef struct {
  * measured, NULL where not. */
 int tick(const Constants *c, const Swarm *s, ptrdiff_t n, double *columns, double *matrix);
 
+/* Root-mean-square distance of n models of so many doubles from their mean; −1 where a weight is not below the bound.
+ * Room for 2 · width + n doubles. */
+double spread(const double *models, ptrdiff_t n, ptrdiff_t width, double bound, double *room);
+
 #endif

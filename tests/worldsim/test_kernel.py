@@ -13,12 +13,13 @@ from hypothesis.extra.numpy import arrays
 
 from groundstation.engine import Engine
 from groundstation.paper.batch import Batch
-from swarm import codec, plain, state
+from swarm import codec, model, plain, state
 from swarm.messages import Act, FrameKind, Frames, Status
 from swarm.scenario import Scenario, load
 from worldsim import kernel, physics
 from worldsim.metrics import FEW
 from worldsim.physics import ARRIVING, BOUND, DIVERGED, Moved, Physics
+from worldsim.summary import weight_spread
 
 needs_kernel = pytest.mark.skipif(not kernel.is_compiled(), reason="installed without a C compiler")
 
@@ -369,3 +370,34 @@ def test_what_splits_answers_reads_nothing_beyond_their_end() -> None:
     assert split((b"ab", b"c"), (2**62,), b"d", b"abc") is None
     assert split((b"ab", b"c"), (7,), b"d", b"ab\xff\xff\xff\xff\xff\xff\xffc") == (b"\xff" * 7,)
     assert split((b"abc",), (), b"", b"abc") == ()
+
+
+@needs_kernel
+@given(st.integers(1, 300), st.integers(0, 2**32), st.sampled_from([0.0, 1e-200, 1e150, np.nan, np.inf, 1e9]))
+def test_how_far_models_are_apart_is_what_it_is_without_the_kernel(uavs: int, seed: int, wild: float) -> None:
+    models = np.random.default_rng(seed).normal(0, 3, (uavs, 246))
+    models[seed % uavs, seed % 246] = wild
+    apart = kernel.spread(models)
+    if (np.abs(models) < model.BEYOND_SENSE).all():
+        assert apart == weight_spread(models)
+    else:
+        assert apart is None
+    assert kernel.spread(models[:0]) is None
+
+
+@needs_kernel
+@pytest.mark.parametrize(
+    "given",
+    [
+        (np.zeros((2, 3)), 2, 4, 1.0),
+        (np.zeros((2, 3)), -1, 3, 1.0),
+        (np.zeros((2, 3)), 2**62, 2**62, 1.0),
+        (np.zeros((2, 0)), 2, 0, 1.0),
+        (np.zeros((2, 3), np.float32), 2, 3, 1.0),
+        (np.zeros((2, 6))[:, ::2], 2, 3, 1.0),
+        ([0.0], 1, 1, 1.0),
+    ],
+)
+def test_models_that_are_no_such_table_are_refused(given: tuple[Any, ...]) -> None:
+    with pytest.raises((TypeError, ValueError, BufferError)):
+        kernel._kernel.spread(*given)
