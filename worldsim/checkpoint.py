@@ -53,7 +53,7 @@ class Minds:
 
     def complete(self, needed: NDArray[np.bool_]) -> bool:
         """Whether every UAV that is `needed` (N,) has told all."""
-        told: NDArray[np.bool_] = np.isfinite(self.models).all(axis=-1)
+        told = np.asarray(np.isfinite(self.models).all(axis=-1))
         if self.known is not None:
             told &= np.isfinite(self.known).all(axis=(-2, -1))
         if self.residuals is not None:
