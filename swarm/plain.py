@@ -20,6 +20,9 @@ from swarm import codec, model, state
 from swarm.messages import OUTCOME_FLOATS, Act, FrameKind, Frames, Message, Sense
 
 Layout: TypeAlias = tuple[tuple[int, ...], np.dtype[Any]]  # shape and dtype of an array
+Template: TypeAlias = tuple[bytes | int, ...]  # a text, a gap, …, a text
+
+TICK, NUMBER = 0, 1  # gaps for the tick, and for the number of the round
 
 _CHORUS_LINKS = 5000  # of so many about two are lost in a tick on the paper's radio
 
@@ -63,6 +66,22 @@ class Plain:
         self.formats = "".join([array.dtype.char for array in arrays]).encode()  # as `struct` has them
         self._of = -1, 0
         self._frame: tuple[bytes, ...] = ()
+
+    def template(self, *gaps: int | bytes) -> Template:
+        """The texts of such messages and the gaps between them: TICK, NUMBER and, for each array, what its gap is
+        called, or its bytes where they are known: then they are text."""
+        parts: list[int | bytes] = [self._before, TICK, self._between]
+        for gap, (first, *others) in zip(gaps, self._pieces, strict=True):
+            parts += gap, first
+            for text in others:
+                parts += NUMBER, text
+        template: list[int | bytes] = []
+        for part in parts:
+            if template and isinstance(part, bytes) and isinstance(last := template[-1], bytes):
+                template[-1] = last + part
+            else:
+                template.append(part)
+        return tuple(template)
 
     def pieces(self, number: int = 0) -> tuple[bytes, ...]:
         """What comes before the tick, between it and the first array, between arrays, and after the last, in messages
@@ -207,5 +226,5 @@ def encode(sense: Sense) -> bytes:
 
 
 def _difference(one: bytes, other: bytes) -> int:
-    """The first place where they differ."""
-    return next(k for k, (a, b) in enumerate(zip(one, other, strict=True)) if a != b)
+    """The first place where they differ, which are of one size."""
+    return int((np.frombuffer(one, "u1") != np.frombuffer(other, "u1")).argmax())

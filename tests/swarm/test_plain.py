@@ -1,5 +1,6 @@
 """Plain messages are the codec's, byte for byte; and nothing else is taken for one."""
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -71,6 +72,27 @@ def test_an_upload_is_written_and_read_as_the_codec_does(
     assert [part.tobytes() for part in read] == [part.tobytes() for part in parts]
     assert kind.decode(tick + 1, raw, sent.round) is None
     assert kind.decode(tick, raw, sent.round + 1) is None
+
+
+@QUICK
+@given(st.data(), runs, ticks, rows, st.booleans(), st.sets(st.integers(0, 3)))
+def test_a_template_is_the_message_with_gaps(
+    data: st.DataObject, run: int, tick: int, count: int, reports: bool, known: set[int]
+) -> None:
+    sent = data.draw(batches(FrameKind.UPLOAD, data.draw(st.integers(1, count))))
+    kind = plain.uploads(run, count, reports, (sent.payload.shape, sent.payload.dtype))
+    arrays_ = [np.full((count, 5), 0.25), sent.source, sent.payload, np.full((count, 246), 0.5)][: 3 + reports]
+    gaps = [array.tobytes() if k in known else 10 + k for k, array in enumerate(arrays_)]
+    template = kind.template(*gaps)
+    texts, between = template[::2], template[1::2]
+    assert all(isinstance(text, bytes) for text in texts)
+    assert between == tuple(gap for gap in (plain.TICK, gaps[0], plain.NUMBER, *gaps[1:]) if isinstance(gap, int))
+    number = msgspec.msgpack.encode
+    fill = {plain.TICK: number(tick), plain.NUMBER: number(sent.round)} | {
+        10 + k: array.tobytes() for k, array in enumerate(arrays_)
+    }
+    written = b"".join(part if isinstance(part, bytes) else fill[part] for part in template)
+    assert written == kind.encode(tick, *arrays_, number=sent.round)
 
 
 FRAMES = Frames(FrameKind.STATE, 0, np.zeros(1, np.int32), np.zeros((1, 4), np.float32), np.zeros((1, 2), np.int32))
