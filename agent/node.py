@@ -36,8 +36,7 @@ class Agent:
         self._method = self._scenario.method
         self._float = FLOAT_OF_BITS[self._scenario.radio.bits_per_float]
         self._rounds = Rounds(self._scenario, self.uavs)
-        if self._method.is_federated:
-            self._rounds.rows(1)  # drawn while nobody waits
+        self._rounds.draw_ahead()
         self._shared = model.shared(self._method)
         self._byzantine = Byzantine(self._scenario)
         self._heads = Heads(self._scenario, self.uavs)

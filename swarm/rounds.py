@@ -27,6 +27,7 @@ def delivery_ticks(scenario: "Scenario", slots: NDArray[np.int64]) -> NDArray[np
 
 
 _DRAWN_AT_ONCE = 8  # rounds: the first draw of a process among many finds nothing in the caches, the others do
+_DRAWN_AHEAD, _UAVS_AHEAD = 128, 2**16  # rounds, and UAVs in them, at most: some 5 ms and half a MiB
 
 
 class Rounds:
@@ -92,9 +93,22 @@ class Rounds:
         """The places of those that take part in a round among the `uavs`, ascending."""
         return self._draws(number)[1]
 
+    def draw_ahead(self) -> range:
+        """Draws who takes part in the rounds of the flight, or in the first of very many, while nobody waits; the ticks
+        in which they open."""
+        if not self._period:
+            return NEVER
+        most = max(_DRAWN_AT_ONCE, min(_DRAWN_AHEAD, _UAVS_AHEAD // self._scenario.participants))
+        end = 1 + min(most, self._scenario.max_ticks // self._period)
+        self._draw_all(range(1, end))
+        return range(self._period, end * self._period, self._period)
+
+    def _draw_all(self, numbers: range) -> None:
+        self._drawn = {number: self._draw(number) for number in numbers}
+
     def _draws(self, number: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         if number not in self._drawn:
-            self._drawn = {round_: self._draw(round_) for round_ in range(number, number + _DRAWN_AT_ONCE)}
+            self._draw_all(range(number, number + _DRAWN_AT_ONCE))
         return self._drawn[number]
 
     def _draw(self, number: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

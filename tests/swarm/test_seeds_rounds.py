@@ -182,6 +182,16 @@ def test_without_rounds_every_tick_is_quiet() -> None:
     assert all(tick in Rounds(scenario("method=mfg")).quiet(tick) for tick in range(500))
 
 
+@pytest.mark.parametrize(("duration", "ahead"), [(1.9, 0), (2.0, 1), (20.1, 10), (900.0, 128)])
+def test_those_who_take_part_are_drawn_ahead_for_the_flight_or_for_much_of_it(duration: float, ahead: int) -> None:
+    of = scenario("method=mfgfl-h", "federation.period=20", f"duration={duration}")
+    rounds = Rounds(of, np.array([3]))
+    ticks = rounds.draw_ahead()
+    assert [rounds.opens(tick) for tick in ticks] == list(range(1, ahead + 1))
+    for number in (1, ahead + 1, ahead + 2, 2):
+        np.testing.assert_array_equal(rounds.participants(number), Rounds(of).participants(number))
+
+
 def test_rows_that_take_part_are_the_participants_among_them() -> None:
     of = scenario("method=mfgfl-h", "federation.fraction=0.4")
     uavs = np.array([2, 3, 11, 17, 24])
