@@ -14,16 +14,27 @@ def step(
     numbers_out: NDArray[Any],
 ) -> float: ...
 
-class Turn:
+class Sides:
+    side: int
     def __init__(
         self,
         tables: object,
         bound: float,
-        kinds: tuple[tuple[tuple[bytes, ...], tuple[bytes, ...]], ...],
         value: NDArray[Any],
         density: NDArray[Any],
-        value_out: NDArray[Any],
-        density_out: NDArray[Any],
+        other_value: NDArray[Any],
+        other_density: NDArray[Any],
         /,
     ) -> None: ...
-    def answer(self, raw: bytes, tick: int, /) -> bytes | None: ...
+
+class Turn:
+    def __init__(
+        self,
+        sides: Sides,
+        kinds: tuple[tuple[tuple[bytes | int, ...], tuple[bytes | int, ...]], ...],
+        models: int = 0,
+        coding: tuple[int, int, int, float] = ...,
+        names: bytes = b"",
+        /,
+    ) -> None: ...
+    def answer(self, raw: bytes, tick: int, number: int = 0, places: bytes = b"", /) -> bytes | None: ...

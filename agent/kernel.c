@@ -170,8 +170,7 @@ PyMODINIT_FUNC PyInit__kernel(void) {
 #if MANY > 1
     if (__builtin_cpu_supports("avx2")) lanes = MANY;
 #endif
-    PyObject *module = PyModule_Create(&definition), *turn = module == NULL ? NULL : PyType_FromSpec(&turn_spec);
-    if (turn == NULL || PyModule_AddObjectRef(module, "Turn", turn) < 0) Py_CLEAR(module);
-    Py_XDECREF(turn);
+    PyObject *module = PyModule_Create(&definition);
+    if (module != NULL && (add_sides(module) < 0 || add_turn(module) < 0)) Py_CLEAR(module);
     return module;
 }

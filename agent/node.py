@@ -8,10 +8,11 @@ from agent.chorus import Chorus
 from agent.feedback import Feedback
 from agent.heads import Heads
 from agent.heard import Heard
+from agent.kernel import Answer
 from agent.learner import Learner
 from agent.minds import Minds, Outcome
 from agent.offline import Program
-from agent.reflex import Reflex, Side
+from agent.reflex import Reflex
 from swarm import faults, model, payload, state
 from swarm.codec import FLOAT_OF_BITS, expect, finite
 from swarm.errors import MessageRejected
@@ -36,7 +37,8 @@ class Agent:
         self._method = self._scenario.method
         self._float = FLOAT_OF_BITS[self._scenario.radio.bits_per_float]
         self._rounds = Rounds(self._scenario, self.uavs)
-        self._rounds.draw_ahead()
+        ahead = self._rounds.draw_ahead()
+        self._reflex: Reflex | None = None  # where some ticks come to nothing but to learn: then it has the minds
         self._shared = model.shared(self._method)
         self._byzantine = Byzantine(self._scenario)
         self._heads = Heads(self._scenario, self.uavs)
@@ -48,7 +50,7 @@ class Agent:
         plan = expect("initial_states", welcome.initial_states, (self._scenario.uavs, state.SIZE), self._float)
         plan = plan.astype(np.float64)
         self._learner = Learner(self._scenario)
-        self._minds: Minds = self._learner.init(len(self.uavs), plan)
+        self._minds = self._learner.init(len(self.uavs), plan)
         if welcome.models is not None:  # a run that is resumed: the minds go on where they were
             models = expect("models", welcome.models, (len(self.uavs), model.MODEL_FLOATS), np.float64)
             self._minds = self._minds.with_models(np.arange(len(self.uavs)), slice(None), models)
@@ -65,12 +67,15 @@ class Agent:
             self._known = np.repeat(plan[None], len(self.uavs), axis=0)
             if welcome.known is not None:
                 self._known[...] = expect("known", welcome.known, self._known.shape, np.float64)
-        self._reflex: Reflex | None = None  # where some ticks come to nothing but to learn
         sleeps = any(isinstance(fault, faults.Pause) for fault in self._scenario.faults)
-        self._quiet = NEVER  # ticks with nothing to do but to learn, which begin with these sides of `_minds`
-        self._sides: tuple[Side, Side]
-        if self._learner.kernel is not None and self._known is None and self._program is None and not sleeps:
-            self._reflex = Reflex(self._learner.kernel, self._scenario, welcome.run, self.uavs)
+        self._alike = NEVER  # ticks that are answered like this
+        self._answer: Answer
+        self._round = 0
+        self._places = b""  # of the rows that upload
+        kernel = self._learner.kernel
+        if kernel is not None and self._known is None and self._program is None and not sleeps:
+            told = welcome.run, self.uavs, self._rounds, ahead, self._minds
+            self._reflex = Reflex(kernel, self._scenario, *told, uploads=self._uploads_as_they_are)
         self._chorus: Chorus | None = None
         if self._method is Method.HJB and not sleeps and Chorus.serves(len(self.uavs), self._scenario.uavs):
             self._chorus = Chorus(self._scenario, welcome.run, self.uavs, self._float)
@@ -78,29 +83,16 @@ class Agent:
     def reflex(self, raw: bytes, tick: int) -> bytes | None:
         """Answers a plain Sense of that tick where nothing is to be done but to learn, to upload the models, to take
         over the global one, or to hear everyone's state and say one's own; otherwise None."""
-        if tick not in self._quiet and not self._falls_quiet(tick):
-            return self._reflex_otherwise(raw, tick)
-        here, there = self._sides
-        if (answer := here[1](raw, tick)) is not None:
-            self._sides, self._minds = (there, here), there[0]
-        return answer
+        if tick not in self._alike and not self._looks_ahead(tick):
+            return None if self._chorus is None or self._silenced else self._join_in(self._chorus, raw, tick)
+        return self._answer(raw, tick, self._round, self._places)
 
-    def _falls_quiet(self, tick: int) -> bool:
-        """Whether there is nothing to do in that tick but to learn, and so it will be for some ticks."""
-        self._quiet = NEVER if self._reflex is None or self._silenced else self._rounds.quiet(tick)
-        if self._quiet and self._reflex is not None:
-            self._sides = self._reflex.sides(self._minds)
-        return bool(self._quiet)
-
-    def _reflex_otherwise(self, raw: bytes, tick: int) -> bytes | None:
-        if self._silenced:
-            return None
-        if self._chorus is not None:
-            return self._join_in(self._chorus, raw, tick)
-        if self._reflex is None or (after := self._reflex_in_round(self._reflex, raw, tick)) is None:
-            return None
-        self._minds, answer = after
-        return answer
+    def _looks_ahead(self, tick: int) -> bool:
+        """Whether there is an answer by reflex in that tick, which then may be that of some ticks."""
+        if self._reflex is None or self._silenced or (found := self._reflex.at(tick)) is None:
+            return False
+        self._alike, self._answer, self._round, self._places = found
+        return True
 
     def _join_in(self, chorus: Chorus, raw: bytes, tick: int) -> bytes | None:
         assert self._known is not None
@@ -116,17 +108,21 @@ class Agent:
         self._minds = outcome.minds
         return chorus.answer(acts, tick, outcome.numbers, said, self._minds)
 
-    def _reflex_in_round(self, reflex: Reflex, raw: bytes, tick: int) -> tuple[Minds, bytes] | None:
-        if self._rounds.relays(tick):
-            return None
-        if (number := self._rounds.heard(tick)) and (after := reflex.hear(raw, tick, number, self._minds)):
-            return after
-        before = self._feedback.residuals
-        said = self._uploads(tick, None)
-        after = reflex.upload(raw, tick, said[0], self._minds) if said else reflex(raw, tick, self._minds)
-        if after is None:
-            self._feedback.residuals = before
-        return after
+    @property
+    def _minds(self) -> Minds:
+        return self._learned if self._reflex is None else self._reflex.minds
+
+    @_minds.setter
+    def _minds(self, minds: Minds) -> None:
+        if self._reflex is None:
+            self._learned = minds
+        else:
+            self._reflex.learn(minds)
+
+    @property
+    def _uploads_as_they_are(self) -> bool:
+        """Whether nothing is kept of an upload, and nobody falsifies it."""
+        return self._feedback.residuals is None and not len(self._byzantine.uavs)
 
     def act(self, sense: Sense) -> Act:
         """One tick.
@@ -137,7 +133,6 @@ class Agent:
         states = expect("states", sense.states, self._shape, _STATE)
         for frames in sense.inbox:
             self._check(frames)
-        self._quiet = NEVER
 
         # 0. Rows the fault script pauses are as they were when the tick is over, whatever the others do.
         asleep = self._asleep(sense.tick)
@@ -235,7 +230,7 @@ class Agent:
         if not len(rows):
             return []
         source, models = self._names[rows], self._minds.models()[rows, self._shared]
-        if self._feedback.residuals is None and not len(self._byzantine.uavs):
+        if self._uploads_as_they_are:
             sent = self._up.encode_all(models)  # the short way
             if sent is not None:
                 return [Frames(FrameKind.UPLOAD, number, source, sent)]
@@ -274,7 +269,7 @@ class Agent:
     def _silence(self, broken: NDArray[np.bool_], numbers: Floats) -> None:
         """Zeros what diverged rows know and say, so that nothing non-finite ever leaves or spreads."""
         self._diverged |= broken
-        self._silenced = bool(self._diverged.any())
+        self._silenced, self._alike = bool(self._diverged.any()), NEVER
         numbers[self._diverged] = 0.0
         keep = ~self._diverged[:, None, None]
         self._minds = Minds(np.where(keep, self._minds.value, 0.0), np.where(keep, self._minds.density, 0.0))

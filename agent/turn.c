@@ -1,194 +1,234 @@
 /* A plain tick from the bytes of a Sense to those of an Act (agent/reflex.py), in one call without a Python object but
  * these: all else it works on is found, checked and held once.
  */
-#define PY_SSIZE_T_CLEAN
-#define Py_LIMITED_API 0x030B0000
-#include <Python.h>
+#include "message.h"
+
 #include <math.h>
 #include <string.h>
 
+#include "models.h"
 #include "turn.h"
 
-typedef struct { const char *text; Py_ssize_t size; } Text;
+enum { NAME = 4, PLACE = sizeof(Py_ssize_t) }; /* bytes */
 
-/* The messages of a kind: what comes before the tick, between it and the arrays, and after each of them. */
-typedef struct { Text before, between, after, end; } Kind;
-
-typedef struct { Kind sense, act; } Pair;
-
-enum { VALUE, DENSITY, VALUE_OUT, DENSITY_OUT, ARRAYS };
+typedef struct { Message sense, act; int brings; } Kind; /* whether a Sense brings a model */
 
 typedef struct {
     PyObject_HEAD
-    PyObject *capsule, *kinds; /* what the pointers below point into */
-    const Tables *tables;
-    Pair *pairs;
-    Py_ssize_t count, rows;
-    double bound;
-    Py_buffer view[ARRAYS];
-    int views; /* of them, held */
+    Sides *sides;
+    Kind *kinds; /* their texts come behind them */
+    Py_ssize_t count;
+    Text gap[GAPS]; /* as large as they are */
+    Models models;
+    Py_ssize_t uploads; /* how many models an Act says, or whose they are */
+    char *names; /* what the rows are called */
 } Turn;
 
 static void turn_dealloc(PyObject *self) {
     Turn *turn = (Turn *)self;
     PyTypeObject *type = Py_TYPE(self);
-    while (turn->views) PyBuffer_Release(&turn->view[--turn->views]);
-    PyMem_Free(turn->pairs);
-    Py_XDECREF(turn->kinds);
-    Py_XDECREF(turn->capsule);
+    PyMem_Free(turn->names);
+    PyMem_Free(turn->models.heard);
+    PyMem_Free(turn->kinds);
+    Py_XDECREF((PyObject *)turn->sides);
     ((freefunc)PyType_GetSlot(type, Py_tp_free))(self);
     Py_DECREF(type);
 }
 
-static int kind(PyObject *pieces, Kind *k) {
-    return PyArg_ParseTuple(pieces, "y#y#y#|y#:kind", &k->before.text, &k->before.size, &k->between.text, &k->between.size,
-                            &k->after.text, &k->after.size, &k->end.text, &k->end.size);
+/* ---- What it is made of ---- */
+
+static int refused(const char *why) {
+    PyErr_Format(PyExc_ValueError, "a turn whose %s", why);
+    return -1;
 }
 
-static int take_kinds(Turn *turn, PyObject *kinds) {
-    Py_INCREF(turn->kinds = kinds);
-    turn->pairs = PyMem_Calloc(PyTuple_Size(kinds), sizeof *turn->pairs);
-    if (turn->pairs == NULL) return PyErr_NoMemory(), -1;
-    for (; turn->count < PyTuple_Size(kinds); turn->count++) {
-        PyObject *sense, *act;
-        Pair *pair = &turn->pairs[turn->count];
-        if (!PyArg_ParseTuple(PyTuple_GetItem(kinds, turn->count), "O!O!:kinds", &PyTuple_Type, &sense, &PyTuple_Type, &act)
-            || !kind(sense, &pair->sense) || !kind(act, &pair->act))
-            return -1;
-    }
+static int take_sizes(Turn *turn, const char *names, Py_ssize_t size) {
+    Models *models = &turn->models;
+    const Py_ssize_t rows = models->rows = turn->sides->rows;
+    if (models->count && !models_travel(models)) return refused("models do not travel like this");
+    if (size && size != rows * NAME) return refused("names are not those of its rows");
+    if ((turn->names = PyMem_Malloc(size + 1)) == NULL) return PyErr_NoMemory(), -1;
+    memcpy(turn->names, names, size);
+    turn->gap[STATES].size = rows * SIZE * D;
+    turn->gap[MODELS].size = models->count * (models->last - models->first) * models->item;
+    turn->gap[OUTCOME].size = rows * NUMBERS * D;
+    turn->gap[SOURCE].size = size ? models->count * NAME : 0;
+    turn->gap[REPORT].size = rows * MODEL * D;
     return 0;
 }
 
-static int take_arrays(Turn *turn, PyObject **array) {
-    const Py_ssize_t d = sizeof(double), floats[ARRAYS] = {2 * VALUES, 2 * DENSITIES, 2 * VALUES, 2 * DENSITIES};
-    for (int k = 0; k < ARRAYS; k++) {
-        Py_buffer *view = &turn->view[k];
-        if (PyObject_GetBuffer(array[k], view, PyBUF_C_CONTIGUOUS | (k >= VALUE_OUT ? PyBUF_WRITABLE : 0)) < 0) return -1;
-        turn->views++;
-        if (k == VALUE) turn->rows = view->len / (floats[VALUE] * d);
-        if (!turn->rows || view->len != turn->rows * floats[k] * d || view->itemsize != d) {
-            PyErr_Format(PyExc_ValueError, "array %d has %zd bytes, expected %zd", k, view->len, turn->rows * floats[k] * d);
-            return -1;
-        }
+/* The place of the first gap for that, or −1. */
+static int first(const Message *message, int gap) {
+    int k = 0;
+    while (message->piece[k].gap != gap && message->piece[k].gap != GAPS) k++;
+    return message->piece[k].gap == gap ? k : -1;
+}
+
+static int once(const Message *message, int gap) {
+    int times = 0;
+    for (const Piece *piece = message->piece; piece->gap != GAPS; piece++) times += piece->gap == gap;
+    return times == 1;
+}
+
+static int read_kind(Turn *turn, PyObject *pair, Kind *kind) {
+    const int models = turn->models.count > 0, names = turn->gap[SOURCE].size > 0;
+    const int asked[GAPS] = {[TICK] = 1, [NUMBER] = 1, [STATES] = 1, [MODELS] = turn->models.count == 1};
+    const int said[GAPS] = {[TICK] = 1, [NUMBER] = 1, [MODELS] = models, [OUTCOME] = 1, [SOURCE] = names, [REPORT] = 1};
+    PyObject *sense, *act;
+    if (!PyTuple_Check(pair)) return PyErr_SetString(PyExc_TypeError, "a kind is a tuple"), -1;
+    if (!PyArg_ParseTuple(pair, "OO:kind", &sense, &act) || read_template(sense, asked, &kind->sense) < 0
+        || read_template(act, said, &kind->act) < 0)
+        return -1;
+    if (!once(&kind->sense, STATES)) return refused("Senses have not the states once");
+    if (!once(&kind->act, OUTCOME)) return refused("Acts have not the outcome once");
+    const int report = first(&kind->act, REPORT);
+    if (report >= 0 && report < first(&kind->act, OUTCOME)) return refused("Acts report before there is an outcome");
+    kind->brings = first(&kind->sense, MODELS) >= 0;
+    if (first(&kind->act, MODELS) >= 0 || first(&kind->act, SOURCE) >= 0) turn->uploads = turn->models.count;
+    return 0;
+}
+
+static int take_kinds(Turn *turn, PyObject *kinds) {
+    const Py_ssize_t count = turn->count = PyTuple_Size(kinds);
+    Models *models = &turn->models;
+    Py_ssize_t texts = 0;
+    int brings = 0;
+    if ((turn->kinds = PyMem_Calloc(count, sizeof *turn->kinds)) == NULL) return PyErr_NoMemory(), -1;
+    for (Py_ssize_t k = 0; k < count; k++) {
+        Kind *kind = &turn->kinds[k];
+        if (read_kind(turn, PyTuple_GetItem(kinds, k), kind) < 0) return -1;
+        texts += kind->sense.texts + kind->act.texts;
+        brings |= kind->brings;
     }
+    Kind *held = PyMem_Realloc(turn->kinds, count * sizeof *held + texts);
+    if (held == NULL) return PyErr_NoMemory(), -1;
+    char *block = (char *)((turn->kinds = held) + count);
+    for (Kind *kind = held; kind < held + count; kind++) block = gather(&kind->act, gather(&kind->sense, block));
+    if (brings && (models->heard = PyMem_Calloc(models->rows, (models->last - models->first) * D)) == NULL)
+        return PyErr_NoMemory(), -1;
     return 0;
 }
 
 static PyObject *turn_new(PyTypeObject *type, PyObject *args, PyObject *named) {
-    PyObject *capsule, *kinds, *array[ARRAYS];
-    double bound;
+    PyObject *sides, *kinds;
+    Models models = {0};
+    const char *names = "";
+    Py_ssize_t size = 0;
     if (named != NULL && PyDict_Size(named)) return PyErr_Format(PyExc_TypeError, "Turn takes no keyword arguments");
-    if (!PyArg_ParseTuple(args, "OdO!OOOO:Turn", &capsule, &bound, &PyTuple_Type, &kinds, &array[VALUE], &array[DENSITY],
-                          &array[VALUE_OUT], &array[DENSITY_OUT]))
+    if (!PyArg_ParseTuple(args, "OO!|n(nnnd)y#:Turn", &sides, &PyTuple_Type, &kinds, &models.count, &models.first,
+                          &models.last, &models.item, &models.largest, &names, &size)
+        || !are_sides(sides))
         return NULL;
-    const Tables *tables = tables_in(capsule);
-    if (tables == NULL) return NULL;
     Turn *turn = (Turn *)((allocfunc)PyType_GetSlot(type, Py_tp_alloc))(type, 0); /* all zeros */
     if (turn == NULL) return NULL;
-    Py_INCREF(turn->capsule = capsule);
-    turn->tables = tables;
-    turn->bound = bound;
-    if (take_kinds(turn, kinds) < 0 || take_arrays(turn, array) < 0) Py_CLEAR(turn);
+    Py_INCREF(sides);
+    turn->sides = (Sides *)sides;
+    turn->models = models;
+    if (take_sizes(turn, names, size) < 0 || take_kinds(turn, kinds) < 0) Py_CLEAR(turn);
     return (PyObject *)turn;
 }
 
-static char *put(char *end, const void *what, Py_ssize_t size) {
-    memcpy(end, what, size);
-    return end + size;
-}
+/* ---- A tick ---- */
 
-/* Bytes may begin anywhere. */
-static double double_at(const char *text, Py_ssize_t k) {
-    double number;
-    memcpy(&number, text + k * (Py_ssize_t)sizeof number, sizeof number);
-    return number;
-}
-
-/* A whole number as MessagePack has it, in as few bytes as it takes; returns how many, at most 9. */
-static Py_ssize_t whole(unsigned long long number, char *to) {
-    int size = number < 128 ? 0 : number < 256 ? 1 : number < 65536 ? 2 : number >> 32 == 0 ? 4 : 8;
-    if (size == 0) to[0] = (char)number;
-    else to[0] = (char)(size == 1 ? 0xcc : size == 2 ? 0xcd : size == 4 ? 0xce : 0xcf);
-    for (int k = 0; k < size; k++) to[1 + k] = (char)(number >> 8 * (size - 1 - k));
-    return 1 + size;
-}
-
-/* Where the array begins in `raw`, if it is a message of that kind and tick with nothing but one; or NULL. */
-static const char *begins(const Kind *k, Text raw, Text tick) {
-    const char *at = raw.text;
-    if (raw.size < k->before.size + tick.size + k->between.size + k->after.size) return NULL;
-    if (memcmp(at, k->before.text, k->before.size) || memcmp(at += k->before.size, tick.text, tick.size)
-        || memcmp(at += tick.size, k->between.text, k->between.size)
-        || memcmp(raw.text + raw.size - k->after.size, k->after.text, k->after.size))
-        return NULL;
-    return at + k->between.size;
-}
-
-/* The bytes of the Act of that kind, or NULL: without an error where a number that came out is not below the bound. */
-static PyObject *act_on(Turn *turn, const char *states, const Kind *say, Text tick) {
-    const Py_ssize_t d = sizeof(double), rows = turn->rows, v = 2 * VALUES * d, f = 2 * DENSITIES * d, out = NUMBERS * d;
-    const char *value_out = turn->view[VALUE_OUT].buf, *density_out = turn->view[DENSITY_OUT].buf;
-    Py_ssize_t size = say->before.size + tick.size + say->between.size + rows * out + say->after.size;
-    if (say->end.text != NULL) size += rows * (v + f) + say->end.size;
-    PyObject *act = PyBytes_FromStringAndSize(NULL, size);
-    if (act == NULL) return NULL;
-    char *end = put(PyBytes_AsString(act), say->before.text, say->before.size);
-    end = put(put(end, tick.text, tick.size), say->between.text, say->between.size);
-    const Rows all = {states, turn->view[VALUE].buf, turn->view[DENSITY].buf,
-                      turn->view[VALUE_OUT].buf, turn->view[DENSITY_OUT].buf, end};
-    step_rows(turn->tables, &all, rows);
-    for (Py_ssize_t k = 0; k < rows * NUMBERS; k++)
-        if (!(fabs(double_at(end, k)) < turn->bound)) { /* NaN is below nothing */
-            Py_DECREF(act);
-            return NULL;
+/* Steps the rows and writes the Act that says so; NULL, without an error, where a number is not below its bound. */
+static PyObject *act_on(const Turn *turn, const Message *act, const Text *gap, Rows *rows, const char *places) {
+    const Sides *sides = turn->sides;
+    PyObject *bytes = PyBytes_FromStringAndSize(NULL, size_of(act, gap));
+    if (bytes == NULL) return NULL;
+    char *end = PyBytes_AsString(bytes);
+    int sound = 1;
+    for (const Piece *piece = act->piece; sound; piece++) {
+        memcpy(end, piece->text.text, piece->text.size);
+        end += piece->text.size;
+        if (piece->gap == GAPS) return bytes;
+        switch (piece->gap) {
+        case OUTCOME:
+            rows->numbers = end;
+            step_rows(sides->tables, rows, sides->rows);
+            sound = below(sides->bound, end, sides->rows * NUMBERS);
+            break;
+        case MODELS: sound = upload_models(&turn->models, rows, places, end); break;
+        case SOURCE:
+            for (Py_ssize_t k = 0; k < turn->uploads; k++)
+                memcpy(end + k * NAME, turn->names + place_at(places, k) * NAME, NAME);
+            break;
+        case REPORT: report_models(&turn->models, rows, end); break;
+        default: memcpy(end, gap[piece->gap].text, gap[piece->gap].size); /* TICK, NUMBER */
         }
-    end = put(end + rows * out, say->after.text, say->after.size);
-    if (say->end.text == NULL) return act;
-    for (Py_ssize_t m = 0; m < rows; m++) /* agent.minds.Minds.models */
-        end = put(put(end, value_out + m * v, v), density_out + m * f, f);
-    put(end, say->end.text, say->end.size);
-    return act;
+        end += gap[piece->gap].size;
+    }
+    Py_DECREF(bytes);
+    return NULL;
+}
+
+/* The places of the rows that upload; NULL and an error if they are none of these rows, or not as many. */
+static const char *places_in(const Turn *turn, PyObject *bytes) {
+    char *places = "";
+    Py_ssize_t size = 0;
+    if (bytes != NULL && PyBytes_AsStringAndSize(bytes, &places, &size) < 0) return NULL;
+    int inside = size == turn->uploads * PLACE;
+    for (Py_ssize_t k = 0; inside && k < turn->uploads; k++)
+        inside = place_at(places, k) >= 0 && place_at(places, k) < turn->sides->rows;
+    if (!inside) PyErr_SetString(PyExc_ValueError, "these are not the places of those that upload");
+    return inside ? places : NULL;
 }
 
 static PyObject *turn_answer(PyObject *self, PyObject *const *args, Py_ssize_t count) {
     Turn *turn = (Turn *)self;
-    Text raw;
-    char digits[9];
-    if (count != 2) return PyErr_Format(PyExc_TypeError, "answer takes 2 arguments, %zd given", count);
-    if (PyBytes_AsStringAndSize(args[0], (char **)&raw.text, &raw.size) < 0) return NULL;
-    unsigned long long number = PyLong_AsUnsignedLongLong(args[1]);
-    if (number == (unsigned long long)-1 && PyErr_Occurred()) return NULL;
-    const Text tick = {digits, whole(number, digits)};
-    const char *states = NULL;
-    const Pair *pair = turn->pairs;
-    for (Py_ssize_t k = 0; k < turn->count && states == NULL; k++)
-        if ((states = begins(&turn->pairs[k].sense, raw, tick)) != NULL) pair = &turn->pairs[k];
-    if (states == NULL || !turn->tables->learns_density) Py_RETURN_NONE;
-    const Py_ssize_t floats = turn->rows * SIZE, brought = raw.text + raw.size - pair->sense.after.size - states;
-    if (brought != floats * (Py_ssize_t)sizeof(double)) Py_RETURN_NONE;
-    for (Py_ssize_t k = 0; k < floats; k++)
-        if (!isfinite(double_at(states, k))) Py_RETURN_NONE;
-    PyObject *act = act_on(turn, states, &pair->act, tick);
-    if (act == NULL && !PyErr_Occurred()) Py_RETURN_NONE;
+    Sides *sides = turn->sides;
+    Text raw, gap[GAPS];
+    char *bytes, digits[2][WIDEST];
+    if (count < 2 || count > 4) return PyErr_Format(PyExc_TypeError, "answer takes 2 to 4 arguments, %zd given", count);
+    if (PyBytes_AsStringAndSize(args[0], &bytes, &raw.size) < 0) return NULL;
+    raw.text = bytes;
+    memcpy(gap, turn->gap, sizeof gap);
+    for (int k = 0; k < 2; k++) {
+        const unsigned long long number = k + 1 < count ? PyLong_AsUnsignedLongLong(args[k + 1]) : 0;
+        if (number == (unsigned long long)-1 && PyErr_Occurred()) return NULL;
+        gap[k == 0 ? TICK : NUMBER] = whole(number, digits[k]);
+    }
+    const char *places = places_in(turn, count > 3 ? args[3] : NULL);
+    if (places == NULL) return NULL;
+    const Kind *kind = turn->kinds, *end = kind + turn->count;
+    while (kind < end && !told(&kind->sense, raw, gap)) kind++;
+    if (kind == end || !below(INFINITY, gap[STATES].text, sides->rows * SIZE)) Py_RETURN_NONE;
+    const int here = sides->side, there = 1 - here;
+    Rows rows = {gap[STATES].text,      sides->value[here],    sides->density[here],
+                 sides->value[there], sides->density[there], NULL};
+    if (kind->brings && !hear_model(&turn->models, gap[MODELS].text, &rows)) Py_RETURN_NONE;
+    PyObject *act = act_on(turn, &kind->act, gap, &rows, places);
+    if (act != NULL) sides->side = there;
+    else if (!PyErr_Occurred()) Py_RETURN_NONE;
     return act;
 }
 
-static PyMethodDef turn_methods[] = {
+/* ---- Python ---- */
+
+static PyMethodDef methods[] = {
     {"answer", (PyCFunction)(void (*)(void))turn_answer, METH_FASTCALL,
-     "answer(raw, tick)\n\n"
-     "The bytes of the Act to a plain Sense of that tick, what is learned being in value_out and density_out, which are\n"
-     "overwritten, and reported where an Act of its kind has an end. None, and those two are of no use: it is no Sense\n"
-     "of one of the kinds, not finite, of other rows, or a number that came out is not below the bound."},
+     "answer(raw, tick, number=0, places=b\"\")\n\n"
+     "The bytes of the Act to a plain Sense of that tick, and of that round where it is of one, what is learned being\n"
+     "on the other side. Where an Act says models: the places (models,), intp, of the rows whose they are. None, and\n"
+     "nothing has changed: it is no Sense of one of the kinds, not finite, of other rows, or a number that comes out\n"
+     "or a float of an upload is too large."},
     {NULL, NULL, 0, NULL},
 };
 
-static PyType_Slot turn_slots[] = {
-    {Py_tp_doc, "Turn(tables, bound, ((sense, act), ...), value, density, value_out, density_out)\n\n"
-                "sense: (before, between, after), act: (before, between, after[, end]): around the tick and the arrays."},
+static PyType_Slot slots[] = {
+    {Py_tp_doc, "Turn(sides, ((sense, act), ...)[, models, (first, last, item, largest)[, names]])\n\n"
+                "Templates of what is asked and of the answers. models: how many travel, of each the floats first ...\n"
+                "last - 1, of item bytes, those of an upload below largest. names: of the rows, (rows,), int32."},
     {Py_tp_new, turn_new},
     {Py_tp_dealloc, turn_dealloc},
-    {Py_tp_methods, turn_methods},
+    {Py_tp_methods, methods},
     {0, NULL},
 };
 
-PyType_Spec turn_spec = {"agent._kernel.Turn", sizeof(Turn), 0, Py_TPFLAGS_DEFAULT, turn_slots};
+static PyType_Spec spec = {"agent._kernel.Turn", sizeof(Turn), 0, Py_TPFLAGS_DEFAULT, slots};
+
+int add_turn(PyObject *module) {
+    PyObject *type = PyType_FromSpec(&spec);
+    const int added = type == NULL ? -1 : PyModule_AddObjectRef(module, "Turn", type);
+    Py_XDECREF(type);
+    return added;
+}

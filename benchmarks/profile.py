@@ -42,7 +42,6 @@ LEARNER: list[Part] = [
     ("agent.fpk:FpkLearner.step", "FPK step"),
     ("agent.kernel:Kernel.__call__", "the compiled learners"),
     ("agent.learner:Learner.step", "learner, the rest"),
-    ("agent.reflex:Reflex.__call__", "a plain tick, compiled"),
     ("agent.node:Agent.reflex", "agent: reflex"),
     ("agent.node:Agent.act", "agent: inbox, outbox, checks"),
     ("swarm.spoke:Spoke.handle", "agent: protocol"),

@@ -83,19 +83,14 @@ class Plain:
                 template.append(part)
         return tuple(template)
 
-    def pieces(self, number: int = 0) -> tuple[bytes, ...]:
-        """What comes before the tick, between it and the first array, between arrays, and after the last, in messages
-        of that round."""
-        if (rest := self._rest) is None:
-            said = _whole_number(number)
-            rest = tuple([said.join(piece) for piece in self._pieces])
-        return self._before, self._between, *rest
-
     def frame(self, tick: int, number: int = 0) -> tuple[bytes, ...]:
         """What comes before, between and after the arrays of a message of that tick, and of that round."""
         if self._of != (tick, number):
-            before, between, *rest = self.pieces(number)
-            self._of, self._frame = (tick, number), (before + _whole_number(tick) + between, *rest)
+            if (rest := self._rest) is None:
+                said = _whole_number(number)
+                rest = tuple([said.join(piece) for piece in self._pieces])
+            before = self._before + _whole_number(tick) + self._between
+            self._of, self._frame = (tick, number), (before, *rest)
         return self._frame
 
     def encode(self, tick: int, *arrays: NDArray[Any], number: int = 0) -> bytes:

@@ -56,12 +56,6 @@ class Rounds:
         """The round that is averaged in this tick, when all that is sent to the leader has arrived or is lost, or 0."""
         return self.opens(tick - self._open_ticks) if tick > self._open_ticks else 0
 
-    def heard(self, tick: int) -> int:
-        """The round whose global model may arrive in this tick, or 0."""
-        if not self._period or not self._open_ticks < tick % self._period <= self._open_ticks + self._horizon:
-            return 0
-        return tick // self._period
-
     def of(self, kind: FrameKind, tick: int) -> int:
         """The round that frames of a kind sent in this tick belong to, or 0."""
         match kind:
@@ -77,13 +71,21 @@ class Rounds:
         """Whether the leader may have anything to do in this tick: the first upload comes a tick after it is sent."""
         return bool(self._period) and tick > self._period and (tick - 1) % self._period < self._open_ticks
 
+    def last(self, tick: int) -> int:
+        """The last round that has opened by then, or 0."""
+        return tick // self._period if self._period else 0
+
     def quiet(self, tick: int) -> range:
-        """The ticks around this one in which no model is sent or can arrive; none where that is not so in this one."""
-        if not self._period:
-            return range(tick, sys.maxsize)
-        begin = tick - tick % self._period
-        last = self._open_ticks + self._horizon if begin else -1  # no round opens in tick 0
-        return range(begin + last + 1, begin + self._period) if tick > begin + last else NEVER
+        """The ticks around this one, after the same round has opened, in which no agent sends a model; none where some
+        do in this one."""
+        if tick < self._period or not self._period:
+            return range(self._period or sys.maxsize)
+        since = tick % self._period
+        first, end = 1, self._period
+        if self._relays:
+            first, end = (first, self._horizon) if since <= self._horizon else (self._horizon + 1, end)
+        begin = tick - since
+        return range(begin + first, begin + end) if first <= since < end else NEVER
 
     def participants(self, number: int) -> NDArray[np.intp]:
         """𝒩_h of a round: N_h UAVs, ascending."""

@@ -3,6 +3,7 @@
 import shutil
 import sysconfig
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from agent import kernel
 from agent.learner import Learner
 from agent.minds import Minds, Outcome
 from groundstation.engine import Engine
-from swarm import state
+from swarm import plain, state
 from swarm.methods import Method
 from swarm.scenario import Scenario, load
 from worldsim.formation import initial_states
@@ -189,37 +190,178 @@ def test_what_does_not_fit_is_refused_before_anything_is_written() -> None:
     assert all((array == 7.0).all() for array in out)
 
 
+def sides(rows: int = 2) -> Any:
+    """Zeros, and as much room."""
+    arrays = [np.zeros((rows, 2, count)) for count in (54, 69) * 2]
+    return kernel._kernel.Sides(Learner(scenario(Method.MFG)).kernel._tables, 1e6, *arrays)  # type: ignore[union-attr]
+
+
 @needs_kernel
-def test_a_turn_of_what_does_not_fit_is_refused_when_it_is_made() -> None:
+def test_sides_of_what_does_not_fit_are_refused() -> None:
     learner = Learner(scenario(Method.MFG))
     minds, after = (learner.init(2, initial_states(scenario(Method.MFG))) for _ in range(2))
     tables = learner.kernel._tables  # type: ignore[union-attr]
-    kinds = (((b"a", b"b", b"c"), (b"d", b"e", b"f")),)
-    good = [tables, 1e6, kinds, minds.value, minds.density, after.value, after.density]
-    turn = kernel._kernel.Turn(*good)
-    assert turn.answer(b"none of these", 1) is None
+    good = [tables, 1e6, minds.value, minds.density, after.value, after.density]
+    assert kernel._kernel.Sides(*good).side == 0
     fixed = after.density.copy()
     fixed.flags.writeable = False
+    hjb = Learner(scenario(Method.HJB)).kernel._tables  # type: ignore[union-attr]
     for place, wrong in [
         (0, object()),
+        (0, hjb),
         (1, "high"),
-        (2, [*kinds]),
-        (2, ((kinds[0][0],),)),
-        (2, ((kinds[0][0][:2], kinds[0][1]),)),
-        (2, (((b"a", b"b", "c"), kinds[0][1]),)),
-        (3, minds.value[:0]),
-        (4, minds.density[:1]),
-        (5, after.value.astype(np.float32)),
-        (6, np.zeros((2, 4, 69))[:, ::2]),
-        (6, fixed),
+        (2, minds.value[:0]),
+        (3, minds.density[:1]),
+        (4, after.value.astype(np.float32)),
+        (5, np.zeros((2, 4, 69))[:, ::2]),
+        (5, fixed),
     ]:
         with pytest.raises((TypeError, ValueError, BufferError)):
-            kernel._kernel.Turn(*good[:place], wrong, *good[place + 1 :])
+            kernel._kernel.Sides(*good[:place], wrong, *good[place + 1 :])
     with pytest.raises(TypeError):
-        kernel._kernel.Turn(*good, last=1)
-    for wrong in [(b"",), (b"", 1, 2), ("", 1), (bytearray(), 1), (b"", -1), (b"", 2**64), (b"", 1.0)]:
-        with pytest.raises((TypeError, OverflowError)):
+        kernel._kernel.Sides(*good, last=1)
+    with pytest.raises(AttributeError):
+        kernel._kernel.Sides(*good).side = 1
+    with pytest.raises(TypeError):
+        kernel._kernel.Turn(object(), ())
+
+
+ASKED = (b"a", plain.TICK, b"b", kernel.STATES, b"c")
+SAID = (b"d", plain.TICK, b"e", kernel.OUTCOME, b"f")
+HEARD = (*ASKED, plain.NUMBER, b"g", kernel.MODELS, b"h")
+SENT = (*SAID, plain.NUMBER, b"g", kernel.SOURCE, b"h", kernel.MODELS, b"i", kernel.REPORT, b"j")
+CODING = (0, 246, 4, 1e30)
+NAMES = np.array([3, 5], "<i4").tobytes()
+
+
+@needs_kernel
+@pytest.mark.parametrize(
+    "kinds",
+    [
+        [(ASKED, SAID)],
+        (ASKED, SAID),
+        ((ASKED,),),
+        ((ASKED, SAID, SAID),),
+        ([ASKED, SAID],),
+        (([*ASKED], SAID),),
+        ((ASKED, None),),
+        ((ASKED, ()),),
+        ((ASKED[:4], SAID),),
+        (((*ASKED[:4], "c"), SAID),),
+        (((b"a", b"b", b"c"), SAID),),
+        (((b"a", 2.0, b"c"), SAID),),
+        (((b"a", 2**70, b"c"), SAID),),
+        ((ASKED, (*SAID, 7, b"")),),
+        ((ASKED, (*SAID, -1, b"")),),
+        ((ASKED, (*SAID, *(0, b"") * 8)),),
+        ((ASKED, SAID[:3]),),
+        ((ASKED[:3], SAID),),
+        ((ASKED, (*SAID, kernel.OUTCOME, b"")),),
+        (((*ASKED, kernel.STATES, b""), SAID),),
+        ((ASKED, (b"", kernel.REPORT, *SAID)),),
+        (((*ASKED, kernel.REPORT, b""), SAID),),
+        ((ASKED, (*SAID, kernel.STATES, b"")),),
+        ((HEARD, SAID),),  # but how a model travels is not said
+        ((ASKED, SENT),),
+    ],
+)
+def test_kinds_that_make_no_sense_are_refused(kinds: Any) -> None:
+    with pytest.raises((TypeError, ValueError, OverflowError)):
+        kernel._kernel.Turn(sides(), kinds)
+
+
+@needs_kernel
+@pytest.mark.parametrize(
+    "models",
+    [
+        (3, CODING, NAMES),
+        (-1, CODING, NAMES),
+        (0, CODING, NAMES),
+        ("1", CODING, NAMES),
+        (1, (1, 246, 4, 1e30), NAMES),
+        (1, (0, 247, 4, 1e30), NAMES),
+        (1, (108, 108, 4, 1e30), NAMES),
+        (1, (246, 0, 4, 1e30), NAMES),
+        (1, (-108, 108, 4, 1e30), NAMES),
+        (1, (0, 246, 2, 1e30), NAMES),
+        (1, (0, 246, 0, 1e30), NAMES),
+        (1, (0, 246, 2**62, 1e30), NAMES),
+        (1, (0, 246, 4), NAMES),
+        (1, CODING, NAMES[:-1]),
+        (1, CODING, "names"),
+        (1, CODING, b""),
+        (1, CODING),
+    ],
+)
+def test_models_that_cannot_travel_are_refused(models: tuple[Any, ...]) -> None:
+    with pytest.raises((TypeError, ValueError, OverflowError)):
+        kernel._kernel.Turn(sides(), ((ASKED, SENT),), *models)
+
+
+@needs_kernel
+def test_models_of_several_rows_are_not_brought_at_once() -> None:
+    with pytest.raises(ValueError, match="gap"):
+        kernel._kernel.Turn(sides(), ((HEARD, SAID),), 2, CODING)
+    with pytest.raises(TypeError):
+        kernel._kernel.Turn(sides(), ((HEARD, SAID),), 1, CODING, NAMES, last=1)
+
+
+@needs_kernel
+def test_a_turn_is_asked_with_what_it_takes_or_refuses() -> None:
+    turn = kernel._kernel.Turn(sides(), ((ASKED, SENT),), 1, CODING, NAMES)
+    here = np.array([1], np.intp).tobytes()
+    assert turn.answer(b"none of these", 1, 2, here) is None
+    for wrong in [
+        (b"",),
+        (b"", 1, 2, here, 0),
+        ("", 1, 2, here),
+        (bytearray(), 1, 2, here),
+        (b"", -1, 2, here),
+        (b"", 2**64, 2, here),
+        (b"", 1.0, 2, here),
+        (b"", 1, -1, here),
+        (b"", 1, "2", here),
+        (b"", 1, 2),
+        (b"", 1, 2, b""),
+        (b"", 1, 2, here * 2),
+        (b"", 1, 2, here[:-1]),
+        (b"", 1, 2, [1]),
+        (b"", 1, 2, np.array([2], np.intp).tobytes()),
+        (b"", 1, 2, np.array([-1], np.intp).tobytes()),
+    ]:
+        with pytest.raises((TypeError, ValueError, OverflowError)):
             turn.answer(*wrong)
+    with pytest.raises(ValueError, match="places"):
+        kernel._kernel.Turn(sides(), ((ASKED, SAID),)).answer(b"", 1, 2, here)
+    assert kernel._kernel.Turn(sides(), ()).answer(b"", 1) is None
+
+
+@needs_kernel
+def test_a_template_is_filled_in_its_order_and_nothing_else_is_told_by_it() -> None:
+    both, states = sides(), np.arange(8.0)
+    turn = kernel._kernel.Turn(both, ((ASKED, SENT), (HEARD, SENT)), 1, CODING, NAMES)
+    place = np.array([1], np.intp).tobytes()
+    asked = b"a\x07b" + states.tobytes() + b"c"
+    model = np.linspace(-1, 1, 246, dtype=np.float32)
+    for raw, sent in ((asked, np.zeros(246, np.float32)), (asked + b"\xcd\x01\x2cg" + model.tobytes() + b"h", model)):
+        side = both.side
+        answer = turn.answer(raw, 7, 300, place)
+        assert both.side == 1 - side
+        assert answer is not None
+        head, tail = b"d\x07e", b"f\xcd\x01\x2cg" + NAMES[4:] + b"h" + sent.tobytes() + b"i"
+        assert answer.startswith(head)
+        assert answer[len(head) + 80 :].startswith(tail)
+        assert answer.endswith(b"j")
+        assert len(answer) == len(head) + 80 + len(tail) + 2 * 246 * 8 + 1
+        both = sides()
+        turn = kernel._kernel.Turn(both, ((ASKED, SENT), (HEARD, SENT)), 1, CODING, NAMES)
+        for other in (raw[:-1], raw[1:], raw + b"h", raw[:-1] + b"i", b"b" + raw[1:], raw[:2] + raw[3:], b""):
+            assert turn.answer(other, 7, 300, place) is None
+        assert turn.answer(raw, 8, 300, place) is None
+        if raw != asked:
+            assert turn.answer(raw, 7, 301, place) is None
+            assert turn.answer(raw, 7, 30, place) is None
+        assert both.side == 0
 
 
 @needs_kernel
