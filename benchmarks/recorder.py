@@ -23,14 +23,14 @@ ABOUT = (
 )
 UAVS = 25
 NETWORKED_TICKS = 200  # at a time
-CHUNK = 500  # the recorder sends its rows in batches of as many ticks
+CHUNK = 2000  # the recorder sends its rows in batches of as many ticks
 SHARE_TARGET = 10.0
 
 
 def run(effort: Effort, say: Say) -> Outcome:
-    """Three engines in turns, 500 ticks each."""
+    """Three engines in turns, some ticks each."""
     flown = scenario.load(None, uavs=UAVS, stop="duration", duration=1e6)
-    repeats = effort.of(7, 2)
+    repeats = effort.of(15, 2)
     with tempfile.TemporaryDirectory(prefix="meanflock-bench-") as out, ExitStack() as stack:
         plain_folder = stack.enter_context(RunFolder(Path(out), "folder", flown))
         full_folder = stack.enter_context(RunFolder(Path(out), "recorded", flown))

@@ -33,7 +33,8 @@ from swarm.scenario import Scenario
 __all__ = ["Recorder", "open_viewer", "repair", "verify"]
 
 APPLICATION = "meanflock"
-BATCH_TICKS = 500  # rows sent at once; a few at a time, a recording is mostly headers, and its cost mostly calls
+BATCH_TICKS = 500  # rows sent at once; a few at a time, a recording is mostly headers, and its cost mostly calls:
+_BATCH_STATES, _BATCH_TICKS_AT_MOST = 50_000, 2000  # more of a small swarm
 BATCH_WALL_S = 0.5  # ... but a live viewer waits no longer than this
 FILE_WALL_S = 2.0  # ... and who is killed leaves no more than this to be replayed
 TRAIL_STEP_S = 0.5  # a trail is made of pieces this long
@@ -103,6 +104,7 @@ class Recorder:
         self._trail_ticks = max(1, round(TRAIL_STEP_S / scenario.dt))
         self._pending: list[Telemetry] = []
         self._pending_ticks = 0
+        self._batch_ticks = min(_BATCH_TICKS_AT_MOST, max(BATCH_TICKS, _BATCH_STATES // scenario.uavs))
         self._sent_at = time.monotonic()
         self._patience_s = FILE_WALL_S if serve is None else BATCH_WALL_S
         self._status: NDArray[np.uint8] = np.full(scenario.uavs, 255, dtype=np.uint8)  # none known yet
@@ -134,7 +136,7 @@ class Recorder:
             raise ValueError("the recording is closed")
         self._pending.append(block)
         self._pending_ticks += len(block.states)
-        if self._pending_ticks >= BATCH_TICKS or time.monotonic() - self._sent_at >= self._patience_s:
+        if self._pending_ticks >= self._batch_ticks or time.monotonic() - self._sent_at >= self._patience_s:
             self._send_blocks(self._taken())
 
     def flush(self) -> None:
