@@ -261,10 +261,28 @@ static PyObject *spread_of(PyObject *module, PyObject *args) {
     return PyFloat_FromDouble(apart);
 }
 
+static PyObject *distances_of(PyObject *module, PyObject *columns) {
+    Py_buffer view;
+    if (PyObject_GetBuffer(columns, &view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) < 0) return NULL;
+    const Py_ssize_t n = view.len / (AXES * (Py_ssize_t)sizeof(double));
+    double *room = NULL, sum = 0.0;
+    if (holds(&view, n * AXES)) {
+        const double *x = view.buf;
+        room = PyMem_Malloc((2 * n + 1) * sizeof *room);
+        if (room == NULL) PyErr_NoMemory();
+        else sum = sum_of_distances(n, x, x + n, room);
+    }
+    PyMem_Free(room);
+    PyBuffer_Release(&view);
+    return PyErr_Occurred() ? NULL : PyFloat_FromDouble(sum);
+}
+
 static PyMethodDef methods[] = {
     {"split", (PyCFunction)(void (*)(void))split, METH_FASTCALL,
      "split(texts, sizes, formats, raw)\n\n"
      "The bytes of the arrays between these texts, if raw is those, each of its size and its floats finite; or None."},
+    {"distances", distances_of, METH_O,
+     "distances(columns)\n\nThe sum of the distances of all pairs of points, given as all x and then all y."},
     {"spread", spread_of, METH_VARARGS,
      "spread(models, n, width, bound)\n\n"
      "Root-mean-square distance of n models of so many weights from their mean. None where there is no model, or a\n"

@@ -36,6 +36,11 @@ def enter(said: list[bytes], bound: float, accelerations: Floats, diagnostics: F
     return None if _kernel is None else _kernel.enter(said, bound, accelerations, diagnostics)
 
 
+def distances(columns: Floats) -> float | None:
+    """What `metrics.distances` returns; None where there is no compiled form."""
+    return None if _kernel is None else _kernel.distances(columns)
+
+
 def spread(models: Floats) -> float | None:
     """`summary.weight_spread` of models (N, 246) in one piece.
 

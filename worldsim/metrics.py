@@ -1,8 +1,8 @@
 """How well the swarm flies as a flock: alignment, risk, collisions. Over all pairs, exact.
 
 In a large swarm, who is near whom is asked of a k-d tree: N log N, and the pairs found. Alignment is a sum of N²/2
-square roots, for which no exact short cut is known: it is taken block by block, 1 to 2 ns a pair, in memory that does
-not grow with N².
+square roots, for which no exact short cut is known: it is taken row by row, compiled in less than 1 ns a pair, in
+memory that does not grow with N².
 """
 
 from dataclasses import dataclass
@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from swarm import state
 from swarm.scenario import Metrics
+from worldsim import kernel
 
 Floats = NDArray[np.float64]
 
 FEW = 100  # up to here all pairs as one array are cheaper than a tree; measured
-_BLOCK = 2**17  # distances at a time: 1 MiB
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,16 +99,20 @@ def _nobody(states: state.States) -> NDArray[np.intp]:
 
 def _mean_distance(points: Floats) -> float:
     """Mean over all N² pairs of points."""
-    from scipy.spatial.distance import cdist, pdist  # a tenth of a second that a small swarm need not wait
+    columns = np.ascontiguousarray(points.T)
+    total = kernel.distances(columns)
+    return 2.0 * (distances(columns) if total is None else total) / len(points) ** 2
 
-    n, total = len(points), 0.0
-    rows = max(1, _BLOCK // n)
-    for start in range(0, n, rows):
-        block, rest = points[start : start + rows], points[start + rows :]
-        total += float(pdist(block).sum())
-        if len(rest):
-            total += float(cdist(block, rest).sum())
-    return 2.0 * total / n**2
+
+def distances(columns: Floats) -> float:
+    """The sum over the pairs i < j of points, given as columns (2, N): each row added up, and then the rows."""
+    n = columns.shape[1]
+    rows = np.zeros(max(1, n - 1))
+    for i in range(n - 1):
+        difference = columns[:, i + 1 :] - columns[:, i, None]
+        difference *= difference
+        rows[i] = np.add.reduce(np.sqrt(difference[0] + difference[1]))
+    return float(np.add.reduce(rows))
 
 
 def _within(points: Floats, radius: float) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:

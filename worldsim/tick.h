@@ -33,4 +33,7 @@ int tick(const Constants *c, const Swarm *s, ptrdiff_t n, double *columns, doubl
  * Room for 2 · width + n doubles. */
 double spread(const double *models, ptrdiff_t n, ptrdiff_t width, double bound, double *room);
 
+/* Of all pairs i < j of n points in a plane, each row added up, and then the rows. Room for 2 n doubles. */
+double sum_of_distances(ptrdiff_t n, const double *x, const double *y, double *room);
+
 #endif

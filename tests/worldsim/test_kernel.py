@@ -16,7 +16,7 @@ from groundstation.paper.batch import Batch
 from swarm import codec, model, plain, state
 from swarm.messages import Act, FrameKind, Frames, Status
 from swarm.scenario import Scenario, load
-from worldsim import kernel, physics
+from worldsim import kernel, metrics, physics
 from worldsim.metrics import FEW
 from worldsim.physics import ARRIVING, BOUND, DIVERGED, Moved, Physics
 from worldsim.summary import weight_spread
@@ -370,6 +370,22 @@ def test_what_splits_answers_reads_nothing_beyond_their_end() -> None:
     assert split((b"ab", b"c"), (2**62,), b"d", b"abc") is None
     assert split((b"ab", b"c"), (7,), b"d", b"ab\xff\xff\xff\xff\xff\xff\xffc") == (b"\xff" * 7,)
     assert split((b"abc",), (), b"", b"abc") == ()
+
+
+@needs_kernel
+@given(st.integers(0, 300), st.integers(0, 2**32), st.sampled_from([0.0, 1e-300, 1e160, 12.5]))
+def test_distances_add_up_to_what_they_do_without_the_kernel(count: int, seed: int, far: float) -> None:
+    columns = np.random.default_rng(seed).normal(size=(2, count))
+    columns[:, count // 2 :] += far
+    with np.errstate(over="ignore"):
+        assert kernel.distances(columns) == metrics.distances(columns)
+
+
+@needs_kernel
+@pytest.mark.parametrize("given", [np.zeros(3), np.zeros((2, 4), np.float32), np.zeros((4, 2)).T, [0.0]])
+def test_points_that_are_no_columns_are_refused(given: Any) -> None:
+    with pytest.raises((TypeError, ValueError, BufferError)):
+        kernel._kernel.distances(given)
 
 
 @needs_kernel

@@ -134,8 +134,7 @@ def test_both_ways_find_the_same_pairs(states: state.States, collision_radius: f
 
 
 @pytest.mark.parametrize("spread", [300.0, 3.0, 0.03])  # nobody is near, some are, all are
-def test_both_ways_agree_on_a_large_swarm(spread: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(metrics, "_BLOCK", 5000)  # several blocks, the last of them short
+def test_both_ways_agree_on_a_large_swarm(spread: float) -> None:
     draw = np.random.default_rng(5)
     states = draw.normal(size=(2, 333, state.SIZE)) * [spread, spread, 1.0, 1e-9] + [150.0, 100.0, 12.0, -7.0]
     assert_alike(many(METRICS, states), few(METRICS, states))
