@@ -277,12 +277,52 @@ static PyObject *distances_of(PyObject *module, PyObject *columns) {
     return PyErr_Occurred() ? NULL : PyFloat_FromDouble(sum);
 }
 
+typedef struct { Py_ssize_t count, room, *pair; } Pairs;
+
+static int append(void *list, ptrdiff_t i, ptrdiff_t j) {
+    Pairs *pairs = list;
+    if (pairs->count == pairs->room) {
+        const Py_ssize_t room = 2 * pairs->room + 64;
+        Py_ssize_t *pair = PyMem_Realloc(pairs->pair, room * 2 * sizeof *pair);
+        if (pair == NULL) return 0;
+        pairs->room = room;
+        pairs->pair = pair;
+    }
+    pairs->pair[2 * pairs->count] = i;
+    pairs->pair[2 * pairs->count++ + 1] = j;
+    return 1;
+}
+
+static PyObject *near_of(PyObject *module, PyObject *args) {
+    PyObject *columns, *result = NULL;
+    Py_buffer view;
+    Pairs touching = {0};
+    double reach, most, least;
+    if (!PyArg_ParseTuple(args, "Oddd:near", &columns, &reach, &most, &least)) return NULL;
+    if (PyObject_GetBuffer(columns, &view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) < 0) return NULL;
+    const Py_ssize_t n = view.len / (AXES * (Py_ssize_t)sizeof(double));
+    if (holds(&view, n * AXES)) {
+        const double *x = view.buf;
+        const int64_t near = near_pairs(n, x, x + n, reach, most, least, append, &touching);
+        if (near < 0) PyErr_NoMemory();
+        else result = Py_BuildValue("Ly#", (long long)near, touching.pair == NULL ? "" : (char *)touching.pair,
+                                    touching.count * 2 * (Py_ssize_t)sizeof *touching.pair);
+    }
+    PyMem_Free(touching.pair);
+    PyBuffer_Release(&view);
+    return result;
+}
+
 static PyMethodDef methods[] = {
     {"split", (PyCFunction)(void (*)(void))split, METH_FASTCALL,
      "split(texts, sizes, formats, raw)\n\n"
      "The bytes of the arrays between these texts, if raw is those, each of its size and its floats finite; or None."},
     {"distances", distances_of, METH_O,
      "distances(columns)\n\nThe sum of the distances of all pairs of points, given as all x and then all y."},
+    {"near", near_of, METH_VARARGS,
+     "near(columns, reach, most, least)\n\n"
+     "Of points given as all x, ascending, and then all y: how many pairs are at most so far apart, and as the bytes of\n"
+     "indices (K, 2), i < j, those that are less; both squared. None of them is farther apart along x than the reach."},
     {"spread", spread_of, METH_VARARGS,
      "spread(models, n, width, bound)\n\n"
      "Root-mean-square distance of n models of so many weights from their mean. None where there is no model, or a\n"

@@ -41,6 +41,16 @@ def distances(columns: Floats) -> float | None:
     return None if _kernel is None else _kernel.distances(columns)
 
 
+def near(columns: Floats, reach: float, most: float, least: float) -> tuple[int, NDArray[np.intp]] | None:
+    """Of points (2, N), x ascending: how many pairs are at most so far apart, and those that are less, (K, 2), i < j;
+    both squared, and neither farther apart along x than the reach. None where there is no compiled form.
+    """
+    if _kernel is None:
+        return None
+    count, touching = _kernel.near(columns, reach, most, least)
+    return count, np.frombuffer(touching, np.intp).reshape(-1, 2)
+
+
 def spread(models: Floats) -> float | None:
     """`summary.weight_spread` of models (N, 246) in one piece.
 

@@ -1,8 +1,8 @@
 """How well the swarm flies as a flock: alignment, risk, collisions. Over all pairs, exact.
 
-In a large swarm, who is near whom is asked of a k-d tree: N log N, and the pairs found. Alignment is a sum of N²/2
-square roots, for which no exact short cut is known: it is taken row by row, compiled in less than 1 ns a pair, in
-memory that does not grow with N².
+In a large swarm, who is near whom is looked for among those who are side by side along x, or, without the compiled
+kernel, asked of a k-d tree. Alignment is a sum of N²/2 square roots, for which no exact short cut is known: it is taken
+row by row, compiled in less than 1 ns a pair. The memory of both grows with N and the pairs found, not with N².
 """
 
 from dataclasses import dataclass
@@ -81,15 +81,11 @@ def many(metrics: Metrics, states: state.States) -> Pairs:
     for index in np.ndindex(leading):
         instant = states[index]
         speed_difference[index] = _mean_distance(instant[:, state.VELOCITY])
-        first, second, squared = _within(
-            instant[:, state.POSITION], max(metrics.hazard_radius, metrics.collision_radius)
-        )
-        near[index] = (squared <= metrics.hazard_radius**2).sum()
-        touching = np.flatnonzero(squared < metrics.collision_radius**2)
+        near[index], touching = _near(metrics, instant[:, state.POSITION])
         if len(touching):
             found = np.empty((len(touching), len(leading) + 2), dtype=np.intp)
-            found[:, :-2], found[:, -2], found[:, -1] = index, first[touching], second[touching]
-            colliding.append(found[np.lexsort((found[:, -1], found[:, -2]))])
+            found[:, :-2], found[:, -2:] = index, touching[np.lexsort((touching[:, 1], touching[:, 0]))]
+            colliding.append(found)
     return Pairs(speed_difference[()], near[()], np.concatenate(colliding))
 
 
@@ -115,13 +111,25 @@ def distances(columns: Floats) -> float:
     return float(np.add.reduce(rows))
 
 
-def _within(points: Floats, radius: float) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
-    """At least all pairs i < j within a radius: i, j and the squared distances, rounded as in `few`."""
-    from scipy.spatial import cKDTree
+def _near(metrics: Metrics, points: Floats) -> tuple[int, NDArray[np.intp]]:
+    """How many pairs are within the hazard radius, and those within the collision radius, (K, 2), i < j."""
+    most, least = metrics.hazard_radius**2, metrics.collision_radius**2
+    reach = max(metrics.hazard_radius, metrics.collision_radius) * (1.0 + 1e-9)
+    order = points[:, 0].argsort(kind="stable")
+    found = kernel.near(points.T.take(order, axis=1), reach, most, least)
+    if found is not None:
+        near, touching = found
+        return near, np.sort(order[touching], axis=-1)
+    pairs, squared = _within(points, reach)
+    return int((squared <= most).sum()), pairs[squared < least]
+
+
+def _within(points: Floats, reach: float) -> tuple[NDArray[np.intp], Floats]:
+    """At least all pairs i < j within so many metres, (K, 2), and their squared distances, rounded as in `few`."""
+    from scipy.spatial import cKDTree  # a tenth of a second that nobody else need wait
 
     tree = cKDTree(points, balanced_tree=False, compact_nodes=False)  # built anew each tick: its build counts, too
-    found = tree.query_pairs(radius * (1.0 + 1e-9), output_type="ndarray")
-    first, second = found[:, 0], found[:, 1]
-    difference = points[first] - points[second]
+    found: NDArray[np.intp] = tree.query_pairs(reach, output_type="ndarray")
+    difference = points[found[:, 0]] - points[found[:, 1]]
     difference *= difference
-    return first, second, difference[:, 0] + difference[:, 1]
+    return found, difference[:, 0] + difference[:, 1]

@@ -36,4 +36,10 @@ double spread(const double *models, ptrdiff_t n, ptrdiff_t width, double bound, 
 /* Of all pairs i < j of n points in a plane, each row added up, and then the rows. Room for 2 n doubles. */
 double sum_of_distances(ptrdiff_t n, const double *x, const double *y, double *room);
 
+/* Of n points, x ascending: how many pairs are at most `most` apart, squared; those less than `least`, squared, are told
+ * one by one, i < j. None of either is farther apart along x than `reach`. −1 where what is told returns 0. */
+typedef int (*Found)(void *list, ptrdiff_t i, ptrdiff_t j);
+int64_t near_pairs(ptrdiff_t n, const double *x, const double *y, double reach, double most, double least, Found found,
+                   void *list);
+
 #endif

@@ -4,6 +4,7 @@ import shutil
 import sysconfig
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from groundstation.engine import Engine
 from groundstation.paper.batch import Batch
 from swarm import codec, model, plain, state
 from swarm.messages import Act, FrameKind, Frames, Status
-from swarm.scenario import Scenario, load
+from swarm.scenario import Metrics, Scenario, load
 from worldsim import kernel, metrics, physics
 from worldsim.metrics import FEW
 from worldsim.physics import ARRIVING, BOUND, DIVERGED, Moved, Physics
@@ -382,10 +383,27 @@ def test_distances_add_up_to_what_they_do_without_the_kernel(count: int, seed: i
 
 
 @needs_kernel
+@given(
+    arrays(np.float64, st.tuples(st.integers(0, 60), st.just(2)), elements=st.sampled_from([0.0, 0.3, -0.4, 0.5, 9.0])),
+    st.sampled_from([0.1, 0.5, 0.6, 20.0]),
+    st.sampled_from([0.1, 0.5, 1.0]),
+)
+def test_who_is_near_is_who_a_tree_finds(points: np.ndarray, hazard: float, collision: float) -> None:
+    radii = Metrics(hazard_radius=hazard, collision_radius=collision)
+    with_kernel = metrics._near(radii, points)
+    with patch.object(kernel, "_kernel", None):
+        without = metrics._near(radii, points)
+    assert with_kernel[0] == without[0]
+    assert sorted(with_kernel[1].tolist()) == sorted(without[1].tolist())
+
+
+@needs_kernel
 @pytest.mark.parametrize("given", [np.zeros(3), np.zeros((2, 4), np.float32), np.zeros((4, 2)).T, [0.0]])
 def test_points_that_are_no_columns_are_refused(given: Any) -> None:
     with pytest.raises((TypeError, ValueError, BufferError)):
         kernel._kernel.distances(given)
+    with pytest.raises((TypeError, ValueError, BufferError)):
+        kernel._kernel.near(given, 1.0, 1.0, 1.0)
 
 
 @needs_kernel
