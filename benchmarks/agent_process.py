@@ -28,6 +28,8 @@ ABOUT = (
 )
 AGENTS = 25
 UP_TARGET_S, UP_STRETCH_S = 6.0, 3.0
+JOIN_TARGET_S = 0.3
+RSS_TARGET_MIB, PSS_TARGET_MIB = 45e6 / 2**20, 20e6 / 2**20
 TICKS_BEFORE_WEIGHING = 60
 _DEADLINE_S = 60.0
 
@@ -64,11 +66,11 @@ def run(effort: Effort, say: Say) -> Outcome:
                 stretch=UP_STRETCH_S,
             ),
             up_floor,
-            Figure("one agent joins a waiting world", "s", one["agent"], floor=one_floor),
+            Figure("one agent joins a waiting world", "s", one["agent"], floor=one_floor, target=JOIN_TARGET_S),
             one_floor,
-            Figure("RSS of an agent in flight", "MiB", rss["swarm"], floor=rss_floor),
+            Figure("RSS of an agent in flight", "MiB", rss["swarm"], floor=rss_floor, target=RSS_TARGET_MIB),
             rss_floor,
-            Figure("PSS of an agent in flight", "MiB", pss["swarm"], floor=pss_floor),
+            Figure("PSS of an agent in flight", "MiB", pss["swarm"], floor=pss_floor, target=PSS_TARGET_MIB),
             pss_floor,
         ]
     )

@@ -24,6 +24,7 @@ ABOUT = (
 UAVS = 25
 PERIOD = 25
 ROUND_TICKS = 3
+TARGET_MS = 10.0
 CHUNK = 2 * PERIOD  # a round at PERIOD and one at 2 PERIOD, which is also a tick of reports and is left out
 _HF = Method.MFGFL_HF
 
@@ -103,7 +104,7 @@ def _outcome(
             bare_round,
             Figure("an ordinary tick", "ms", ordinary["swarm"], floor=bare_tick),
             bare_tick,
-            Figure("what a round adds", "ms", extra["swarm"]),
+            Figure("what a round adds", "ms", extra["swarm"], target=TARGET_MS),
             Figure("what those sizes add to bare Zenoh", "ms", extra["floor"], "neither"),
             models,
             Figure("its wire bytes, up", "B", [wire / rounds_flown], floor=models),

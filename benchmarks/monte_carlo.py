@@ -15,6 +15,7 @@ ABOUT = (
     "engine."
 )
 UAVS = 25
+TARGET_US = 5.0  # of the method that learns most
 
 
 def run(effort: Effort, say: Say) -> Outcome:
@@ -41,7 +42,8 @@ def run(effort: Effort, say: Say) -> Outcome:
         one = Figure(f"engine, {method}", "µs/UAV-tick", us["engine"])
         floor = Figure(f"learner step alone, {method}, {UAVS * len(seeds)} rows", "µs/UAV", us["step"])
         name = f"batch of {len(seeds)} seeds, {method}"
-        outcome.figures.append(Figure(name, "µs/UAV-tick", us["batch"], floor=floor if step else one))
+        target = TARGET_US if step else None
+        outcome.figures.append(Figure(name, "µs/UAV-tick", us["batch"], floor=floor if step else one, target=target))
         outcome.figures += [one, floor] if step else [one]
     return outcome
 
