@@ -132,7 +132,7 @@ cost twice as much and whose arithmetic costs half):
 | | before | after |
 |---|---:|---:|
 | what a round adds to three ticks of 25 processes, in turns, ms | 9.1–10.7 | 3.0–3.6 |
-| … the tick of the uploads; of the average; of the global model | 4.2–5.9; 2.4–2.7; 2.3–2.6 | 0.8–1.2; 1.8–2.0; 0.4–0.5 |
+| … its tick of uploads; of the average; of the global model | 4.2–5.9; 2.4–2.7; 2.3–2.6 | 0.8–1.2; 1.8–2.0; 0.4–0.5 |
 | an agent's tick that uploads, that hears the model, caches cold, µs | 133; 79 | 12; 8 |
 | the world's report of 25 models, µs | 255 | 105 |
 | 1000 UAVs in one process, µs a UAV-tick (fastest) | 4.1 | 2.2 |
