@@ -1,6 +1,7 @@
 """Files that are whole after a crash, of the process or the machine: what is on the disk is the old or the new one."""
 
 import os
+from collections.abc import Callable
 from io import FileIO
 from pathlib import Path
 
@@ -69,3 +70,21 @@ def check_writable(path: Path) -> None:
         path.open("ab").close()
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror}; give a file in a folder that can be written") from error
+
+
+def settle(flush: Callable[[float], None], path: Path | None, patience_s: float = 5.0) -> None:
+    """Calls `flush` with so many seconds until all is written, and again while the file grows meanwhile: who writes in
+    a thread of its own may have died of a full disk and never tell.
+
+    Raises:
+        RuntimeError: what `flush` raised last.
+    """
+    size = -1
+    while True:
+        try:
+            flush(patience_s)
+            return
+        except RuntimeError:
+            before, size = size, path.stat().st_size if path is not None and path.exists() else 0
+            if size == before:
+                raise

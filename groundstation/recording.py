@@ -176,7 +176,8 @@ class Recorder:
         try:
             self.flush()
             if self._stream is not None:
-                self._stream.flush()
+                flush = self._stream.flush
+                durable.settle(lambda seconds: flush(timeout_sec=seconds), self._path)
         except RuntimeError as error:
             raise RunFailed(f"{self._path}: incomplete: {error}; is the disk full?") from error
         finally:

@@ -76,6 +76,7 @@ class World:
         self._stations, self._checkpoint_every = stations, checkpoint_every
         self._keeps_more = scenario.keeps_states or scenario.keeps_residuals  # than models, which are in every report
         self._rounds = Rounds(scenario)
+        self._rounds.draw_ahead()
         self._script = Script(scenario)
         self.flight = Flight(scenario)
         self.air = Air(scenario)

@@ -2,11 +2,13 @@
 
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from rerun.chunk import RrdReader
 
 from groundstation import blueprint as look
+from groundstation import recording
 from groundstation.recording import Recorder
 from swarm.messages import SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
 from swarm.model import MODEL_FLOATS
@@ -71,8 +73,9 @@ def _events(uavs: int, first: int, block: int) -> tuple[Event, ...]:
 
 
 def record(path: Path, blocks: list[Telemetry], **changes: Any) -> Scenario:
+    """In batches of 500 ticks, so that a flight of 600 is of two."""
     scenario = Scenario(**{"uavs": blocks[0].states.shape[1], **changes})
-    with Recorder(scenario, "test", path) as recorder:
+    with patch.object(recording, "_BATCH_TICKS_AT_MOST", 500), Recorder(scenario, "test", path) as recorder:
         for block in blocks:
             recorder.write(block)
     return scenario

@@ -130,3 +130,26 @@ def test_a_run_killed_at_any_step_of_replacing_its_checkpoint_resumes_to_the_sam
         assert f'"trajectory_sha256": "{expected}"' in (folder / SUMMARY).read_text()
         assert sorted(path.name for path in folder.iterdir()) == [EVENTS, SCENARIO, SUMMARY, "timeseries.parquet"]
     assert starts == [1, 1, 1, 1, 101, 101]
+
+
+def test_who_waits_for_a_writer_waits_as_long_as_the_file_grows(tmp_path: Path) -> None:
+    path, calls = tmp_path / "growing", []
+
+    def flush(seconds: float) -> None:
+        calls.append(seconds)
+        path.write_bytes(b"." * min(len(calls), 5))
+        if len(calls) < until:
+            raise RuntimeError("not yet")
+
+    until = 5
+    durable.settle(flush, path, 0.5)
+    assert calls == [0.5] * 5
+    calls.clear()
+    until = 100
+    with pytest.raises(RuntimeError, match="not yet"):
+        durable.settle(flush, path)
+    assert len(calls) == 6
+    calls.clear()
+    with pytest.raises(RuntimeError):
+        durable.settle(flush, None)
+    assert len(calls) == 2

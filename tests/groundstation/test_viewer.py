@@ -41,6 +41,9 @@ def test_a_late_viewer_gets_the_history(tmp_path: Path) -> None:
     np.testing.assert_array_equal(ticks_so_far(late), np.arange(60))
 
 
+LONG = 2400  # ticks: more than one batch
+
+
 def ticks_so_far(growing: Path) -> np.ndarray:
     """The ticks in a recording that another process may still be writing: its size says little about what is in it."""
     if not growing.exists():
@@ -76,7 +79,7 @@ def test_a_killed_recording_is_repaired(tmp_path: Path) -> None:
     repair(path)
     assert verify(path) is None
     ticks, positions = column(path, look.UAVS, "Points2D:positions")
-    states = np.concatenate([block.states for block in flight()])
+    states = np.concatenate([block.states for block in flight(ticks=LONG)])
     assert len(ticks) > 0
     np.testing.assert_array_equal(np.array(positions), states[ticks, :, :2].astype(np.float32))
     assert [file.name for file in tmp_path.iterdir()] == ["recording.rrd"]
@@ -126,7 +129,7 @@ def save_live(url: str, path: Path) -> "subprocess.Popen[bytes]":
 
 if __name__ == "__main__":  # the child that is killed
     interrupted = Recorder(Scenario(), "test", Path(sys.argv[1]))
-    for part in flight():
+    for part in flight(ticks=LONG):
         interrupted.write(part)
     print("recorded", flush=True)
     signal.pause()
