@@ -4,7 +4,6 @@ import shutil
 import sysconfig
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -14,13 +13,12 @@ from hypothesis.extra.numpy import arrays
 
 from groundstation.engine import Engine
 from groundstation.paper.batch import Batch
-from swarm import codec, model, plain, state
-from swarm.messages import Act, FrameKind, Frames, Status
-from swarm.scenario import Metrics, Scenario, load
-from worldsim import kernel, metrics, physics
+from swarm import state
+from swarm.messages import Status
+from swarm.scenario import Scenario, load
+from worldsim import kernel, physics
 from worldsim.metrics import FEW
 from worldsim.physics import ARRIVING, BOUND, DIVERGED, Moved, Physics
-from worldsim.summary import weight_spread
 
 needs_kernel = pytest.mark.skipif(not kernel.is_compiled(), reason="installed without a C compiler")
 
@@ -250,188 +248,3 @@ def test_nothing_is_written_beyond_the_last_uav() -> None:
 def test_no_uavs_are_no_work() -> None:
     empty = [np.zeros((0, array.shape[1])) if array.ndim == 2 else array[:0] for array in arguments()[3:]]
     assert kernel._kernel.advance(arguments()[0], 4, True, *empty) == 0
-
-
-NOT_ENTERED = [
-    ([b"1" * 41], "item 0"),
-    ([b"1" * 40, "x" * 40], "item 1"),
-    ([np.zeros(5)], "item 0"),
-    ([b"1" * 40], "expected 2 doubles"),
-    ([b"1" * 40] * 3, "expected 6 doubles"),
-    ([], "expected 0 doubles"),
-]
-
-
-@needs_kernel
-@pytest.mark.parametrize(("said", "why"), NOT_ENTERED)
-def test_outcomes_that_do_not_fit_are_not_entered(said: list[Any], why: str) -> None:
-    accelerations, diagnostics = np.full((2, 2), 7.0), np.full((2, 3), 7.0)
-    with pytest.raises(ValueError, match=why):
-        kernel._kernel.enter(said, 1e9, accelerations, diagnostics)
-    assert (accelerations == 7).all()
-    assert (diagnostics == 7).all()
-
-
-@needs_kernel
-@pytest.mark.parametrize(
-    ("accelerations", "diagnostics"),
-    [
-        (np.zeros((2, 2)), np.zeros((2, 2))),
-        (np.zeros((2, 2)), np.zeros((2, 3), dtype=np.int64)),
-        (np.zeros((2, 2), dtype=np.float32), np.zeros((2, 3))),
-        (np.zeros((4, 2))[::2], np.zeros((2, 3))),
-        (np.zeros((2, 2)), bytes(48)),
-        (np.zeros((2, 2)), None),
-    ],
-)
-def test_outcomes_are_entered_only_where_there_is_room(accelerations: Any, diagnostics: Any) -> None:
-    with pytest.raises((ValueError, BufferError, TypeError)):
-        kernel._kernel.enter([b"1" * 80], 1e9, accelerations, diagnostics)
-    assert not np.asarray(accelerations).any()
-
-
-@needs_kernel
-@given(
-    st.lists(st.integers(0, 4), max_size=6),
-    st.integers(0, 2**32),
-    st.sampled_from([0.0, np.nan, np.inf, -np.inf, 10.0, -10.0, np.nextafter(10.0, 0.0)]),
-)
-def test_outcomes_are_entered_in_their_order_or_not_at_all(rows: list[int], seed: int, wild: float) -> None:
-    numbers = np.random.default_rng(seed).normal(0, 2, (sum(rows), 5)).clip(-9, 9)
-    if len(numbers):
-        numbers[seed % len(numbers), seed % 5] = wild
-    said = [part.tobytes() for part in np.split(numbers, np.cumsum(rows)[:-1])] if rows else []
-    accelerations, diagnostics = np.full((len(numbers), 2), 7.0), np.full((len(numbers), 3), 7.0)
-    largest = kernel.enter(said, 10.0, accelerations, diagnostics)
-    if len(numbers) and not abs(wild) < 10.0:
-        assert largest is None
-        assert (accelerations == 7).all()
-        assert (diagnostics == 7).all()
-    else:
-        assert largest == tuple(np.abs(numbers[:, 2:4]).max(axis=0, initial=0.0).tolist())
-        assert (np.concatenate([accelerations, diagnostics], axis=-1) == numbers).all()
-
-
-numbers = arrays(np.float64, st.tuples(st.integers(1, 4), st.just(5)), elements=st.floats(width=64))
-payloads = st.sampled_from(["<f2", "<f4", "<f8"]).flatmap(
-    lambda kind: arrays(kind, (1, 6), elements=st.floats(width=8 * np.dtype(kind).itemsize))
-)
-
-
-@needs_kernel
-@given(
-    numbers, payloads, st.binary(max_size=40), st.integers(0, 250), st.sampled_from(["", "cut", "longer", "damaged"])
-)
-def test_an_answer_is_split_as_without_the_kernel(
-    outcome: np.ndarray, payload: np.ndarray, noise: bytes, at: int, how: str
-) -> None:
-    uploads = plain.uploads(3, len(outcome), False, (payload.shape, payload.dtype))
-    outbox = (Frames(FrameKind.UPLOAD, 7, np.array([-1], np.int32), payload),)  # whose bytes are no finite float
-    for kind, act in (
-        (plain.acts(3, len(outcome)), Act(3, 300, outcome)),
-        (uploads, Act(3, 300, outcome, outbox=outbox)),
-    ):
-        good = codec.encode(act)
-        damaged = good[:at] + noise + good[at + len(noise) :]
-        raw = {"": good, "cut": good[:at], "longer": good + noise, "damaged": damaged}[how]
-        told = kernel.splitter(kind, 300, 7)(raw)
-        assert told == kind.split(300, raw, 7)
-        assert told is not None or how or not np.isfinite([*outcome.flat, *payload.flat]).all()
-        assert how == "damaged" or kernel.splitter(kind, 301, 7)(raw) is None
-
-
-@needs_kernel
-@pytest.mark.parametrize(
-    "given",
-    [
-        (),
-        ([b"", b""], (1,), b"d", b""),
-        ((b"", b""), [1], b"d", b""),
-        ((b"", b""), (1,), "d", b""),
-        ((b"", b""), (1,), b"d", bytearray()),
-        ((b"", ""), (1,), b"d", b"\0"),
-        ((b"", b""), ("1",), b"d", b""),
-        ((b"", b""), (2**70,), b"d", b""),
-        ((b"",), (1,), b"d", b""),
-        ((b"", b""), (1,), b"dd", b""),
-        ((), (), b"", b""),
-    ],
-)
-def test_what_splits_answers_takes_nothing_else(given: tuple[Any, ...]) -> None:
-    with pytest.raises((TypeError, ValueError, OverflowError)):
-        kernel._kernel.split(*given)
-
-
-@needs_kernel
-def test_what_splits_answers_reads_nothing_beyond_their_end() -> None:
-    split = kernel._kernel.split
-    assert split((b"ab", b"c"), (8,), b"d", b"abc") is None
-    assert split((b"ab", b"c"), (-3,), b"d", b"") is None
-    assert split((b"ab", b"bc"), (-1,), b"d", b"abc") is None
-    assert split((b"ab", b"c"), (2**62,), b"d", b"abc") is None
-    assert split((b"ab", b"c"), (7,), b"d", b"ab\xff\xff\xff\xff\xff\xff\xffc") == (b"\xff" * 7,)
-    assert split((b"abc",), (), b"", b"abc") == ()
-
-
-@needs_kernel
-@given(st.integers(0, 300), st.integers(0, 2**32), st.sampled_from([0.0, 1e-300, 1e160, 12.5]))
-def test_distances_add_up_to_what_they_do_without_the_kernel(count: int, seed: int, far: float) -> None:
-    columns = np.random.default_rng(seed).normal(size=(2, count))
-    columns[:, count // 2 :] += far
-    with np.errstate(over="ignore"):
-        assert kernel.distances(columns) == metrics.distances(columns)
-
-
-@needs_kernel
-@given(
-    arrays(np.float64, st.tuples(st.integers(0, 60), st.just(2)), elements=st.sampled_from([0.0, 0.3, -0.4, 0.5, 9.0])),
-    st.sampled_from([0.1, 0.5, 0.6, 20.0]),
-    st.sampled_from([0.1, 0.5, 1.0]),
-)
-def test_who_is_near_is_who_a_tree_finds(points: np.ndarray, hazard: float, collision: float) -> None:
-    radii = Metrics(hazard_radius=hazard, collision_radius=collision)
-    with_kernel = metrics._near(radii, points)
-    with patch.object(kernel, "_kernel", None):
-        without = metrics._near(radii, points)
-    assert with_kernel[0] == without[0]
-    assert sorted(with_kernel[1].tolist()) == sorted(without[1].tolist())
-
-
-@needs_kernel
-@pytest.mark.parametrize("given", [np.zeros(3), np.zeros((2, 4), np.float32), np.zeros((4, 2)).T, [0.0]])
-def test_points_that_are_no_columns_are_refused(given: Any) -> None:
-    with pytest.raises((TypeError, ValueError, BufferError)):
-        kernel._kernel.distances(given)
-    with pytest.raises((TypeError, ValueError, BufferError)):
-        kernel._kernel.near(given, 1.0, 1.0, 1.0)
-
-
-@needs_kernel
-@given(st.integers(1, 300), st.integers(0, 2**32), st.sampled_from([0.0, 1e-200, 1e150, np.nan, np.inf, 1e9]))
-def test_how_far_models_are_apart_is_what_it_is_without_the_kernel(uavs: int, seed: int, wild: float) -> None:
-    models = np.random.default_rng(seed).normal(0, 3, (uavs, 246))
-    models[seed % uavs, seed % 246] = wild
-    apart = kernel.spread(models)
-    if (np.abs(models) < model.BEYOND_SENSE).all():
-        assert apart == weight_spread(models)
-    else:
-        assert apart is None
-    assert kernel.spread(models[:0]) is None
-
-
-@needs_kernel
-@pytest.mark.parametrize(
-    "given",
-    [
-        (np.zeros((2, 3)), 2, 4, 1.0),
-        (np.zeros((2, 3)), -1, 3, 1.0),
-        (np.zeros((2, 3)), 2**62, 2**62, 1.0),
-        (np.zeros((2, 0)), 2, 0, 1.0),
-        (np.zeros((2, 3), np.float32), 2, 3, 1.0),
-        (np.zeros((2, 6))[:, ::2], 2, 3, 1.0),
-        ([0.0], 1, 1, 1.0),
-    ],
-)
-def test_models_that_are_no_such_table_are_refused(given: tuple[Any, ...]) -> None:
-    with pytest.raises((TypeError, ValueError, BufferError)):
-        kernel._kernel.spread(*given)
