@@ -11,12 +11,11 @@
 #include <string.h>
 
 #include "tables.h"
-#include "turn.h"
 
 static int lanes = 1; /* how many rows this machine steps at once */
 
 /* Three rows are stepped at once, too, with a lane to spare; two are as quick one by one. */
-void step_rows(const Tables *t, const Rows *rows, Py_ssize_t count) {
+static void step_rows(const Tables *t, const Rows *rows, Py_ssize_t count) {
     Py_ssize_t from = 0;
 #if MANY > 1
     for (Py_ssize_t left; lanes > 1 && (left = count - from) > 2; from += left < lanes ? left : lanes)
@@ -31,7 +30,7 @@ static const char *NAME = "meanflock.tables";
 
 static void forget(PyObject *capsule) { PyMem_Free(PyCapsule_GetPointer(capsule, NAME)); }
 
-const Tables *tables_in(PyObject *capsule) { return PyCapsule_GetPointer(capsule, NAME); }
+static const Tables *tables_in(PyObject *capsule) { return PyCapsule_GetPointer(capsule, NAME); }
 
 /* Copies exactly `count` items of `size` bytes out of entry `name` of a dict. */
 static int copy_entry(PyObject *dict, const char *name, void *to, Py_ssize_t count, Py_ssize_t size) {
@@ -170,7 +169,5 @@ PyMODINIT_FUNC PyInit__kernel(void) {
 #if MANY > 1
     if (__builtin_cpu_supports("avx2")) lanes = MANY;
 #endif
-    PyObject *module = PyModule_Create(&definition);
-    if (module != NULL && (add_sides(module) < 0 || add_turn(module) < 0)) Py_CLEAR(module);
-    return module;
+    return PyModule_Create(&definition);
 }

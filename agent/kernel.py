@@ -4,9 +4,6 @@ Both give the same bits. One call for all the rows of a process takes the place 
 which finds its code and its data gone from the caches when twenty-five processes take turns on a core.
 """
 
-from collections.abc import Callable
-from typing import Any, TypeAlias
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,8 +13,6 @@ from agent.hjb import HjbLearner
 from agent.interaction import Quadrature
 from agent.minds import Minds, Outcome
 from swarm.messages import OUTCOME_FLOATS
-from swarm.model import BEYOND_SENSE
-from swarm.plain import Template
 from swarm.scenario import Scenario
 
 try:
@@ -26,12 +21,6 @@ except ImportError:
     _kernel = None  # type: ignore[assignment]
 
 Floats = NDArray[np.float64]
-Kinds: TypeAlias = tuple[tuple[Template, Template], ...]  # of Senses, and of the Acts that answer them
-Answer: TypeAlias = Callable[[bytes, int, int, bytes], bytes | None]
-
-# Gaps of a template, as in agent/message.h: states (M, 4), models as they travel (S, …), outcome (M, 5), whose the
-# models are (S,), and what was learned (M, 246).
-STATES, MODELS, OUTCOME, SOURCE, REPORT = range(2, 7)
 
 
 def is_compiled() -> bool:
@@ -89,22 +78,6 @@ class Kernel:
             {name: np.ascontiguousarray(number, dtype=np.float64) for name, number in doubles.items()}
             | {name: np.ascontiguousarray(index, dtype=np.int32) for name, index in indices.items()}
         )
-
-    def sides(self, here: Minds, there: Minds) -> Any:
-        """Where `Turn` finds minds and leaves them: `side` 0 is here, where they are now. It holds on to the arrays."""
-        return _kernel.Sides(self._tables, BEYOND_SENSE, here.value, here.density, there.value, there.density)
-
-    @staticmethod
-    def turn(sides: Any, kinds: Kinds, *models: Any) -> Answer:
-        """From a plain Sense of a tick and of one of these kinds to the Act, the minds then being on the other side.
-
-        `models`, as far as any travel: how many; of each the first float, where they end, the bytes of a float, and
-        what one that is uploaded is below; and what all rows are called, where some upload. The answer is asked for
-        with the bytes, the tick, the number of the round, and the places of the rows that upload, (S,) intp, as bytes.
-        It is None, and nothing has changed, where the bytes are no such Sense, not finite or of other rows; where a
-        number that came out is not below `BEYOND_SENSE`; or where a model is beyond what can be uploaded.
-        """
-        return _kernel.Turn(sides, kinds, *models).answer
 
     def __call__(self, minds: Minds, states: Floats, known: Floats | None) -> Outcome:
         """One tick of M rows; `known` (M, N, 4) for hjb only."""

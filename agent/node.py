@@ -4,22 +4,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.byzantine import Byzantine
-from agent.chorus import Chorus
 from agent.feedback import Feedback
 from agent.heads import Heads
 from agent.heard import Heard
-from agent.kernel import Answer
 from agent.learner import Learner
 from agent.minds import Minds, Outcome
 from agent.offline import Program
-from agent.reflex import Reflex
 from swarm import faults, model, payload, state
 from swarm.codec import FLOAT_OF_BITS, expect, finite
 from swarm.errors import MessageRejected
 from swarm.messages import Act, FrameKind, Frames, Sense, Welcome
 from swarm.methods import Method
 from swarm.model import BEYOND_SENSE
-from swarm.rounds import NEVER, Rounds
+from swarm.rounds import Rounds
 from swarm.scenario import Scenario, decode
 
 Floats = NDArray[np.float64]
@@ -37,8 +34,7 @@ class Agent:
         self._method = self._scenario.method
         self._float = FLOAT_OF_BITS[self._scenario.radio.bits_per_float]
         self._rounds = Rounds(self._scenario, self.uavs)
-        ahead = self._rounds.draw_ahead()
-        self._reflex: Reflex | None = None  # where some ticks come to nothing but to learn: then it has the minds
+        self._rounds.draw_ahead()
         self._shared = model.shared(self._method)
         self._byzantine = Byzantine(self._scenario)
         self._heads = Heads(self._scenario, self.uavs)
@@ -67,57 +63,6 @@ class Agent:
             self._known = np.repeat(plan[None], len(self.uavs), axis=0)
             if welcome.known is not None:
                 self._known[...] = expect("known", welcome.known, self._known.shape, np.float64)
-        sleeps = any(isinstance(fault, faults.Pause) for fault in self._scenario.faults)
-        self._alike = NEVER  # ticks that are answered like this
-        self._answer: Answer
-        self._round = 0
-        self._places = b""  # of the rows that upload
-        kernel = self._learner.kernel
-        if kernel is not None and self._known is None and self._program is None and not sleeps:
-            told = welcome.run, self.uavs, self._rounds, ahead, self._minds
-            self._reflex = Reflex(kernel, self._scenario, *told, uploads=self._uploads_as_they_are)
-        self._chorus: Chorus | None = None
-        if self._method is Method.HJB and not sleeps and Chorus.serves(len(self.uavs), self._scenario.uavs):
-            self._chorus = Chorus(self._scenario, welcome.run, self.uavs, self._float)
-
-    def reflex(self, raw: bytes, tick: int) -> bytes | None:
-        """Answers a plain Sense of that tick where nothing is to be done but to learn, to upload the models, to take
-        over the global one, or to hear everyone's state and say one's own; otherwise None."""
-        if tick not in self._alike and not self._looks_ahead(tick):
-            return None if self._chorus is None or self._silenced else self._join_in(self._chorus, raw, tick)
-        return self._answer(raw, tick, self._round, self._places)
-
-    def _looks_ahead(self, tick: int) -> bool:
-        """Whether there is an answer by reflex in that tick, which then may be that of some ticks."""
-        if self._reflex is None or self._silenced or (found := self._reflex.at(tick)) is None:
-            return False
-        self._alike, self._answer, self._round, self._places = found
-        return True
-
-    def _join_in(self, chorus: Chorus, raw: bytes, tick: int) -> bytes | None:
-        assert self._known is not None
-        if (heard := chorus.hear(raw, tick, self._known)) is None:
-            return None
-        states, acts = heard
-        said = self._broadcast(states)
-        if not finite(said):
-            return None
-        outcome = self._think(tick, states)
-        if not outcome.largest < BEYOND_SENSE:
-            return None  # what is known is by now what it will be the long way
-        self._minds = outcome.minds
-        return chorus.answer(acts, tick, outcome.numbers, said, self._minds)
-
-    @property
-    def _minds(self) -> Minds:
-        return self._learned if self._reflex is None else self._reflex.minds
-
-    @_minds.setter
-    def _minds(self, minds: Minds) -> None:
-        if self._reflex is None:
-            self._learned = minds
-        else:
-            self._reflex.learn(minds)
 
     @property
     def _uploads_as_they_are(self) -> bool:
@@ -269,7 +214,7 @@ class Agent:
     def _silence(self, broken: NDArray[np.bool_], numbers: Floats) -> None:
         """Zeros what diverged rows know and say, so that nothing non-finite ever leaves or spreads."""
         self._diverged |= broken
-        self._silenced, self._alike = bool(self._diverged.any()), NEVER
+        self._silenced = bool(self._diverged.any())
         numbers[self._diverged] = 0.0
         keep = ~self._diverged[:, None, None]
         self._minds = Minds(np.where(keep, self._minds.value, 0.0), np.where(keep, self._minds.density, 0.0))

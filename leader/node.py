@@ -32,10 +32,6 @@ class Leader:
         self.refused = 0  # uploads that were not averaged
         self._arrived: dict[int, dict[int, Floats]] = {}  # round → UAV → model, or relay
 
-    def reflex(self, raw: bytes, tick: int) -> bytes | None:
-        """None: what a leader is asked always takes some thought."""
-        return None
-
     def act(self, sense: Sense) -> Act:
         """One tick.
 

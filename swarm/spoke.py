@@ -27,9 +27,6 @@ _MAX_DROP_LINES = 100  # in the log; the counter goes on
 class Node(Protocol):
     """Agent or leader."""
 
-    def reflex(self, raw: bytes, tick: int) -> bytes | None:
-        """The Act to a plain Sense of that tick (`swarm.plain`), or None where it takes more: then nothing changed."""
-
     def act(self, sense: Sense) -> Act:
         """Answers a Sense, or raises MessageRejected and has not changed."""
 
@@ -130,19 +127,14 @@ class Spoke:
             if answer is not None:
                 time.sleep(min(_REFUSED_AGAIN_S, left))
 
-    def _at_once(self, _key: str, raw: bytes) -> bool:
-        """Answers a plain Sense in the thread that brings it, unless the node is at work: handing it over to another
-        costs as much as answering it."""
-        assert self._node is not None
+    def _at_once(self, key: str, raw: bytes) -> bool:
+        """Answers in the thread that brings the message, unless the node is at work: a hand-over to another thread
+        costs as much as the answer."""
         if not self._busy.acquire(False):
             return False
         try:
-            if (answer := self._node.reflex(raw, self._last_tick + 1)) is None:
-                return False
-            self._last_tick += 1
-            self._last_act = answer
-            self._bus.put(self._speak, answer)
-            return True
+            self.handle(Delivery("message", key, raw))
+            return self.stopped is None  # who waits for the end is woken by it
         finally:
             self._busy.release()
 

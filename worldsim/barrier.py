@@ -3,45 +3,22 @@
 import threading
 from collections import Counter
 
-from swarm import keys, plain
+from swarm import codec, keys
 from swarm.bus import Bus
 from swarm.errors import MessageRejected
 from swarm.messages import Act, Frames, Sense
-from swarm.scenario import Scenario
 from swarm.state import States
-from worldsim.answers import Answers
 from worldsim.members import Member
-from worldsim.questions import Questions
-
-
-class Crowd:
-    """Nodes that are asked together, and the keys of their questions and answers."""
-
-    def __init__(self, members: list[Member], run: str) -> None:
-        self.members = members
-        self.questions = [keys.sense(run, member.name) for member in members]
-        self.by_name = {member.name: member for member in members}
-        self.by_answer = {keys.act(run, member.name): member for member in members}
-        places = [member.place for member in members]
-        self.firsts = [place.start for place in places if isinstance(place, slice)]
-        sizes = {member.rows for member in members}
-        self.rows = sizes.pop() if len(sizes) == 1 and len(self.firsts) == len(members) else 0  # where they are alike
 
 
 class Barrier:
-    """The questions of one tick after the other.
+    """The questions of one tick after the other."""
 
-    Sound answers are taken in whatever thread brings them, all else in that of the world.
-    """
-
-    def __init__(self, bus: Bus, run: str, scenario: Scenario) -> None:
+    def __init__(self, bus: Bus, run: str) -> None:
         self._bus, self._run, self._fingerprint = bus, run, keys.fingerprint(run)
-        self._answers = Answers(scenario, self._fingerprint)
-        self._questions: dict[str, bytes] = {}  # to whom was asked alone, by name
-        self._cut: Questions | None = None  # all others
+        self._questions: dict[str, bytes] = {}  # by name
         self._silent: dict[str, Member] = {}  # who has yet to answer, by the key of the answer
         self._gate = threading.RLock()  # of that and of the answers
-        self._crowd = Crowd([], run)  # who was last asked plainly
         self._repeats: Counter[str] = Counter()  # second answers that may still come, by the node's name
         self._tick, self.reporting = -1, False
         self.asked: dict[str, Member] = {}
@@ -57,7 +34,6 @@ class Barrier:
             self._tick, self.reporting = tick, reporting
             self.asked, self.outcomes, self.reports, self.outboxes, self.acts = {}, {}, {}, {}, {}
             self._questions, self._silent = {}, {}
-            self._answers.open(tick, reporting)
             self.standing = True
 
     def close(self) -> None:
@@ -72,23 +48,7 @@ class Barrier:
         `whole`: it is to answer with all that a checkpoint keeps.
         """
         report = self.reporting and len(states) > 0
-        self._put(member, plain.encode(Sense(self._fingerprint, self._tick, states, report, heard, whole)))
-
-    def ask_all(self, members: list[Member], states: States, brought: Frames | None = None) -> None:
-        """Asks nodes that hold UAVs and have received nothing but, perhaps, a global model (`questions.Questions`);
-        `states` (N, 4) are everyone's.
-        """
-        cut = self._cut = Questions(self._fingerprint, self._tick, self.reporting, states, brought)
-        if members != self._crowd.members:  # as a rule they are those of the last tick
-            self._crowd = Crowd(members, self._run)
-        with self._gate:
-            self.asked.update(self._crowd.by_name)
-            self._silent.update(self._crowd.by_answer)
-        crowd, put = self._crowd, self._bus.put
-        alike = cut.of_each(crowd.rows, crowd.firsts) if crowd.rows else None
-        questions = map(cut.of, members) if alike is None else alike
-        for key, question in zip(crowd.questions, questions, strict=True):
-            put(key, question)
+        self._put(member, codec.encode(Sense(self._fingerprint, self._tick, states, report, heard, whole)))
 
     def _put(self, member: Member, question: bytes) -> None:
         name = member.name
@@ -101,28 +61,7 @@ class Barrier:
         """Repeats every question nobody answered yet."""
         for name in self.missing:
             self._repeats[name] += 1
-            if (question := self._questions.get(name)) is None:
-                assert self._cut is not None
-                question = self._cut.of(self.asked[name])
-            self._bus.put(keys.sense(self._run, name), question)
-
-    def overhear(self, key: str, raw: bytes, but: int = 1) -> bool:
-        """Takes a sound answer (`worldsim.answers`) that is waited for, whoever brings it; with whatever else this is,
-        nothing is done. Nor with the last `but` one: it goes to who waits for it, who would not wake otherwise.
-        """
-        with self._gate:
-            member = self._silent.get(key)
-            if member is None or len(self._silent) <= but:
-                return False
-            if (answer := self._answers.read(member, raw)) is None:
-                return False
-            self.outcomes[member.name], report, outbox = answer
-            if report:
-                self.reports[member.name] = report
-            if outbox:
-                self.outboxes[member.name] = outbox
-            del self._silent[key]
-            return True
+            self._bus.put(keys.sense(self._run, name), self._questions[name])
 
     def answer(self, name: str, act: Act) -> None:
         """Takes any answer.

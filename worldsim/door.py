@@ -55,15 +55,13 @@ class Door:
         self._plan = flight.states.astype(self._float)
         self._flight, self._barrier, self._outbox, self._ledger = flight, barrier, outbox, ledger
         self._note, self._clock = note, clock
-        bus.subscribe(keys.act(run, "*"), barrier.overhear)
+        bus.subscribe(keys.act(run, "*"))
         bus.subscribe(self._received)
         bus.watch(keys.alive(run, "*", "*"))
         bus.answer(keys.join(run))
 
     def handle(self, delivery: Delivery) -> None:
         """One delivery, whatever it is. Never raises for what the network sent."""
-        if delivery.kind == "message" and self._barrier.overhear(delivery.key, delivery.payload, 0):
-            return
         try:
             if delivery.kind == "message" and delivery.key == self._received:
                 received = codec.decode_as(Received, delivery.payload, self._fingerprint, limit=64)

@@ -21,14 +21,6 @@ def of_agents(due: Iterable[Frames], awake: NDArray[np.bool_]) -> list[Frames]:
     return [batch for batch in heard if batch.links is not None and len(batch.links)]
 
 
-def only_a_model(heard: list[Frames]) -> Frames | None:
-    """The one batch among these, if it is a global model, to UAVs in ascending order."""
-    if len(heard) != 1 or heard[0].kind != FrameKind.GLOBAL or heard[0].links is None or len(heard[0].source) != 1:
-        return None
-    targets = heard[0].links[:, 1]
-    return heard[0] if np.logical_and.reduce(targets[1:] > targets[:-1]) else None
-
-
 def of_agent(member: Member, heard: Iterable[Frames], uavs: int) -> tuple[Frames, ...]:
     """Of what was heard by `uavs` UAVs, the links to an agent's, and the payloads they need."""
     own = []

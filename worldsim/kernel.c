@@ -108,9 +108,6 @@ int holds(const Py_buffer *view, Py_ssize_t count) {
 }
 
 static PyMethodDef methods[] = {
-    {"split", (PyCFunction)(void (*)(void))split, METH_FASTCALL,
-     "split(texts, sizes, formats, raw)\n\n"
-     "The bytes of the arrays between these texts, if raw is those, each of its size and its floats finite; or None."},
     {"distances", distances_of, METH_O,
      "distances(columns)\n\nThe sum of the distances of all pairs of points, given as all x and then all y."},
     {"near", near_of, METH_VARARGS,

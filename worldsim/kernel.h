@@ -8,7 +8,6 @@
 
 /* said.c */
 PyObject *enter(PyObject *module, PyObject *args);
-PyObject *split(PyObject *module, PyObject *const *args, Py_ssize_t count);
 
 /* measured.c */
 PyObject *distances_of(PyObject *module, PyObject *columns);

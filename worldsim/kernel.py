@@ -5,14 +5,11 @@ they cost.
 """
 
 import math
-from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarm import model, state
-from swarm.plain import Plain
 from swarm.scenario import Scenario
 
 try:
@@ -57,13 +54,6 @@ def spread(models: Floats) -> float | None:
     None where there are none, where one is none that can be, or where there is no compiled form.
     """
     return None if _kernel is None else _kernel.spread(models, len(models), models.shape[1], model.BEYOND_SENSE)
-
-
-def splitter(expected: Plain, tick: int, number: int) -> Callable[[bytes], tuple[bytes, ...] | None]:
-    """What returns what `expected.split` does, of a tick and the number of a round."""
-    if _kernel is None:
-        return lambda raw: expected.split(tick, raw, number)
-    return partial(_kernel.split, expected.frame(tick, number), expected.sizes, expected.formats)
 
 
 class Kernel:

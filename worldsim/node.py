@@ -87,7 +87,7 @@ class World:
         self._ticks = Durations()
         self._uploads = inbox.Uploads(FrameKind.RELAY if scenario.federation.clusters > 1 else FrameKind.UPLOAD)
         self._heads = Heads(scenario)
-        self._barrier = Barrier(bus, run, scenario)
+        self._barrier = Barrier(bus, run)
         self._commands = Commands(scenario.uavs)
         self._all = np.ones(scenario.uavs, dtype=bool)
         self._awake = self._all  # who is neither lost nor asleep; as a rule that very array
@@ -233,10 +233,6 @@ class World:
         if self._awake is not self._all and not self._awake.all():
             asked = [member for member in asked if self._awake[member.uavs].any()]
         heard = inbox.of_agents(due, self._awake)
-        brought = inbox.only_a_model(heard)
-        if not (whole or self._heads.told) and (brought is not None or not heard):
-            self._barrier.ask_all(asked, self.flight.states, brought)
-            return
         for member in asked:
             own = inbox.of_agent(member, heard, self._scenario.uavs) + self._heads.read(member)
             self._barrier.ask(member, self.flight.states[member.place], own, whole)
@@ -310,15 +306,9 @@ class World:
 
     def _told(self, whole: bool) -> Minds:
         """What the nodes reported in this tick."""
-        asked, reports, acts = self._barrier.asked, self._barrier.reports, self._barrier.acts
-        if self._commands.of_everyone and not acts:  # as a rule
-            models = np.frombuffer(b"".join([reports[name] for name in asked if name in reports]))
-            return Minds(self._scenario, whole, models.reshape(-1, model.MODEL_FLOATS))
         minds = Minds(self._scenario, whole)
-        for name, said in reports.items():
-            minds.models[asked[name].place] = np.frombuffer(said).reshape(-1, model.MODEL_FLOATS)
-        for name, act in acts.items():
-            minds.take(asked[name], act)
+        for name, act in self._barrier.acts.items():
+            minds.take(self._barrier.asked[name], act)
         return minds
 
     def _keep(self) -> None:

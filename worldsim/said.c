@@ -1,4 +1,4 @@
-/* What nodes said, from their bytes: answers taken apart, outcomes entered (worldsim/answers.py, commands.py). */
+/* What nodes said, from their bytes: outcomes entered (worldsim/commands.py). */
 #include "kernel.h"
 
 #include <math.h>
@@ -69,70 +69,4 @@ PyObject *enter(PyObject *module, PyObject *args) {
 done:
     while (held--) PyBuffer_Release(&view[held]);
     return result;
-}
-
-/* Whether so many bytes are finite floats, of the format a NumPy dtype has as its character; others are as they are. */
-static int sane_floats(const char *text, Py_ssize_t size, char format) {
-    int sane = 1;
-    if (format == 'd')
-        for (Py_ssize_t i = 0; i + 8 <= size; i += 8) {
-            uint64_t bits; /* they may begin anywhere */
-            memcpy(&bits, text + i, sizeof bits);
-            sane &= (bits & 0x7ff0000000000000) != 0x7ff0000000000000;
-        }
-    else if (format == 'f')
-        for (Py_ssize_t i = 0; i + 4 <= size; i += 4) {
-            uint32_t bits;
-            memcpy(&bits, text + i, sizeof bits);
-            sane &= (bits & 0x7f800000) != 0x7f800000;
-        }
-    else if (format == 'e')
-        for (Py_ssize_t i = 0; i + 2 <= size; i += 2) {
-            uint16_t bits;
-            memcpy(&bits, text + i, sizeof bits);
-            sane &= (bits & 0x7c00) != 0x7c00;
-        }
-    return sane;
-}
-
-/* The text that comes next in a message, or NULL, and then with an error if it is none. */
-static const char *follows(PyObject *text, const char *at, const char *end) {
-    char *expected;
-    Py_ssize_t length;
-    if (PyBytes_AsStringAndSize(text, &expected, &length) < 0) return NULL;
-    return end - at >= length && memcmp(at, expected, length) == 0 ? at + length : NULL;
-}
-
-/* The array that comes next, the same way. */
-static PyObject *array_at(PyObject *said, char format, const char *at, const char *end) {
-    const Py_ssize_t size = PyLong_AsSsize_t(said);
-    if (size == -1 && PyErr_Occurred()) return NULL;
-    if (size < 0 || end - at < size || !sane_floats(at, size, format)) return NULL;
-    return PyBytes_FromStringAndSize(at, size);
-}
-
-PyObject *split(PyObject *module, PyObject *const *args, Py_ssize_t count) {
-    char *formats, *raw;
-    Py_ssize_t arrays, length;
-    if (count != 4 || !PyTuple_Check(args[0]) || !PyTuple_Check(args[1]))
-        return PyErr_Format(PyExc_TypeError, "split takes two tuples, formats and a message");
-    if (PyBytes_AsStringAndSize(args[2], &formats, &arrays) < 0 || PyBytes_AsStringAndSize(args[3], &raw, &length) < 0)
-        return NULL;
-    if (PyTuple_Size(args[1]) != arrays || PyTuple_Size(args[0]) != arrays + 1)
-        return PyErr_Format(PyExc_ValueError, "%zd texts around %zd arrays of %zd formats", PyTuple_Size(args[0]),
-                            PyTuple_Size(args[1]), arrays);
-    PyObject *parts = PyTuple_New(arrays);
-    const char *at = raw, *end = raw + length;
-    for (Py_ssize_t k = 0; parts != NULL && k <= arrays; k++) {
-        PyObject *part = NULL;
-        at = follows(PyTuple_GetItem(args[0], k), at, end);
-        if (k < arrays && at != NULL) part = array_at(PyTuple_GetItem(args[1], k), formats[k], at, end);
-        if (part != NULL) {
-            at += PyBytes_Size(part);
-            PyTuple_SetItem(parts, k, part);
-        } else if (k < arrays || at != end)
-            Py_CLEAR(parts);
-    }
-    if (parts == NULL && !PyErr_Occurred()) Py_RETURN_NONE;
-    return parts;
 }

@@ -1,0 +1,248 @@
+"""Plug-ins: who flies, who averages, what carries and what moves, found by name; nothing here knows any of them.
+
+A plug-in is a class with a `name`, in one of four entry-point groups of an installed package or in a file that somebody
+named on the command line of this machine. What comes over the network names it, and nothing more: a name that is not
+registered here is refused.
+"""
+
+import hashlib
+import importlib.util
+import os
+import sys
+import traceback
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, TypeAlias
+
+import msgspec
+
+from swarm.errors import BadInput
+
+Door: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle"]
+
+GROUPS: dict[Door, str] = {
+    "controller": "meanflock.controllers",
+    "aggregator": "meanflock.aggregators",
+    "channel": "meanflock.channels",
+    "vehicle": "meanflock.vehicles",
+}
+NEEDED: dict[Door, tuple[str, ...]] = {  # what a class must have; the rest has defaults in the base classes
+    "controller": ("init", "step"),
+    "aggregator": ("step",),
+    "channel": ("transmit",),
+    "vehicle": ("step", "power"),
+}
+FILES = "MEANFLOCK_PLUGINS"  # a variable: the files a process registers when it starts, as PATH separates them
+
+
+class Plugin(NamedTuple):
+    """One class that can be had by name. source: the installed package and its version, or the file."""
+
+    door: Door
+    name: str
+    source: str
+    reference: str  # module:Class of an entry point; of a file, the class in it
+    fingerprint: str  # what a checkpoint holds it to: the package's version, or the hash of the file
+
+
+_files: dict[tuple[Door, str], tuple[Plugin, type]] = {}
+
+
+@cache
+def _packaged() -> dict[tuple[Door, str], tuple[Plugin, ...]]:
+    """Every entry point of the four groups, without importing any of them."""
+    from importlib.metadata import entry_points  # only here: a process that is told everything by file need not
+
+    found: dict[tuple[Door, str], tuple[Plugin, ...]] = {}
+    for door, group in GROUPS.items():
+        for point in entry_points(group=group):
+            package = f"{point.dist.name} {point.dist.version}" if point.dist is not None else "unknown package"
+            plugin = Plugin(door, point.name, package, point.value, package)
+            others = found.get((door, point.name), ())
+            if all(other.reference != plugin.reference for other in others):  # a package on the path twice is one
+                found[door, point.name] = (*others, plugin)
+    return found
+
+
+def installed() -> list[Plugin]:
+    """All there are, by door and name."""
+    packaged = [plugin for plugins in _packaged().values() for plugin in plugins]
+    doors = list(GROUPS)
+    return sorted(
+        [*packaged, *(plugin for plugin, _ in _files.values())],
+        key=lambda plugin: (doors.index(plugin.door), plugin.name),
+    )
+
+
+def names(door: Door) -> list[str]:
+    """What can be named at a door."""
+    return sorted({plugin.name for plugin in installed() if plugin.door == door})
+
+
+def find(door: Door, name: str) -> Plugin:
+    """The plug-in of that name.
+
+    Raises:
+        BadInput: there is none, or more than one.
+    """
+    key = (door, name)
+    candidates = [*_packaged().get(key, ()), *([_files[key][0]] if key in _files else [])]
+    if not candidates:
+        raise BadInput(
+            f"{door} {name!r} is not installed here; there are {', '.join(names(door)) or 'none'}; "
+            "install its package, or name its file: --plugin FILE.py"
+        )
+    if len(candidates) > 1:
+        where = " and ".join(f"{plugin.reference} ({plugin.source})" for plugin in candidates)
+        raise BadInput(f"two {door}s are named {name!r}: {where}; rename one of them, or uninstall its package")
+    return candidates[0]
+
+
+def load(door: Door, name: str) -> type:
+    """The class of that name.
+
+    Raises:
+        BadInput: there is none, it cannot be imported, or it lacks a method.
+    """
+    plugin = find(door, name)
+    if (door, name) in _files:
+        return _files[door, name][1]
+    module, _, attribute = plugin.reference.partition(":")
+    try:
+        found: Any = importlib.import_module(module)
+        for part in attribute.split("."):
+            found = getattr(found, part)
+    except Exception as error:
+        raise BadInput(f"{door} {name!r} of {plugin.source}: {_last_line(error)}") from error
+    return _checked(door, name, found, plugin.source)
+
+
+def load_file(path: Path) -> list[Plugin]:
+    """Registers every plug-in of a file: its public classes with a `name` that are derived from a base class of ours.
+
+    Raises:
+        BadInput: the file cannot be read or run, or there is none in it.
+    """
+    try:
+        source = path.read_bytes()
+    except OSError as error:
+        raise BadInput(f"--plugin {path}: {error.strerror}; name a readable Python file") from error
+    module_name = f"meanflock_plugin_{path.stem}_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]}"
+    spec = importlib.util.spec_from_file_location(module_name, path)
+    if spec is None or spec.loader is None:
+        raise BadInput(f"--plugin {path}: not a Python file; its name must end in .py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[module_name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        del sys.modules[module_name]
+        raise BadInput(f"--plugin {path}: {_last_line(error)}") from error
+    fingerprint = f"sha256 {hashlib.sha256(source).hexdigest()}"
+    found = []
+    for attribute, value in vars(module).items():
+        door = getattr(value, "door", None)
+        if not isinstance(value, type) or value.__module__ != module_name or door not in GROUPS:
+            continue
+        name = getattr(value, "name", "")
+        if not isinstance(name, str) or not name:
+            continue  # a class others derive from
+        key = (door, name)
+        if key in _files and _files[key][0].source != str(path):
+            raise BadInput(f"--plugin {path}: two {door}s are named {name!r}, the other in {_files[key][0].source}")
+        if key in _packaged():
+            raise BadInput(
+                f"--plugin {path}: {door} {name!r} is installed already, of {_packaged()[key][0].source}; "
+                "give yours another name"
+            )
+        plugin = Plugin(door, name, str(path), attribute, fingerprint)
+        _files[key] = plugin, _checked(door, name, value, str(path))
+        found.append(plugin)
+    if not found:
+        raise BadInput(
+            f"--plugin {path}: no plug-in in it; derive a class from meanflock.Controller, Aggregator, Channel or "
+            "Vehicle and give it a `name`"
+        )
+    return found
+
+
+def load_files(paths: Iterable[Path | str]) -> None:
+    """Registers the plug-ins of some files, here and in every process this one starts.
+
+    Raises:
+        BadInput: like `load_file`.
+    """
+    given = [Path(path).resolve() for path in paths]
+    for path in given:
+        load_file(path)
+    if given:
+        before = [part for part in os.environ.get(FILES, "").split(os.pathsep) if part]
+        os.environ[FILES] = os.pathsep.join(dict.fromkeys([*before, *map(str, given)]))
+
+
+def load_of_environment() -> None:
+    """Registers the plug-ins of the files whoever started this process named.
+
+    Raises:
+        BadInput: like `load_file`.
+    """
+    for path in os.environ.get(FILES, "").split(os.pathsep):
+        if path:
+            load_file(Path(path))
+
+
+def create(door: Door, name: str, options: dict[str, Any], *context: Any) -> Any:
+    """An instance of the plug-in of that name: `Class(options, *context)`, its options converted to their type.
+
+    Raises:
+        BadInput: like `load`; or the options do not fit, or the class cannot be made of them.
+    """
+    made = load(door, name)
+    where = options_table(door)
+    try:
+        typed = msgspec.convert(options, made.Options)  # type: ignore[attr-defined]
+    except msgspec.ValidationError as error:
+        text, _, place = str(error).partition(" - at ")
+        key = place.strip("`").removeprefix("$").removeprefix(".")
+        raise BadInput(
+            f"{where}{'.' + key if key else ''}: {text}; `meanflock scenario schema --method {name}` lists the options"
+            if door == "controller"
+            else f"{where}{'.' + key if key else ''}: {text}; `meanflock plugins` lists the options of {name!r}"
+        ) from error
+    try:
+        return made(typed, *context)
+    except BadInput:
+        raise
+    except Exception as error:
+        raise BadInput(f"{door} {name!r} cannot be made: {_last_line(error)}") from error
+
+
+def options_table(door: Door) -> str:
+    """The table of a scenario that holds the options of a door's plug-in."""
+    tables: dict[Door, str] = {
+        "controller": "controller",
+        "aggregator": "federation.options",
+        "channel": "radio.options",
+        "vehicle": "vehicle.options",
+    }
+    return tables[door]
+
+
+def _checked(door: Door, name: str, found: Any, source: str) -> type:
+    if not isinstance(found, type):
+        raise BadInput(f"{door} {name!r} of {source} is a {type(found).__name__}; it must be a class")
+    lacking = [method for method in NEEDED[door] if not callable(getattr(found, method, None))]
+    if lacking:
+        raise BadInput(f"{door} {name!r} of {source} lacks {' and '.join(f'`{method}`' for method in lacking)}")
+    options = getattr(found, "Options", None)
+    if not (isinstance(options, type) and issubclass(options, msgspec.Struct)):
+        raise BadInput(f"{door} {name!r} of {source}: `Options` must be a msgspec.Struct")
+    return found
+
+
+def _last_line(error: BaseException) -> str:
+    """What went wrong, and the line of the plug-in it went wrong in."""
+    frames = traceback.extract_tb(error.__traceback__)
+    where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
+    return traceback.format_exception_only(error)[-1].strip() + where
