@@ -11,8 +11,8 @@ from math import perm
 import numpy as np
 from numpy.typing import NDArray
 
+from agent.weights import DENSITY_FEATURES, VALUE_FEATURES
 from swarm import state
-from swarm.model import DENSITY_FEATURES, VALUE_FEATURES
 from swarm.scenario import Learner
 
 Floats = NDArray[np.float64]

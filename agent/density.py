@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.basis import DensityBasis, Powers, scales
-from swarm.model import DENSITY_FEATURES
+from agent.weights import DENSITY_FEATURES
 from swarm.scenario import Scenario
 from swarm.seeds import generator
 

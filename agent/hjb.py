@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.basis import ValueBasis
+from agent.weights import VALUE_FEATURES
 from swarm import state
-from swarm.model import VALUE_FEATURES
 from swarm.scenario import Scenario
 
 Floats = NDArray[np.float64]

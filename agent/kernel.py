@@ -12,7 +12,8 @@ from agent.fpk import FpkLearner
 from agent.hjb import HjbLearner
 from agent.interaction import Quadrature
 from agent.minds import Minds, Outcome
-from swarm.messages import OUTCOME_FLOATS
+
+OUTCOME_FLOATS = 5
 from swarm.scenario import Scenario
 
 try:
@@ -32,11 +33,13 @@ class Kernel:
     """One tick of M rows: what `Learner.step` says, value and density step together."""
 
     @staticmethod
-    def serves(scenario: Scenario) -> bool:
+    def serves(scenario: Scenario, learns_density: bool) -> bool:
         """Whether there is a compiled form for this scenario: an exponent β other than one is left to NumPy."""
-        return is_compiled() and (scenario.method.learns_density or scenario.cost.beta == 1.0)
+        return is_compiled() and (learns_density or scenario.cost.beta == 1.0)
 
-    def __init__(self, scenario: Scenario, hjb: HjbLearner, fpk: FpkLearner, quadrature: Quadrature) -> None:
+    def __init__(
+        self, scenario: Scenario, learns_density: bool, hjb: HjbLearner, fpk: FpkLearner, quadrature: Quadrature
+    ) -> None:
         learner, cost = scenario.learner, scenario.cost
         value, density = hjb.basis, fpk.basis
         doubles = {
@@ -59,7 +62,7 @@ class Kernel:
             "half_variance": hjb.half_variance,
             "gain": hjb.gain,
             "arrived_squared": hjb.arrived_squared,
-            "learns_density": scenario.method.learns_density,
+            "learns_density": learns_density,
         }
         indices = {
             "value_first": value.first,

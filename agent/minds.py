@@ -4,8 +4,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm import model, state
-from swarm.messages import OUTCOME_FLOATS
+from agent import weights as model
+from swarm import state
+
+OUTCOME_FLOATS = 5
 
 Floats = NDArray[np.float64]
 

@@ -1,73 +1,64 @@
-"""The agent node: M UAVs as rows of one process. It senses, listens, learns, acts and speaks, once a tick."""
+"""The agent node: M UAVs as rows of one process, flown by the controller the scenario names."""
+
+import logging
+import traceback
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agent.byzantine import Byzantine
+from agent.controllers.base import Broadcast, Controller, Memory, Received, Step
 from agent.feedback import Feedback
 from agent.heads import Heads
-from agent.heard import Heard
-from agent.learner import Learner
-from agent.minds import Minds, Outcome
-from agent.offline import Program
-from swarm import faults, model, payload, state
-from swarm.codec import FLOAT_OF_BITS, expect, finite
-from swarm.errors import MessageRejected
-from swarm.messages import Act, FrameKind, Frames, Sense, Welcome
-from swarm.methods import Method
+from agent.rows import checked_memory, checked_step, each_alone, picked
+from swarm import faults, payload, state
+from swarm.ascending import contains
+from swarm.codec import FLOAT_OF_BITS, decode_record, encode_record, expect
+from swarm.declared import controller
+from swarm.errors import BadInput, MessageRejected
+from swarm.messages import NOBODY, Act, FrameKind, Frames, Sense, Welcome
 from swarm.model import BEYOND_SENSE
 from swarm.rounds import Rounds
 from swarm.scenario import Scenario, decode
 
 Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+log = logging.getLogger("meanflock.agent")
 
 _STATE = np.dtype(np.float64)
+_RESIDUALS = "meanflock.residuals"  # in a checkpoint, beside the arrays of the controller
 
 
 class Agent:
     """What a node does with a Sense; whoever carries the messages calls `act`."""
 
     def __init__(self, welcome: Welcome) -> None:
+        """Raises BadInput where the controller cannot begin."""
         self.uavs = np.array(welcome.uavs, dtype=np.intp)
+        self.complaints: list[str] = []  # what the world should hear of, since it was last asked
         self._names = self.uavs.astype(np.int32)  # as frames have them
         self._scenario: Scenario = decode(welcome.scenario)
-        self._method = self._scenario.method
+        self._declared = self._scenario.declared
         self._float = FLOAT_OF_BITS[self._scenario.radio.bits_per_float]
         self._rounds = Rounds(self._scenario, self.uavs)
         self._rounds.draw_ahead()
-        self._shared = model.shared(self._method)
         self._byzantine = Byzantine(self._scenario)
         self._heads = Heads(self._scenario, self.uavs)
         self._up, self._down = payload.upload(self._scenario), payload.broadcast(self._scenario)
         self._feedback = Feedback(self._up, len(self.uavs), kept=self._scenario.keeps_residuals)
-        if self._feedback.residuals is not None and welcome.residuals is not None:
-            kept = self._feedback.residuals
-            kept[...] = expect("residuals", welcome.residuals, kept.shape, np.float64)
-        plan = expect("initial_states", welcome.initial_states, (self._scenario.uavs, state.SIZE), self._float)
-        plan = plan.astype(np.float64)
-        self._learner = Learner(self._scenario)
-        self._minds = self._learner.init(len(self.uavs), plan)
-        if welcome.models is not None:  # a run that is resumed: the minds go on where they were
-            models = expect("models", welcome.models, (len(self.uavs), model.MODEL_FLOATS), np.float64)
-            self._minds = self._minds.with_models(np.arange(len(self.uavs)), slice(None), models)
-        self._program = Program(self._scenario, plan[self.uavs]) if self._method is Method.OFFLINE else None
-        self._diverged = np.zeros(len(self.uavs), dtype=bool)
-        self._silenced = False  # whether any has
         self._shape = (len(self.uavs), state.SIZE)
+        self._columns = state.AXES + len(self._declared.diagnostics)
         self._own = np.zeros(self._scenario.uavs, dtype=bool)
         self._own[self.uavs] = True
-        # What each row knows of everyone's state: the mission plan, then whatever its radio brings.
-        self._known: Floats | None = None
-        self._heard = Heard(self.uavs, self._scenario.uavs)
-        if self._scenario.keeps_states:
-            self._known = np.repeat(plan[None], len(self.uavs), axis=0)
-            if welcome.known is not None:
-                self._known[...] = expect("known", welcome.known, self._known.shape, np.float64)
-
-    @property
-    def _uploads_as_they_are(self) -> bool:
-        """Whether nothing is kept of an upload, and nobody falsifies it."""
-        return self._feedback.residuals is None and not len(self._byzantine.uavs)
+        self._failed = np.zeros(len(self.uavs), dtype=bool)
+        self._any_failed = False
+        self._pauses = any(isinstance(fault, faults.Pause) for fault in self._scenario.faults)
+        plan = expect("initial_states", welcome.initial_states, (self._scenario.uavs, state.SIZE), self._float)
+        self._controller: Controller = controller(self._scenario)
+        self._memory = self._begin(plan.astype(np.float64))
+        if welcome.memory:
+            self._restore(decode_record(welcome.memory))
 
     def act(self, sense: Sense) -> Act:
         """One tick.
@@ -75,149 +66,178 @@ class Agent:
         Raises:
             MessageRejected: the Sense does not fit this node; nothing has changed.
         """
-        states = expect("states", sense.states, self._shape, _STATE)
+        own = expect("states", sense.states, self._shape, _STATE)
         for frames in sense.inbox:
             self._check(frames)
 
         # 0. Rows the fault script pauses are as they were when the tick is over, whatever the others do.
-        asleep = self._asleep(sense.tick)
-        before = self._minds, self._known[asleep] if asleep is not None and self._known is not None else None
-        # 1. Take in what the radio brought: a global model overwrites, a neighbour's state replaces the last one,
-        #    and the head of a cluster keeps the uploads of a round.
-        for frames in sense.inbox:
-            self._receive(frames)
-        # 2. Speak: in a round's tick the participants' models as they are now, and states where the method shares them;
-        #    the means of clusters once all their uploads have come or are lost.
+        asleep = self._asleep(sense.tick) if self._pauses else None
+        before = self._memory
+        # 1. Take in what the radio brought: a global model goes to the controller, as do frames of other UAVs, and the
+        #    head of a cluster keeps the uploads of a round.
+        received = self._receive(sense.inbox) if sense.inbox else ()
+        # 2. Speak in the rounds: the participants' models as they are now, and the means of clusters once all their
+        #    uploads have come or are lost.
+        outbox = self._uploads(sense.tick, asleep)
         relays, refused = self._relays(sense.tick, asleep)
-        outbox = tuple(self._uploads(sense.tick, asleep) + relays + self._state_broadcasts(sense.tick, states))
-        # 3. Learn one step of each network, and act on it.
-        if self._known is not None:
-            self._known[np.arange(len(self.uavs)), self.uavs] = states
-        outcome = self._think(sense.tick, states)
-        self._minds, numbers = outcome.minds, outcome.numbers
-        # 4. A learner that has left all bounds is reported and silenced; the other rows go on.
+        outbox += relays
+        # 3. Let the controller fly.
+        step, commands = self._step(sense.tick, own, received)
+        self._memory = step.memory
+        # 4. A row whose numbers have left all bounds is reported and silenced; the others go on.
         if asleep is not None:
-            numbers[asleep] = 0.0
-            self._wake(asleep, *before)
-        if self._silenced or not outcome.largest < BEYOND_SENSE:  # NaN is below nothing
-            self._silence(~np.all(np.abs(numbers) < BEYOND_SENSE, axis=-1), numbers)
+            commands[asleep] = 0.0
+            self._memory = picked(asleep, before, self._memory)
+        if self._any_failed or not np.abs(commands).max(initial=0.0) < BEYOND_SENSE:  # NaN is below nothing
+            self._silence(~(np.abs(commands) < BEYOND_SENSE).all(axis=-1), commands)
+        for number, broadcast in enumerate(step.broadcasts):
+            outbox += self._frames_of(number, broadcast)
         return Act(
-            run=sense.run,
-            tick=sense.tick,
-            outcome=numbers,
-            diverged=tuple(self.uavs[self._diverged].tolist()) if self._silenced else (),
-            outbox=outbox,
-            report=self._minds.models() if sense.report else None,
-            known=self._known if sense.checkpoint else None,
-            refused=tuple(refused),
-            residuals=self._feedback.residuals if sense.checkpoint else None,
+            sense.run,
+            sense.tick,
+            commands,
+            self._names[self._failed] if self._any_failed else NOBODY,
+            np.union1d(np.array(refused, np.int32), step.refused) if refused or len(step.refused) else NOBODY,
+            np.ascontiguousarray(self._controller.report(self._memory), np.float64) if sense.report else None,
+            self._kept() if sense.checkpoint else b"",
+            tuple(outbox),
         )
 
-    def _asleep(self, tick: int) -> NDArray[np.bool_] | None:
-        """Which rows the fault script pauses in this tick, (M,); None for none."""
-        if not self._scenario.faults:
-            return None
-        asleep = np.isin(self.uavs, faults.paused(self._scenario.faults, tick, self._scenario.dt))
-        return asleep if asleep.any() else None
+    # -- the controller -----------------------------------------------------------------------------------------
 
-    def _think(self, tick: int, states: Floats) -> Outcome:
-        if self._program is None:
-            return self._learner.step(self._minds, states, self._known)
-        return Outcome.of(self._minds, self._program(tick))
+    def _begin(self, plan: Floats) -> Memory:
+        try:
+            return checked_memory(self._controller.init(self.uavs, plan), len(self.uavs))
+        except Exception as error:
+            text = traceback.format_exception_only(error)[-1].strip()
+            uavs = ", ".join(map(str, self.uavs))
+            raise BadInput(f"controller {self._scenario.method!r} failed in `init` with UAV {uavs}: {text}") from error
+
+    def _step(self, tick: int, own: Floats, received: tuple[Received, ...]) -> tuple[Step, Floats]:
+        """The step of all rows and their commands (M, 2 + K); of rows in which the controller fails these are NaN."""
+        rows, columns = len(own), self._columns
+        try:
+            step = self._controller.step(self._memory, tick, own, received)
+            return step, checked_step(step, rows, columns)
+        except Exception as error:  # a controller may be anybody's
+            text = traceback.format_exception_only(error)[-1].strip()
+            log.warning("controller %r failed in tick %d: %s", self._scenario.method, tick, text, exc_info=True)
+            step, commands = each_alone(self._controller, self._memory, tick, own, received, columns)
+            failed = self._names[np.isnan(commands).any(axis=-1) & ~self._failed].tolist()
+            if failed:
+                names = ", ".join(map(str, failed))
+                self.complaints.append(f"controller {self._scenario.method!r} failed with UAV {names}: {text}")
+            return step, commands
+
+    def _silence(self, broken: Mask, commands: Floats) -> None:
+        """Zeros what failed rows remember and say, so that nothing non-finite ever leaves or spreads."""
+        self._failed = self._failed | broken
+        self._any_failed = bool(self._failed.any())
+        commands[self._failed] = 0.0
+        nothing = {name: np.zeros_like(array) for name, array in self._memory.items()}
+        self._memory = picked(self._failed, nothing, self._memory)
+
+    def _frames_of(self, number: int, broadcast: Broadcast) -> list[Frames]:
+        """A broadcast as it is transmitted; floats as the radio has them, rows that they cannot say left out."""
+        said, rows = broadcast.payload, broadcast.rows
+        names = self._names if rows is None else self._names[rows]
+        failed = None if not self._any_failed else self._failed if rows is None else self._failed[rows]
+        if said.dtype.kind == "f":
+            with np.errstate(over="ignore"):
+                said = said.astype(self._float)  # infinite where the radio's floats end
+            fits = np.isfinite(said).all(axis=-1)
+            if not fits.all():
+                failed = ~fits if failed is None else failed | ~fits
+        if failed is not None:
+            names, said = names[~failed], said[~failed]
+        return [Frames(FrameKind.STATE, number, names, said)] if len(names) else []
+
+    # -- what comes in ------------------------------------------------------------------------------------------
 
     def _check(self, frames: Frames) -> None:
         """A batch this node can receive, or MessageRejected."""
-        rows = len(expect("source", frames.source, (None,), np.int32))
+        rows, everyone = len(frames.source), self._scenario.uavs
         is_global = frames.kind == FrameKind.GLOBAL
-        if frames.kind == FrameKind.RELAY or (is_global and not self._method.is_federated):
+        if frames.kind == FrameKind.RELAY or (is_global and not self._declared.is_federated):
             raise MessageRejected("wrong-kind", f"{frames.kind.name} frames are not for an agent")
-        if is_global:
-            self._down.check(frames.payload, rows)
-        elif frames.kind == FrameKind.STATE:
-            expect("payload", frames.payload, (rows, state.SIZE), self._float)
         if frames.links is None:
             raise MessageRejected("wrong-shape", "frames without links")
-        links = expect("links", frames.links, (None, 2), np.int32)
-        if frames.kind == FrameKind.STATE and self._heard.again(frames):
-            return
-        everyone = self._scenario.uavs
-        if not (_within(frames.source, everyone) and _within(links[:, 1], everyone) and self._own[links[:, 1]].all()):
+        sent, to = frames.links[:, 0], frames.links[:, 1]
+        if not (_within(frames.source, everyone) and _within(to, everyone) and self._own[to].all()):
             raise MessageRejected("wrong-shape", "frames name UAVs that are not here")
-        if not _within(links[:, 0], rows):
+        if not _within(sent, rows):
             raise MessageRejected("wrong-shape", "links beyond the payload")
-        if frames.kind == FrameKind.UPLOAD:
+        if is_global:
+            self._down.check(frames.payload, rows)
+        elif frames.kind == FrameKind.UPLOAD:
             self._heads.check(frames)
 
-    def _receive(self, frames: Frames) -> None:
-        assert frames.links is not None
-        if frames.kind == FrameKind.GLOBAL:
-            sent, row = frames.links[:, 0], np.searchsorted(self.uavs, frames.links[:, 1])
-            self._minds = self._minds.with_models(row, self._shared, self._down.decode(frames.payload[sent]))
-        elif frames.kind == FrameKind.UPLOAD:
-            self._heads.collect(frames)
-        elif self._known is not None:
-            self._heard.take_in(frames, self._known)
-            if self._method.learns_density:  # only the rows that heard something: another row is another UAV
-                hearing = np.unique(np.searchsorted(self.uavs, frames.links[:, 1]))
-                heard = Minds(self._minds.value[hearing], self._minds.density[hearing])
-                density = self._minds.density.copy()
-                density[hearing] = self._learner.refit(heard, self._known[hearing]).density
-                self._minds = Minds(self._minds.value, density)
+    def _receive(self, inbox: tuple[Frames, ...]) -> tuple[Received, ...]:
+        """Global models into the memory, uploads to the heads; what other UAVs said, by row."""
+        received = []
+        for frames in inbox:
+            assert frames.links is not None
+            if frames.kind == FrameKind.UPLOAD:
+                self._heads.collect(frames)
+                continue
+            sent, row = frames.links[:, 0].astype(np.intp), self.uavs.searchsorted(frames.links[:, 1])
+            if frames.kind == FrameKind.GLOBAL:
+                self._memory = self._controller.set(self._memory, row, self._down.decode(frames.payload[sent]))
+                continue
+            said = frames.payload.astype(np.float64) if frames.payload.dtype.kind == "f" else frames.payload
+            links = np.stack([sent, row], axis=-1)
+            received.append(Received(frames.round, frames.source.astype(np.intp), said, links))
+        return tuple(received)
 
-    def _uploads(self, tick: int, asleep: NDArray[np.bool_] | None) -> list[Frames]:
+    # -- rounds -------------------------------------------------------------------------------------------------
+
+    def _uploads(self, tick: int, asleep: Mask | None) -> list[Frames]:
         number = self._rounds.opens(tick)
         if not number:
             return []
         rows = self._rounds.rows(number)
-        if asleep is not None or self._silenced:
-            silent = self._diverged if asleep is None else self._diverged | asleep
+        if asleep is not None or self._any_failed:
+            silent = self._failed if asleep is None else self._failed | asleep
             rows = rows[~silent[rows]]
         if not len(rows):
             return []
-        source, models = self._names[rows], self._minds.models()[rows, self._shared]
-        if self._uploads_as_they_are:
-            sent = self._up.encode_all(models)  # the short way
-            if sent is not None:
-                return [Frames(FrameKind.UPLOAD, number, source, sent)]
+        source, models = self._names[rows], self._controller.get(self._memory)[rows]
         sent = self._byzantine.distort(number, source, self._feedback.encode(rows, models), self._up)
         fits = self._up.sound(sent)  # a model beyond the range of the payload cannot be sent
         return [Frames(FrameKind.UPLOAD, number, source[fits], sent[fits])] if fits.any() else []
 
-    def _relays(self, tick: int, asleep: NDArray[np.bool_] | None) -> tuple[list[Frames], list[int]]:
+    def _relays(self, tick: int, asleep: Mask | None) -> tuple[list[Frames], list[int]]:
         if not self._rounds.relays(tick):
             return [], []
-        return self._heads.relay(tick, self.uavs[self._diverged if asleep is None else self._diverged | asleep])
+        return self._heads.relay(tick, self.uavs[self._failed if asleep is None else self._failed | asleep])
 
-    def _state_broadcasts(self, tick: int, states: Floats) -> list[Frames]:
-        period = 1 if self._method is Method.HJB else self._scenario.federation.state_period
-        if self._program is not None or not period or tick % period or tick == 0:  # at 0 the mission plan has said it
-            return []
-        said = self._broadcast(states)
-        if not self._silenced and finite(said):
-            return [Frames(FrameKind.STATE, 0, self._names, said)]
-        speaks = ~self._diverged & np.isfinite(said).all(axis=-1)
-        return [Frames(FrameKind.STATE, 0, self._names[speaks], said[speaks])] if speaks.any() else []
+    # -- the fault script, and checkpoints ----------------------------------------------------------------------
 
-    def _broadcast(self, states: Floats) -> NDArray[np.floating]:
-        """States (M, 4) as they are broadcast; infinite where the radio's floats end."""
-        with np.errstate(over="ignore"):
-            return states.astype(self._float)
+    def _asleep(self, tick: int) -> Mask | None:
+        """Which rows the fault script pauses in this tick, (M,); None for none."""
+        paused = np.array(faults.paused(self._scenario.faults, tick, self._scenario.dt), dtype=np.intp)
+        asleep = contains(paused, self.uavs)
+        return asleep if asleep.any() else None
 
-    def _wake(self, asleep: NDArray[np.bool_], minds: Minds, known: Floats | None) -> None:
-        """Puts back what the sleeping rows had in mind."""
-        kept = asleep[:, None, None]
-        value = np.where(kept, minds.value, self._minds.value)
-        self._minds = Minds(value, np.where(kept, minds.density, self._minds.density))
-        if self._known is not None and known is not None:
-            self._known[asleep] = known
+    def _kept(self) -> bytes:
+        kept = dict(self._memory)
+        if self._feedback.residuals is not None:
+            kept[_RESIDUALS] = self._feedback.residuals
+        return encode_record({name: np.ascontiguousarray(array) for name, array in kept.items()})
 
-    def _silence(self, broken: NDArray[np.bool_], numbers: Floats) -> None:
-        """Zeros what diverged rows know and say, so that nothing non-finite ever leaves or spreads."""
-        self._diverged |= broken
-        self._silenced = bool(self._diverged.any())
-        numbers[self._diverged] = 0.0
-        keep = ~self._diverged[:, None, None]
-        self._minds = Minds(np.where(keep, self._minds.value, 0.0), np.where(keep, self._minds.density, 0.0))
+    def _restore(self, kept: Memory) -> None:
+        """Goes on with a record of `_kept`.
+
+        Raises:
+            MessageRejected: it is of another controller.
+        """
+        if self._feedback.residuals is not None:
+            shape = self._feedback.residuals.shape
+            self._feedback.residuals = expect("residuals", kept.pop(_RESIDUALS, NOBODY), shape, np.float64).copy()
+        if set(kept) != set(self._memory):
+            raise MessageRejected("wrong-shape", f"a memory of {sorted(kept)}, expected {sorted(self._memory)}")
+        for name, array in self._memory.items():
+            self._memory[name] = expect(name, kept[name], array.shape, array.dtype).copy()
 
 
 def _within(numbers: NDArray[np.int32], end: int) -> bool:

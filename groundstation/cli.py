@@ -18,14 +18,13 @@ from groundstation.progress import summary_table
 from groundstation.results import RECORDING, alone, recover, to_toml
 from groundstation.resume import back
 from groundstation.run import Options, Run, fly
-from swarm import __version__, logs, scenario
+from swarm import __version__, logs, plugins, scenario
 from swarm.address import Address
 from swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput, MeanflockError
-from swarm.methods import Method
 from swarm.refusals import divert
 from worldsim.schedule import factor
 
-_METHODS = " | ".join(Method)
+_METHODS = " | ".join(plugins.names("controller"))
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -325,7 +324,7 @@ def schema() -> None:
 def _refuse_if_too_large(flown: scenario.Scenario, uavs_per_process: int) -> None:
     """A swarm that does not fit into memory is refused before it starts; 0 UAVs per process: all in this one."""
     processes = -(-flown.uavs // uavs_per_process) if uavs_per_process else 0
-    needs = [checks.memory(flown.uavs, processes, flown.keeps_states)]
+    needs = [checks.memory(flown.uavs, processes, flown.declared.pairwise)]
     needs += [checks.open_files(flown.uavs, uavs_per_process)] if processes else []
     for finding in needs:
         if finding.verdict == "fails":

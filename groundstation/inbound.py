@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from swarm import model, state
+from swarm import state
 from swarm.codec import expect
+from swarm.declared import MAX_DIAGNOSTICS
 from swarm.errors import MessageRejected
-from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Finished, FrameKind, Status, Telemetry
+from swarm.messages import SWARM_COLUMNS, Finished, FrameKind, Status, Telemetry
 
 _LAST_TICK = 2**31 - 1  # ticks are kept in 32 bits
 
@@ -26,15 +27,18 @@ def check(block: Telemetry, uavs: int | None) -> Telemetry:
     for name, shape, dtype in (
         ("states", (rows, n, state.SIZE), np.float64),
         ("accelerations", (rows, n, state.AXES), np.float32),
-        ("diagnostics", (rows, n, len(DIAGNOSTICS)), np.float32),
+        ("diagnostics", (rows, n, len(block.diagnostic_names)), np.float32),
         ("status", (rows, n), np.uint8),
         ("energy", (rows, n), np.float32),
         ("swarm", (rows, len(SWARM_COLUMNS)), np.float64),
         ("links", (None, 5), np.int32),
-        ("reports", (reports, model.MODEL_FLOATS), np.float32),
+        ("reports", (reports, None), np.float32),
         ("spread", (reports,), np.float64),
     ):
         expect(name, getattr(block, name), shape, dtype)
+    names = block.diagnostic_names
+    if len(set(names)) < len(names) or len(names) > MAX_DIAGNOSTICS or not all(name.isidentifier() for name in names):
+        raise MessageRejected("wrong-shape", "diagnostics without names of their own")
     if not 0 <= block.block <= _LAST_TICK or not 0 <= block.first_tick <= _LAST_TICK - rows:
         raise MessageRejected("wrong-shape", f"block {block.block} of tick {block.first_tick}")
     if (np.abs(block.states) > np.finfo(np.float32).max).any():

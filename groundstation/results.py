@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import IO, Any
 
@@ -221,17 +222,20 @@ def recover(folder: Path) -> None:
 
 
 def _to_parquet(spool: Path, path: Path) -> None:
-    with pq.ParquetWriter(path, schema(), compression="zstd") as writer:
+    rows = _rows_of(spool)
+    first = next(rows, None)
+    columns = schema(()) if first is None else first[0].schema
+    with pq.ParquetWriter(path, columns, compression="zstd") as writer:
         gathered = []
         last: dict[str, str] = {}
-        for batch, mark in _rows_of(spool):
+        for batch, mark in () if first is None else chain((first,), rows):
             gathered.append(batch)
             last = mark
             if len(gathered) == 50:
-                writer.write_table(pa.Table.from_batches(gathered, schema()))
+                writer.write_table(pa.Table.from_batches(gathered, columns))
                 gathered = []
         if gathered:
-            writer.write_table(pa.Table.from_batches(gathered, schema()))
+            writer.write_table(pa.Table.from_batches(gathered, columns))
         writer.add_key_value_metadata(last)
 
 
@@ -244,10 +248,11 @@ def past(folder: Path, tick: int | None = None) -> Past:
     try:
         if (folder / _SPOOL).exists():
             read = list(_rows_of(folder / _SPOOL))
-            rows = pa.Table.from_batches([batch for batch, _ in read], schema())
+            batches = [batch for batch, _ in read]
+            rows = pa.Table.from_batches(batches, batches[0].schema if batches else schema(()))
             mark = read[-1][1] if read else {}
         else:
-            rows = pq.read_table(folder / TIMESERIES, schema=schema())
+            rows = pq.read_table(folder / TIMESERIES)
             mark = {k.decode(): v.decode() for k, v in (pq.read_metadata(folder / TIMESERIES).metadata or {}).items()}
     except (OSError, pa.ArrowInvalid) as error:
         raise BadInput(f"{folder}: no time series to go on from ({error})") from error

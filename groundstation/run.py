@@ -183,7 +183,7 @@ def _processes(
         )
         if options.metrics is not None and options.log_format is None:  # the world says so itself, in its log
             logs.tell(f"metrics at http://{options.metrics}/metrics")
-        if scenario.method.is_federated or scenario.faults:  # else nobody waits for one: it may come after the flight
+        if scenario.declared.is_federated or scenario.faults:  # else nobody waits for one: it may come after the flight
             swarm.start_leaders(scenario.leaders(0 if start is None else start.tick), _JOIN_S)
         swarm.start_agents(scenario.uavs, options.uavs_per_process, _JOIN_S)
         bus = _connect(swarm, interrupted)

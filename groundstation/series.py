@@ -10,24 +10,23 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Event, Telemetry
-from swarm.model import MODEL_FLOATS
+from swarm.messages import SWARM_COLUMNS, Event, Telemetry
 
 
 @functools.cache
-def schema() -> pa.Schema:
-    """Columns of `timeseries.parquet`: one row a tick; lists have one entry a UAV."""
+def schema(diagnostics: tuple[str, ...]) -> pa.Schema:
+    """Columns of `timeseries.parquet`: one row a tick; lists have one entry a UAV. `diagnostics`: the controller's."""
     each = pa.list_(pa.float32())
     return pa.schema(
         [
             ("tick", pa.int32()),
             ("sim_time_s", pa.float64()),
             *[(name, pa.list_(pa.float64())) for name in ("x_m", "y_m", "vx_m_s", "vy_m_s")],
-            *[(name, each) for name in ("ax_m_s2", "ay_m_s2", "energy_J", *DIAGNOSTICS)],
+            *[(name, each) for name in ("ax_m_s2", "ay_m_s2", "energy_J", *diagnostics)],
             ("status", pa.list_(pa.uint8())),
             *[(name, pa.float64()) for name in SWARM_COLUMNS],
             ("weight_spread", pa.float64()),  # null between reports
-            ("leader_model", each),  # [ŵ_H0, ŵ_H1, ŵ_F0, ŵ_F1] of the leader UAV; null between reports
+            ("leader_model", each),  # what the leader's UAV has learned; null between reports
         ]
     )
 
@@ -58,7 +57,7 @@ def rows_of(block: Telemetry, dt: float) -> pa.RecordBatch:
             pa.array([None if k is None else block.spread[k] for k in reported], pa.float64()),
             pa.array([None if k is None else block.reports[k] for k in reported], pa.list_(pa.float32())),
         ],
-        schema=schema(),
+        schema=schema(block.diagnostic_names),
     )
 
 
@@ -66,22 +65,30 @@ def block_of(rows: pa.Table, number: int, events: tuple[Event, ...] = ()) -> Tel
     """Rows of ticks that follow each other as a block; links and checkpoint are not in them."""
     told = rows.filter(pc.is_valid(rows["leader_model"]))
     reports = told["leader_model"].to_pylist()
+    names = diagnostics_in(rows.schema)
     return Telemetry(
         run=0,
         block=number,
         first_tick=rows["tick"][0].as_py(),
         states=states_of(rows),
         accelerations=per_uav(rows, "ax_m_s2", "ay_m_s2"),
-        diagnostics=per_uav(rows, *DIAGNOSTICS),
+        diagnostics=per_uav(rows, *names) if names else np.zeros((len(rows), len(rows["x_m"][0]), 0), np.float32),
         status=per_uav(rows, "status")[..., 0],
         energy=per_uav(rows, "energy_J")[..., 0],
         swarm=np.stack([rows[name].to_numpy() for name in SWARM_COLUMNS], axis=-1),
         links=np.zeros((0, 5), dtype=np.int32),
         report_ticks=told["tick"].to_numpy(),
-        reports=np.array(reports, dtype=np.float32).reshape(-1, MODEL_FLOATS),
+        reports=np.array(reports, dtype=np.float32).reshape(len(reports), -1 if reports else 0),
         spread=told["weight_spread"].to_numpy(),
         events=events,
+        diagnostic_names=names,
     )
+
+
+def diagnostics_in(columns: pa.Schema) -> tuple[str, ...]:
+    """What the controller of a time series calls its diagnostics: the columns between energy and status."""
+    names = columns.names
+    return tuple(names[names.index("energy_J") + 1 : names.index("status")])
 
 
 def unbroken(rows: pa.Table, at_most: int) -> Iterator[pa.Table]:

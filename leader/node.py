@@ -3,15 +3,17 @@
 Where clusters have heads it collects their relays instead: a mean, and the number of models to weigh it by.
 """
 
+import traceback
+
 import numpy as np
 from numpy.typing import NDArray
 
-from leader.aggregate import rule
-from swarm import payload
-from swarm.codec import expect
+from leader.aggregators.base import Aggregator, State
+from swarm import payload, plugins, state
+from swarm.codec import decode_record, encode_record
 from swarm.errors import MessageRejected
-from swarm.mean import pooled, refuse
-from swarm.messages import OUTCOME_FLOATS, Act, FrameKind, Frames, Sense, Welcome
+from swarm.mean import pooled, refuse, stacked
+from swarm.messages import Act, FrameKind, Frames, Sense, Welcome
 from swarm.relay import Relay
 from swarm.rounds import Rounds
 from swarm.scenario import decode
@@ -23,13 +25,15 @@ class Leader:
     """What the leader does with a Sense; whoever carries the messages calls `act`."""
 
     def __init__(self, welcome: Welcome) -> None:
-        self._scenario = decode(welcome.scenario)
-        self._rounds = Rounds(self._scenario)
-        self._up, self._down = payload.upload(self._scenario), payload.broadcast(self._scenario)
-        federation = self._scenario.federation
-        self._relay = Relay(self._scenario) if federation.clusters > 1 else None
-        self._rule = pooled if self._relay is not None else rule(federation.aggregation, federation.tolerance)
+        self.complaints: list[str] = []  # what the world should hear of, since it was last asked
         self.refused = 0  # uploads that were not averaged
+        self._scenario = scenario = decode(welcome.scenario)
+        self._rounds = Rounds(scenario)
+        self._up, self._down = payload.upload(scenario), payload.broadcast(scenario)
+        federation = scenario.federation
+        self._relay = Relay(scenario) if federation.clusters > 1 else None
+        self._rule: Aggregator = plugins.create("aggregator", federation.aggregation, federation.options, scenario)
+        self._state: State = self._rule.init(scenario.declared.parameters)
         self._arrived: dict[int, dict[int, Floats]] = {}  # round → UAV → model, or relay
 
     def act(self, sense: Sense) -> Act:
@@ -40,6 +44,8 @@ class Leader:
         """
         for frames in sense.inbox:
             self._check(frames)
+        if sense.memory:  # it takes over from another, or goes on with a run
+            self._state = decode_record(sense.memory)
 
         # 1. Collect what arrived, by round and UAV; a second copy of the same upload changes nothing.
         for frames in sense.inbox:
@@ -52,18 +58,49 @@ class Leader:
         number = self._rounds.closes(sense.tick)
         arrived, refused = refuse(self._arrived.pop(number, {}) if number else {})
         self.refused += len(refused)
-        outbox = (self._broadcast(number, arrived),) if arrived else ()
-        return Act(sense.run, sense.tick, np.zeros((0, OUTCOME_FLOATS)), outbox=outbox, refused=tuple(refused))
+        outbox = self._broadcast(number, arrived) if arrived else ()
+        return Act(
+            sense.run,
+            sense.tick,
+            np.zeros((0, state.AXES)),
+            refused=np.array(refused, dtype=np.int32),
+            memory=encode_record(self._state) if outbox and self._state else b"",
+            outbox=outbox,
+        )
 
-    def _broadcast(self, number: int, arrived: dict[int, Floats]) -> Frames:
-        source = np.array([self._scenario.federation.leader], dtype=np.int32)
-        return Frames(FrameKind.GLOBAL, number, source, self._down.encode(self._rule(arrived)[None]))
+    def _broadcast(self, number: int, arrived: dict[int, Floats]) -> tuple[Frames, ...]:
+        model = self._averaged(number, arrived)
+        if model is None:
+            return ()
+        said = self._down.encode(model[None])
+        if not self._down.sound(said).all():
+            self.complaints.append(f"round {number}: the global model is beyond what the radio's floats can say")
+            return ()
+        return (Frames(FrameKind.GLOBAL, number, np.array([self._scenario.federation.leader], dtype=np.int32), said),)
+
+    def _averaged(self, number: int, arrived: dict[int, Floats]) -> Floats | None:
+        """The global model (parameters,); None where the rule fails, which may be anybody's."""
+        if self._relay is not None:
+            return pooled(arrived)
+        width, name = self._scenario.declared.parameters, self._scenario.federation.aggregation
+        uavs = np.array(sorted(arrived), dtype=np.intp)
+        try:
+            after, model = self._rule.step(self._state, stacked(arrived), uavs, number)
+            if np.shape(model) != (width,):
+                raise ValueError(f"a model of shape {np.shape(model)}; expected ({width},)")
+            if not np.isfinite(model).all():
+                raise ValueError("the model is not finite")
+        except Exception as error:
+            text = traceback.format_exception_only(error)[-1].strip()
+            self.complaints.append(f"aggregator {name!r} failed in round {number}: {text}")
+            return None
+        self._state = after
+        return np.asarray(model, dtype=np.float64)
 
     def _check(self, frames: Frames) -> None:
         if frames.kind != (FrameKind.UPLOAD if self._relay is None else FrameKind.RELAY):
             raise MessageRejected("wrong-kind", f"{frames.kind.name} frames are not for the leader")
-        rows = len(expect("source", frames.source, (None,), np.int32))
         if self._relay is None:
-            self._up.check(frames.payload, rows)
+            self._up.check(frames.payload, len(frames.source))
         else:
             self._relay.check(frames.source, frames.payload)

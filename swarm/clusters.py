@@ -39,8 +39,8 @@ def check(scenario: "Scenario") -> None:
     asked = f"`federation.clusters` is {count}, but"
     if count > scenario.uavs:
         raise ValueError(f"{asked} `uavs` is {scenario.uavs}; a cluster holds at least one")
-    if not scenario.method.is_federated:
-        raise ValueError(f"{asked} `method` {scenario.method} has no rounds; take mfgfl-h, mfgfl-f or mfgfl-hf")
+    if not scenario.declared.is_federated:
+        raise ValueError(f"{asked} `method` {scenario.method} has no rounds; take one that shares a model")
     if federation.aggregation != "fedavg":
         raise ValueError(
             f"{asked} `federation.aggregation` {federation.aggregation} must see every upload, and heads send "

@@ -1,4 +1,5 @@
-"""Message ⇄ msgpack bytes. Whatever comes from the network is hostile until this module and `expect` let it through.
+"""Control messages and records ⇄ MessagePack. Whatever comes from the network is hostile until this module and `expect`
+let it through; the messages of a tick have a layout of their own, see `swarm.tick`.
 
 An array travels as a msgpack extension: dtype code, number of axes, axes as 32-bit counts, then its little-endian
 buffer. Nothing is ever unpickled; a decoded array is a read-only view of the received bytes.
@@ -9,29 +10,23 @@ import math
 import struct
 from typing import Any, TypeVar
 
+import msgpack
 import msgspec
 import numpy as np
 
 from swarm.errors import MessageRejected
-from swarm.messages import FrameKind, Frames, Message
+from swarm.messages import Message
 
 MAX_BYTES = 64 * 2**20  # no message of a swarm within the scenario's bounds comes near
 
 _ARRAY = 1  # the extension code
-_DTYPES = tuple(np.dtype(name) for name in ("<f2", "<f4", "<f8", "<i4", "u1"))
+_DTYPES = tuple(np.dtype(name) for name in ("<f2", "<f4", "<f8", "<i4", "u1", "<i2", "i1", "<i8", "?"))
 _CODE = {dtype: code for code, dtype in enumerate(_DTYPES)}
-_MAX_AXES = 3
+_MAX_AXES = 4
 
 FLOAT_OF_BITS = {16: _DTYPES[0], 32: _DTYPES[1], 64: _DTYPES[2]}  # Radio.bits_per_float → dtype
 
 M = TypeVar("M")
-
-
-def _pack(value: Any) -> msgspec.msgpack.Ext:
-    if not isinstance(value, np.ndarray):
-        raise TypeError(f"a message cannot carry {type(value).__name__}")
-    head = struct.pack(f"<BB{value.ndim}I", _CODE[value.dtype], value.ndim, *value.shape)
-    return msgspec.msgpack.Ext(_ARRAY, head + value.tobytes())
 
 
 @functools.lru_cache(maxsize=256)  # a run knows a dozen; what is malformed is not kept
@@ -60,43 +55,49 @@ def _unpack(code: int, data: memoryview) -> np.ndarray:
     return array
 
 
-_encoder = msgspec.msgpack.Encoder(enc_hook=_pack)
-_decoder = msgspec.msgpack.Decoder(Message, ext_hook=_unpack)
-_record_decoder = msgspec.msgpack.Decoder(dict[str, Any], ext_hook=_unpack)
+def _plain(value: Any) -> Any:
+    """What msgpack does not know: an array, or a message in a message."""
+    if isinstance(value, np.ndarray):
+        head = struct.pack(f"<BB{value.ndim}I", _CODE[value.dtype], value.ndim, *value.shape)
+        return msgpack.ExtType(_ARRAY, head + value.tobytes())
+    if isinstance(value, msgspec.Struct):
+        return [value.__struct_config__.tag, *msgspec.structs.astuple(value)]
+    raise TypeError(f"a message cannot carry {type(value).__name__}")
+
+
+def _unpacked(raw: bytes) -> Any:
+    """What MessagePack says, nothing in it longer than all of it.
+
+    Raises:
+        MessageRejected: `malformed`, `wrong-shape` or `non-finite`.
+    """
+    most = len(raw)
+    try:
+        return msgpack.unpackb(
+            raw,
+            ext_hook=_unpack,
+            strict_map_key=True,
+            max_str_len=most,
+            max_bin_len=most,
+            max_ext_len=most,
+            max_array_len=most,
+            max_map_len=most,
+        )
+    except (ValueError, UnicodeDecodeError, RecursionError, OverflowError) as error:  # of msgpack all are ValueErrors
+        raise MessageRejected("malformed", str(error) or type(error).__name__) from error
 
 
 def encode(message: Message) -> bytes:
-    """The bytes of a message.
+    """The bytes of a control message.
 
     Raises:
         KeyError: an array of a dtype that does not travel.
     """
-    return _encoder.encode(message)
-
-
-def encode_frames(frames: Frames) -> bytes:
-    """The part of a message that radio frames are."""
-    return _encoder.encode(frames)
-
-
-def bytes_of_frames(frames: Frames) -> int:
-    """How long that part is; frames without links are as long as all others of their shape."""
-    if frames.links is not None:
-        return len(encode_frames(frames))
-    source, payload = ((array.shape, array.dtype) for array in (frames.source, frames.payload))
-    return _bytes_of_frames(frames.kind, frames.round, source, payload)
-
-
-_Form = tuple[tuple[int, ...], np.dtype]
-
-
-@functools.lru_cache(maxsize=256)
-def _bytes_of_frames(kind: FrameKind, round_: int, source: _Form, payload: _Form) -> int:
-    return len(encode_frames(Frames(kind, round_, np.zeros(*source), np.zeros(*payload))))
+    return bytes(msgpack.packb(message, default=_plain))
 
 
 def decode(raw: bytes, limit: int = MAX_BYTES) -> Message:
-    """The message in `raw`, its arrays consistent with their headers and finite.
+    """The control message in `raw`, its arrays consistent with their headers and finite.
 
     Raises:
         MessageRejected: `oversized`, `malformed`, `wrong-shape` or `non-finite`.
@@ -104,14 +105,14 @@ def decode(raw: bytes, limit: int = MAX_BYTES) -> Message:
     if len(raw) > limit:
         raise MessageRejected("oversized", f"{len(raw)} bytes, at most {limit} expected")
     try:
-        return _decoder.decode(raw)
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, OverflowError) as error:
+        return msgspec.convert(_unpacked(raw), Message)  # type: ignore[no-any-return]
+    except (msgspec.ValidationError, RecursionError) as error:
         raise MessageRejected("malformed", str(error)) from error
 
 
 def encode_record(record: dict[str, Any]) -> bytes:
     """The bytes of something that is kept rather than sent: plain values and arrays under names."""
-    return _encoder.encode(record)
+    return bytes(msgpack.packb(record, default=_plain))
 
 
 def decode_record(raw: bytes) -> dict[str, Any]:
@@ -120,10 +121,10 @@ def decode_record(raw: bytes) -> dict[str, Any]:
     Raises:
         MessageRejected: like `decode`.
     """
-    try:
-        return _record_decoder.decode(raw)
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, OverflowError) as error:
-        raise MessageRejected("malformed", str(error)) from error
+    record = _unpacked(raw)
+    if not isinstance(record, dict) or not all(isinstance(name, str) for name in record):
+        raise MessageRejected("malformed", f"{type(record).__name__}, expected values under names")
+    return record
 
 
 def decode_as(kind: type[M], raw: bytes, run: int, limit: int = MAX_BYTES) -> M:

@@ -22,23 +22,28 @@ def refuse(models: dict[int, Floats]) -> tuple[dict[int, Floats], list[int]]:
     return {uav: vector for uav, vector in models.items() if uav not in bad}, bad
 
 
-def fedavg(models: dict[int, Floats]) -> Floats:
-    """Mean of the models, `(L,)` each.
+def fedavg(models: Floats) -> Floats:
+    """Mean of the models `(S, L)`, added up in their order, `(L,)`.
 
     Raises:
         ValueError: no model.
     """
-    if not models:
+    if not len(models):
         raise ValueError("nothing arrived to average")
-    total = np.zeros_like(next(iter(models.values())), dtype=np.float64)
-    for uav in sorted(models):
-        total += models[uav]
+    total = np.zeros(models.shape[1])
+    for model in models:
+        total += model
     return total / len(models)
+
+
+def stacked(models: dict[int, Floats]) -> Floats:
+    """The models as rows in the order of the UAVs, `(S, L)`."""
+    return np.stack([models[uav] for uav in sorted(models)]).astype(np.float64)
 
 
 def relayed(models: dict[int, Floats]) -> Floats:
     """What a head hands on: `fedavg`, and the number of models behind it, `(L + 1,)`."""
-    return np.append(fedavg(models), float(len(models)))
+    return np.append(fedavg(stacked(models)), float(len(models)))
 
 
 def pooled(relays: dict[int, Floats]) -> Floats:

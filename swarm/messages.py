@@ -1,7 +1,8 @@
 """The closed set of messages between processes: frozen, typed, tagged. Nothing else is ever on the bus.
 
-Arrays are little-endian and carry their own shape; who receives one checks the shape it expects with
-`codec.expect`. N is the number of UAVs of the swarm, M the number this node holds as rows.
+Arrays are little-endian; who receives one checks the shape it expects with `codec.expect`. N is the number of UAVs of
+the swarm, M the number a node holds as rows, K the number of diagnostics and W the number of weights that the controller
+reports. Sense and Act fly in every tick, in a layout of their own (`swarm.tick`); all others are control messages.
 """
 
 import enum
@@ -15,22 +16,26 @@ class _Message(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fiel
     """Encoded as an array: tag first, then the fields in order."""
 
 
+NOBODY = np.zeros(0, dtype=np.int32)
+NOBODY.flags.writeable = False
+
+
 class FrameKind(enum.IntEnum):
     """What a radio frame carries."""
 
     UPLOAD = 0  # a UAV's model, to the head of its cluster: the leader, where there is but one
     GLOBAL = 1  # the averaged model, to every UAV
-    STATE = 2  # a UAV's own state, to UAVs in range
+    STATE = 2  # what a controller broadcasts, its own state as a rule, to UAVs in range
     RELAY = 3  # the mean of a cluster, from its head to the leader
 
 
-class Frames(_Message, frozen=True):
-    """Radio frames of one kind sent in one tick, one row a transmission."""
+class Frames(msgspec.Struct, frozen=True, eq=False):
+    """A batch of radio frames of one kind sent in one tick, one row a transmission."""
 
     kind: FrameKind
-    round: int  # of the federation; 0 where none applies
+    round: int  # of the federation; of STATE frames, which of its sender's broadcasts of the tick
     source: np.ndarray  # (S,) i4, the UAVs that transmit, ascending
-    payload: np.ndarray  # (S, L) floats or (S, B) bytes, a row what is transmitted, see swarm/payload.py
+    payload: np.ndarray  # (S, L) numbers or (S, B) bytes, a row what is transmitted, see swarm/payload.py
     links: np.ndarray | None = None  # (K, 2) i4, on the way in: [row of payload, receiving UAV]
 
 
@@ -52,13 +57,12 @@ class Welcome(_Message, frozen=True, tag="welcome"):
     tick: int  # the first tick it will be asked to act in
     scenario: bytes  # canonical JSON
     initial_states: np.ndarray  # (N, 4) floats as wide as the radio's: the mission plan every UAV shares
-    models: np.ndarray | None = None  # (M, 246) f8: of a run that is resumed, the minds the rows had
-    known: np.ndarray | None = None  # (M, N, 4) f8: and the states they knew, where the method keeps any
-    residuals: np.ndarray | None = None  # (M, L) f8: and what rounding took from their last uploads, where it is kept
+    memory: bytes = b""  # of a run that is resumed: a record of what the rows of this node had in memory
+    plugins: tuple[tuple[str, str, str], ...] = ()  # door, name and fingerprint of what the run needs on every host
 
 
 class Refusal(_Message, frozen=True, tag="refusal"):
-    """The world's answer where a node cannot take part."""
+    """The world's answer where a node cannot take part; a welcomed node's to the world where it cannot, after all."""
 
     reason: str
     for_now: bool = False  # what stands against it may pass: a UAV is free again once its agent is lost
@@ -70,29 +74,29 @@ class Ready(_Message, frozen=True, tag="ready"):
     run: int
 
 
-class Sense(_Message, frozen=True, tag="sense"):
-    """World to node: what its own sensors and its own radio give in this tick."""
+class Sense(msgspec.Struct, frozen=True, eq=False):
+    """World to node, a tick: what its own sensors and its own radio give."""
 
     run: int
     tick: int
     states: np.ndarray  # (M, 4) f8
-    report: bool  # answer with the whole models
-    inbox: tuple[Frames, ...] = ()
+    report: bool = False  # answer with what was learned
     checkpoint: bool = False  # answer with all that must be kept to go on from here
+    inbox: tuple[Frames, ...] = ()
+    memory: bytes = b""  # to a leader that takes over: the state of the aggregation rule, a record
 
 
-class Act(_Message, frozen=True, tag="act"):
-    """Node to world: what it does in this tick."""
+class Act(msgspec.Struct, frozen=True, eq=False):
+    """Node to world, a tick: what it does."""
 
     run: int
     tick: int
-    outcome: np.ndarray  # (M, 5) f8: acceleration (m/s²), then e_H, e_F, φ_G (instrumentation, not radio)
-    diverged: tuple[int, ...] = ()  # UAVs whose learner is no longer finite
+    commands: np.ndarray  # (M, 2 + K) f8: acceleration (m/s²), then K diagnostics (instrumentation, not radio)
+    lost: np.ndarray = NOBODY  # (D,) i4, UAVs whose controller has failed
+    refused: np.ndarray = NOBODY  # (R,) i4, UAVs of whom something received is not used
+    models: np.ndarray | None = None  # (M, W) f8, what was learned, where asked for
+    memory: bytes = b""  # at a checkpoint, and of a leader after a round: a record
     outbox: tuple[Frames, ...] = ()
-    report: np.ndarray | None = None  # (M, 246) f8, the whole models where asked for
-    known: np.ndarray | None = None  # (M, N, 4) f8, at a checkpoint the states each row knows, if it keeps any
-    refused: tuple[int, ...] = ()  # of the leader or a head: UAVs whose upload it will not average
-    residuals: np.ndarray | None = None  # (M, L) f8, at a checkpoint what rounding took from the last uploads, if kept
 
 
 class Stop(_Message, frozen=True, tag="stop"):
@@ -119,16 +123,17 @@ class Telemetry(_Message, frozen=True, tag="telemetry"):
     first_tick: int
     states: np.ndarray  # (T, N, 4) f8
     accelerations: np.ndarray  # (T, N, 2) f4, of the tick that led here
-    diagnostics: np.ndarray  # (T, N, 3) f4, likewise
+    diagnostics: np.ndarray  # (T, N, K) f4, likewise
     status: np.ndarray  # (T, N) u1, see `Status`
     energy: np.ndarray  # (T, N) f4, J since take-off
     swarm: np.ndarray  # (T, len(SWARM_COLUMNS)) f8
     links: np.ndarray  # (K, 5) i4: [tick, source, target, FrameKind, slots; negative slots: outage]
     report_ticks: np.ndarray  # (R,) i4
-    reports: np.ndarray  # (R, 246) f4, the leader UAV's model
+    reports: np.ndarray  # (R, W) f4, what the leader's UAV has learned
     spread: np.ndarray  # (R,) f8, root-mean-square distance of the models from their mean
     events: tuple[Event, ...] = ()
     checkpoint: bytes = b""  # all it takes to go on after the last row; most blocks have none
+    diagnostic_names: tuple[str, ...] = ()  # (K,), what the controller calls its diagnostics
 
 
 class Received(_Message, frozen=True, tag="received"):
@@ -154,9 +159,6 @@ class Status(enum.IntEnum):
     LOST = 2
 
 
-DIAGNOSTICS = ("hjb_residual", "fpk_residual", "phi_G")
-OUTCOME_FLOATS = 2 + len(DIAGNOSTICS)
-
 SWARM_COLUMNS = (  # cumulative since take-off unless named otherwise
     "uplink_bits",
     "relay_bits",
@@ -175,4 +177,4 @@ SWARM_COLUMNS = (  # cumulative since take-off unless named otherwise
     "deadline_misses",
 )
 
-Message: TypeAlias = Join | Welcome | Refusal | Ready | Sense | Act | Stop | Event | Telemetry | Received | Finished
+Message: TypeAlias = Join | Welcome | Refusal | Ready | Stop | Event | Telemetry | Received | Finished

@@ -1,7 +1,7 @@
 """How a model is written on the radio: as floats of a width, or as 8-bit steps with a scale for each of its parts.
 
 A row of a payload is what is transmitted, to the bit: L floats, or a byte for each of L weights and then the scales of
-the parts (ŵ_H0, ŵ_H1, ŵ_F0, ŵ_F1, as far as they are shared) as float32. A weight is −127 … 127 steps of its part's
+the parts that the controller declares as float32. A weight is −127 … 127 steps of its part's
 scale; the scale is the part's largest weight / 127, rounded up, so that no weight is off by more than half a step.
 """
 
@@ -10,17 +10,16 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm import model
 from swarm.codec import FLOAT_OF_BITS, expect
 from swarm.errors import MessageRejected
-from swarm.methods import Method
+from swarm.model import BEYOND_SENSE
 from swarm.scenario import Payload, Scenario
 
 Floats = NDArray[np.float64]
 
 STEPS = 127  # of a scale, each way; −128 is never sent
 FINEST = float(np.finfo(np.float32).tiny)  # a scale below would be imprecise; weights below half of it become 0
-COARSEST = model.BEYOND_SENSE
+COARSEST = BEYOND_SENSE
 
 _SCALE, _BYTE = np.dtype("<f4"), np.dtype("u1")
 _FLOATS = {f"float{bits}": dtype for bits, dtype in FLOAT_OF_BITS.items()}
@@ -29,9 +28,10 @@ _FLOATS = {f"float{bits}": dtype for bits, dtype in FLOAT_OF_BITS.items()}
 class Coding:
     """One way to write what a method shares. Rows are independent, to the last bit."""
 
-    def __init__(self, name: Payload, method: Method) -> None:
-        self.floats = model.shared_floats(method)  # L
-        self._sizes = model.part_sizes(method)
+    def __init__(self, name: Payload, parts: tuple[int, ...]) -> None:
+        """`parts`: sizes of the parts of a model."""
+        self.floats = sum(parts)  # L
+        self._sizes = parts
         self._starts = np.cumsum((0, *self._sizes[:-1]))
         self.is_exact = name in _FLOATS  # but for the width of its floats
         self.dtype = _FLOATS.get(name, _BYTE)
@@ -54,16 +54,6 @@ class Coding:
             scales = np.maximum(scales, np.float32(FINEST)).astype(_SCALE)
             steps = np.rint(models / self._spread(scales)).astype(np.int8)
         return np.concatenate([steps.view(_BYTE), scales.view(_BYTE)], axis=-1)
-
-    def encode_all(self, models: Floats) -> np.ndarray | None:
-        """The payloads of models all of which can be sent, as `encode` makes them; or None, and it takes a closer look.
-
-        In fewer steps where no float is near the largest that can be written.
-        """
-        if not self.is_exact:
-            payload = self.encode(models)
-            return payload if self.sound(payload).all() else None
-        return models.astype(self.dtype) if np.abs(models).max() < self.largest else None
 
     def decode(self, payload: np.ndarray) -> Floats:
         """The models `(S, L)` in sound payloads."""
@@ -104,9 +94,9 @@ _coding = cache(Coding)
 
 def upload(scenario: Scenario) -> Coding:
     """How a scenario's uploads are written."""
-    return _coding(scenario.upload_payload, scenario.method)
+    return _coding(scenario.upload_payload, scenario.declared.parts)
 
 
 def broadcast(scenario: Scenario) -> Coding:
     """How a scenario's global models are written."""
-    return _coding(scenario.broadcast_payload, scenario.method)
+    return _coding(scenario.broadcast_payload, scenario.declared.parts)

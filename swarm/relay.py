@@ -7,7 +7,6 @@ written more coarsely than that: what a byte a weight would take from them, no l
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm import model
 from swarm.ascending import contains
 from swarm.clusters import Clusters
 from swarm.codec import FLOAT_OF_BITS, expect
@@ -23,7 +22,7 @@ class Relay:
     def __init__(self, scenario: Scenario) -> None:
         self._clusters = Clusters(scenario)
         self.dtype = FLOAT_OF_BITS[scenario.radio.bits_per_float]
-        self.width = model.shared_floats(scenario.method) + 1
+        self.width = scenario.declared.parameters + 1
 
     @property
     def bits(self) -> int:

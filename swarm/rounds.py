@@ -1,6 +1,5 @@
 """When a federated round happens and who takes part: known to all beforehand, so no invitation is paid for."""
 
-import sys
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +12,6 @@ from swarm.seeds import generator
 if TYPE_CHECKING:
     from swarm.scenario import Scenario
 
-NEVER = range(0)  # of ticks
 HOPS = 2  # of a model where there are clusters: to the head, and on to the leader
 
 
@@ -37,7 +35,7 @@ class Rounds:
         """`uavs`: whose rows are wanted, ascending; None for nobody's."""
         self._scenario = scenario
         self._uavs = np.zeros(0, dtype=np.intp) if uavs is None else uavs
-        self._period = scenario.period_ticks if scenario.method.is_federated else 0
+        self._period = scenario.period_ticks if scenario.declared.is_federated else 0
         longest = np.array(scenario.radio.latency_threshold_slots)
         self._horizon = int(delivery_ticks(scenario, longest))
         self._relays = scenario.federation.clusters > 1
@@ -71,22 +69,6 @@ class Rounds:
         """Whether the leader may have anything to do in this tick: the first upload comes a tick after it is sent."""
         return bool(self._period) and tick > self._period and (tick - 1) % self._period < self._open_ticks
 
-    def last(self, tick: int) -> int:
-        """The last round that has opened by then, or 0."""
-        return tick // self._period if self._period else 0
-
-    def quiet(self, tick: int) -> range:
-        """The ticks around this one, after the same round has opened, in which no agent sends a model; none where some
-        do in this one."""
-        if tick < self._period or not self._period:
-            return range(self._period or sys.maxsize)
-        since = tick % self._period
-        first, end = 1, self._period
-        if self._relays:
-            first, end = (first, self._horizon) if since <= self._horizon else (self._horizon + 1, end)
-        begin = tick - since
-        return range(begin + first, begin + end) if first <= since < end else NEVER
-
     def participants(self, number: int) -> NDArray[np.intp]:
         """𝒩_h of a round: N_h UAVs, ascending."""
         return self._draws(number)[0]
@@ -95,15 +77,13 @@ class Rounds:
         """The places of those that take part in a round among the `uavs`, ascending."""
         return self._draws(number)[1]
 
-    def draw_ahead(self) -> range:
-        """Draws who takes part in the rounds of the flight, or in the first of very many, while nobody waits; the ticks
-        in which they open."""
+    def draw_ahead(self) -> None:
+        """Draws who takes part in the rounds of the flight, or in the first of very many, while nobody waits."""
         if not self._period:
-            return NEVER
+            return
         most = max(_DRAWN_AT_ONCE, min(_DRAWN_AHEAD, _UAVS_AHEAD // self._scenario.participants))
         end = 1 + min(most, self._scenario.max_ticks // self._period)
         self._draw_all(range(1, end))
-        return range(self._period, end * self._period, self._period)
 
     def _draw_all(self, numbers: range) -> None:
         self._drawn = {number: self._draw(number) for number in numbers}

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, cast
 
@@ -9,9 +10,10 @@ import msgspec
 from msgspec import Meta, field
 
 from swarm import clusters
+from swarm.declared import Declared, declared
 from swarm.errors import BadInput
 from swarm.faults import Fault, LeaderLoss
-from swarm.methods import Method
+from swarm.plugins import Door, find
 
 # Keys that came later count in the hash only where they differ from their default: older runs keep their hash.
 _LATER = (
@@ -24,6 +26,9 @@ _LATER = (
     "federation.broadcast_payload",
     "federation.error_feedback",
     "federation.clusters",
+    "federation.options",
+    "controller",
+    "radio.plausible_speed",
 )
 
 Payload: TypeAlias = Literal["float64", "float32", "float16", "int8"]  # how a model is written, see swarm/payload.py
@@ -111,8 +116,9 @@ class Federation(_Table, frozen=True):
     leader: Annotated[int, Meta(ge=0, description="h, the UAV that averages")] = 0
     state_period: Annotated[int, Meta(ge=0, description="n_s, ticks between state shares of mfg; 0: once")] = 0
     aggregation: Annotated[
-        Literal["fedavg", "median", "trimmed-mean", "krum"], Meta(description="how the leader makes one model of many")
+        str, Meta(description="how the leader makes one model of many; `meanflock plugins` lists the rules")
     ] = "fedavg"
+    options: Annotated[dict[str, Any], Meta(description="options of that rule")] = {}
     tolerance: Annotated[
         float, Meta(ge=0, lt=0.5, description="share of uploads trimmed-mean and krum assume to be false")
     ] = 0.25
@@ -145,7 +151,10 @@ class Radio(_Table, frozen=True):
     coherence_time_s: Annotated[float, Meta(ge=1e-9, le=1e3, description="θ, a slot, s")] = 5e-5
     latency_threshold_slots: Annotated[int, Meta(ge=1, le=1_000_000, description="D_M, slots")] = 8
     bits_per_float: Annotated[Literal[16, 32, 64], Meta(description="width of a float on the radio")] = 32
-    range_m: Annotated[float, Meta(gt=0, description="how far hjb's state broadcast reaches, m")] = 100.0
+    range_m: Annotated[float, Meta(gt=0, description="how far a broadcast of a UAV reaches, m")] = 100.0
+    plausible_speed: Annotated[
+        float, Meta(gt=0, description="a received state that is faster, or too far away for it, is not believed, m/s")
+    ] = 100.0
 
 
 class Vehicle(_Table, frozen=True):
@@ -165,10 +174,11 @@ class Metrics(_Table, frozen=True):
     hazard_radius: Annotated[float, Meta(gt=0, description="r_C, m")] = math.sqrt(2.0) / 2.0
 
 
-class Scenario(_Table, frozen=True):
+class Scenario(_Table, frozen=True, dict=True):
     """Everything a run depends on. Immutable; equal scenarios and seeds fly equal trajectories."""
 
-    method: Annotated[Method, Meta(description="what the UAVs learn and share")] = Method.MFGFL_HF
+    method: Annotated[str, Meta(description="the controller of the UAVs; `meanflock plugins` lists them")] = "mfgfl-hf"
+    controller: Annotated[dict[str, Any], Meta(description="options of that controller")] = {}
     uavs: Annotated[int, Meta(ge=1, le=100_000, description="N")] = 25
     seed: Annotated[int, Meta(ge=0, le=2**62, description="source of all randomness")] = 1
     dt: Annotated[float, Meta(ge=1e-6, le=1e3, description="a tick, s")] = 0.1
@@ -211,10 +221,19 @@ class Scenario(_Table, frozen=True):
             if any(uav >= self.uavs for uav in getattr(fault, "uavs", ())):
                 raise ValueError(f"`faults[{number}].uavs` names UAV {max(fault.uavs)} of 0…{self.uavs - 1}")  # type: ignore[union-attr]
 
+    @cached_property
+    def declared(self) -> Declared:
+        """What its controller declares.
+
+        Raises:
+            BadInput: the controller is not installed here, or its options do not fit.
+        """
+        return declared(self)
+
     @property
     def period_ticks(self) -> int:
-        """n0: the scenario's, or the method's own."""
-        return self.federation.period or self.method.default_period_ticks
+        """n0: the scenario's, or the controller's own."""
+        return self.federation.period or self.declared.period_ticks
 
     @property
     def participants(self) -> int:
@@ -235,21 +254,28 @@ class Scenario(_Table, frozen=True):
     def keeps_residuals(self) -> bool:
         """Whether every UAV keeps what rounding took from its last upload: where that is narrower than a float."""
         narrower = _PAYLOAD_BITS[self.upload_payload] < self.radio.bits_per_float
-        return self.method.is_federated and self.federation.error_feedback and narrower
+        return self.declared.is_federated and self.federation.error_feedback and narrower
 
     @property
     def _radio_payload(self) -> Payload:
         return cast(Payload, f"float{self.radio.bits_per_float}")
 
     @property
-    def keeps_states(self) -> bool:
-        """Whether every UAV keeps the last state it knows of every other."""
-        return self.method is Method.HJB or self.federation.state_period > 0
-
-    @property
     def max_ticks(self) -> int:
         """Ticks until `duration`."""
         return max(1, round(self.duration / self.dt))
+
+    def plugins(self) -> tuple[tuple[str, str, str], ...]:
+        """Door, name and fingerprint of every plug-in it needs, on every host.
+
+        Raises:
+            BadInput: one is not installed here.
+        """
+        wanted: tuple[tuple[Door, str], ...] = (
+            ("controller", self.method),
+            ("aggregator", self.federation.aggregation),
+        )
+        return tuple((door, name, find(door, name).fingerprint) for door, name in wanted)
 
     def leaders(self, tick: int = 0) -> int:
         """Leader nodes that should be there in a tick: one, and a standby for every loss the fault script has one
@@ -257,7 +283,7 @@ class Scenario(_Table, frozen=True):
         losses = [fault for fault in self.faults if isinstance(fault, LeaderLoss)]
         started = 1 + sum(fault.standby for fault in losses)
         left = max(0, started - sum(fault.begins(self.dt) < tick for fault in losses))
-        return left if self.method.is_federated else min(left, 1)
+        return left if self.declared.is_federated else min(left, 1)
 
     def resolved(self) -> "Scenario":
         """The same scenario with what depends on the method written out."""
@@ -387,7 +413,5 @@ def _explain(message: str) -> str:
     """A validation message with the place first and the mend last."""
     text, _, place = message.partition(" - at ")
     place = place.strip("`").removeprefix("$").removeprefix(".")
-    if place == "method":
-        text += f"; choose one of {', '.join(Method)}"
     mend = "" if ";" in text else "; `meanflock scenario schema` lists every key with its unit and bounds"
     return f"{place + ': ' if place else ''}{text}{mend}"

@@ -2,6 +2,7 @@
 
 import logging
 import os
+import platform
 import threading
 import time
 from collections import Counter
@@ -10,10 +11,10 @@ from typing import Protocol
 
 import msgspec
 
-from swarm import codec, keys
+from swarm import codec, keys, plugins, tick
 from swarm.bus import Bus, Delivery
-from swarm.errors import BusError, MessageRejected
-from swarm.messages import Act, Join, Message, Ready, Refusal, Sense, Stop, Welcome
+from swarm.errors import BadInput, BusError, MessageRejected
+from swarm.messages import Act, Event, Join, Message, Ready, Refusal, Sense, Stop, Welcome
 
 log = logging.getLogger("meanflock.node")
 
@@ -27,8 +28,10 @@ _MAX_DROP_LINES = 100  # in the log; the counter goes on
 class Node(Protocol):
     """Agent or leader."""
 
+    complaints: list[str]  # what the world should hear of; whoever passes it on empties it
+
     def act(self, sense: Sense) -> Act:
-        """Answers a Sense, or raises MessageRejected and has not changed."""
+        """Replies to a Sense, or raises MessageRejected and has not changed."""
 
 
 class Spoke:
@@ -62,8 +65,14 @@ class Spoke:
         welcome = self._ask(request, timeout_s, cancelled)
         if not isinstance(welcome, Welcome) or welcome.run != self._fingerprint:
             raise BusError(f"the world of run {self._run!r} answered with {type(welcome).__name__}")
-        self._node = make(welcome)
         self._speak = keys.act(self._run, welcome.node)
+        try:
+            _check_plugins(welcome)
+            self._node = make(welcome)
+        except BadInput as error:  # said here and there: whoever watches the world need not look on this host
+            why = f"{welcome.node} on host {platform.node()}: {error}"
+            self._bus.put(self._speak, codec.encode(Refusal(why)))
+            raise BadInput(why) from error
         self._bus.subscribe(keys.sense(self._run, welcome.node), self._at_once)
         self._bus.watch(keys.alive(self._run, "world", "world"))
         self._bus.announce(keys.alive(self._run, request.role, welcome.node))
@@ -140,21 +149,48 @@ class Spoke:
 
     def _answer(self, raw: bytes) -> None:
         assert self._node is not None
-        message = codec.decode(raw)
-        if isinstance(message, Stop) and message.run == self._fingerprint:
-            self.stopped = message.reason
+        if not tick.is_tick(raw):
+            self._control(codec.decode(raw))
             return
-        if not isinstance(message, Sense):
-            raise MessageRejected("wrong-kind", f"{type(message).__name__}, expected Sense")
-        if message.run != self._fingerprint:
-            raise MessageRejected("wrong-run", f"run {message.run:#x}, this is {self._fingerprint:#x}")
-        if message.tick < self._last_tick:
-            raise MessageRejected("stale", f"tick {message.tick} after {self._last_tick}")
-        if message.tick > self._last_tick:
-            self._last_act = codec.encode(self._node.act(message))
-            self._last_tick = message.tick
+        sense = tick.read_sense(raw)
+        if sense.run != self._fingerprint:
+            raise MessageRejected("wrong-run", f"run {sense.run:#x}, this is {self._fingerprint:#x}")
+        if sense.tick < self._last_tick:
+            raise MessageRejected("stale", f"tick {sense.tick} after {self._last_tick}")
+        if sense.tick > self._last_tick:
+            self._last_act = tick.write_act(self._node.act(sense))
+            self._last_tick = sense.tick
+            if self._node.complaints:
+                self._complain(self._node.complaints)
         # The same tick again: the world has not heard the answer. It gets the same one; nothing is learned twice.
         self._bus.put(self._speak, self._last_act)
 
+    def _control(self, message: Message) -> None:
+        if not isinstance(message, Stop):
+            raise MessageRejected("wrong-kind", f"{type(message).__name__}, expected Sense or Stop")
+        if message.run != self._fingerprint:
+            raise MessageRejected("wrong-run", f"run {message.run:#x}, this is {self._fingerprint:#x}")
+        self.stopped = message.reason
+
+    def _complain(self, complaints: list[str]) -> None:
+        """Tells the world what went wrong here."""
+        for text in complaints:
+            self._bus.put(self._speak, codec.encode(Event(self._last_tick, "failed", text)))
+        complaints.clear()
+
     def _ready(self) -> None:
         self._bus.put(self._speak, codec.encode(Ready(self._fingerprint)))
+
+
+def _check_plugins(welcome: Welcome) -> None:
+    """Whether this host has the plug-ins the world has.
+
+    Raises:
+        BadInput: one is missing, or another version of it is here.
+    """
+    for door, name, fingerprint in welcome.plugins:
+        if door not in plugins.GROUPS:
+            continue
+        here = plugins.find(door, name)  # type: ignore[arg-type]
+        if here.fingerprint != fingerprint:
+            raise BadInput(f"{door} {name!r} is of {here.fingerprint} here, and of {fingerprint} with the world")

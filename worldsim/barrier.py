@@ -1,39 +1,40 @@
-"""The barrier of a tick: who was asked, what was asked, and who has answered."""
+"""The barrier of a tick: who was asked, what was asked, and who has replied."""
 
 import threading
 from collections import Counter
 
-from swarm import codec, keys
+from swarm import keys, tick
 from swarm.bus import Bus
 from swarm.errors import MessageRejected
 from swarm.messages import Act, Frames, Sense
 from swarm.state import States
+from worldsim.inbound import Replies
 from worldsim.members import Member
 
 
 class Barrier:
-    """The questions of one tick after the other."""
+    """The requests of one tick after the other.
 
-    def __init__(self, bus: Bus, run: str) -> None:
+    A reply is taken in whatever thread brings it; all that does not fit is left to the thread of the world.
+    """
+
+    def __init__(self, bus: Bus, run: str, replies: Replies) -> None:
         self._bus, self._run, self._fingerprint = bus, run, keys.fingerprint(run)
-        self._questions: dict[str, bytes] = {}  # by name
-        self._silent: dict[str, Member] = {}  # who has yet to answer, by the key of the answer
-        self._gate = threading.RLock()  # of that and of the answers
-        self._repeats: Counter[str] = Counter()  # second answers that may still come, by the node's name
+        self._replies = replies
+        self._requests: dict[str, bytes] = {}  # by name
+        self._silent: dict[str, Member] = {}  # who has yet to reply, by the key of the reply
+        self._gate = threading.RLock()  # of that and of the replies
+        self._repeats: Counter[str] = Counter()  # second replies that may still come, by the node's name
         self._tick, self.reporting = -1, False
         self.asked: dict[str, Member] = {}
-        self.outcomes: dict[str, bytes] = {}  # of whoever has answered, (M, 5) f8
-        self.reports: dict[str, bytes] = {}  # of them, the models, (M, 246) f8,
-        self.outboxes: dict[str, tuple[Frames, ...]] = {}  # and frames, where there are any;
-        self.acts: dict[str, Act] = {}  # the whole answers of those that were not told by their bytes
-        self.standing = False  # between the first question of a tick and the last answer
+        self.acts: dict[str, Act] = {}  # of whoever has replied
+        self.standing = False  # between the first request of a tick and the last reply
 
-    def open(self, tick: int, reporting: bool) -> None:
-        """A new tick, in which agents report their models or not: nobody is asked yet."""
+    def open(self, number: int, reporting: bool) -> None:
+        """A new tick, in which agents report what they have learned or not: nobody is asked yet."""
         with self._gate:
-            self._tick, self.reporting = tick, reporting
-            self.asked, self.outcomes, self.reports, self.outboxes, self.acts = {}, {}, {}, {}, {}
-            self._questions, self._silent = {}, {}
+            self._tick, self.reporting = number, reporting
+            self.asked, self.acts, self._requests, self._silent = {}, {}, {}, {}
             self.standing = True
 
     def close(self) -> None:
@@ -42,67 +43,87 @@ class Barrier:
             self.standing = False
             self._silent = {}
 
-    def ask(self, member: Member, states: States, heard: tuple[Frames, ...] = (), whole: bool = False) -> None:
-        """Asks a node, which has these states and received these frames, and expects its answer.
+    def ask(
+        self,
+        member: Member,
+        states: States,
+        received: tuple[Frames, ...] = (),
+        checkpoint: bool = False,
+        memory: bytes = b"",
+    ) -> None:
+        """Asks a node, which has these states and received these frames, and expects its reply.
 
-        `whole`: it is to answer with all that a checkpoint keeps.
+        `checkpoint`: it is to reply with all that a checkpoint keeps. `memory`: of the aggregation, for a new leader.
         """
         report = self.reporting and len(states) > 0
-        self._put(member, codec.encode(Sense(self._fingerprint, self._tick, states, report, heard, whole)))
-
-    def _put(self, member: Member, question: bytes) -> None:
+        request = tick.write_sense(Sense(self._fingerprint, self._tick, states, report, checkpoint, received, memory))
         name = member.name
         with self._gate:
             self.asked[name] = self._silent[keys.act(self._run, name)] = member
-            self._questions[name] = question
-        self._bus.put(keys.sense(self._run, name), question)
+            self._requests[name] = request
+        self._bus.put(keys.sense(self._run, name), request)
 
     def ask_again(self) -> None:
-        """Repeats every question nobody answered yet."""
+        """Repeats every request nobody replied to yet."""
         for name in self.missing:
             self._repeats[name] += 1
-            self._bus.put(keys.sense(self._run, name), self._questions[name])
+            self._bus.put(keys.sense(self._run, name), self._requests[name])
 
-    def answer(self, name: str, act: Act) -> None:
-        """Takes any answer.
-
-        Raises:
-            MessageRejected: `duplicate`: the node was not asked, or has answered.
+    def offer(self, key: str, raw: bytes) -> bool:
+        """Takes a reply that is waited for, whoever brings it; whatever else this is is left to be received, and so is
+        the last reply: who waits for it would not wake otherwise.
         """
         with self._gate:
-            if self._silent.pop(keys.act(self._run, name), None) is None:
-                raise MessageRejected("duplicate", f"second answer of {name} to tick {act.tick}")
-            self.outcomes[name], self.acts[name] = act.outcome.tobytes(), act
-            if act.outbox:
-                self.outboxes[name] = act.outbox
+            member = self._silent.get(key)
+            if member is None or len(self._silent) == 1:
+                return False
+            try:
+                self._store(member, self._replies.read(member, self._tick, raw))
+            except MessageRejected:  # the world's thread counts it
+                return False
+            return True
+
+    def take(self, member: Member, raw: bytes) -> None:
+        """Takes a reply.
+
+        Raises:
+            MessageRejected: it is none, or does not fit; `duplicate`: the node was not asked, or has replied.
+        """
+        act = self._replies.read(member, self._tick, raw)
+        with self._gate:
+            if keys.act(self._run, member.name) not in self._silent:
+                raise MessageRejected("duplicate", f"second reply of {member.name} to tick {act.tick}")
+            self._store(member, act)
+
+    def _store(self, member: Member, act: Act) -> None:
+        self.acts[member.name] = act
+        del self._silent[keys.act(self._run, member.name)]
 
     def is_repeat(self, name: str) -> bool:
-        """Whether an answer of a node that is not waited for is that to a question it was asked again, for which it
-        cannot be blamed; true once for every such question.
+        """Whether a reply of a node that is not waited for is that to a request that was repeated, for which it cannot be
+        blamed; true once for every such request.
         """
         if is_due := self._repeats[name] > 0:
             self._repeats[name] -= 1
         return is_due
 
     def forget(self, name: str) -> bool:
-        """A node is gone: what it said in this tick counts no more. Returns whether it had been asked."""
+        """A node is gone: what it replied in this tick counts no more. Returns whether it had been asked."""
         with self._gate:
             self._silent.pop(keys.act(self._run, name), None)
             self._repeats.pop(name, None)
-            for said in (self.outcomes, self.reports, self.outboxes, self.acts):
-                said.pop(name, None)
+            self.acts.pop(name, None)
             return self.asked.pop(name, None) is not None
 
     @property
     def spoken(self) -> list[Frames]:
-        """What everyone has said by radio, in the order in which they were asked."""
-        if not self.outboxes:
-            return []
-        return [batch for name in self.asked for batch in self.outboxes.get(name, ())]
+        """What everyone sends by radio, in the order in which they were asked."""
+        acts = self.acts
+        return [batch for name in self.asked if name in acts for batch in acts[name].outbox]
 
     @property
     def missing(self) -> list[str]:
-        """Who has not answered."""
+        """Who has not replied."""
         with self._gate:
             return [member.name for member in self._silent.values()]
 

@@ -1,4 +1,4 @@
-"""All it takes to go on with a run: the state of the world and the minds of the UAVs, between two ticks.
+"""All it takes to go on with a run: the state of the world and what the controllers remember, between two ticks.
 
 A checkpoint travels in the block of telemetry whose last row it goes on from: the ground keeps the run folder, the
 world may have no disk, and whoever has the one has the other. The hash of the trajectory cannot be taken up in the
@@ -13,57 +13,55 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm import codec, model, state
+from swarm import codec
 from swarm.errors import BadInput, MessageRejected
-from swarm.messages import Act
-from swarm.scenario import Scenario
 from worldsim.members import Member
 
-SCHEMA = 3
+SCHEMA = 4
 EVERY_TICKS = 100
 MAX_BYTES = 24 * 2**20  # a larger one would push the telemetry out of the outbox
 
 Floats = NDArray[np.float64]
 
 
-class Minds:
-    """What the UAVs answered to a Sense that asked for all they know."""
+class Memories:
+    """What the UAVs replied to a request for all that their controllers remember."""
 
-    def __init__(self, scenario: Scenario, whole: bool, models: Floats | None = None) -> None:
-        """`whole`: all it takes to go on was asked for, not the models alone. `models`: (N, 246), if all are known."""
-        uavs, floats = scenario.uavs, model.shared_floats(scenario.method)
-        self.models: Floats = np.full((uavs, model.MODEL_FLOATS), np.nan) if models is None else models
-        self.known = np.full((uavs, uavs, state.SIZE), np.nan) if whole and scenario.keeps_states else None
-        self.residuals = np.full((uavs, floats), np.nan) if whole and scenario.keeps_residuals else None
+    def __init__(self, uavs: int) -> None:
+        self._uavs = uavs
+        self._arrays: dict[str, NDArray[Any]] = {}  # (N, …) each
+        self._names: set[str] | None = None  # of the first reply; all have the same
+        self._from: NDArray[np.bool_] = np.zeros(uavs, dtype=bool)
 
-    def take(self, member: Member, act: Act) -> None:
-        """Enters the answer of one node."""
-        if act.report is not None:
-            self.models[member.place] = act.report
-        if self.known is not None and act.known is not None:
-            self.known[member.place] = act.known
-        if self.residuals is not None and act.residuals is not None:
-            self.residuals[member.place] = act.residuals
+    def take(self, member: Member, record: Mapping[str, Any]) -> None:
+        """Enters the reply of one node.
 
-    @property
-    def sane(self) -> NDArray[np.bool_]:
-        """Which UAVs told a model that can be one, `(N,)`."""
-        fits: NDArray[np.bool_] = np.maximum.reduce(np.abs(self.models), axis=-1) < model.BEYOND_SENSE  # no NaN is
-        return fits
+        Raises:
+            MessageRejected: `wrong-shape`: its arrays are not of its rows, or not like those of the others.
+        """
+        if self._names is None:
+            self._names = set(record)
+        if set(record) != self._names:
+            raise MessageRejected("wrong-shape", f"a memory of {sorted(record)}, expected {sorted(self._names)}")
+        for name, array in record.items():
+            if not isinstance(array, np.ndarray) or not array.ndim or len(array) != member.rows:
+                raise MessageRejected("wrong-shape", f"memory {name!r}: expected {member.rows} rows")
+            whole = self._arrays.get(name)
+            if whole is None:
+                whole = self._arrays[name] = np.zeros((self._uavs, *array.shape[1:]), array.dtype)
+            if whole.shape[1:] != array.shape[1:] or whole.dtype != array.dtype:
+                raise MessageRejected("wrong-shape", f"memory {name!r}: {array.shape} {array.dtype}, unlike the others")
+        for name, array in record.items():
+            self._arrays[name][member.place] = array
+        self._from[member.place] = True
 
     def complete(self, needed: NDArray[np.bool_]) -> bool:
-        """Whether every UAV that is `needed` (N,) has told all."""
-        told = np.asarray(np.isfinite(self.models).all(axis=-1))
-        if self.known is not None:
-            told &= np.isfinite(self.known).all(axis=(-2, -1))
-        if self.residuals is not None:
-            told &= np.isfinite(self.residuals).all(axis=-1)
-        return bool(told[needed].all())
+        """Whether every UAV that is `needed` (N,) has replied."""
+        return bool(self._from[needed].all())
 
-    def snapshot(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, NDArray[Any]]:
         """All of it; zeros where a UAV is lost and nobody could be asked."""
-        parts = {"models": self.models, "known": self.known, "residuals": self.residuals}
-        return {name: None if part is None else np.nan_to_num(part) for name, part in parts.items()}
+        return self._arrays
 
 
 @dataclass(frozen=True)
@@ -83,11 +81,10 @@ class Resumption:
         """The block of telemetry that carried it."""
         return int(self.checkpoint["block"])
 
-    def minds(self, uavs: NDArray[np.intp]) -> dict[str, Floats]:
-        """What a node with these UAVs had learned, the states it knew and its residuals, as far as they are kept."""
-        kept = self.checkpoint["minds"]
-        parts = {"models": kept["models"], "known": kept["known"], "residuals": kept.get("residuals")}
-        return {name: part[uavs] for name, part in parts.items() if part is not None}
+    def memory(self, uavs: NDArray[np.intp]) -> bytes:
+        """What the rows of a node with these UAVs had in memory, as a record."""
+        kept: Mapping[str, NDArray[Any]] = self.checkpoint["memory"]
+        return codec.encode_record({name: np.ascontiguousarray(array[uavs]) for name, array in kept.items()})
 
     def encode(self) -> bytes:
         """The bytes a world process is started with."""

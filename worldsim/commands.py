@@ -1,4 +1,4 @@
-"""What the agents command and tell of themselves: the numbers of their answers, each in the row of its UAV."""
+"""What the agents command and report of themselves: the numbers of their replies, each in the row of its UAV."""
 
 from collections.abc import Mapping
 from typing import TypeAlias
@@ -6,11 +6,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm import model, state
-from swarm.messages import DIAGNOSTICS, OUTCOME_FLOATS
-from worldsim import kernel
+from swarm import state
+from swarm.model import BEYOND_SENSE
 from worldsim.members import Member
 
+Floats: TypeAlias = NDArray[np.float64]
 Uavs: TypeAlias = NDArray[np.intp]
 
 _NOBODY: Uavs = np.zeros(0, dtype=np.intp)
@@ -19,43 +19,33 @@ _NOBODY: Uavs = np.zeros(0, dtype=np.intp)
 class Commands:
     """The commands that hold, and the diagnostics of the last tick.
 
-    accelerations: (N, 2), m/s²; who says nothing goes on as before. diagnostics: (N, 3), zeros of who says nothing.
-    residuals: the largest |e_H| and |e_F| of the tick. of_everyone: whether all answered, one after the other.
+    accelerations: (N, 2), m/s²; who does not reply goes on as before. diagnostics: (N, K), zeros of who does not reply.
+    largest: (K,), of the |diagnostics| of the flight.
     """
 
-    def __init__(self, uavs: int) -> None:
+    def __init__(self, uavs: int, diagnostics: int) -> None:
         self.accelerations: state.Plane = np.zeros((uavs, state.AXES))
-        self.diagnostics = np.zeros((uavs, len(DIAGNOSTICS)))
-        self.residuals = (0.0, 0.0)
-        self._everyone = np.arange(uavs)
-        self._names: list[str] = []  # who answered last,
-        self._uavs = _NOBODY  # and for whom
-        self.of_everyone = False
+        self.diagnostics: Floats = np.zeros((uavs, diagnostics))
+        self.largest: Floats = np.zeros(diagnostics)
 
-    def enter(
-        self, asked: Mapping[str, Member], outcomes: Mapping[str, bytes], awake: NDArray[np.bool_] | None
+    def store(
+        self, asked: Mapping[str, Member], replies: Mapping[str, Floats], awake: NDArray[np.bool_] | None
     ) -> Uavs:
-        """Takes the outcomes of nodes, each (M, 5); returns the UAVs whose are beyond all bounds, which are not taken.
+        """Takes the numbers of nodes, each (M, 2 + K); returns the UAVs whose are beyond all bounds, which are not taken.
 
         `awake`: (N,), whose are; None for everyone's.
         """
-        names = [name for name in asked if outcomes.get(name)]  # a leader's is empty
-        if names != self._names:  # as a rule they are those of the last tick
-            self._names, self._uavs = names, np.concatenate([_NOBODY, *[asked[name].uavs for name in names]])
-            self.of_everyone = np.array_equal(self._uavs, self._everyone)
-        said = [outcomes[name] for name in names]
-        if awake is None and self.of_everyone:
-            residuals = kernel.enter(said, model.BEYOND_SENSE, self.accelerations, self.diagnostics)
-            if residuals is not None:
-                self.residuals = residuals
-                return _NOBODY
-        outcome = np.frombuffer(b"".join(said)).reshape(-1, OUTCOME_FLOATS)
-        sane = (np.abs(outcome) < model.BEYOND_SENSE).all(axis=-1)  # NaN is below nothing
-        taken = sane if awake is None else sane & awake[self._uavs]
-        rows, numbers = self._uavs[taken], outcome[taken]
-        self.accelerations[rows], told = numbers[:, : state.AXES], numbers[:, state.AXES :]
-        self.diagnostics[...] = 0.0
-        self.diagnostics[rows] = told
-        hjb, fpk, _ = np.abs(told).max(axis=0, initial=0.0).tolist()
-        self.residuals = hjb, fpk
-        return self._uavs[~sane]
+        names = [name for name in asked if name in replies]
+        if not names:
+            self.diagnostics = np.zeros_like(self.diagnostics)
+            return _NOBODY
+        uavs = np.concatenate([asked[name].uavs for name in names])
+        numbers = np.concatenate([replies[name] for name in names])
+        sane = (np.abs(numbers) < BEYOND_SENSE).all(axis=-1)  # NaN is below nothing
+        taken = sane if awake is None else sane & awake[uavs]
+        rows, numbers = uavs[taken], numbers[taken]
+        self.accelerations[rows] = numbers[:, : state.AXES]
+        self.diagnostics = np.zeros_like(self.diagnostics)
+        self.diagnostics[rows] = numbers[:, state.AXES :]
+        self.largest = np.maximum(self.largest, np.abs(self.diagnostics).max(axis=0, initial=0.0))
+        return uavs[~sane]

@@ -8,8 +8,9 @@ import numpy as np
 from swarm import codec, keys, scenario
 from swarm.bus import Bus, Delivery
 from swarm.errors import MessageRejected
-from swarm.messages import Join, Ready, Received, Refusal, Stop, Welcome
+from swarm.messages import Event, Join, Message, Ready, Received, Refusal, Stop, Welcome
 from swarm.scenario import Scenario
+from swarm.tick import is_tick
 from worldsim import inbound
 from worldsim.barrier import Barrier
 from worldsim.checkpoint import Resumption
@@ -21,6 +22,7 @@ from worldsim.telemetry import Outbox
 log = logging.getLogger("meanflock.world")
 
 STATION = "station"
+MAX_TEXT = 500  # of what a node says of itself
 MAX_DROP_EVENTS = 100  # the counters go on
 _OF_REPEATS = ("duplicate", "stale")  # what a second answer to a question that was put twice is, in its tick or after
 
@@ -47,15 +49,17 @@ class Door:
         self.listeners: set[str] = set()
         self.flying = False  # from the first tick on; before it, who is lost is merely missing
         self.closed = False  # after the last: who leaves is not lost
-        self.minds: Resumption | None = None  # whose minds are handed out until then
+        self.resumed: Resumption | None = None  # whose memory is handed out until then
+        self.unfit: list[str] = []  # why nodes that were welcome cannot take part, after all
         self.on_leader_lost: Callable[[], None] = lambda: None  # one that was asked in this tick
         self._scenario, self._bus, self._run = flown, bus, run
         self._fingerprint, self._received = keys.fingerprint(run), keys.received(run)
         self._float = codec.FLOAT_OF_BITS[flown.radio.bits_per_float]
         self._plan = flight.states.astype(self._float)
+        self._plugins = flown.plugins()
         self._flight, self._barrier, self._outbox, self._ledger = flight, barrier, outbox, ledger
         self._note, self._clock = note, clock
-        bus.subscribe(keys.act(run, "*"))
+        bus.subscribe(keys.act(run, "*"), barrier.offer)
         bus.subscribe(self._received)
         bus.watch(keys.alive(run, "*", "*"))
         bus.answer(keys.join(run))
@@ -122,16 +126,29 @@ class Door:
             self._stop(name, "lost: nobody waits for this node any more")
             raise MessageRejected("unknown-node", f"{name}, which was lost")
         try:
-            message = codec.decode(raw, inbound.limit(len(member.uavs), self._scenario))
-            if isinstance(message, Ready) and message.run == self._fingerprint:
-                self._welcome(member)
-                return
-            tick = self._flight.tick
-            act = inbound.check(message, self._fingerprint, tick, member, self._scenario, self._float)
-            self._barrier.answer(name, act)
+            if len(raw) > (most := inbound.limit(member.rows, self._scenario)):
+                raise MessageRejected("oversized", f"{len(raw)} bytes, at most {most} expected")
+            if is_tick(raw):
+                self._barrier.take(member, raw)
+            else:
+                self._control(member, codec.decode(raw))
         except MessageRejected as error:
             if error.reason not in _OF_REPEATS or not self._barrier.is_repeat(name):
                 raise
+
+    def _control(self, member: Member, message: Message) -> None:
+        """What a node says beside its replies."""
+        if getattr(message, "run", self._fingerprint) != self._fingerprint:
+            raise MessageRejected("wrong-run", f"run {message.run:#x}, this is {self._fingerprint:#x}")  # type: ignore[union-attr]
+        if isinstance(message, Ready):
+            self._welcome(member)
+        elif isinstance(message, Event):
+            self._note(member.role, f"{member.name}: {escaped(message.text)}")
+        elif isinstance(message, Refusal):
+            self.unfit.append(escaped(message.reason))
+            self.lose(member, escaped(message.reason))
+        else:
+            raise MessageRejected("wrong-kind", f"{type(message).__name__} from a node")
 
     def _welcome(self, member: Member) -> None:
         if self.closed:  # it was not there yet when all others were sent home
@@ -167,8 +184,7 @@ class Door:
             name, uavs = member.name, member.uavs
             about = {"tick": self._flight.tick, "peer": name, "uavs": uavs.tolist()}
             log.info("%s joined with UAVs %s", name, uavs.tolist(), extra=about)
-        has_past = self.minds is not None and not self.flying and len(uavs) > 0
-        past = self.minds.minds(uavs) if has_past and self.minds is not None else {}
+        past = self.resumed if not self.flying and len(uavs) else None
         delivery.reply(
             codec.encode(
                 Welcome(
@@ -178,9 +194,8 @@ class Door:
                     tick=self._flight.tick,
                     scenario=scenario.encode(self._scenario),
                     initial_states=self._plan,
-                    models=past.get("models"),
-                    known=past.get("known"),
-                    residuals=past.get("residuals"),
+                    memory=b"" if past is None else past.memory(uavs),
+                    plugins=self._plugins,
                 )
             )
         )
@@ -206,3 +221,8 @@ class Door:
 
     def _stop(self, name: str, why: str) -> None:
         self._bus.put(keys.sense(self._run, name), codec.encode(Stop(self._fingerprint, why)))
+
+
+def escaped(text: str) -> str:
+    """A text of somebody else's as one line of a log, and not a long one."""
+    return text[:MAX_TEXT].encode("unicode_escape").decode("ascii")

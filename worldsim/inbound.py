@@ -1,63 +1,118 @@
-"""What the world lets in: an Act must fit the node that sent it, the tick, and what the method may say."""
-
-from collections.abc import Collection
+"""What the world lets in: an Act must fit the node that sent it, the tick, and what its controller has declared."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm import model, payload, state
+from swarm import payload, state
+from swarm import tick as wire
 from swarm.ascending import contains
 from swarm.clusters import Clusters
-from swarm.codec import expect
+from swarm.codec import FLOAT_OF_BITS
 from swarm.errors import MessageRejected
-from swarm.messages import OUTCOME_FLOATS, Act, FrameKind, Frames, Message
+from swarm.messages import Act, FrameKind, Frames
 from swarm.relay import Relay
 from swarm.rounds import Rounds
 from swarm.scenario import Scenario
-from worldsim.members import Member
+from worldsim.members import LEADER, Member
 
+MAX_BROADCASTS = 16  # of a node in a tick
+MAX_BROADCAST_NUMBERS = 4096  # of a frame
+MAX_MEMORY_BYTES = 16 * 2**20  # of a node's rows, at a checkpoint
 _OVERHEAD_BYTES = 1024
-_BYTES_A_ROW = 8 * OUTCOME_FLOATS + 9 + 4 * 8 * model.MODEL_FLOATS  # outcome, id, report, upload, residual, state
+
+
+class Replies:
+    """The Acts of a run, as they must be."""
+
+    def __init__(self, scenario: Scenario, run: int) -> None:
+        self._scenario, self._run, self._rounds = scenario, run, Rounds(scenario)
+        self._columns = state.AXES + len(scenario.declared.diagnostics)
+        self._weights = scenario.declared.weights
+        self._relay = Relay(scenario) if scenario.federation.clusters > 1 else None
+        self._head_of = Clusters(scenario).head_of
+        self._up, self._down = payload.upload(scenario), payload.broadcast(scenario)
+        self._float = FLOAT_OF_BITS[scenario.radio.bits_per_float]
+        self._leader = np.array([scenario.federation.leader])
+
+    def read(self, member: Member, tick: int, raw: bytes) -> Act:
+        """The Act of a node, a reply to a request of that tick.
+
+        Raises:
+            MessageRejected: it is none; the reason is one of those in `errors.MessageRejected`.
+        """
+        act = wire.read_act(raw)
+        if act.run != self._run:
+            raise MessageRejected("wrong-run", f"run {act.run:#x}, this is {self._run:#x}")
+        if act.tick != tick:
+            raise MessageRejected("stale", f"reply to tick {act.tick} in tick {tick}")
+        rows, columns = act.commands.shape
+        if rows != member.rows or (rows and columns != self._columns):
+            raise MessageRejected(
+                "wrong-shape", f"commands: expected {(member.rows, self._columns)}, got {(rows, columns)}"
+            )
+        if act.models is not None and act.models.shape[1] != self._weights:
+            raise MessageRejected("wrong-shape", f"models: expected {(rows, self._weights)}, got {act.models.shape}")
+        if len(act.memory) > MAX_MEMORY_BYTES:
+            raise MessageRejected("oversized", f"a memory of {len(act.memory)} bytes, at most {MAX_MEMORY_BYTES}")
+        if len(act.refused):
+            self._check_refused(member, tick, act.refused)
+        if len(act.lost) and not contains(member.uavs, act.lost).all():
+            raise MessageRejected("wrong-shape", "lost names UAVs of another node")
+        if act.outbox:
+            self._check_outbox(member, act.outbox)
+        return act
+
+    def _check_refused(self, member: Member, tick: int, refused: NDArray[np.int32]) -> None:
+        """A leader may refuse uploads, an agent those of clusters it heads and whatever it received of others."""
+        everyone = ((refused >= 0) & (refused < self._scenario.uavs)).all()
+        if len(np.unique(refused)) < len(refused) or not everyone:
+            raise MessageRejected("wrong-shape", "refused names UAVs that are not there, or one twice")
+
+    def _check_outbox(self, member: Member, outbox: tuple[Frames, ...]) -> None:
+        if len(outbox) > 1:
+            named = {(frames.kind, frames.round) for frames in outbox}
+            rounds = {frames.kind for frames in outbox if frames.kind != FrameKind.STATE}
+            others = sum(frames.kind != FrameKind.STATE for frames in outbox)
+            if len(named) != len(outbox) or len(rounds) != others or len(outbox) > MAX_BROADCASTS + len(FrameKind):
+                raise MessageRejected("wrong-shape", "two batches of one kind in one outbox, or too many")
+        for frames in outbox:
+            self._check_frames(member, frames)
+
+    def _check_frames(self, member: Member, frames: Frames) -> None:
+        kind, source, said = frames.kind, frames.source, frames.payload
+        if kind not in self._sayable(member):
+            raise MessageRejected("wrong-kind", f"{kind.name} frames from {member.name}")
+        if kind == FrameKind.STATE:
+            if said.dtype.kind == "f" and said.dtype != self._float:
+                raise MessageRejected("wrong-shape", f"payload: expected floats {self._float}, got {said.dtype}")
+            if not 0 < said.shape[1] <= MAX_BROADCAST_NUMBERS or frames.round >= MAX_BROADCASTS:
+                raise MessageRejected("wrong-shape", f"broadcast {frames.round} of {said.shape[1]} numbers")
+        elif kind == FrameKind.RELAY:
+            assert self._relay is not None
+            self._relay.check(source, said)
+        else:
+            (self._up if kind == FrameKind.UPLOAD else self._down).check(said, len(source))
+        own = self._leader if member.role == LEADER else member.uavs
+        if not len(source) or not (_same(own, source) or _some(own, source)):
+            raise MessageRejected("wrong-shape", f"frames of {member.name} name UAVs {source.tolist()}")
+        if frames.links is not None:
+            raise MessageRejected("wrong-shape", "only the world says which links carried a frame")
+
+    def _sayable(self, member: Member) -> tuple[FrameKind, ...]:
+        if member.role == LEADER:
+            return (FrameKind.GLOBAL,)
+        if not self._scenario.declared.is_federated:
+            return (FrameKind.STATE,)
+        relays = (FrameKind.RELAY,) if self._relay is not None else ()
+        return FrameKind.UPLOAD, FrameKind.STATE, *relays
 
 
 def limit(rows: int, scenario: Scenario) -> int:
     """The most bytes an honest Act of a node with that many UAVs can have."""
-    known = 8 * state.SIZE * scenario.uavs if scenario.keeps_states else 0
-    refused = 5 * scenario.uavs if not rows or scenario.federation.clusters > 1 else 0
-    return _OVERHEAD_BYTES + refused + max(1, rows) * (_BYTES_A_ROW + known)
-
-
-def check(message: Message, run: int, tick: int, member: Member, scenario: Scenario, float_: np.dtype) -> Act:
-    """`message` itself, if it is an Act of this run, this tick and this node.
-
-    Raises:
-        MessageRejected: `wrong-kind`, `wrong-run`, `stale` or `wrong-shape`.
-    """
-    if not isinstance(message, Act):
-        raise MessageRejected("wrong-kind", f"{type(message).__name__}, expected Act")
-    if message.run != run:
-        raise MessageRejected("wrong-run", f"run {message.run:#x}, this is {run:#x}")
-    if message.tick != tick:
-        raise MessageRejected("stale", f"answer to tick {message.tick} in tick {tick}")
-    rows = len(member.uavs)
-    expect("outcome", message.outcome, (rows, OUTCOME_FLOATS), np.float64)
-    if message.report is not None:
-        expect("report", message.report, (rows, model.MODEL_FLOATS), np.float64)
-    if message.known is not None:
-        expect("known", message.known, (rows if scenario.keeps_states else 0, scenario.uavs, state.SIZE), np.float64)
-    if message.residuals is not None:
-        floats = model.shared_floats(scenario.method)
-        expect("residuals", message.residuals, (rows if scenario.keeps_residuals else 0, floats), np.float64)
-    refused = set(message.refused)
-    if refused and (len(refused) < len(message.refused) or not refused <= set(_averaged_by(member, tick, scenario))):
-        raise MessageRejected("wrong-shape", "refused names UAVs that did not upload")
-    if message.diverged and not np.isin(message.diverged, member.uavs).all():
-        raise MessageRejected("wrong-shape", "diverged names UAVs of another node")
-    if len(message.outbox) > 1 and len({frames.kind for frames in message.outbox}) != len(message.outbox):
-        raise MessageRejected("wrong-shape", "two batches of one kind in one outbox")
-    for frames in message.outbox:
-        _check_frames(frames, member, scenario, float_)
-    return message
+    declared = scenario.declared
+    numbers = state.AXES + len(declared.diagnostics) + declared.weights + 2 * declared.parameters
+    said = MAX_BROADCASTS * 8 * MAX_BROADCAST_NUMBERS
+    return _OVERHEAD_BYTES + 5 * scenario.uavs + max(1, rows) * (8 * numbers + said) + MAX_MEMORY_BYTES
 
 
 def stray(frames: Frames, tick: int, rounds: Rounds, averaged: int) -> MessageRejected | None:
@@ -67,6 +122,8 @@ def stray(frames: Frames, tick: int, rounds: Rounds, averaged: int) -> MessageRe
     the world would keep those of a round to come until then. Nor has a round room for models of UAVs that do not take
     part in it. `averaged`: the last round that was.
     """
+    if frames.kind == FrameKind.STATE:
+        return None
     expected = rounds.of(frames.kind, tick)
     if frames.kind == FrameKind.GLOBAL and frames.round <= averaged:
         return MessageRejected("duplicate", f"round {frames.round} has been averaged")
@@ -79,24 +136,6 @@ def stray(frames: Frames, tick: int, rounds: Rounds, averaged: int) -> MessageRe
     return None
 
 
-def _check_frames(frames: Frames, member: Member, scenario: Scenario, float_: np.dtype) -> None:
-    if frames.kind not in _sayable(member, scenario):
-        raise MessageRejected("wrong-kind", f"{frames.kind.name} frames from {member.name}")
-    source = expect("source", frames.source, (None,), np.int32)
-    if frames.kind == FrameKind.STATE:
-        expect("payload", frames.payload, (len(source), state.SIZE), float_)
-    elif frames.kind == FrameKind.RELAY:
-        Relay(scenario).check(source, frames.payload)
-    else:
-        coding = payload.upload(scenario) if frames.kind == FrameKind.UPLOAD else payload.broadcast(scenario)
-        coding.check(frames.payload, len(source))
-    own = member.uavs if member.role == "agent" else np.array([scenario.federation.leader])
-    if not len(source) or not (_same(own, source) or _some(own, source)):
-        raise MessageRejected("wrong-shape", f"frames of {member.name} name UAVs {source.tolist()}")
-    if frames.links is not None:
-        raise MessageRejected("wrong-shape", "only the world says which links carried a frame")
-
-
 def _same(own: NDArray[np.intp], source: NDArray[np.int32]) -> bool:
     """Whether sources are all UAVs of a node; `np.array_equal` takes twice as long."""
     return len(own) == len(source) and bool(np.logical_and.reduce(own == source))
@@ -105,21 +144,3 @@ def _same(own: NDArray[np.intp], source: NDArray[np.int32]) -> bool:
 def _some(own: NDArray[np.intp], source: NDArray[np.int32]) -> bool:
     """Whether sources are UAVs of a node, ascending."""
     return bool(contains(own, source).all() and (source[1:] > source[:-1]).all())
-
-
-def _sayable(member: Member, scenario: Scenario) -> tuple[FrameKind, ...]:
-    if member.role != "agent":
-        return (FrameKind.GLOBAL,)
-    if not scenario.method.is_federated:
-        return (FrameKind.STATE,)
-    relays = (FrameKind.RELAY,) if scenario.federation.clusters > 1 else ()
-    return FrameKind.UPLOAD, FrameKind.STATE, *relays
-
-
-def _averaged_by(member: Member, tick: int, scenario: Scenario) -> Collection[int]:
-    """The UAVs whose models a node may average in a tick: a leader all, an agent those of clusters it heads."""
-    if member.role != "agent":
-        return range(scenario.uavs)
-    if not Rounds(scenario).relays(tick):
-        return ()
-    return np.flatnonzero(contains(member.uavs, Clusters(scenario).head_of)).tolist()

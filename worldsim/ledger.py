@@ -1,13 +1,21 @@
 """What the world counts of the protocol: rounds, losses, drops, residuals. The flight and the radio keep their own."""
 
 from collections import Counter
+from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
 
 from worldsim.schedule import Schedule
 
-_SCALARS = ("rounds", "averaged", "held", "deadline_misses", "nodes_lost", "uploads_refused", "wall_s")
+_SCALARS = (
+    "rounds",
+    "averaged",
+    "held",
+    "deadline_misses",
+    "nodes_lost",
+    "uploads_refused",
+    "states_refused",
+    "wall_s",
+)
 
 
 class Ledger:
@@ -22,8 +30,8 @@ class Ledger:
         self.deadline_misses = 0  # ticks with at least one of them
         self.nodes_lost = 0
         self.uploads_refused = 0
+        self.states_refused = 0  # received states of UAVs that were not believed, a tick, a node and a UAV
         self.wall_s = 0.0  # flown before the run was resumed, s
-        self.residual_max = (0.0, 0.0)  # |e_H|, |e_F|
         self.spread: float | None = None
         self.drops: Counter[str] = Counter()
 
@@ -37,18 +45,12 @@ class Ledger:
         """What was not let in, by the world and by its router, by reason. Whole, whichever thread asks."""
         return self.drops.copy() + self._refused.copy()
 
-    def residuals(self, hjb: float, fpk: float) -> None:
-        """Takes note of the largest |e_H| and |e_F| of a tick."""
-        most = self.residual_max
-        self.residual_max = max(most[0], hjb), max(most[1], fpk)
-
     def snapshot(self, wall_s: float) -> dict[str, Any]:
         """All of it, for `restore`."""
         scalars = {name: getattr(self, name) for name in _SCALARS}
         return {
             **scalars,
             "wall_s": wall_s,
-            "residual_max": np.array(self.residual_max),
             "spread": self.spread,
             "drops": dict(self.drops),
         }
@@ -57,20 +59,22 @@ class Ledger:
         """Goes on with the counts of a snapshot."""
         for name in _SCALARS:
             setattr(self, name, type(getattr(self, name))(snapshot[name]))
-        hjb, fpk = snapshot["residual_max"].tolist()
-        self.residual_max = hjb, fpk
         self.spread = snapshot["spread"]
         self.drops = Counter(snapshot["drops"])
 
-    def summary(self, *, schedule: Schedule | None, learns_density: bool, blocks_dropped: int) -> dict[str, Any]:
-        """Its part of the summary; `schedule`: of a flight in real time."""
+    def summary(
+        self, *, schedule: Schedule | None, diagnostics: Mapping[str, float], blocks_dropped: int
+    ) -> dict[str, Any]:
+        """Its part of the summary; `schedule`: of a flight in real time. `diagnostics`: the largest |value| of each."""
         return {
             "rounds": self.rounds,
-            "hjb_residual_max": self.residual_max[0],
-            "fpk_residual_max": self.residual_max[1] if learns_density else None,
+            "diagnostics_max": dict(diagnostics),
+            "hjb_residual_max": diagnostics.get("hjb_residual"),
+            "fpk_residual_max": diagnostics.get("fpk_residual"),
             "weight_spread_final": self.spread,
             "nodes_lost": self.nodes_lost,
             "uploads_refused": self.uploads_refused,
+            "states_refused": self.states_refused,
             "dropped_messages": dict(self.dropped),
             "held_commands": None if schedule is None else self.held,
             "realtime": None

@@ -9,24 +9,26 @@ import msgspec
 import numpy as np
 
 from channel.air import NO_LINKS, Air
-from swarm import __version__, codec, keys, model, state
+from swarm import __version__, codec, keys, state
 from swarm.bus import Bus
-from swarm.errors import BadInput, RunFailed
+from swarm.errors import BadInput, MessageRejected, RunFailed
 from swarm.messages import Act, Event, Finished, FrameKind, Frames, Stop
+from swarm.model import BEYOND_SENSE
 from swarm.rounds import Rounds
 from swarm.scenario import Scenario
-from worldsim import checkpoint, inbox, kernel
+from worldsim import checkpoint, inbox
 from worldsim.barrier import Barrier
-from worldsim.checkpoint import Minds, Resumption
+from worldsim.checkpoint import Memories, Resumption
 from worldsim.commands import Commands
 from worldsim.door import Door
 from worldsim.durations import Durations
 from worldsim.faults import Script
 from worldsim.flight import Flight
 from worldsim.heads import Heads
+from worldsim.inbound import Replies
 from worldsim.instruments import Instruments
 from worldsim.ledger import Ledger
-from worldsim.members import LEADER, Members
+from worldsim.members import LEADER, Member, Members
 from worldsim.schedule import Schedule
 from worldsim.speech import Speech
 from worldsim.summary import summary, weight_spread
@@ -74,35 +76,37 @@ class World:
         self._mode, self._barrier_s, self._clock = mode, barrier_s, clock
         self._schedule = None if realtime is None else Schedule(realtime, scenario.dt)
         self._stations, self._checkpoint_every = stations, checkpoint_every
-        self._keeps_more = scenario.keeps_states or scenario.keeps_residuals  # than models, which are in every report
+        self._declared = scenario.declared
         self._rounds = Rounds(scenario)
         self._rounds.draw_ahead()
         self._script = Script(scenario)
         self.flight = Flight(scenario)
         self.air = Air(scenario)
         rows = max(_BLOCK_ROWS, min(block_rows, _BLOCK_STATES // scenario.uavs)) if realtime is None else 2
-        self._rows = Rows(self._fingerprint, scenario.uavs, rows)
+        self._rows = Rows(self._fingerprint, scenario.uavs, rows, self._declared)
         self._outbox = Outbox()
         self._ledger = Ledger(refused)
         self._ticks = Durations()
         self._uploads = inbox.Uploads(FrameKind.RELAY if scenario.federation.clusters > 1 else FrameKind.UPLOAD)
         self._heads = Heads(scenario)
-        self._barrier = Barrier(bus, run)
-        self._commands = Commands(scenario.uavs)
+        self._barrier = Barrier(bus, run, Replies(scenario, self._fingerprint))
+        self._commands = Commands(scenario.uavs, len(self._declared.diagnostics))
         self._all = np.ones(scenario.uavs, dtype=bool)
         self._awake = self._all  # who is neither lost nor asleep; as a rule that very array
-        self._minds: Minds | None = None  # where, in the last tick, all were asked for all they know
+        self._memories: Memories | None = None  # where, in the last tick, all were asked for what they remember
+        self._aggregation = b""  # what the aggregation rule remembers, a record
         self._leads: str | None = None
+        self._informed: str | None = None  # the leader that knows what the aggregation remembers
         self._resumed = resume
         if resume is not None:
             self._restore(resume)
-        federated = scenario.method.is_federated
+        federated = self._declared.is_federated
         wanted = scenario.leaders(self.flight.tick) if federated else 0
         self._members = Members(scenario.uavs, wanted, standbys=federated, rows_at_most=rows_at_most)
         members, barrier, ledger = self._members, self._barrier, self._ledger
         self._door = Door(scenario, bus, run, members, self.flight, barrier, self._outbox, ledger, self._note, clock)
         self._speech = Speech(self._rounds, ledger, self._door.drop, self._note)
-        self._door.minds = resume
+        self._door.resumed = resume
         self._door.on_leader_lost = self._ask_leader
         self._waiting = Waiting(barrier, self._door, ledger, self._schedule, barrier_s, self._wait, clock)
         self.handle = self._door.handle  # one delivery; never raises for what the network sent
@@ -117,6 +121,9 @@ class World:
         """
         end = self._clock() + timeout_s
         while not self._members.complete or len(self._door.listeners) < self._stations:
+            if self._door.unfit:
+                self.stop("a node cannot take part")
+                raise BadInput(self._door.unfit[0])
             if cancelled():
                 self.stop("interrupted")
                 raise RunFailed(f"interrupted while waiting for {self._missing()}")
@@ -180,7 +187,7 @@ class World:
         # 2. Ask: every node gets its own states and what its radios received.
         reporting = tick % REPORT_EVERY_TICKS == 0
         whole = reporting and self._checkpoint_every > 0 and tick % self._checkpoint_every == 0
-        self._ask(tick, reporting, whole and self._keeps_more)
+        self._ask(tick, reporting, whole)
         # 3. Wait for everyone, or lose who does not answer.
         self._waiting.for_answers()
         # 4. What they want to say goes on the air.
@@ -192,7 +199,6 @@ class World:
         # 5. The world moves.
         self.flight.advance(self._commands.accelerations, self._script.gust(tick, self.flight.states))
         # 6. Whoever listens is told.
-        self._ledger.residuals(*self._commands.residuals)
         if reporting:
             self._report(tick, whole)
         if self._rows.full:
@@ -249,8 +255,9 @@ class World:
             return
         if self._leads not in (None, leader.name):
             self._note("leader", f"{leader.name} takes over from {self._leads}")
-        self._leads = leader.name
-        self._barrier.ask(leader, np.zeros((0, state.SIZE)), self._uploads.read(leader.name))
+        memory = self._aggregation if leader.name != self._informed else b""
+        self._leads = self._informed = leader.name
+        self._barrier.ask(leader, np.zeros((0, state.SIZE)), self._uploads.read(leader.name), memory=memory)
 
     # -- step 3 -------------------------------------------------------------------------------------------------
 
@@ -265,10 +272,12 @@ class World:
         """Commands and diagnostics into their rows; frames of one kind joined, sources ascending."""
         self._barrier.close()
         asked, acts = self._barrier.asked, self._barrier.acts
-        for act in [acts[name] for name in asked if name in acts] if acts else []:
-            self._regard(act)
+        for name, act in acts.items():
+            if len(act.refused) or len(act.lost) or act.memory:
+                self._regard(asked[name], act)
         awake = None if self._awake is self._all else self._awake
-        if len(insane := self._commands.enter(asked, self._barrier.outcomes, awake)):
+        numbers = {name: act.commands for name, act in acts.items() if len(act.commands)}
+        if len(insane := self._commands.store(asked, numbers, awake)):
             self.flight.lose(insane, "diverged", "an answer beyond all bounds")
         frames = self._speech.of(self.flight.tick, self._barrier.spoken, self._awake, self.air.meter)
         if number := self._rounds.closes(self.flight.tick):
@@ -277,48 +286,59 @@ class World:
             self._commands.accelerations[self.flight.lost] = 0.0
         return frames
 
-    def _regard(self, act: Act) -> None:
-        """Notes what is wrong with models, others' or a node's own."""
-        if act.refused:
+    def _regard(self, member: Member, act: Act) -> None:
+        """Notes what is wrong with models or states, others' or a node's own; keeps what the aggregation remembers."""
+        if len(act.refused) and (member.role == LEADER or self._rounds.relays(act.tick)):
             self._ledger.uploads_refused += len(act.refused)
             self._note("refused", f"uploads of UAV {', '.join(map(str, act.refused))} were not averaged")
-        if act.diverged:
-            self.flight.lose(np.array(act.diverged), "diverged", "the learner left the finite numbers")
+        elif len(act.refused):
+            if not self._ledger.states_refused:
+                self._note("refused", f"states of UAV {', '.join(map(str, act.refused))} were not believed")
+            self._ledger.states_refused += len(act.refused)
+        if len(act.lost):
+            self.flight.lose(act.lost.astype(np.intp), "diverged", "the controller failed or left the finite numbers")
+        if member.role == LEADER and act.memory:
+            self._aggregation = act.memory
 
     # -- step 6 -------------------------------------------------------------------------------------------------
 
     def _report(self, tick: int, whole: bool) -> None:
-        minds, alive, leader = self._told(whole), ~self.flight.lost, self._scenario.federation.leader
-        everyone = self._awake is self._all and not self.flight.any_lost
-        shown, spread = minds.models[leader], kernel.spread(minds.models) if everyone else None
-        if spread is None:  # somebody is lost or asleep, or told what cannot be a model
-            can_be = minds.sane
-            sane = can_be & alive & self._awake
-            if sane.any():
-                spread = weight_spread(minds.models[sane])
-            if not can_be[leader]:
-                shown = np.zeros(model.MODEL_FLOATS)
-        if spread is not None:
-            self._ledger.spread = spread
-            self._rows.report(tick, shown, spread)
-        if whole and minds.complete(alive) and self._awake[alive].all():
-            self._minds = minds
+        asked, acts = self._barrier.asked, self._barrier.acts
+        alive = self._awake & ~self.flight.lost
+        if self._declared.weights:
+            models = np.full((self._scenario.uavs, self._declared.weights), np.nan)
+            for name, act in acts.items():
+                if act.models is not None:
+                    models[asked[name].place] = act.models
+            sane = (np.abs(models) < BEYOND_SENSE).all(axis=-1)  # NaN is below nothing
+            if (counted := sane & alive).any():
+                leader = self._scenario.federation.leader
+                self._ledger.spread = weight_spread(models if counted.all() else models[counted])
+                self._rows.report(tick, np.where(sane[leader], models[leader], 0.0), self._ledger.spread)
+        if whole and self._awake[~self.flight.lost].all():
+            self._memories = self._remembered()
 
-    def _told(self, whole: bool) -> Minds:
-        """What the nodes reported in this tick."""
-        minds = Minds(self._scenario, whole)
+    def _remembered(self) -> Memories | None:
+        """What everyone who is not lost replied to a request for it; None where somebody did not."""
+        memories = Memories(self._scenario.uavs)
         for name, act in self._barrier.acts.items():
-            minds.take(self._barrier.asked[name], act)
-        return minds
+            member = self._barrier.asked[name]
+            if member.rows:
+                try:
+                    memories.take(member, codec.decode_record(act.memory))
+                except MessageRejected as error:
+                    self._door.drop(error, f"the memory of {name}")
+        return memories if memories.complete(~self.flight.lost) else None
 
     def _keep(self) -> None:
-        """A checkpoint, if everyone told everything in the last tick; it goes out with all rows before it."""
-        minds, self._minds = self._minds, None
-        if minds is None or self._outbox.holds_checkpoint:
+        """A checkpoint, if everyone said what it remembers in the last tick; it goes out with all rows before it."""
+        memories, self._memories = self._memories, None
+        if memories is None or self._outbox.holds_checkpoint:
             return
         body = checkpoint.encode(
             {
                 "scenario": self._scenario.sha256(),
+                "plugins": [list(plugin) for plugin in self._scenario.plugins()],
                 "version": __version__,
                 "block": self._rows.block,
                 "flight": self.flight.snapshot(),
@@ -327,7 +347,9 @@ class World:
                 "uploads": self._uploads.snapshot(),
                 "heads": self._heads.snapshot(),
                 "commands": self._commands.accelerations,
-                "minds": minds.snapshot(),
+                "largest": self._commands.largest,
+                "memory": memories.snapshot(),
+                "aggregation": self._aggregation,
             }
         )
         if len(body) <= checkpoint.MAX_BYTES:
@@ -337,6 +359,9 @@ class World:
         kept = resume.checkpoint
         if kept.get("scenario") != self._scenario.sha256():
             raise BadInput("the checkpoint is of another scenario; resume a run with its own scenario.toml")
+        for was, now in zip(kept.get("plugins", ()), self._scenario.plugins(), strict=False):
+            if tuple(was) != now:
+                raise BadInput(f"the checkpoint is of {was[0]} {was[1]!r} of {was[2]}; here it is of {now[2]}")
         try:
             self.flight.restore(kept["flight"], resume.history)
             self.air.restore(kept["air"])
@@ -344,6 +369,8 @@ class World:
             self._uploads.restore(kept["uploads"])
             self._heads.restore(kept["heads"])
             self._commands.accelerations[...] = kept["commands"]
+            self._commands.largest[...] = kept["largest"]
+            self._aggregation = kept["aggregation"]
             self._rows.resume(kept["block"] + 1, self.flight.tick + 1)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise BadInput(f"the run cannot be resumed: {error}") from error
@@ -366,7 +393,7 @@ class World:
     def _protocol(self) -> dict[str, Any]:
         return self._ledger.summary(
             schedule=self._schedule,
-            learns_density=self._scenario.method.learns_density,
+            diagnostics=dict(zip(self._declared.diagnostics, self._commands.largest.tolist(), strict=True)),
             blocks_dropped=self._outbox.dropped,
         )
 

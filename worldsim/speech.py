@@ -6,16 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from channel.meter import Meter
-from swarm import codec
 from swarm.errors import MessageRejected
 from swarm.messages import FrameKind, Frames
 from swarm.rounds import Rounds
+from swarm.tick import bytes_of_batch
 from worldsim import inbound
 from worldsim.ledger import Ledger
 
 
 class Speech:
-    """Turns the outboxes of a tick into frames of one batch a kind, sources ascending."""
+    """Turns the outboxes of a tick into frames: batches of a kind, of a broadcast and of a form as one, sources ascending."""
 
     def __init__(
         self,
@@ -28,10 +28,11 @@ class Speech:
 
     def of(self, tick: int, spoken: Iterable[Frames], awake: NDArray[np.bool_], meter: Meter) -> list[Frames]:
         """The frames of a tick; those `spoken` in order of their UAVs, `awake` (N,). Their bytes go on the bill."""
-        by_kind: dict[FrameKind, list[Frames]] = {}
+        alike: dict[tuple[object, ...], list[Frames]] = {}
         for batch in spoken:
-            by_kind.setdefault(batch.kind, []).append(batch)
-        return [frames for batches in by_kind.values() if (frames := self._joined(tick, batches, awake, meter))]
+            broadcast = batch.round if batch.kind == FrameKind.STATE else 0
+            alike.setdefault((batch.kind, broadcast, batch.payload.dtype, batch.payload.shape[1]), []).append(batch)
+        return [frames for batches in alike.values() if (frames := self._joined(tick, batches, awake, meter))]
 
     def _joined(self, tick: int, batches: list[Frames], awake: NDArray[np.bool_], meter: Meter) -> Frames | None:
         """All batches of a kind as one, without what is not heard."""
@@ -40,7 +41,7 @@ class Speech:
             batches = [heard for batch in batches if (heard := self._heard(tick, batch, awake)) is not None]
             together = _join(batches)
         for batch in batches:
-            meter.wire(batch.kind, codec.bytes_of_frames(batch))
+            meter.wire(batch.kind, bytes_of_batch(batch))
         return together
 
     def _is_heard(self, tick: int, batch: Frames, awake: NDArray[np.bool_]) -> bool:

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from channel.air import Air
-from swarm import codec, model
-from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Event, Finished, FrameKind, Status, Telemetry
+from swarm import codec
+from swarm.declared import Declared
+from swarm.messages import SWARM_COLUMNS, Event, Finished, FrameKind, Status, Telemetry
 from worldsim.commands import Commands
 from worldsim.flight import Flight
 from worldsim.ledger import Ledger
@@ -29,12 +30,12 @@ _STATE = int(FrameKind.STATE)  # a member of an enumeration is converted anew ea
 class Rows:
     """The rows of the block being filled."""
 
-    def __init__(self, run: int, uavs: int, capacity: int) -> None:
-        self._run, self._capacity = run, capacity
+    def __init__(self, run: int, uavs: int, capacity: int, declared: Declared) -> None:
+        self._run, self._capacity, self._declared = run, capacity, declared
         self.block = 0  # the number of the one being filled
         self._states = np.zeros((capacity, uavs, 4))
         self._accelerations = np.zeros((capacity, uavs, 2), dtype=np.float32)
-        self._diagnostics = np.zeros((capacity, uavs, len(DIAGNOSTICS)), dtype=np.float32)
+        self._diagnostics = np.zeros((capacity, uavs, len(declared.diagnostics)), dtype=np.float32)
         self._status = np.zeros((capacity, uavs), dtype=np.uint8)
         self._energy = np.zeros((capacity, uavs), dtype=np.float32)
         self._swarm = np.zeros((capacity, len(SWARM_COLUMNS)))
@@ -87,7 +88,7 @@ class Rows:
         self._events.append(event)
 
     def report(self, tick: int, leader_model: Floats, spread: float) -> None:
-        """The leader UAV's whole model (246,) and the spread of all models, as of a tick."""
+        """What the leader's UAV has learned, (W,), and the spread of all models, as of a tick."""
         self._reports.append((tick, leader_model, spread))
 
     def resume(self, block: int, first_tick: int) -> None:
@@ -110,11 +111,12 @@ class Rows:
             links=np.concatenate([np.zeros((0, 5), dtype=np.int32), *self._links]),
             report_ticks=np.array([tick for tick, _, _ in self._reports], dtype=np.int32),
             reports=np.array([vector for _, vector, _ in self._reports], dtype=np.float32).reshape(
-                -1, model.MODEL_FLOATS
+                -1, self._declared.weights
             ),
             spread=np.array([spread for _, _, spread in self._reports]),
             events=tuple(self._events),
             checkpoint=checkpoint,
+            diagnostic_names=self._declared.diagnostics,
         )
         self.block += 1
         self._clear(self._first_tick + n)

@@ -1,16 +1,19 @@
-"""The offline method: every UAV alone flies a program computed before take-off, blind to the others and to the wind.
+"""The offline method: every UAV alone flies an open-loop plan computed before take-off, blind to the others and to the wind.
 
-The program is time-optimal for σ_wind = 0: a straight line to the origin at rest, as fast as the limits on speed and
+The plan is time-optimal for σ_wind = 0: a straight line to the origin at rest, as fast as the limits on speed and
 acceleration over ground allow (bang, coast, bang). The commands also cancel the drag and the mean wind, which are
-known beforehand, so that without randomness the discrete motion follows the program exactly; with it, the error of
+known beforehand, so that without randomness the discrete motion follows the plan exactly; with it, the error of
 velocity and position adds up, and nothing looks.
 """
 
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agent.controllers.base import Controller, Memory, Received, Step
 from swarm import state
 from swarm.scenario import Scenario
 
@@ -43,14 +46,14 @@ def speeds(distance_m: float, speed_max: float, acceleration_max: float, dt: flo
     return profile * (distance_m / (profile.sum() * dt))
 
 
-class Program:
+class OpenLoopPlan:
     """The commands of M UAVs, tick by tick."""
 
     def __init__(self, scenario: Scenario, starts: Floats) -> None:
         """`starts`: their own states in the mission plan, `(M, 4)`."""
         limits, wind, dt = scenario.offline, scenario.wind, scenario.dt
         distance = np.sqrt((starts[:, state.POSITION] * starts[:, state.POSITION]).sum(axis=-1))
-        flown = scenario.max_ticks  # of a program longer than the flight the rest is never asked for
+        flown = scenario.max_ticks  # of a plan longer than the flight the rest is never asked for
         profiles = [speeds(float(d), limits.speed_max, limits.acceleration_max, dt)[:flown] for d in distance]
         along = np.zeros((1 + max(map(len, profiles), default=0), len(starts)))
         for uav, profile in enumerate(profiles):
@@ -68,3 +71,23 @@ class Program:
     def __call__(self, tick: int) -> Floats:
         """Accelerations `(M, 2)`, m/s², of a tick: (v_{k+1} − v_k)/dt + c0(v_k − v_o), and the hover after the end."""
         return self._commands[min(tick, len(self._commands) - 1)].copy()
+
+
+class Offline(Controller):
+    """Flies the plan of its own start; `[offline]` limits speed and acceleration."""
+
+    name = "offline"
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
+        self._plans: dict[bytes, OpenLoopPlan] = {}  # by the starts they follow from
+
+    def init(self, uavs: NDArray[np.intp], plan: state.States) -> Memory:
+        return {"start": plan[uavs]}
+
+    def step(self, memory: Memory, tick: int, own: state.States, received: Sequence[Received]) -> Step:
+        starts = memory["start"]
+        plan = self._plans.get(key := starts.tobytes())
+        if plan is None:
+            plan = self._plans[key] = OpenLoopPlan(self.scenario, starts)
+        return Step(memory, plan(tick))

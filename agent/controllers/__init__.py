@@ -1,0 +1,1 @@
+"""Who flies a UAV: the base class of every controller, and a controller a file."""

@@ -1,0 +1,137 @@
+"""The paper's methods: networks that learn the HJB and FPK equations in flight, Algorithms 1 to 3.
+
+What a UAV has learned is one row [ŵ_H0 (54), ŵ_H1 (54), ŵ_F0 (69), ŵ_F1 (69)]; a method shares a contiguous part of it.
+"""
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
+from agent.learner import Learner
+from agent.weights import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, VALUE, VALUE_FEATURES
+from swarm import plausible
+from swarm.messages import NOBODY
+from swarm.scenario import Scenario
+from swarm.state import SIZE, States
+
+Floats = NDArray[np.float64]
+
+
+class MeanField(Controller):
+    """The learners, and what is common to all methods that have them."""
+
+    learns_density = True
+    shared = slice(0, 0)  # of the weights: the model of the federation
+    weights = MODEL_FLOATS
+    diagnostics: tuple[str, ...] = ("hjb_residual", "fpk_residual", "phi_G")
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
+        self.parameters = self.shared.stop - self.shared.start
+        # Ticks between two broadcasts of the own state; 0 for none: the mission plan has said it once.
+        self.state_period = scenario.federation.state_period
+        self.pairwise = self.state_period > 0
+        self._plausible = plausible.check(scenario)
+
+    @cached_property
+    def learner(self) -> Learner:
+        """The networks' step; its tables take a millisecond."""
+        return Learner(self.scenario, learns_density=self.learns_density)
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        memory: Memory = {"weights": self.learner.init(len(uavs), plan)}
+        if self.state_period:  # the mission plan, then whatever the radio brings
+            memory |= {"known": np.repeat(plan[None], len(uavs), axis=0), "uav": uavs.astype(np.int32)}
+        return memory
+
+    def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
+        weights, known, refused = memory["weights"], None, NOBODY
+        if self.state_period:
+            known, heard, refused = self._hear(memory["known"], received)
+            if self.learns_density and len(heard):  # only rows that received something: another row is another UAV
+                weights = self.learner.refit(weights, heard, known)
+            known[np.arange(len(own)), memory["uav"]] = own
+            memory = memory | {"known": known}
+        weights, numbers = self.learner.step(weights, own, known)
+        speaks = self.state_period and tick and tick % self.state_period == 0
+        return Step(
+            memory | {"weights": weights},
+            numbers[:, :2],
+            numbers[:, 2:] if self.learns_density else numbers[:, 2::2],  # without e_F
+            (Broadcast(own),) if speaks else (),
+            refused,
+        )
+
+    def get(self, memory: Memory) -> Floats:
+        return memory["weights"][:, self.shared]
+
+    def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
+        weights = memory["weights"].copy()
+        weights[rows, self.shared] = models
+        return memory | {"weights": weights}
+
+    def report(self, memory: Memory) -> Floats:
+        return memory["weights"]
+
+    def _hear(self, known: Floats, received: Sequence[Received]) -> tuple[Floats, Rows, NDArray[np.int32]]:
+        """What rows know (M, N, 4) with the states received; which rows received any; and whose were not believed."""
+        known, heard, refused = known.copy(), [], []
+        for frames in received:
+            if frames.number or frames.payload.shape[1] != SIZE:
+                continue  # not a state
+            sent, row = frames.links[:, 0], frames.links[:, 1]
+            sane = self._plausible(frames.payload)
+            if not sane.all():
+                refused.append(frames.source[~sane])
+                sent, row = sent[sane[sent]], row[sane[sent]]
+            known[row, frames.source[sent]] = frames.payload[sent]
+            heard.append(row)
+        rows = np.unique(np.concatenate(heard)) if heard else np.zeros(0, dtype=np.intp)
+        return known, rows, np.unique(np.concatenate(refused)).astype(np.int32) if refused else NOBODY
+
+
+class Hjb(MeanField):
+    """Learns the value alone; every state, every tick, to every UAV in range."""
+
+    name = "hjb"
+    learns_density = False
+    diagnostics = ("hjb_residual", "phi_G")
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
+        self.state_period, self.pairwise = 1, True
+
+
+class Mfg(MeanField):
+    """Learns value and density; shares the initial states only, or states every n_s ticks."""
+
+    name = "mfg"
+
+
+class MfgflH(MeanField):
+    """… and value models are averaged."""
+
+    name = "mfgfl-h"
+    shared = VALUE
+    parts = (VALUE_FEATURES,) * 2
+
+
+class MfgflF(MeanField):
+    """… and density models are averaged."""
+
+    name = "mfgfl-f"
+    shared = DENSITY
+    parts = (DENSITY_FEATURES,) * 2
+
+
+class MfgflHf(MeanField):
+    """… and both are averaged, every 200 ticks."""
+
+    name = "mfgfl-hf"
+    shared = slice(VALUE.start, DENSITY.stop)
+    parts = (VALUE_FEATURES,) * 2 + (DENSITY_FEATURES,) * 2
+    period_ticks = 200

@@ -1,0 +1,43 @@
+"""What every aggregation rule implements: from the models of a round to the global one."""
+
+from typing import Any, ClassVar, Literal, TypeAlias
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from swarm.scenario import Scenario
+
+Floats: TypeAlias = NDArray[np.float64]
+State: TypeAlias = dict[str, NDArray[Any]]
+
+
+class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The options of a rule that has none; derive from it and add annotated fields with defaults."""
+
+
+class Aggregator:
+    """Base class of aggregation rules; override `step`, and `init` where the rule remembers anything.
+
+    The order of arrival leaves no trace: models come in ascending order of their UAVs.
+    """
+
+    door: ClassVar[Literal["aggregator"]] = "aggregator"
+    name: ClassVar[str] = ""  # what `federation.aggregation` says
+    Options: ClassVar[type[msgspec.Struct]] = Options
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        """`options`: of the type `Options`."""
+        self.options, self.scenario = options, scenario
+
+    def init(self, parameters: int) -> State:
+        """What the rule remembers before the first round; checkpointed, and handed to a leader that takes over."""
+        return {}
+
+    def step(self, state: State, models: Floats, uavs: NDArray[np.intp], round_: int) -> tuple[State, Floats]:
+        """The state after a round, and its global model, (parameters,).
+
+        Args:
+            models: (S, parameters), at least one, finite. uavs: (S,) who sent them, ascending. round_: 1, 2, …
+        """
+        raise NotImplementedError

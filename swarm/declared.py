@@ -1,0 +1,80 @@
+"""What a controller declares of itself: everything the swarm needs to know of a method it has never heard of."""
+
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from swarm import plugins
+from swarm.errors import BadInput
+
+if TYPE_CHECKING:
+    from swarm.scenario import Scenario
+
+MAX_PARAMETERS = 1_000_000  # floats of a model: 8 MB, and no radio carries it
+MAX_DIAGNOSTICS = 100  # columns of a message are counted in one byte
+
+
+class Declared(msgspec.Struct, frozen=True):
+    """The declarations of one controller with its options.
+
+    parameters: floats of the model it shares with the federation; 0 if it takes part in no rounds.
+    parts: sizes of the parts of that model, each of which has a scale of its own where it is written in bytes.
+    weights: floats of what it has learned, as it is reported and recorded.
+    diagnostics: names of what it reports in every tick.
+    period_ticks: ticks between two rounds, where the scenario does not say.
+    pairwise: whether every UAV remembers something of every other; memory then grows with N².
+    """
+
+    parameters: int
+    parts: tuple[int, ...]
+    weights: int
+    diagnostics: tuple[str, ...]
+    period_ticks: int
+    pairwise: bool
+
+    @property
+    def is_federated(self) -> bool:
+        """Whether there are rounds."""
+        return self.parameters > 0
+
+
+def controller(scenario: "Scenario") -> Any:
+    """A new instance of a scenario's controller.
+
+    Raises:
+        BadInput: it is not installed here, or its options do not fit.
+    """
+    return plugins.create("controller", scenario.method, scenario.controller, scenario)
+
+
+def declared(scenario: "Scenario") -> Declared:
+    """What a scenario's controller declares.
+
+    Raises:
+        BadInput: like `controller`; or a declaration is of no use.
+    """
+    made = controller(scenario)
+    name = scenario.method
+    parameters, period = made.parameters, made.period_ticks
+    if not _is_count(parameters, 0, MAX_PARAMETERS):
+        raise BadInput(f"controller {name!r}: `parameters` is {parameters!r}; expected 0 … {MAX_PARAMETERS}")
+    parts = tuple(made.parts) or ((parameters,) if parameters else ())
+    if not all(_is_count(part, 1, parameters) for part in parts) or sum(parts) != parameters:
+        raise BadInput(f"controller {name!r}: `parts` {parts} do not add up to its {parameters} `parameters`")
+    weights = parameters if made.weights is None else made.weights
+    if not _is_count(weights, 0, MAX_PARAMETERS):
+        raise BadInput(f"controller {name!r}: `weights` is {weights!r}; expected 0 … {MAX_PARAMETERS}")
+    if not _is_count(period, 1, 2**31):
+        raise BadInput(f"controller {name!r}: `period_ticks` is {period!r}; expected a number of ticks, at least 1")
+    diagnostics = tuple(made.diagnostics)
+    fine = len(set(diagnostics)) == len(diagnostics) <= MAX_DIAGNOSTICS
+    if not fine or not all(isinstance(column, str) and column.isidentifier() for column in diagnostics):
+        raise BadInput(
+            f"controller {name!r}: `diagnostics` {diagnostics} must be at most {MAX_DIAGNOSTICS} different names of "
+            "letters, digits and underscores"
+        )
+    return Declared(int(parameters), parts, int(weights), diagnostics, int(period), bool(made.pairwise))
+
+
+def _is_count(value: object, least: int, most: int) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and least <= value <= most

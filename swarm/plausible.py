@@ -1,0 +1,31 @@
+"""Whether a state that somebody broadcast is one that a UAV can have: a lie beyond it is not believed."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarm.state import POSITION, VELOCITY
+
+if TYPE_CHECKING:
+    from swarm.scenario import Scenario
+
+
+def check(scenario: "Scenario") -> Callable[[NDArray[np.float64]], NDArray[np.bool_]]:
+    """Returns a function from states (S, 4) to which of them can be, (S,).
+
+    No UAV is faster than `radio.plausible_speed`, nor farther from the destination than it can have come from its start at
+    that speed.
+    """
+    speed = scenario.radio.plausible_speed
+    start, width = np.array(scenario.start.centre), scenario.start.spacing * (np.sqrt(scenario.uavs) + 1.0)
+    reach = float(np.hypot(*start)) + float(width) + speed * scenario.duration
+
+    def can_be(states: NDArray[np.float64]) -> NDArray[np.bool_]:
+        squared = states * states
+        position, velocity = squared[:, POSITION].sum(axis=-1), squared[:, VELOCITY].sum(axis=-1)
+        sane: NDArray[np.bool_] = (position <= reach * reach) & (velocity <= speed * speed)
+        return sane
+
+    return can_be

@@ -1,0 +1,153 @@
+"""The two messages of a tick ⇄ bytes of the fixed layout (`kernels.wire`); the one place where both are known.
+
+What `kernels.read` lets through is well-formed, consistent in its sizes and finite; that it is of this run, this tick and
+this sender is for who receives it to say.
+"""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+import kernels
+from kernels.wire import ACT, DTYPES, FIRST, SENSE, Batch, Message
+from swarm.errors import MessageRejected
+from swarm.messages import NOBODY, Act, FrameKind, Frames, Sense
+
+REPORT, CHECKPOINT = 1, 2  # flags of a Sense
+
+_DTYPES = tuple(np.dtype(name) for name in DTYPES)
+_CODE = {dtype: code for code, dtype in enumerate(_DTYPES)}
+_KINDS = tuple(FrameKind)
+_FLOAT, _INT = np.dtype("<f8"), np.dtype("<i4")
+
+
+def is_tick(raw: bytes) -> bool:
+    """Whether these are the bytes of a Sense or an Act, if they are any: a control message begins with a text."""
+    return raw[1:2] in (b"\x01", b"\x02")
+
+
+def take_apart(raw: bytes) -> Message:
+    """`kernels.read`.
+
+    Raises:
+        MessageRejected: `malformed`, `wrong-shape` or `non-finite`.
+    """
+    try:
+        return kernels.read(raw)
+    except ValueError as error:
+        reason, _, detail = str(error).partition(": ")
+        raise MessageRejected(reason, detail) from error
+
+
+def read_sense(raw: bytes) -> Sense:
+    """The Sense in `raw`; its arrays are views of it.
+
+    Raises:
+        MessageRejected: like `take_apart`; `wrong-kind` too.
+    """
+    kind, run, tick, flags, rows, columns, (memory, size), batches = take_apart(raw)
+    if kind != SENSE:
+        raise MessageRejected("wrong-kind", "an Act, expected a Sense")
+    return Sense(
+        run,
+        tick,
+        np.ndarray((rows, columns), _FLOAT, raw, FIRST),
+        bool(flags & REPORT),
+        bool(flags & CHECKPOINT),
+        frames_in(raw, batches) if batches else (),
+        raw[memory : memory + size],
+    )
+
+
+def read_act(raw: bytes) -> Act:
+    """The Act in `raw`; its arrays are views of it.
+
+    Raises:
+        MessageRejected: like `take_apart`; `wrong-kind` too.
+    """
+    kind, run, tick, _, rows, columns, tables, batches = take_apart(raw)
+    if kind != ACT:
+        raise MessageRejected("wrong-kind", "a Sense, expected an Act")
+    lost, lost_size, refused, refused_size, models, models_size, memory, memory_size = tables
+    width, left = divmod(models_size // 8, rows) if rows else (0, models_size)
+    if left:
+        raise MessageRejected("wrong-shape", f"{models_size} bytes of models of {rows} UAVs")
+    return Act(
+        run,
+        tick,
+        np.ndarray((rows, columns), _FLOAT, raw, FIRST),
+        np.ndarray(lost_size // 4, _INT, raw, lost) if lost_size else NOBODY,
+        np.ndarray(refused_size // 4, _INT, raw, refused) if refused_size else NOBODY,
+        np.ndarray((rows, width), _FLOAT, raw, models) if models_size else None,
+        raw[memory : memory + memory_size],
+        frames_in(raw, batches) if batches else (),
+    )
+
+
+def write_sense(sense: Sense) -> bytes:
+    """The bytes of a Sense."""
+    states, flags = sense.states, REPORT * sense.report | CHECKPOINT * sense.checkpoint
+    rows, columns = states.shape
+    return kernels.write(
+        SENSE, sense.run, sense.tick, flags, rows, columns, _plain(states), (sense.memory,), frames_out(sense.inbox)
+    )
+
+
+def write_act(act: Act) -> bytes:
+    """The bytes of an Act."""
+    rows, columns = act.commands.shape
+    tables = act.lost, act.refused, b"" if act.models is None else _plain(act.models), act.memory
+    return kernels.write(ACT, act.run, act.tick, 0, rows, columns, _plain(act.commands), tables, frames_out(act.outbox))
+
+
+def frames_in(raw: bytes, batches: Iterable[Batch]) -> tuple[Frames, ...]:
+    """The batches of a message that was taken apart.
+
+    Raises:
+        MessageRejected: `wrong-kind`: one of no kind there is.
+    """
+    frames = []
+    for kind, number, code, width, sources, source, payload, links, link in batches:
+        if kind >= len(_KINDS):
+            raise MessageRejected("wrong-kind", f"frames of kind {kind}")
+        frames.append(
+            Frames(
+                _KINDS[kind],
+                number,
+                np.ndarray(sources, _INT, raw, source),
+                np.ndarray((sources, width), _DTYPES[code], raw, payload),
+                np.ndarray((links, 2), _INT, raw, link) if links else None,
+            )
+        )
+    return tuple(frames)
+
+
+def frames_out(frames: Iterable[Frames]) -> list[tuple[int, int, int, int, Any, Any, Any]]:
+    """Batches as `kernels.write` takes them."""
+    return [
+        (
+            int(batch.kind),
+            batch.round,
+            _CODE[batch.payload.dtype],
+            batch.payload.shape[1],
+            _plain(batch.source, _INT),
+            np.ascontiguousarray(batch.payload),
+            b"" if batch.links is None else _plain(batch.links, _INT),
+        )
+        for batch in frames
+    ]
+
+
+def bytes_of_batch(frames: Frames) -> int:
+    """What a batch without links takes in a message."""
+    return _BATCH_BYTES + frames.source.size * _INT.itemsize + frames.payload.nbytes
+
+
+def _plain(array: np.ndarray, dtype: np.dtype = _FLOAT) -> np.ndarray:
+    return np.ascontiguousarray(array, dtype=dtype)
+
+
+_BATCH_BYTES = len(kernels.write(SENSE, 0, 0, 0, 0, 0, b"", (b"",), [(0, 0, 0, 0, b"", b"", b"")])) - len(
+    kernels.write(SENSE, 0, 0, 0, 0, 0, b"", (b"",))
+)
