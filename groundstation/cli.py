@@ -38,6 +38,10 @@ def cli() -> None:
     """
 
 
+def _register(_context: click.Context, _parameter: click.Parameter, files: tuple[Path, ...]) -> None:
+    plugins.load_files(files)
+
+
 _OF_A_SCENARIO = {
     "file": click.argument("file", metavar="[SCENARIO.toml]", required=False, type=click.Path(path_type=Path)),
     "method": click.option("--method", metavar="NAME", help=f"{_METHODS}"),
@@ -46,6 +50,16 @@ _OF_A_SCENARIO = {
     "duration": click.option("--duration", type=float, metavar="SECONDS", help="The run ends at the latest then."),
     "settings": click.option(
         "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Any scenario key, e.g. wind.sigma=0.2."
+    ),
+    "plugin": click.option(
+        "--plugin",
+        multiple=True,
+        type=click.Path(path_type=Path),
+        metavar="FILE.py",
+        callback=_register,
+        expose_value=False,
+        is_eager=True,  # before anything asks for what is in it
+        help="A file with a controller, an aggregation rule, a channel or a vehicle of yours, repeatable.",
     ),
 }
 

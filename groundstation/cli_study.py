@@ -52,7 +52,7 @@ def _report(paths: list[Path]) -> None:
 @cli.command()
 @click.argument("methods", nargs=-1, required=True, metavar="METHOD…")
 @click.option("--scenario", "file", type=click.Path(path_type=Path), metavar="SCENARIO.toml")
-@scenario_arguments("uavs", "seed", "duration", "settings")
+@scenario_arguments("uavs", "seed", "duration", "settings", "plugin")
 @_seeds
 @_jobs
 @_out("out/compare")
@@ -84,7 +84,7 @@ def compare(
 @click.argument("swept", metavar="KEY=V1,V2,…")
 @click.option("--methods", default="mfgfl-hf", show_default=True, metavar="M1,M2,…")
 @click.option("--scenario", "file", type=click.Path(path_type=Path), metavar="SCENARIO.toml")
-@scenario_arguments("uavs", "seed", "duration", "settings")
+@scenario_arguments("uavs", "seed", "duration", "settings", "plugin")
 @_seeds
 @_jobs
 @_out("out/sweep")

@@ -38,7 +38,7 @@ def rows_of(block: Telemetry, dt: float) -> pa.RecordBatch:
 
     def lists(values: np.ndarray) -> list[pa.Array]:
         """Columns of lists, of values (T, N, columns)."""
-        each = np.moveaxis(values, -1, 0).reshape(values.shape[-1], -1)  # one copy for all of them
+        each = np.moveaxis(values, -1, 0).reshape(values.shape[-1], rows * uavs)  # one copy for all of them
         return [pa.ListArray.from_arrays(offsets, column) for column in each]
 
     offsets = pa.array(np.arange(0, rows * uavs + 1, uavs, dtype=np.int32))

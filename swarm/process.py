@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
-from swarm import logs
+from swarm import logs, plugins
 from swarm.errors import EXIT_BAD_INPUT, EXIT_RUN_FAILED, MeanflockError
 from swarm.identity import Identity
 from swarm.session import DEFAULT_ENDPOINT
@@ -25,7 +25,11 @@ class _Parser(argparse.ArgumentParser):
 
 
 def parser(module: str, what: str, example: str) -> argparse.ArgumentParser:
-    """A parser with the flags every process has; each is also a variable MEANFLOCK_<FLAG>."""
+    """A parser with the flags every process has; each is also a variable MEANFLOCK_<FLAG>.
+
+    Raises:
+        BadInput: a file of plug-ins cannot be used.
+    """
     result = _Parser(
         prog=f"python -m {module}",
         description=what,
@@ -36,8 +40,16 @@ def parser(module: str, what: str, example: str) -> argparse.ArgumentParser:
     flag(result, "--run", "swarm", "name of the run; nodes of other runs never meet")
     flag(result, "--tls", "", "folder of certificates; every link is then mutual TLS")
     flag(result, "--wait", "60", "seconds to wait for the others", float)
+    what = f"a file with plug-ins, repeatable (${plugins.FILES}: several, as PATH separates them)"
+    result.add_argument("--plugin", action="append", metavar="FILE.py", type=_plugins_of, help=what)
+    plugins.load_of_environment()
     flag(result, "--log-format", logs.TEXT, "text, or json for one object a line", logs.check)
     return result
+
+
+def _plugins_of(path: str) -> Path:
+    plugins.load_file(Path(path))
+    return Path(path)
 
 
 def flag(to: argparse.ArgumentParser, name: str, default: str, what: str, type_: Callable[[str], object] = str) -> None:

@@ -111,7 +111,7 @@ class Rows:
             links=np.concatenate([np.zeros((0, 5), dtype=np.int32), *self._links]),
             report_ticks=np.array([tick for tick, _, _ in self._reports], dtype=np.int32),
             reports=np.array([vector for _, vector, _ in self._reports], dtype=np.float32).reshape(
-                -1, self._declared.weights
+                len(self._reports), self._declared.weights
             ),
             spread=np.array([spread for _, _, spread in self._reports]),
             events=tuple(self._events),
