@@ -14,6 +14,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from groundstation import quantities
 from swarm.clusters import Clusters
 from swarm.messages import Status
 from swarm.model import VALUE_FEATURES
@@ -95,29 +96,37 @@ _RANGE_COLORS = (WHITE, BLUE, ORANGE)
 _RANGE_WIDTHS = (2.5, 1.2, 1.2)
 _SIZES, _SIZES_COLORS, _SIZES_WIDTHS = ("max", "mean"), (ORANGE, WHITE), (1.2, 2.5)
 
-ENERGY = Plot("plots/energy", "energy since take-off, J", _RANGE, _RANGE_COLORS, _RANGE_WIDTHS, True)
-SPEED = Plot("plots/speed", "speed, m/s: mean, min, max", _RANGE, _RANGE_COLORS, _RANGE_WIDTHS)
+ENERGY = Plot("plots/energy", quantities.ENERGY.title(), _RANGE, _RANGE_COLORS, _RANGE_WIDTHS, True)
+SPEED = Plot("plots/speed", quantities.SPEED.title("mean, min, max"), _RANGE, _RANGE_COLORS, _RANGE_WIDTHS)
 BITS = Plot(
     "plots/bits",
-    "payload sent, Mbit",
+    f"{quantities.PAYLOAD.name}, Mbit",
     ("uplink", "relay", "broadcast", "state"),
     (BLUE, GREEN, ORANGE, VIOLET),
     legend=True,
 )
-ALIGNMENT = Plot("plots/alignment", "misalignment φ_A", ("φ_A",), (VIOLET,))
+ALIGNMENT = Plot("plots/alignment", quantities.ALIGNMENT.title(), ("φ_A",), (VIOLET,))
 RISK = Plot(
     "plots/risk",
-    "collision risk φ_C; grey: distinct pairs, *: a collision",
-    ("φ_C", "φ_C, distinct pairs"),
+    f"{quantities.RISK_PRINTED.name}; grey: distinct pairs",
+    ("with self-pairs", "distinct pairs"),
     (ORANGE, GREY),
 )
 FAILURES = Plot(
-    "plots/failures", "outages and collisions, count", ("outages", "collisions"), (RED, COLLISION), legend=True
+    "plots/failures",
+    f"{quantities.OUTAGES.title()}; {quantities.COLLISIONS.title()}",
+    ("outages", "collisions"),
+    (RED, COLLISION),
+    legend=True,
 )
-HJB = Plot("plots/hjb_residual", "HJB residual, log10 |e_H|: mean, max", _SIZES, _SIZES_COLORS, _SIZES_WIDTHS)
-FPK = Plot("plots/fpk_residual", "FPK residual, log10 |e_F|: mean, max", _SIZES, _SIZES_COLORS, _SIZES_WIDTHS)
-PHI_G = Plot("plots/phi_g", "interaction cost φ_G, 1/s²: mean, min, max", _RANGE, _RANGE_COLORS, _RANGE_WIDTHS)
-SPREAD = Plot("plots/spread", "spread of the models, RMS distance from their mean", ("spread",), (VIOLET,))
+HJB = Plot(
+    "plots/hjb_residual", f"{quantities.HJB_RESIDUAL.title()}; log10 of mean, max", _SIZES, _SIZES_COLORS, _SIZES_WIDTHS
+)
+FPK = Plot(
+    "plots/fpk_residual", f"{quantities.FPK_RESIDUAL.title()}; log10 of mean, max", _SIZES, _SIZES_COLORS, _SIZES_WIDTHS
+)
+PHI_G = Plot("plots/phi_g", quantities.INTERACTION.title("mean, min, max"), _RANGE, _RANGE_COLORS, _RANGE_WIDTHS)
+SPREAD = Plot("plots/spread", quantities.SPREAD.title("RMS distance from their mean"), ("spread",), (VIOLET,))
 WEIGHTS = "plots/weights"
 
 
