@@ -250,21 +250,27 @@ def _best(view: View, check: Check, found: Findings) -> Tests:
         found.missing.append(named(check.metric, *check.experiments))
         return
     level = 1.0 - (1.0 - statistics.CONFIDENCE) / len(cases)
-    best: tuple[float, Estimate, tuple[str, str, str, list[Floats]]] | None = None
+    tests: list[tuple[Test, tuple[str, str, str, list[Floats]]]] = []
     for case in cases:
         kept = statistics.ratio(*case[3], confidence=level)
         saved = Estimate(1.0 - kept.value, 1.0 - kept.high, 1.0 - kept.low, kept.n)
-        rank = saved.low if math.isfinite(saved.low) else -1e9 + saved.value
-        if not math.isnan(saved.value) and (best is None or rank > best[0]):
-            best = (rank, saved, case)
-    if best is None:
+        if not math.isnan(saved.value):
+            what = f"{check.metric}: best of {len(cases)} savings, {case[0]} against {case[1]} at {case[2]}"
+            tests.append((above(what, saved, check.threshold), case))
+    if not tests:
         found.missing.append(named(check.metric, *check.experiments))
         return
-    _, saved, (subject, other, where, columns) = best
+    test, (subject, other, where, columns) = max(tests, key=_best_first)
     for name, column in ((subject, columns[0]), (other, columns[1])):
         found.values[check.metric, name, where] = statistics.mean(column)
-    what = f"{check.metric}: best of {len(cases)} savings, {subject} against {other} at {where}"
-    yield "", above(what, saved, check.threshold)
+    yield "", test
+
+
+def _best_first(tested: tuple[Test, object]) -> tuple[int, float]:
+    """The claim fails only where every saving does: what holds goes first, then what is undecided."""
+    outcome, saved = tested[0].outcome, tested[0].estimate
+    order = (Outcome.FAILS, Outcome.UNKNOWN, Outcome.UNDECIDED, Outcome.HOLDS)
+    return order.index(outcome), saved.low if math.isfinite(saved.low) else -1e9 + saved.value
 
 
 _KINDS: dict[str, Callable[[View, Check, Findings], Tests]] = {

@@ -29,8 +29,8 @@ RULE = (
     "Methods are paired by seed: the same seed is the same wind. Means, differences and slopes have Student's "
     "interval, ratios of means Fieller's, shares of runs Clopper and Pearson's, counts Garwood's. A best case "
     "(“up to”) is the comparison with the largest lower bound over all grid points and baselines, its interval "
-    "widened to hold for all of them at once. “Most” of a grid is more than half of its points. Thresholds and "
-    "their reading are data: claims.toml."
+    "widened to hold for all of them at once; it fails only if all of them do. “Most” of a grid is more than half of "
+    "its points. Thresholds and their reading are data: claims.toml."
 )
 THEORY = {
     "hjb_state_growth": "Prop. 1: ‖s‖, last third over first two thirds of a long flight",

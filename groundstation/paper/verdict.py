@@ -5,7 +5,7 @@ its threshold, **fails** if the whole interval lies on the other side, and is **
 interval. A claim is **reproduced** if each of its checks holds, **not reproduced** if one fails, and **undecided** if
 none fails and one is undecided. It is **not testable** if it says why no data could decide, or if the data for it are
 missing or come from a single seed. Seeds are paired between methods. A best case ("up to") is the comparison with the
-largest lower bound, its interval widened (Bonferroni) to hold for all comparisons at once.
+largest lower bound, its interval widened (Bonferroni) to hold for all comparisons at once; it fails only if all do.
 """
 
 import math

@@ -209,6 +209,14 @@ def test_a_best_case_of_nothing_but_noise_is_undecided() -> None:
     assert verdict(rows, threshold=0.25, **check) == UNDECIDED
 
 
+def test_a_best_case_that_fails_leaves_open_what_another_leaves_open() -> None:
+    rows = noisy("x", {HF: 0.9, H: 1.0}, noise=0.001)  # a tenth less, for certain
+    rows += [row("s0", F, seed, x=1.8 + 2.0 * (seed % 2)) for seed in {each["seed"] for each in rows}]
+    check = {"kind": "best", "metric": "x", "experiments": ("s0",), "subject": (HF,)}
+    assert verdict(rows, threshold=0.7, against=(H,), **check) == NOT_REPRODUCED
+    assert verdict(rows, threshold=0.7, against=(H, F), **check) == UNDECIDED
+
+
 def test_most_points_suffice_where_the_claim_says_so() -> None:
     lines = {HF: {50: 1.0, 100: 1.0, 200: 2.0}, H: {50: 1.5, 100: 1.5, 200: 1.5}}
     rows = gridded("x", "period", "period", lines)
