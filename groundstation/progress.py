@@ -7,6 +7,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from channel.meter import TRAFFIC
+from groundstation.quantities import ARRIVED, FIELDS, OUTAGES, PAYLOAD
 from swarm.messages import SWARM_COLUMNS, Telemetry
 from swarm.scenario import Scenario
 
@@ -73,20 +74,25 @@ def summary_table(summary: dict[str, object]) -> Table:
         shown = "–" if value is None else f"{value:,.{digits}f}" if isinstance(value, float) else f"{value:,}"
         table.add_row(name, shown, unit)
 
-    table.add_row("arrived", f"{summary['arrived']} of {summary['uavs']}", f"{summary['lost']} lost")
-    add("travel time, mean", summary["t_avg_s"], "s", 1)
-    add("travel time, longest", summary["t_max_s"], "s", 1)
-    add("motion energy, mean", summary["energy_mean_J"], "J until own arrival")
-    add("alignment φ_A", summary["phi_A"], "m/s", 3)
-    add("collision risk φ_C, distinct pairs", summary["phi_C_distinct"], "", 5)
-    add("collisions", summary["collisions"], "pairs", 0)
-    add("speed, highest", summary["speed_max_m_s"], "m/s", 1)
-    add("distance, mean", summary["distance_mean_m"], "m", 0)
+    table.add_row(ARRIVED.name, f"{summary['arrived']} of {summary['uavs']}", f"{summary['lost']} lost")
+
+    def quantity(field: str, of: str, digits: int) -> None:
+        known = FIELDS[field]
+        add(f"{known.name}, {of}" if of else known.name, summary[field], known.qualified_unit, digits)
+
+    quantity("t_avg_s", "mean", 1)
+    quantity("t_max_s", "longest", 1)
+    quantity("energy_mean_J", "mean", 2)
+    quantity("phi_A", "", 3)
+    quantity("phi_C_distinct", "", 5)
+    quantity("collisions", "", 0)
+    quantity("speed_max_m_s", "highest", 1)
+    quantity("distance_mean_m", "mean", 0)
     for name in TRAFFIC.values():
         if bits[name]:
-            add(f"{name} payload", bits[name], "bits")
+            add(f"{name} {PAYLOAD.name}", bits[name], PAYLOAD.unit)
     add("on the wire", summary["wire_bytes"], "bytes")
-    add("radio links in outage", radio["outages"], f"of {radio['sent']:,}")
+    add(OUTAGES.name, radio["outages"], f"of {radio['sent']:,} {OUTAGES.unit}")
     if radio["outage_rate"] is not None:
         add(
             "outage rate",

@@ -96,9 +96,10 @@ def start_headless(path: Path, size: tuple[int, int], log: Path) -> tuple["subpr
     _, port = listening_address(LOOPBACK, 0)
     window = f"{size[0]}x{size[1]}"
     arguments = ["--headless", "--bind", LOOPBACK, "--port", str(port), "--window-size", window]
+    environment = {**_environment(), "RUST_LOG": "warn"}  # what it logs below that it also lays over the views
     with log.open("wb") as output:
         viewer = subprocess.Popen(
-            [*_program(), str(path), *arguments], env=_environment(), stdout=output, stderr=subprocess.STDOUT
+            [*_program(), str(path), *arguments], env=environment, stdout=output, stderr=subprocess.STDOUT
         )
     return viewer, f"rerun+http://{LOOPBACK}:{port}/proxy"
 
