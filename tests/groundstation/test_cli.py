@@ -9,26 +9,11 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from groundstation.cli import main
 from groundstation.engine import Engine
 from groundstation.recording import Recorder, recorded, verify
 from groundstation.results import RunFolder
 from swarm import scenario
 from swarm.errors import EXIT_BAD_INPUT, EXIT_CODE_HELP, EXIT_DONE, MeanflockError
-
-
-@pytest.fixture
-def run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
-    """Calls `meanflock ARGUMENTS` in an empty folder; returns exit code, stdout and stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments: str) -> tuple[int, str, str]:
-        code = main(list(arguments))
-        said = capsys.readouterr()
-        return code, said.out, said.err
-
-    return call
-
 
 QUICK = ("run", "--in-process", "--no-record", "--quiet", "--uavs", "3", "--duration", "2")
 
