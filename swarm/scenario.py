@@ -313,13 +313,13 @@ def read_faults(path: Path) -> list[dict[str, Any]]:
     Raises:
         BadInput: unreadable file, or not a fault script; the message names the file, the fault and the key.
     """
-    table = _read(path)
+    table = _read(path, "fault script")
     if set(table) != {"faults"}:
         raise BadInput(f"{path}: a fault script holds [[faults]] and nothing else, see scenarios/faults.toml")
     try:
         msgspec.convert(table, _Script)
     except msgspec.ValidationError as error:
-        raise BadInput(f"{path}: {_explain(str(error))}") from error
+        raise BadInput(f"{path}: {_explain(error, _Script)}") from error
     faults: list[dict[str, Any]] = table["faults"]
     return faults
 
@@ -347,14 +347,14 @@ def load(path: Path | None, settings: Iterable[str] = (), **options: Any) -> Sce
     try:
         return msgspec.convert(table, Scenario)
     except msgspec.ValidationError as error:
-        raise BadInput(f"{where}: {_explain(str(error))}") from error
+        raise BadInput(f"{where}: {_explain(error, Scenario)}") from error
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path, what: str = "scenario file") -> dict[str, Any]:
     try:
         return _parse(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise BadInput(f"{path}: {error.strerror}; give a readable scenario file") from error
+        raise BadInput(f"{path}: {error.strerror}; give a readable {what}") from error
     except ValueError as error:  # of the parser, or bytes that are no UTF-8
         raise BadInput(f"{path}: not TOML: {error}") from error
 
@@ -373,8 +373,10 @@ def _apply(table: dict[str, Any], setting: str) -> None:
         raise BadInput(f"--set {setting}: write it as key=value, for example --set wind.sigma=0.2")
     try:
         value = _parse(f"value = {text}")["value"]
-    except (ValueError, KeyError):
+    except (ValueError, KeyError) as error:
         value = text.strip()
+        if value[:1] in tuple("[{\"'"):  # no bare word
+            raise BadInput(f"--set {setting}: `{value}` is not TOML: {error}") from error
     *parents, last = key.strip().split(".")
     for parent in parents:
         table = table.setdefault(parent, {})
@@ -383,11 +385,7 @@ def _apply(table: dict[str, Any], setting: str) -> None:
     table[last] = value
 
 
-def _explain(message: str) -> str:
-    """A validation message with the place first and the mend last."""
-    text, _, place = message.partition(" - at ")
-    place = place.strip("`").removeprefix("$").removeprefix(".")
-    if place == "method":
-        text += f"; choose one of {', '.join(Method)}"
-    mend = "" if ";" in text else "; `meanflock scenario schema` lists every key with its unit and bounds"
-    return f"{place + ': ' if place else ''}{text}{mend}"
+def _explain(error: msgspec.ValidationError, kind: type) -> str:
+    from swarm.explain import explain  # only here: nodes are sent scenarios that are sound
+
+    return explain(str(error), kind)
