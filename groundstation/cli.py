@@ -170,7 +170,7 @@ def run(
         metrics=_metrics(metrics),
         log_format=log_format,
     )
-    _tell(fly(flown, options), as_json, quiet)
+    _tell(fly(flown, options), as_json, log_format)
 
 
 @cli.command()
@@ -209,20 +209,20 @@ def resume(
         metrics=_metrics(metrics),
         log_format=log_format,
     )
-    _tell(fly(dead.scenario, options, dead), as_json, quiet)
+    _tell(fly(dead.scenario, options, dead), as_json, log_format)
 
 
 def _metrics(given: str | None) -> Address | None:
     return None if given is None else Address.parse("--metrics", given)
 
 
-def _tell(done: Run, as_json: bool, quiet: bool) -> None:
+def _tell(done: Run, as_json: bool, log_format: str | None) -> None:
     if as_json:
         click.echo(json.dumps(done.summary))
     else:
         Console().print(summary_table(done.summary))
-    if not quiet:
-        Console(stderr=True).print(f"[dim]run folder[/] {done.folder}", highlight=False, soft_wrap=True)
+    if log_format != logs.JSON:  # each of whose lines names the run
+        logs.tell(f"run folder {done.folder}")
 
 
 @cli.command()

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from groundstation.cli import cli, scenario_arguments
+from groundstation.doctor import tell_if_slow
 from groundstation.durable import check_folder
 from swarm import scenario
 from swarm.errors import BadInput
@@ -157,6 +158,7 @@ def _fly(
     new = not out.exists()
     store = Store(out)
     check_folder(out)
+    tell_if_slow()
     try:
         with _progress(what, quiet) as progress:
             return study.fly_all(points, jobs, progress, store)
@@ -234,6 +236,7 @@ def paper(
     if unknown:
         raise BadInput(f"--only {', '.join(unknown)}: no such figure; there are {', '.join(FIGURES)}")
     experiments = set().union(*(_FLOWN_FOR[name] for name in wanted)) if wanted else None
+    tell_if_slow()
     results = run_grid(out, seeds, experiments, jobs, backend, scheduler, quiet)
     with _progress("theory", quiet) as progress:
         theory = measured(out, jobs=jobs, progress=progress)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
+import worldsim.kernel
 from groundstation import display, viewer
 from groundstation.engine import Engine
 from groundstation.recording import Recorder, recorded, verify
@@ -115,6 +116,28 @@ def test_json_is_exactly_the_summary_even_with_progress(run, tmp_path) -> None:
     assert code == EXIT_DONE
     (folder,) = (tmp_path / "runs").iterdir()
     assert json.loads(out) == json.loads((folder / "summary.json").read_text())
+
+
+@pytest.mark.parametrize("flags", [(), ("--quiet",), ("--quiet", "--json")])
+def test_the_run_folder_is_named_however_quiet(run, tmp_path, flags) -> None:
+    code, _, err = run("run", "--in-process", "--no-record", "--uavs", "2", "--duration", "1", *flags)
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert (code, err) == (EXIT_DONE, f"run folder runs/{folder.name}\n")
+
+
+@pytest.mark.parametrize(
+    "verb",
+    [("run", "--in-process", "--no-record"), ("compare", "mfg", "--seeds", "1"), ("sweep", "seed=1,2")],
+    ids=lambda verb: verb[0],
+)
+def test_a_run_without_compiled_kernels_says_that_it_is_slow(run, monkeypatch, verb) -> None:
+    flags = ("--uavs", "2", "--duration", "1", "--quiet")
+    assert "kernels" not in run(*verb, *flags)[2]
+    monkeypatch.setattr(worldsim.kernel, "is_compiled", lambda: False)
+    code, _, err = run(*verb, *flags)
+    assert code == EXIT_DONE
+    (said,) = [line for line in err.splitlines() if "kernels" in line]
+    assert re.match(r"warning: kernels not compiled, the world's: .* slower; install a C compiler", said)
 
 
 def test_show_prints_a_scenario_that_loads_as_the_same(run, tmp_path) -> None:
