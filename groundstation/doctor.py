@@ -73,7 +73,7 @@ def _package(name: str) -> Finding:
     try:
         return Finding(name, "ok", importlib.metadata.version(name))
     except importlib.metadata.PackageNotFoundError:
-        return Finding(name, "fails", "not installed", "make install")
+        return Finding(name, "fails", "not installed", "pip install 'meanflock[ground]'")
 
 
 def compiled() -> Finding:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, TypeAlias, cast
 import msgspec
 from msgspec import Meta, field
 
-from swarm import clusters
+from swarm import clusters, toml
 from swarm.errors import BadInput
 from swarm.faults import Fault, LeaderLoss
 from swarm.methods import Method
@@ -313,7 +313,7 @@ def read_faults(path: Path) -> list[dict[str, Any]]:
     Raises:
         BadInput: unreadable file, or not a fault script; the message names the file, the fault and the key.
     """
-    table = _read(path, "fault script")
+    table = toml.read(path, "fault script")
     if set(table) != {"faults"}:
         raise BadInput(f"{path}: a fault script holds [[faults]] and nothing else, see scenarios/faults.toml")
     try:
@@ -340,49 +340,14 @@ def load(path: Path | None, settings: Iterable[str] = (), **options: Any) -> Sce
     where = "scenario"
     if path is not None:
         where = str(path)
-        table = _read(path)
+        table = toml.read(path, "scenario file")
     for setting in settings:
-        _apply(table, setting)
+        toml.apply(table, setting)
     table.update({name: value for name, value in options.items() if value is not None})
     try:
         return msgspec.convert(table, Scenario)
     except msgspec.ValidationError as error:
         raise BadInput(f"{where}: {_explain(error, Scenario)}") from error
-
-
-def _read(path: Path, what: str = "scenario file") -> dict[str, Any]:
-    try:
-        return _parse(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BadInput(f"{path}: {error.strerror}; give a readable {what}") from error
-    except ValueError as error:  # of the parser, or bytes that are no UTF-8
-        raise BadInput(f"{path}: not TOML: {error}") from error
-
-
-def _parse(text: str) -> dict[str, Any]:
-    """TOML, or ValueError."""
-    import tomllib  # only here: nodes are sent their scenario as JSON
-
-    return tomllib.loads(text)
-
-
-def _apply(table: dict[str, Any], setting: str) -> None:
-    """Sets one dotted key from the text `a.b=c`, c in TOML syntax; a bare word is a string."""
-    key, equals, text = setting.partition("=")
-    if not equals or not key.strip():
-        raise BadInput(f"--set {setting}: write it as key=value, for example --set wind.sigma=0.2")
-    try:
-        value = _parse(f"value = {text}")["value"]
-    except (ValueError, KeyError) as error:
-        value = text.strip()
-        if value[:1] in tuple("[{\"'"):  # no bare word
-            raise BadInput(f"--set {setting}: `{value}` is not TOML: {error}") from error
-    *parents, last = key.strip().split(".")
-    for parent in parents:
-        table = table.setdefault(parent, {})
-        if not isinstance(table, dict):
-            raise BadInput(f"--set {setting}: `{parent}` is not a table")
-    table[last] = value
 
 
 def _explain(error: msgspec.ValidationError, kind: type) -> str:

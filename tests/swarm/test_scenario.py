@@ -438,3 +438,21 @@ def test_the_defaults_are_the_numbers_of_the_model(tmp_path: Path) -> None:
 def test_the_paper_s_file_is_the_default_scenario() -> None:
     path = Path(__file__).parents[2] / "scenarios" / "paper.toml"
     assert load(path).sha256() == load(None).sha256()
+
+
+def test_a_shipped_scenario_is_found_from_any_folder_and_one_s_own_comes_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert load(Path("scenarios/hierarchical.toml")).federation.clusters == 5
+    assert len(scenario.read_faults(Path("scenarios/faults.toml"))) > 3
+    with pytest.raises(
+        BadInput, match=r"scenarios/none\.toml: .* or one of scenarios/faults\.toml, scenarios/hierarchical\.toml, "
+    ):
+        load(Path("scenarios/none.toml"))
+    with pytest.raises(BadInput, match=r"give a readable scenario file$"):
+        load(Path("paper.toml"))
+    own = tmp_path / "scenarios" / "hierarchical.toml"
+    own.parent.mkdir()
+    own.write_text("uavs = 3")
+    assert load(Path("scenarios/hierarchical.toml")).uavs == 3
