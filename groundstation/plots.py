@@ -22,6 +22,7 @@ from groundstation import plotstyle
 from groundstation.paper import statistics
 from groundstation.quantities import FIELDS
 from groundstation.results import EVENTS, SCENARIO, TIMESERIES
+from groundstation.units import with_unit
 from swarm.errors import BadInput
 from swarm.scenario import Scenario, load
 
@@ -30,7 +31,15 @@ Summaries = Sequence[Mapping[str, Any]]  # of runs that differ in their seed
 
 COMPARED = tuple(  # key of a summary, title of its panel
     (key, FIELDS[key].remarked)
-    for key in ("t_avg_s", "energy_mean_J", "payload_bits.total", "phi_A", "phi_C_distinct", "collisions")
+    for key in (
+        "t_avg_censored_s",
+        "energy_mean_J",
+        "payload_bits.total",
+        "phi_A",
+        "phi_C_distinct",
+        "collisions",
+        "arrived",
+    )
 )
 _PHI = LogNorm(1e-3, 1e0, clip=True)
 _MAX_POINTS = 1500  # of a curve, instants of a path
@@ -297,39 +306,6 @@ def plot_sweep(
         for ax in axes[len(metrics) :]:
             ax.set_visible(False)
         for ax in axes[-columns:]:
-            ax.set_xlabel(swept(key))
+            ax.set_xlabel(with_unit(key))
         plotstyle.legend(made, methods, markers=True)
     return made
-
-
-def swept(key: str) -> str:
-    """The axis of a swept key: its name and, where the scenario knows it, its unit."""
-    return UNITS.get(key, key)
-
-
-UNITS = {
-    "uavs": "number of UAVs $N$",
-    "dt": "dt (s)",
-    "duration": "duration (s)",
-    "wind.sigma": r"wind.sigma (m s$^{-1}$ s$^{-1/2}$)",
-    "wind.drag": "wind.drag (1/s)",
-    "start.spacing": "start.spacing (m)",
-    "start.height": "start.height (m)",
-    "destination.radius": "destination.radius (m, m/s)",
-    "cost.c1": r"cost.c1 (s$^2$/m$^2$)",
-    "cost.c3": r"cost.c3 (s$^4$/m$^2$)",
-    "cost.epsilon": r"cost.epsilon (m$^2$)",
-    "learner.kappa": "learner.kappa (1/s)",
-    "learner.position_scale": "learner.position_scale (m)",
-    "learner.velocity_scale": "learner.velocity_scale (m/s)",
-    "federation.period": "federation.period (ticks)",
-    "federation.state_period": "federation.state_period (ticks)",
-    "radio.tx_power_dbm": "radio.tx_power_dbm (dBm)",
-    "radio.bandwidth_hz": "radio.bandwidth_hz (Hz)",
-    "radio.target_snr_db": "radio.target_snr_db (dB)",
-    "radio.coherence_time_s": "radio.coherence_time_s (s)",
-    "radio.latency_threshold_slots": "radio.latency_threshold_slots (slots)",
-    "radio.range_m": "radio.range_m (m)",
-    "metrics.collision_radius": "metrics.collision_radius (m)",
-    "metrics.hazard_radius": "metrics.hazard_radius (m)",
-}

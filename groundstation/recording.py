@@ -384,8 +384,8 @@ def _cut(rows: int, *parts: tuple[rr.ComponentDescriptor, rr.ComponentBatchLike]
     first, and then anew: that takes longer than to send them."""
     columns = []
     for descriptor, batch in parts:
-        values = len(batch.as_arrow_array())
-        offsets = np.arange(0, values + 1, values // rows, dtype=np.int32)
+        each = len(batch.as_arrow_array()) // rows  # 0 where there is nothing to show: a round nobody was heard in
+        offsets = np.arange(rows + 1, dtype=np.int32) * np.int32(each)
         columns.append(rr.ComponentColumn(descriptor, batch, offsets=offsets))
     return columns
 
