@@ -301,7 +301,7 @@ def blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.Bluepri
 
 def _learned(leader: int, reported: Reported) -> tuple[list[rrb.View], list[rrb.View]]:
     """Plots of what the controller reports: at most two for the grid, the others for tabs beside it."""
-    plots = [_series(diagnostic(name)) for name in reported.diagnostics]
+    plots: list[rrb.View] = [_series(diagnostic(name)) for name in reported.diagnostics]
     if not reported.weights:
         return plots[:2], plots[2:]
     weights = rrb.TimeSeriesView(
