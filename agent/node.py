@@ -124,6 +124,11 @@ class Agent:
         """Whether nothing is kept of an upload, and nobody falsifies it."""
         return self._feedback.residuals is None and not len(self._byzantine.uavs)
 
+    @property
+    def models(self) -> Floats:
+        """What each row has learned so far, `(M, 246)`."""
+        return self._minds.models()
+
     def act(self, sense: Sense) -> Act:
         """One tick.
 

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from joblib import Parallel, delayed
+from msgspec import structs
 
-from groundstation.paper.batch import Batch
+from groundstation.engine import Engine
 from swarm.errors import BadInput
 from swarm.scenario import Scenario
 
@@ -41,7 +42,8 @@ def fly_all(
 
 
 def _fly(scenario: Scenario, seeds: Sequence[int]) -> Summaries:
-    return [dict(flown.summary) for flown in Batch(scenario, list(seeds)).fly()]
+    flown = [structs.replace(scenario, seed=seed) for seed in seeds]
+    return [Engine(one, f"{one.method}-s{one.seed}").complete() for one in flown]
 
 
 def values_of(text: str) -> tuple[str, list[Any]]:

@@ -87,18 +87,18 @@ def filter_moments(
 
 def trip_states(scenario: Scenario) -> Floats:
     """States of all UAVs and ticks of one trip under Algorithm 2, `(S, 4)`."""
-    scenario = msgspec.structs.replace(scenario, method=Method.MFG, duration=TRIP_S, stop="duration")
-    flown = [(flight.states, flight.status != Status.LOST) for flight, _ in theory.flights(scenario)]
-    return np.concatenate([states[alive] for states, alive in flown])
+    engine = Engine(theory.clear(msgspec.structs.replace(scenario, method=Method.MFG), TRIP_S), "trip")
+    flight = engine.world.flight
+    states = [flight.states[flight.status != Status.LOST] for _ in engine.fly()]
+    engine.world.finish()
+    return np.concatenate(states)
 
 
 def gap(scenario: Scenario) -> float:
     """Median over UAVs of realised over optimal cost, the optimum without noise; see `optimum.gaps`."""
     kept = _Keep()
     engine = Engine(scenario, "gap", sinks=[kept])
-    for _ in engine.fly():
-        pass
-    engine.world.finish()
+    engine.complete()
     states = np.concatenate([block.states for block in kept.blocks])
     commands = np.concatenate([block.accelerations for block in kept.blocks]).astype(np.float64)[1:]
     return float(np.median(optimum.gaps(scenario, states, commands, engine.world.flight.arrival_tick)))
