@@ -11,7 +11,8 @@ import pytest
 
 from groundstation.cli import main
 from groundstation.engine import Engine
-from groundstation.recording import Recorder, recorded, verify
+from groundstation.recorded import recorded
+from groundstation.recording import Recorder, verify
 from groundstation.results import RunFolder
 from swarm import scenario
 from swarm.errors import EXIT_BAD_INPUT, EXIT_CODE_HELP, EXIT_DONE, MeanflockError
