@@ -315,13 +315,14 @@ class Recorder:
         if not events:
             return
         levels = [_LEVELS.get(event.kind, "INFO") for event in events]
+        shades = [
+            look.COLLISION if event.kind == "collision" else _LEVEL_COLORS[level]
+            for event, level in zip(events, levels, strict=True)
+        ]
         log = (
             (_TEXT, rr.components.TextBatch([line(event) for event in events])),
             (_LEVEL, rr.components.TextLogLevelBatch(levels)),
-            (
-                _TEXT_COLOR,
-                rr.components.ColorBatch(np.array([_LEVEL_COLORS[level] for level in levels], dtype=np.uint32)),
-            ),
+            (_TEXT_COLOR, rr.components.ColorBatch(np.array(shades, dtype=np.uint32))),
         )
         self._send(look.EVENTS, np.array([event.tick for event in events], dtype=np.int64), _cut(len(events), *log))
 
