@@ -14,7 +14,8 @@ import pytest
 import worldsim.kernel
 from groundstation import display, viewer
 from groundstation.engine import Engine
-from groundstation.recording import Recorder, recorded, verify
+from groundstation.recorded import recorded
+from groundstation.recording import Recorder, verify
 from groundstation.results import RunFolder
 from swarm import scenario
 from swarm.errors import EXIT_BAD_INPUT, EXIT_CODE_HELP, EXIT_DONE, EXIT_RUN_FAILED, MeanflockError, RunFailed
