@@ -7,13 +7,12 @@ from agent.byzantine import Byzantine
 from agent.feedback import Feedback
 from agent.heads import Heads
 from agent.heard import Heard
-from agent.learner import Learner
-from agent.minds import Minds, Outcome
+from agent.learner import Learner, StepResult
 from agent.offline import Program
 from swarm import faults, model, payload, state
 from swarm.codec import FLOAT_OF_BITS, expect, finite
 from swarm.errors import MessageRejected
-from swarm.messages import Act, FrameKind, Frames, Sense, Welcome
+from swarm.messages import OUTCOME_FLOATS, Act, FrameKind, Frames, Sense, Welcome
 from swarm.methods import Method
 from swarm.model import BEYOND_SENSE
 from swarm.rounds import Rounds
@@ -46,10 +45,9 @@ class Agent:
         plan = expect("initial_states", welcome.initial_states, (self._scenario.uavs, state.SIZE), self._float)
         plan = plan.astype(np.float64)
         self._learner = Learner(self._scenario)
-        self._minds = self._learner.init(len(self.uavs), plan)
-        if welcome.models is not None:  # a run that is resumed: the minds go on where they were
-            models = expect("models", welcome.models, (len(self.uavs), model.MODEL_FLOATS), np.float64)
-            self._minds = self._minds.with_models(np.arange(len(self.uavs)), slice(None), models)
+        self._weights = self._learner.init(len(self.uavs), plan)
+        if welcome.models is not None:  # a run that is resumed: the learners go on where they were
+            self._weights[...] = expect("models", welcome.models, self._weights.shape, np.float64)
         self._program = Program(self._scenario, plan[self.uavs]) if self._method is Method.OFFLINE else None
         self._diverged = np.zeros(len(self.uavs), dtype=bool)
         self._silenced = False  # whether any has
@@ -81,7 +79,7 @@ class Agent:
 
         # 0. Rows the fault script pauses are as they were when the tick is over, whatever the others do.
         asleep = self._asleep(sense.tick)
-        before = self._minds, self._known[asleep] if asleep is not None and self._known is not None else None
+        before = self._weights, self._known[asleep] if asleep is not None and self._known is not None else None
         # 1. Take in what the radio brought: a global model overwrites, a neighbour's state replaces the last one,
         #    and the head of a cluster keeps the uploads of a round.
         for frames in sense.inbox:
@@ -93,13 +91,12 @@ class Agent:
         # 3. Learn one step of each network, and act on it.
         if self._known is not None:
             self._known[np.arange(len(self.uavs)), self.uavs] = states
-        outcome = self._think(sense.tick, states)
-        self._minds, numbers = outcome.minds, outcome.numbers
+        self._weights, numbers, largest = self._think(sense.tick, states)
         # 4. A learner that has left all bounds is reported and silenced; the other rows go on.
         if asleep is not None:
             numbers[asleep] = 0.0
             self._wake(asleep, *before)
-        if self._silenced or not outcome.largest < BEYOND_SENSE:  # NaN is below nothing
+        if self._silenced or not largest < BEYOND_SENSE:  # NaN is below nothing
             self._silence(~np.all(np.abs(numbers) < BEYOND_SENSE, axis=-1), numbers)
         return Act(
             run=sense.run,
@@ -107,7 +104,7 @@ class Agent:
             outcome=numbers,
             diverged=tuple(self.uavs[self._diverged].tolist()) if self._silenced else (),
             outbox=outbox,
-            report=self._minds.models() if sense.report else None,
+            report=self._weights if sense.report else None,
             known=self._known if sense.checkpoint else None,
             refused=tuple(refused),
             residuals=self._feedback.residuals if sense.checkpoint else None,
@@ -120,10 +117,12 @@ class Agent:
         asleep = np.isin(self.uavs, faults.paused(self._scenario.faults, tick, self._scenario.dt))
         return asleep if asleep.any() else None
 
-    def _think(self, tick: int, states: Floats) -> Outcome:
+    def _think(self, tick: int, states: Floats) -> StepResult:
         if self._program is None:
-            return self._learner.step(self._minds, states, self._known)
-        return Outcome.of(self._minds, self._program(tick))
+            return self._learner.step(self._weights, states, self._known)
+        numbers = np.zeros((len(self.uavs), OUTCOME_FLOATS))
+        numbers[:, : state.AXES] = self._program(tick)
+        return StepResult(self._weights, numbers, float(np.abs(numbers).max(initial=0.0)))
 
     def _check(self, frames: Frames) -> None:
         """A batch this node can receive, or MessageRejected."""
@@ -152,17 +151,17 @@ class Agent:
         assert frames.links is not None
         if frames.kind == FrameKind.GLOBAL:
             sent, row = frames.links[:, 0], np.searchsorted(self.uavs, frames.links[:, 1])
-            self._minds = self._minds.with_models(row, self._shared, self._down.decode(frames.payload[sent]))
+            self._weights = self._weights.copy()
+            self._weights[row, self._shared] = self._down.decode(frames.payload[sent])
         elif frames.kind == FrameKind.UPLOAD:
             self._heads.collect(frames)
         elif self._known is not None:
             self._heard.take_in(frames, self._known)
             if self._method.learns_density:  # only the rows that heard something: another row is another UAV
                 hearing = np.unique(np.searchsorted(self.uavs, frames.links[:, 1]))
-                heard = Minds(self._minds.value[hearing], self._minds.density[hearing])
-                density = self._minds.density.copy()
-                density[hearing] = self._learner.refit(heard, self._known[hearing]).density
-                self._minds = Minds(self._minds.value, density)
+                refitted = self._learner.refit(self._weights[hearing], self._known[hearing])
+                self._weights = self._weights.copy()
+                self._weights[hearing] = refitted
 
     def _uploads(self, tick: int, asleep: NDArray[np.bool_] | None) -> list[Frames]:
         number = self._rounds.opens(tick)
@@ -174,7 +173,7 @@ class Agent:
             rows = rows[~silent[rows]]
         if not len(rows):
             return []
-        source, models = self._names[rows], self._minds.models()[rows, self._shared]
+        source, models = self._names[rows], self._weights[rows, self._shared]
         if self._uploads_as_they_are:
             sent = self._up.encode_all(models)  # the short way
             if sent is not None:
@@ -203,11 +202,9 @@ class Agent:
         with np.errstate(over="ignore"):
             return states.astype(self._float)
 
-    def _wake(self, asleep: NDArray[np.bool_], minds: Minds, known: Floats | None) -> None:
-        """Puts back what the sleeping rows had in mind."""
-        kept = asleep[:, None, None]
-        value = np.where(kept, minds.value, self._minds.value)
-        self._minds = Minds(value, np.where(kept, minds.density, self._minds.density))
+    def _wake(self, asleep: NDArray[np.bool_], weights: Floats, known: Floats | None) -> None:
+        """Puts back what the sleeping rows had learned."""
+        self._weights = np.where(asleep[:, None], weights, self._weights)
         if self._known is not None and known is not None:
             self._known[asleep] = known
 
@@ -216,8 +213,7 @@ class Agent:
         self._diverged |= broken
         self._silenced = bool(self._diverged.any())
         numbers[self._diverged] = 0.0
-        keep = ~self._diverged[:, None, None]
-        self._minds = Minds(np.where(keep, self._minds.value, 0.0), np.where(keep, self._minds.density, 0.0))
+        self._weights = np.where(self._diverged[:, None], 0.0, self._weights)
 
 
 def _within(numbers: NDArray[np.int32], end: int) -> bool:

@@ -13,9 +13,7 @@ from typing import Literal
 
 import psutil
 
-import agent.kernel
-import channel.kernel
-import worldsim.kernel
+import kernels
 from groundstation.memory import MEGABYTE, available_mb, needed_mb
 from swarm.session import DEFAULT_ENDPOINT
 
@@ -75,13 +73,12 @@ def _package(name: str) -> Finding:
 
 
 def compiled() -> Finding:
-    """Whether all kernels were compiled when this was installed; it runs without, with the same bits."""
-    kernels = {"the learners'": agent.kernel, "the world's": worldsim.kernel, "the radio's": channel.kernel}
-    missing = [whose for whose, kernel in kernels.items() if not kernel.is_compiled()]
-    if not missing:
-        return Finding("kernels", "ok", f"compiled: {', '.join(kernels)}")
-    found = f"{', '.join(missing)}: NumPy's, some ten times slower"
-    return Finding("kernels", "warning", found, "install a C compiler, then again this")
+    """Which kernels run here; both give the same bits."""
+    if kernels.BACKEND == "compiled":
+        return Finding("kernels", "ok", "compiled")
+    if os.environ.get("MEANFLOCK_PURE") == "1":
+        return Finding("kernels", "ok", "NumPy's, as MEANFLOCK_PURE=1 wants it")
+    return Finding("kernels", "warning", "NumPy's, some ten times slower", "install a C compiler, then again this")
 
 
 def memory(uavs: int, processes: int, keeps_states: bool = False) -> Finding:

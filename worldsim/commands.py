@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from swarm import model, state
 from swarm.messages import DIAGNOSTICS, OUTCOME_FLOATS
-from worldsim import kernel
 from worldsim.members import Member
 
 Uavs: TypeAlias = NDArray[np.intp]
@@ -44,11 +43,6 @@ class Commands:
             self._names, self._uavs = names, np.concatenate([_NOBODY, *[asked[name].uavs for name in names]])
             self.of_everyone = np.array_equal(self._uavs, self._everyone)
         said = [outcomes[name] for name in names]
-        if awake is None and self.of_everyone:
-            residuals = kernel.enter(said, model.BEYOND_SENSE, self.accelerations, self.diagnostics)
-            if residuals is not None:
-                self.residuals = residuals
-                return _NOBODY
         outcome = np.frombuffer(b"".join(said)).reshape(-1, OUTCOME_FLOATS)
         sane = (np.abs(outcome) < model.BEYOND_SENSE).all(axis=-1)  # NaN is below nothing
         taken = sane if awake is None else sane & awake[self._uavs]

@@ -8,14 +8,14 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from channel.air import NO_LINKS, Air
+from channel.medium import NO_LINKS, Medium
 from swarm import __version__, codec, keys, model, state
 from swarm.bus import Bus
 from swarm.errors import BadInput, RunFailed
 from swarm.messages import Act, Event, Finished, FrameKind, Frames, Stop
 from swarm.rounds import Rounds
 from swarm.scenario import Scenario
-from worldsim import checkpoint, inbox, kernel
+from worldsim import checkpoint, inbox
 from worldsim.barrier import Barrier
 from worldsim.checkpoint import Minds, Resumption
 from worldsim.commands import Commands
@@ -79,7 +79,7 @@ class World:
         self._rounds.draw_ahead()
         self._script = Script(scenario)
         self.flight = Flight(scenario)
-        self.air = Air(scenario)
+        self.air = Medium(scenario)
         rows = max(_BLOCK_ROWS, min(block_rows, _BLOCK_STATES // scenario.uavs)) if realtime is None else 2
         self._rows = Rows(self._fingerprint, scenario.uavs, rows)
         self._outbox = Outbox()
@@ -289,15 +289,13 @@ class World:
 
     def _report(self, tick: int, whole: bool) -> None:
         minds, alive, leader = self._told(whole), ~self.flight.lost, self._scenario.federation.leader
-        everyone = self._awake is self._all and not self.flight.any_lost
-        shown, spread = minds.models[leader], kernel.spread(minds.models) if everyone else None
-        if spread is None:  # somebody is lost or asleep, or told what cannot be a model
-            can_be = minds.sane
-            sane = can_be & alive & self._awake
-            if sane.any():
-                spread = weight_spread(minds.models[sane])
-            if not can_be[leader]:
-                shown = np.zeros(model.MODEL_FLOATS)
+        shown, spread = minds.models[leader], None
+        can_be = minds.sane
+        sane = can_be & alive & self._awake
+        if sane.any():
+            spread = weight_spread(minds.models[sane])
+        if not can_be[leader]:
+            shown = np.zeros(model.MODEL_FLOATS)
         if spread is not None:
             self._ledger.spread = spread
             self._rows.report(tick, shown, spread)

@@ -15,19 +15,17 @@ from numpy.typing import NDArray
 
 from agent.feedback import Feedback
 from agent.heads import Heads
-from agent.learner import Learner
-from agent.minds import Minds, Outcome
+from agent.learner import Learner, StepResult
 from agent.node import BEYOND_SENSE
 from agent.offline import Program
-from channel.air import Air
+from channel.medium import Medium
 from groundstation.paper.flights import Flights
 from groundstation.paper.series import Curves, Record, spreads
-from groundstation.paper.statecast import StateCast
 from leader.node import Leader
 from swarm import model, payload, scenario, state
 from swarm.codec import FLOAT_OF_BITS
 from swarm.errors import BadInput
-from swarm.messages import DIAGNOSTICS, FrameKind, Frames, Sense, Welcome
+from swarm.messages import DIAGNOSTICS, OUTCOME_FLOATS, FrameKind, Frames, Sense, Welcome
 from swarm.methods import Method
 from swarm.rounds import Rounds
 from swarm.scenario import Scenario
@@ -45,13 +43,13 @@ class Flown:
     """One run of a batch.
 
     summary: as of `Engine`, but mode "batch", and wire bytes None: nothing was encoded.
-    record: its curves, and what was traced. minds: what its N UAVs had learned at the end.
+    record: its curves, and what was traced. weights: what its N UAVs had learned at the end, (N, 246).
     """
 
     scenario: Scenario
     summary: dict[str, Any]
     record: Record
-    minds: Minds
+    weights: Floats
 
 
 @dataclass
@@ -62,7 +60,7 @@ class _Run:
     number: int  # its place in the batch as it was at take-off
     learner: Learner  # of its own seed: the fit of the density draws sample points
     rounds: Rounds
-    air: Air
+    air: Medium
     leader: Leader | None
     heads: Heads
     bits: int = 0  # of payload, so far
@@ -79,10 +77,10 @@ class Batch:
         flown: Scenario,
         seeds: Sequence[int],
         *,
-        minds: Sequence[Minds] | None = None,
+        weights: Sequence[Floats] | None = None,
         trace: Sequence[int] = (),
     ) -> None:
-        """`minds`: what each run takes off with instead of knowing nothing. `trace`: seeds to keep in full.
+        """`weights`: what each run takes off with instead of knowing nothing. `trace`: seeds to keep in full.
 
         Raises:
             BadInput: the scenario has a fault script or false uploads, which only whole nodes can play.
@@ -100,21 +98,13 @@ class Batch:
         plan = self._flights.states[0].astype(self._float)
         self._runs = [self._start(one, number, plan) for number, one in enumerate(scenarios)]
         self._program = Program(flown, plan.astype(np.float64)) if self._method is Method.OFFLINE else None
-        if minds is None:
-            minds = [run.learner.init(self._n, plan.astype(np.float64)) for run in self._runs]
-        self._minds = Minds(
-            np.concatenate([one.value for one in minds]), np.concatenate([one.density for one in minds])
-        )
+        if weights is None:
+            weights = [run.learner.init(self._n, plan.astype(np.float64)) for run in self._runs]
+        self._weights = np.concatenate(weights)
         rows = len(self._runs) * self._n
         self._up, self._down = payload.upload(flown), payload.broadcast(flown)
         self._feedback = Feedback(self._up, rows, kept=flown.keeps_residuals)
         self._diverged = np.zeros(rows, dtype=bool)
-        self._cast: StateCast | None = None
-        if self._method is Method.HJB and StateCast.fits(flown):
-            self._cast = StateCast(flown, list(seeds))
-            for run, meter in zip(self._runs, self._cast.meters, strict=True):
-                run.air.meter = meter
-        self._cast_due: tuple[Mask, NDArray] | None = None
         self._residual_max = np.zeros((len(self._runs), 2))  # |e_H|, |e_F|
         keeps_states = self._method is Method.HJB or flown.federation.state_period > 0
         self._known = np.repeat(plan.astype(np.float64)[None], rows, axis=0) if keeps_states else None
@@ -132,8 +122,6 @@ class Batch:
             self._observe(diagnostics)
             over = self._flights.over
             if over.any():
-                if self._cast:
-                    self._cast.settle()
                 wall_s = (time.monotonic() - started) / self._curves.runs
                 for row in np.flatnonzero(over):
                     flown[self._runs[row].number] = self._finish(int(row), wall_s)
@@ -148,7 +136,7 @@ class Batch:
         if self._method.is_federated:
             leader = Leader(Welcome(0, "leader", (), 0, scenario.encode(one), plan))
         heads = Heads(one, np.arange(self._n))
-        return _Run(one, number, Learner(one), Rounds(one), Air(one), leader, heads)
+        return _Run(one, number, Learner(one), Rounds(one), Medium(one), leader, heads)
 
     def _tick(self) -> Floats:
         """The steps of `agent.node`, `leader.node` and `worldsim.node`, for all runs; the diagnostics `(R, N, 3)`."""
@@ -157,7 +145,7 @@ class Batch:
         # 1. Deliver: global models overwrite, states replace what was known, uploads reach the leader.
         self._receive(tick, states)
         # 2. Speak, with the models as they are now.
-        due = self._speak(tick, states)
+        self._speak(tick, states)
         # 3. Learn and act.
         if self._known is not None:
             own = np.arange(len(flat))
@@ -173,27 +161,27 @@ class Batch:
                 run.air.send(tick, run.speech, of_run)
                 run.speech = []
                 run.bits = _payload_bits(run)
-        self._cast_due = due
         np.maximum(self._residual_max, np.abs(diagnostics[..., :2]).max(axis=1), out=self._residual_max)
         self._flights.advance(accelerations)
         if tick % REPORT_EVERY_TICKS == 0:
             self._report()
         return diagnostics
 
-    def _think(self, tick: int, states: Floats) -> Outcome:
+    def _think(self, tick: int, states: Floats) -> StepResult:
         if self._program is None:
-            return self._learner.step(self._minds, states, self._known)
-        return Outcome.of(self._minds, np.tile(self._program(tick), (len(self._runs), 1)))
+            return self._learner.step(self._weights, states, self._known)
+        numbers = np.zeros((len(states), OUTCOME_FLOATS))
+        numbers[:, : state.AXES] = np.tile(self._program(tick), (len(self._runs), 1))
+        return StepResult(self._weights, numbers, float(np.abs(numbers).max()))
 
-    def _settle(self, outcome: Outcome) -> Floats:
-        """Takes over the minds; silences rows that are no longer finite. [a (2), e_H, e_F, φ_G] by row, `(RN, 5)`."""
+    def _settle(self, outcome: StepResult) -> Floats:
+        """Takes over the weights; silences rows that are no longer finite. [a (2), e_H, e_F, φ_G] by row, `(RN, 5)`."""
         numbers = outcome.numbers
-        self._minds = outcome.minds
+        self._weights = outcome.weights
         if not outcome.largest < BEYOND_SENSE or self._diverged.any():  # NaN is below nothing
             self._diverged |= ~np.all(np.abs(numbers) < BEYOND_SENSE, axis=-1)
             numbers[self._diverged] = 0.0
-            keep = ~self._diverged[:, None, None]
-            self._minds = Minds(np.where(keep, self._minds.value, 0.0), np.where(keep, self._minds.density, 0.0))
+            self._weights = np.where(self._diverged[:, None], 0.0, self._weights)
         return numbers
 
     def _lose_diverged(self) -> None:
@@ -208,11 +196,6 @@ class Batch:
     # -- the radio ----------------------------------------------------------------------------------------------
 
     def _receive(self, tick: int, states: state.States) -> None:
-        if self._cast_due is not None:
-            assert self._known is not None
-            heard, payload = self._cast_due
-            known = self._known.reshape(-1, self._n, self._n, state.SIZE)
-            np.copyto(known, payload[:, None, :, :], where=heard[..., None])
         for row, run in enumerate(self._runs):
             due = run.air.due(tick)
             for frames in due:
@@ -228,23 +211,21 @@ class Batch:
         assert frames.links is not None
         sent, rows = frames.links[:, 0], row * self._n + frames.links[:, 1].astype(np.intp)
         if frames.kind == FrameKind.GLOBAL:
-            self._minds = self._minds.with_models(rows, self._shared, self._down.decode(frames.payload[sent]))
+            self._weights = self._weights.copy()
+            self._weights[rows, self._shared] = self._down.decode(frames.payload[sent])
         elif frames.kind == FrameKind.UPLOAD and self._averaged == FrameKind.RELAY:
             run.heads.collect(frames)
         elif frames.kind == FrameKind.STATE and self._known is not None:
             self._known[rows, frames.source[sent]] = frames.payload[sent]
             if self._method.learns_density:
                 own = slice(row * self._n, (row + 1) * self._n)
-                of_run = Minds(self._minds.value[own], self._minds.density[own])
-                density = self._minds.density.copy()
-                density[own] = run.learner.refit(of_run, self._known[own]).density
-                self._minds = Minds(self._minds.value, density)
+                self._weights[own] = run.learner.refit(self._weights[own], self._known[own])
 
-    def _speak(self, tick: int, states: state.States) -> tuple[Mask, NDArray] | None:
-        """Uploads and state broadcasts go into the `speech` of their runs; hjb's come back, for the next tick."""
+    def _speak(self, tick: int, states: state.States) -> None:
+        """Uploads and state broadcasts go into the `speech` of their runs."""
         number = self._runs[0].rounds.opens(tick)
         if number:
-            models = self._minds.models()[:, self._shared]
+            models = self._weights[:, self._shared]
             for row, (run, out) in enumerate(zip(self._runs, self._diverged.reshape(-1, self._n), strict=True)):
                 source = run.rounds.participants(number)
                 source = source[~out[source]]
@@ -258,21 +239,18 @@ class Batch:
                 run.speech += run.heads.relay(tick, np.flatnonzero(out))[0]
         period = 1 if self._method is Method.HJB else self._scenario.federation.state_period
         if self._program is not None or not period or tick % period or tick == 0:
-            return None
+            return
         speaks = ~self._diverged.reshape(-1, self._n)
         payload = states.astype(self._float)
-        if self._cast is not None:
-            return self._cast.send(states, speaks), payload
         for run, of_run, speaker in zip(self._runs, payload, speaks, strict=True):
             source = np.flatnonzero(speaker)
             if len(source):
                 run.speech.append(Frames(FrameKind.STATE, 0, source.astype(np.int32), of_run[source]))
-        return None
 
     # -- the books ----------------------------------------------------------------------------------------------
 
     def _report(self) -> None:
-        models = self._minds.models().reshape(len(self._runs), self._n, -1)
+        models = self._weights.reshape(len(self._runs), self._n, -1)
         known = np.isfinite(models).all(axis=-1) & (self._flights.status != LOST)
         for run, spread in zip(self._runs, spreads(models, known).tolist(), strict=True):
             if spread == spread:  # of somebody
@@ -280,13 +258,10 @@ class Batch:
 
     def _observe(self, diagnostics: Floats) -> None:
         numbers = [run.number for run in self._runs]
-        if self._cast is not None:
-            for run in self._runs:
-                run.bits = _payload_bits(run)
         bits = [run.bits for run in self._runs]
         self._curves.tick(numbers, self._flights, bits)
         if self._curves.samples(self._flights.tick):
-            self._curves.sample(numbers, self._flights, bits, diagnostics, self._minds)
+            self._curves.sample(numbers, self._flights, bits, diagnostics, self._weights)
 
     def _finish(self, row: int, wall_s: float) -> Flown:
         run = self._runs[row]
@@ -308,23 +283,18 @@ class Batch:
         record = summary(flight, run.air.meter, name, "batch", wall_s, protocol)
         _forget_wire_bytes(record)
         own = slice(row * self._n, (row + 1) * self._n)
-        minds = Minds(self._minds.value[own].copy(), self._minds.density[own].copy())
-        return Flown(run.scenario, record, self._curves.of(run.number, flight), minds)
+        return Flown(run.scenario, record, self._curves.of(run.number, flight), self._weights[own].copy())
 
     def _keep(self, rows: Mask) -> None:
         self._runs = [run for run, kept in zip(self._runs, rows, strict=True) if kept]
         each = np.repeat(rows, self._n)
         self._flights.keep(rows)
-        self._minds = Minds(self._minds.value[each], self._minds.density[each])
+        self._weights = self._weights[each]
         self._diverged = self._diverged[each]
         self._residual_max = self._residual_max[rows]
         self._feedback.keep(each)
         if self._known is not None:
             self._known = self._known[each]
-        if self._cast is not None:
-            self._cast.keep(rows)
-        if self._cast_due is not None:
-            self._cast_due = self._cast_due[0][rows], self._cast_due[1][rows]
 
 
 def _payload_bits(run: _Run) -> int:

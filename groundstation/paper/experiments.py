@@ -129,12 +129,12 @@ def execute(job: Job) -> bytes:
     """Flies one job; the content of its file."""
     seeds = [run.seed for run in job.runs]
     trace = [run.seed for run in job.runs if run.traced]
-    minds = None
+    weights = None
     if job.point.training is not None:
         trainings = [run.training for run in job.runs]
         first = Batch(job.point.training, [one.seed for one in trainings if one is not None]).fly()
-        minds = [flown.minds for flown in first]
-    flights = Batch(job.point.flown, seeds, minds=minds, trace=trace).fly()
+        weights = [flown.weights for flown in first]
+    flights = Batch(job.point.flown, seeds, weights=weights, trace=trace).fly()
     return encode(
         stored(run.key, scalars(flown), flown.record, _kept(run)[0])
         for run, flown in zip(job.runs, flights, strict=True)

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agent import interaction
-from agent.minds import Minds
 from groundstation.paper.flights import Flights
-from swarm import state
+from kernels import interaction
+from swarm import model, state
 from swarm.scenario import Scenario
 from worldsim.flight import LOST, Flight
 from worldsim.summary import weight_spread, weight_spreads
@@ -121,20 +120,20 @@ class Curves:
         flights: Flights,
         bits: Sequence[int],
         diagnostics: Floats,
-        minds: Minds,
+        weights: Floats,
     ) -> None:
         """One row of the series. diagnostics (R, N, 3): e_H, e_F, φ_G of the tick that led here."""
-        runs, n = flights.status.shape
+        (runs, n), cost = flights.status.shape, self._scenario.cost
         now = flights.tick
         states, way = flights.states, flights.arrival_tick >= 0
         speed = state.speed(states)
         trip = np.where(way, flights.arrival_energy, flights.energy)
         position = states[..., state.POSITION]
-        models = minds.models().reshape(runs, n, -1)
-        value = minds.value.reshape(runs, n, -1)
+        models = weights.reshape(runs, n, -1)
+        value = models[..., model.VALUE]
         leader = value[:, self._scenario.federation.leader]
         value_norm = np.sqrt((value * value).sum(axis=-1))
-        density = minds.density.reshape(runs, n, -1)
+        density = models[..., model.DENSITY]
         size = np.abs(diagnostics[..., :2])
         known = now > 0
         learns_value, learns_density = self._scenario.method.learns_value, self._scenario.method.learns_density
@@ -166,7 +165,7 @@ class Curves:
             "hjb_abs_max": size[..., 0].max(axis=1) if known and learns_value else np.nan,
             "fpk_abs_mean": size[..., 1].mean(axis=1) if known and learns_density else np.nan,
             "fpk_abs_max": size[..., 1].max(axis=1) if known and learns_density else np.nan,
-            "phi_G": interaction.empirical(states, states[:, None], self._scenario.cost).mean(axis=1),
+            "phi_G": interaction.empirical(states, states[:, None], cost.epsilon, cost.beta).mean(axis=1),
             "phi_G_learned": diagnostics[..., 2].mean(axis=1) if known and learns_value else np.nan,
             "distance_mean_m": flights.distance.mean(axis=1),
             "to_go_mean_m": np.sqrt((position * position).sum(axis=-1)).mean(axis=1),

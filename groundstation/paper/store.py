@@ -83,6 +83,7 @@ import pyarrow.parquet as pq
 
 import agent
 import channel
+import kernels
 import leader
 import swarm
 import worldsim
@@ -93,8 +94,8 @@ from swarm.errors import BadInput, RunFailed
 DATA = "data"
 _MAGIC = b"meanflock job 1\n"
 _DIGEST = hashlib.sha256().digest_size
-_ROOMS = (swarm, agent, channel, leader, worldsim)
-_HERE = ("batch.py", "flights.py", "series.py", "statecast.py")
+_ROOMS = (swarm, kernels, agent, channel, leader, worldsim)
+_HERE = ("batch.py", "flights.py", "series.py")
 
 
 class StoredTrace(msgspec.Struct, frozen=True):
@@ -139,7 +140,7 @@ def version() -> str:
     digest = hashlib.sha256()
     for room in _ROOMS:
         folder = Path(str(room.__file__)).parent
-        for path in sorted(folder.glob("*.*")):
+        for path in sorted(folder.rglob("*.*")):
             if path.suffix == ".py":
                 digest.update(path.name.encode() + _syntax(path.read_text(encoding="utf-8")))
             elif path.suffix == ".csv":

@@ -6,12 +6,12 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-
 from agent.minds import Minds
+from groundstation.paper.statecast import StateCast
+
 from groundstation.engine import Engine
 from groundstation.paper.batch import Batch, Flown
 from groundstation.paper.series import SERIES
-from groundstation.paper.statecast import StateCast
 from swarm.errors import BadInput
 from swarm.methods import Method
 from swarm.scenario import Scenario, load

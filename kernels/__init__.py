@@ -1,0 +1,20 @@
+"""Numerical kernels: functions of arrays, compiled where a compiler was at hand when meanflock was installed.
+
+Decided once, here: MEANFLOCK_PURE=1 takes NumPy, else the extension `kernels._native` is taken, else NumPy. Both give
+the same bits, and nobody else knows which one runs. What they compute is written in `kernels/reference.py`.
+"""
+
+import os
+
+import swarm  # noqa: F401  # before NumPy: it holds BLAS to one thread
+from kernels.tables import Tables
+
+__all__ = ["BACKEND", "Tables", "learn", "pairs", "prepare"]
+
+if os.environ.get("MEANFLOCK_PURE") == "1":
+    from kernels.reference import BACKEND, learn, pairs, prepare
+else:
+    try:
+        from kernels.compiled import BACKEND, learn, pairs, prepare
+    except ImportError:
+        from kernels.reference import BACKEND, learn, pairs, prepare
