@@ -94,7 +94,8 @@ class Agent:
             commands[asleep] = 0.0
             self._memory = picked(asleep, before, self._memory)
         if self._any_failed or not np.abs(commands).max(initial=0.0) < BEYOND_SENSE:  # NaN is below nothing
-            self._silence(~(np.abs(commands) < BEYOND_SENSE).all(axis=-1), commands)
+            within: Mask = (np.abs(commands) < BEYOND_SENSE).all(axis=-1)
+            self._silence(~within, commands)
         for number, broadcast in enumerate(step.broadcasts):
             outbox += self._frames_of(number, broadcast)
         return Act(

@@ -40,7 +40,7 @@ _LINK = 8  # bytes: [row of payload, receiving UAV], int32
 _NAME = 4  # bytes of a source, int32
 
 
-def read(raw: bytes) -> Message:
+def read(raw: bytes, /) -> Message:
     """Takes a message apart.
 
     Raises:
@@ -101,8 +101,9 @@ def write(
     rows: int,
     columns: int,
     table: Any,
-    tables: Sequence[Any],
+    tables: tuple[Any, ...],
     frames: Sequence[tuple[int, int, int, int, Any, Any, Any]] = (),
+    /,
 ) -> bytes:
     """A message of these parts; its tables and arrays are buffers in one piece, little-endian.
 

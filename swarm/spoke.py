@@ -191,6 +191,6 @@ def _check_plugins(welcome: Welcome) -> None:
     for door, name, fingerprint in welcome.plugins:
         if door not in plugins.GROUPS:
             continue
-        here = plugins.find(door, name)  # type: ignore[arg-type]
+        here = plugins.find(door, name)
         if here.fingerprint != fingerprint:
             raise BadInput(f"{door} {name!r} is of {here.fingerprint} here, and of {fingerprint} with the world")
