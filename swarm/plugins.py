@@ -176,7 +176,8 @@ def register(made: type) -> Plugin:
     door, name = getattr(made, "door", None), getattr(made, "name", "")
     if door not in GROUPS or not isinstance(name, str) or not name:
         raise BadInput(
-            f"{made!r}: no plug-in; derive it from meanflock.Controller, Aggregator, Channel or Vehicle, and give it a `name`"
+            f"{made!r}: no plug-in; derive it from meanflock.Controller, Aggregator, Channel or Vehicle, "
+            "and give it a `name`"
         )
     if (door, name) in _packaged():
         raise BadInput(
