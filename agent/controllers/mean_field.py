@@ -113,7 +113,7 @@ class Mfg(MeanField):
 
 
 class MfgflH(MeanField):
-    """… and value models are averaged."""
+    """Like mfg, and value models are averaged."""
 
     name = "mfgfl-h"
     shared = VALUE
@@ -121,7 +121,7 @@ class MfgflH(MeanField):
 
 
 class MfgflF(MeanField):
-    """… and density models are averaged."""
+    """Like mfg, and density models are averaged."""
 
     name = "mfgfl-f"
     shared = DENSITY
@@ -129,7 +129,7 @@ class MfgflF(MeanField):
 
 
 class MfgflHf(MeanField):
-    """… and both are averaged, every 200 ticks."""
+    """Like mfg, and both models are averaged, every 200 ticks."""
 
     name = "mfgfl-hf"
     shared = slice(VALUE.start, DENSITY.stop)
