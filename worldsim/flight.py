@@ -139,7 +139,6 @@ class Flight:
             accelerations = np.where(self.lost[:, None], 0.0, accelerations)
         if gust is not None:
             accelerations = accelerations + gust
-        self.states.flags.writeable = False  # as a vehicle is told
         noise = self._wind.standard_normal(accelerations.shape)
         moved = self._physics(self.states, self.hidden, accelerations, noise)
         self.tick += 1

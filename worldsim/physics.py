@@ -49,13 +49,14 @@ class Physics:
         Raises:
             RunFailed: the vehicle raised, or gave what cannot be; the message names it and the UAV.
         """
-        answer = self._asked("step", states, hidden, acceleration, noise)
+        for array in (states, *hidden.values()):
+            array.flags.writeable = False
+        answer = self._asked("step", states, dict(hidden), acceleration, noise)
         if not isinstance(answer, tuple) or len(answer) != 2:
             raise self._wrong("`step` must give states and hidden state")
         moved, changed = answer
         self._check_shape("states", moved, states.shape, states.dtype)
-        if changed is not hidden:
-            self._check_hidden(hidden, changed)
+        self._check_hidden(hidden, changed)
         moved, diverged = np.ascontiguousarray(moved), _NOBODY
         if not np.maximum.reduce(np.abs(moved), axis=None) < BOUND:
             far = ~(np.abs(moved) < BOUND).all(axis=-1)  # NaN is below nothing
