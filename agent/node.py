@@ -10,7 +10,7 @@ from agent.byzantine import Byzantine
 from agent.controllers.base import Broadcast, Controller, Memory, Received, Step
 from agent.feedback import Feedback
 from agent.heads import Heads
-from agent.rows import checked_memory, checked_step, each_alone, picked
+from agent.rows import check_broadcast, checked_memory, each_alone, picked
 from swarm import faults, payload, state
 from swarm.ascending import contains
 from swarm.codec import FLOAT_OF_BITS, decode_record, encode_record, expect
@@ -26,7 +26,6 @@ Mask = NDArray[np.bool_]
 
 log = logging.getLogger("meanflock.agent")
 
-_STATE = np.dtype(np.float64)
 _RESIDUALS = "meanflock.residuals"  # in a checkpoint, beside the arrays of the controller
 
 
@@ -48,7 +47,8 @@ class Agent:
         self._up, self._down = payload.upload(self._scenario), payload.broadcast(self._scenario)
         self._feedback = Feedback(self._up, len(self.uavs), kept=self._scenario.keeps_residuals)
         self._shape = (len(self.uavs), state.SIZE)
-        self._columns = state.AXES + len(self._declared.diagnostics)
+        self._commands = (len(self.uavs), state.AXES + len(self._declared.diagnostics))
+        self._federated, self._relays = self._declared.is_federated, self._scenario.federation.clusters > 1
         self._own = np.zeros(self._scenario.uavs, dtype=bool)
         self._own[self.uavs] = True
         self._failed = np.zeros(len(self.uavs), dtype=bool)
@@ -60,47 +60,65 @@ class Agent:
         if welcome.memory:
             self._restore(decode_record(welcome.memory))
 
+    @property
+    def models(self) -> Floats:
+        """What each row has learned so far, `(M, W)`."""
+        return self._controller.report(self._memory) if self._declared.weights else np.zeros((len(self.uavs), 0))
+
     def act(self, sense: Sense) -> Act:
         """One tick.
 
         Raises:
             MessageRejected: the Sense does not fit this node; nothing has changed.
         """
-        own = expect("states", sense.states, self._shape, _STATE)
+        own, tick = sense.states, sense.tick
+        if own.shape != self._shape:
+            raise MessageRejected("wrong-shape", f"states: expected {self._shape}, got {own.shape}")
         for frames in sense.inbox:
             self._check(frames)
 
         # 0. Rows the fault script pauses are as they were when the tick is over, whatever the others do.
-        asleep = self._asleep(sense.tick) if self._pauses else None
+        asleep = self._asleep(tick) if self._pauses else None
         before = self._memory
         # 1. Take in what the radio brought: a global model goes to the controller, as do frames of other UAVs, and the
         #    head of a cluster keeps the uploads of a round.
         received = self._receive(sense.inbox) if sense.inbox else ()
         # 2. Speak in the rounds: the participants' models as they are now, and the means of clusters once all their
         #    uploads have come or are lost.
-        outbox = self._uploads(sense.tick, asleep)
-        relays, refused = self._relays(sense.tick, asleep)
-        outbox += relays
+        outbox: list[Frames] = []
+        refused: list[int] = []
+        if self._federated and (number := self._rounds.opens(tick)):
+            outbox += self._uploads(number, asleep)
+        if self._relays and self._rounds.relays(tick):
+            silent = self._failed if asleep is None else self._failed | asleep
+            relays, refused = self._heads.relay(tick, self.uavs[silent])
+            outbox += relays
         # 3. Let the controller fly.
-        step, commands = self._step(sense.tick, own, received)
+        commands = np.empty(self._commands)
+        try:
+            step = self._controller.step(self._memory, tick, own, received)
+            parts = (step.acceleration,) if step.diagnostics is None else (step.acceleration, step.diagnostics)
+            np.concatenate(parts, axis=1, out=commands)  # wherever a shape does not fit, it raises
+        except Exception as error:  # a controller may be anybody's
+            step = self._each_alone(tick, own, received, commands, error)
         self._memory = step.memory
         # 4. A row whose numbers have left all bounds is reported and silenced; the others go on.
         if asleep is not None:
             commands[asleep] = 0.0
             self._memory = picked(asleep, before, self._memory)
-        if self._any_failed or not np.abs(commands).max(initial=0.0) < BEYOND_SENSE:  # NaN is below nothing
-            self._silence(~(np.abs(commands) < BEYOND_SENSE).all(axis=-1), commands)
+        if self._any_failed or not np.maximum.reduce(np.abs(commands), axis=None, initial=0.0) < BEYOND_SENSE:
+            self._silence(commands)  # NaN is below nothing
         for number, broadcast in enumerate(step.broadcasts):
             outbox += self._frames_of(number, broadcast)
+        if not (sense.report or sense.checkpoint or refused or self._any_failed or len(step.refused)):
+            return Act(sense.run, tick, commands, outbox=tuple(outbox))
         return Act(
             sense.run,
-            sense.tick,
+            tick,
             commands,
-            self._names[self._failed] if self._any_failed else NOBODY,
-            np.union1d(np.array(refused, np.int32), step.refused) if refused or len(step.refused) else NOBODY,
-            np.ascontiguousarray(self._controller.report(self._memory), np.float64)
-            if sense.report and self._declared.weights
-            else None,
+            self._names[self._failed],
+            np.union1d(np.array(refused, np.int32), step.refused),
+            np.ascontiguousarray(self.models, np.float64) if sense.report and self._declared.weights else None,
             self._kept() if sense.checkpoint else b"",
             tuple(outbox),
         )
@@ -115,25 +133,22 @@ class Agent:
             uavs = ", ".join(map(str, self.uavs))
             raise BadInput(f"controller {self._scenario.method!r} failed in `init` with UAV {uavs}: {text}") from error
 
-    def _step(self, tick: int, own: Floats, received: tuple[Received, ...]) -> tuple[Step, Floats]:
-        """The step of all rows and their commands (M, 2 + K); of rows in which the controller fails these are NaN."""
-        rows, columns = len(own), self._columns
-        try:
-            step = self._controller.step(self._memory, tick, own, received)
-            return step, checked_step(step, rows, columns)
-        except Exception as error:  # a controller may be anybody's
-            text = traceback.format_exception_only(error)[-1].strip()
-            log.warning("controller %r failed in tick %d: %s", self._scenario.method, tick, text, exc_info=True)
-            step, commands = each_alone(self._controller, self._memory, tick, own, received, columns)
-            failed = self._names[np.isnan(commands).any(axis=-1) & ~self._failed].tolist()
-            if failed:
-                names = ", ".join(map(str, failed))
-                self.complaints.append(f"controller {self._scenario.method!r} failed with UAV {names}: {text}")
-            return step, commands
+    def _each_alone(
+        self, tick: int, own: Floats, received: tuple[Received, ...], commands: Floats, error: Exception
+    ) -> Step:
+        """The step of every row by itself, after `error` for all together; NaN `commands` of rows that fail alone."""
+        text = traceback.format_exception_only(error)[-1].strip()
+        log.warning("controller %r failed in tick %d: %s", self._scenario.method, tick, text, exc_info=error)
+        step = each_alone(self._controller, self._memory, tick, own, received, commands)
+        failed = self._names[np.isnan(commands).any(axis=-1) & ~self._failed].tolist()
+        if failed:
+            names = ", ".join(map(str, failed))
+            self.complaints.append(f"controller {self._scenario.method!r} failed with UAV {names}: {text}")
+        return step
 
-    def _silence(self, broken: Mask, commands: Floats) -> None:
+    def _silence(self, commands: Floats) -> None:
         """Zeros what failed rows remember and say, so that nothing non-finite ever leaves or spreads."""
-        self._failed = self._failed | broken
+        self._failed = self._failed | ~np.all(np.abs(commands) < BEYOND_SENSE, axis=-1)
         self._any_failed = bool(self._failed.any())
         commands[self._failed] = 0.0
         nothing = {name: np.zeros_like(array) for name, array in self._memory.items()}
@@ -142,6 +157,7 @@ class Agent:
     def _frames_of(self, number: int, broadcast: Broadcast) -> list[Frames]:
         """A broadcast as it is transmitted; floats as the radio has them, rows that they cannot say left out."""
         said, rows = broadcast.payload, broadcast.rows
+        check_broadcast(broadcast, len(self.uavs))
         names = self._names if rows is None else self._names[rows]
         failed = None if not self._any_failed else self._failed if rows is None else self._failed[rows]
         if said.dtype.kind == "f":
@@ -193,10 +209,7 @@ class Agent:
 
     # -- rounds -------------------------------------------------------------------------------------------------
 
-    def _uploads(self, tick: int, asleep: Mask | None) -> list[Frames]:
-        number = self._rounds.opens(tick)
-        if not number:
-            return []
+    def _uploads(self, number: int, asleep: Mask | None) -> list[Frames]:
         rows = self._rounds.rows(number)
         if asleep is not None or self._any_failed:
             silent = self._failed if asleep is None else self._failed | asleep
@@ -208,11 +221,6 @@ class Agent:
         fits = self._up.sound(sent)  # a model beyond the range of the payload cannot be sent
         return [Frames(FrameKind.UPLOAD, number, source[fits], sent[fits])] if fits.any() else []
 
-    def _relays(self, tick: int, asleep: Mask | None) -> tuple[list[Frames], list[int]]:
-        if not self._rounds.relays(tick):
-            return [], []
-        return self._heads.relay(tick, self.uavs[self._failed if asleep is None else self._failed | asleep])
-
     # -- the fault script, and checkpoints ----------------------------------------------------------------------
 
     def _asleep(self, tick: int) -> Mask | None:
@@ -222,7 +230,7 @@ class Agent:
         return asleep if asleep.any() else None
 
     def _kept(self) -> bytes:
-        kept = dict(self._memory)
+        kept = dict(checked_memory(self._memory, len(self.uavs)))
         if self._feedback.residuals is not None:
             kept[_RESIDUALS] = self._feedback.residuals
         return encode_record({name: np.ascontiguousarray(array) for name, array in kept.items()})

@@ -50,11 +50,12 @@ def checked_step(step: Step, rows: int, columns: int) -> Floats:
         commands[:, AXES:] = diagnostics
     checked_memory(step.memory, rows)
     for broadcast in step.broadcasts:
-        _check_broadcast(broadcast, rows)
+        check_broadcast(broadcast, rows)
     return commands
 
 
-def _check_broadcast(broadcast: Broadcast, rows: int) -> None:
+def check_broadcast(broadcast: Broadcast, rows: int) -> None:
+    """Raises TypeError or ValueError where a broadcast of some of so many rows cannot be sent."""
     said, speaks = broadcast.payload, broadcast.rows
     speaking = rows if speaks is None else len(speaks)
     if said.ndim != 2 or len(said) != speaking or not said.shape[1]:
@@ -95,16 +96,21 @@ def of_row(received: Sequence[Received], row: int) -> tuple[Received, ...]:
 
 
 def each_alone(
-    controller: Controller, memory: Memory, tick: int, own: Floats, received: Sequence[Received], columns: int
-) -> tuple[Step, Floats]:
+    controller: Controller,
+    memory: Memory,
+    tick: int,
+    own: Floats,
+    received: Sequence[Received],
+    commands: Floats,
+) -> Step:
     """The step of every row by itself, after it failed for all together: only rows that fail alone have failed.
 
-    Their memory is as it was, and their commands are NaN.
+    Their memory is as it was, and their `commands` (M, 2 + K), which are written to, are NaN.
     """
-    rows = len(own)
-    commands, after = np.full((rows, columns), np.nan), {name: array.copy() for name, array in memory.items()}
+    rows, columns = commands.shape
+    after = {name: array.copy() for name, array in memory.items()}
     said: dict[int, list[tuple[int, NDArray[np.generic]]]] = {}
-    refused: list[NDArray[np.int32]] = []
+    refused = [np.zeros(0, dtype=np.int32)]
     for row in range(rows):
         try:
             step = controller.step(row_of(memory, row), tick, own[row : row + 1], of_row(received, row))
@@ -122,7 +128,4 @@ def each_alone(
         Broadcast(np.stack([payload for _, payload in spoken]), np.array([row for row, _ in spoken]))
         for _, spoken in sorted(said.items())
     )
-    none = np.zeros(0, dtype=np.int32)
-    return Step(
-        after, commands[:, :AXES], commands[:, AXES:], broadcasts, np.unique(np.concatenate([none, *refused]))
-    ), commands
+    return Step(after, commands[:, :AXES], commands[:, AXES:], broadcasts, np.unique(np.concatenate(refused)))

@@ -107,6 +107,7 @@ BITS = Plot(
     (BLUE, GREEN, ORANGE, VIOLET),
     legend=True,
 )
+LAST = ENERGY  # sent last, with a value in every tick: where it is in a file, all before it is, see `recorded`
 ALIGNMENT = Plot("plots/alignment", quantities.ALIGNMENT.title(), ("φ_A",), (VIOLET,))
 RISK = Plot(
     "plots/risk",

@@ -1,15 +1,13 @@
 """The flight as a Rerun recording: written to a file, served to viewers.
 
 `Recorder` turns telemetry into columns and sends them in batches; `disturbances.py` does so with faults. `blueprint.py`
-says how it looks, `legend.py` what it means, `screenshot.py` shows it. Only these and `viewer.py` import rerun. Of what
-was sent, memory holds no more than rerun's index of the file, which becomes its footer: some 70 KB a batch, and all of
-a run that grows with its length here.
+says how it looks, `legend.py` what it means, `screenshot.py` shows it, `recorded.py` reads it back. Only these and
+`viewer.py` import rerun. Of what was sent, memory holds no more than rerun's index of the file, which becomes its
+footer: some 70 KB a batch, and all of a run that grows with its length here.
 """
 
 import time
-from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -18,12 +16,12 @@ import numpy as np
 import pyarrow as pa
 import rerun as rr
 from numpy.typing import NDArray
-from rerun.chunk import RrdReader
 
 from groundstation import blueprint as look
 from groundstation import durable, legend
 from groundstation.disturbances import Disturbances
 from groundstation.lines import log_sizes, span
+from groundstation.recorded import line
 from groundstation.reported import PHI_G, Reported
 from groundstation.viewer import listening_address, open_viewer, repair, verify
 from swarm import state
@@ -46,7 +44,6 @@ STAR_M = 1.4  # radius of a collision's star
 _LEVELS = {"dropped": "WARN", "collision": "ERROR", "lost": "ERROR", "diverged": "ERROR"}
 _LEVEL_COLORS = {"INFO": look.WHITE, "WARN": look.ORANGE, "ERROR": look.RED}
 _COLUMN = {name: index for index, name in enumerate(SWARM_COLUMNS)}
-_LAST = look.ENERGY  # sent last, with a value in every tick: where it is in a file, all before it is, see `recorded`
 _SCALARS = rr.Scalars.descriptor_scalars()
 _POINTS, _COLORS = rr.Points2D.descriptor_positions(), rr.Points2D.descriptor_colors()
 _VECTORS, _ORIGINS = rr.Arrows2D.descriptor_vectors(), rr.Arrows2D.descriptor_origins()
@@ -293,7 +290,7 @@ class Recorder:
         swarm: NDArray[np.float64],
         energy: Floats,
     ) -> None:
-        """Scalars over time, a row a tick; `_LAST` is."""
+        """Scalars over time, a row a tick; `blueprint.LAST` is."""
 
         def columns(*names: str) -> NDArray[np.float64]:
             return swarm[:, [_COLUMN[name] for name in names]]
@@ -311,7 +308,7 @@ class Recorder:
                 self._send_scalars(plot.entity, ticks if known.all() else ticks[known], lines)
             else:
                 self._send_scalars(plot.entity, ticks, span(values))
-        self._send_scalars(_LAST.entity, ticks, span(energy))
+        self._send_scalars(look.LAST.entity, ticks, span(energy))
 
     def _send_reports(self, blocks: list[Telemetry]) -> None:
         """What the leader's UAV has learned and the spread of all models, where the world asked for them."""
@@ -327,13 +324,14 @@ class Recorder:
         if not events:
             return
         levels = [_LEVELS.get(event.kind, "INFO") for event in events]
+        shades = [
+            look.COLLISION if event.kind == "collision" else _LEVEL_COLORS[level]
+            for event, level in zip(events, levels, strict=True)
+        ]
         log = (
             (_TEXT, rr.components.TextBatch([line(event) for event in events])),
             (_LEVEL, rr.components.TextLogLevelBatch(levels)),
-            (
-                _TEXT_COLOR,
-                rr.components.ColorBatch(np.array([_LEVEL_COLORS[level] for level in levels], dtype=np.uint32)),
-            ),
+            (_TEXT_COLOR, rr.components.ColorBatch(np.array(shades, dtype=np.uint32))),
         )
         self._send(look.EVENTS, np.array([event.tick for event in events], dtype=np.int64), _cut(len(events), *log))
 
@@ -357,36 +355,6 @@ class Recorder:
             texts = [look.lane(uav, look.Lane(int(now))) for row in lanes[changed] for uav, now in enumerate(row)]
             counts = np.full(int(changed.sum()), self._scenario.uavs)
             self._send(look.LANES, ticks[changed], rr.StateChange.columns(state=texts).partition(counts))
-
-
-@dataclass(frozen=True)
-class Recorded:
-    """What is in recordings of a run: ticks (R,) of which they have everything, and lines of the log with theirs."""
-
-    ticks: NDArray[np.int64]
-    lines: set[tuple[int, str]]
-
-
-def recorded(parts: Iterable[Path]) -> Recorded:
-    """Reads what recordings hold; they are whole, or were repaired."""
-    ticks: list[int] = []
-    lines: set[tuple[int, str]] = set()
-    for part in parts:
-        ticks += [tick for tick, _ in _rows(part, _LAST.entity, "Scalars:scalars")]
-        lines |= {(tick, text[0]) for tick, text in _rows(part, look.EVENTS, "TextLog:text")}
-    return Recorded(np.unique(np.array(ticks, dtype=np.int64)), lines)
-
-
-def _rows(path: Path, entity: str, component: str) -> Iterator[tuple[int, Any]]:
-    for chunk in RrdReader(path).stream().filter(content=f"/{entity}"):
-        batch = chunk.to_record_batch()
-        if {look.TICKS, component} <= set(batch.schema.names):
-            yield from zip(batch.column(look.TICKS).to_pylist(), batch.column(component).to_pylist(), strict=True)
-
-
-def line(event: Event) -> str:
-    """An event as the log of a recording shows it."""
-    return event.text if event.kind in event.text else f"{event.kind}: {event.text}"
 
 
 def _cut(rows: int, *parts: tuple[rr.ComponentDescriptor, rr.ComponentBatchLike]) -> list[rr.ComponentColumn]:

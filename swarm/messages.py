@@ -1,8 +1,9 @@
 """The closed set of messages between processes: frozen, typed, tagged. Nothing else is ever on the bus.
 
 Arrays are little-endian; who receives one checks the shape it expects with `codec.expect`. N is the number of UAVs of
-the swarm, M the number a node holds as rows, K the number of diagnostics and W the number of weights that the controller
-reports. Sense and Act fly in every tick, in a layout of their own (`swarm.tick`); all others are control messages.
+the swarm, M the number a node holds as rows, K the number of diagnostics and W the number of weights that the
+controller reports. Sense and Act fly in every tick, in a layout of their own (`swarm.tick`); all others are control
+messages.
 """
 
 import enum

@@ -29,6 +29,7 @@ _LATER = (
     "federation.options",
     "controller",
     "radio.plausible_speed",
+    *("radio.model", "radio.options", "vehicle.model", "vehicle.options"),
 )
 
 Payload: TypeAlias = Literal["float64", "float32", "float16", "int8"]  # how a model is written, see swarm/payload.py
@@ -155,11 +156,15 @@ class Radio(_Table, frozen=True):
     plausible_speed: Annotated[
         float, Meta(gt=0, description="a received state that is faster, or too far away for it, is not believed, m/s")
     ] = 100.0
+    model: Annotated[str, Meta(description="the channel, see `meanflock plugins`")] = "rice"
+    options: Annotated[dict[str, Any], Meta(description="what the channel takes besides these keys")] = {}
 
 
 class Vehicle(_Table, frozen=True):
-    """Constants of the rotary-wing power model, as printed: a craft of a few grams."""
+    """Which vehicle flies, and the constants of the rotary-wing power model, as printed: a craft of a few grams."""
 
+    model: Annotated[str, Meta(description="the vehicle, see `meanflock plugins`")] = "point-mass"
+    options: Annotated[dict[str, Any], Meta(description="what the vehicle takes besides these keys")] = {}
     blade_power: Annotated[float, Meta(ge=0, description="λ0, W")] = 0.0049
     induced_power: Annotated[float, Meta(ge=0, description="λ1, W")] = 0.0887
     parasite_drag: Annotated[float, Meta(ge=0, description="λ2, W s³/m³")] = 0.0092
@@ -297,7 +302,8 @@ class Scenario(_Table, frozen=True, dict=True):
 
     def sha256(self) -> str:
         """Hash of the resolved scenario; equal scenarios have equal hashes however they were written."""
-        table, default = (msgspec.to_builtins(one.resolved()) for one in (self, Scenario(radio=self.radio)))
+        plain = Scenario(radio=Radio(bits_per_float=self.radio.bits_per_float))  # payloads go by it
+        table, default = (msgspec.to_builtins(one.resolved()) for one in (self, plain))
         for path in _LATER:
             *parents, key = path.split(".")
             part, standard = table, default
@@ -370,10 +376,25 @@ def load(path: Path | None, settings: Iterable[str] = (), **options: Any) -> Sce
     for setting in settings:
         toml.apply(table, setting)
     table.update({name: value for name, value in options.items() if value is not None})
+    return from_table(table, where)
+
+
+def from_table(table: dict[str, Any], where: str) -> Scenario:
+    """The scenario a table of plain values says; `where` it comes from.
+
+    Raises:
+        BadInput: unknown key, wrong type or value out of range.
+    """
     try:
         return msgspec.convert(table, Scenario)
     except msgspec.ValidationError as error:
         raise BadInput(f"{where}: {_explain(error, Scenario)}") from error
+
+
+def to_table(scenario: Scenario) -> dict[str, Any]:
+    """A scenario as plain values, as `from_table` takes them."""
+    table: dict[str, Any] = msgspec.to_builtins(scenario)
+    return table
 
 
 def _explain(error: msgspec.ValidationError, kind: type) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
 from agent.learner import Learner
-from agent.weights import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, VALUE, VALUE_FEATURES
+from kernels.weights import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, VALUE, VALUE_FEATURES
 from swarm import plausible
 from swarm.messages import NOBODY
 from swarm.scenario import Scenario

@@ -2,16 +2,16 @@
 
 import numpy as np
 import pytest
+from agent.offline import Program, speeds
 from hypothesis import given
 from hypothesis import strategies as st
+from swarm.methods import Method
 
-from agent.offline import Program, speeds
 from groundstation.engine import Engine
 from swarm import state
-from swarm.methods import Method
 from swarm.scenario import Scenario, load
-from worldsim import dynamics
 from worldsim.formation import initial_states
+from worldsim.vehicles.point_mass import PointMass
 
 SPACING = "start.spacing=6"
 
@@ -62,10 +62,10 @@ def test_no_way_to_go_is_no_program() -> None:
 def test_without_randomness_the_discrete_motion_ends_at_rest_at_the_origin() -> None:
     scenario = load(None, ["wind.sigma=0"], method="offline")
     states = initial_states(scenario)
-    program = Program(scenario, states)
+    program, vehicle = Program(scenario, states), PointMass(PointMass.Options(), scenario)
     straight = -states[:, state.POSITION] / np.linalg.norm(states[:, state.POSITION], axis=-1, keepdims=True)
     for tick in range(len(program) + 20):
-        states = dynamics.step(scenario, states, program(tick), np.zeros((25, 2)))
+        states, _ = vehicle.step(states, {}, program(tick), np.zeros((25, 2)))
         across = states[:, state.X] * straight[:, 1] - states[:, state.Y] * straight[:, 0]
         assert np.abs(across).max() < 1e-9
     assert np.abs(states).max() < 1e-9

@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from swarm.methods import Method
 
 from groundstation.cli import main
 from groundstation.engine import Engine
-from groundstation.recording import recorded
+from groundstation.recorded import recorded
 from groundstation.results import CHECKPOINT, RunFolder
 from groundstation.resume import back
 from groundstation.series import states_of
 from groundstation.viewer import verify
 from swarm import scenario as scenarios
 from swarm.errors import BadInput
-from swarm.methods import Method
 from swarm.scenario import Scenario
 from tests.faults.conftest import Lab, scenario
 from tests.polling import DEADLINE_S, until

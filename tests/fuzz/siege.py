@@ -238,10 +238,9 @@ class Siege:
 
 
 def _whole(node: Any) -> dict[int, Any]:
-    """What a copy of a node shares with it: the tables of a compiled kernel, which nobody can change or copy."""
-    learner = getattr(node, "_learner", None)
-    kernel = getattr(learner, "kernel", None)
-    return {} if kernel is None else {id(kernel): kernel}
+    """What a copy of a node shares with it: the tables as the kernels take them, which nobody can change or copy."""
+    prepared = getattr(getattr(node, "_learner", None), "_tables", None)
+    return {} if prepared is None else {id(prepared): prepared}
 
 
 class Insider:

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from swarm.methods import Method
 
 from channel import theory
 from channel.link import slots_needed
 from swarm import scenario
 from swarm.errors import EXIT_BAD_INPUT, BadInput
-from swarm.methods import Method
 from swarm.rounds import Rounds
 from swarm.scenario import Scenario, load
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from swarm.model import BEYOND_SENSE
-from worldsim import kernel
 from worldsim.commands import Commands
 from worldsim.members import Member
 
@@ -15,13 +14,6 @@ EVERYONE = {
     "leader-0": Member("leader-0", "leader", np.zeros(0, dtype=np.intp)),
     "agent-4": Member("agent-4", "agent", np.array([4])),
 }
-
-
-@pytest.fixture(autouse=True, params=["compiled", "NumPy"])
-def form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Everything is said of both forms."""
-    if request.param == "NumPy":
-        monkeypatch.setattr(kernel, "_kernel", None)
 
 
 def said(*, but: tuple[str, ...] = (), scale: float = 1.0) -> dict[str, np.ndarray]:
