@@ -63,7 +63,8 @@ def _entry(plugin: Plugin) -> Entry:
 def _about(found: type) -> str:
     """The first sentence of the docstring of a class, or else of its file."""
     said = found.__dict__.get("__doc__") or sys.modules[found.__module__].__doc__ or ""
-    return " ".join(inspect.cleandoc(said).partition("\n\n")[0].split()).partition(". ")[0]
+    sentence = " ".join(inspect.cleandoc(said).partition("\n\n")[0].split()).partition(". ")[0]
+    return f"{sentence.removesuffix('.')}." if sentence else ""
 
 
 def _options(kind: type[msgspec.Struct]) -> Iterator[Option]:

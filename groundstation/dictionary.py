@@ -31,6 +31,7 @@ SUMMARY = (
     Field("uavs", "UAVs", "number of UAVs"),
     Field("seed", "1", "seed of all randomness"),
     Field("mode", "", "`processes`, or `in-process` where all nodes were in one"),
+    Field("backend", "", "which form of the kernels the world had: `compiled` or `numpy`"),
     Field("wall_time_s", "s", "how long the flight took"),
     Field("real_time_factor", "1", "simulated seconds a second"),
     Field("ticks", "ticks", "ticks flown"),
