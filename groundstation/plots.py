@@ -85,8 +85,8 @@ def plot_run(folder: Path) -> dict[str, Figure]:
 class _Flown(msgspec.Struct):
     """What a plot says of a scenario; that can be read where its controller is not installed."""
 
-    method: str = "mfgfl-hf"
-    seed: int = 1
+    method: str = ""  # where there is no scenario
+    seed: int = 0
     destination: Destination = field(default_factory=Destination)
 
 
@@ -143,10 +143,11 @@ def _run_paths(table: pa.Table, flown: _Flown, folder: Path) -> Figure:
     ax.set_ylabel("$y$ (m)")
     end = line(table, "sim_time_s")[-1]
     arrived = int(line(table, "arrived")[-1])
+    who = f"{plotstyle.name(flown.method)}, seed {flown.seed}: " if flown.method else ""
     plotstyle.titled(
         ax,
         "",
-        f"{plotstyle.name(flown.method)}, seed {flown.seed}: {arrived} of {x.shape[1]} arrived in {end:.0f} s",
+        f"{who}{arrived} of {x.shape[1]} arrived in {end:.0f} s",
     )
     made.legend(loc="outside lower center", ncols=4, handletextpad=0.2, columnspacing=1.2)
     if shaded:

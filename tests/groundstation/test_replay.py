@@ -174,3 +174,14 @@ def test_rows_and_events_that_are_none_of_this_flight_are_bad_input(blocks: list
         (folder / EVENTS).write_bytes(nonsense.ljust(size))
         with pytest.raises(BadInput, match="damaged"):
             list(missing(folder, so_far, NOTHING, 6))
+
+
+def test_a_recording_is_completed_where_the_controller_is_not_installed(
+    blocks: list[Telemetry], whole: Contents, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = kept(tmp_path, blocks)
+    killed(folder / "recording.rrd", blocks, 6, monkeypatch)
+    path = folder / "scenario.toml"
+    path.write_text(path.read_text().replace('method = "mfgfl-h"', 'method = "nobody-has-it"'))
+    complete(folder)
+    assert contents(folder / "recording.rrd") == whole
