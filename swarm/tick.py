@@ -46,9 +46,12 @@ def read_sense(raw: bytes) -> Sense:
     Raises:
         MessageRejected: like `take_apart`; `wrong-kind` too.
     """
-    kind, run, tick, flags, rows, columns, (memory, size), batches = take_apart(raw)
+    kind, run, tick, flags, rows, columns, tables, batches = take_apart(raw)
     if kind != SENSE:
         raise MessageRejected("wrong-kind", "an Act, expected a Sense")
+    if flags & ~(REPORT | CHECKPOINT):
+        raise MessageRejected("malformed", f"flags {flags:#x} of a Sense")
+    memory, size = tables
     return Sense(
         run,
         tick,
@@ -66,9 +69,11 @@ def read_act(raw: bytes) -> Act:
     Raises:
         MessageRejected: like `take_apart`; `wrong-kind` too.
     """
-    kind, run, tick, _, rows, columns, tables, batches = take_apart(raw)
+    kind, run, tick, flags, rows, columns, tables, batches = take_apart(raw)
     if kind != ACT:
         raise MessageRejected("wrong-kind", "a Sense, expected an Act")
+    if flags:
+        raise MessageRejected("malformed", f"flags {flags:#x} of an Act")
     lost, lost_size, refused, refused_size, models, models_size, memory, memory_size = tables
     width, left = divmod(models_size // 8, rows) if rows else (0, models_size)
     if left:
@@ -97,7 +102,8 @@ def write_sense(sense: Sense) -> bytes:
 def write_act(act: Act) -> bytes:
     """The bytes of an Act."""
     rows, columns = act.commands.shape
-    tables = act.lost, act.refused, b"" if act.models is None else _plain(act.models), act.memory
+    models = b"" if act.models is None else _plain(act.models)
+    tables = _plain(act.lost, _INT), _plain(act.refused, _INT), models, act.memory
     return kernels.write(ACT, act.run, act.tick, 0, rows, columns, _plain(act.commands), tables, frames_out(act.outbox))
 
 
