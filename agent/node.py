@@ -98,7 +98,9 @@ class Agent:
             commands,
             self._names[self._failed] if self._any_failed else NOBODY,
             np.union1d(np.array(refused, np.int32), step.refused) if refused or len(step.refused) else NOBODY,
-            np.ascontiguousarray(self._controller.report(self._memory), np.float64) if sense.report else None,
+            np.ascontiguousarray(self._controller.report(self._memory), np.float64)
+            if sense.report and self._declared.weights
+            else None,
             self._kept() if sense.checkpoint else b"",
             tuple(outbox),
         )

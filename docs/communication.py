@@ -86,7 +86,8 @@ def transmissions() -> list[str]:
 def flights(runs: dict[Any, list[dict[str, Any]]], seeds: int) -> list[str]:
     """What the codings did to whole flights."""
     lines = [
-        f"| method | payload | up, kbit | down, kbit | arrived | travel time, s | energy, J | φ_A, m/s | outages, % "
+        "| method | payload | up, kbit | down, kbit | arrived | travel time, s | energy until own arrival, J "
+        "| alignment φ_A, m/s | outages, % "
         f"| latency, slots |\n|{'---|' * 10}"
     ]
     for (method, name), summaries in runs.items():

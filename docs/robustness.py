@@ -110,8 +110,8 @@ def judge(flown: Sequence[Row], honest: Sequence[Row]) -> str:
 
 def _table(cases: Iterable[tuple[str, str, Sequence[Row], Sequence[Row]]]) -> str:
     lines = [
-        "| malicious | aggregation | arrived, % | worst flight | travel time, s | collisions | energy, J | refused "
-        "| verdict |",
+        "| malicious | aggregation | arrived, % | worst flight | travel time, s | collisions "
+        "| energy until own arrival, J | refused | verdict |",
         "|---:|---|---:|---:|---:|---:|---:|---:|---|",
     ]
     for share, rule, flown, honest in cases:

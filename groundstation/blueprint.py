@@ -1,9 +1,10 @@
 """How a recording opens in Rerun: the fixed parts of every entity and the arrangement of the views.
 
-Only this file and `recording.py`, which fills the entities named here, import rerun. The map is in metres
-with the goal at the origin and y up.
+`recording.py` and `disturbances.py` fill the entities named here, `legend.py` draws what of the map stays where it is.
+The map is in metres with the goal at the origin and y up.
 """
 
+import enum
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +14,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from groundstation import quantities
 from swarm.clusters import Clusters
 from swarm.messages import Status
 from swarm.model import VALUE_FEATURES
@@ -30,6 +32,11 @@ MODEL_LINKS = "map/links/models"
 STATE_LINKS = "map/links/states"
 COLLISIONS = "map/collisions"
 LEADER = "map/leader"
+CLOSE_UP = "map/leader/close_up"  # what the view around the leader alone shows
+HEADS = "map/heads"
+FAULTS = "map/faults"
+HALOS, JAMS, GUSTS = f"{FAULTS}/halos", f"{FAULTS}/jams", f"{FAULTS}/gusts"  # with the UAVs they hit
+AREAS, WORDS = f"{FAULTS}/areas", f"{FAULTS}/words"
 PLOTS = "plots"
 LANES = "UAVs"
 ROUND = "round"
@@ -41,11 +48,15 @@ ARROW_S = 2.0  # an arrow reaches to where its UAV will be this much later, s
 TRAIL_S = 30.0  # length of a trail, s; a third of it for a large swarm
 LINK_S = 1.0  # how long a model's way through the air stays visible, s
 STAR_S = 10.0  # how long a collision stays on the map, s
-CLOSE_UP_M = 12.0  # half the width of the close-up on the leader
+GUST_S2 = 10.0  # a gust's arrow, as that of a velocity so many seconds long would be: m per m/s²
+JAMS_DRAWN = 200  # links that a script jams, at the most
+CLOSE_UP_M = 6.0  # half the width of the close-up on the leader
 PHI_G_LOW, PHI_G_HIGH = 1e-3, 1.0  # ends of the logarithmic colour scale of φ_G, 1/s²
 
 BLUE, ORANGE, GREEN, RED = 0x5AA9E6FF, 0xF4A259FF, 0x57CC78FF, 0xEF5350FF
-VIOLET, WHITE, GREY = 0xB388EBFF, 0xECEFF4FF, 0x8A93A6FF
+VIOLET, WHITE, GREY, PINK, ICE = 0xB388EBFF, 0xECEFF4FF, 0x8A93A6FF, 0xFF7AC6FF, 0x8FE9FFFF
+COLLISION, HEAD = PINK, BLUE
+FROZEN, CUT, JAMMED, GUST = ICE, RED, RED, ORANGE  # what stops the radio has the colour of its outages
 _CANVAS = (16, 19, 26)
 # Viridis at even steps from an eighth of its length on, for what is darker is lost on the canvas.
 _VIRIDIS = np.array(
@@ -85,29 +96,37 @@ _RANGE_COLORS = (WHITE, BLUE, ORANGE)
 _RANGE_WIDTHS = (2.5, 1.2, 1.2)
 _SIZES, _SIZES_COLORS, _SIZES_WIDTHS = ("max", "mean"), (ORANGE, WHITE), (1.2, 2.5)
 
-ENERGY = Plot("plots/energy", "energy since take-off, J", _RANGE, _RANGE_COLORS, _RANGE_WIDTHS, True)
-SPEED = Plot("plots/speed", "speed, m/s: mean, min, max", _RANGE, _RANGE_COLORS, _RANGE_WIDTHS)
+ENERGY = Plot("plots/energy", quantities.ENERGY.title(), _RANGE, _RANGE_COLORS, _RANGE_WIDTHS, True)
+SPEED = Plot("plots/speed", quantities.SPEED.title("mean, min, max"), _RANGE, _RANGE_COLORS, _RANGE_WIDTHS)
 BITS = Plot(
     "plots/bits",
-    "payload sent, Mbit",
+    f"{quantities.PAYLOAD.name}, Mbit",
     ("uplink", "relay", "broadcast", "state"),
     (BLUE, GREEN, ORANGE, VIOLET),
     legend=True,
 )
-ALIGNMENT = Plot("plots/alignment", "misalignment φ_A", ("φ_A",), (VIOLET,))
+ALIGNMENT = Plot("plots/alignment", quantities.ALIGNMENT.title(), ("φ_A",), (VIOLET,))
 RISK = Plot(
     "plots/risk",
-    "collision risk φ_C; grey: distinct pairs, *: a collision",
-    ("φ_C", "φ_C, distinct pairs"),
+    f"{quantities.RISK_PRINTED.name}; grey: distinct pairs",
+    ("with self-pairs", "distinct pairs"),
     (ORANGE, GREY),
 )
 FAILURES = Plot(
-    "plots/failures", "outages and collisions, count", ("outages", "collisions"), (ORANGE, RED), legend=True
+    "plots/failures",
+    f"{quantities.OUTAGES.title()}; {quantities.COLLISIONS.title()}",
+    ("outages", "collisions"),
+    (RED, COLLISION),
+    legend=True,
 )
-HJB = Plot("plots/hjb_residual", "HJB residual, log10 |e_H|: mean, max", _SIZES, _SIZES_COLORS, _SIZES_WIDTHS)
-FPK = Plot("plots/fpk_residual", "FPK residual, log10 |e_F|: mean, max", _SIZES, _SIZES_COLORS, _SIZES_WIDTHS)
-PHI_G = Plot("plots/phi_g", "interaction cost φ_G, 1/s²: mean, min, max", _RANGE, _RANGE_COLORS, _RANGE_WIDTHS)
-SPREAD = Plot("plots/spread", "spread of the models, RMS distance from their mean", ("spread",), (VIOLET,))
+HJB = Plot(
+    "plots/hjb_residual", f"{quantities.HJB_RESIDUAL.title()}; log10 of mean, max", _SIZES, _SIZES_COLORS, _SIZES_WIDTHS
+)
+FPK = Plot(
+    "plots/fpk_residual", f"{quantities.FPK_RESIDUAL.title()}; log10 of mean, max", _SIZES, _SIZES_COLORS, _SIZES_WIDTHS
+)
+PHI_G = Plot("plots/phi_g", quantities.INTERACTION.title("mean, min, max"), _RANGE, _RANGE_COLORS, _RANGE_WIDTHS)
+SPREAD = Plot("plots/spread", quantities.SPREAD.title("RMS distance from their mean"), ("spread",), (VIOLET,))
 WEIGHTS = "plots/weights"
 
 
@@ -128,9 +147,22 @@ def phi_g_colors(phi_g: NDArray[np.float32]) -> NDArray[np.uint32]:
     return viridis((np.log10(np.maximum(phi_g, PHI_G_LOW)) - low) / (high - low))
 
 
-def lane(uav: int, status: Status) -> str:
-    """What a UAV's lane reads in a state; the number is in it because lanes have no names."""
-    return f"UAV {uav}: {status.name.lower()}"
+class Lane(enum.IntEnum):
+    """What a UAV's lane says: its status, or the fault that holds it."""
+
+    FLYING = Status.FLYING
+    ARRIVED = Status.ARRIVED
+    LOST = Status.LOST
+    FROZEN = len(Status)
+    CUT_OFF = len(Status) + 1
+
+
+LANE_COLORS = {Lane.FLYING: BLUE, Lane.ARRIVED: GREEN, Lane.LOST: GREY, Lane.FROZEN: FROZEN, Lane.CUT_OFF: CUT}
+
+
+def lane(uav: int, now: Lane) -> str:
+    """What a UAV's lane reads; the number is in it because lanes have no names."""
+    return f"UAV {uav}: {now.name.lower().replace('_', ' ')}"
 
 
 def graph(flown: Scenario) -> tuple[list[str], NDArray[np.float64]]:
@@ -143,69 +175,67 @@ def graph(flown: Scenario) -> tuple[list[str], NDArray[np.float64]]:
 
 
 def log_static(stream: rr.RecordingStream, scenario: Scenario) -> None:
-    """Logs what does not change in flight: the map's furniture, and names and colours of all series."""
+    """Logs what does not change in flight: how marks look that move, and names and colours of all series."""
 
     def log(entity: str, *parts: rr.AsComponents) -> None:
         stream.log(entity, *parts, static=True)
 
     log(MAP, rr.Transform3D(scale=[1.0, -1.0, 1.0]))  # 2-D views are y-down
-    half = start_half_side(scenario)
-    x, y = scenario.start.centre
-    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * half + (x, y)
-    angle = np.linspace(0.0, 2.0 * math.pi, 65)
-    circle = scenario.destination.radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    log("map/start", rr.LineStrips2D([corners], colors=[GREY], radii=rr.Radius.ui_points(1.0), draw_order=1.0))
-    log("map/goal", rr.LineStrips2D([circle], colors=[GREEN], radii=rr.Radius.ui_points(1.5), draw_order=1.0))
-    _log_label(stream, "map/start/label", (x, y - half), "start", GREY)
-    _log_label(stream, "map/goal/label", (0.0, -scenario.destination.radius), "goal", GREEN)
-    _log_legend(stream, scenario)
-
-    log(UAVS, rr.Points2D.from_fields(radii=rr.Radius.ui_points(3.0), draw_order=30.0))
+    numbers = [f"UAV {uav}" for uav in range(scenario.uavs)]  # of the one under the mouse
+    dots = rr.Points2D.from_fields(radii=rr.Radius.ui_points(3.0), labels=numbers, show_labels=False, draw_order=30.0)
+    log(UAVS, dots)
     log(VELOCITY, rr.Arrows2D.from_fields(colors=[WHITE], radii=rr.Radius.ui_points(0.6), draw_order=25.0))
     log(TRAILS, rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(0.9), draw_order=10.0))
     log(MODEL_LINKS, rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(1.0), draw_order=15.0))
     log(STATE_LINKS, rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(0.3), draw_order=14.0))
-    log(COLLISIONS, rr.LineStrips2D.from_fields(colors=[RED], radii=rr.Radius.ui_points(1.2), draw_order=40.0))
+    log(COLLISIONS, rr.LineStrips2D.from_fields(colors=[COLLISION], radii=rr.Radius.ui_points(1.2), draw_order=40.0))
     log(
         f"{LEADER}/ring",
         rr.Points2D([(0.0, 0.0)], radii=rr.Radius.ui_points(5.5), colors=[WHITE], draw_order=20.0),
     )
+    log(CLOSE_UP, rr.Transform3D(scale=[1.0, -1.0, 1.0]))  # undoes that of the map: the view's origin has y down again
+    log(HEADS, rr.Points2D.from_fields(radii=rr.Radius.ui_points(5.5), colors=[HEAD], draw_order=19.0))
+    log(HALOS, rr.Points2D.from_fields(radii=rr.Radius.ui_points(6.5), draw_order=18.0))
+    log(JAMS, rr.LineStrips2D.from_fields(colors=[JAMMED], radii=rr.Radius.ui_points(1.0), draw_order=16.0))
+    log(GUSTS, rr.Arrows2D.from_fields(colors=[GUST], radii=rr.Radius.ui_points(0.8), draw_order=26.0))
+    log(AREAS, rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(1.5), draw_order=5.0))
+    log(WORDS, rr.Points2D.from_fields(colors=[WHITE], radii=0.0, show_labels=True))
 
     for plot in (ENERGY, SPEED, BITS, ALIGNMENT, RISK, FAILURES, HJB, FPK, PHI_G, SPREAD):
         log(
             plot.entity,
             rr.SeriesLines(names=plot.names, colors=_rgba(plot.colors), widths=plot.widths or 2.0),
         )
-    log(HITS, rr.SeriesPoints(names="collision", colors=RED, markers="asterisk", marker_sizes=5.0))
+    log(HITS, rr.SeriesPoints(names="collision", colors=COLLISION, markers="asterisk", marker_sizes=5.0))
     shades = viridis(np.linspace(0.0, 1.0, VALUE_FEATURES))
     log(
         WEIGHTS,
         rr.SeriesLines(names=[f"ŵ_H0[{i}]" for i in range(VALUE_FEATURES)], colors=shades, widths=1.0),
     )
     if scenario.uavs <= LARGE_SWARM:
-        texts = [lane(uav, status) for uav in range(scenario.uavs) for status in Status]
-        colors = _rgba((BLUE, GREEN, RED) * scenario.uavs)
+        texts = [lane(uav, now) for uav in range(scenario.uavs) for now in Lane]
+        colors = _rgba(tuple(LANE_COLORS[now] for now in Lane) * scenario.uavs)
         log(LANES, rr.StateConfiguration(values=texts, labels=texts, colors=colors))
 
 
 def blueprint(scenario: Scenario, live: bool) -> rrb.Blueprint:
     """The views, arranged; a live recording follows the flight, a finished one plays it from the start."""
-    leader = scenario.federation.leader
+    leader, radius = scenario.federation.leader, scenario.metrics.collision_radius
     maps = rrb.Spatial2DView(
         origin="/",
-        contents=[f"/{MAP}/**"],
+        contents=[f"/{MAP}/**", f"- /{CLOSE_UP}/**"],
         name="swarm map, m: trails coloured by φ_G, arrows reach 2 s ahead",
         background=_CANVAS,
         visual_bounds=_map_bounds(scenario),
         overrides=_recent(scenario),
     )
     close_up = rrb.Spatial2DView(
-        origin=f"/{LEADER}",
-        contents=[f"/{MAP}/**", "- /map/legend/**", "- /map/start/label", "- /map/goal/label"],
-        name=f"around UAV {leader}, the leader, ±{CLOSE_UP_M:.0f} m",
+        origin=f"/{CLOSE_UP}",
+        contents=[f"/{MAP}/**", "- /map/legend/**", "- /map/start/label", "- /map/goal/label", f"- /{WORDS}"],
+        name=f"leader, UAV {leader}; discs: r_coll {radius:g} m",
         background=_CANVAS,
         visual_bounds=rrb.VisualBounds2D(x_range=[-CLOSE_UP_M, CLOSE_UP_M], y_range=[-CLOSE_UP_M, CLOSE_UP_M]),
-        overrides=_recent(scenario),
+        overrides={**_recent(scenario), UAVS: rr.Points2D.from_fields(radii=radius)},
     )
     details: list[rrb.View | rrb.Container] = [
         rrb.TextLogView(
@@ -306,40 +336,15 @@ def _recent(scenario: Scenario) -> dict[Any, rrb.VisibleTimeRanges]:
 
 def _map_bounds(scenario: Scenario) -> rrb.VisualBounds2D:
     """What the map shows with a margin, in the view's own y-down metres."""
-    low, high = _box(scenario)
+    low, high = box(scenario)
     margin = 0.04 * float(np.max(high - low))
     return rrb.VisualBounds2D(
         x_range=[low[0] - margin, high[0] + margin], y_range=[-high[1] - margin, -low[1] + margin]
     )
 
 
-def _box(scenario: Scenario) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def box(scenario: Scenario) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Lower left and upper right corner of the map: the start, and the goal with room to overshoot."""
     centre, half = np.asarray(scenario.start.centre), start_half_side(scenario)
     room = max(2 * scenario.destination.radius, 0.22 * math.hypot(*scenario.start.centre))
     return np.minimum(centre - half, -room), np.maximum(centre + half, room)
-
-
-def _log_legend(stream: rr.RecordingStream, scenario: Scenario) -> None:
-    """A colour bar for φ_G, in the corner of the map the way from start to goal leaves free."""
-    low, high = _box(scenario)
-    length = 0.2 * float(np.max(high - low))
-    right = scenario.start.centre[0] >= 0
-    x = high[0] - length if right else low[0]
-    y = low[1] + 0.03 * (high[1] - low[1]) if scenario.start.centre[1] >= 0 else high[1]
-    marks = np.linspace(x, x + length, 33)
-    ends = np.stack([marks[:-1], marks[1:]], axis=-1)
-    strips = np.stack([ends, np.full_like(ends, y)], axis=-1)  # (32, 2, 2)
-    bar = rr.LineStrips2D(
-        strips.astype(np.float32), colors=viridis(np.linspace(0, 1, 32)), radii=rr.Radius.ui_points(3.0)
-    )
-    stream.log("map/legend/bar", bar, static=True)
-    y -= 0.012 * float(np.max(high - low))
-    _log_label(stream, "map/legend/low", (x, y), f"φ_G ≤ {PHI_G_LOW:g}", GREY)
-    _log_label(stream, "map/legend/high", (x + length, y), f"≥ {PHI_G_HIGH:g}", GREY)
-
-
-def _log_label(stream: rr.RecordingStream, entity: str, at: tuple[float, float], text: str, color: int) -> None:
-    """Text on the map, under the point `at`, metres."""
-    point = rr.Points2D([at], labels=[text], colors=[color], radii=0.0, show_labels=True)
-    stream.log(entity, point, static=True)

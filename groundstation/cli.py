@@ -13,9 +13,10 @@ import click
 from rich.console import Console
 from rich.table import Table
 
+from groundstation import display
 from groundstation import doctor as checks
 from groundstation.progress import summary_table
-from groundstation.results import RECORDING, alone, recover, to_toml
+from groundstation.results import to_toml
 from groundstation.resume import back
 from groundstation.run import Options, Run, fly
 from swarm import __version__, logs, plugins, scenario
@@ -164,6 +165,10 @@ def run(
     script = scenario.read_faults(faults) if faults is not None else None
     flown = scenario.load(file, settings, method=method, uavs=uavs, seed=seed, duration=duration, faults=script)
     _refuse_if_too_large(flown, 0 if in_process else uavs_per_process)
+    if view:
+        display.check(
+            "fly without --view, then look with `meanflock picture` or with `meanflock view --web` in a browser"
+        )
     options = Options(
         out=out,
         in_process=in_process,
@@ -178,7 +183,7 @@ def run(
         metrics=_metrics(metrics),
         log_format=log_format,
     )
-    _tell(fly(flown, options), as_json, quiet)
+    _tell(fly(flown, options), as_json, log_format)
 
 
 @cli.command()
@@ -217,43 +222,20 @@ def resume(
         metrics=_metrics(metrics),
         log_format=log_format,
     )
-    _tell(fly(dead.scenario, options, dead), as_json, quiet)
+    _tell(fly(dead.scenario, options, dead), as_json, log_format)
 
 
 def _metrics(given: str | None) -> Address | None:
     return None if given is None else Address.parse("--metrics", given)
 
 
-def _tell(done: Run, as_json: bool, quiet: bool) -> None:
+def _tell(done: Run, as_json: bool, log_format: str | None) -> None:
     if as_json:
         click.echo(json.dumps(done.summary))
     else:
         Console().print(summary_table(done.summary))
-    if not quiet:
-        Console(stderr=True).print(f"[dim]run folder[/] {done.folder}", highlight=False, soft_wrap=True)
-
-
-@cli.command()
-@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
-def view(folder: Path) -> None:
-    """Open a finished run in the Rerun viewer.
-
-    \b
-    Example: meanflock view runs/20261121-101500-mfgfl-hf-s7
-    """
-    from groundstation.recording import open_viewer, repair, verify
-    from groundstation.replay import complete
-
-    path = folder if folder.suffix == ".rrd" else folder / RECORDING
-    if not path.is_file():
-        raise BadInput(f"{path}: no recording; name the folder of a run that was recorded")
-    if folder.is_dir():
-        with alone(folder):
-            recover(folder)
-            complete(folder)
-    elif verify(path) is not None:
-        repair(path)
-    open_viewer(path)
+    if log_format != logs.JSON:  # each of whose lines names the run
+        logs.tell(f"run folder {done.folder}")
 
 
 @cli.command()
@@ -347,7 +329,7 @@ def _refuse_if_too_large(flown: scenario.Scenario, uavs_per_process: int) -> Non
 
 def main(arguments: list[str] | None = None) -> int:
     """The `meanflock` command: every error is one line and an exit code."""
-    from groundstation import cli_study  # noqa: F401  # its verbs join the group
+    from groundstation import cli_look, cli_study  # noqa: F401  # their verbs join the group
 
     if arguments is None:
         divert()  # standard output is what we say; what libraries say in native code is not

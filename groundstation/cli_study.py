@@ -1,23 +1,42 @@
 """Verbs that fly many times: compare, sweep, plot, paper."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
 from groundstation.cli import cli, scenario_arguments
+from groundstation.doctor import tell_if_slow
+from groundstation.durable import check_folder
 from swarm import scenario
 from swarm.errors import BadInput
+from swarm.scenario import Scenario
 
-_seeds = click.option(
-    "--seeds", type=click.IntRange(1), default=8, show_default=True, metavar="K", help="Runs of each."
+if TYPE_CHECKING:
+    from groundstation import study
+
+_SEEDS = 8
+_seeds = click.option("--seeds", type=click.IntRange(1), metavar="K", help=f"Runs of each.  [default: {_SEEDS}]")
+
+
+def _number_of_jobs(_context: click.Context, _option: click.Parameter, jobs: int) -> int:
+    if jobs == 0:
+        raise BadInput("--jobs 0: give a number of processes, or -1 for one a core")
+    return jobs
+
+
+_jobs = click.option(
+    "--jobs",
+    type=int,
+    default=-1,
+    metavar="J",
+    help="Processes; -1 for one a core.  [default: -1]",
+    callback=_number_of_jobs,
 )
-_jobs = click.option("--jobs", type=int, default=-1, metavar="J", help="Processes; -1 for one a core.  [default: -1]")
 _quiet = click.option("--quiet", is_flag=True, help="No progress bar.")
 
 
@@ -29,14 +48,15 @@ def _out(default: str) -> Callable[[Any], Any]:
 
 @contextmanager
 def _progress(what: str, quiet: bool) -> Iterator[Callable[[int, int], None]]:
+    console = Console(stderr=True)
     bar = Progress(
         TextColumn(f"[bold]{what}"),
         BarColumn(bar_width=24),
         MofNCompleteColumn(),
         TextColumn("runs"),
         TimeRemainingColumn(compact=True),
-        console=Console(stderr=True),
-        disable=quiet,
+        console=console,
+        disable=quiet or not console.is_terminal,
         transient=True,
     )
     with bar:
@@ -58,31 +78,27 @@ def _report(paths: list[Path]) -> None:
 @_out("out/compare")
 @_quiet
 def compare(
-    methods: tuple[str, ...], file: Path | None, seeds: int, jobs: int, out: Path, quiet: bool, **given: Any
+    methods: tuple[str, ...], file: Path | None, seeds: int | None, jobs: int, out: Path, quiet: bool, **given: Any
 ) -> None:
-    """Fly METHODs over the same seeds and plot them side by side, with 95 % intervals.
+    """Fly METHODs over the same seeds: a table of means, the same as CSV, and a plot with 95 % intervals.
 
     \b
-    Example: meanflock compare hjb mfgfl-hf --seeds 4 --duration 60
+    Interrupt and repeat it as you like: a finished run is never flown twice.
+    Example: meanflock compare hjb mfgfl-hf --seeds 4 --duration 200
     """
-    from groundstation import plots, study
+    from groundstation import plots, study, swept
 
-    scenarios = {method: scenario.load(file, method=method, **given) for method in dict.fromkeys(methods)}
-    first = next(iter(scenarios.values())).seed
-    with _progress("comparing", quiet) as progress:
-        flown = study.fly_all(scenarios, range(first, first + seeds), jobs, progress)
-    study.save(flown.values(), out / "runs.jsonl")
-    table = Table("method", *(title for _, title in plots.COMPARED), title=f"means of {seeds} runs")
-    for method, summaries in flown.items():
-        means = [_mean([plots.number(summary, key) for summary in summaries]) for key, _ in plots.COMPARED]
-        table.add_row(method, *means)
-    Console().print(table)
-    _report(plots.write({"compare": plots.plot_compare(flown)}, out))
+    swept.refuse_setting("method", given["settings"], "is what is compared")
+    scenarios = {(method,): scenario.load(file, method=method, **given) for method in dict.fromkeys(methods)}
+    points = {names: study.seeded(flown, seeds or _SEEDS) for names, flown in scenarios.items()}
+    flown = _fly("compare", points, jobs, out, quiet)
+    _show("compare", ("method",), flown, scenarios, out)
+    _report(plots.write({"compare": plots.plot_compare({method: runs for (method,), runs in flown.items()})}, out))
 
 
 @cli.command()
 @click.argument("swept", metavar="KEY=V1,V2,…")
-@click.option("--methods", default="mfgfl-hf", show_default=True, metavar="M1,M2,…")
+@click.option("--methods", metavar="M1,M2,…", help="[default: the scenario's]")
 @click.option("--scenario", "file", type=click.Path(path_type=Path), metavar="SCENARIO.toml")
 @scenario_arguments("uavs", "seed", "duration", "settings", "plugin")
 @_seeds
@@ -90,29 +106,86 @@ def compare(
 @_out("out/sweep")
 @_quiet
 def sweep(
-    swept: str, methods: str, file: Path | None, seeds: int, jobs: int, out: Path, quiet: bool, **given: Any
+    swept: str,
+    methods: str | None,
+    file: Path | None,
+    seeds: int | None,
+    jobs: int,
+    out: Path,
+    quiet: bool,
+    settings: tuple[str, ...],
+    **given: Any,
 ) -> None:
-    """Fly a scenario for several values of one key and plot what changes.
+    """Fly a scenario for several values of one key: a table of means, the same as CSV, and a plot of what changes.
 
     \b
-    Example: meanflock sweep wind.sigma=0.1,0.3 --methods hjb,mfgfl-hf --seeds 4 --duration 60
+    Interrupt and repeat it as you like: a finished run is never flown twice.
+    Example: meanflock sweep wind.sigma=0.1,0.3 --methods hjb,mfgfl-hf --seeds 4 --duration 200
     """
     from groundstation import plots, study
+    from groundstation.swept import Swept, refuse_setting
+    from groundstation.units import with_unit
 
-    key, values = study.values_of(swept)
-    names = [name.strip() for name in methods.split(",") if name.strip()]
-    settings = tuple(given.pop("settings"))
-    scenarios = {
-        (value, method): scenario.load(file, method=method, settings=(*settings, f"{key}={_toml(value)}"), **given)
-        for value in values
-        for method in names
-    }
-    first = next(iter(scenarios.values())).seed
-    with _progress("sweeping", quiet) as progress:
-        flown = study.fly_all(scenarios, range(first, first + seeds), jobs, progress)
+    varied = Swept.parse(swept)
+    of_key = {"method": {"--methods": methods}, "seed": {"--seed": given["seed"], "--seeds": seeds}}
+    varied.check(of_key.get(varied.key, {f"--{varied.key}": given.get(varied.key)}), settings)
+    if methods is not None:
+        refuse_setting("method", settings, "is what --methods names")
+    named = [name.strip() for name in (methods or "").split(",") if name.strip()]
+    names: list[str | None] = [*dict.fromkeys(named)] or [None]
+    scenarios: dict[tuple[Any, ...], Scenario] = {}
+    for value in varied.values:
+        for name in names:
+            one = scenario.load(file, (*settings, varied.setting(value)), method=name, **given)
+            scenarios[(value,) if varied.key == "method" else (value, str(one.method))] = one
+    each = 1 if varied.key == "seed" else seeds or _SEEDS
+    flown = _fly("sweep", {at: study.seeded(one, each) for at, one in scenarios.items()}, jobs, out, quiet)
+    columns = ("method",) if varied.key == "method" else (with_unit(varied.key), "method")
+    _show("sweep", columns, flown, scenarios, out)
+    points: dict[Any, dict[str, study.Summaries]] = {}
+    for (value, *_), runs in flown.items():
+        points.setdefault(value, {})[runs[0]["method"]] = runs
+    _report(plots.write({"sweep": plots.plot_sweep(varied.key, points)}, out))
+
+
+def _fly(
+    what: str, points: Mapping[Any, Sequence[Scenario]], jobs: int, out: Path, quiet: bool
+) -> "dict[Any, study.Summaries]":
+    """The summaries of all runs; those that are in `out` already are not flown again."""
+    from groundstation import study
+    from groundstation.paper.store import Store
+
+    new = not out.exists()
+    store = Store(out)
+    check_folder(out)
+    tell_if_slow()
+    try:
+        with _progress(what, quiet) as progress:
+            return study.fly_all(points, jobs, progress, store)
+    except BadInput:  # nothing was flown: the folders are empty, or hold what was there before
+        for folder in (store.data / "jobs", store.data, *([out] if new else [])):
+            with suppress(OSError):
+                folder.rmdir()
+        raise
+
+
+def _show(
+    what: str,
+    columns: tuple[str, ...],
+    flown: "Mapping[Any, study.Summaries]",
+    scenarios: Mapping[Any, Scenario],
+    out: Path,
+) -> None:
+    """Prints the table of means, and writes it and the runs behind it."""
+    from groundstation import study
+    from groundstation.means import Means
+
+    means = Means(columns, flown)
+    sizes = {one.uavs for one in scenarios.values()}
+    title = f"{what}: {sizes.pop()} UAVs" if len(sizes) == 1 else what
+    Console().print(means.table(title, [one.duration for one in scenarios.values()]))
     study.save(flown.values(), out / "runs.jsonl")
-    points = {value: {method: flown[value, method] for method in names} for value in values}
-    _report(plots.write({"sweep": plots.plot_sweep(key, points)}, out))
+    _report([out / "runs.jsonl", means.write_csv(out / f"{what}.csv")])
 
 
 @cli.command()
@@ -163,6 +236,7 @@ def paper(
     if unknown:
         raise BadInput(f"--only {', '.join(unknown)}: no such figure; there are {', '.join(FIGURES)}")
     experiments = set().union(*(_FLOWN_FOR[name] for name in wanted)) if wanted else None
+    tell_if_slow()
     results = run_grid(out, seeds, experiments, jobs, backend, scheduler, quiet)
     with _progress("theory", quiet) as progress:
         theory = measured(out, jobs=jobs, progress=progress)
@@ -183,12 +257,3 @@ _FLOWN_FOR: dict[str, set[str]] = {
     "fig7": {"wind"},
     "fig8": {"offline", "trained"},
 }
-
-
-def _mean(values: list[float]) -> str:
-    known = [value for value in values if value == value]  # NaN: nobody arrived
-    return f"{sum(known) / len(known):.4g}" if known else "–"
-
-
-def _toml(value: Any) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)

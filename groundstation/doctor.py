@@ -1,6 +1,7 @@
 """`meanflock doctor`: what this machine has, and what would fail before it fails."""
 
 import importlib.metadata
+import logging
 import os
 import platform
 import shutil
@@ -17,6 +18,7 @@ import agent.kernel
 import channel.kernel
 import worldsim.kernel
 from groundstation.memory import MEGABYTE, available_mb, needed_mb
+from swarm import logs
 from swarm.session import DEFAULT_ENDPOINT
 
 THREADS = 8  # of a process of the swarm: measured 6, and 9 in the world
@@ -71,7 +73,7 @@ def _package(name: str) -> Finding:
     try:
         return Finding(name, "ok", importlib.metadata.version(name))
     except importlib.metadata.PackageNotFoundError:
-        return Finding(name, "fails", "not installed", "make install")
+        return Finding(name, "fails", "not installed", "pip install 'meanflock[ground]'")
 
 
 def compiled() -> Finding:
@@ -80,8 +82,15 @@ def compiled() -> Finding:
     missing = [whose for whose, kernel in kernels.items() if not kernel.is_compiled()]
     if not missing:
         return Finding("kernels", "ok", f"compiled: {', '.join(kernels)}")
-    found = f"{', '.join(missing)}: NumPy's, some ten times slower"
-    return Finding("kernels", "warning", found, "install a C compiler, then again this")
+    found = f"{', '.join(missing)}: NumPy's, 3 to 10 times slower"
+    return Finding("kernels", "warning", found, "install a C compiler and Python's headers, then meanflock again")
+
+
+def tell_if_slow() -> None:
+    """Says on standard error that kernels are missing, before somebody waits for them."""
+    finding = compiled()
+    if finding.verdict != "ok":
+        logs.tell(f"warning: kernels not compiled, {finding.found}; {finding.mend}", logging.WARNING)
 
 
 def memory(uavs: int, processes: int, keeps_states: bool = False) -> Finding:

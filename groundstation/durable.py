@@ -1,6 +1,7 @@
 """Files that are whole after a crash, of the process or the machine: what is on the disk is the old or the new one."""
 
 import os
+import tempfile
 from collections.abc import Callable
 from io import FileIO
 from pathlib import Path
@@ -70,6 +71,18 @@ def check_writable(path: Path) -> None:
         path.open("ab").close()
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror}; give a file in a folder that can be written") from error
+
+
+def check_folder(folder: Path) -> None:
+    """The same of a folder that is there, `--out`; nothing is left in it.
+
+    Raises:
+        BadInput: no file can be written there.
+    """
+    try:
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise BadInput(f"--out {folder}: {error.strerror}; name a folder that can be written") from error
 
 
 def settle(flush: Callable[[float], None], path: Path | None, patience_s: float = 5.0) -> None:

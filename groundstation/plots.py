@@ -20,20 +20,26 @@ from numpy.typing import NDArray
 from channel.meter import TRAFFIC
 from groundstation import plotstyle
 from groundstation.paper import statistics
+from groundstation.quantities import FIELDS
 from groundstation.results import EVENTS, SCENARIO, TIMESERIES
+from groundstation.units import with_unit
 from swarm.errors import BadInput
 from swarm.scenario import Scenario, load
 
 Floats = NDArray[np.float64]
 Summaries = Sequence[Mapping[str, Any]]  # of runs that differ in their seed
 
-COMPARED = (  # key of a summary, title of its panel
-    ("t_avg_s", "travel time"),
-    ("energy_mean_J", "motion energy"),
-    ("payload_bits.total", "payload"),
-    ("phi_A", "velocity alignment"),
-    ("phi_C_distinct", "collision risk"),
-    ("collisions", "collisions"),
+COMPARED = tuple(  # key of a summary, title of its panel
+    (key, FIELDS[key].remarked)
+    for key in (
+        "t_avg_censored_s",
+        "energy_mean_J",
+        "payload_bits.total",
+        "phi_A",
+        "phi_C_distinct",
+        "collisions",
+        "arrived",
+    )
 )
 _PHI = LogNorm(1e-3, 1e0, clip=True)
 _MAX_POINTS = 1500  # of a curve, instants of a path
@@ -101,17 +107,23 @@ def _run_paths(table: pa.Table, scenario: Scenario, folder: Path) -> Figure:
     step = max(1, len(x) // _MAX_POINTS, len(x) * x.shape[1] // _MAX_SEGMENTS)
     position = np.stack([x, y], axis=-1)[::step]
     segments = np.stack([position[:-1], position[1:]], axis=-2).reshape(-1, 2, 2)
-    made = plotstyle.figure(plotstyle.COLUMN_IN, 3.7)
+    made = plotstyle.figure(plotstyle.COLUMN_IN * 1.1, 3.9)
     ax = made.subplots()
-    lines = LineCollection(list(segments), linewidths=0.7, rasterized=True, norm=_PHI, cmap="viridis")
-    lines.set_array(phi[::step][1:].ravel())
+    acts_on_others = scenario.method.learns_value
+    shade = {"norm": _PHI, "cmap": "viridis"} if acts_on_others else {"colors": plotstyle.colour(scenario.method)}
+    lines = LineCollection(list(segments), linewidths=0.7, rasterized=True, **shade)
+    if acts_on_others:
+        lines.set_array(phi[::step][1:].ravel())
     ax.add_collection(lines)
     ax.plot(x[0], y[0], linestyle="", marker="s", markersize=2.0, color=plotstyle.PALE, label="start")
     ax.plot(x[-1], y[-1], linestyle="", marker="o", markersize=2.4, color=plotstyle.INK, label="end")
     met = [(event["tick"], event["uavs"]) for event in _events(folder, "collision") if event["tick"] < len(x)]
     places = np.array([position_of(x, y, tick, uavs) for tick, uavs in met]).reshape(-1, 2)
     ax.plot(places[:, 0], places[:, 1], **plotstyle.STAR, label=f"collisions: {len(met)}")
-    ax.add_patch(Circle((0.0, 0.0), scenario.destination.radius, fill=False, edgecolor=plotstyle.INK, linewidth=1.1))
+    radius = scenario.destination.radius
+    for width, color in ((3.2, "white"), (1.6, plotstyle.GOAL)):  # what ends in it must not hide it
+        ax.add_patch(Circle((0.0, 0.0), radius, fill=False, edgecolor=color, linewidth=width, zorder=5))
+    ax.plot([], [], **plotstyle.RING, label=f"goal, {radius:g} m")
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.05)
     ax.set_xlabel("$x$ (m)")
@@ -123,8 +135,10 @@ def _run_paths(table: pa.Table, scenario: Scenario, folder: Path) -> Figure:
         "",
         f"{plotstyle.name(scenario.method)}, seed {scenario.seed}: {arrived} of {x.shape[1]} arrived in {end:.0f} s",
     )
-    made.legend(loc="outside lower center", ncols=3, handletextpad=0.2)
-    made.colorbar(ScalarMappable(_PHI, "viridis"), ax=ax, extend="both", label=r"$\phi_G$ a UAV acts on (1/s$^2$)")
+    made.legend(loc="outside lower center", ncols=4, handletextpad=0.2, columnspacing=1.2)
+    if acts_on_others:
+        label = plotstyle.tex(f"{FIELDS['phi_G'].name} a UAV acts on (1/s²)")
+        made.colorbar(ScalarMappable(_PHI, "viridis"), ax=ax, extend="both", label=label)
     return made
 
 
@@ -143,43 +157,52 @@ def _run_curves(table: pa.Table, scenario: Scenario) -> Figure:
         ax.fill_between(times, rows.min(axis=-1), rows.max(axis=-1), color=tone, alpha=0.18, linewidth=0)
         ax.plot(times, rows.mean(axis=-1), color=tone)
 
-    made = plotstyle.figure(plotstyle.COLUMN_IN, 7.2)
+    def line(ax: Axes, column: str, **look: Any) -> None:
+        ax.plot(times, _line(table, column)[::step], **{"color": tone, **look})
+
+    made = plotstyle.figure(plotstyle.PAGE_IN, 7.6)
     axes = made.subplots(4, 2, sharex=True)
     energy, speed, bits, alignment, risk, arrived, value, density = axes.ravel()
     spread(energy, _grid(table, "energy_J"))
     spread(speed, np.hypot(_grid(table, "vx_m_s"), _grid(table, "vy_m_s")))
-    for ax, columns in (
-        (bits, tuple(f"{name}_bits" for name in TRAFFIC.values())),
-        (alignment, ("phi_A",)),
-        (risk, ("phi_C",)),
-        (arrived, ("arrived",)),
+    sent = [column for name in TRAFFIC.values() if (column := f"{name}_bits") in table.column_names]  # old: no relays
+    bits.plot(times, sum(_line(table, column)[::step] for column in sent), color=tone)
+    line(alignment, "phi_A")
+    line(risk, "phi_C", label="with self-pairs")
+    line(risk, "phi_C_distinct", label="distinct pairs", linestyle="--")
+    line(arrived, "arrived", label=f"arrived, of {scenario.uavs}")
+    line(arrived, "collisions", label=f"collisions ({FIELDS['collisions'].unit})", color="#CC2222", linewidth=1.0)
+    for ax, column, learns, what in (
+        (value, "hjb_residual", scenario.method.learns_value, "value"),
+        (density, "fpk_residual", scenario.method.learns_density, "density"),
     ):
-        kept = [column for column in columns if column in table.column_names]  # older runs have no relays
-        ax.plot(times, sum(_line(table, column)[::step] for column in kept), color=tone)
-    arrived.plot(times, _line(table, "collisions")[::step], color="#CC2222", linewidth=1.0, label="collisions")
-    arrived.legend(loc="upper left", fontsize=7)
-    for ax, column in ((value, "hjb_residual"), (density, "fpk_residual")):
         mean = np.abs(_grid(table, column)[::step]).mean(axis=-1)
         if mean.max() > 0:
             ax.plot(times, np.where(mean > 0, mean, np.nan), color=tone, linewidth=1.0)
             plotstyle.log_axis(ax)
         else:
-            ax.annotate("no density is learned", (0.5, 0.5), xycoords="axes fraction", ha="center")
+            said = "the residual is zero" if learns else f"{scenario.method} learns no {what}"
+            ax.annotate(said, (0.5, 0.5), xycoords="axes fraction", ha="center")
             ax.set_yticks([])
     panels = (
-        (energy, "energy: mean, max, min", "energy (J)"),
-        (speed, "speed: mean, max, min", "speed (m/s)"),
-        (bits, "payload so far", "payload (bit)"),
-        (alignment, "velocity alignment", plotstyle.axis("phi_A")),
-        (risk, "collision risk", plotstyle.axis("phi_C")),
-        (arrived, "arrived, collisions", "UAVs, pairs"),
-        (value, "value learner, mean", "$|e_H|$ (m/s)"),
-        (density, "density learner, mean", "$|e_F|$ (1/s)"),
+        (energy, f"{FIELDS['energy_J'].name}: mean, max, min", plotstyle.axis("energy_J")),
+        (speed, f"{FIELDS['speed_mean_m_s'].name}: mean, max, min", "speed (m/s)"),
+        (bits, FIELDS["payload_bits.total"].name, plotstyle.axis("payload_bits")),
+        (alignment, FIELDS["phi_A"].remarked, plotstyle.axis("phi_A")),
+        (risk, "collision risk φ_C", plotstyle.tex("φ_C (1)")),
+        (arrived, "arrived and collisions", "UAVs, pairs"),
+        (value, f"{FIELDS['hjb_residual'].name}, mean", plotstyle.axis("hjb_residual")),
+        (density, f"{FIELDS['fpk_residual'].name}, mean", plotstyle.axis("fpk_residual")),
     )
     for letter, (ax, title, label) in zip("abcdefgh", panels, strict=True):
         plotstyle.titled(ax, letter, title)
         ax.set_ylabel(label)
         ax.margins(x=0.0)
+    for ax in (energy, speed, bits, alignment, risk, arrived):
+        ax.set_ylim(bottom=0.0)
+    for ax in (risk, arrived):
+        ax.set_ylim(top=1.3 * ax.dataLim.y1 if ax.dataLim.y1 > 0 else 1.0)  # room for the legend above the lines
+        ax.legend(loc="upper left", fontsize=7, ncols=2, borderaxespad=0.2)
     plotstyle.bit_axis(bits.yaxis)
     for ax in axes[-1]:
         ax.set_xlabel(plotstyle.axis("t_s"))
@@ -221,7 +244,7 @@ def plot_compare(runs: Mapping[str, Summaries], metrics: Sequence[tuple[str, str
     columns = 2 if len(metrics) > 1 else 1
     rows = -(-len(metrics) // columns)
     with plotstyle.style():
-        made = plotstyle.figure(plotstyle.COLUMN_IN, rows * (0.75 + 0.2 * len(methods)) + 0.1)
+        made = plotstyle.figure(plotstyle.PAGE_IN, rows * (0.75 + 0.2 * len(methods)) + 0.1)
         axes = made.subplots(rows, columns, sharey=True, squeeze=False).ravel()
         for letter, (key, title), ax in zip("abcdefghij", metrics, axes, strict=False):
             for place, method in enumerate(methods):
@@ -263,7 +286,7 @@ def plot_sweep(
     columns = 2 if len(metrics) > 1 else 1
     rows = -(-len(metrics) // columns)
     with plotstyle.style():
-        made = plotstyle.figure(plotstyle.COLUMN_IN, 1.75 * rows + 0.45)
+        made = plotstyle.figure(plotstyle.PAGE_IN, 1.75 * rows + 0.45)
         axes = made.subplots(rows, columns, sharex=True, squeeze=False).ravel()
         for letter, (metric, title), ax in zip("abcdefghij", metrics, axes, strict=False):
             for place, method in enumerate(methods):
@@ -283,39 +306,6 @@ def plot_sweep(
         for ax in axes[len(metrics) :]:
             ax.set_visible(False)
         for ax in axes[-columns:]:
-            ax.set_xlabel(swept(key))
+            ax.set_xlabel(with_unit(key))
         plotstyle.legend(made, methods, markers=True)
     return made
-
-
-def swept(key: str) -> str:
-    """The axis of a swept key: its name and, where the scenario knows it, its unit."""
-    return UNITS.get(key, key)
-
-
-UNITS = {
-    "uavs": "number of UAVs $N$",
-    "dt": "dt (s)",
-    "duration": "duration (s)",
-    "wind.sigma": r"wind.sigma (m s$^{-1}$ s$^{-1/2}$)",
-    "wind.drag": "wind.drag (1/s)",
-    "start.spacing": "start.spacing (m)",
-    "start.height": "start.height (m)",
-    "destination.radius": "destination.radius (m, m/s)",
-    "cost.c1": r"cost.c1 (s$^2$/m$^2$)",
-    "cost.c3": r"cost.c3 (s$^4$/m$^2$)",
-    "cost.epsilon": r"cost.epsilon (m$^2$)",
-    "learner.kappa": "learner.kappa (1/s)",
-    "learner.position_scale": "learner.position_scale (m)",
-    "learner.velocity_scale": "learner.velocity_scale (m/s)",
-    "federation.period": "federation.period (ticks)",
-    "federation.state_period": "federation.state_period (ticks)",
-    "radio.tx_power_dbm": "radio.tx_power_dbm (dBm)",
-    "radio.bandwidth_hz": "radio.bandwidth_hz (Hz)",
-    "radio.target_snr_db": "radio.target_snr_db (dB)",
-    "radio.coherence_time_s": "radio.coherence_time_s (s)",
-    "radio.latency_threshold_slots": "radio.latency_threshold_slots (slots)",
-    "radio.range_m": "radio.range_m (m)",
-    "metrics.collision_radius": "metrics.collision_radius (m)",
-    "metrics.hazard_radius": "metrics.hazard_radius (m)",
-}

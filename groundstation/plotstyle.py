@@ -1,5 +1,7 @@
 """One look for every figure: a colour, marker and dash a method, units on every axis, bytes that do not change."""
 
+import re
+import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -55,20 +57,32 @@ NAMES = {
     "mfgfl-hf": "MfgFL-HF",
     "offline": "Offline",
 }
-INK, PALE = "#222222", "#9A9A9A"
+INK, PALE, GOAL = "#222222", "#9A9A9A", "#2E8B57"
+RING: dict[str, Any] = {  # the goal, in a legend
+    "linestyle": "",
+    "marker": "o",
+    "markersize": 6,
+    "color": GOAL,
+    "markerfacecolor": "none",
+    "markeredgewidth": 1.6,
+}
+LETTERS_IN = 17.0  # letters of a title that an inch has room for
+_TEX = {"φ_A": r"\phi_A", "φ_C": r"\phi_C", "φ_G": r"\phi_G", "|e_H|": "|e_H|", "|e_F|": "|e_F|"}
+_SYMBOL = re.compile("|".join(map(re.escape, _TEX)))
 
 AXES = {  # column of a table or summary → what an axis calls it, with its unit
     "t_s": "time (s)",
     "uavs": "number of UAVs $N$",
     "period": "ticks a round $n_0$",
     "sigma": r"wind $\sigma$ (m s$^{-1}$ s$^{-1/2}$)",
-    "energy_mean_J": "motion energy (J)",
+    "energy_J": "energy (J)",
+    "energy_mean_J": "energy (J)",
     "energy_std_J": "std of energy (J)",
     "t_avg_s": r"$T_\mathrm{avg}$ (s)",
     "t_avg_censored_s": r"$T_\mathrm{avg}$ (s)",
     "t_max_s": r"$T_\mathrm{max}$ (s)",
     "phi_A": r"$\phi_A$ (m/s)",
-    "phi_C": r"$\phi_C$ (1)",
+    "phi_C": r"$\phi_C$, self-pairs too (1)",
     "phi_A_tavg": r"$\phi_A(T_\mathrm{avg})$ (m/s)",
     "phi_C_tavg": r"$\phi_C(T_\mathrm{avg})$ (1)",
     "phi_C_distinct": r"$\phi_C$, distinct pairs (1)",
@@ -76,12 +90,14 @@ AXES = {  # column of a table or summary → what an axis calls it, with its uni
     "speed_max_m_s": "top speed (m/s)",
     "speed_mean_m_s": "mean speed (m/s)",
     "distance_mean_m": "distance flown (m)",
-    "payload_bits": "payload (bit)",
-    "bits": "payload (bit)",
+    "payload_bits": "payload (bits)",
+    "bits": "payload (bits)",
     "arrived": "arrived (UAVs)",
+    "hjb_residual": r"$|e_H|$ (m/s)",
     "hjb_residual_max": r"largest $|e_H|$ (m/s)",
+    "fpk_residual": r"$|e_F|$ (1/s)",
     "fpk_residual_max": r"largest $|e_F|$ (1/s)",
-    "weight_spread_final": "weight spread (1)",
+    "weight_spread_final": "spread of the models (1)",
 }
 
 _RC: Any = {
@@ -160,8 +176,18 @@ def axis(column: str) -> str:
 
 
 def titled(ax: Axes, letter: str, text: str) -> None:
-    """A panel's letter and title, flush left."""
-    ax.set_title(f"({letter}) {text}" if letter else text, loc="left", pad=4)
+    """A panel's letter and title, flush left, in as many lines as its width asks for."""
+    place, made = ax.get_subplotspec(), ax.get_figure(root=True)
+    assert made is not None
+    columns = place.get_gridspec().ncols if place is not None else 1
+    room = int(LETTERS_IN * made.get_figwidth() / columns)
+    lines = (textwrap.fill(line, room) for line in (f"({letter}) {text}" if letter else text).splitlines())
+    ax.set_title(tex("\n".join(lines)), loc="left", pad=4)
+
+
+def tex(text: str) -> str:
+    """A name with its symbols set as mathematics."""
+    return _SYMBOL.sub(lambda found: f"${_TEX[found.group()]}$", text)
 
 
 def legend(made: Figure, methods: Sequence[str], markers: bool = False, extra: Sequence[Line2D] = ()) -> None:

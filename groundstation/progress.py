@@ -4,31 +4,43 @@ from types import TracebackType
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
+from rich.table import Column, Table
 
 from channel.meter import TRAFFIC
+from groundstation.quantities import ARRIVED, FIELDS, OUTAGES, PAYLOAD
 from swarm.messages import SWARM_COLUMNS, Telemetry
 from swarm.scenario import Scenario
 
 _COLUMN = {name: k for k, name in enumerate(SWARM_COLUMNS)}
 
 
-class FlightProgress:
-    """A progress bar fed with telemetry; a `Sink`."""
+_BAR, _BAR_NARROW = 24, 10  # columns
+_WIDE = 120  # columns of a terminal with room for everything
 
-    def __init__(self, scenario: Scenario, quiet: bool) -> None:
+
+class FlightProgress:
+    """A progress bar fed with telemetry; a `Sink`. What a narrow terminal has no room for is left out."""
+
+    def __init__(self, scenario: Scenario, quiet: bool, console: Console | None = None) -> None:
+        """`console`: where it is shown; None for standard error, and nothing where that is no terminal."""
         self._scenario = scenario
+        self._console = console or Console(stderr=True)
+        bar = _BAR if self._console.width >= _WIDE else _BAR_NARROW
+        whole = Column(no_wrap=True, min_width=len(f"{scenario.max_ticks}/{scenario.max_ticks}"))
         self._bar = Progress(
-            TextColumn("[bold]{task.description}"),
-            BarColumn(bar_width=24),
-            MofNCompleteColumn(),
-            TextColumn("ticks"),
-            TextColumn("{task.fields[detail]}"),
-            TimeRemainingColumn(compact=True),
-            console=Console(stderr=True),
-            disable=quiet,
+            TextColumn("[bold]{task.description}", table_column=Column(no_wrap=True)),
+            BarColumn(bar_width=bar),
+            MofNCompleteColumn(table_column=whole),
+            TextColumn("ticks", table_column=Column(no_wrap=True, min_width=len("ticks"))),
+            TextColumn("{task.fields[detail]}", table_column=Column(no_wrap=True)),
+            TimeRemainingColumn(compact=True, table_column=Column(no_wrap=True, min_width=len("00:00"))),
+            console=self._console,
+            disable=quiet or not self._console.is_terminal,
             transient=True,
         )
+        # flying, bar, n/of, ticks, detail and time left, with a column between each two
+        fixed = len("flying") + bar + 2 * len(str(scenario.max_ticks)) + 1 + len("ticks") + len("0:00:00") + 5
+        self._room = self._console.width - fixed
         self._task = self._bar.add_task("starting", total=scenario.max_ticks, detail="")
 
     def __enter__(self) -> "FlightProgress":
@@ -49,13 +61,20 @@ class FlightProgress:
         elapsed = self._bar.tasks[0].elapsed or 0.0
         seconds = tick * self._scenario.dt
         bits = sum(row[_COLUMN[f"{name}_bits"]] for name in TRAFFIC.values())
-        detail = (
-            f"{seconds:6.1f} s  ×{seconds / elapsed if elapsed else 0:.0f} real time  "
-            f"arrived {row[_COLUMN['arrived']]:.0f}/{self._scenario.uavs}  {bits / 1e6:.2f} Mbit  "
-            f"outages {row[_COLUMN['outages']]:.0f}"
-        )
+        parts = [
+            f"{seconds:.1f} s",
+            f"×{seconds / elapsed if elapsed else 0:.0f}",
+            f"arrived {row[_COLUMN['arrived']]:.0f}/{self._scenario.uavs}",
+            f"{bits / 1e6:.2f} Mbit",
+            f"outages {row[_COLUMN['outages']]:.0f}",
+        ]
         if held := row[_COLUMN["held_commands"]]:
-            detail += f"  held {held:.0f} in {row[_COLUMN['deadline_misses']]:.0f} late ticks"
+            parts.insert(3, f"held {held:.0f} in {row[_COLUMN['deadline_misses']]:.0f} late ticks")
+        detail = parts[0]
+        for part in parts[1:]:
+            if len(detail) + 2 + len(part) > self._room:
+                break
+            detail += f"  {part}"
         self._bar.update(self._task, completed=tick, description="flying", detail=detail)
 
 
@@ -73,20 +92,25 @@ def summary_table(summary: dict[str, object]) -> Table:
         shown = "–" if value is None else f"{value:,.{digits}f}" if isinstance(value, float) else f"{value:,}"
         table.add_row(name, shown, unit)
 
-    table.add_row("arrived", f"{summary['arrived']} of {summary['uavs']}", f"{summary['lost']} lost")
-    add("travel time, mean", summary["t_avg_s"], "s", 1)
-    add("travel time, longest", summary["t_max_s"], "s", 1)
-    add("motion energy, mean", summary["energy_mean_J"], "J until own arrival")
-    add("alignment φ_A", summary["phi_A"], "m/s", 3)
-    add("collision risk φ_C, distinct pairs", summary["phi_C_distinct"], "", 5)
-    add("collisions", summary["collisions"], "pairs", 0)
-    add("speed, highest", summary["speed_max_m_s"], "m/s", 1)
-    add("distance, mean", summary["distance_mean_m"], "m", 0)
+    table.add_row(ARRIVED.name, f"{summary['arrived']} of {summary['uavs']}", f"{summary['lost']} lost")
+
+    def quantity(field: str, of: str, digits: int) -> None:
+        known = FIELDS[field]
+        add(f"{known.name}, {of}" if of else known.name, summary[field], known.qualified_unit, digits)
+
+    quantity("t_avg_s", "mean", 1)
+    quantity("t_max_s", "longest", 1)
+    quantity("energy_mean_J", "mean", 2)
+    quantity("phi_A", "", 3)
+    quantity("phi_C_distinct", "", 5)
+    quantity("collisions", "", 0)
+    quantity("speed_max_m_s", "highest", 1)
+    quantity("distance_mean_m", "mean", 0)
     for name in TRAFFIC.values():
         if bits[name]:
-            add(f"{name} payload", bits[name], "bits")
+            add(f"{name} {PAYLOAD.name}", bits[name], PAYLOAD.unit)
     add("on the wire", summary["wire_bytes"], "bytes")
-    add("radio links in outage", radio["outages"], f"of {radio['sent']:,}")
+    add(OUTAGES.name, radio["outages"], f"of {radio['sent']:,} {OUTAGES.unit}")
     if radio["outage_rate"] is not None:
         add(
             "outage rate",

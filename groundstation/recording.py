@@ -1,11 +1,11 @@
 """The flight as a Rerun recording: written to a file, served to viewers.
 
-`Recorder` turns telemetry into columns and sends them in batches; `blueprint.py` says how they look, `screenshot.py`
-shows it. These are the only files that import rerun. Of what was sent, memory holds no more than rerun's index of the
-file, which becomes its footer: some 70 KB a batch, and all of a run that grows with its length here.
+`Recorder` turns telemetry into columns and sends them in batches; `disturbances.py` does so with faults. `blueprint.py`
+says how it looks, `legend.py` what it means, `screenshot.py` shows it. Only these and `viewer.py` import rerun. Of what
+was sent, memory holds no more than rerun's index of the file, which becomes its footer: some 70 KB a batch, and all of
+a run that grows with its length here.
 """
 
-import math
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from groundstation import blueprint as look
-from groundstation import durable
+from groundstation import durable, legend
+from groundstation.disturbances import Disturbances
 from groundstation.lines import log_sizes, span
 from groundstation.viewer import listening_address, open_viewer, repair, verify
 from swarm import state
@@ -57,8 +58,6 @@ _TEXT, _LEVEL, _TEXT_COLOR = (
     rr.TextLog.descriptor_color(),
 )
 _TRANSLATION = rr.Transform3D.descriptor_translation()
-_CORNERS = np.arange(11) * (math.pi / 5) + math.pi / 2
-_STAR = np.stack([np.cos(_CORNERS), np.sin(_CORNERS)], axis=-1) * np.where(np.arange(11) % 2, 0.4, 1.0)[:, None]
 
 Ticks = NDArray[np.int64]
 Floats = NDArray[np.float32]
@@ -107,10 +106,11 @@ class Recorder:
         self._batch_ticks = min(_BATCH_TICKS_AT_MOST, max(BATCH_TICKS, _BATCH_STATES // scenario.uavs))
         self._sent_at = time.monotonic()
         self._patience_s = FILE_WALL_S if serve is None else BATCH_WALL_S
-        self._status: NDArray[np.uint8] = np.full(scenario.uavs, 255, dtype=np.uint8)  # none known yet
+        self._lanes: NDArray[np.uint8] = np.full(scenario.uavs, 255, dtype=np.uint8)  # none known yet
         self._round = np.zeros((0, 5), dtype=np.int32)  # links of the last one
         self._trail_start: Floats = np.empty((0, scenario.uavs, 2), dtype=np.float32)  # not yet in a piece
 
+        self._disturbances = Disturbances(scenario)
         names, places = look.graph(scenario)
         nodes = rr.GraphNodes.columns(node_ids=names, labels=names, positions=places)
         self._names, self._nodes = pa.array(names), nodes.partition([scenario.uavs])  # of the graph of a round
@@ -120,6 +120,7 @@ class Recorder:
         self._stream.set_sinks(*sinks, default_blueprint=look.blueprint(scenario, live=serve is not None))
         self._stream.send_recording_name(run_id)
         look.log_static(self._stream, scenario)
+        legend.log(self._stream, scenario)
 
     def __enter__(self) -> "Recorder":
         return self
@@ -158,12 +159,16 @@ class Recorder:
         events = [event for block in blocks for event in block.events]
         positions = states[..., state.POSITION].astype(np.float32)
 
-        self._send_map(ticks, positions, states, diagnostics[..., _DIAGNOSTIC["phi_G"]])
+        status = np.concatenate([block.status for block in blocks])
+
+        colors = look.phi_g_colors(diagnostics[..., _DIAGNOSTIC["phi_G"]])
+        colors[status == Status.LOST] = look.GREY
+        self._send_map(ticks, positions, states, colors)
         self._send_links(ticks, positions, np.concatenate([block.links for block in blocks]))
         self._send_reports(blocks)
         self._send_events(ticks, positions, swarm, events)
         if not self._large:
-            self._send_lanes(ticks, np.concatenate([block.status for block in blocks]))
+            self._send_lanes(ticks, self._disturbances.lanes(ticks, status))
         # The last, and with a value in every tick: where these are in a file, all before them is, see `recorded`.
         self._send_plots(ticks, states, diagnostics, swarm, np.concatenate([block.energy for block in blocks]))
 
@@ -199,9 +204,8 @@ class Recorder:
             scalars = rr.components.ScalarBatch(pa.array(values.reshape(-1).astype(np.float64, copy=False)))
             self._send(plot, ticks, _cut(len(ticks), (_SCALARS, scalars)))
 
-    def _send_map(self, ticks: Ticks, positions: Floats, states: state.States, phi_g: Floats) -> None:
-        """UAVs, velocities and the leader's frame at every tick, and the pieces of trail now complete."""
-        colors = look.phi_g_colors(phi_g)
+    def _send_map(self, ticks: Ticks, positions: Floats, states: state.States, colors: NDArray[np.uint32]) -> None:
+        """UAVs, velocities, faults and the leader's frame at every tick, and the pieces of trail now complete."""
         kept = (ticks % LARGE_SWARM_STRIDE == 0).nonzero()[0] if self._large else slice(None)
         if len(rows := ticks[kept]):
             rows = ticks if len(rows) == len(ticks) else rows
@@ -215,6 +219,8 @@ class Recorder:
             leader = points[:, self._scenario.federation.leader]
             frame = np.concatenate([leader, np.zeros_like(leader[:, :1])], axis=-1)
             self._send(look.LEADER, rows, _cut(len(rows), (_TRANSLATION, rr.components.Translation3DBatch(frame))))
+            for entity, at, columns in self._disturbances.rows(rows, states[kept]):
+                self._send(entity, at, columns)
 
         path = np.concatenate([self._trail_start, positions])  # (P, N, 2)
         begun = len(self._trail_start)
@@ -329,16 +335,16 @@ class Recorder:
         centres = np.stack(
             [positions[row, list(event.uavs)].mean(axis=0) for row, event in zip(rows, hits, strict=True)]
         )
-        stars = (centres[:, None] + STAR_M * _STAR).astype(np.float32)  # (hits, 11, 2)
+        stars = (centres[:, None] + STAR_M * legend.STAR).astype(np.float32)  # (hits, 11, 2)
         self._send(look.COLLISIONS, at, _cut(len(at), (_STRIPS, rr.components.LineStrip2DBatch(_strips(stars)))))
         self._send_scalars(look.HITS, at, swarm[rows, _COLUMN["phi_C"]])
 
-    def _send_lanes(self, ticks: Ticks, status: NDArray[np.uint8]) -> None:
-        """The states of all UAVs at the ticks where one changes."""
-        changed = (np.concatenate([self._status[None], status[:-1]]) != status).any(axis=1)
-        self._status = status[-1].copy()
+    def _send_lanes(self, ticks: Ticks, lanes: NDArray[np.uint8]) -> None:
+        """What all lanes say, at the ticks where one changes."""
+        changed = (np.concatenate([self._lanes[None], lanes[:-1]]) != lanes).any(axis=1)
+        self._lanes = lanes[-1].copy()
         if changed.any():
-            texts = [look.lane(uav, Status(int(now))) for row in status[changed] for uav, now in enumerate(row)]
+            texts = [look.lane(uav, look.Lane(int(now))) for row in lanes[changed] for uav, now in enumerate(row)]
             counts = np.full(int(changed.sum()), self._scenario.uavs)
             self._send(look.LANES, ticks[changed], rr.StateChange.columns(state=texts).partition(counts))
 
@@ -378,8 +384,8 @@ def _cut(rows: int, *parts: tuple[rr.ComponentDescriptor, rr.ComponentBatchLike]
     first, and then anew: that takes longer than to send them."""
     columns = []
     for descriptor, batch in parts:
-        values = len(batch.as_arrow_array())
-        offsets = np.arange(0, values + 1, values // rows, dtype=np.int32)
+        each = len(batch.as_arrow_array()) // rows  # 0 where there is nothing to show: a round nobody was heard in
+        offsets = np.arange(rows + 1, dtype=np.int32) * np.int32(each)
         columns.append(rr.ComponentColumn(descriptor, batch, offsets=offsets))
     return columns
 

@@ -7,10 +7,11 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from groundstation import doctor
 from groundstation.engine import Engine
 from groundstation.launch import Swarm
 from groundstation.progress import FlightProgress
-from groundstation.results import RECORDING, Past, RunFolder, to_toml
+from groundstation.results import CHECKPOINT, RECORDING, SCENARIO, Past, RunFolder, to_toml
 from groundstation.resume import Back
 from groundstation.station import Sink, Station
 from swarm import logs
@@ -86,6 +87,7 @@ def fly(scenario: Scenario, options: Options, back: Back | None = None) -> Run:
         check_free(options.endpoint)
     if options.metrics is not None:
         options = replace(options, metrics=options.metrics.free("--metrics"))
+    doctor.tell_if_slow()
     start = None if back is None else back.start
     with Desk(scenario, run_id, options, None if back is None else back.past) as desk:
         if options.in_process:
@@ -93,8 +95,15 @@ def fly(scenario: Scenario, options: Options, back: Back | None = None) -> Run:
         else:
             desk.summary = _processes(scenario, run_id, options, desk, interrupted, start)
     if interrupted:
-        raise RunFailed(f"interrupted; {desk.folder.path} holds what was flown")
+        raise RunFailed(f"interrupted; {desk.folder.path} holds what was flown; {_go_on(desk.folder.path)}")
     return Run(desk.folder.path, desk.summary)
+
+
+def _go_on(folder: Path) -> str:
+    """How to fly the rest of a run that was interrupted."""
+    if (folder / CHECKPOINT).exists():
+        return f"`meanflock resume {folder}` flies the rest"
+    return f"that is too little to resume, `meanflock run {folder / SCENARIO}` flies it again"
 
 
 class Desk:

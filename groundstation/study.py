@@ -1,80 +1,113 @@
-"""Anyone's own scenario, flown many times: several methods side by side, or one key swept."""
+"""Anyone's own scenario, flown many times: several methods side by side, or one key swept.
 
-import itertools
+What is finished is kept in `OUT/data/jobs` at once, by the hash of its scenario and of the code: whoever is interrupted
+and repeats the command flies the rest.
+"""
+
 import json
-import tomllib
+import os
+import signal
+import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
+import msgspec
 from joblib import Parallel, delayed
 
+from groundstation import durable
 from groundstation.paper.batch import Batch
-from swarm.errors import BadInput
+from groundstation.paper.store import Store, StoredRun, decode, encode
+from swarm.errors import RunFailed
 from swarm.scenario import Scenario
 
 Summaries = list[dict[str, Any]]
-SEEDS_A_JOB = 4  # small enough to share the cores, large enough for rows to pay
+RUNS_A_JOB = 4  # small enough to share the cores, large enough for rows to pay
+
+
+def seeded(flown: Scenario, count: int) -> list[Scenario]:
+    """The scenario with its own seed and the `count` − 1 after it."""
+    return [msgspec.structs.replace(flown, seed=flown.seed + k) for k in range(count)]
 
 
 def fly_all(
-    scenarios: Mapping[Any, Scenario], seeds: Sequence[int], jobs: int, progress: Callable[[int, int], None]
+    points: Mapping[Any, Sequence[Scenario]], jobs: int, progress: Callable[[int, int], None], store: Store
 ) -> dict[Any, Summaries]:
-    """Flies every scenario once a seed, in this process and `jobs` others, without a bus and without the disk.
+    """Flies what `store` does not have yet, in `jobs` processes, without a bus.
 
     Args:
-        scenarios: by whatever tells them apart. progress: called with the runs finished and wanted.
+        points: by whatever tells them apart, scenarios that differ in their seeds only.
+        progress: called with the runs finished and wanted.
 
     Returns:
-        For each the summaries of its runs, in the order of the seeds.
-    """
-    chunks = [seeds[i : i + SEEDS_A_JOB] for i in range(0, len(seeds), SEEDS_A_JOB)]
-    work = list(itertools.product(scenarios, chunks))
-    total = len(scenarios) * len(seeds)
-    parallel = Parallel(n_jobs=jobs, return_as="generator")
-    flown: dict[Any, Summaries] = {name: [] for name in scenarios}
-    results = parallel(delayed(_fly)(scenarios[name], chunk) for name, chunk in work)
-    for (name, _), summaries in zip(work, results, strict=True):
-        flown[name] += summaries
-        progress(sum(map(len, flown.values())), total)
-    return flown
-
-
-def _fly(scenario: Scenario, seeds: Sequence[int]) -> Summaries:
-    return [dict(flown.summary) for flown in Batch(scenario, list(seeds)).fly()]
-
-
-def values_of(text: str) -> tuple[str, list[Any]]:
-    """`KEY=V1,V2,…` as the key and its values in TOML syntax; bare words are strings.
+        For each point the summaries of its runs, in the order of its scenarios.
 
     Raises:
-        BadInput: no key, or fewer than two values.
+        BadInput: a scenario that cannot be flown in a batch.
+        RunFailed: interrupted, disk full or a process died; what was finished is kept, the same call flies the rest.
     """
-    key, equals, listed = text.partition("=")
-    if not equals or not key.strip():
-        raise BadInput(f"{text}: write it as KEY=VALUE,VALUE, for example wind.sigma=0.1,0.2,0.3")
-    values = [_value(part.strip()) for part in listed.split(",") if part.strip()]
-    if len(values) < 2:
-        raise BadInput(f"{text}: a sweep needs two values or more, between commas")
-    return key.strip(), values
-
-
-def _value(text: str) -> Any:
+    keys = {name: [key_of(flown) for flown in flights] for name, flights in points.items()}
+    finished = {key: run.scalars for key, run in store.finished().items()}
+    missing: list[Sequence[Scenario]] = []
+    for name, flights in points.items():
+        left = [flown for flown, key in zip(flights, keys[name], strict=True) if key not in finished]
+        missing += [left[k : k + RUNS_A_JOB] for k in range(0, len(left), RUNS_A_JOB)]
+    total = sum(map(len, keys.values()))
+    done = total - sum(map(len, missing))
+    progress(done, total)
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        return text
+        parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
+        for raw in parallel(delayed(_fly)(flights, os.getpid()) for flights in missing):
+            store.add(raw)
+            runs = decode(raw)
+            finished |= {run.key: run.scalars for run in runs}
+            done += len(runs)
+            progress(done, total)
+    except KeyboardInterrupt:
+        raise RunFailed(f"interrupted; {_kept(done, total, store)}") from None
+    except BrokenProcessPool as error:
+        raise RunFailed(f"a process died, perhaps for want of memory; {_kept(done, total, store)}") from error
+    return {name: [finished[key] for key in keys[name]] for name in points}
+
+
+def _kept(done: int, total: int, store: Store) -> str:
+    return f"{done} of {total} runs are kept in {store.data}: repeat the command to fly the rest"
+
+
+def key_of(flown: Scenario) -> str:
+    """The name of a run in the store, where the paper's grid may keep its own."""
+    return f"study:{flown.sha256()}"
+
+
+def _fly(flights: Sequence[Scenario], parent: int) -> bytes:
+    """Flies one job; the content of its file."""
+    if os.getpid() != parent and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the parent decides
+    flown = Batch(flights[0], [one.seed for one in flights]).fly()
+    return encode(StoredRun(key_of(one), of_all(one, done.summary)) for one, done in zip(flights, flown, strict=True))
+
+
+def of_all(flown: Scenario, summary: Mapping[str, Any]) -> dict[str, Any]:
+    """The summary with `t_avg_censored_s`, the mean travel time of all UAVs: one that never arrived counts with the
+    duration. That is a lower bound of the mean, which those who arrived alone are not.
+    """
+    arrived = summary["arrived"]
+    late = (flown.uavs - arrived) * flown.max_ticks * flown.dt
+    mean = ((summary["t_avg_s"] * arrived if arrived else 0.0) + late) / flown.uavs
+    return {**summary, "t_avg_censored_s": mean}
 
 
 def save(flown: Iterable[Summaries], path: Path) -> None:
-    """Writes every summary as one line of JSON.
+    """Writes every summary as one line of JSON, all of them or nothing.
 
     Raises:
-        BadInput: the file cannot be written.
+        RunFailed: the disk is full.
     """
+    lines = "".join(json.dumps(summary) + "\n" for summaries in flown for summary in summaries)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        lines = (json.dumps(summary) for summaries in flown for summary in summaries)
-        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        durable.replace(path, lines.encode())
     except OSError as error:
-        raise BadInput(f"--out {path.parent}: {error.strerror}; name a folder that can be written") from error
+        raise RunFailed(
+            f"{path}: {error.strerror}; make room and repeat the command, nothing is flown twice"
+        ) from error

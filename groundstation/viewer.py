@@ -10,9 +10,13 @@ import os
 import socket
 import subprocess
 import sys
+import time
+import urllib.parse
+from contextlib import suppress
 from pathlib import Path
 
 from swarm.errors import BadInput, RunFailed
+from swarm.process import Interrupted
 
 LOOPBACK = "127.0.0.1"
 
@@ -91,14 +95,65 @@ def open_viewer(path_or_url: Path | str) -> "subprocess.Popen[bytes]":
     return subprocess.Popen([*_program(), target, "--bind", LOOPBACK, "--port", "auto"], env=_environment())
 
 
+def serve_web(path: Path) -> tuple["subprocess.Popen[bytes]", str]:
+    """Serves a recording and Rerun's own web viewer to browsers of this machine; returns the server and what to open.
+
+    Raises:
+        RunFailed: it ends before a browser could be served.
+    """
+    (_, data), (_, page) = listening_address(LOOPBACK, 0), listening_address(LOOPBACK, 0)
+    ports = ["--bind", LOOPBACK, "--port", str(data), "--web-viewer-port", str(page)]
+    server = subprocess.Popen([*_program(), str(path), "--serve-web", *ports], env=_environment())
+    while server.poll() is None:
+        try:
+            socket.create_connection((LOOPBACK, page), timeout=1.0).close()
+            break
+        except OSError:
+            time.sleep(0.05)  # between two questions
+    else:
+        raise RunFailed(f"{path}: the web viewer ended with {server.returncode}")
+    source = urllib.parse.quote(f"rerun+http://{LOOPBACK}:{data}/proxy", safe="")
+    return server, f"http://{LOOPBACK}:{page}?url={source}"
+
+
+def attend(shown: "subprocess.Popen[bytes]") -> None:
+    """Waits until a viewer is closed; Ctrl-C closes it.
+
+    Raises:
+        RunFailed: it ended by itself, with an error.
+    """
+    interrupted = Interrupted()
+    try:
+        while shown.poll() is None and not interrupted:
+            with suppress(subprocess.TimeoutExpired):
+                shown.wait(timeout=0.2)
+        if shown.returncode and not interrupted:
+            raise RunFailed(
+                f"the viewer ended with {shown.returncode}; `meanflock picture` and `view --web` need no window"
+            )
+    finally:
+        end(shown)
+
+
+def end(viewer: "subprocess.Popen[bytes]") -> None:
+    """Ends a viewer that still runs: first asked, then killed."""
+    viewer.terminate()
+    try:
+        viewer.wait(timeout=5)
+    except subprocess.TimeoutExpired:
+        viewer.kill()
+        viewer.wait()
+
+
 def start_headless(path: Path, size: tuple[int, int], log: Path) -> tuple["subprocess.Popen[bytes]", str]:
     """Starts a viewer without a window, `size` in pixels, that writes to `log`; returns it and its URL."""
     _, port = listening_address(LOOPBACK, 0)
     window = f"{size[0]}x{size[1]}"
     arguments = ["--headless", "--bind", LOOPBACK, "--port", str(port), "--window-size", window]
+    environment = {**_environment(), "RUST_LOG": "warn"}  # what it logs below that it also lays over the views
     with log.open("wb") as output:
         viewer = subprocess.Popen(
-            [*_program(), str(path), *arguments], env=_environment(), stdout=output, stderr=subprocess.STDOUT
+            [*_program(), str(path), *arguments], env=environment, stdout=output, stderr=subprocess.STDOUT
         )
     return viewer, f"rerun+http://{LOOPBACK}:{port}/proxy"
 
@@ -137,8 +192,8 @@ def _program() -> list[str]:
 
 
 def _environment() -> dict[str, str]:
-    """The environment of a child that neither asks about analytics nor sends any."""
-    return {**os.environ, "CI": "1", "NO_COLOR": "1"}
+    """The environment of a child that neither asks about analytics nor sends any, and says only what went wrong."""
+    return {"RUST_LOG": "warn", **os.environ, "CI": "1", "NO_COLOR": "1"}
 
 
 def _reason(done: "subprocess.CompletedProcess[str]") -> str:

@@ -53,8 +53,15 @@ def declared(scenario: "Scenario") -> Declared:
     Raises:
         BadInput: like `controller`; or a declaration is of no use.
     """
-    made = controller(scenario)
-    name = scenario.method
+    return of(controller(scenario), scenario.method)
+
+
+def of(made: Any, name: str) -> Declared:
+    """What an instance of the controller `name` declares.
+
+    Raises:
+        BadInput: a declaration is of no use.
+    """
     parameters, period = made.parameters, made.period_ticks
     if not _is_count(parameters, 0, MAX_PARAMETERS):
         raise BadInput(f"controller {name!r}: `parameters` is {parameters!r}; expected 0 … {MAX_PARAMETERS}")

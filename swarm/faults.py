@@ -22,6 +22,9 @@ class _Fault(
 
     tick: Annotated[int, Meta(ge=0, description="the tick it begins in")] | None = None
     time_s: Annotated[float, Meta(ge=0, description="or the time it begins at, s")] | None = None
+    harmless: Annotated[bool, Meta(description="declares that trajectory and link statistics stay as without it")] = (
+        False
+    )
 
     def __post_init__(self) -> None:
         if (self.tick is None) == (self.time_s is None):

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, TypeAlias, cast
 import msgspec
 from msgspec import Meta, field
 
-from swarm import clusters
+from swarm import clusters, toml
 from swarm.declared import Declared, declared
 from swarm.errors import BadInput
 from swarm.faults import Fault, LeaderLoss
@@ -339,13 +339,13 @@ def read_faults(path: Path) -> list[dict[str, Any]]:
     Raises:
         BadInput: unreadable file, or not a fault script; the message names the file, the fault and the key.
     """
-    table = _read(path)
+    table = toml.read(path, "fault script")
     if set(table) != {"faults"}:
         raise BadInput(f"{path}: a fault script holds [[faults]] and nothing else, see scenarios/faults.toml")
     try:
         msgspec.convert(table, _Script)
     except msgspec.ValidationError as error:
-        raise BadInput(f"{path}: {_explain(str(error))}") from error
+        raise BadInput(f"{path}: {_explain(error, _Script)}") from error
     faults: list[dict[str, Any]] = table["faults"]
     return faults
 
@@ -366,52 +366,17 @@ def load(path: Path | None, settings: Iterable[str] = (), **options: Any) -> Sce
     where = "scenario"
     if path is not None:
         where = str(path)
-        table = _read(path)
+        table = toml.read(path, "scenario file")
     for setting in settings:
-        _apply(table, setting)
+        toml.apply(table, setting)
     table.update({name: value for name, value in options.items() if value is not None})
     try:
         return msgspec.convert(table, Scenario)
     except msgspec.ValidationError as error:
-        raise BadInput(f"{where}: {_explain(str(error))}") from error
+        raise BadInput(f"{where}: {_explain(error, Scenario)}") from error
 
 
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        return _parse(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BadInput(f"{path}: {error.strerror}; give a readable scenario file") from error
-    except ValueError as error:  # of the parser, or bytes that are no UTF-8
-        raise BadInput(f"{path}: not TOML: {error}") from error
+def _explain(error: msgspec.ValidationError, kind: type) -> str:
+    from swarm.explain import explain  # only here: nodes are sent scenarios that are sound
 
-
-def _parse(text: str) -> dict[str, Any]:
-    """TOML, or ValueError."""
-    import tomllib  # only here: nodes are sent their scenario as JSON
-
-    return tomllib.loads(text)
-
-
-def _apply(table: dict[str, Any], setting: str) -> None:
-    """Sets one dotted key from the text `a.b=c`, c in TOML syntax; a bare word is a string."""
-    key, equals, text = setting.partition("=")
-    if not equals or not key.strip():
-        raise BadInput(f"--set {setting}: write it as key=value, for example --set wind.sigma=0.2")
-    try:
-        value = _parse(f"value = {text}")["value"]
-    except (ValueError, KeyError):
-        value = text.strip()
-    *parents, last = key.strip().split(".")
-    for parent in parents:
-        table = table.setdefault(parent, {})
-        if not isinstance(table, dict):
-            raise BadInput(f"--set {setting}: `{parent}` is not a table")
-    table[last] = value
-
-
-def _explain(message: str) -> str:
-    """A validation message with the place first and the mend last."""
-    text, _, place = message.partition(" - at ")
-    place = place.strip("`").removeprefix("$").removeprefix(".")
-    mend = "" if ";" in text else "; `meanflock scenario schema` lists every key with its unit and bounds"
-    return f"{place + ': ' if place else ''}{text}{mend}"
+    return explain(str(error), kind)

@@ -273,13 +273,13 @@ def check_free(endpoint: str) -> None:
     """
     import socket  # only here: clients leave sockets to Zenoh
 
-    _, _, address = endpoint.partition("/")
+    _, slash, address = endpoint.partition("/")
     host, _, port = address.rpartition(":")
+    if not slash or not host or not (port.isascii() and port.isdigit() and int(port) < 2**16):
+        raise BadInput(f"endpoint {endpoint}: write it as tcp/HOST:PORT, for example {DEFAULT_ENDPOINT}")
     try:
         with socket.create_server((host.strip("[]"), int(port))):
             pass
-    except (OSError, ValueError, OverflowError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise BadInput(
-            f"endpoint {endpoint}: {reason or error}; choose a free one, for example {DEFAULT_ENDPOINT}"
-        ) from error
+    except OSError as error:
+        reason = error.strerror or error
+        raise BadInput(f"endpoint {endpoint}: {reason}; choose a free one, for example {DEFAULT_ENDPOINT}") from error

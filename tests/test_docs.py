@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 import pytest
 
-from groundstation import cli_study  # noqa: F401  # joins its verbs to the group
+from groundstation import cli_look, cli_study  # noqa: F401  # they join their verbs to the group
 from groundstation.cli import cli, main
 
 ROOT = Path(__file__).parents[1]
@@ -43,7 +43,7 @@ def test_every_command_of_the_reference_works(line: str, tmp_path: Path, monkeyp
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_command_of_every_page_is_one_that_exists(page: Path) -> None:
     for line in commands(page.read_text(encoding="utf-8")):
-        words = shlex.split(line.split(">")[0].split("|")[0].replace("<id>", "id"))[1:]
+        words = shlex.split(line.replace("<id>", "id").split(">")[0].split("|")[0])[1:]
         verb = next(v for v in sorted(verbs(cli), key=len, reverse=True) if words[: len(v.split())] == v.split())
         arguments = words[len(verb.split()) :]
         verbs(cli)[verb].make_context(verb, arguments, resilient_parsing=False)

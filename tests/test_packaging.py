@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 import tomllib
 from importlib import metadata
 from pathlib import Path
@@ -13,6 +14,10 @@ from typing import Any
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+
+from swarm import scenarios
+from swarm.errors import EXIT_BAD_INPUT
+from tests.polling import DEADLINE_S
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -102,6 +107,77 @@ def test_a_kernel_is_built_from_all_of_its_files_wherever_they_are_taken() -> No
         assert extension["optional"]
         assert extension["py-limited-api"]
     assert "$(wildcard */*.[ch])" in (ROOT / "Makefile").read_text()
+
+
+def test_one_wheel_is_for_every_python_from_the_first_on() -> None:
+    """Its tag, what the extensions keep to, and what is required name the same Python."""
+    tools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]
+    assert tools["distutils"]["bdist_wheel"] == {"py-limited-api": "cp311"}
+    assert PROJECT["requires-python"] == ">=3.11"
+    for extension in tools["setuptools"]["ext-modules"]:
+        including = [ROOT / name for name in extension["sources"] if "<Python.h>" in everything(ROOT / name)]
+        assert including, extension["name"]
+        for path in including:
+            text = everything(path)
+            assert "#define Py_LIMITED_API 0x030B0000" in text[: text.index("<Python.h>")], path
+
+
+def everything(path: Path) -> str:
+    """A C file with what it includes of ours, in its place."""
+    return re.sub(
+        r'^#include "(.*)"$',
+        lambda found: everything((path.parent / found[1]).resolve()),
+        path.read_text(),
+        flags=re.MULTILINE,
+    )
+
+
+def test_the_shipped_scenarios_are_in_the_wheel_and_in_the_checkout() -> None:
+    setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    assert "swarm*" in setuptools["packages"]["find"]["include"]  # and so swarm.scenarios
+    packed = {
+        path.name
+        for pattern in setuptools["package-data"]["swarm.scenarios"]
+        for path in (ROOT / "swarm/scenarios").glob(pattern)
+    }
+    assert packed == {path.name for path in scenarios.shipped()} >= {"paper.toml", "faults.toml"}
+    for path in scenarios.shipped():
+        assert (ROOT / path).samefile(ROOT / "swarm" / path)
+
+
+MISSING = """import sys
+sys.argv = ["meanflock", *{arguments}]
+sys.modules[{library!r}] = None
+from {module} import {name}
+{name}()
+"""
+
+
+@pytest.mark.parametrize(
+    ("library", "arguments"),
+    [
+        ("click", ["--version"]),
+        ("rich", ["doctor"]),
+        ("pyarrow", ["run"]),
+        ("matplotlib", ["compare", "mfg", "--uavs=2"]),
+    ],
+)
+def test_the_command_without_its_libraries_names_the_extra(library: str, arguments: list[str], tmp_path: Path) -> None:
+    assert library in {requirement.name for requirement in direct(EXTRAS["ground"])}
+    module, name = PROJECT["scripts"]["meanflock"].split(":")
+    code = MISSING.format(arguments=arguments, library=library, module=module, name=name)
+    said = subprocess.run(
+        [sys.executable, "-P", "-c", code],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE_S,
+        check=False,
+    )
+    assert (said.returncode, said.stdout, said.stderr.count("\n")) == (EXIT_BAD_INPUT, "", 1)
+    assert said.stderr.startswith(f"error: {library} is not installed")
+    assert "pip install 'meanflock[ground]'" in said.stderr
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_every_make_target_is_documented() -> None:

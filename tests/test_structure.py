@@ -21,7 +21,9 @@ MAY_IMPORT = {
     "groundstation": {"swarm", "agent", "leader", "channel", "worldsim"},
 }
 MODULES = sorted(path for package in MAY_IMPORT for path in (ROOT / package).rglob("*.py"))
-RERUN = {f"groundstation/{name}.py" for name in ("recording", "screenshot", "viewer", "blueprint")}
+RERUN = {
+    f"groundstation/{name}.py" for name in ("recording", "screenshot", "viewer", "blueprint", "legend", "disturbances")
+}
 LEGACY_RANDOM = {"default_rng", "Generator", "SeedSequence", "BitGenerator", "PCG64"}  # the rest of np.random is global
 
 

@@ -23,9 +23,9 @@ class Script:
         for fault in self._faults:
             uavs = getattr(fault, "uavs", ())
             if fault.begins(self._dt) == tick:
-                told.append(Event(tick, "fault", _words(fault), uavs))
+                told.append(Event(tick, "fault", words(fault), uavs))
             if fault.ends(self._dt) == tick and hasattr(fault, "duration_s"):
-                told.append(Event(tick, "fault", f"{_words(fault)} is over", uavs))
+                told.append(Event(tick, "fault", f"{words(fault)} is over", uavs))
         return told
 
     def killed(self, tick: int) -> NDArray[np.intp]:
@@ -90,7 +90,8 @@ def _inside(fault: Jam | Gust, states: state.States) -> NDArray[np.bool_]:
     return within
 
 
-def _words(fault: Fault) -> str:
+def words(fault: Fault) -> str:
+    """A fault in a few words: what, of whom or where, for how long."""
     words = kind(fault)
     if uavs := getattr(fault, "uavs", ()):
         words += f" of UAV {', '.join(map(str, uavs))}"

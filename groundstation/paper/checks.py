@@ -1,7 +1,7 @@
 """The kinds of check a claim is made of: each turns columns of the tables into estimates held against thresholds."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,31 +9,15 @@ from numpy.typing import NDArray
 
 from groundstation.paper import statistics
 from groundstation.paper.claims import Check
+from groundstation.paper.outcome import Outcome, Test, above, all_of, below, most_of, within
 from groundstation.paper.statistics import Estimate
 from groundstation.paper.turn import turn
 from groundstation.paper.view import COORDINATE, View, paired
 
 Floats = NDArray[np.float64]
-Tests = Iterator[tuple[str, "Test"]]  # each with the place on the grid it belongs to
+Tests = Iterator[tuple[str, Test]]  # each with the place on the grid it belongs to
 
 SYMBOL = {"uavs": "N", "period": "n0", "sigma": "σ"}
-
-
-@dataclass(frozen=True, slots=True)
-class Test:
-    """One estimate against one threshold. holds: None if the data do not say.
-
-    against: whether the whole interval lies on the wrong side.
-    """
-
-    what: str
-    estimate: Estimate
-    need: str
-    holds: bool | None
-    against: bool = False
-
-    def __str__(self) -> str:
-        return f"{self.what} = {show(self.estimate)}, needs {self.need}"
 
 
 @dataclass
@@ -43,51 +27,6 @@ class Findings:
     tests: list[Test] = field(default_factory=list)
     values: dict[tuple[str, str, str], Estimate] = field(default_factory=dict)
     missing: list[str] = field(default_factory=list)
-
-
-def show(estimate: Estimate) -> str:
-    """`1.23 [1.10, 1.36]`."""
-
-    def number(value: float) -> str:
-        return f"{value:.3g}" if abs(value) < 1000 else f"{value:,.0f}"
-
-    return f"{number(estimate.value)} [{number(estimate.low)}, {number(estimate.high)}]"
-
-
-def below(what: str, estimate: Estimate, limit: float, strict: bool = False) -> Test:
-    """Holds if the whole interval is ≤ `limit` (< if strict)."""
-    sign = "<" if strict else "≤"
-    return _judge(
-        what,
-        estimate,
-        f"{sign} {limit:.4g}",
-        estimate.high < limit or (not strict and estimate.high == limit),
-        estimate.low > limit,
-    )
-
-
-def above(what: str, estimate: Estimate, limit: float, strict: bool = False) -> Test:
-    """Holds if the whole interval is ≥ `limit` (> if strict)."""
-    sign = ">" if strict else "≥"
-    return _judge(
-        what,
-        estimate,
-        f"{sign} {limit:.4g}",
-        estimate.low > limit or (not strict and estimate.low == limit),
-        estimate.high < limit,
-    )
-
-
-def within(what: str, estimate: Estimate, low: float, high: float) -> Test:
-    """Holds if the whole interval lies in [low, high]."""
-    inside = estimate.low >= low and estimate.high <= high
-    outside = estimate.low > high or estimate.high < low
-    return _judge(what, estimate, f"in [{low:.4g}, {high:.4g}]", inside, outside)
-
-
-def _judge(what: str, estimate: Estimate, need: str, holds: bool, against: bool) -> Test:
-    known = (estimate.n >= 2 or estimate.low == estimate.high) and not math.isnan(estimate.value)
-    return Test(what, estimate, need, holds if known else None, against and known)
 
 
 # -- where the numbers of a check come from ----------------------------------------------------------------------------
@@ -311,21 +250,27 @@ def _best(view: View, check: Check, found: Findings) -> Tests:
         found.missing.append(named(check.metric, *check.experiments))
         return
     level = 1.0 - (1.0 - statistics.CONFIDENCE) / len(cases)
-    best: tuple[float, Estimate, tuple[str, str, str, list[Floats]]] | None = None
+    tests: list[tuple[Test, tuple[str, str, str, list[Floats]]]] = []
     for case in cases:
         kept = statistics.ratio(*case[3], confidence=level)
         saved = Estimate(1.0 - kept.value, 1.0 - kept.high, 1.0 - kept.low, kept.n)
-        rank = saved.low if math.isfinite(saved.low) else -1e9 + saved.value
-        if not math.isnan(saved.value) and (best is None or rank > best[0]):
-            best = (rank, saved, case)
-    if best is None:
+        if not math.isnan(saved.value):
+            what = f"{check.metric}: best of {len(cases)} savings, {case[0]} against {case[1]} at {case[2]}"
+            tests.append((above(what, saved, check.threshold), case))
+    if not tests:
         found.missing.append(named(check.metric, *check.experiments))
         return
-    _, saved, (subject, other, where, columns) = best
+    test, (subject, other, where, columns) = max(tests, key=_best_first)
     for name, column in ((subject, columns[0]), (other, columns[1])):
         found.values[check.metric, name, where] = statistics.mean(column)
-    what = f"{check.metric}: best of {len(cases)} savings, {subject} against {other} at {where}"
-    yield "", above(what, saved, check.threshold)
+    yield "", test
+
+
+def _best_first(tested: tuple[Test, object]) -> tuple[int, float]:
+    """The claim fails only where every saving does: what holds goes first, then what is undecided."""
+    outcome, saved = tested[0].outcome, tested[0].estimate
+    order = (Outcome.FAILS, Outcome.UNKNOWN, Outcome.UNDECIDED, Outcome.HOLDS)
+    return order.index(outcome), saved.low if math.isfinite(saved.low) else -1e9 + saved.value
 
 
 _KINDS: dict[str, Callable[[View, Check, Findings], Tests]] = {
@@ -342,24 +287,13 @@ _KINDS: dict[str, Callable[[View, Check, Findings], Tests]] = {
 }
 
 
-def run_check(view: View, check: Check, found: Findings) -> bool | None:
-    """Whether a check holds; None if the data do not say. Its tests go into `found`."""
+def run_check(view: View, check: Check, found: Findings) -> Outcome:
+    """What the data say of a check. Its tests go into `found`."""
     by_place: dict[str, list[Test]] = {}
     for where, test in _KINDS[check.kind](view, check, found):
         by_place.setdefault(where, []).append(test)
         found.tests.append(test)
-    places = [conjunction(test.holds for test in tests) for tests in by_place.values()]
+    places = [all_of(test.outcome for test in tests) for tests in by_place.values()]
     if not places:
-        return None
-    if check.points == "most":
-        held, open_ = places.count(True), places.count(None)
-        if 2 * held > len(places):
-            return True
-        return None if 2 * (held + open_) > len(places) else False
-    return conjunction(places)
-
-
-def conjunction(holds: Iterable[bool | None]) -> bool | None:
-    """False if any is False, else None if any is None, else True."""
-    seen = list(holds)
-    return False if False in seen else None if None in seen else True
+        return Outcome.UNKNOWN
+    return most_of(places) if check.points == "most" else all_of(places)

@@ -11,6 +11,7 @@ from scipy import stats
 from groundstation import plotstyle
 from groundstation.paper.figures_grids import COMPARED
 from groundstation.paper.view import Frame, View
+from groundstation.quantities import FIELDS
 
 Floats = NDArray[np.float64]
 
@@ -77,12 +78,12 @@ def six_panels(view: View) -> Figure | None:
             speed.plot(curves.times, curves.mean, color=plotstyle.colour(method), linewidth=0.6, alpha=0.6)
         _with_interval(distance, method, bundle(frame, "distance_mean_m"))
     panels = (
-        (energy, "a", "motion energy, mean ± std", "energy (J)"),
-        (bits, "b", "payload", "payload (bit)"),
-        (alignment, "c", "velocity alignment", plotstyle.axis("phi_A")),
-        (risk, "d", "collision risk", plotstyle.axis("phi_C")),
+        (energy, "a", f"{FIELDS['energy_trip_mean_J'].name}, mean ± std", "energy (J)"),
+        (bits, "b", FIELDS["payload_bits.total"].name, plotstyle.axis("bits")),
+        (alignment, "c", FIELDS["phi_A"].remarked, plotstyle.axis("phi_A")),
+        (risk, "d", FIELDS["phi_C"].name, plotstyle.tex("φ_C (1)")),
         (speed, "e", "speed: mean, max, min", "speed (m/s)"),
-        (distance, "f", "travelled distance", "distance (m)"),
+        (distance, "f", FIELDS["distance_mean_m"].name, "distance (m)"),
     )
     for ax, letter, title, label in panels:
         plotstyle.titled(ax, letter, title)
@@ -117,9 +118,9 @@ def residuals(view: View) -> Figure | None:
         ax.margins(x=0.0)
     for ax, bound in ((value, HJB_BOUND), (density, FPK_BOUND)):
         ax.axhline(bound, color=plotstyle.INK, linewidth=1.0, linestyle=":", zorder=4)
-    plotstyle.titled(value, "a", f"value learner; paper < {HJB_BOUND:g}")
-    plotstyle.titled(density, "b", f"density learner; < {FPK_BOUND:g}")
-    value.set_ylabel(r"$|e_H|$ (m/s)")
-    density.set_ylabel(r"$|e_F|$ (1/s)")
+    plotstyle.titled(value, "a", f"{FIELDS['hjb_residual'].name}; < {HJB_BOUND:g}")
+    plotstyle.titled(density, "b", f"{FIELDS['fpk_residual'].name}; < {FPK_BOUND:g}")
+    value.set_ylabel(plotstyle.axis("hjb_residual"))
+    density.set_ylabel(plotstyle.axis("fpk_residual"))
     plotstyle.legend(made, COMPARED)
     return made

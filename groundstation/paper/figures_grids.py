@@ -8,12 +8,10 @@ from matplotlib.figure import Figure
 from groundstation import plotstyle
 from groundstation.paper import statistics
 from groundstation.paper.view import COORDINATE, View
+from groundstation.quantities import FIELDS
 
-CRITERIA = (
-    ("energy_mean_J", "motion energy"),
-    ("t_avg_censored_s", "travel time"),
-    ("phi_A_tavg", "velocity alignment"),
-    ("phi_C_tavg", "collision risk"),
+CRITERIA = tuple(
+    (metric, FIELDS[metric].remarked) for metric in ("energy_mean_J", "t_avg_censored_s", "phi_A_tavg", "phi_C_tavg")
 )
 SHARERS = ("mfgfl-h", "mfgfl-f", "mfgfl-hf")
 COMPARED = ("hjb", *SHARERS)

@@ -13,23 +13,24 @@ from typing import Any
 import numpy as np
 
 from groundstation.paper import statistics, verdict
-from groundstation.paper.checks import show
 from groundstation.paper.figures import FIGURES
+from groundstation.paper.outcome import show
 from groundstation.paper.sensitivity import Share, shares
 from groundstation.paper.store import Results
 from groundstation.paper.view import View
 
-VERDICTS = (verdict.REPRODUCED, verdict.NOT_REPRODUCED, verdict.NOT_TESTABLE)
+VERDICTS = (verdict.REPRODUCED, verdict.NOT_REPRODUCED, verdict.UNDECIDED, verdict.NOT_TESTABLE)
 RULE = (
-    "A claim is reproduced if every check of it holds, and a check holds if its whole 95 % interval over seeds "
-    "lies on the claimed side of the threshold. If a check can be computed and does not hold, the claim is not "
-    "reproduced; the reason says whether the data speak against it or leave it open. It is not testable if no "
-    "data could decide, or if they are missing or come from a single seed (unless the run has no chance in it). "
+    "A check holds if its whole 95 % interval over seeds lies on the claimed side of the threshold, fails if the "
+    "whole interval lies on the other side, and is undecided if the threshold lies in the interval. A claim is "
+    "reproduced if every check of it holds, not reproduced if one fails, and undecided if none fails and one is "
+    "undecided. It is not testable if no data could decide, or if they are missing or come from a single seed "
+    "(unless the run has no chance in it). "
     "Methods are paired by seed: the same seed is the same wind. Means, differences and slopes have Student's "
     "interval, ratios of means Fieller's, shares of runs Clopper and Pearson's, counts Garwood's. A best case "
     "(“up to”) is the comparison with the largest lower bound over all grid points and baselines, its interval "
-    "widened to hold for all of them at once. “Most” of a grid is more than half of its points. Thresholds and "
-    "their reading are data: claims.toml."
+    "widened to hold for all of them at once; it fails only if all of them do. “Most” of a grid is more than half of "
+    "its points. Thresholds and their reading are data: claims.toml."
 )
 THEORY = {
     "hjb_state_growth": "Prop. 1: ‖s‖, last third over first two thirds of a long flight",
@@ -126,14 +127,14 @@ def readings() -> Table:
 
 def open_parameters(held: Sequence[Share]) -> Table:
     """In what share of the settings each claim holds, and in which it does where they are few."""
-    header = ("claim", "settings", "holds", "left open", "data against", "holds in")
+    header = ("claim", "settings", "holds", "undecided", "fails", "holds in")
     few = 3
     rows = []
     for share in held:
         where = (
             "; ".join(share.kept_by) if 0 < share.holds <= few else "–" if not share.holds else f"{share.holds} of them"
         )
-        numbers = (share.settings, share.holds, share.leaves_open, share.against)
+        numbers = (share.settings, share.holds, share.undecided, share.against)
         rows.append([share.id, *map(str, numbers), where])
     return header, rows
 
@@ -266,7 +267,7 @@ def _html_table(table: Table) -> str:
 def _html_claim(record: Mapping[str, Any]) -> str:
     kind = record["verdict"].replace(" ", "-")
     tests = "".join(
-        f"<li class='{ {True: 'yes', False: 'no', None: 'open'}[test['holds']] }'>{escape(test['what'])} = "
+        f"<li class='{test['outcome']}'>{escape(test['what'])} = "
         f"{escape(_one(test['value'], test['ci95']))}, needs {escape(test['needs'])} ({test['seeds']} seeds)</li>"
         for test in record["tests"]
     )

@@ -11,30 +11,29 @@ import pyarrow.compute as pc
 
 from groundstation.paper import claims
 from groundstation.paper.store import Results
-from groundstation.paper.verdict import NOT_TESTABLE, REPRODUCED, judge
+from groundstation.paper.verdict import NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, UNDECIDED, judge
 from groundstation.paper.view import View
 
 EXPERIMENTS = ("sensitivity", "random")
-_CONTRARY = "the data speak against it"
 
 
 @dataclass(frozen=True)
 class Share:
     """One claim over all settings.
 
-    holds, leaves_open, against: number of settings with that outcome. kept_by: settings in which it holds.
+    holds, undecided, against: number of settings with that verdict. kept_by: settings in which it holds.
     """
 
     id: str
     holds: int
-    leaves_open: int
+    undecided: int
     against: int
     kept_by: tuple[str, ...]
 
     @property
     def settings(self) -> int:
         """Settings that could be judged."""
-        return self.holds + self.leaves_open + self.against
+        return self.holds + self.undecided + self.against
 
 
 def shares(results: Results) -> list[Share]:
@@ -45,12 +44,11 @@ def shares(results: Results) -> list[Share]:
         if claim.untestable or not claim.scenario.startswith("S0"):
             continue
         judged = {setting: judge(view, claim) for setting, view in views.items()}
-        decided = {setting: record for setting, record in judged.items() if record["verdict"] != NOT_TESTABLE}
-        if not decided:
+        verdicts = [record["verdict"] for record in judged.values()]
+        if all(verdict == NOT_TESTABLE for verdict in verdicts):
             continue
-        kept = tuple(setting for setting, record in decided.items() if record["verdict"] == REPRODUCED)
-        against = sum(_CONTRARY in record["reason"] for record in decided.values())
-        table.append(Share(claim.id, len(kept), len(decided) - len(kept) - against, against, kept))
+        kept = tuple(setting for setting, record in judged.items() if record["verdict"] == REPRODUCED)
+        table.append(Share(claim.id, len(kept), verdicts.count(UNDECIDED), verdicts.count(NOT_REPRODUCED), kept))
     return table
 
 

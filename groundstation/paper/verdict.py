@@ -1,11 +1,11 @@
 """Verdicts on claims, computed from the tables.
 
-The rule, the same for every claim: a claim is **reproduced** if each of its checks holds, and a check holds if the
-whole 95 % interval over seeds lies on the claimed side of its threshold. If a check can be computed and does not hold
-the claim is **not reproduced**; the reason says whether the data speak against it or leave it open. It is **not
-testable** if it says why no data could decide, or if the data for it are missing or come from a single seed.
-Seeds are paired between methods. A best case ("up to") is the comparison with the largest lower bound, its interval
-widened (Bonferroni) to hold for all comparisons at once.
+The rule, the same for every claim. A check **holds** if the whole 95 % interval over seeds lies on the claimed side of
+its threshold, **fails** if the whole interval lies on the other side, and is **undecided** if the threshold lies in the
+interval. A claim is **reproduced** if each of its checks holds, **not reproduced** if one fails, and **undecided** if
+none fails and one is undecided. It is **not testable** if it says why no data could decide, or if the data for it are
+missing or come from a single seed. Seeds are paired between methods. A best case ("up to") is the comparison with the
+largest lower bound, its interval widened (Bonferroni) to hold for all comparisons at once; it fails only if all do.
 """
 
 import math
@@ -13,23 +13,29 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from groundstation.paper import claims
-from groundstation.paper.checks import Findings, Test, conjunction, named, run_check
+from groundstation.paper.checks import Findings, named, run_check
 from groundstation.paper.claims import Claim
+from groundstation.paper.outcome import Outcome, Test, all_of
 from groundstation.paper.store import Results
 from groundstation.paper.view import View
 
-REPRODUCED, NOT_REPRODUCED, NOT_TESTABLE = "reproduced", "not reproduced", "not testable"
+REPRODUCED, NOT_REPRODUCED, UNDECIDED, NOT_TESTABLE = "reproduced", "not reproduced", "undecided", "not testable"
+VERDICTS = {
+    Outcome.HOLDS: REPRODUCED,
+    Outcome.FAILS: NOT_REPRODUCED,
+    Outcome.UNDECIDED: UNDECIDED,
+    Outcome.UNKNOWN: NOT_TESTABLE,
+}
 
 
 def judge(view: View, claim: Claim) -> dict[str, Any]:
     """The record of one claim; see `evaluate`."""
     found = Findings()
-    held = [run_check(view, check, found) for check in claim.check]
+    outcomes = [run_check(view, check, found) for check in claim.check]
     if claim.untestable:
         verdict, reason = NOT_TESTABLE, claim.untestable
     else:
-        whole = conjunction(held)
-        verdict = {True: REPRODUCED, False: NOT_REPRODUCED, None: NOT_TESTABLE}[whole]
+        verdict = VERDICTS[all_of(outcomes)]
         reason = _reason(verdict, found)
     return {
         "id": claim.id,
@@ -49,7 +55,7 @@ def judge(view: View, claim: Claim) -> dict[str, Any]:
                 "ci95": [_number(test.estimate.low), _number(test.estimate.high)],
                 "seeds": test.estimate.n,
                 "needs": test.need,
-                "holds": test.holds,
+                "outcome": str(test.outcome),
             }
             for test in found.tests
         ],
@@ -58,24 +64,27 @@ def judge(view: View, claim: Claim) -> dict[str, Any]:
 
 def _reason(verdict: str, found: Findings) -> str:
     tests = found.tests
-    if verdict == REPRODUCED:
-        failed = sum(test.holds is not True for test in tests)
-        held = f"{len(tests) - failed} of {len(tests)} comparisons hold" if len(tests) > 1 else "it holds"
-        return f"{held}: {_weakest(tests)}"
     if verdict == NOT_TESTABLE:
         if found.missing:
             return f"no data: {'; '.join(dict.fromkeys(found.missing[:3]))}"
         return "one seed has no interval" if tests else "no data"
-    failed_tests = [test for test in tests if test.holds is False]
-    contrary = [test for test in failed_tests if test.against]
-    first = (contrary or failed_tests)[0]
-    how = "the data speak against it" if contrary else "the data leave it open"
-    count = f"{len(failed_tests)} of {len(tests)} comparisons fail; " if len(tests) > 1 else ""
-    return f"{count}{how}: {first}"
+    by_outcome = {outcome: [test for test in tests if test.outcome is outcome] for outcome in Outcome}
+    held, failed, open_ = (by_outcome[outcome] for outcome in (Outcome.HOLDS, Outcome.FAILS, Outcome.UNDECIDED))
+    if verdict == REPRODUCED:
+        count = f"{len(held)} of {len(tests)} comparisons hold" if len(tests) > 1 else "it holds"
+        return f"{count}: {_weakest(held)}"
+    shares = [f"{len(failed)} of {len(tests)} comparisons fail"] if failed else []
+    if open_:
+        shares.append(
+            f"{len(open_)} undecided" if failed else f"{len(open_)} of {len(tests)} comparisons are undecided"
+        )
+    count = f"{', '.join(shares)}; " if len(tests) > 1 else ""
+    if verdict == UNDECIDED:
+        return f"{count}the data leave it open: {open_[0]}"
+    return f"{count}the data speak against it: {failed[0]}"
 
 
-def _weakest(tests: list[Test]) -> str:
-    held = [test for test in tests if test.holds]
+def _weakest(held: list[Test]) -> str:
     return str(max(held, key=lambda test: (test.estimate.high - test.estimate.low) / (abs(test.estimate.value) or 1.0)))
 
 
@@ -109,7 +118,8 @@ def evaluate(results: Results, measured: Mapping[str, Sequence[float]] | None = 
 
     Each has id, figure, statement, metric, scenario, value and ci95 (a number and its interval, or a dict of them by
     whatever tells them apart: metric, method, point of the grid), threshold (what the tests need), verdict, reason,
-    and tests: every comparison with its interval, the number of seeds, and whether it holds.
+    and tests: every comparison with its interval, the number of seeds, and its outcome: holds, fails, undecided or
+    unknown.
     """
     view = View.of(results, measured)
     return [judge(view, claim) for claim in claims.load()]

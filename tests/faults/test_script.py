@@ -1,6 +1,9 @@
 """A fault script flies the same trajectory however the swarm is cut into nodes, and each fault does what it says."""
 
+import functools
 import json
+import tempfile
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +11,7 @@ import numpy as np
 import pytest
 
 from groundstation.cli import main
+from groundstation.run import Options, fly
 from swarm import scenario as scenarios
 from swarm.errors import BadInput
 from swarm.messages import FrameKind
@@ -199,6 +203,28 @@ def test_the_script_of_the_repository_flies_from_the_command_line(
     assert (folder / "events.jsonl").read_text().count('"kind": "fault"') == 12
     again = load(folder / "scenario.toml")
     assert again.faults == load(None, faults=scenarios.read_faults(SCRIPT)).faults
+
+
+SCRIPTS = {
+    path: tomllib.loads(path.read_text(encoding="utf-8")).get("faults", []) for path in SCRIPT.parent.glob("*.toml")
+}
+SHIPPED = [(path, number) for path in sorted(SCRIPTS) for number in range(len(SCRIPTS[path]))]
+
+
+@functools.cache
+def outcome(path: Path, without: int | None) -> tuple[str, str]:
+    """Trajectory and link statistics of the paper's scenario under a shipped script, but for one fault of it."""
+    faults = [fault for number, fault in enumerate(scenarios.read_faults(path)) if number != without]
+    flown = load(None, ["duration=70"], faults=faults)
+    with tempfile.TemporaryDirectory() as out:
+        summary = fly(flown, Options(out=Path(out), in_process=True, record=False, quiet=True)).summary
+    return summary["trajectory_sha256"], json.dumps(summary["radio"], sort_keys=True)
+
+
+@pytest.mark.parametrize(("path", "number"), SHIPPED, ids=lambda part: getattr(part, "stem", None))
+def test_every_fault_of_a_shipped_script_changes_the_flight_or_is_declared_harmless(path: Path, number: int) -> None:
+    declared = SCRIPTS[path][number].get("harmless", False)
+    assert (outcome(path, None) == outcome(path, number)) == declared
 
 
 @pytest.mark.processes

@@ -10,7 +10,8 @@ from scipy import stats
 from groundstation.paper import claims, statistics
 from groundstation.paper.checks import Findings, run_check
 from groundstation.paper.claims import Check, Claim
-from groundstation.paper.verdict import NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, evaluate, judge
+from groundstation.paper.outcome import Outcome
+from groundstation.paper.verdict import NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, UNDECIDED, evaluate, judge
 from groundstation.paper.view import View
 from tests.groundstation.synthetic import gridded, noisy, results, row
 
@@ -81,7 +82,8 @@ ORDER = {"kind": "order", "metric": "x", "subject": (HF,), "against": (H, F)}
         ({HF: 1.0, H: 1.5, F: 2.0}, "lower", REPRODUCED),
         ({HF: 1.0, H: 1.5, F: 0.5}, "lower", NOT_REPRODUCED),
         ({HF: 3.0, H: 1.5, F: 2.0}, "higher", REPRODUCED),
-        ({HF: 1.0, H: 1.0, F: 2.0}, "lower", NOT_REPRODUCED),  # equal: the interval holds zero
+        ({HF: 1.0, H: 1.0, F: 2.0}, "lower", UNDECIDED),  # equal: the interval holds zero
+        ({HF: 1.0, H: 1.0, F: 0.5}, "lower", NOT_REPRODUCED),  # one fails, whatever the other leaves open
     ],
 )
 def test_order(levels: dict[str, float], direction: str, expected: str) -> None:
@@ -96,7 +98,7 @@ def test_pairing_by_seed_sees_what_unpaired_means_cannot() -> None:
     assert verdict(rows, kind="order", metric="x", subject=(HF,), against=(H,)) == REPRODUCED
 
 
-@pytest.mark.parametrize(("level", "expected"), [(0.78, REPRODUCED), (0.84, NOT_REPRODUCED), (0.95, NOT_REPRODUCED)])
+@pytest.mark.parametrize(("level", "expected"), [(0.78, REPRODUCED), (0.84, UNDECIDED), (0.95, NOT_REPRODUCED)])
 def test_ratio(level: float, expected: str) -> None:
     rows = noisy("x", {HF: 100 * level, H: 100.0})
     assert verdict(rows, kind="ratio", metric="x", subject=(HF,), against=(H,), threshold=0.84) == expected
@@ -121,7 +123,7 @@ def test_equal_value(level: float, expected: str) -> None:
         (1.0, "lower", REPRODUCED),
         (2.0, "lower", NOT_REPRODUCED),
         (2.0, "higher", REPRODUCED),
-        (1.5, "higher", NOT_REPRODUCED),
+        (1.5, "higher", UNDECIDED),
     ],
 )
 def test_bound(level: float, direction: str, expected: str) -> None:
@@ -131,14 +133,14 @@ def test_bound(level: float, direction: str, expected: str) -> None:
 
 def test_an_infinite_value_is_never_bounded() -> None:
     rows = [row("s0", HF, seed, x=math.inf if seed == 3 else 1.0) for seed in range(10)]
-    assert verdict(rows, kind="bound", metric="x", subject=(HF,), threshold=1.5) == NOT_REPRODUCED
+    assert verdict(rows, kind="bound", metric="x", subject=(HF,), threshold=1.5) == UNDECIDED
 
 
 @pytest.mark.parametrize(
     ("hits", "event", "expected"),
     [
         (0, "none", REPRODUCED),
-        (8, "none", NOT_REPRODUCED),  # 12 of 20 free: the exact interval holds one half
+        (8, "none", UNDECIDED),  # 12 of 20 free: the exact interval holds one half
         (20, "some", REPRODUCED),
         (2, "some", NOT_REPRODUCED),
     ],
@@ -148,7 +150,7 @@ def test_share(hits: int, event: str, expected: str) -> None:
     assert verdict(rows, kind="share", metric="x", subject=(HF,), event=event, threshold=0.5) == expected
 
 
-@pytest.mark.parametrize(("count", "expected"), [(5, REPRODUCED), (10, NOT_REPRODUCED), (20, NOT_REPRODUCED)])
+@pytest.mark.parametrize(("count", "expected"), [(5, REPRODUCED), (10, UNDECIDED), (20, NOT_REPRODUCED)])
 def test_rate(count: int, expected: str) -> None:
     rows = [row("s0", HF, seed, x=count) for seed in range(20)]
     assert verdict(rows, kind="rate", metric="x", subject=(HF,), threshold=10.0) == expected
@@ -159,7 +161,7 @@ def test_rate(count: int, expected: str) -> None:
     [
         ("falling", -1.0, REPRODUCED),
         ("falling", 1.0, NOT_REPRODUCED),
-        ("falling", 0.0, NOT_REPRODUCED),
+        ("falling", 0.0, UNDECIDED),
         ("rising", 1.0, REPRODUCED),
         ("rising", -1.0, NOT_REPRODUCED),
         ("little gain", 0.0, REPRODUCED),
@@ -174,7 +176,7 @@ def test_trend(direction: str, change: float, expected: str) -> None:
     assert verdict(rows, threshold=0.1, **check) == expected
 
 
-@pytest.mark.parametrize(("mine", "expected"), [(1.0, REPRODUCED), (3.0, NOT_REPRODUCED), (2.0, NOT_REPRODUCED)])
+@pytest.mark.parametrize(("mine", "expected"), [(1.0, REPRODUCED), (3.0, NOT_REPRODUCED), (2.0, UNDECIDED)])
 def test_slope(mine: float, expected: str) -> None:
     lines = {m: {s: 5 + slope * s for s in (0.1, 0.3, 0.5)} for m, slope in ((HF, mine), (H, 2.0))}
     rows = gridded("x", "wind", "sigma", lines)
@@ -182,7 +184,7 @@ def test_slope(mine: float, expected: str) -> None:
     assert verdict(rows, **check) == expected
 
 
-@pytest.mark.parametrize(("last", "expected"), [(2.0, REPRODUCED), (0.5, NOT_REPRODUCED), (1.0, NOT_REPRODUCED)])
+@pytest.mark.parametrize(("last", "expected"), [(2.0, REPRODUCED), (0.5, NOT_REPRODUCED), (1.0, UNDECIDED)])
 def test_point(last: float, expected: str) -> None:
     rows = gridded("x", "period", "period", {HF: {100: 1.0, 200: 1.0, 500: last}})
     assert verdict(rows, kind="point", experiment="period", metric="x", subject=(HF,), at=500.0) == expected
@@ -195,7 +197,7 @@ def test_best_case_takes_the_best_point_and_baseline(lowest: float, expected: st
     assert verdict(gridded("x", "uavs", "uavs", lines), threshold=0.5, **check) == expected
 
 
-def test_a_best_case_of_nothing_but_noise_is_not_reproduced() -> None:
+def test_a_best_case_of_nothing_but_noise_is_undecided() -> None:
     draw = np.random.default_rng(3)
     rows = [
         row("uavs", method, seed, uavs=n, x=float(draw.lognormal(0.0, 0.6)))
@@ -204,7 +206,15 @@ def test_a_best_case_of_nothing_but_noise_is_not_reproduced() -> None:
         for seed in range(4)
     ]
     check = {"kind": "best", "metric": "x", "experiments": ("uavs",), "subject": (HF,), "against": (H, F, HJB)}
-    assert verdict(rows, threshold=0.25, **check) == NOT_REPRODUCED
+    assert verdict(rows, threshold=0.25, **check) == UNDECIDED
+
+
+def test_a_best_case_that_fails_leaves_open_what_another_leaves_open() -> None:
+    rows = noisy("x", {HF: 0.9, H: 1.0}, noise=0.001)  # a tenth less, for certain
+    rows += [row("s0", F, seed, x=1.8 + 2.0 * (seed % 2)) for seed in {each["seed"] for each in rows}]
+    check = {"kind": "best", "metric": "x", "experiments": ("s0",), "subject": (HF,)}
+    assert verdict(rows, threshold=0.7, against=(H,), **check) == NOT_REPRODUCED
+    assert verdict(rows, threshold=0.7, against=(H, F), **check) == UNDECIDED
 
 
 def test_most_points_suffice_where_the_claim_says_so() -> None:
@@ -214,6 +224,10 @@ def test_most_points_suffice_where_the_claim_says_so() -> None:
     assert verdict(rows, points="most", **check) == REPRODUCED
     assert verdict(rows, points="all", **check) == NOT_REPRODUCED
     assert verdict(rows, points="all", stop=100.0, **check) == REPRODUCED
+    lines = {HF: {50: 1.0, 100: 1.5, 200: 2.0}, H: {50: 1.5, 100: 1.5, 200: 1.5}}
+    rows = gridded("x", "period", "period", lines)  # one holds, one is undecided, one fails
+    assert verdict(rows, points="most", **check) == UNDECIDED
+    assert verdict(rows, points="most", start=100.0, **check) == NOT_REPRODUCED
 
 
 def test_measured_numbers_are_checked_like_runs() -> None:
@@ -246,7 +260,9 @@ def test_a_reason_tells_refuted_from_undecided() -> None:
         return str(judge(view, claim)["reason"])
 
     assert "speak against it: x: mfgfl-hf − mfgfl-f" in reason({HF: 1.0, H: 1.5, F: 0.5})
-    assert "leave it open" in reason({HF: 1.0, H: 1.0, F: 2.0})
+    assert "1 of 2 comparisons are undecided; the data leave it open: x: mfgfl-hf − mfgfl-h" in reason(
+        {HF: 1.0, H: 1.0, F: 2.0}
+    )
 
 
 # -- intervals ------------------------------------------------------------
@@ -292,8 +308,8 @@ def test_missing_values_leave_their_pair() -> None:
     assert (estimate.value, estimate.n) == (1.5, 2)
 
 
-def test_run_check_is_none_where_there_is_nothing() -> None:
+def test_run_check_is_unknown_where_there_is_nothing() -> None:
     found = Findings()
     check = Check(kind="best", metric="x", experiments=("s0",), subject=(HF,), against=(H,), threshold=0.5)
-    assert run_check(View.of(results([row("s0", HF, 1)])), check, found) is None
+    assert run_check(View.of(results([row("s0", HF, 1)])), check, found) is Outcome.UNKNOWN
     assert found.missing

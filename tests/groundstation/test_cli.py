@@ -4,31 +4,19 @@ import json
 import os
 import re
 import socket
+import subprocess
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 
-from groundstation.cli import main
+import worldsim.kernel
+from groundstation import display, viewer
 from groundstation.engine import Engine
 from groundstation.recording import Recorder, recorded, verify
 from groundstation.results import RunFolder
 from swarm import scenario
-from swarm.errors import EXIT_BAD_INPUT, EXIT_CODE_HELP, EXIT_DONE, MeanflockError
-
-
-@pytest.fixture
-def run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
-    """Calls `meanflock ARGUMENTS` in an empty folder; returns exit code, stdout and stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments: str) -> tuple[int, str, str]:
-        code = main(list(arguments))
-        said = capsys.readouterr()
-        return code, said.out, said.err
-
-    return call
-
+from swarm.errors import EXIT_BAD_INPUT, EXIT_CODE_HELP, EXIT_DONE, EXIT_RUN_FAILED, MeanflockError, RunFailed
 
 QUICK = ("run", "--in-process", "--no-record", "--quiet", "--uavs", "3", "--duration", "2")
 
@@ -50,7 +38,11 @@ QUICK = ("run", "--in-process", "--no-record", "--quiet", "--uavs", "3", "--dura
         (("--method", "magic"), "mfgfl-hf"),
         (("--set", "federation.leader=3"), "federation.leader"),
         (("--set", "federation.period=0"), "federation.period"),
-        (("missing.toml",), "missing.toml"),
+        (("missing.toml",), "missing.toml: No such file or directory; give a readable scenario file"),
+        (("--faults", "missing.toml"), "missing.toml: No such file or directory; give a readable fault script"),
+        (("--endpoint", "127.0.0.1:7556"), "127.0.0.1:7556: write it as tcp/HOST:PORT, for example tcp/127.0.0.1:"),
+        (("--endpoint", "tcp/localhost"), "tcp/localhost: write it as tcp/HOST:PORT"),
+        (("--endpoint", "tcp/127.0.0.1:99999"), "99999: write it as tcp/HOST:PORT"),
         (("--uavs-per-process", "0"), "--uavs-per-process"),
         (("--realtime", "0"), "--realtime"),
         (("--realtime=-2",), "--realtime -2: how many times faster"),
@@ -126,6 +118,28 @@ def test_json_is_exactly_the_summary_even_with_progress(run, tmp_path) -> None:
     assert json.loads(out) == json.loads((folder / "summary.json").read_text())
 
 
+@pytest.mark.parametrize("flags", [(), ("--quiet",), ("--quiet", "--json")])
+def test_the_run_folder_is_named_however_quiet(run, tmp_path, flags) -> None:
+    code, _, err = run("run", "--in-process", "--no-record", "--uavs", "2", "--duration", "1", *flags)
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert (code, err) == (EXIT_DONE, f"run folder runs/{folder.name}\n")
+
+
+@pytest.mark.parametrize(
+    "verb",
+    [("run", "--in-process", "--no-record"), ("compare", "mfg", "--seeds", "1"), ("sweep", "seed=1,2")],
+    ids=lambda verb: verb[0],
+)
+def test_a_run_without_compiled_kernels_says_that_it_is_slow(run, monkeypatch, verb) -> None:
+    flags = ("--uavs", "2", "--duration", "1", "--quiet")
+    assert "kernels" not in run(*verb, *flags)[2]
+    monkeypatch.setattr(worldsim.kernel, "is_compiled", lambda: False)
+    code, _, err = run(*verb, *flags)
+    assert code == EXIT_DONE
+    (said,) = [line for line in err.splitlines() if "kernels" in line]
+    assert re.match(r"warning: kernels not compiled, the world's: .* slower; install a C compiler", said)
+
+
 def test_show_prints_a_scenario_that_loads_as_the_same(run, tmp_path) -> None:
     code, out, _ = run("scenario", "show", "--method", "hjb", "--uavs", "9", "--set", "wind.sigma=0.3")
     assert code == EXIT_DONE
@@ -161,7 +175,13 @@ def test_view_of_a_killed_run_opens_its_recording_filled_from_its_time_series(ru
     folder._spool = None  # type: ignore[assignment]
     folder._events.close()
     opened: list[Path] = []
-    monkeypatch.setattr("groundstation.recording.open_viewer", opened.append)
+
+    def close_at_once(path: Path) -> "subprocess.Popen[bytes]":
+        opened.append(path)
+        return subprocess.Popen(["true"])
+
+    monkeypatch.setattr(display, "check", lambda _: None)
+    monkeypatch.setattr(viewer, "open_viewer", close_at_once)
     code, _, _ = run("view", str(folder.path))
     assert (code, opened) == (EXIT_DONE, [folder.path / "recording.rrd"])
     rows = len(pq.read_table(folder.path / "timeseries.parquet"))
@@ -169,7 +189,7 @@ def test_view_of_a_killed_run_opens_its_recording_filled_from_its_time_series(ru
     assert rows > 100
 
 
-@pytest.mark.parametrize("verb", ["view", "plot"])
+@pytest.mark.parametrize("verb", [("view", "--web"), ("plot",), ("picture", "-o", "p.png")], ids=" ".join)
 def test_a_run_that_still_flies_is_not_completed_under_its_hands(run, tmp_path, verb) -> None:
     flown = scenario.load(None, ["duration=4", "stop=duration"], uavs=3)
     with (
@@ -179,13 +199,82 @@ def test_a_run_that_still_flies_is_not_completed_under_its_hands(run, tmp_path, 
         engine = Engine(flown, "flying", sinks=[folder, recorder])
         for tick in engine.fly():
             if tick == 30:
-                code, _, err = run(verb, str(folder.path))
+                code, _, err = run(*verb, str(folder.path))
                 assert (code, err.count("\n")) == (EXIT_BAD_INPUT, 1)
                 assert "still writes this run" in err
         engine.world.finish()
     assert verify(folder.path / "recording.rrd") is None
     assert recorded([folder.path / "recording.rrd"]).ticks[-1] == 40
     assert len(pq.read_table(folder.path / "timeseries.parquet")) == 41
+
+
+@pytest.fixture
+def flown(run, tmp_path) -> Path:
+    """The folder of a recorded flight of 2 s."""
+    assert run("run", "--in-process", "--quiet", "--uavs", "2", "--duration", "2")[0] == EXIT_DONE
+    (folder,) = (tmp_path / "runs").iterdir()
+    return folder
+
+
+@pytest.mark.parametrize("at", [None, "127.0.0.1:77", ":77", "elsewhere"])
+def test_without_a_display_view_fails_and_says_what_works(run, monkeypatch, flown, at) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    if at is not None:
+        monkeypatch.setenv("DISPLAY", at)
+    code, out, err = run("view", str(flown))
+    assert (code, out, err.count("\n")) == (EXIT_RUN_FAILED, "", 1)
+    for part in ("no display", f"meanflock picture {flown}", f"meanflock view {flown} --web", at or "DISPLAY"):
+        assert part in err
+
+
+def test_without_a_display_run_view_fails_before_anything_is_flown(run, tmp_path, monkeypatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    code, _, err = run("run", "--in-process", "--view", "--uavs", "2", "--duration", "2")
+    assert code == EXIT_RUN_FAILED
+    assert "meanflock picture" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_display_is_one_at_which_somebody_listens(tmp_path, monkeypatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-7")
+    with pytest.raises(RunFailed, match="nobody answers at WAYLAND_DISPLAY=wayland-7; instead"):
+        display.check("instead")
+    with socket.socket(socket.AF_UNIX) as compositor:
+        compositor.bind(str(tmp_path / "wayland-7"))
+        compositor.listen()
+        display.check("instead")
+
+
+def test_a_viewer_that_ends_with_an_error_is_a_failure(run, monkeypatch, flown) -> None:
+    monkeypatch.setattr(display, "check", lambda _: None)
+    monkeypatch.setattr(viewer, "_program", lambda: ["false"])
+    monkeypatch.setattr("groundstation.cli_look._complete", lambda *_: None)
+    code, _, err = run("view", str(flown))
+    assert code == EXIT_RUN_FAILED
+    assert "the viewer ended with 1" in err
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (("-o", "p.jpg"), ".png"),
+        (("-o", "p.png", "--size", "1920"), "WIDTHxHEIGHT"),
+        (("-o", "p.png", "--size", "20x-20"), "WIDTHxHEIGHT"),
+        (("-o", "file/p.png"), "file/p.png"),
+        ((), "-o"),
+    ],
+)
+def test_a_picture_that_cannot_be_drawn_is_refused(run, tmp_path, flown, flags, says) -> None:
+    (tmp_path / "file").write_text("")
+    code, _, err = run("picture", str(flown), *flags)
+    assert (code, err.count("\n")) == (EXIT_BAD_INPUT, 1)
+    assert says in err
+    assert not list(tmp_path.rglob("*.png"))
 
 
 def test_doctor_reports_everything_and_fails_where_a_run_would(run) -> None:

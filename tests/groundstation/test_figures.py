@@ -275,7 +275,8 @@ def test_no_run_is_bad_input(tmp_path: Path) -> None:
 def summaries(level: float, seeds: int = 4) -> list[dict[str, Any]]:
     return [
         {
-            "t_avg_s": level + seed,
+            "arrived": 3,
+            "t_avg_censored_s": level + seed,
             "energy_mean_J": level,
             "payload_bits": {"total": 1e6 * level},
             "phi_A": level / 10,
@@ -298,12 +299,12 @@ def test_sweep_runs_along_numbers_or_names(values: tuple[Any, ...], tmp_path: Pa
     points = {value: {"hjb": summaries(20.0), "mfg": summaries(19.0)} for value in values}
     made = plots.plot_sweep("wind.sigma", points)
     assert len(made.axes) == 4
-    assert "m s" in made.axes[-1].get_xlabel()
+    assert made.axes[-1].get_xlabel() == "wind.sigma (m/s/√s)"
     assert len(plots.write({"sweep": made}, tmp_path)) == 2
 
 
 def test_one_seed_has_no_interval_and_still_a_dot() -> None:
-    assert plots.plot_compare({"hjb": summaries(20.0, 1)}, [("t_avg_s", "travel time")]).axes
+    assert plots.plot_compare({"hjb": summaries(20.0, 1)}, [("t_avg_censored_s", "travel time")]).axes
 
 
 def test_unknown_metric_is_bad_input() -> None:

@@ -1,14 +1,18 @@
 """What a person sees: the line that moves, and the table at the end."""
 
 import io
+import re
 
+import msgspec
 import numpy as np
+import pytest
 from rich.console import Console
 
 from groundstation.engine import Engine
 from groundstation.progress import FlightProgress, summary_table
-from swarm.messages import Telemetry
+from swarm.messages import SWARM_COLUMNS, Telemetry
 from swarm.scenario import load
+from tests.groundstation.recordings import flight
 
 FLOWN = load(None, ["uavs=2", "method=mfg", "duration=1", 'stop="duration"'])
 
@@ -24,7 +28,7 @@ class LastWords(FlightProgress):
     """Remembers the line instead of showing it."""
 
     def __init__(self) -> None:
-        super().__init__(FLOWN, quiet=True)
+        super().__init__(FLOWN, quiet=True, console=Console(file=io.StringIO(), width=200))
 
     @property
     def line(self) -> str:
@@ -62,3 +66,31 @@ def test_in_lockstep_neither_says_a_word_of_it() -> None:
     assert "arrived" in line.line
     assert "deadline misses" not in table
     assert not np.concatenate([block.swarm for block in blocks])[:, -2:].any()
+
+
+@pytest.mark.parametrize("width", [60, 80, 160])
+def test_no_number_is_cut_off_on_a_narrow_terminal(width: int) -> None:
+    out = io.StringIO()
+    terminal = Console(file=out, width=width, force_terminal=True, color_system=None)
+    flown = load(None, ["uavs=25", "method=mfg"])
+    with FlightProgress(flown, quiet=False, console=terminal) as bar:
+        swarm = np.zeros((1, len(SWARM_COLUMNS)))
+        swarm[:, SWARM_COLUMNS.index("arrived")] = 21
+        swarm[:, SWARM_COLUMNS.index("uplink_bits")] = 12_345_678
+        swarm[:, SWARM_COLUMNS.index("held_commands")] = 1234
+        (block,) = flight(ticks=20)
+        bar.write(msgspec.structs.replace(block, first_tick=2345, states=block.states[:1], swarm=swarm))
+        bar._bar.refresh()
+    lines = [line for line in re.split(r"[\r\n]|\x1b\[[0-9;?]*[A-Za-z]", out.getvalue()) if "flying" in line]
+    assert lines
+    assert all("2345/3000 ticks" in line and "…" not in line and len(line.rstrip()) <= width for line in lines)
+    assert all("234.5 s" in line for line in lines)
+    assert all(("arrived 21/25" in line) == (width >= 80) for line in lines)
+    assert all(("held 1234 in 0 late ticks  12.35 Mbit" in line) == (width >= 160) for line in lines)
+
+
+def test_nothing_moves_where_there_is_no_terminal() -> None:
+    out = io.StringIO()
+    with FlightProgress(FLOWN, quiet=False, console=Console(file=out, width=80)) as bar:
+        bar.say("joining")
+    assert out.getvalue() == ""

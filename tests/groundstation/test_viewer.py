@@ -3,8 +3,11 @@
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
+import urllib.parse
+import urllib.request
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +17,7 @@ from groundstation import blueprint as look
 from groundstation import viewer
 from groundstation.recording import Recorder, repair, verify
 from groundstation.screenshot import MISSING_GRAPHICS, screenshot
-from swarm.errors import BadInput, RunFailed
+from swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput, RunFailed
 from swarm.scenario import Scenario
 from tests.groundstation.recordings import column, flight, record
 from tests.polling import DEADLINE_S, until
@@ -99,6 +102,18 @@ def test_a_run_that_is_not_there_is_not_opened(tmp_path: Path) -> None:
         viewer.open_viewer(tmp_path / "recording.rrd")
 
 
+def size_of(png: Path) -> tuple[int, int]:
+    header = png.read_bytes()[:24]
+    assert header[:8] == b"\x89PNG\r\n\x1a\n"
+    return int.from_bytes(header[16:20], "big"), int.from_bytes(header[20:24], "big")
+
+
+def skip_without_graphics(said: str) -> None:
+    no_graphics = ("No graphics adapter", "Failed to get render context")  # with and without drivers installed
+    if any(reason in said for reason in no_graphics) and MISSING_GRAPHICS in said:
+        pytest.skip(said)
+
+
 @pytest.mark.processes
 def test_a_picture_needs_no_display_and_shows_no_error(tmp_path: Path) -> None:
     path, png = tmp_path / "recording.rrd", tmp_path / "swarm.png"
@@ -106,13 +121,55 @@ def test_a_picture_needs_no_display_and_shows_no_error(tmp_path: Path) -> None:
     try:
         screenshot(path, png, at_s=33.4, size=(1280, 720))
     except RunFailed as error:
-        no_graphics = ("No graphics adapter", "Failed to get render context")  # with and without drivers installed
-        if any(reason in str(error) for reason in no_graphics) and MISSING_GRAPHICS in str(error):
-            pytest.skip(str(error))
+        skip_without_graphics(str(error))
         raise
-    header = png.read_bytes()[:24]
-    assert header[:8] == b"\x89PNG\r\n\x1a\n"
-    assert (int.from_bytes(header[16:20], "big"), int.from_bytes(header[20:24], "big")) == (1280, 720)
+    assert size_of(png) == (1280, 720)
+
+
+@pytest.mark.processes
+def test_a_picture_is_of_the_second_asked_for_or_of_the_last(run, tmp_path: Path) -> None:
+    record(tmp_path / "recording.rrd", flight(ticks=200))
+    pictures = {}
+    for name, flags in {"middle": ("--at", "10"), "last": ("--at", "19.9"), "default": ()}.items():
+        png = tmp_path / "out" / f"{name}.png"
+        code, out, err = run("picture", "recording.rrd", *flags, "-o", str(png), "--size", "640x480")
+        skip_without_graphics(err)
+        assert (code, out) == (EXIT_DONE, f"{png}\n")
+        assert size_of(png) == (640, 480)
+        pictures[name] = png.read_bytes()
+    assert pictures["default"] == pictures["last"] != pictures["middle"]
+    code, _, err = run("picture", "recording.rrd", "--at", "20", "-o", "beyond.png")
+    assert code == EXIT_BAD_INPUT
+    assert "of 0 to 19.9 s" in err
+    assert not (tmp_path / "beyond.png").exists()
+
+
+@pytest.mark.processes
+def test_a_browser_is_served_a_page_and_the_recording_until_ctrl_c(tmp_path: Path) -> None:
+    record(tmp_path / "recording.rrd", flight(ticks=60))
+    code = "from groundstation.cli import main; main()"
+    command = [sys.executable, "-c", code, "view", str(tmp_path / "recording.rrd"), "--web"]
+    serving = subprocess.Popen(command, stdout=subprocess.PIPE, cwd=Path(__file__).parents[2], text=True)
+    late = tmp_path / "late.rrd"
+    try:
+        assert serving.stdout is not None
+        url = urllib.parse.urlsplit(serving.stdout.readline().strip())
+        assert url.hostname == "127.0.0.1"
+        with urllib.request.urlopen(f"http://{url.netloc}/", timeout=DEADLINE_S) as page:
+            assert b"Rerun" in page.read()
+        (source,) = urllib.parse.parse_qs(url.query)["url"]
+        listener = save_live(source, late)
+        try:
+            until(lambda: len(ticks_so_far(late)) == 60, "the recording at the browser")
+        finally:
+            listener.terminate()
+            listener.wait(DEADLINE_S)
+    finally:
+        serving.send_signal(signal.SIGINT)
+        serving.wait(DEADLINE_S)
+    assert serving.returncode == EXIT_DONE
+    with socket.socket() as probe:  # nobody is left
+        assert probe.connect_ex(("127.0.0.1", url.port or 0)) != 0
 
 
 def test_no_picture_of_what_is_not_there(tmp_path: Path) -> None:

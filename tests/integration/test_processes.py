@@ -13,7 +13,7 @@ import pytest
 
 from groundstation.engine import Engine
 from groundstation.launch import free_endpoint
-from groundstation.results import read_checkpoint
+from groundstation.results import CHECKPOINT, read_checkpoint
 from groundstation.resume import back
 from groundstation.viewer import verify
 from swarm.methods import Method
@@ -120,6 +120,7 @@ def test_ctrl_c_ends_the_run_cleanly_and_keeps_what_was_flown(command: Command) 
     assert process.returncode == 1
     assert err.strip().count("\n") == 0
     assert "interrupted" in err
+    assert way_on(command.folder) in err
     assert processes_of(run) == []
     table = pq.read_table(command.folder / "timeseries.parquet")
     assert table["tick"].to_pylist() == list(range(len(table)))
@@ -134,7 +135,13 @@ def test_ctrl_c_in_one_process_too(command: Command) -> None:
     _, err = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 1
     assert "interrupted" in err
+    assert way_on(command.folder) in err
     assert verify(command.folder / "recording.rrd") is None
+
+
+def way_on(folder: Path) -> str:
+    """What to type after an interruption, by what the folder has."""
+    return f"meanflock resume {folder}" if (folder / CHECKPOINT).exists() else f"meanflock run {folder}/scenario.toml"
 
 
 @pytest.mark.parametrize("victim", ["agent", "leader", "worldsim"])

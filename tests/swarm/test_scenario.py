@@ -27,13 +27,31 @@ MEND = "`meanflock scenario schema`"
 
 BAD: dict[str, tuple[str, ...]] = {  # what is wrong: the text as TOML, then what the one line must contain
     "an unknown key": ("speed = 3", "speed", MEND),
-    "an unknown key in a table": ("[wind]\nsgima = 0.1", "wind", "sgima", MEND),
+    "an unknown key in a table": ("[wind]\nsgima = 0.1", "wind", "`sgima`", "did you mean `wind.sigma`?", MEND),
+    "a key of another table": ("[wind]\nfading = 1", "wind", "`fading`", "did you mean `radio.fading`?", MEND),
+    "a key without its table": ("period = 100", "`period`", "did you mean `federation.period`?", MEND),
+    "a misspelt table": ("[rado]\nfading = 1", "`rado`", "did you mean `radio`?", MEND),
+    "a misspelt key of a fault": (
+        '[[faults]]\nkind = "kill"\ntick = 3\nuav = [1]',
+        "faults[0]",
+        "`uav`",
+        "did you mean `faults[0].uavs`?",
+        MEND,
+    ),
+    "a fault nobody knows": (
+        '[[faults]]\nkind = "kil"\ntick = 3',
+        "faults[0].kind",
+        "'kil'",
+        "choose one of",
+        "kill, ",
+        MEND,
+    ),
     "an unknown table": ("[weather]\nsigma = 0.1", "weather", MEND),
-    "a word for a number": ('dt = "fast"', "dt", "float", "str", MEND),
-    "a number for a table": ("wind = 3", "wind", "object", MEND),
-    "a table for a number": ("[dt]\na = 1", "dt", "float", MEND),
-    "a fraction of a UAV": ("uavs = 2.5", "uavs", "int", MEND),
-    "a truth for a count": ("uavs = true", "uavs", "int", "bool", MEND),
+    "a word for a number": ('dt = "fast"', "dt", "expected a number, got text", MEND),
+    "a number for a table": ("wind = 3", "wind", "expected a table, got a whole number", MEND),
+    "a table for a number": ("[dt]\na = 1", "dt", "expected a number, got a table", MEND),
+    "a fraction of a UAV": ("uavs = 2.5", "uavs", "expected a whole number, got a number", MEND),
+    "a truth for a count": ("uavs = true", "uavs", "expected a whole number, got true or false", MEND),
     "no UAV": ("uavs = 0", "uavs", ">= 1", MEND),
     "fewer than no UAVs": ("uavs = -3", "uavs", ">= 1", MEND),
     "too many UAVs": ("uavs = 100001", "uavs", "<= 100000", MEND),
@@ -48,16 +66,34 @@ BAD: dict[str, tuple[str, ...]] = {  # what is wrong: the text as TOML, then wha
     "a mean wind that is no number": ("[wind]\nmean = [nan, 0.0]", "wind", "mean", "finite", MEND),
     "power without end": ("[radio]\ntx_power_dbm = -inf", "radio", "tx_power_dbm", MEND),
     "noise that is no number": ("[radio]\nnoise_psd_dbm_hz = nan", "radio", "noise_psd_dbm_hz", MEND),
-    "a mean wind with one component": ("[wind]\nmean = [1.0]", "wind.mean", "length 2", MEND),
-    "a mean wind with three components": ("[wind]\nmean = [1.0, 2.0, 3.0]", "wind.mean", "length 2", MEND),
+    "a mean wind with one component": ("[wind]\nmean = [1.0]", "wind.mean", "expected a list of length 2", MEND),
+    "a mean wind with three components": (
+        "[wind]\nmean = [1.0, 2.0, 3.0]",
+        "wind.mean",
+        "expected a list of length 2",
+        MEND,
+    ),
     "negative spacing": ("[start]\nspacing = -1.0", "start.spacing", "> 0", MEND),
     "a leader outside the swarm": ("uavs = 5\n[federation]\nleader = 5", "federation.leader", "0…4", "name one"),
     "a negative leader": ("[federation]\nleader = -1", "federation.leader", ">= 0", MEND),
     "more than everyone uploads": ("[federation]\nfraction = 1.5", "federation.fraction", "<= 1", MEND),
     "nobody uploads": ("[federation]\nfraction = 0.0", "federation.fraction", "> 0", MEND),
     "rounds without a period": ("[federation]\nperiod = 0", "federation.period", ">= 1", MEND),
-    "a float of another width": ("[radio]\nbits_per_float = 31", "radio.bits_per_float", "31", MEND),
-    "a payload nobody knows": ('[federation]\npayload = "int4"', "federation.payload", "int4", MEND),
+    "a float of another width": (
+        "[radio]\nbits_per_float = 31",
+        "radio.bits_per_float",
+        "31",
+        "choose one of 16, 32, 64",
+        MEND,
+    ),
+    "a payload nobody knows": (
+        '[federation]\npayload = "int4"',
+        "federation.payload",
+        "int4",
+        "choose one of",
+        "int8",
+        MEND,
+    ),
     "a payload wider than a float": (
         '[radio]\nbits_per_float = 16\n[federation]\npayload = "float32"',
         "federation.payload",
@@ -71,10 +107,16 @@ BAD: dict[str, tuple[str, ...]] = {  # what is wrong: the text as TOML, then wha
         "32",
         "narrower",
     ),
-    "a fading nobody knows": ('[radio]\nfading = "rain"', "radio.fading", "rain", MEND),
+    "a fading nobody knows": (
+        '[radio]\nfading = "rain"',
+        "radio.fading",
+        "rain",
+        "choose one of amplitude, power",
+        MEND,
+    ),
     "no slots": ("[radio]\nlatency_threshold_slots = 0", "radio.latency_threshold_slots", ">= 1", MEND),
     "a method nobody knows": ('method = "telepathy"', "method", "telepathy", "choose one of", "mfgfl-hf"),
-    "an end nobody knows": ('stop = "never"', "stop", "never", MEND),
+    "an end nobody knows": ('stop = "never"', "stop", "never", "choose one of arrival, duration", MEND),
     "a flight shorter than a tick": ("dt = 0.5\nduration = 0.4", "duration", "dt"),
     "a step too large for the drag": ("dt = 2.0\n[wind]\ndrag = 1.0", "dt", "wind.drag", "keep"),
     "no TOML": ("uavs = = 3", "TOML", "line 1"),
@@ -117,15 +159,19 @@ def test_a_file_that_is_not_there_or_cannot_be_read_is_named(tmp_path: Path) -> 
         ("uavs", ("--set uavs", "key=value")),
         ("=3", ("--set =3", "key=value")),
         ("uavs=0", ("uavs", ">= 1")),
-        ("uavs=many", ("uavs", "int")),
-        ("uavs=", ("uavs", "int")),
+        ("uavs=many", ("uavs", "expected a whole number, got text")),
+        ("uavs=", ("uavs", "expected a whole number, got text")),
         ("wind.sigma=nan", ("wind.sigma",)),
-        ("wind.sigma=", ("wind.sigma", "float")),
-        ("wind.sigma.x=1", ("wind.sigma", "float")),
+        ("wind.sigma=", ("wind.sigma", "expected a number, got text")),
+        ("wind.sigma.x=1", ("wind.sigma", "expected a number, got a table")),
         ("wind.gust=1", ("wind", "gust")),
         ("gust.wind=1", ("gust",)),
         ("method=telepathy", ("method", "telepathy")),
-        ("wind.mean=[1", ("wind.mean",)),
+        ("wind.mean=[1", ("--set wind.mean=[1:", "not TOML", "Unclosed array")),
+        ('method="hjb', ("--set method=", "not TOML")),
+        ("radio={fading", ("--set radio={fading", "not TOML")),
+        ("wind.mean=3", ("wind.mean", "expected a list, got a whole number")),
+        ("federation.agregation=median", ("did you mean `federation.aggregation`?",)),
         ("..=1", ()),
     ],
 )
@@ -133,6 +179,12 @@ def test_a_bad_setting_is_bad_input_with_one_line(setting: str, parts: tuple[str
     with pytest.raises(BadInput) as caught:
         load(None, [setting])
     one_line(caught, *parts)
+
+
+def test_a_fault_script_that_is_not_there_is_called_one(tmp_path: Path) -> None:
+    with pytest.raises(BadInput) as caught:
+        scenario.read_faults(tmp_path / "nofile")
+    one_line(caught, "nofile", "give a readable fault script")
 
 
 def test_a_setting_below_a_number_is_told_that_it_is_no_table(tmp_path: Path) -> None:
@@ -386,3 +438,21 @@ def test_the_defaults_are_the_numbers_of_the_model(tmp_path: Path) -> None:
 def test_the_paper_s_file_is_the_default_scenario() -> None:
     path = Path(__file__).parents[2] / "scenarios" / "paper.toml"
     assert load(path).sha256() == load(None).sha256()
+
+
+def test_a_shipped_scenario_is_found_from_any_folder_and_one_s_own_comes_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert load(Path("scenarios/hierarchical.toml")).federation.clusters == 5
+    assert len(scenario.read_faults(Path("scenarios/faults.toml"))) > 3
+    with pytest.raises(
+        BadInput, match=r"scenarios/none\.toml: .* or one of scenarios/faults\.toml, scenarios/hierarchical\.toml, "
+    ):
+        load(Path("scenarios/none.toml"))
+    with pytest.raises(BadInput, match=r"give a readable scenario file$"):
+        load(Path("paper.toml"))
+    own = tmp_path / "scenarios" / "hierarchical.toml"
+    own.parent.mkdir()
+    own.write_text("uavs = 3")
+    assert load(Path("scenarios/hierarchical.toml")).uavs == 3

@@ -1,0 +1,78 @@
+"""Verbs that look at a run: view, picture."""
+
+from pathlib import Path
+
+import click
+
+from groundstation.cli import cli
+from groundstation.results import RECORDING, alone, recover
+from swarm.errors import BadInput
+
+_run = click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+
+
+@cli.command()
+@_run
+@click.option("--web", is_flag=True, help="For a browser, at the address it prints; needs no display.")
+def view(folder: Path, web: bool) -> None:
+    """Open a finished run in the Rerun viewer, until its window is closed or Ctrl-C.
+
+    \b
+    Example: meanflock view runs/20261121-101500-mfgfl-hf-s7
+    """
+    from groundstation import display, viewer
+
+    path = _recording(folder)
+    if web:
+        _complete(folder, path)
+        shown, url = viewer.serve_web(path)
+        click.echo(f"{url}\nCtrl-C ends it.")
+    else:
+        display.check(
+            f"try `meanflock view {folder} --web` with a browser, or `meanflock picture {folder} -o FILE.png`"
+        )
+        _complete(folder, path)
+        shown = viewer.open_viewer(path)
+    viewer.attend(shown)
+
+
+@cli.command()
+@_run
+@click.option("--at", "at_s", type=float, metavar="SECONDS", help="Of the flight.  [default: its end]")
+@click.option("-o", "--output", "png", required=True, type=click.Path(path_type=Path), metavar="FILE.png")
+@click.option("--size", default="1920x1080", show_default=True, metavar="WIDTHxHEIGHT", help="In pixels.")
+def picture(folder: Path, at_s: float | None, png: Path, size: str) -> None:
+    """Draw what the Rerun viewer shows of a finished run into a file; needs no display.
+
+    \b
+    Example: meanflock picture runs/20261121-101500-mfgfl-hf-s7 --at 40 -o out/swarm.png
+    """
+    from groundstation.screenshot import pixels, screenshot
+
+    wanted = pixels(size)
+    if png.suffix.lower() != ".png":
+        raise BadInput(f"-o {png}: give it a name that ends in .png")
+    path = _recording(folder)
+    _complete(folder, path)
+    screenshot(path, png, at_s, wanted)
+    click.echo(str(png))
+
+
+def _recording(folder: Path) -> Path:
+    path = folder if folder.suffix == ".rrd" else folder / RECORDING
+    if not path.is_file():
+        raise BadInput(f"{path}: no recording; name the folder of a run that was recorded")
+    return path
+
+
+def _complete(folder: Path, path: Path) -> None:
+    """What was killed is filled in from its time series, or mended where there is none."""
+    from groundstation.replay import complete
+    from groundstation.viewer import repair, verify
+
+    if folder.is_dir():
+        with alone(folder):
+            recover(folder)
+            complete(folder)
+    elif verify(path) is not None:
+        repair(path)

@@ -1,0 +1,132 @@
+"""What of the map stays where it is: start, goal, wind, scale, and a key to the colours."""
+
+import math
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from groundstation import blueprint as look
+from swarm.faults import Gust, Jam, Kill, Partition, Pause
+from swarm.scenario import Scenario
+
+Point = tuple[float, float]
+_COLUMNS, _COLUMN, _ROW = 4, 0.095, 0.085  # of the key, steps as shares of the map's width
+_SAMPLE = 0.035  # length of a sample, likewise
+_SCALE = 0.25  # of the bar that shows the scale, at the most
+_CORNERS = np.arange(11) * (math.pi / 5) + math.pi / 2
+STAR = np.stack([np.cos(_CORNERS), np.sin(_CORNERS)], axis=-1) * np.where(np.arange(11) % 2, 0.4, 1.0)[:, None]
+
+
+def log(stream: rr.RecordingStream, scenario: Scenario) -> None:
+    """Logs the map's fixed parts, and those of the close-up on the leader."""
+    low, high = look.box(scenario)
+    width = float(high[0] - low[0])
+    x, y = scenario.start.centre
+    half = look.start_half_side(scenario)
+    square = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * half + (x, y)
+    _line(stream, "map/start", square, look.GREY, 1.0)
+    _line(stream, "map/goal", circle((0.0, 0.0), scenario.destination.radius), look.GREEN, 1.5)
+    _label(stream, "map/start/label", (x, y - half), "start", look.GREY)
+    _label(stream, "map/goal/label", (0.0, -scenario.destination.radius), "goal", look.GREEN)
+
+    # The way leads from the start to the goal, so the corner beside the start is free.
+    key, column, row = _key(scenario), _COLUMN * width, _ROW * width
+    rows = 2 + math.ceil(len(key) / _COLUMNS)
+    left = float(low[0] + column / 2 if x >= 0 else high[0] - (_COLUMNS - 0.5) * column)
+    top = float(high[1] - row / 2 if y >= 0 else low[1] + rows * row)
+    _log_wind(stream, scenario, (left + 0.5 * column, top), 0.6 * row)
+    _log_scale(stream, "map/legend/scale", (left + 2.5 * column, top), _SCALE * width)
+    _log_phi_g(stream, left, left + (_COLUMNS - 1) * column, top - row)
+    for number, (word, color, shape, thickness) in enumerate(key):
+        at = left + number % _COLUMNS * column, top - (2 + number // _COLUMNS) * row
+        entity = f"map/legend/{word.replace(' ', '_')}"
+        _line(stream, entity, shape * _SAMPLE * width / 2 + at, color, thickness)
+        _label(stream, f"{entity}/word", (at[0], at[1] - 0.2 * _SAMPLE * width), word, color)
+    _log_close_up(stream, scenario)
+
+
+def circle(centre: Point, radius: float) -> NDArray[np.float64]:
+    """A closed line around a centre, (65, 2), m."""
+    angle = np.linspace(0.0, 2.0 * math.pi, 65)
+    return np.array(centre) + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def _key(scenario: Scenario) -> list[tuple[str, int, NDArray[np.float64], float]]:
+    """What is drawn in which colour: word, colour, a sample of size 1 and how thick it is, in points."""
+    across, ring = np.array([(-1.0, 0.0), (1.0, 0.0)]), circle((0.0, 0.0), 0.5)
+    key = [
+        ("delivered", look.GREEN, across, 1.5),
+        ("outage", look.RED, across, 1.5),
+        ("collision", look.COLLISION, 0.7 * STAR, 1.2),
+    ]
+    if scenario.federation.clusters > 1:
+        key.append(("head", look.HEAD, ring, 2.0))
+    kinds = {type(fault) for fault in scenario.faults}
+    if Pause in kinds:
+        key.append(("frozen", look.FROZEN, ring, 2.0))
+    if Partition in kinds:
+        key.append(("cut off", look.CUT, ring, 2.0))
+    if Jam in kinds:
+        key.append(("jammed", look.JAMMED, circle((0.0, 0.0), 0.8), 1.2))
+    if Gust in kinds:
+        key.append(("gust", look.GUST, across, 1.0))
+    if Kill in kinds:
+        key.append(("lost", look.GREY, ring, 2.0))
+    return key
+
+
+def _log_phi_g(stream: rr.RecordingStream, left: float, right: float, y: float) -> None:
+    """A bar with the colours of φ_G."""
+    marks = np.linspace(left, right, 33)
+    strips = np.stack([np.stack([marks[:-1], marks[1:]], axis=-1), np.full((32, 2), y)], axis=-1)  # (32, 2, 2)
+    bar = rr.LineStrips2D(
+        strips.astype(np.float32), colors=look.viridis(np.linspace(0, 1, 32)), radii=rr.Radius.ui_points(3.0)
+    )
+    stream.log("map/legend/phi_G", bar, static=True)
+    _label(stream, "map/legend/phi_G/low", (left, y), f"φ_G ≤ {look.PHI_G_LOW:g}", look.GREY)
+    _label(stream, "map/legend/phi_G/high", (right, y), f"≥ {look.PHI_G_HIGH:g} s⁻²", look.GREY)
+
+
+def _log_wind(stream: rr.RecordingStream, scenario: Scenario, at: Point, length: float) -> None:
+    """An arrow of the mean wind's direction; the word says how fast it is."""
+    wind = np.array(scenario.wind.mean)
+    speed = float(np.hypot(*wind))
+    if speed:
+        arrow = wind / speed * length
+        tail = np.array([at[0], at[1] + length / 2]) - arrow / 2
+        radii = rr.Radius.ui_points(1.5)
+        parts = rr.Arrows2D(vectors=[arrow], origins=[tail], colors=[look.GUST], radii=radii, draw_order=1.0)
+        stream.log("map/legend/wind", parts, static=True)
+    said = f"mean wind {speed:.2g} m/s" if speed else "no mean wind"
+    _label(stream, "map/legend/wind/word", at, said, look.GUST)
+
+
+def _log_scale(stream: rr.RecordingStream, entity: str, at: Point, most_m: float) -> None:
+    """A bar of 1, 2 or 5 times a power of ten metres, no longer than asked."""
+    power = 10.0 ** math.floor(math.log10(most_m))
+    length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= most_m)
+    ends = np.array([(-length / 2, 0.0), (length / 2, 0.0)])
+    _line(stream, entity, ends + at, look.WHITE, 1.5)
+    _label(stream, f"{entity}/word", at, f"{length:g} m", look.WHITE)
+
+
+def _log_close_up(stream: rr.RecordingStream, scenario: Scenario) -> None:
+    """What the close-up alone shows: its scale, and how near is near. Its frame has y down, as the view has."""
+    edge = 0.9 * look.CLOSE_UP_M
+    _line(stream, f"{look.CLOSE_UP}/scale", np.array([(-edge, edge - 0.9), (1.0 - edge, edge - 0.9)]), look.WHITE, 1.5)
+    _label(stream, f"{look.CLOSE_UP}/scale/word", (0.5 - edge, edge - 0.9), "1 m", look.WHITE)
+    hazard = scenario.metrics.hazard_radius
+    _line(stream, f"{look.CLOSE_UP}/hazard", circle((0.0, 0.0), hazard), look.GREY, 1.0)
+    _label(stream, f"{look.CLOSE_UP}/hazard/word", (0.0, hazard), f"r_C {hazard:.2g} m", look.GREY)
+
+
+def _line(stream: rr.RecordingStream, entity: str, points: NDArray[np.float64], color: int, thickness: float) -> None:
+    radii = rr.Radius.ui_points(thickness)
+    stream.log(entity, rr.LineStrips2D([points], colors=[color], radii=radii, draw_order=1.0), static=True)
+
+
+def _label(stream: rr.RecordingStream, entity: str, at: Point, text: str, color: int) -> None:
+    """Text centred below the point `at`, m."""
+    point = rr.Points2D([at], labels=[text], colors=[color], radii=0.0, show_labels=True)
+    stream.log(entity, point, static=True)

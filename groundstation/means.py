@@ -1,0 +1,111 @@
+"""What a study found, a row a point: means over its flights, as a table for 80 columns and as a CSV file."""
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from groundstation import durable
+from groundstation.paper import statistics
+from groundstation.plots import number
+from swarm.errors import RunFailed
+
+Summaries = Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A number of a summary: its dotted key, its column in a CSV file, and its heading in a table with its unit."""
+
+    key: str
+    column: str
+    heading: str
+
+
+METRICS = (
+    Metric("arrived", "arrived_uavs", "arrived\n(UAVs)"),
+    Metric("t_avg_censored_s", "t_avg_censored_s", "travel\ntime\n(s)"),
+    Metric("energy_mean_J", "energy_mean_J", "motion\nenergy\n(J)"),
+    Metric("payload_bits.total", "payload_bits", "payload\n({}bit)"),
+    Metric("phi_A", "phi_A_m_s", "align-\nment\nφ_A\n(m/s)"),
+    Metric("phi_C_distinct", "phi_C_distinct", "risk\nφ_C of\npairs\n(1)"),
+    Metric("collisions", "collisions_pairs", "colli-\nsions\n(pairs)"),
+)
+WIDTH = 80  # of a terminal, at least
+_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""))
+MEANS = (
+    "Means over n flights and all UAVs. Travel time: a UAV that never arrived counts with the duration, {:g} s. "
+    "Lower is better everywhere but in arrivals."
+)
+
+
+@dataclass(frozen=True)
+class Means:
+    """Means of a study's points, in their order.
+
+    names: what tells the points apart, with units. points: their values → the summaries of their flights.
+    """
+
+    names: tuple[str, ...]
+    points: Mapping[tuple[Any, ...], Summaries]
+
+    def table(self, title: str, durations_s: Sequence[float]) -> Table:
+        """What a person reads; in 80 columns, without a name that is cut off."""
+        note = MEANS.format(max(durations_s)) if len(set(durations_s)) == 1 else MEANS.replace(", {:g} s", "")
+        table = Table(title=title, caption=note, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+        table.show_edge, table.title_justify, table.caption_justify = False, "left", "left"
+        for name in self.names:
+            table.add_column(_broken(name), overflow="fold", no_wrap=name == "method")
+        table.add_column("n", justify="right", no_wrap=True)
+        most = max(self._mean(summaries, "payload_bits.total") for summaries in self.points.values())
+        scale, prefix = next(((scale, prefix) for scale, prefix in _PREFIXES if most >= scale), (1.0, ""))
+        for metric in METRICS:
+            table.add_column(metric.heading.format(prefix), justify="right", no_wrap=True)
+        for values, summaries in self.points.items():
+            cells = []
+            for metric in METRICS:
+                mean = self._mean(summaries, metric.key) / (scale if metric.key == "payload_bits.total" else 1.0)
+                shown = "–" if mean != mean else f"{mean:.4g}"  # not a number: nobody knows it
+                cells.append(f"{shown}/{summaries[0]['uavs']}" if metric.key == "arrived" else shown)
+            table.add_row(*map(str, values), str(len(summaries)), *cells)
+        if Console(width=10 * WIDTH).measure(table).maximum > WIDTH:
+            table.padding = 0
+        return table
+
+    def write_csv(self, path: Path) -> Path:
+        """Writes means and the ends of their 95 % intervals; an empty cell is unknown.
+
+        Raises:
+            RunFailed: the disk is full.
+        """
+        text = io.StringIO()
+        lines = csv.writer(text, lineterminator="\n")
+        columns = [f"{metric.column}{end}" for metric in METRICS for end in ("", "_low", "_high")]
+        lines.writerow([*self.names, "n", "uavs", *columns])
+        for values, summaries in self.points.items():
+            row: list[Any] = [*values, len(summaries), summaries[0]["uavs"]]
+            for metric in METRICS:
+                found = statistics.mean([number(summary, metric.key) for summary in summaries])
+                row.append("" if found.value != found.value else found.value)
+                row += [found.low, found.high] if found.bounded else ["", ""]
+            lines.writerow(row)
+        try:
+            durable.replace(path, text.getvalue().encode())
+        except OSError as error:
+            raise RunFailed(f"{path}: {error.strerror}; make room and repeat the command") from error
+        return path
+
+    @staticmethod
+    def _mean(summaries: Summaries, key: str) -> float:
+        return statistics.mean([number(summary, key) for summary in summaries]).value
+
+
+def _broken(name: str) -> str:
+    """A dotted key that may go over several lines."""
+    return name.replace(".", ".\n").replace("_", "_\n").replace(" (", "\n(")

@@ -1,0 +1,90 @@
+"""One estimate against one threshold: it holds, fails, or is undecided, by where its whole 95 % interval lies."""
+
+import enum
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from groundstation.paper.statistics import Estimate
+
+
+class Outcome(enum.StrEnum):
+    """What the data say of a comparison, of a check or of all checks of a claim."""
+
+    HOLDS = "holds"  # the whole interval lies on the claimed side of the threshold
+    FAILS = "fails"  # the whole interval lies on the other side
+    UNDECIDED = "undecided"  # the interval has the threshold in it
+    UNKNOWN = "unknown"  # there is no interval: no data, or a single seed
+
+
+@dataclass(frozen=True, slots=True)
+class Test:
+    """One estimate against one threshold."""
+
+    what: str
+    estimate: Estimate
+    need: str
+    outcome: Outcome
+
+    def __str__(self) -> str:
+        return f"{self.what} = {show(self.estimate)}, needs {self.need}"
+
+
+def show(estimate: Estimate) -> str:
+    """`1.23 [1.10, 1.36]`."""
+
+    def number(value: float) -> str:
+        return f"{value:.3g}" if abs(value) < 1000 else f"{value:,.0f}"
+
+    return f"{number(estimate.value)} [{number(estimate.low)}, {number(estimate.high)}]"
+
+
+def below(what: str, estimate: Estimate, limit: float, strict: bool = False) -> Test:
+    """Holds if the whole interval is ≤ `limit` (< if strict), fails if all of it is not."""
+    sign, at_limit = ("<", estimate.low == limit) if strict else ("≤", False)
+    holds = estimate.high < limit or (not strict and estimate.high == limit)
+    return _judge(what, estimate, f"{sign} {limit:.4g}", holds, estimate.low > limit or at_limit)
+
+
+def above(what: str, estimate: Estimate, limit: float, strict: bool = False) -> Test:
+    """Holds if the whole interval is ≥ `limit` (> if strict), fails if all of it is not."""
+    sign, at_limit = (">", estimate.high == limit) if strict else ("≥", False)
+    holds = estimate.low > limit or (not strict and estimate.low == limit)
+    return _judge(what, estimate, f"{sign} {limit:.4g}", holds, estimate.high < limit or at_limit)
+
+
+def within(what: str, estimate: Estimate, low: float, high: float) -> Test:
+    """Holds if the whole interval lies in [low, high], fails if all of it lies outside on one side."""
+    inside = estimate.low >= low and estimate.high <= high
+    outside = estimate.low > high or estimate.high < low
+    return _judge(what, estimate, f"in [{low:.4g}, {high:.4g}]", inside, outside)
+
+
+def _judge(what: str, estimate: Estimate, need: str, holds: bool, fails: bool) -> Test:
+    if math.isnan(estimate.value) or (estimate.n < 2 and estimate.low != estimate.high):
+        outcome = Outcome.UNKNOWN
+    elif holds:
+        outcome = Outcome.HOLDS
+    else:
+        outcome = Outcome.FAILS if fails else Outcome.UNDECIDED
+    return Test(what, estimate, need, outcome)
+
+
+_WORST_FIRST = (Outcome.FAILS, Outcome.UNDECIDED, Outcome.UNKNOWN)
+
+
+def all_of(outcomes: Iterable[Outcome]) -> Outcome:
+    """Fails if any fails, else is undecided if any is, else unknown if any is, else holds."""
+    seen = set(outcomes)
+    return next((outcome for outcome in _WORST_FIRST if outcome in seen), Outcome.HOLDS)
+
+
+def most_of(outcomes: Iterable[Outcome]) -> Outcome:
+    """Holds if more than half hold, fails if more than half could not even if all that are open did."""
+    seen = list(outcomes)
+    held, undecided = seen.count(Outcome.HOLDS), seen.count(Outcome.UNDECIDED)
+    if 2 * held > len(seen):
+        return Outcome.HOLDS
+    if 2 * (len(seen) - seen.count(Outcome.FAILS)) <= len(seen):
+        return Outcome.FAILS
+    return Outcome.UNDECIDED if undecided else Outcome.UNKNOWN

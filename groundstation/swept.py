@@ -1,0 +1,80 @@
+"""What a sweep varies: one key of the scenario, and the values it takes."""
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from swarm.errors import BadInput
+
+
+@dataclass(frozen=True)
+class Swept:
+    """A dotted key, and two values or more, in TOML's types; lists are written as text."""
+
+    key: str
+    values: tuple[Any, ...]
+
+    @classmethod
+    def parse(cls, text: str) -> "Swept":
+        """`KEY=V1,V2,…`, the values in TOML syntax; bare words are strings.
+
+        Raises:
+            BadInput: no key, fewer than two values, or one of them twice.
+        """
+        key, equals, listed = text.partition("=")
+        key = key.strip()
+        if not equals or not key:
+            raise BadInput(f"{text}: write it as KEY=VALUE,VALUE, for example wind.sigma=0.1,0.2,0.3")
+        values = [str(value) if isinstance(value, list | dict) else value for value in _values(listed)]
+        if len(values) < 2:
+            raise BadInput(f"{text}: a sweep needs two values or more, between commas")
+        twice = [value for place, value in enumerate(values) if value in values[:place]]
+        if twice:
+            raise BadInput(f"{text}: {_toml(twice[0])} is there twice; give every value once")
+        return cls(key, tuple(values))
+
+    def setting(self, value: Any) -> str:
+        """One value as `--set` takes it."""
+        return f"{self.key}={_toml(value)}"
+
+    def check(self, options: Mapping[str, Any], settings: Iterable[str]) -> None:
+        """Nothing else may set the swept key.
+
+        Args:
+            options: what was given beside, by flag, None where it was not; those that set the key, and no others.
+            settings: of `--set`.
+
+        Raises:
+            BadInput: something does.
+        """
+        for flag, given in options.items():
+            if given is not None:
+                raise BadInput(f"{flag} {given}: `{self.key}` is what is swept; leave out {flag}")
+        refuse_setting(self.key, settings, "is what is swept")
+
+
+def refuse_setting(key: str, settings: Iterable[str], why: str) -> None:
+    """Raises BadInput where `--set` sets a key that something else decides."""
+    for setting in settings:
+        if setting.partition("=")[0].strip() == key:
+            raise BadInput(f"--set {setting}: `{key}` {why}; leave out this --set")
+
+
+def _values(listed: str) -> list[Any]:
+    """A TOML list without its brackets; where it is none, words and numbers between commas."""
+    try:
+        return list(tomllib.loads(f"values = [{listed}]")["values"])
+    except tomllib.TOMLDecodeError:
+        return [_value(part.strip()) for part in listed.split(",") if part.strip()]
+
+
+def _value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def _toml(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -1,0 +1,260 @@
+/* What kernels/wire.py says: the layout of a tick message, read and written. Same signatures, results and reasons. */
+#include "wire.h"
+
+#include <stdint.h>
+#include <string.h>
+
+enum { SENSE = 1, ACT = 2, FIRST = 24, BATCH = 18, NAME = 4, LINK = 8, MOST_TABLES = 4 };
+enum { ARRAY = 0x90, U32 = 0xce, BIN32 = 0xc6, ARRAY16 = 0xdc, SMALL = 127, BATCH_ITEMS = 7, COUNTED = 0xffff };
+
+static const int ITEM[] = {2, 4, 8, 4, 1, 2, 1}; /* bytes of "<f2", "<f4", "<f8", "<i4", "u1", "<i2", "i1" */
+enum { DTYPES = sizeof ITEM / sizeof *ITEM, FLOATS = 3 };
+
+/* What follows the first table: b bytes, i int32, d float64; NULL for a type there is not. */
+static const char *tables_of(int type) { return type == SENSE ? "b" : type == ACT ? "iidb" : NULL; }
+
+/* The bytes that are left of a message. */
+typedef struct { const unsigned char *start, *at, *end; } Reader;
+
+static uint32_t number_at(const unsigned char *at) {
+    return (uint32_t)at[0] << 24 | (uint32_t)at[1] << 16 | (uint32_t)at[2] << 8 | at[3];
+}
+
+static PyObject *refuse(const char *why) { return PyErr_SetString(PyExc_ValueError, why), NULL; }
+
+/* Whether so many bytes are finite floats of 2, 4 or 8 bytes each, wherever they begin. */
+static int all_finite(const unsigned char *at, size_t size, int item) {
+    int sane = 1;
+    if (item == 8)
+        for (size_t i = 0; i < size; i += 8) {
+            uint64_t bits;
+            memcpy(&bits, at + i, sizeof bits);
+            sane &= (bits & 0x7ff0000000000000) != 0x7ff0000000000000;
+        }
+    else if (item == 4)
+        for (size_t i = 0; i < size; i += 4) {
+            uint32_t bits;
+            memcpy(&bits, at + i, sizeof bits);
+            sane &= (bits & 0x7f800000) != 0x7f800000;
+        }
+    else
+        for (size_t i = 0; i < size; i += 2) {
+            uint16_t bits;
+            memcpy(&bits, at + i, sizeof bits);
+            sane &= (bits & 0x7c00) != 0x7c00;
+        }
+    return sane;
+}
+
+/* A byte string: where it begins and its size; 0 and an error if there is none. */
+static int bytes_next(Reader *in, size_t *offset, size_t *size) {
+    if (in->end - in->at < 5 || in->at[0] != BIN32 || (size_t)(in->end - in->at - 5) < number_at(in->at + 1))
+        return refuse("malformed: not a byte string of that length"), 0;
+    *size = number_at(in->at + 1);
+    *offset = (size_t)(in->at - in->start) + 5;
+    in->at += 5 + *size;
+    return 1;
+}
+
+static PyObject *batch_next(Reader *in) {
+    const unsigned char *head = in->at;
+    if (in->end - in->at < BATCH) return refuse("malformed: cut off");
+    if (head[0] != (ARRAY | BATCH_ITEMS) || head[1] > SMALL || head[2] != U32 || head[8] != U32 || head[13] != BIN32)
+        return refuse("malformed: not the head of a batch");
+    const unsigned kind = head[1], code = head[7];
+    const uint32_t number = number_at(head + 3), width = number_at(head + 9), named = number_at(head + 14);
+    if (code >= DTYPES || named % NAME) return refuse("wrong-shape: no such dtype, or bytes that are no sources");
+    in->at += 13;
+    size_t source, payload, links, size;
+    if (!bytes_next(in, &source, &size) || !bytes_next(in, &payload, &size)) return NULL;
+    const uint64_t sources = named / NAME;
+    if (width && sources > UINT64_MAX / 8 / width) return refuse("wrong-shape: a payload of another size");
+    if (size != sources * width * ITEM[code]) return refuse("wrong-shape: a payload of another size");
+    if (code < FLOATS && !all_finite(in->start + payload, size, ITEM[code]))
+        return refuse("non-finite: a number is not finite");
+    if (!bytes_next(in, &links, &size)) return NULL;
+    if (size % LINK) return refuse("wrong-shape: bytes that are no links");
+    return Py_BuildValue("IIIInnnnn", kind, (unsigned)number, code, (unsigned)width, (Py_ssize_t)sources,
+                         (Py_ssize_t)source, (Py_ssize_t)payload, (Py_ssize_t)(size / LINK), (Py_ssize_t)links);
+}
+
+static PyObject *batches_of(Reader *in) {
+    if (in->end - in->at < 3) return refuse("malformed: cut off");
+    if (in->at[0] != ARRAY16) return refuse("malformed: not an array of frames");
+    const int count = in->at[1] << 8 | in->at[2];
+    in->at += 3;
+    PyObject *batches = PyTuple_New(count);
+    for (int k = 0; batches != NULL && k < count; k++) {
+        PyObject *batch = batch_next(in);
+        if (batch == NULL) Py_CLEAR(batches);
+        else PyTuple_SetItem(batches, k, batch);
+    }
+    if (batches != NULL && in->at != in->end) {
+        Py_CLEAR(batches);
+        return refuse("malformed: more than a message");
+    }
+    return batches;
+}
+
+PyObject *wire_read(PyObject *module, PyObject *raw) {
+    char *text;
+    Py_ssize_t length;
+    if (PyBytes_AsStringAndSize(raw, &text, &length) < 0) return NULL;
+    const unsigned char *head = (const unsigned char *)text;
+    const char *follow = length >= FIRST ? tables_of(head[1]) : NULL;
+    const size_t count = follow == NULL ? 0 : strlen(follow);
+    if (follow == NULL || head[0] != (ARRAY | (8 + count)) || head[2] != U32 || head[7] != U32 || head[12] > SMALL
+        || head[13] != U32 || head[18] > SMALL || head[19] != BIN32)
+        return refuse("malformed: not the head of a tick message");
+    const uint32_t run = number_at(head + 3), tick = number_at(head + 8), rows = number_at(head + 14);
+    const uint64_t size = number_at(head + 20);
+    if (size != 8 * (uint64_t)rows * head[18]) return refuse("wrong-shape: a first table of another size");
+    if (size > (uint64_t)(length - FIRST)) return refuse("malformed: cut off");
+    Reader in = {head, head + FIRST + size, head + length};
+    if (!all_finite(head + FIRST, size, 8)) return refuse("non-finite: a number is not finite");
+    PyObject *tables = PyTuple_New(2 * (Py_ssize_t)count), *batches = NULL, *result = NULL;
+    for (size_t k = 0; tables != NULL && k < count; k++) {
+        size_t offset, bytes;
+        if (!bytes_next(&in, &offset, &bytes)) goto done;
+        if ((follow[k] == 'd' && bytes % 8) || (follow[k] == 'i' && bytes % 4)) {
+            refuse("wrong-shape: a table of another size");
+            goto done;
+        }
+        if (follow[k] == 'd' && !all_finite(head + offset, bytes, 8)) {
+            refuse("non-finite: a number is not finite");
+            goto done;
+        }
+        PyTuple_SetItem(tables, 2 * (Py_ssize_t)k, PyLong_FromSize_t(offset));
+        PyTuple_SetItem(tables, 2 * (Py_ssize_t)k + 1, PyLong_FromSize_t(bytes));
+    }
+    batches = tables == NULL ? NULL : batches_of(&in);
+    if (batches != NULL)
+        result = Py_BuildValue("IIIIIIOO", (unsigned)head[1], run, tick, (unsigned)head[12], rows, (unsigned)head[18],
+                               tables, batches);
+done:
+    Py_XDECREF(tables);
+    Py_XDECREF(batches);
+    return result;
+}
+
+/* ---- Writing ---- */
+
+static unsigned char *put_number(unsigned char *at, unsigned mark, uint64_t number) {
+    const unsigned char bytes[] = {mark, number >> 24 & 255, number >> 16 & 255, number >> 8 & 255, number & 255};
+    memcpy(at, bytes, sizeof bytes);
+    return at + sizeof bytes;
+}
+
+static unsigned char *put_bytes(unsigned char *at, const Py_buffer *view) {
+    at = put_number(at, BIN32, (uint64_t)view->len);
+    if (view->len) memcpy(at, view->buf, (size_t)view->len);
+    return at + view->len;
+}
+
+enum { SOURCE, PAYLOAD, LINKS, PARTS };
+typedef struct { unsigned long kind, number, code, width; Py_buffer part[PARTS]; } Out;
+
+/* Buffers that are held, to be given back. */
+static void release(Py_buffer *view, int held) {
+    while (held--) PyBuffer_Release(&view[held]);
+}
+
+static int fits(unsigned long number, unsigned long most) {
+    if (number <= most) return 1;
+    return PyErr_SetString(PyExc_ValueError, "wrong-shape: a number beyond its place in the layout"), 0;
+}
+
+/* One batch to be written; -1 and an error if it does not fit, and then nothing of it is held. */
+static int take_batch(PyObject *batch, Out *out) {
+    PyObject *array[PARTS];
+    int held = 0;
+    if (!PyTuple_Check(batch)) return PyErr_SetString(PyExc_TypeError, "a batch is a tuple"), -1;
+    if (!PyArg_ParseTuple(batch, "kkkkOOO:batch", &out->kind, &out->number, &out->code, &out->width, &array[SOURCE],
+                          &array[PAYLOAD], &array[LINKS]))
+        return -1;
+    if (!fits(out->kind, SMALL) || !fits(out->number, UINT32_MAX) || !fits(out->code, DTYPES - 1)
+        || !fits(out->width, UINT32_MAX))
+        return -1;
+    for (; held < PARTS; held++)
+        if (PyObject_GetBuffer(array[held], &out->part[held], PyBUF_C_CONTIGUOUS) < 0) return release(out->part, held), -1;
+    const uint64_t named = (uint64_t)out->part[SOURCE].len, size = (uint64_t)out->part[PAYLOAD].len;
+    const uint64_t sources = named / NAME;
+    if (named > UINT32_MAX || size > UINT32_MAX || out->part[LINKS].len % LINK
+        || (uint64_t)out->part[LINKS].len > UINT32_MAX || named % NAME
+        || (out->width && sources > UINT64_MAX / 8 / out->width) || size != sources * out->width * ITEM[out->code]) {
+        PyErr_SetString(PyExc_ValueError, "wrong-shape: a payload of another size");
+        return release(out->part, PARTS), -1;
+    }
+    return 0;
+}
+
+PyObject *wire_write(PyObject *module, PyObject *args) {
+    unsigned long type, run, tick, flags, rows, columns;
+    PyObject *first, *tables, *frames = NULL, *result = NULL, *sequence = NULL;
+    Py_buffer view[1 + MOST_TABLES];
+    Out *out = NULL;
+    int held = 0;
+    Py_ssize_t batches = 0;
+    if (!PyArg_ParseTuple(args, "kkkkkkOO!|O:write", &type, &run, &tick, &flags, &rows, &columns, &first, &PyTuple_Type,
+                          &tables, &frames))
+        return NULL;
+    const char *follow = type <= ACT ? tables_of((int)type) : NULL;
+    const Py_ssize_t count = follow == NULL ? 0 : (Py_ssize_t)strlen(follow);
+    if (follow == NULL || PyTuple_Size(tables) != count) return refuse("wrong-shape: no such type, or other tables");
+    if (!fits(run, UINT32_MAX) || !fits(tick, UINT32_MAX) || !fits(rows, UINT32_MAX) || !fits(flags, SMALL)
+        || !fits(columns, SMALL))
+        return NULL;
+    size_t size = FIRST + 3;
+    for (; held <= count; held++) {
+        PyObject *table = held ? PyTuple_GetItem(tables, held - 1) : first;
+        if (PyObject_GetBuffer(table, &view[held], PyBUF_C_CONTIGUOUS) < 0) goto done;
+        size += (size_t)view[held].len + (held ? 5 : 0);
+        if (!fits((unsigned long)view[held].len, UINT32_MAX)) {
+            held++;
+            goto done;
+        }
+    }
+    if ((uint64_t)view[0].len != 8 * (uint64_t)rows * columns) {
+        refuse("wrong-shape: a first table of another size");
+        goto done;
+    }
+    if (frames != NULL && (sequence = PySequence_Tuple(frames)) == NULL) goto done;
+    const Py_ssize_t wanted = sequence == NULL ? 0 : PyTuple_Size(sequence);
+    if (!fits((unsigned long)wanted, COUNTED)) goto done;
+    if (wanted && (out = PyMem_Calloc((size_t)wanted, sizeof *out)) == NULL) {
+        PyErr_NoMemory();
+        goto done;
+    }
+    for (; batches < wanted; batches++) {
+        if (take_batch(PyTuple_GetItem(sequence, batches), &out[batches]) < 0) goto done;
+        size += BATCH - 5;
+        for (int k = 0; k < PARTS; k++) size += (size_t)out[batches].part[k].len + 5;
+    }
+    if ((result = PyBytes_FromStringAndSize(NULL, (Py_ssize_t)size)) == NULL) goto done;
+    unsigned char *at = (unsigned char *)PyBytes_AsString(result);
+    *at++ = (unsigned char)(ARRAY | (8 + count));
+    *at++ = (unsigned char)type;
+    at = put_number(at, U32, run);
+    at = put_number(at, U32, tick);
+    *at++ = (unsigned char)flags;
+    at = put_number(at, U32, rows);
+    *at++ = (unsigned char)columns;
+    for (int k = 0; k <= count; k++) at = put_bytes(at, &view[k]);
+    *at++ = ARRAY16;
+    *at++ = (unsigned char)(wanted >> 8);
+    *at++ = (unsigned char)(wanted & 255);
+    for (Py_ssize_t k = 0; k < wanted; k++) {
+        *at++ = ARRAY | BATCH_ITEMS;
+        *at++ = (unsigned char)out[k].kind;
+        at = put_number(at, U32, out[k].number);
+        *at++ = (unsigned char)out[k].code;
+        at = put_number(at, U32, out[k].width);
+        for (int part = 0; part < PARTS; part++) at = put_bytes(at, &out[k].part[part]);
+    }
+done:
+    for (Py_ssize_t k = 0; k < batches; k++) release(out[k].part, PARTS);
+    PyMem_Free(out);
+    release(view, held);
+    Py_XDECREF(sequence);
+    return result;
+}

@@ -1,0 +1,17 @@
+"""Conformance suites: whether a plug-in of yours keeps what a flight relies on. Three lines in your own tests:
+
+    from meanflock.testing import check_controller
+
+    def test_mine() -> None:
+        check_controller(Mine)
+
+Each check raises `ConformanceError`, an AssertionError that says what came, what was expected and what to mend.
+"""
+
+from meanflock.testing.aggregator import check_aggregator
+from meanflock.testing.channel import check_channel
+from meanflock.testing.controller import check_controller
+from meanflock.testing.error import ConformanceError
+from meanflock.testing.vehicle import check_vehicle
+
+__all__ = ["ConformanceError", "check_aggregator", "check_channel", "check_controller", "check_vehicle"]

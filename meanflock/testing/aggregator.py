@@ -1,0 +1,68 @@
+"""The conformance suite of aggregation rules."""
+
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from leader.aggregators.base import Aggregator, State
+from meanflock.testing.error import alike, copies, fail, make, same, with_other_randomness
+from swarm.codec import decode_record, encode_record
+from swarm.scenario import Scenario
+
+PARAMETERS, UAVS, ROUNDS = 12, 7, 5
+
+
+def check_aggregator(
+    aggregator: type[Aggregator], options: dict[str, Any] | None = None, scenario: Scenario | None = None
+) -> None:
+    """Runs some rounds and checks everything that a federation relies on.
+
+    Raises:
+        ConformanceError: a check fails; the text says what to mend.
+    """
+    flown = msgspec.structs.replace(scenario or Scenario(), federation=Scenario().federation)
+    options = options or {}
+
+    def rounds(seed: int, afresh: bool = False) -> tuple[list[np.ndarray], State]:
+        draw = np.random.default_rng(5)
+
+        def run() -> tuple[list[np.ndarray], State]:
+            rule: Aggregator = make(aggregator, options, flown)
+            state, averaged = rule.init(PARAMETERS), []
+            for number in range(1, ROUNDS + 1):
+                uavs = np.sort(draw.choice(50, 1 + number % UAVS, replace=False))
+                models = draw.standard_normal((len(uavs), PARAMETERS))
+                if afresh:
+                    rule, state = make(aggregator, options, flown), decode_record(encode_record(state))
+                given = [models, uavs, *state.values()]
+                before = copies(given)
+                try:
+                    state, model = rule.step(state, models, uavs, number)
+                except Exception as error:
+                    text = f"{type(error).__name__}: {error}"
+                    fail(aggregator, f"`step` with {len(uavs)} models failed: {text}", "any number from one on must do")
+                if not all(same(one, other) for one, other in zip(before, given, strict=True)):
+                    fail(
+                        aggregator, "`step` writes to an array it was given", "return new arrays; copy before you write"
+                    )
+                if np.shape(model) != (PARAMETERS,):
+                    expected = f"expected {(PARAMETERS,)}"
+                    fail(
+                        aggregator, f"`step` returns a model of shape {np.shape(model)}, {expected}", "return one model"
+                    )
+                if not np.isfinite(model).all():
+                    fail(aggregator, "the model is not finite", "guard divisions and empty sums")
+                averaged.append(np.asarray(model))
+            return averaged, state
+
+        return with_other_randomness(run, seed)
+
+    first, state = rounds(1)
+    for again, why, mend in (
+        (rounds(2), "the same rounds came out otherwise a second time", "draw nothing from global generators"),
+        (rounds(1, afresh=True), "rounds that go on from a checkpoint differ", "keep all you remember in the state"),
+    ):
+        models, after = again
+        if not all(same(one, other) for one, other in zip(first, models, strict=True)) or alike(state, after):
+            fail(aggregator, why, mend)

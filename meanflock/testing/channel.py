@@ -1,0 +1,55 @@
+"""The conformance suite of channels."""
+
+from typing import Any
+
+import numpy as np
+
+from meanflock.testing.error import fail, make, same, with_other_randomness
+from swarm.scenario import Scenario
+
+LINKS = 40
+BITS = (1, 128, 3456, 7872)
+
+
+def check_channel(channel: type, options: dict[str, Any] | None = None, scenario: Scenario | None = None) -> None:
+    """Sends some messages and checks everything that the radio relies on.
+
+    Raises:
+        ConformanceError: a check fails; the text says what to mend.
+    """
+    flown = scenario or Scenario()
+
+    def sent(seed: int, draw: int) -> list[np.ndarray]:
+        def run() -> list[np.ndarray]:
+            made, rng, all_sent = make(channel, options or {}, flown), np.random.default_rng(draw), []
+            for bits in BITS:
+                for links in (LINKS, 1, 0):
+                    distance = np.linspace(1.0, 200.0, links)
+                    given = distance.copy()
+                    try:
+                        slots, delivered = made.transmit(distance, bits, rng)
+                    except Exception as error:
+                        text = f"{type(error).__name__}: {error}"
+                        fail(channel, f"`transmit` over {links} links failed: {text}", "any number of links must do")
+                    if not same(given, distance):
+                        fail(channel, "`transmit` writes to the distances", "copy before you write")
+                    _check(channel, links, np.asarray(slots), np.asarray(delivered))
+                    all_sent += [np.asarray(slots), np.asarray(delivered)]
+            return all_sent
+
+        return with_other_randomness(run, seed)
+
+    first, again = sent(1, 7), sent(2, 7)
+    if not all(same(one, other) for one, other in zip(first, again, strict=True)):
+        fail(channel, "the same messages came out otherwise a second time", "draw from the generator you are given")
+
+
+def _check(channel: type, links: int, slots: np.ndarray, delivered: np.ndarray) -> None:
+    if slots.shape != (links,) or delivered.shape != (links,):
+        came = f"shapes {slots.shape} and {delivered.shape}"
+        fail(channel, f"`transmit` over {links} links returns {came}", "return slots (K,) and delivered (K,)")
+    if slots.dtype.kind != "i" or delivered.dtype != bool:
+        came = f"{slots.dtype} and {delivered.dtype}"
+        fail(channel, f"`transmit` returns {came}", "return slots as int64 and delivered as bool")
+    if (slots < 1).any():
+        fail(channel, "a message takes no slot at all", "a message takes one slot at least, lost ones too")

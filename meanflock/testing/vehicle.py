@@ -1,0 +1,70 @@
+"""The conformance suite of vehicles."""
+
+from typing import Any
+
+import numpy as np
+
+from meanflock.testing.error import alike, copies, fail, make, same, with_other_randomness
+from swarm.codec import decode_record, encode_record
+from swarm.scenario import Scenario
+
+UAVS, TICKS = 5, 30
+
+
+def check_vehicle(vehicle: type, options: dict[str, Any] | None = None, scenario: Scenario | None = None) -> None:
+    """Moves some UAVs and checks everything that the world relies on.
+
+    Raises:
+        ConformanceError: a check fails; the text says what to mend.
+    """
+    flown = scenario or Scenario(uavs=UAVS)
+    draw = np.random.default_rng(3)
+    start = draw.normal(0.0, 5.0, (UAVS, 4))
+    pushes, noises = draw.normal(0.0, 1.0, (2, TICKS, UAVS, 2))
+
+    def flown_by(seed: int, rows: slice = slice(None), afresh: bool = False) -> list[np.ndarray]:
+        def run() -> list[np.ndarray]:
+            made, states, trace = make(vehicle, options or {}, flown), start[rows].copy(), []
+            hidden = made.init(np.arange(UAVS)[rows])
+            for push, noise in zip(pushes[:, rows], noises[:, rows], strict=True):
+                if afresh:
+                    made = make(vehicle, options or {}, flown)
+                    hidden = {name: np.array(array) for name, array in decode_record(encode_record(hidden)).items()}
+                given = [states, push, noise, *hidden.values()]
+                before = copies(given)
+                states, hidden = made.step(states, hidden, push, noise)
+                power = made.power(states, hidden, push)
+                if not all(same(one, other) for one, other in zip(before, given, strict=True)):
+                    fail(vehicle, "`step` writes to an array it was given", "return new arrays; copy before you write")
+                _check(vehicle, len(push), np.asarray(states), np.asarray(power))
+                trace += [np.array(states), np.array(power)]
+            return trace
+
+        return with_other_randomness(run, seed)
+
+    together = flown_by(1)
+    flown_by(1, slice(0, 0))
+    for again, what, mend in (
+        (flown_by(2), "the same flight came out otherwise a second time", "all noise is in the argument `noise`"),
+        (
+            flown_by(1, afresh=True),
+            "a flight that goes on from a checkpoint differs",
+            "keep all you remember in `hidden`",
+        ),
+    ):
+        if not all(same(one, other) for one, other in zip(together, again, strict=True)):
+            fail(vehicle, what, mend)
+    for row in range(UAVS):
+        alone = flown_by(1, slice(row, row + 1))
+        if not all(same(one[row : row + 1], other) for one, other in zip(together, alone, strict=True)):
+            fail(vehicle, "a UAV moves otherwise beside others than alone", "compute every row from that row alone")
+
+
+def _check(vehicle: type, rows: int, states: np.ndarray, power: np.ndarray) -> None:
+    if states.shape != (rows, 4) or power.shape != (rows,):
+        came = f"states {states.shape} and power {power.shape}"
+        fail(vehicle, f"{came} of {rows} UAVs", f"return states {(rows, 4)} and power {(rows,)}")
+    if not (np.isfinite(states).all() and np.isfinite(power).all()):
+        fail(vehicle, "a number is not finite", "guard divisions and roots")
+    if (power < 0).any():
+        fail(vehicle, "a power below zero", "return what the motion costs, in watts")

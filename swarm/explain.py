@@ -1,0 +1,94 @@
+"""What is wrong with a scenario, in words: where, what was expected, what is there instead, and how to mend it."""
+
+import difflib
+import re
+from collections.abc import Iterator
+from typing import Any
+
+from msgspec import inspect
+
+MEND = "`meanflock scenario schema` lists every key with its unit and bounds"
+_WORDS = {
+    "int": "a whole number",
+    "float": "a number",
+    "str": "text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table",
+    "null": "nothing",
+}
+
+
+def explain(message: str, root: type) -> str:
+    """A message of msgspec about a table that should be a `root`, as a person can use it."""
+    text, _, path = message.partition(" - at ")
+    place = path.strip("`").removeprefix("$").removeprefix(".")
+    prefix = f"{place}: " if place else ""
+    unknown = re.search(r"unknown field `(.*)`", text)
+    if unknown:
+        meant = _meant(root, place, unknown[1])
+        return f"{prefix}there is no key `{unknown[1]}`{f'; did you mean `{meant}`?' if meant else ''}; {MEND}"
+    if text.startswith("Invalid "):
+        choices = _choices(root, place)
+        return f"{prefix}{text}{f'; choose one of {choices}' if choices else ''}; {MEND}"
+    text = re.sub(r"`(\w+)`", lambda found: _WORDS.get(found[1], found[0]), text)
+    text = text.replace("Expected ", "expected ", 1)
+    return prefix + (text if ";" in text else f"{text}; {MEND}")
+
+
+def _parts(kind: inspect.Type) -> list[inspect.Type]:
+    """A type without what is around it: bounds, and what else it may be."""
+    if isinstance(kind, inspect.Metadata):
+        return _parts(kind.type)
+    if isinstance(kind, inspect.UnionType):
+        return [part for one in kind.types for part in _parts(one)]
+    return [kind]
+
+
+def _at(root: type, place: str) -> list[inspect.Type]:
+    """The types a value at a place may be of: `radio.fading`, `faults[0].kind`; none where there is no such place."""
+    found = _parts(inspect.type_info(root))
+    for name in re.findall(r"[^.\[\]]+|\[[^\]]*\]", place):
+        inner: list[inspect.Type] = []
+        for kind in found:
+            if name.startswith("["):
+                item = getattr(kind, "item_type", None)
+                inner += _parts(item) if item is not None else []
+            elif isinstance(kind, inspect.StructType):
+                inner += [part for field in kind.fields if field.encode_name == name for part in _parts(field.type)]
+        found = inner
+    return found
+
+
+def _choices(root: type, place: str) -> str:
+    """What may stand at a place, where that is one of a few."""
+    values: list[Any] = []
+    for kind in _at(root, place):
+        if isinstance(kind, inspect.LiteralType):
+            values += kind.values
+        elif isinstance(kind, inspect.EnumType):
+            values += list(kind.cls)
+    table, _, last = place.rpartition(".")
+    values += [kind.tag for kind in _at(root, table) if isinstance(kind, inspect.StructType) and kind.tag_field == last]
+    return ", ".join(str(value) for value in values)
+
+
+def _meant(root: type, place: str, name: str) -> str | None:
+    """The key that looks like `name`: of this table, or else of another."""
+    tables = [kind for kind in _at(root, place) if isinstance(kind, inspect.StructType)]
+    here = sorted({field.encode_name for table in tables for field in table.fields})
+    close = difflib.get_close_matches(name, here, 1)
+    if close:
+        return f"{place}.{close[0]}" if place else close[0]
+    keys = list(_keys(inspect.type_info(root)))
+    same = [key for key in keys if key.rpartition(".")[2] == name]
+    return next(iter(same or difflib.get_close_matches(f"{place}.{name}".lstrip("."), keys, 1)), None)
+
+
+def _keys(kind: inspect.Type, path: str = "") -> Iterator[str]:
+    """All dotted keys of a table."""
+    for part in _parts(kind):
+        if isinstance(part, inspect.StructType):
+            for field in part.fields:
+                yield path + field.encode_name
+                yield from _keys(field.type, f"{path}{field.encode_name}.")

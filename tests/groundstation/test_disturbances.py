@@ -1,0 +1,180 @@
+"""What the map shows of faults and heads is what the script says, for as long as it says so."""
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from groundstation import blueprint as look
+from swarm.faults import Fault, Gust, Jam, Kill, Partition, Pause
+from swarm.messages import Status, Telemetry
+from swarm.scenario import Federation, Start
+from tests.groundstation.recordings import column, flight, record
+
+pytestmark = pytest.mark.usefixtures("strict")
+
+SCRIPT: tuple[Fault, ...] = (
+    Pause(tick=30, duration_s=1.0, uavs=(3, 4)),
+    Partition(tick=35, duration_s=2.0, uavs=(5,)),
+    Jam(tick=50, duration_s=1.0, centre=(120.0, 80.0), radius_m=7.0),
+    Jam(tick=55, duration_s=1.0, uavs=(1, 2, 6)),
+    Gust(tick=70, duration_s=0.5, acceleration=(0.5, -0.5), uavs=(8,)),
+    Kill(tick=90, uavs=(5,)),
+)
+
+
+@pytest.fixture(scope="module")
+def disturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
+    """A recording under the script, and where the UAVs are, (T, N, 2)."""
+    path, blocks = tmp_path_factory.mktemp("recording") / "recording.rrd", flight(ticks=120)
+    record(path, blocks, faults=SCRIPT)
+    return path, np.concatenate([block.states for block in blocks])[..., :2].astype(np.float32)
+
+
+def fixed(path: Path, entity: str, name: str) -> list[Any]:
+    """A static component."""
+    for chunk in RrdReader(path).stream().filter(content=f"/{entity}"):
+        batch = chunk.to_record_batch()
+        if look.TICKS not in batch.schema.names and name in batch.schema.names:
+            values: list[Any] = batch.column(name).to_pylist()[0]
+            return values
+    return []
+
+
+def rows(path: Path, entity: str, name: str) -> dict[int, Any]:
+    ticks, values = column(path, entity, name)
+    return dict(zip(ticks.tolist(), values, strict=True))
+
+
+def test_frozen_and_cut_off_uavs_have_a_halo_while_they_are(disturbed: tuple[Path, np.ndarray]) -> None:
+    path, points = disturbed
+    places = rows(path, look.HALOS, "Points2D:positions")
+    colors = rows(path, look.HALOS, "Points2D:colors")
+    assert places[0] == []  # a recording that goes on shows nothing of the one before
+    np.testing.assert_array_equal(places[30], points[30, [3, 4]])
+    np.testing.assert_array_equal(places[36], points[36, [5, 3, 4]])
+    assert colors[36] == [look.CUT, look.FROZEN, look.FROZEN]
+    np.testing.assert_array_equal(places[54], points[54, [5]])
+    assert places[55] == places[75] == []
+    assert sorted(places) == [0, *range(30, 66), *range(70, 76)]
+
+
+def test_an_area_and_the_words_for_it_come_and_go(disturbed: tuple[Path, np.ndarray]) -> None:
+    areas = rows(disturbed[0], look.AREAS, "LineStrips2D:strips")
+    ((circle),) = areas[50]
+    np.testing.assert_allclose(np.hypot(*(np.array(circle) - (120.0, 80.0)).T), 7.0, rtol=1e-5)
+    assert rows(disturbed[0], look.AREAS, "LineStrips2D:colors")[50] == [look.JAMMED]
+    assert areas[60] == []
+    said = rows(disturbed[0], look.WORDS, "Points2D:labels")
+    assert said[35] == ["pause of UAV 3, 4 for 1 s\npartition of UAV 5 for 2 s"]
+    assert sorted(said) == [0, 30, 35, 40, 50, 55, 60, 65, 70, 75]
+    assert said[75] == []
+
+
+def test_jammed_links_are_lines_between_all_who_are_named(disturbed: tuple[Path, np.ndarray]) -> None:
+    path, points = disturbed
+    lines = rows(path, look.JAMS, "LineStrips2D:strips")
+    np.testing.assert_array_equal(lines[55], points[55][[[1, 2], [1, 6], [2, 6]]])
+    assert lines[65] == []
+
+
+def test_a_gust_is_an_arrow_at_everyone_it_pushes(disturbed: tuple[Path, np.ndarray]) -> None:
+    path, points = disturbed
+    vectors, origins = rows(path, look.GUSTS, "Arrows2D:vectors"), rows(path, look.GUSTS, "Arrows2D:origins")
+    np.testing.assert_allclose(vectors[72], [[0.5 * look.GUST_S2, -0.5 * look.GUST_S2]])
+    np.testing.assert_array_equal(origins[72], points[72, [8]])
+    assert vectors[50] == vectors[75] == []
+
+
+def test_a_mark_ends_in_the_first_tick_that_is_seen_without_it(tmp_path: Path) -> None:
+    blocks = flight(ticks=120)  # of 20 ticks each
+    record(tmp_path / "gap.rrd", [blocks[0], blocks[1], *blocks[4:]], faults=SCRIPT[:1])
+    places = rows(tmp_path / "gap.rrd", look.HALOS, "Points2D:positions")
+    assert {tick: len(at) for tick, at in places.items() if tick >= 39} == {39: 2, 80: 0}
+
+
+def test_lanes_say_who_is_frozen_or_cut_off_and_the_lost_stay_lost(tmp_path: Path) -> None:
+    path, blocks = tmp_path / "lanes.rrd", flight(ticks=60)
+    lost = np.concatenate([block.status for block in blocks])
+    lost[40:, 4] = Status.LOST
+    changed: list[Telemetry] = [
+        msgspec.structs.replace(block, status=lost[block.first_tick : block.first_tick + 20]) for block in blocks
+    ]
+    record(path, changed, faults=(Pause(tick=30, duration_s=2.0, uavs=(3, 4)), SCRIPT[1]))
+    lanes = rows(path, look.LANES, "StateChange:state")
+    assert sorted(lanes) == [0, 30, 35, 40, 50, 55]
+    assert lanes[30][3] == "UAV 3: frozen"
+    assert lanes[35][5] == "UAV 5: cut off"
+    assert lanes[40][4] == "UAV 4: lost"
+    assert lanes[50][3:6] == ["UAV 3: flying", "UAV 4: lost", "UAV 5: cut off"]
+    shown = rows(path, look.UAVS, "Points2D:colors")
+    assert shown[40][4] == look.GREY
+    assert shown[39][4] != look.GREY
+
+
+def test_heads_of_clusters_are_marked_where_they_are(tmp_path: Path) -> None:
+    path, blocks = tmp_path / "heads.rrd", flight(ticks=40)
+    record(path, blocks, federation=Federation(clusters=5))
+    points = np.concatenate([block.states for block in blocks])[:, [0, 5, 10, 15, 20], :2]
+    ticks, heads = column(path, look.HEADS, "Points2D:positions")
+    np.testing.assert_array_equal(ticks, np.arange(40))
+    np.testing.assert_array_equal(heads, points.astype(np.float32))
+    assert fixed(path, "map/legend/head/word", "Points2D:labels") == ["head"]
+
+
+def test_without_faults_and_clusters_nothing_of_them_is_sent(tmp_path: Path) -> None:
+    path = tmp_path / "plain.rrd"
+    record(path, flight(ticks=40))
+    for entity in (look.HALOS, look.GUSTS, look.HEADS):
+        assert not len(column(path, entity, "Points2D:positions")[0])
+    assert fixed(path, "map/legend/delivered/word", "Points2D:labels") == ["delivered"]
+    assert not fixed(path, "map/legend/jammed/word", "Points2D:labels")
+
+
+def test_the_map_explains_itself(disturbed: tuple[Path, np.ndarray]) -> None:
+    path = disturbed[0]
+    for word in ("delivered", "outage", "collision", "frozen", "cut off", "jammed", "gust", "lost"):
+        assert fixed(path, f"map/legend/{word.replace(' ', '_')}/word", "Points2D:labels") == [word]
+    assert fixed(path, "map/legend/wind/word", "Points2D:labels") == ["mean wind 1.4 m/s"]
+    ((left, right),) = fixed(path, "map/legend/scale", "LineStrips2D:strips")
+    assert fixed(path, "map/legend/scale/word", "Points2D:labels") == [f"{right[0] - left[0]:g} m"]
+    assert fixed(path, look.UAVS, "Points2D:labels")[7] == "UAV 7"
+    assert fixed(path, look.UAVS, "Points2D:show_labels") == [False]
+
+
+def test_collisions_do_not_look_like_outages(disturbed: tuple[Path, np.ndarray]) -> None:
+    path = disturbed[0]
+    assert fixed(path, "map/legend/outage", "LineStrips2D:colors") == [look.RED]
+    assert fixed(path, look.COLLISIONS, "LineStrips2D:colors") == [look.COLLISION]
+    assert fixed(path, look.HITS, "SeriesPoints:colors") == [look.COLLISION]
+    assert fixed(path, look.FAILURES.entity, "SeriesLines:colors") == [look.RED, look.COLLISION]
+    assert look.COLLISION not in (look.RED, look.ORANGE)
+
+
+def test_the_close_up_has_the_maps_handedness(disturbed: tuple[Path, np.ndarray]) -> None:
+    """Its origin turns y back, or everything in it is mirrored."""
+    scales = [np.array(fixed(disturbed[0], entity, "Transform3D:scale")[0]) for entity in (look.MAP, look.CLOSE_UP)]
+    np.testing.assert_array_equal(scales[0] * scales[1], 1.0)
+
+
+def test_the_legend_keeps_off_the_way_wherever_the_start_is(tmp_path: Path) -> None:
+    for number, centre in enumerate([(150.0, 100.0), (-150.0, 100.0), (150.0, -100.0), (-150.0, -100.0)]):
+        path = tmp_path / f"{number}.rrd"
+        scenario = record(path, flight(ticks=5), start=Start(centre=centre), faults=SCRIPT)
+        low, high = look.box(scenario)
+        for word in ("delivered", "collision", "lost"):
+            ((x, y),) = fixed(path, f"map/legend/{word}/word", "Points2D:positions")
+            assert (x < (low[0] + high[0]) / 2) == (centre[0] > 0)
+            assert (y > 0) == (centre[1] > 0)
+            assert low[0] <= x <= high[0]
+            assert low[1] <= y <= high[1]
+
+
+def test_the_words_of_the_key_do_not_overlap(disturbed: tuple[Path, np.ndarray]) -> None:
+    words = ("delivered", "outage", "collision", "frozen")
+    at = [fixed(disturbed[0], f"map/legend/{word.replace(' ', '_')}/word", "Points2D:positions")[0] for word in words]
+    assert all(right[0] - left[0] > 15.0 for left, right in pairwise(at))

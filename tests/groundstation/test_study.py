@@ -1,0 +1,250 @@
+"""Many flights of one's own scenario: what is asked for is flown, once, and the means are of all UAVs."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+from rich.console import Console
+
+from groundstation import study
+from groundstation.means import WIDTH, Means
+from groundstation.paper.store import Store
+from groundstation.swept import Swept
+from swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput
+from swarm.scenario import Scenario, load
+from tests.polling import DEADLINE_S, until
+
+QUICK = ("--duration", "3", "--jobs", "1", "--quiet", "--out", "out")
+
+
+def flown(folder: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (folder / "runs.jsonl").read_text().splitlines()]
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+# -- what is swept ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("swept", "flags", "wanted"),
+    [
+        (
+            "method=hjb,mfg",
+            ("--seeds", "2", "--uavs", "2"),
+            [("hjb", 2, 1), ("hjb", 2, 2), ("mfg", 2, 1), ("mfg", 2, 2)],
+        ),
+        ("seed=5,9", ("--methods", "mfg", "--uavs", "2"), [("mfg", 2, 5), ("mfg", 2, 9)]),
+        ("uavs=2,3", ("--methods", "mfg", "--seeds", "1"), [("mfg", 2, 1), ("mfg", 3, 1)]),
+    ],
+)
+def test_method_seed_and_uavs_are_swept_as_any_key_is(run, tmp_path, swept, flags, wanted) -> None:
+    code, out, err = run("sweep", swept, *flags, *QUICK)
+    assert (code, err) == (EXIT_DONE, "")
+    assert [(one["method"], one["uavs"], one["seed"]) for one in flown(tmp_path / "out")] == wanted
+    column = swept.partition("=")[0]
+    assert column in out
+    (label,) = [name for name in rows(tmp_path / "out/sweep.csv")[0] if name.startswith(column)][:1]
+    assert [row[label] for row in rows(tmp_path / "out/sweep.csv")] == swept.partition("=")[2].split(",")
+
+
+def test_the_method_of_a_scenario_file_is_the_one_that_is_swept(run, tmp_path) -> None:
+    (tmp_path / "mine.toml").write_text('method = "mfg"\nuavs = 2\n')
+    assert run("sweep", "wind.sigma=0.1,0.2", "--scenario", "mine.toml", "--seeds", "1", *QUICK)[0] == EXIT_DONE
+    assert {one["method"] for one in flown(tmp_path / "out")} == {"mfg"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("method=hjb,mfg", "--methods", "hjb"), "leave out --methods"),
+        (("seed=1,2", "--seeds", "2"), "leave out --seeds"),
+        (("seed=1,2", "--seed", "2"), "leave out --seed"),
+        (("uavs=4,9", "--uavs", "2"), "leave out --uavs"),
+        (("duration=4,9", "--duration", "2"), "leave out --duration"),
+        (("wind.sigma=0.1,0.2", "--set", "wind.sigma=3"), "leave out this --set"),
+        (("wind.sigma=0.1,0.2", "--methods", "hjb", "--set", "method=mfg"), "leave out this --set"),
+        (("wind.sigma=0.1,0.10",), "there twice"),
+        (("wind.sigma=0.1",), "two values or more"),
+        (("wind.sgima=0.1,0.2",), "sgima"),
+        (("wind.sigma=0.1,0.2", "--jobs", "0"), "--jobs 0"),
+        (("wind.sigma=0.1,0.2", "--set", "federation.aggregation=median", "--jobs", "1"), "fedavg"),
+    ],
+)
+def test_what_cannot_be_swept_is_refused_before_anything_is_written(run, tmp_path, arguments, says) -> None:
+    code, out, err = run("sweep", *arguments)
+    assert (code, out) == (EXIT_BAD_INPUT, "")
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert says in err
+    assert os.listdir(tmp_path) in ([], ["out"])
+    assert not (tmp_path / "out/sweep").exists()
+
+
+def test_methods_are_compared_as_named_or_not_at_all(run) -> None:
+    code, _, err = run("compare", "hjb", "--set", "method=mfg", *QUICK)
+    assert code == EXIT_BAD_INPUT
+    assert "leave out this --set" in err
+
+
+@pytest.mark.parametrize("verb", [("compare", "hjb"), ("sweep", "wind.sigma=0.1,0.2")])
+def test_out_is_looked_at_before_anything_is_flown(run, tmp_path, monkeypatch, verb) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(study, "fly_all", lambda *_: pytest.fail("flown in vain"))
+    code, _, err = run(*verb, "--quiet", "--out", "file")
+    assert code == EXIT_BAD_INPUT
+    assert "--out file" in err
+
+
+def test_values_are_words_numbers_or_lists() -> None:
+    assert Swept.parse("radio.fading=amplitude, power").values == ("amplitude", "power")
+    assert Swept.parse("federation.period=50,100").values == (50, 100)
+    lists = Swept.parse("wind.mean=[1, -1],[0.5, 0.5]")
+    assert [load(None, [lists.setting(value)]).wind.mean for value in lists.values] == [(1.0, -1.0), (0.5, 0.5)]
+    assert Swept.parse("federation.error_feedback=true,false").setting(False) == "federation.error_feedback=false"
+    with pytest.raises(BadInput, match="KEY=VALUE"):
+        Swept.parse("wind.sigma")
+
+
+# -- means ------------------------------------------------------------------------------------------------------------
+
+
+def summary(arrived: int, t_avg_s: float | None, uavs: int = 4) -> dict[str, Any]:
+    rest = {"energy_mean_J": 2.0, "payload_bits": {"total": 1.5e6}, "phi_A": 1.0, "phi_C_distinct": 1e-3}
+    return {"uavs": uavs, "arrived": arrived, "t_avg_s": t_avg_s, "collisions": 0, **rest}
+
+
+@pytest.mark.parametrize(
+    ("arrived", "t_avg_s", "mean_s"), [(4, 30.0, 30.0), (1, 20.0, (20 + 3 * 60) / 4), (0, None, 60.0)]
+)
+def test_who_never_arrived_counts_with_the_duration(arrived: int, t_avg_s: float | None, mean_s: float) -> None:
+    given = summary(arrived, t_avg_s)
+    assert study.of_all(Scenario(uavs=4, duration=60.0), given) == {**given, "t_avg_censored_s": mean_s}
+
+
+def test_a_comparison_says_so_in_table_and_csv(run, tmp_path) -> None:
+    """A destination so wide that some are there at once, and some on their way when the flight ends."""
+    flags = ("--set", "destination.radius=178", "--set", "start.spacing=4", "--uavs", "3", "--seeds", "2")
+    code, out, _ = run("compare", "mfg", *flags, *QUICK)
+    assert code == EXIT_DONE
+    runs = flown(tmp_path / "out")
+    arrived = sum(one["arrived"] for one in runs) / 2
+    assert 0 < arrived < 3
+    expected = sum((one["t_avg_s"] * one["arrived"] + 3.0 * (3 - one["arrived"])) / 3 for one in runs) / 2
+    (row,) = rows(tmp_path / "out/compare.csv")
+    assert float(row["t_avg_censored_s"]) == pytest.approx(expected)
+    assert float(row["arrived_uavs"]) == arrived
+    assert row["n"] == "2"
+    assert f"{arrived:.4g}/3" in out
+    assert f"{expected:.4g}" in out
+    assert "counts with the duration" in " ".join(out.split())
+    for name in ("compare.png", "compare.svg", "compare.csv", "runs.jsonl"):
+        assert f"out/{name}" in out
+
+
+@pytest.mark.parametrize(
+    "key", ["radio.latency_threshold_slots (slots)", "federation.broadcast_payload", "metrics.collision_radius (m)"]
+)
+def test_a_table_has_units_and_no_name_is_cut_off_at_80_columns(key: str) -> None:
+
+    large = {**summary(25, 161.3456, 25), "t_avg_censored_s": 161.3456, "phi_C_distinct": 1.234567e-5, "phi_A": 1.23456}
+    large |= {"energy_mean_J": 148.2859, "payload_bits": {"total": 987_654_321}, "collisions": 99.875}
+    points = {(value, method): [large] * 8 for value in (0.125, 1000) for method in ("mfgfl-hf", "offline")}
+    console = Console(width=WIDTH)
+    with console.capture() as capture:
+        console.print(Means((key, "method"), points).table("sweep: 25 UAVs", [300.0]))
+    lines = capture.get().splitlines()
+    assert max(map(len, lines)) <= WIDTH
+    assert "…" not in capture.get()
+    for method in ("mfgfl-hf", "offline"):
+        assert sum(method in line.split() for line in lines) == 2
+    head = "".join(line.split(" ")[0] for line in lines[1 : next(k for k, line in enumerate(lines) if "─" in line)])
+    assert head == key.replace(" ", "")
+    for unit in ("(UAVs)", "(s)", "(J)", "(Mbit)", "(m/s)", "(1)", "(pairs)"):
+        assert unit in capture.get()
+    assert "25/25" in capture.get()
+    assert "1.235e-05" in capture.get()
+
+
+# -- once -------------------------------------------------------------------------------------------------------------
+
+
+def test_what_is_finished_is_never_flown_twice(run, tmp_path, monkeypatch) -> None:
+    flags = ("--seeds", "2", "--uavs", "2", *QUICK)
+    assert run("sweep", "wind.sigma=0.1,0.2", "--methods", "mfg", *flags)[0] == EXIT_DONE
+    before = flown(tmp_path / "out")
+    tried: list[Any] = []
+    fly = study._fly
+    monkeypatch.setattr(study, "_fly", lambda flights, parent: tried.append(flights) or fly(flights, parent))
+    assert run("sweep", "wind.sigma=0.1,0.2", "--methods", "mfg", *flags)[0] == EXIT_DONE
+    assert tried == []
+    assert flown(tmp_path / "out") == before
+    assert run("sweep", "wind.sigma=0.1,0.3", "--methods", "mfg", *flags)[0] == EXIT_DONE
+    assert [[one.wind.sigma for one in flights] for flights in tried] == [[0.3, 0.3]]
+
+
+def test_an_interrupted_study_keeps_what_is_finished_and_goes_on(tmp_path: Path, monkeypatch) -> None:
+    points = {
+        sigma: study.seeded(load(None, [f"wind.sigma={sigma}"], uavs=2, method="mfg", duration=2.0), 2)
+        for sigma in (0.1, 0.2, 0.3)
+    }
+    whole = study.fly_all(points, 1, lambda *_: None, Store(tmp_path / "whole"))
+    add = Store.add
+
+    def interrupted(self: Store, raw: bytes) -> None:
+        if self.finished():
+            raise KeyboardInterrupt
+        add(self, raw)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Store, "add", interrupted)
+        with pytest.raises(Exception, match=r"2 of 6 runs are kept .*repeat the command"):
+            study.fly_all(points, 1, lambda *_: None, Store(tmp_path / "part"))
+    told: list[tuple[int, int]] = []
+    again = study.fly_all(points, 1, lambda done, total: told.append((done, total)), Store(tmp_path / "part"))
+    assert told == [(2, 6), (4, 6), (6, 6)]
+
+    def hashes(flown: dict[Any, study.Summaries]) -> dict[Any, list[str]]:
+        return {point: [one["trajectory_sha256"] for one in runs] for point, runs in flown.items()}
+
+    assert hashes(again) == hashes(whole)
+
+
+@pytest.mark.processes
+def test_ctrl_c_ends_a_sweep_and_its_workers_and_a_repeat_goes_on(tmp_path: Path) -> None:
+    command = [
+        sys.executable,
+        "-c",
+        "from groundstation.cli import main; main()",
+        "sweep",
+        "wind.sigma=0.1,0.2,0.3",
+        "--methods",
+        "hjb",
+    ]
+    command += ["--uavs", "16", "--duration", "30", "--seeds", "8", "--jobs", "2", "--quiet", "--out", str(tmp_path)]
+    sweep = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
+    jobs = tmp_path / "data" / "jobs"
+    until(lambda: list(jobs.glob("*.job")) or sweep.poll() is not None, "a finished job")
+    family = psutil.Process(sweep.pid).children(recursive=True)
+    os.killpg(sweep.pid, signal.SIGINT)
+    out, said = sweep.communicate(timeout=DEADLINE_S)
+    assert (sweep.returncode, out) == (EXIT_RUN_FAILED, b"")
+    assert b"error: interrupted; " in said
+    assert b"Traceback" not in said
+    _, alive = psutil.wait_procs(family, timeout=DEADLINE_S)
+    assert not alive
+    kept = {path: path.stat().st_mtime_ns for path in jobs.glob("*.job")}
+    done = subprocess.run(command, capture_output=True, timeout=DEADLINE_S, check=False)
+    assert (done.returncode, done.stderr) == (EXIT_DONE, b"")
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    assert len(flown(tmp_path)) == 24

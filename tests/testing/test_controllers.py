@@ -1,0 +1,170 @@
+"""The suite for controllers lets ours and a stranger's through, and says of every kind of wrong one what to mend."""
+
+import random
+import runpy
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agent.controllers.base import Broadcast, Controller, Memory, Received, Step
+from meanflock.testing import ConformanceError, check_controller
+from swarm import plugins
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.mark.parametrize("name", plugins.names("controller"))
+def test_every_controller_of_ours_conforms(name: str) -> None:
+    check_controller(plugins.load("controller", name))
+
+
+def test_the_example_conforms() -> None:
+    check_controller(runpy.run_path(str(EXAMPLES / "spring.py"))["Spring"], {"stiffness": 0.05})
+
+
+class Good(Controller):
+    """A controller with memory, diagnostics, a model and two broadcasts, from which the wrong ones are made."""
+
+    name = "good"
+    parameters = 3
+    diagnostics = ("heard",)
+
+    def init(self, uavs: np.ndarray, plan: np.ndarray) -> Memory:
+        return {"model": np.zeros((len(uavs), 3)), "heard": np.zeros(len(uavs)), "uav": uavs.astype(np.int32)}
+
+    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        heard = memory["heard"].copy()
+        for frames in received:
+            np.add.at(heard, frames.links[:, 1], frames.payload[frames.links[:, 0], 0])
+        after = memory | {"heard": heard, "model": memory["model"] + 0.1}
+        even = np.flatnonzero(memory["uav"] % 2 == 0)
+        said = [Broadcast(own), *([Broadcast(own[even, :1].astype(np.int16), even)] if len(even) else [])]
+        return Step(after, -0.01 * own[:, :2] + 1e-6 * heard[:, None], heard[:, None], said)
+
+    def get(self, memory: Memory) -> np.ndarray:
+        return memory["model"]
+
+    def set(self, memory: Memory, rows: np.ndarray, models: np.ndarray) -> Memory:
+        model = memory["model"].copy()
+        model[rows] = models
+        return memory | {"model": model}
+
+
+def test_a_good_one_conforms() -> None:
+    check_controller(Good)
+
+
+class SeesAnotherRow(Good):
+    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        step = super().step(memory, tick, own, received)
+        return Step(step.memory, step.acceleration + own[:, :2].mean(axis=0), step.diagnostics, step.broadcasts)
+
+
+class DrawsItsOwn(Good):
+    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        step = super().step(memory, tick, own, received)
+        return Step(step.memory, step.acceleration + random.random(), step.diagnostics, step.broadcasts)
+
+
+class DrawsFromNumPy(Good):
+    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        step = super().step(memory, tick, own, received)
+        noise = np.random.standard_normal(own[:, :2].shape)  # noqa: NPY002  # what must be caught
+        return Step(step.memory, step.acceleration + noise, step.diagnostics, step.broadcasts)
+
+
+class RemembersElsewhere(Good):
+    ticks = 0
+
+    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        self.ticks += 1
+        step = super().step(memory, tick, own, received)
+        return Step(step.memory, step.acceleration * self.ticks, step.diagnostics, step.broadcasts)
+
+
+class WrongAcceleration(Good):
+    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        step = super().step(memory, tick, own, received)
+        return Step(step.memory, np.zeros((len(own), 3)), step.diagnostics, step.broadcasts)
+
+
+class NoDiagnostics(Good):
+    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        step = super().step(memory, tick, own, received)
+        return Step(step.memory, step.acceleration, None, step.broadcasts)
+
+
+class WrongModel(Good):
+    parameters = 4
+
+
+class NotANumber(Good):
+    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        step = super().step(memory, tick, own, received)
+        with np.errstate(all="ignore"):
+            return Step(step.memory, step.acceleration / 0.0, step.diagnostics, step.broadcasts)
+
+
+class WritesToItsArguments(Good):
+    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        memory["heard"] += 1.0
+        return super().step(memory, tick, own, received)
+
+
+class Slow(Good):
+    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        end = time.perf_counter() + 0.004
+        while time.perf_counter() < end:
+            pass
+        return super().step(memory, tick, own, received)
+
+
+class SetsEverybody(Good):
+    def set(self, memory: Memory, rows: np.ndarray, models: np.ndarray) -> Memory:
+        return memory | {"model": np.repeat(models[:1], len(memory["model"]), axis=0)}
+
+
+class Raises(Good):
+    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        return super().step(memory, tick, own, [received[0]])
+
+
+class Nameless(Good):
+    name = ""
+
+
+class WrongMemory(Good):
+    def init(self, uavs: np.ndarray, plan: np.ndarray) -> Any:
+        return {"model": np.zeros(3)}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        (SeesAnotherRow, "beside others in one process than alone.*every row"),
+        (DrawsItsOwn, "a second time.*swarm.seeds"),
+        (DrawsFromNumPy, "a second time.*swarm.seeds"),
+        (RemembersElsewhere, "checkpoint differs.*memory you return"),
+        (WrongAcceleration, r"acceleration has shape \(\d, 3\); expected \(\d, 2\)"),
+        (NoDiagnostics, "no diagnostics"),
+        (WrongModel, r"`get` returns shape \(6, 3\), expected \(6, 4\)"),
+        (NotANumber, "not finite.*guard"),
+        (WritesToItsArguments, "writes to an array.*copy"),
+        (SetsEverybody, "rows it was not told to"),
+        (Raises, "failed in tick 0: IndexError"),
+        (Nameless, "no `name`"),
+        (WrongMemory, "leading axis"),
+    ],
+)
+def test_a_wrong_one_is_told_what_to_mend(wrong: type[Controller], says: str) -> None:
+    with pytest.raises(ConformanceError, match=says):
+        check_controller(wrong)
+
+
+def test_a_slow_one_is_told_how_slow() -> None:
+    with pytest.raises(ConformanceError, match=r"takes \d+ ms"):
+        check_controller(Slow, slow_ms=3.0)
