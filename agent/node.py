@@ -58,7 +58,11 @@ class Agent:
         self._controller: Controller = controller(self._scenario)
         self._memory = self._begin(plan.astype(np.float64))
         if welcome.memory:
-            self._restore(decode_record(welcome.memory))
+            try:
+                self._restore(decode_record(welcome.memory))
+            except MessageRejected as error:
+                uavs = ", ".join(map(str, self.uavs))
+                raise BadInput(f"what UAV {uavs} had in memory does not fit this controller: {error}") from error
 
     def act(self, sense: Sense) -> Act:
         """One tick.
