@@ -34,8 +34,3 @@ class Feedback:
         self.residuals = self.residuals.copy()
         self.residuals[rows[sound]] = meant[sound] - self._coding.decode(payload[sound])
         return payload
-
-    def keep(self, rows: NDArray[np.bool_]) -> None:
-        """Forgets the rows that are not `rows` (M,)."""
-        if self.residuals is not None:
-            self.residuals = self.residuals[rows]

@@ -64,6 +64,11 @@ class Agent:
                 uavs = ", ".join(map(str, self.uavs))
                 raise BadInput(f"what UAV {uavs} had in memory does not fit this controller: {error}") from error
 
+    @property
+    def models(self) -> Floats:
+        """What each row has learned so far, `(M, W)`."""
+        return self._controller.report(self._memory) if self._declared.weights else np.zeros((len(self.uavs), 0))
+
     def act(self, sense: Sense) -> Act:
         """One tick.
 
@@ -102,9 +107,7 @@ class Agent:
             commands,
             self._names[self._failed] if self._any_failed else NOBODY,
             np.union1d(np.array(refused, np.int32), step.refused) if refused or len(step.refused) else NOBODY,
-            np.ascontiguousarray(self._controller.report(self._memory), np.float64)
-            if sense.report and self._declared.weights
-            else None,
+            np.ascontiguousarray(self.models, np.float64) if sense.report and self._declared.weights else None,
             self._kept() if sense.checkpoint else b"",
             tuple(outbox),
         )

@@ -8,9 +8,9 @@ from benchmarks import sizes
 from benchmarks.figure import Effort, Figure, Outcome, Say
 from benchmarks.lockstep_floor import FloorWorld
 from benchmarks.processes import Children
+from groundstation.paper.methods import Method
 from swarm import scenario
 from swarm.messages import FrameKind
-from swarm.methods import Method
 from swarm.session import ZenohBus
 from worldsim.node import REPORT_EVERY_TICKS, World
 

@@ -17,9 +17,9 @@ from scipy.optimize import nnls
 from benchmarks import sizes, store
 from benchmarks.machine import BUSY_LOAD, ROOT
 from channel.link import slots_needed
+from groundstation.paper.methods import Method
 from swarm import codec, model, scenario, state
 from swarm.messages import DIAGNOSTICS
-from swarm.methods import Method
 
 Floats = NDArray[np.float64]
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from groundstation.paper.methods import Method
 from swarm import codec, model, state
 from swarm.codec import FLOAT_OF_BITS
 from swarm.keys import fingerprint
 from swarm.messages import OUTCOME_FLOATS, Act, FrameKind, Frames, Sense
-from swarm.methods import Method
 from swarm.scenario import Radio
 
 RUN = fingerprint("benchmark")

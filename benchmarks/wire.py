@@ -6,9 +6,9 @@ from typing import Any
 
 from benchmarks import sizes
 from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms
+from groundstation.paper.methods import Method
 from swarm import codec
 from swarm.messages import Act, Frames, Sense
-from swarm.methods import Method
 
 TITLE = "Bytes and codec"
 ABOUT = (

@@ -60,10 +60,7 @@ def main() -> None:
 
 def measure(of: Scenario) -> dict[str, float]:
     """What a round of one flight came to, on the way up; means over its rounds."""
-    engine = Engine(of, "clusters", sinks=[links := _Links()])
-    for _ in engine.fly():
-        pass
-    summary = engine.world.finish()
+    summary = Engine(of, "clusters", sinks=[links := _Links()]).complete()
     up = [summary["radio"]["traffic"][name] for name in ("uplink", "relay")]
     rounds, leader = summary["rounds"], of.federation.leader
     sent = links.of(FrameKind.UPLOAD, FrameKind.RELAY)

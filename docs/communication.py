@@ -11,11 +11,11 @@ from msgspec import structs
 from agent.feedback import Feedback
 from channel.link import slots_needed
 from groundstation.engine import Engine
-from groundstation.paper.batch import Batch
-from swarm import codec, payload, scenario
+from swarm import codec, model, payload, scenario
 from swarm.mean import fedavg
 from swarm.messages import OUTCOME_FLOATS, Act, FrameKind, Frames
 from swarm.payload import Coding
+from swarm.rounds import Rounds
 from swarm.scenario import Scenario
 
 PAGE = Path(__file__).with_suffix(".md")
@@ -64,7 +64,7 @@ def main() -> None:
 
 def fly(flown: Scenario, seeds: range) -> list[dict[str, Any]]:
     """The summaries of a scenario's runs."""
-    return [dict(run.summary) for run in Batch(flown, seeds).fly()]
+    return [Engine(structs.replace(flown, seed=seed), "communication").complete() for seed in seeds]
 
 
 def transmissions() -> list[str]:
@@ -127,18 +127,17 @@ def rounding(seeds: range) -> list[str]:
 
 
 def uploads(flown: Scenario) -> list[Frames]:
-    """Every round's uploads of one flight, in double precision."""
-    engine, heard = Engine(flown, "communication"), []
-    send = engine.world.air.send
+    """Every round's uploads of one flight: the participants' models as they are when it opens, in double precision."""
+    rounds, shared, sent = Rounds(flown), model.shared(flown.method), []
 
-    def listen(tick: int, frames: list[Frames], *rest: Any) -> Any:
-        heard.extend(batch for batch in frames if batch.kind == FrameKind.UPLOAD)
-        return send(tick, frames, *rest)
+    def look(engine: Engine) -> None:
+        flight = engine.world.flight
+        if not flight.over and (number := rounds.opens(flight.tick)):
+            source = rounds.participants(number).astype(np.int32)
+            sent.append(Frames(FrameKind.UPLOAD, number, source, engine.models[source, shared]))
 
-    engine.world.air.send = listen  # type: ignore[method-assign, assignment]
-    for _ in engine.fly():
-        pass
-    return heard
+    Engine(flown, "communication").complete(look)
+    return sent
 
 
 def distances(flown: Scenario, coding: Coding, kept: bool, rounds: list[Frames]) -> tuple[float, float]:

@@ -60,10 +60,7 @@ def fly(attack: str, share: float, rule: str, seed: int) -> Row:
     settings = [f'federation.aggregation="{rule}"', f"federation.byzantine_fraction={share}"]
     if share:
         settings.append(f'federation.byzantine_kind="{attack}"')
-    engine = Engine(scenario.load(None, settings, seed=seed), "robustness")
-    for _ in engine.fly():
-        pass
-    summary = engine.world.finish()
+    summary = Engine(scenario.load(None, settings, seed=seed), "robustness").complete()
     return {
         "attack": attack,
         "share": share,

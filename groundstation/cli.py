@@ -156,7 +156,9 @@ def run(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Fly a scenario (default: the paper's) and leave OUT/<id>/ with summary, time series, events and recording.
+    """Fly a scenario, by default the paper's.
+
+    It leaves OUT/<id>/ with summary, time series, events and recording.
 
     \b
     Example: meanflock run --method hjb --uavs 9 --seed 3 --set wind.sigma=0.2
@@ -204,7 +206,9 @@ def resume(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Go on with a run that died, from its last checkpoint, to the end it would have had.
+    """Go on with a run that did not finish.
+
+    From its last checkpoint, to the end it would have had.
 
     \b
     Example: meanflock resume runs/20261121-101500-mfgfl-hf-s7
@@ -244,7 +248,9 @@ def _tell(done: Run, as_json: bool, log_format: str | None) -> None:
 @click.option("--out", type=click.Path(path_type=Path), default=Path("runs"), show_default=True, metavar="DIR")
 @click.option("--tls", type=click.Path(path_type=Path), metavar="DIR", help="Also look at these certificates.")
 def doctor(uavs: int, uavs_per_process: int, out: Path, tls: Path | None) -> None:
-    """Say what this machine has, and what would fail for a run of N UAVs. Exit code 1 if anything would.
+    """Say what would fail here before it does.
+
+    What this machine has, beside what a run of N UAVs needs. Exit code 1 if anything would fail.
 
     \b
     Example: meanflock doctor --uavs 64
@@ -355,4 +361,6 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    main()
+    from groundstation import cli as installed  # the verbs join that module's group, not this one's
+
+    installed.main()

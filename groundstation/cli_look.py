@@ -15,7 +15,9 @@ _run = click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
 @_run
 @click.option("--web", is_flag=True, help="For a browser, at the address it prints; needs no display.")
 def view(folder: Path, web: bool) -> None:
-    """Open a finished run in the Rerun viewer, until its window is closed or Ctrl-C.
+    """Open a finished run in the Rerun viewer.
+
+    It ends when the window is closed, or with Ctrl-C.
 
     \b
     Example: meanflock view runs/20261121-101500-mfgfl-hf-s7
@@ -42,7 +44,9 @@ def view(folder: Path, web: bool) -> None:
 @click.option("-o", "--output", "png", required=True, type=click.Path(path_type=Path), metavar="FILE.png")
 @click.option("--size", default="1920x1080", show_default=True, metavar="WIDTHxHEIGHT", help="In pixels.")
 def picture(folder: Path, at_s: float | None, png: Path, size: str) -> None:
-    """Draw what the Rerun viewer shows of a finished run into a file; needs no display.
+    """Draw a finished run into a PNG file.
+
+    What the Rerun viewer shows of it; needs no display.
 
     \b
     Example: meanflock picture runs/20261121-101500-mfgfl-hf-s7 --at 40 -o out/swarm.png

@@ -80,7 +80,9 @@ def _report(paths: list[Path]) -> None:
 def compare(
     methods: tuple[str, ...], file: Path | None, seeds: int | None, jobs: int, out: Path, quiet: bool, **given: Any
 ) -> None:
-    """Fly METHODs over the same seeds: a table of means, the same as CSV, and a plot with 95 % intervals.
+    """Fly METHODs over the same seeds, side by side.
+
+    A table of means, the same as CSV, and a plot with 95 % intervals.
 
     \b
     Interrupt and repeat it as you like: a finished run is never flown twice.
@@ -116,7 +118,9 @@ def sweep(
     settings: tuple[str, ...],
     **given: Any,
 ) -> None:
-    """Fly a scenario for several values of one key: a table of means, the same as CSV, and a plot of what changes.
+    """Fly a scenario for several values of one key.
+
+    A table of means, the same as CSV, and a plot of what changes, with 95 % intervals.
 
     \b
     Interrupt and repeat it as you like: a finished run is never flown twice.
@@ -191,7 +195,9 @@ def _show(
 @cli.command()
 @click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
 def plot(folder: Path) -> None:
-    """Plot a finished run: paths and curves, as PNG and SVG in RUN/plots.
+    """Plot a finished run's paths and curves.
+
+    As PNG and SVG, in RUN/plots.
 
     \b
     Example: meanflock plot runs/20261121-101500-mfgfl-hf-s7
@@ -219,7 +225,9 @@ def plot(folder: Path) -> None:
 def paper(
     seeds: int, only: tuple[str, ...], jobs: int, backend: str, scheduler: str | None, out: Path, quiet: bool
 ) -> None:
-    """Fly the paper's whole grid; write figures, tables, and a verdict for each of its claims.
+    """Fly the paper's whole grid.
+
+    It writes figures, tables, and a verdict for each of the paper's claims.
 
     \b
     Interrupt and repeat it as you like: a finished run is never flown twice.

@@ -1,11 +1,17 @@
 """All rooms in one process and one thread: the same nodes, messages and codec as the swarm of processes."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from msgspec import structs
+from numpy.typing import NDArray
 
 from agent.node import Agent
 from groundstation.station import Sink, Station
 from leader.node import Leader
 from swarm.bus import MemoryNetwork
+from swarm.codec import encode_record
 from swarm.messages import Join, Welcome
 from swarm.scenario import Scenario
 from swarm.spoke import Node, Spoke
@@ -17,6 +23,10 @@ from worldsim.node import World
 _BLOCK_ROWS = 100
 # Of a checkpoint, on the same grounds: ticks of a UAV. One may wait for a disk five times.
 _CHECKPOINT_STATES, _CHECKPOINT_TICKS_AT_MOST = 25_000, 1000
+
+
+Floats = NDArray[np.float64]
+Observer = Callable[["Engine"], None]
 
 
 class Engine:
@@ -32,14 +42,18 @@ class Engine:
         realtime: float | None = None,
         resume: Resumption | None = None,
         leaders: int | None = None,
+        memory: Mapping[str, NDArray[Any]] | None = None,
     ) -> None:
-        """`uavs_per_node`: None for all in one node. `sinks` are given the telemetry as it comes. `resume`: where to
-        go on. `leaders`: one and its standbys; None for as many as the fault script needs.
+        """`uavs_per_node`: None for all in one node. `sinks` are given the telemetry as it comes; without any, nothing
+        is encoded or kept. `resume`: where to go on. `leaders`: one and its standbys; None for as many as the fault
+        script needs. `memory`: arrays of N rows, what the controllers
+        take off with instead of what `init` gives them.
 
         Raises:
             BadInput: what is to be resumed does not fit the scenario.
         """
-        self._run = run
+        self._run, self._memory = run, memory
+        self._agents: list[Agent] = []
         self.network = network = MemoryNetwork()
         hub = network.endpoint()
         self.world = World(
@@ -49,14 +63,17 @@ class Engine:
             mode="in-process",
             realtime=realtime,
             resume=resume,
-            checkpoint_every=_checkpoint_every(scenario, realtime),
+            checkpoint_every=_checkpoint_every(scenario, realtime) if sinks else 0,
             block_rows=_BLOCK_ROWS,
+            telemetry=bool(sinks),
         )
         hub.handler = self.world.handle
-        station_bus = network.endpoint()
-        first_block = None if resume is None else resume.block + 1
-        self.station = Station(station_bus, run, sinks, first_block=first_block, uavs=scenario.uavs)
-        station_bus.handler = self.station.handle
+        self.station: Station | None = None
+        if sinks:
+            station_bus = network.endpoint()
+            first_block = None if resume is None else resume.block + 1
+            self.station = Station(station_bus, run, sinks, first_block=first_block, uavs=scenario.uavs)
+            station_bus.handler = self.station.handle
         rows = uavs_per_node or scenario.uavs
         for _ in range(-(-scenario.uavs // rows)):
             self.join(Join("agent", rows), Agent)
@@ -69,12 +86,42 @@ class Engine:
         """See `World.fly`."""
         return self.world.fly()
 
+    def complete(self, observe: Observer | None = None) -> dict[str, Any]:
+        """The whole flight; its summary. `observe` is called at take-off and after every tick, and must only look: at
+        `world.flight`, `world.air.meter` and `world.diagnostics`, at `models`.
+        """
+        if observe is not None:
+            observe(self)
+        for _ in self.fly():
+            if observe is not None:
+                observe(self)
+        return self.world.finish()
+
+    @property
+    def models(self) -> Floats:
+        """What every UAV has learned so far, `(N, W)`; of one that is lost, what it had last."""
+        scenario = self.world.flight.scenario
+        models = np.zeros((scenario.uavs, scenario.declared.weights))
+        for agent in self._agents:
+            models[agent.uavs] = agent.models
+        return models
+
     def join(self, request: Join, make: Callable[[Welcome], Node]) -> Spoke:
         """Another node of this process takes part."""
+
+        def build(welcome: Welcome) -> Node:
+            if self._memory is not None and welcome.tick == 0:
+                rows = {name: array[list(welcome.uavs)] for name, array in self._memory.items()}
+                welcome = structs.replace(welcome, memory=encode_record(rows))
+            node = make(welcome)
+            if isinstance(node, Agent):
+                self._agents.append(node)
+            return node
+
         bus = self.network.endpoint()
         spoke = Spoke(bus, self._run)
         bus.handler = spoke.handle
-        spoke.join(request, make, timeout_s=0.0)
+        spoke.join(request, build, timeout_s=0.0)
         return spoke
 
 

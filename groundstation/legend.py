@@ -13,7 +13,7 @@ from swarm.scenario import Scenario
 Point = tuple[float, float]
 _COLUMNS, _COLUMN, _ROW = 4, 0.095, 0.085  # of the key, steps as shares of the map's width
 _SAMPLE = 0.035  # length of a sample, likewise
-_SCALE = 0.25  # of the bar that shows the scale, at the most
+_SCALE = 0.16  # of the bar that shows the scale, at the most
 _CORNERS = np.arange(11) * (math.pi / 5) + math.pi / 2
 STAR = np.stack([np.cos(_CORNERS), np.sin(_CORNERS)], axis=-1) * np.where(np.arange(11) % 2, 0.4, 1.0)[:, None]
 

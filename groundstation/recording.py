@@ -1,15 +1,13 @@
 """The flight as a Rerun recording: written to a file, served to viewers.
 
 `Recorder` turns telemetry into columns and sends them in batches; `disturbances.py` does so with faults. `blueprint.py`
-says how it looks, `legend.py` what it means, `screenshot.py` shows it. Only these and `viewer.py` import rerun. Of what
-was sent, memory holds no more than rerun's index of the file, which becomes its footer: some 70 KB a batch, and all of
-a run that grows with its length here.
+says how it looks, `legend.py` what it means, `screenshot.py` shows it, `recorded.py` reads it back. Only these and
+`viewer.py` import rerun. Of what was sent, memory holds no more than rerun's index of the file, which becomes its
+footer: some 70 KB a batch, and all of a run that grows with its length here.
 """
 
 import time
-from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -18,12 +16,12 @@ import numpy as np
 import pyarrow as pa
 import rerun as rr
 from numpy.typing import NDArray
-from rerun.chunk import RrdReader
 
 from groundstation import blueprint as look
 from groundstation import durable, legend
 from groundstation.disturbances import Disturbances
 from groundstation.lines import log_sizes, span
+from groundstation.recorded import line
 from groundstation.viewer import listening_address, open_viewer, repair, verify
 from swarm import state
 from swarm.errors import RunFailed
@@ -317,13 +315,14 @@ class Recorder:
         if not events:
             return
         levels = [_LEVELS.get(event.kind, "INFO") for event in events]
+        shades = [
+            look.COLLISION if event.kind == "collision" else _LEVEL_COLORS[level]
+            for event, level in zip(events, levels, strict=True)
+        ]
         log = (
             (_TEXT, rr.components.TextBatch([line(event) for event in events])),
             (_LEVEL, rr.components.TextLogLevelBatch(levels)),
-            (
-                _TEXT_COLOR,
-                rr.components.ColorBatch(np.array([_LEVEL_COLORS[level] for level in levels], dtype=np.uint32)),
-            ),
+            (_TEXT_COLOR, rr.components.ColorBatch(np.array(shades, dtype=np.uint32))),
         )
         self._send(look.EVENTS, np.array([event.tick for event in events], dtype=np.int64), _cut(len(events), *log))
 
@@ -347,36 +346,6 @@ class Recorder:
             texts = [look.lane(uav, look.Lane(int(now))) for row in lanes[changed] for uav, now in enumerate(row)]
             counts = np.full(int(changed.sum()), self._scenario.uavs)
             self._send(look.LANES, ticks[changed], rr.StateChange.columns(state=texts).partition(counts))
-
-
-@dataclass(frozen=True)
-class Recorded:
-    """What is in recordings of a run: ticks (R,) of which they have everything, and lines of the log with theirs."""
-
-    ticks: NDArray[np.int64]
-    lines: set[tuple[int, str]]
-
-
-def recorded(parts: Iterable[Path]) -> Recorded:
-    """Reads what recordings hold; they are whole, or were repaired."""
-    ticks: list[int] = []
-    lines: set[tuple[int, str]] = set()
-    for part in parts:
-        ticks += [tick for tick, _ in _rows(part, look.PHI_G.entity, "Scalars:scalars")]
-        lines |= {(tick, text[0]) for tick, text in _rows(part, look.EVENTS, "TextLog:text")}
-    return Recorded(np.unique(np.array(ticks, dtype=np.int64)), lines)
-
-
-def _rows(path: Path, entity: str, component: str) -> Iterator[tuple[int, Any]]:
-    for chunk in RrdReader(path).stream().filter(content=f"/{entity}"):
-        batch = chunk.to_record_batch()
-        if {look.TICKS, component} <= set(batch.schema.names):
-            yield from zip(batch.column(look.TICKS).to_pylist(), batch.column(component).to_pylist(), strict=True)
-
-
-def line(event: Event) -> str:
-    """An event as the log of a recording shows it."""
-    return event.text if event.kind in event.text else f"{event.kind}: {event.text}"
 
 
 def _cut(rows: int, *parts: tuple[rr.ComponentDescriptor, rr.ComponentBatchLike]) -> list[rr.ComponentColumn]:

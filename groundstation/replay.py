@@ -13,7 +13,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from groundstation import inbound
-from groundstation.recording import Recorded, Recorder, line, recorded
+from groundstation.recorded import Recorded, line, recorded
+from groundstation.recording import Recorder
 from groundstation.results import EVENTS, RECORDING, SCENARIO, Past, past
 from groundstation.series import block_of, unbroken
 from groundstation.viewer import Continued, repair, verify

@@ -124,7 +124,8 @@ class Desk:
             self.progress = FlightProgress(scenario, options.quiet)
             self.sinks: list[Sink] = [self.folder, self.progress]
             if options.record:
-                from groundstation.recording import Recorder, recorded  # rerun takes a third of a second to load
+                from groundstation.recorded import recorded
+                from groundstation.recording import Recorder  # rerun takes a third of a second to load
                 from groundstation.replay import missing
                 from groundstation.viewer import Continued, open_viewer
 

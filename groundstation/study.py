@@ -17,13 +17,13 @@ import msgspec
 from joblib import Parallel, delayed
 
 from groundstation import durable
-from groundstation.paper.batch import Batch
+from groundstation.engine import Engine
 from groundstation.paper.store import Store, StoredRun, decode, encode
+from swarm import plugins
 from swarm.errors import RunFailed
 from swarm.scenario import Scenario
 
 Summaries = list[dict[str, Any]]
-RUNS_A_JOB = 4  # small enough to share the cores, large enough for rows to pay
 
 
 def seeded(flown: Scenario, count: int) -> list[Scenario]:
@@ -44,21 +44,20 @@ def fly_all(
         For each point the summaries of its runs, in the order of its scenarios.
 
     Raises:
-        BadInput: a scenario that cannot be flown in a batch.
         RunFailed: interrupted, disk full or a process died; what was finished is kept, the same call flies the rest.
     """
     keys = {name: [key_of(flown) for flown in flights] for name, flights in points.items()}
     finished = {key: run.scalars for key, run in store.finished().items()}
-    missing: list[Sequence[Scenario]] = []
+    missing: list[Scenario] = []
     for name, flights in points.items():
         left = [flown for flown, key in zip(flights, keys[name], strict=True) if key not in finished]
-        missing += [left[k : k + RUNS_A_JOB] for k in range(0, len(left), RUNS_A_JOB)]
+        missing += left
     total = sum(map(len, keys.values()))
-    done = total - sum(map(len, missing))
+    done = total - len(missing)
     progress(done, total)
     try:
         parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
-        for raw in parallel(delayed(_fly)(flights, os.getpid()) for flights in missing):
+        for raw in parallel(delayed(_fly)(flown, os.getpid()) for flown in missing):
             store.add(raw)
             runs = decode(raw)
             finished |= {run.key: run.scalars for run in runs}
@@ -80,12 +79,14 @@ def key_of(flown: Scenario) -> str:
     return f"study:{flown.sha256()}"
 
 
-def _fly(flights: Sequence[Scenario], parent: int) -> bytes:
-    """Flies one job; the content of its file."""
-    if os.getpid() != parent and threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the parent decides
-    flown = Batch(flights[0], [one.seed for one in flights]).fly()
-    return encode(StoredRun(key_of(one), of_all(one, done.summary)) for one, done in zip(flights, flown, strict=True))
+def _fly(flown: Scenario, parent: int) -> bytes:
+    """Flies one run; the content of its file."""
+    if os.getpid() != parent:
+        plugins.load_of_environment()
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the parent decides
+    summary = Engine(flown, f"{flown.method}-s{flown.seed}").complete()
+    return encode([StoredRun(key_of(flown), of_all(flown, summary))])
 
 
 def of_all(flown: Scenario, summary: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,101 @@
+"""Fly a swarm that learns over a metered radio, from Python.
+
+    import meanflock as mf
+
+    run = mf.fly("paper", method="mfgfl-hf", seed=7, duration=60)
+    run.summary["arrived"], run.states.shape
+
+Importing this loads nothing and changes nothing; every name is looked up when it is first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from channel.base import Channel as Channel
+    from worldsim.vehicles.base import Vehicle as Vehicle
+
+    from agent.controllers.base import Broadcast as Broadcast
+    from agent.controllers.base import Controller as Controller
+    from agent.controllers.base import Options as Options
+    from agent.controllers.base import Received as Received
+    from agent.controllers.base import Step as Step
+    from leader.aggregators.base import Aggregator as Aggregator
+    from meanflock.comparing import Comparison as Comparison
+    from meanflock.comparing import compare as compare
+    from meanflock.comparing import sweep as sweep
+    from meanflock.flying import fly as fly
+    from meanflock.runs import Run as Run
+    from meanflock.runs import open_run as open
+    from swarm import seeds as seeds
+    from swarm.errors import BadInput as BadInput
+    from swarm.errors import MeanflockError as MeanflockError
+    from swarm.errors import RunFailed as RunFailed
+    from swarm.plugins import Plugin as Plugin
+    from swarm.plugins import installed as plugins
+    from swarm.plugins import register as register
+    from swarm.scenario import Scenario as Scenario
+
+_WHERE = {  # a name → its module, and what it is called there
+    "Aggregator": ("leader.aggregators.base", "Aggregator"),
+    "BadInput": ("swarm.errors", "BadInput"),
+    "Broadcast": ("agent.controllers.base", "Broadcast"),
+    "Channel": ("channel.base", "Channel"),
+    "Comparison": ("meanflock.comparing", "Comparison"),
+    "Controller": ("agent.controllers.base", "Controller"),
+    "MeanflockError": ("swarm.errors", "MeanflockError"),
+    "Options": ("agent.controllers.base", "Options"),
+    "Plugin": ("swarm.plugins", "Plugin"),
+    "Received": ("agent.controllers.base", "Received"),
+    "Run": ("meanflock.runs", "Run"),
+    "RunFailed": ("swarm.errors", "RunFailed"),
+    "Scenario": ("swarm.scenario", "Scenario"),
+    "Step": ("agent.controllers.base", "Step"),
+    "Vehicle": ("worldsim.vehicles.base", "Vehicle"),
+    "compare": ("meanflock.comparing", "compare"),
+    "fly": ("meanflock.flying", "fly"),
+    "open": ("meanflock.runs", "open_run"),
+    "plugins": ("swarm.plugins", "installed"),
+    "register": ("swarm.plugins", "register"),
+    "seeds": ("swarm.seeds", ""),
+    "sweep": ("meanflock.comparing", "sweep"),
+}
+
+__all__ = [  # made when asked for
+    "Aggregator",
+    "BadInput",
+    "Broadcast",
+    "Channel",
+    "Comparison",
+    "Controller",
+    "MeanflockError",
+    "Options",
+    "Plugin",
+    "Received",
+    "Run",
+    "RunFailed",
+    "Scenario",
+    "Step",
+    "Vehicle",
+    "compare",
+    "fly",
+    "open",
+    "plugins",
+    "register",
+    "seeds",
+    "sweep",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _WHERE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, attribute = _WHERE[name]
+    found = import_module(module)
+    value = getattr(found, attribute) if attribute else found
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_WHERE})

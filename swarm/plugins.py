@@ -167,6 +167,26 @@ def load_file(path: Path) -> list[Plugin]:
     return found
 
 
+def register(made: type) -> Plugin:
+    """Registers a class of this process, such as one of a notebook; again under its name, the later one counts.
+
+    Raises:
+        BadInput: it is no plug-in, or the name is taken by one that is installed.
+    """
+    door, name = getattr(made, "door", None), getattr(made, "name", "")
+    if door not in GROUPS or not isinstance(name, str) or not name:
+        raise BadInput(
+            f"{made!r}: no plug-in; derive it from meanflock.Controller, Aggregator, Channel or Vehicle, and give it a `name`"
+        )
+    if (door, name) in _packaged():
+        raise BadInput(
+            f"{door} {name!r} is installed already, of {_packaged()[door, name][0].source}; give yours another name"
+        )
+    plugin = Plugin(door, name, "this process", made.__qualname__, "this process")
+    _files[door, name] = plugin, _checked(door, name, made, "this process")
+    return plugin
+
+
 def load_files(paths: Iterable[Path | str]) -> None:
     """Registers the plug-ins of some files, here and in every process this one starts.
 

@@ -370,10 +370,25 @@ def load(path: Path | None, settings: Iterable[str] = (), **options: Any) -> Sce
     for setting in settings:
         toml.apply(table, setting)
     table.update({name: value for name, value in options.items() if value is not None})
+    return from_table(table, where)
+
+
+def from_table(table: dict[str, Any], where: str) -> Scenario:
+    """The scenario a table of plain values says; `where` it comes from.
+
+    Raises:
+        BadInput: unknown key, wrong type or value out of range.
+    """
     try:
         return msgspec.convert(table, Scenario)
     except msgspec.ValidationError as error:
         raise BadInput(f"{where}: {_explain(error, Scenario)}") from error
+
+
+def to_table(scenario: Scenario) -> dict[str, Any]:
+    """A scenario as plain values, as `from_table` takes them."""
+    table: dict[str, Any] = msgspec.to_builtins(scenario)
+    return table
 
 
 def _explain(error: msgspec.ValidationError, kind: type) -> str:

@@ -45,9 +45,18 @@ def apply(table: dict[str, Any], setting: str) -> None:
         value = text.strip()
         if value[:1] in tuple("[{\"'"):  # no bare word
             raise BadInput(f"--set {setting}: `{value}` is not TOML: {error}") from error
-    *parents, last = key.strip().split(".")
+    put(table, key.strip(), value, f"--set {setting}")
+
+
+def put(table: dict[str, Any], key: str, value: Any, where: str = "") -> None:
+    """Sets one dotted key of `table`; `where` it was asked for.
+
+    Raises:
+        BadInput: it goes through something that is no table.
+    """
+    *parents, last = key.split(".")
     for parent in parents:
         table = table.setdefault(parent, {})
         if not isinstance(table, dict):
-            raise BadInput(f"--set {setting}: `{parent}` is not a table")
+            raise BadInput(f"{where or key}: `{parent}` is not a table")
     table[last] = value

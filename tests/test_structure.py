@@ -22,7 +22,8 @@ MAY_IMPORT = {
 }
 MODULES = sorted(path for package in MAY_IMPORT for path in (ROOT / package).rglob("*.py"))
 RERUN = {
-    f"groundstation/{name}.py" for name in ("recording", "screenshot", "viewer", "blueprint", "legend", "disturbances")
+    f"groundstation/{name}.py"
+    for name in ("recording", "screenshot", "viewer", "blueprint", "legend", "disturbances", "recorded")
 }
 LEGACY_RANDOM = {"default_rng", "Generator", "SeedSequence", "BitGenerator", "PCG64"}  # the rest of np.random is global
 

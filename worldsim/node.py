@@ -59,14 +59,15 @@ class World:
         resume: Resumption | None = None,
         checkpoint_every: int = checkpoint.EVERY_TICKS,
         block_rows: int = 50,
+        telemetry: bool = True,
         clock: Clock = time.monotonic,
     ) -> None:
         """`barrier_s`: how long a tick waits for a node before the node is lost. `realtime`: ticks follow the wall
         clock, this many times faster. `stations`: how many recording listeners must be there before the first tick.
         `rows_at_most`: UAVs one agent may hold. `refused`: what the router kept out, by reason. `mode` goes into the
-        summary. `resume`: where to go on, instead of at tick 0. `checkpoint_every`: ticks, a multiple of
-        ten; 0 for never. `block_rows`: of a block of telemetry at most, as long as ticks do not follow the wall clock.
-        `clock`: seconds, monotonic.
+        summary. `resume`: where to go on, instead of at tick 0. `checkpoint_every`: ticks, a multiple of ten; 0 for
+        never. `block_rows`: of a block of telemetry at most, as long as ticks do not follow the wall clock.
+        `telemetry`: false where nobody will ever listen. `clock`: seconds, monotonic.
 
         Raises:
             BadInput: what is to be resumed is of another scenario, or incomplete.
@@ -84,7 +85,7 @@ class World:
         self.air = Air(scenario)
         rows = max(_BLOCK_ROWS, min(block_rows, _BLOCK_STATES // scenario.uavs)) if realtime is None else 2
         self._rows = Rows(self._fingerprint, scenario.uavs, rows, self._declared)
-        self._outbox = Outbox()
+        self._outbox = Outbox(keeps=telemetry)
         self._ledger = Ledger(refused)
         self._ticks = Durations()
         self._uploads = inbox.Uploads(FrameKind.RELAY if scenario.federation.clusters > 1 else FrameKind.UPLOAD)
@@ -98,7 +99,9 @@ class World:
         self._leads: str | None = None
         self._informed: str | None = None  # the leader that knows what the aggregation remembers
         self._resumed = resume
-        if resume is not None:
+        if resume is None:
+            self.air.meter.initial(state.SIZE * scenario.radio.bits_per_float)  # the mission plan
+        else:
             self._restore(resume)
         federated = self._declared.is_federated
         wanted = scenario.leaders(self.flight.tick) if federated else 0
@@ -141,7 +144,6 @@ class World:
         self._door.flying = True
         self._leads = leader.name if (leader := self._members.lead()) is not None else None
         if self._resumed is None:
-            self.air.meter.initial(state.SIZE * self._scenario.radio.bits_per_float)
             self._rows.add(self.flight, self.air, self._commands, NO_LINKS, self._ledger)
         while not self.flight.over:
             began = self._clock()
@@ -396,6 +398,11 @@ class World:
             diagnostics=dict(zip(self._declared.diagnostics, self._commands.largest.tolist(), strict=True)),
             blocks_dropped=self._outbox.dropped,
         )
+
+    @property
+    def diagnostics(self) -> np.ndarray:
+        """What the controllers reported of the last tick, `(N, K)`, as in `Telemetry`."""
+        return self._commands.diagnostics
 
     @property
     def instruments(self) -> Instruments:

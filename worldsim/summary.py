@@ -17,16 +17,10 @@ MAX_LINKS_LISTED = 1000
 
 def weight_spread(models: NDArray[np.float64]) -> float:
     """Root-mean-square distance of N models `(N, 246)` from their mean."""
-    return float(weight_spreads(models))
-
-
-def weight_spreads(models: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same of many swarms, `(..., N, 246)`; `(...)`."""
     deviation = models - np.add.reduce(models, axis=-2, keepdims=True) / models.shape[-2]
     deviation *= deviation
     squared = np.add.reduce(deviation, axis=-1)
-    spread: NDArray[np.float64] = np.sqrt(np.add.reduce(squared, axis=-1) / models.shape[-2])
-    return spread
+    return float(np.sqrt(np.add.reduce(squared, axis=-1) / models.shape[-2]))
 
 
 def flight_summary(flight: Flight) -> dict[str, Any]:

@@ -139,7 +139,9 @@ class Rows:
 class Outbox:
     """Encoded blocks on their way to a recording listener."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, keeps: bool = True) -> None:
+        """`keeps`: whether anybody may ever listen; if not, nothing is encoded."""
+        self._keeps = keeps
         self.dropped = 0  # blocks given up because too many waited
         self._checkpoint = -1  # the last block that has one
         self._waiting: deque[tuple[int, bytes]] = deque()
@@ -148,6 +150,8 @@ class Outbox:
 
     def add(self, block: Telemetry | Finished) -> None:
         """Keeps a block until it is acknowledged, or until there are too many."""
+        if not self._keeps:
+            return
         raw = codec.encode(block)
         if isinstance(block, Telemetry) and block.checkpoint:
             self._checkpoint = block.block

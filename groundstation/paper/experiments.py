@@ -8,7 +8,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -17,31 +16,16 @@ import joblib
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from groundstation.paper.batch import Batch, Flown
-from groundstation.paper.grid import EXPERIMENTS, Point, Wanted, wanted
+from groundstation.paper.flown import Flown, fly
+from groundstation.paper.grid import EXPERIMENTS, Wanted, wanted
+from groundstation.paper.methods import Method
 from groundstation.paper.store import Results, Store, StoredRun, encode, stored, tables
 from swarm.errors import BadInput, MeanflockError, RunFailed
-from swarm.methods import Method
 
 BACKENDS = ("loky", "dask")
-ROWS = 256  # UAVs flown as one array: more of them fall out of the cache, fewer cost Python
 _ATTEMPTS = 2
-
-
-@dataclass(frozen=True)
-class Job:
-    """Seeds of one point that are flown as one batch."""
-
-    point: Point
-    runs: tuple[Wanted, ...]
-
-    @property
-    def work(self) -> float:
-        """Roughly how long it takes, in UAV-ticks of a federated method."""
-        flown = self.point.flown
-        price = {Method.HJB: 1.3, Method.OFFLINE: 0.3}.get(flown.method, 1.0)
-        flights = 1 if self.point.training is None else 2
-        return price * flights * flown.uavs * flown.max_ticks * len(self.runs)
+_COST = {Method.HJB: (130.0, 4.0), Method.OFFLINE: (80.0, 0.2)}  # µs a tick, and more a UAV; of all others:
+_COST_OF_OTHERS = 50.0, 2.0
 
 
 def run_grid(
@@ -64,7 +48,7 @@ def run_grid(
 
     Raises:
         BadInput: an unknown experiment or backend, or a folder that cannot be written.
-        RunFailed: interrupted, disk full, or a job whose process died twice; what was finished is kept, and the
+        RunFailed: interrupted, disk full, or a run whose process died twice; what was finished is kept, and the
             same call goes on from there.
     """
     unknown = sorted((only or set()) - set(EXPERIMENTS))
@@ -80,9 +64,9 @@ def run_grid(
     missing = to_do([run for run in table if only is None or run.point.experiment in only], finished)
     with _reports(missing, quiet) as done, _terminable(), _backend(backend, scheduler):
         try:
-            for job, raw in _all(missing, jobs):
+            for run, raw in _all(missing, jobs):
                 store.add(raw)
-                done(job)
+                done(run)
         except KeyboardInterrupt:
             raise RunFailed(f"interrupted; what is finished is in {store.data}, repeat the command to go on") from None
         except MeanflockError:
@@ -99,8 +83,8 @@ def run_grid(
     return results
 
 
-def to_do(table: Sequence[Wanted], finished: dict[str, StoredRun]) -> list[Job]:
-    """The jobs that are left: each run once, whatever number of experiments want it, the long ones first."""
+def to_do(table: Sequence[Wanted], finished: dict[str, StoredRun]) -> list[Wanted]:
+    """The runs that are left: each once, whatever number of experiments want it, the long ones first."""
     missing: dict[str, Wanted] = {}
     for run in table:
         there = finished.get(run.key)
@@ -110,41 +94,33 @@ def to_do(table: Sequence[Wanted], finished: dict[str, StoredRun]) -> list[Job]:
         before = missing.get(run.key)
         if before is None or _kept(run) > _kept(before):
             missing[run.key] = run
-    groups: dict[Any, list[Wanted]] = {}
-    for run in missing.values():
-        training = run.point.training
-        groups.setdefault((run.key.count("<"), _kept(run)[0], run.point.flown, training), []).append(run)
-    jobs = []
-    for runs in groups.values():
-        size = max(1, ROWS // runs[0].point.flown.uavs)
-        jobs += [Job(runs[0].point, tuple(runs[k : k + size])) for k in range(0, len(runs), size)]
-    return sorted(jobs, key=lambda job: -job.work)
+    return sorted(missing.values(), key=lambda run: -work(run))
+
+
+def work(run: Wanted) -> float:
+    """Roughly how long a run takes, s."""
+    ticks = 0.0
+    for flown in filter(None, (run.training, run.scenario)):
+        once, more = _COST.get(Method(flown.method), _COST_OF_OTHERS)
+        ticks += flown.max_ticks * (once + more * flown.uavs)
+    return ticks * 1e-6
 
 
 def _kept(run: Wanted) -> tuple[bool, bool]:
     return EXPERIMENTS[run.point.experiment][1], run.traced
 
 
-def execute(job: Job) -> bytes:
-    """Flies one job; the content of its file."""
-    seeds = [run.seed for run in job.runs]
-    trace = [run.seed for run in job.runs if run.traced]
-    minds = None
-    if job.point.training is not None:
-        trainings = [run.training for run in job.runs]
-        first = Batch(job.point.training, [one.seed for one in trainings if one is not None]).fly()
-        minds = [flown.minds for flown in first]
-    flights = Batch(job.point.flown, seeds, minds=minds, trace=trace).fly()
-    return encode(
-        stored(run.key, scalars(flown), flown.record, _kept(run)[0])
-        for run, flown in zip(job.runs, flights, strict=True)
-    )
+def execute(run: Wanted) -> bytes:
+    """Flies one run; the content of its file."""
+    models = None if run.training is None else fly(run.training).models
+    flown = fly(run.scenario, models=models, traced=run.traced)
+    return encode([stored(run.key, scalars(flown), flown.record, _kept(run)[0])])
 
 
 def scalars(flown: Flown) -> dict[str, Any]:
     """The columns of runs.parquet that a run itself decides."""
     summary, radio = flown.summary, flown.summary["radio"]
-    learns = flown.scenario.method.learns_value
+    learns = Method(flown.scenario.method).learns_value
     result = {
         name: summary[name]
         for name in (
@@ -187,7 +163,7 @@ def _rows(
             "experiment": run.point.experiment,
             "method": str(flown.method),
             "uavs": flown.uavs,
-            "period": flown.period_ticks if flown.method.is_federated else None,
+            "period": flown.period_ticks if flown.declared.is_federated else None,
             "sigma": flown.wind.sigma,
             "setting": run.point.setting,
             "seed": run.seed,
@@ -199,10 +175,10 @@ def _rows(
 # -- processes ---------------------------------------------------------------------------------------------------------
 
 
-def _all(missing: Sequence[Job], jobs: int) -> Iterator[tuple[Job, bytes]]:
-    """Every job and its file, in any order. A job whose process died is flown once more.
+def _all(missing: Sequence[Wanted], jobs: int) -> Iterator[tuple[Wanted, bytes]]:
+    """Every run and its file, in any order. A run whose process died is flown once more.
 
-    A pool says that a process died, not on which job: all that had been handed out and had not come back are suspects.
+    A pool says that a process died, not on which run: all that had been handed out and had not come back are suspects.
     """
     waiting = dict(enumerate(missing))
     deaths: Counter[int] = Counter()
@@ -225,23 +201,23 @@ def _all(missing: Sequence[Job], jobs: int) -> Iterator[tuple[Job, bytes]]:
             deaths.update(out)
             guilty = [waiting[number] for number in out if deaths[number] >= _ATTEMPTS]
             if guilty:
-                names = ", ".join(sorted({f"{job.point.experiment} {job.point.flown.method}" for job in guilty}))
+                names = ", ".join(sorted({f"{run.point.experiment} {run.scenario.method}" for run in guilty}))
                 raise RunFailed(
                     f"a process died twice on one of: {names} ({error}); the rest is kept, repeat the command to go on"
                 ) from error
 
 
-def _one(number: int, job: Job, parent: int) -> tuple[int, bytes]:
+def _one(number: int, run: Wanted, parent: int) -> tuple[int, bytes]:
     if os.getpid() != parent and threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the parent decides
     try:
-        return number, execute(job)
+        return number, execute(run)
     except MeanflockError:
         raise
     except Exception as error:
-        point = job.point
+        point = run.point
         where = f"{point.experiment} {point.flown.method} {point.setting}".strip()
-        raise RunFailed(f"{where}, seeds {[run.seed for run in job.runs]}: {error!r}") from error
+        raise RunFailed(f"{where}, seed {run.seed}: {error!r}") from error
 
 
 @contextmanager
@@ -279,9 +255,8 @@ def _terminable() -> Iterator[None]:
 
 
 @contextmanager
-def _reports(missing: Sequence[Job], quiet: bool) -> Iterator[Callable[[Job], None]]:
+def _reports(missing: Sequence[Wanted], quiet: bool) -> Iterator[Callable[[Wanted], None]]:
     """A line that says how much is flown and how long the rest will take."""
-    total = sum(len(job.runs) for job in missing)
     bar = Progress(
         TextColumn("[bold]flying"),
         BarColumn(bar_width=32),
@@ -292,14 +267,13 @@ def _reports(missing: Sequence[Job], quiet: bool) -> Iterator[Callable[[Job], No
         disable=quiet or not missing,
         transient=True,
     )
-    task = bar.add_task("", total=sum(job.work for job in missing), runs=0, total_runs=total, last="")
+    task = bar.add_task("", total=sum(map(work, missing)), runs=0, total_runs=len(missing), last="")
     flown = 0
 
-    def done(job: Job) -> None:
+    def done(run: Wanted) -> None:
         nonlocal flown
-        flown += len(job.runs)
-        last = f"{job.point.experiment} {job.point.flown.method}"
-        bar.update(task, advance=job.work, runs=flown, last=last)
+        flown += 1
+        bar.update(task, advance=work(run), runs=flown, last=f"{run.point.experiment} {run.scenario.method}")
 
     with bar:
         yield done

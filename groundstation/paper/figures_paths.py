@@ -12,11 +12,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
 
+from agent import weights
 from groundstation import plotstyle
 from groundstation.paper.figures_grids import COMPARED
 from groundstation.paper.traces import Trace, collisions, interaction_term, trace
 from groundstation.paper.view import View
-from swarm import model, state
+from swarm import state
 from swarm.messages import Status
 from swarm.scenario import Scenario, load
 
@@ -124,10 +125,10 @@ def _weights(ax: Axes, view: View, method: str) -> None:
         return
     order = np.argsort(frame["t_s"])
     times, models = frame["t_s"][order], frame["model"][order]
-    block = models[:, model.VALUE.start + model.VALUE_FEATURES : model.VALUE.stop]
+    block = models[:, weights.VALUE.start + weights.VALUE_FEATURES : weights.VALUE.stop]
     ax.plot(times, block, linewidth=0.6, color=plotstyle.colour(method), alpha=0.8)
     scenario = load(None, method=method)
-    if scenario.method.is_federated:
+    if scenario.declared.is_federated:
         rounds = np.arange(1, int(times.max() / scenario.dt) // scenario.period_ticks + 1) * scenario.period_ticks
         ax.plot(
             rounds * scenario.dt,

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from scipy.stats import qmc
 
-from swarm.methods import Method
+from groundstation.paper.methods import Method
 from swarm.scenario import Scenario, load
 
 LEARNING = (Method.HJB, Method.MFG, Method.MFGFL_H, Method.MFGFL_F, Method.MFGFL_HF)

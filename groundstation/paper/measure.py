@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from groundstation.engine import Engine
 from groundstation.paper import optimum, theory
+from groundstation.paper.methods import Method
 from groundstation.paper.view import keep_measured, load_measured
 from swarm import state
 from swarm.messages import Status, Telemetry
-from swarm.methods import Method
 from swarm.scenario import Scenario
 
 Floats = NDArray[np.float64]
@@ -42,7 +42,7 @@ def long_flight(scenario: Scenario, seconds: float) -> dict[str, float]:
     """`state`, `value`, `density`: growth of the norms (see `theory.growth`); `lost`: UAVs that left every bound."""
     flown = theory.fly_long(scenario, seconds)
     result = {"state_growth": theory.growth(flown.state), "value_growth": theory.growth(flown.value)}
-    if scenario.method.learns_density:
+    if Method(scenario.method).learns_density:
         result["density_growth"] = theory.growth(flown.density)
     return {**result, "lost": float(flown.lost)}
 
@@ -87,18 +87,18 @@ def filter_moments(
 
 def trip_states(scenario: Scenario) -> Floats:
     """States of all UAVs and ticks of one trip under Algorithm 2, `(S, 4)`."""
-    scenario = msgspec.structs.replace(scenario, method=Method.MFG, duration=TRIP_S, stop="duration")
-    flown = [(flight.states, flight.status != Status.LOST) for flight, _ in theory.flights(scenario)]
-    return np.concatenate([states[alive] for states, alive in flown])
+    engine = Engine(theory.clear(msgspec.structs.replace(scenario, method=Method.MFG), TRIP_S), "trip")
+    flight = engine.world.flight
+    states = [flight.states[flight.status != Status.LOST] for _ in engine.fly()]
+    engine.world.finish()
+    return np.concatenate(states)
 
 
 def gap(scenario: Scenario) -> float:
     """Median over UAVs of realised over optimal cost, the optimum without noise; see `optimum.gaps`."""
     kept = _Keep()
     engine = Engine(scenario, "gap", sinks=[kept])
-    for _ in engine.fly():
-        pass
-    engine.world.finish()
+    engine.complete()
     states = np.concatenate([block.states for block in kept.blocks])
     commands = np.concatenate([block.accelerations for block in kept.blocks]).astype(np.float64)[1:]
     return float(np.median(optimum.gaps(scenario, states, commands, engine.world.flight.arrival_tick)))

@@ -1,6 +1,6 @@
 """What the grid leaves on disk, and the tables made of it.
 
-    DIR/data/jobs/*.job          one file a finished job: checked, atomic, the only thing a resumed grid trusts
+    DIR/data/jobs/*.job          one file a finished run: checked, atomic, the only thing a resumed grid trusts
     DIR/data/runs.parquet        one row per experiment and run
     DIR/data/series.parquet      one row per experiment, run and second (not for `sensitivity` and `random`)
     DIR/data/trajectories.parquet  one row per traced run, instant and UAV (first seed of `s0`, `offline`, `trained`)
@@ -94,7 +94,7 @@ DATA = "data"
 _MAGIC = b"meanflock job 1\n"
 _DIGEST = hashlib.sha256().digest_size
 _ROOMS = (swarm, agent, channel, leader, worldsim)
-_HERE = ("batch.py", "flights.py", "series.py", "statecast.py")
+_HERE = ("flown.py", "recorder.py", "series.py", "../engine.py")
 
 
 class StoredTrace(msgspec.Struct, frozen=True):
@@ -139,9 +139,9 @@ def version() -> str:
     digest = hashlib.sha256()
     for room in _ROOMS:
         folder = Path(str(room.__file__)).parent
-        for path in sorted(folder.glob("*.*")):
+        for path in sorted(folder.rglob("*.*")):
             if path.suffix == ".py":
-                digest.update(path.name.encode() + _syntax(path.read_text(encoding="utf-8")))
+                digest.update(path.relative_to(folder).as_posix().encode() + _syntax(path.read_text(encoding="utf-8")))
             elif path.suffix == ".csv":
                 digest.update(path.read_bytes())
     for name in _HERE:

@@ -4,7 +4,6 @@ Four families: the density learner as an LMS filter (Prop. 3), boundedness (Prop
 problem is linear-quadratic, and the FPK operator on an exact Gaussian. `optimum.py` has the best possible flight.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from math import sqrt
@@ -14,18 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from agent import weights
 from agent.basis import DENSITY_EXPONENTS, VALUE_EXPONENTS, Powers, scales
 from agent.fpk import FpkLearner
-from agent.learner import Learner
-from agent.minds import Minds
+from agent.weights import DENSITY_FEATURES, VALUE_FEATURES
+from groundstation.engine import Engine
 from swarm import state
 from swarm.messages import Status
-from swarm.methods import Method
-from swarm.model import DENSITY_FEATURES, VALUE_FEATURES
 from swarm.scenario import Scenario
 from worldsim.flight import Flight
 
 Floats = NDArray[np.float64]
+
+_CLEAR = {"target_snr_db": 40.0, "range_m": 1e9, "bits_per_float": 64}  # an outage in 1e90 messages, no rounding
 
 
 # -- the density learner as an LMS filter (Prop. 3) ------------------------------------------------------------------
@@ -122,50 +122,36 @@ class LongFlight:
 
 
 def fly_long(scenario: Scenario, seconds: float) -> LongFlight:
-    """Flies Algorithm 1 (hjb, every state known) or 2 (mfg) for `seconds`, arrivals or not, without radio.
+    """Flies Algorithm 1 (hjb) or 2 (mfg) for `seconds`, arrivals or not; everybody knows every state of the last tick.
 
     Raises:
         ValueError: the scenario's method has rounds.
     """
-    if scenario.method.is_federated:
+    if scenario.declared.is_federated:
         raise ValueError(f"{scenario.method} needs the radio; long flights are for hjb and mfg")
-    scenario = msgspec.structs.replace(scenario, duration=seconds, stop="duration")
-    rows = [_norms(flight, minds) for flight, minds in flights(scenario)]
+    engine = Engine(clear(scenario, seconds), "long")
+    rows = [_norms(engine.world.flight, engine.models) for _ in engine.fly()]
+    engine.world.finish()
     table = np.array(rows)
     return LongFlight(table[:, 0], table[:, 1], table[:, 2], int(table[-1, 3]))
 
 
-def flights(scenario: Scenario) -> Iterator[tuple[Flight, Minds]]:
-    """Flight and minds after every tick, learner and dynamics alone: everyone knows every state, nothing is sent."""
-    flight, learner = Flight(scenario), Learner(scenario)
-    minds = learner.init(scenario.uavs, flight.states)
-    shares_states = scenario.method is Method.HJB
-    broken = np.zeros(scenario.uavs, dtype=bool)
-    while not flight.over:
-        known = np.repeat(flight.states[None], scenario.uavs, axis=0) if shares_states else None
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            outcome = learner.step(minds, flight.states, known)
-        numbers = np.stack([outcome.accelerations.sum(axis=-1), outcome.hjb_residual, outcome.phi_g])
-        broken |= ~np.isfinite(numbers).all(axis=0)
-        keep = ~broken[:, None, None]
-        minds = Minds(np.where(keep, outcome.minds.value, 0.0), np.where(keep, outcome.minds.density, 0.0))
-        flight.lose(np.flatnonzero(broken), "diverged", "the learner left the finite numbers")
-        flight.advance(np.where(broken[:, None], 0.0, outcome.accelerations))
-        flight.events = []
-        yield flight, minds
+def clear(scenario: Scenario, seconds: float) -> Scenario:
+    """The same for `seconds`, arrivals or not, with a radio that loses nothing and rounds nothing."""
+    radio = msgspec.structs.replace(scenario.radio, **_CLEAR)
+    return msgspec.structs.replace(scenario, duration=seconds, stop="duration", radio=radio)
 
 
-def _norms(flight: Flight, minds: Minds) -> tuple[float, float, float, int]:
+def _norms(flight: Flight, models: Floats) -> tuple[float, float, float, int]:
     alive = flight.status != Status.LOST
     if not alive.any():
         return (np.inf, np.inf, np.inf, len(alive))
 
     def largest(weights: Floats) -> float:
-        flat = weights[alive].reshape(int(alive.sum()), -1)
-        return float(np.sqrt(state.dot(flat, flat)).max())
+        return float(np.sqrt(state.dot(weights, weights)).max())
 
-    furthest = float(state.norm(flight.states[alive]).max())
-    return furthest, largest(minds.value), largest(minds.density), int((~alive).sum())
+    furthest, known = float(state.norm(flight.states[alive]).max()), models[alive]
+    return furthest, largest(known[:, weights.VALUE]), largest(known[:, weights.DENSITY]), int((~alive).sum())
 
 
 def growth(norms: Floats) -> float:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from meanflock.testing.error import alike, copies, fail, make, same, with_other_randomness
+from meanflock.testing.error import copies, fail, make, same, with_other_randomness
 from swarm.codec import decode_record, encode_record
 from swarm.scenario import Scenario
 

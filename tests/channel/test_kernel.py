@@ -19,7 +19,6 @@ from channel.fading import Fading
 from channel.link import Transmission, bits_per_slot, transmit
 from channel.links import Links
 from groundstation.engine import Engine
-from groundstation.paper.batch import Batch
 from swarm import normals, state
 from swarm.messages import FrameKind, Telemetry
 from swarm.scenario import Radio, load
@@ -190,18 +189,6 @@ def test_whole_flights_tell_the_same_story(
         monkeypatch.setattr(kernel, "_kernel", None)
     assert ends[0] == ends[1]
     assert ends[0][4]
-
-
-@needs_kernel
-@pytest.mark.parametrize("method", ["hjb", "mfgfl-hf"])
-def test_a_batch_is_the_same_without_the_kernel(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    flown = load(None, ["uavs=6", "duration=6", "federation.period=15", "radio.target_snr_db=77"], method=method)
-    ends = []
-    for _ in BOTH:
-        records = [one.summary for one in Batch(flown, (1, 2, 3)).fly()]
-        ends.append([(record["trajectory_sha256"], record["radio"]) for record in records])
-        monkeypatch.setattr(kernel, "_kernel", None)
-    assert ends[0] == ends[1]
 
 
 # -- what is handed to the module itself --------------------------------------------------------------------------

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from groundstation.launch import free_endpoint
-from groundstation.recording import recorded
+from groundstation.recorded import recorded
 from swarm import keys
 from swarm import scenario as scenarios
 from swarm.session import ZenohBus

@@ -14,7 +14,7 @@ import pytest
 
 from groundstation.cli import main
 from groundstation.engine import Engine
-from groundstation.recording import recorded
+from groundstation.recorded import recorded
 from groundstation.results import CHECKPOINT, RunFolder
 from groundstation.resume import back
 from groundstation.series import states_of

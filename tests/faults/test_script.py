@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from swarm.methods import Method
 
 from groundstation.cli import main
 from groundstation.run import Options, fly
 from swarm import scenario as scenarios
 from swarm.errors import BadInput
 from swarm.messages import FrameKind
-from swarm.methods import Method
 from swarm.scenario import Scenario, load
 from tests.faults.conftest import Lab, scenario
 

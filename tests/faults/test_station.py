@@ -19,7 +19,7 @@ from tests.faults.conftest import RUN, Lab, Told, scenario
 
 
 def test_a_station_that_comes_late_is_sent_everything_from_the_first_row() -> None:
-    engine = Engine(scenario(), RUN)
+    engine = Engine(scenario(), RUN, sinks=[Told()])
     engine.network.endpoints.remove(engine.network.endpoints[1])
     told = Told()
     for tick in engine.fly():
@@ -102,6 +102,7 @@ def test_the_world_does_not_leave_before_its_summary_has_arrived() -> None:
     """What is under way when a session closes can be lost; a summary was, on a busy machine."""
     lab = Lab(scenario())
     bus, station = lab.engine.network.endpoints[1], lab.engine.station
+    assert station is not None
     late: list[Delivery] = []
 
     def slowly(delivery: Delivery) -> None:

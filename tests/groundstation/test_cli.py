@@ -5,6 +5,7 @@ import os
 import re
 import socket
 import subprocess
+import sys
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -13,10 +14,12 @@ import pytest
 import worldsim.kernel
 from groundstation import display, viewer
 from groundstation.engine import Engine
-from groundstation.recording import Recorder, recorded, verify
+from groundstation.recorded import recorded
+from groundstation.recording import Recorder, verify
 from groundstation.results import RunFolder
 from swarm import scenario
 from swarm.errors import EXIT_BAD_INPUT, EXIT_CODE_HELP, EXIT_DONE, EXIT_RUN_FAILED, MeanflockError, RunFailed
+from tests.polling import DEADLINE_S
 
 QUICK = ("run", "--in-process", "--no-record", "--quiet", "--uavs", "3", "--duration", "2")
 
@@ -291,6 +294,23 @@ def test_the_recorder_does_not_alter_the_flight(run) -> None:
     flags = ("run", "--in-process", "--json", "--quiet", "--uavs", "4", "--duration", "10")
     hashes = {json.loads(run(*flags, record)[1])["trajectory_sha256"] for record in ("--record", "--no-record")}
     assert len(hashes) == 1
+
+
+def test_no_line_of_the_list_of_commands_is_cut_off_at_80_columns(run, monkeypatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    code, out, _ = run("--help")
+    assert code == EXIT_DONE
+    listed = out.partition("Commands:\n")[2].splitlines()
+    assert len(listed) > 10
+    assert [line for line in listed if line.endswith("...")] == []
+
+
+def test_the_module_has_the_verbs_the_command_has(run) -> None:
+    command = [sys.executable, "-m", "groundstation.cli", "--help"]
+    told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=DEADLINE_S).stdout
+    for verb in ("run", "view", "picture", "compare", "sweep", "plot"):
+        assert f"\n  {verb} " in told
+        assert f"\n  {verb} " in run("--help")[1]
 
 
 def test_every_exit_code_has_a_help_text() -> None:

@@ -3,6 +3,7 @@
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import msgspec
 import numpy as np
@@ -12,7 +13,7 @@ from rerun.chunk import RrdReader
 from groundstation import blueprint as look
 from swarm.faults import Fault, Gust, Jam, Kill, Partition, Pause
 from swarm.messages import Status, Telemetry
-from swarm.scenario import Federation, Start
+from swarm.scenario import Federation, Metrics, Scenario, Start
 from tests.groundstation.recordings import column, flight, record
 
 pytestmark = pytest.mark.usefixtures("strict")
@@ -159,6 +160,16 @@ def test_the_close_up_has_the_maps_handedness(disturbed: tuple[Path, np.ndarray]
     """Its origin turns y back, or everything in it is mirrored."""
     scales = [np.array(fixed(disturbed[0], entity, "Transform3D:scale")[0]) for entity in (look.MAP, look.CLOSE_UP)]
     np.testing.assert_array_equal(scales[0] * scales[1], 1.0)
+
+
+def test_dots_of_the_close_up_have_the_collision_radius() -> None:
+    scenario = Scenario(metrics=Metrics(collision_radius=0.25))
+    with patch.object(look.rrb, "Spatial2DView", wraps=look.rrb.Spatial2DView) as view:
+        look.blueprint(scenario, live=False)
+    (close_up,) = [call.kwargs for call in view.call_args_list if call.kwargs["origin"] == f"/{look.CLOSE_UP}"]
+    (radius,) = close_up["overrides"][look.UAVS].radii.as_arrow_array().to_pylist()
+    assert radius == 0.25
+    assert "r_coll 0.25 m" in close_up["name"]
 
 
 def test_the_legend_keeps_off_the_way_wherever_the_start_is(tmp_path: Path) -> None:

@@ -8,12 +8,10 @@ import pytest
 
 from channel.theory import slot_success
 from groundstation.engine import Engine
-from swarm import keys
+from groundstation.paper.methods import Method
+from swarm import codec, keys
 from swarm.bus import Delivery
-from swarm.messages import (
-    Telemetry,
-)
-from swarm.methods import Method
+from swarm.messages import Finished, Telemetry
 from swarm.scenario import Scenario, load
 
 RUN = "engine-test"
@@ -28,10 +26,7 @@ def scenario(method: Method | str, *settings: str) -> Scenario:
 
 
 def fly(flown: Scenario, **options: Any) -> dict[str, Any]:
-    engine = Engine(flown, RUN, **options)
-    for _ in engine.fly():
-        pass
-    return engine.world.finish()
+    return Engine(flown, RUN, **options).complete()
 
 
 def steady(summary: dict[str, Any]) -> dict[str, Any]:
@@ -140,6 +135,7 @@ def test_the_telemetry_is_the_flight_row_by_row() -> None:
     expected = [engine.world.flight.states.copy()]
     expected += [engine.world.flight.states.copy() for _ in engine.fly()]
     summary = engine.world.finish()
+    assert engine.station is not None
     assert engine.station.summary == msgspec.json.decode(msgspec.json.encode(summary))
     assert engine.station.missed_blocks == 0
     assert [block.block for block in kept.blocks] == list(range(len(kept.blocks)))
@@ -150,6 +146,55 @@ def test_the_telemetry_is_the_flight_row_by_row() -> None:
     assert events.count("round") == summary["rounds"] == 3
     assert events[0] == "joined"
     assert events[-1] == "finished"
+
+
+# -- who looks, and who does not -----------------------------------------------------------------------------------
+
+
+def test_an_observer_sees_take_off_and_every_tick_and_nobody_listens() -> None:
+    engine, ticks, bits = Engine(scenario("mfgfl-h", "duration=4"), RUN), [], []
+
+    def look(seen: Engine) -> None:
+        ticks.append(seen.world.flight.tick)
+        bits.append(seen.world.air.meter.total("payload_bits"))
+
+    summary = engine.complete(look)
+    assert ticks == list(range(41))
+    assert bits[0] == UAVS * 4 * 32  # the mission plan
+    assert bits[-1] == summary["payload_bits"]["total"] > bits[0]
+    assert engine.station is None
+    assert engine.world.instruments.outbox.empty
+    assert summary["telemetry_blocks_dropped"] == 0
+
+
+def test_without_a_listener_no_block_is_encoded_and_the_flight_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    flown = scenario("mfgfl-h", "duration=25")
+    told = fly(flown, sinks=[Kept()])
+    encode, kinds = codec.encode, set()
+
+    def listed(message: Any) -> bytes:
+        kinds.add(type(message))
+        return encode(message)
+
+    monkeypatch.setattr(codec, "encode", listed)
+    untold = fly(flown)
+    assert steady(told) == steady(untold)
+    assert kinds
+    assert not kinds & {Telemetry, Finished}
+
+
+@pytest.mark.parametrize("rows", [1, 4, None])
+def test_what_has_been_learned_is_seen_and_carried_over_however_the_swarm_is_cut(rows: int | None) -> None:
+    flown = scenario("mfgfl-hf", "duration=6", "radio.target_snr_db=76")
+    whole, cut = Engine(flown, RUN), Engine(flown, RUN, uavs_per_node=rows)
+    start = cut.models
+    assert start.shape == (UAVS, 246)
+    before, after = whole.complete(), cut.complete()
+    np.testing.assert_array_equal(cut.models, whole.models)
+    assert (cut.models != start).any(axis=-1).all()
+    again = [fly(flown, memory={"weights": whole.models}, uavs_per_node=n) for n in (rows, None)]
+    assert steady(again[0]) == steady(again[1])
+    assert again[0]["trajectory_sha256"] != before["trajectory_sha256"] == after["trajectory_sha256"]
 
 
 # -- losses -------------------------------------------------------------------------------------------------------
@@ -183,4 +228,4 @@ def test_a_checkpoint_is_worth_about_as_much_flight_whatever_the_swarm(
     uavs: int, realtime: float | None, ticks: int
 ) -> None:
     flown = load(None, [f"uavs={uavs}", "duration=1"], method="offline")
-    assert Engine(flown, RUN, realtime=realtime).world._checkpoint_every == ticks
+    assert Engine(flown, RUN, sinks=[Kept()], realtime=realtime).world._checkpoint_every == ticks

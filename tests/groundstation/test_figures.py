@@ -13,13 +13,13 @@ from groundstation import plots, plotstyle
 from groundstation.paper import figures, report
 from groundstation.paper.figures_curves import Bundle, bundle
 from groundstation.paper.grid import COMPARED, FEDERATED, PERIODS, SIGMAS, UAVS
+from groundstation.paper.methods import Method
 from groundstation.paper.store import Results
 from groundstation.paper.traces import Trace, collisions
 from groundstation.paper.verdict import evaluate
 from groundstation.paper.view import Frame, View, keep_measured, load_measured
 from groundstation.run import Options, fly
 from swarm.errors import BadInput
-from swarm.methods import Method
 from swarm.scenario import load
 from tests.groundstation.synthetic import results, row
 

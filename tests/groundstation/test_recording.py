@@ -108,6 +108,9 @@ def test_a_collision_is_a_star_a_mark_and_a_line_of_the_log(recorded: tuple[Path
     _, levels = column(path, look.EVENTS, "TextLog:level")
     log = [(text[0], level[0]) for text, level in zip(texts, levels, strict=True)]
     assert log.count(("collision: too near", "ERROR")) == len(COLLISIONS)
+    _, colors = column(path, look.EVENTS, "TextLog:color")
+    shades = {text[0]: color for text, color in zip(texts, colors, strict=True)}
+    assert shades["collision: too near"] == [look.COLLISION]
     assert ("lost: UAV 7 is silent", "ERROR") in log
     assert ("round 1 averaged", "INFO") in log
 

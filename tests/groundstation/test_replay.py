@@ -8,7 +8,8 @@ import pytest
 
 from groundstation import blueprint as look
 from groundstation import engine
-from groundstation.recording import Recorded, Recorder, recorded
+from groundstation.recorded import Recorded, recorded
+from groundstation.recording import Recorder
 from groundstation.replay import complete, missing
 from groundstation.results import EVENTS, RunFolder, past, recover
 from groundstation.run import Desk, Options

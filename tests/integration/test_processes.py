@@ -10,13 +10,13 @@ from pathlib import Path
 import psutil
 import pyarrow.parquet as pq
 import pytest
+from swarm.methods import Method
 
 from groundstation.engine import Engine
 from groundstation.launch import free_endpoint
 from groundstation.results import CHECKPOINT, read_checkpoint
 from groundstation.resume import back
 from groundstation.viewer import verify
-from swarm.methods import Method
 from swarm.scenario import load
 from tests.integration.conftest import Command, Spawn, processes_of
 from tests.polling import DEADLINE_S, until

@@ -14,6 +14,7 @@ from groundstation.engine import Engine
 from swarm import keys
 from swarm.address import Address
 from swarm.errors import BadInput
+from swarm.messages import Telemetry
 from swarm.scenario import Scenario, load
 from tests.polling import DEADLINE_S
 from worldsim.durations import BOUNDS_S, Durations
@@ -47,9 +48,16 @@ def flown(*faults: dict[str, Any]) -> Scenario:
     return load(None, settings, method="mfgfl-hf", faults=list(faults))
 
 
+class Forgetful:
+    """A sink that keeps nothing."""
+
+    def write(self, block: Telemetry) -> None:
+        pass
+
+
 @pytest.fixture
 def engine() -> Engine:
-    return Engine(flown({"kind": "kill", "uavs": [4], "time_s": 3.0}), RUN, uavs_per_node=2)
+    return Engine(flown({"kind": "kill", "uavs": [4], "time_s": 3.0}), RUN, uavs_per_node=2, sinks=[Forgetful()])
 
 
 @pytest.fixture

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from groundstation.engine import Engine
-from groundstation.paper.batch import Batch
 from swarm import state
 from swarm.messages import Status
 from swarm.scenario import Scenario, load
@@ -177,11 +176,12 @@ def test_whole_flights_end_in_the_same_summary(
 
 
 @needs_kernel
-def test_a_batch_is_the_same_without_the_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    flown = load(None, ["uavs=12", "start.spacing=0.15", "wind.sigma=0.5", "duration=10"], method="offline")
+def test_the_same_pairs_collide_without_the_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    close = ["uavs=12", "start.spacing=0.15", "wind.sigma=0.5", "duration=10"]
+    flights = [load(None, close, method="offline", seed=seed) for seed in (1, 2, 3)]
     hashes, collisions = [], []
     for _ in range(2):
-        summaries = [one.summary for one in Batch(flown, (1, 2, 3)).fly()]
+        summaries = [Engine(flown, "kernel-test").complete() for flown in flights]
         hashes.append([summary["trajectory_sha256"] for summary in summaries])
         collisions.append([summary["collisions"] for summary in summaries])
         monkeypatch.setattr(kernel, "_kernel", None)

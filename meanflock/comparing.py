@@ -1,0 +1,124 @@
+"""`mf.compare` and `mf.sweep`: many flights, a row of means a point."""
+
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from groundstation import study
+from groundstation.means import METRICS, Means
+from groundstation.paper import statistics
+from groundstation.paper.store import Store
+from groundstation.plots import number
+from meanflock.settings import scenario_of
+from swarm.errors import BadInput
+from swarm.plugins import load_files
+from swarm.scenario import Scenario
+
+Progress = Callable[[int, int], None]  # flights finished, and wanted
+
+
+class Comparison:
+    """What a study found; iterate over it for a row a point.
+
+    A row has what tells the points apart, `n` (flights), `uavs`, and of every metric the mean under its name and the ends
+    of its 95 % interval under `…_low` and `…_high`; None where nobody knows. Means over UAVs count one that never arrived
+    with the duration.
+    """
+
+    def __init__(self, names: tuple[str, ...], flown: Mapping[tuple[Any, ...], study.Summaries]) -> None:
+        self.means = Means(names, flown)
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        for values, summaries in self.means.points.items():
+            row = dict(zip(self.means.names, values, strict=True))
+            row |= {"n": len(summaries), "uavs": summaries[0]["uavs"]}
+            for metric in METRICS:
+                found = statistics.mean([number(summary, metric.key) for summary in summaries])
+                row[metric.column] = None if found.value != found.value else found.value
+                row[f"{metric.column}_low"] = found.low if found.bounded else None
+                row[f"{metric.column}_high"] = found.high if found.bounded else None
+            yield row
+
+    def __len__(self) -> int:
+        return len(self.means.points)
+
+    @property
+    def summaries(self) -> Mapping[tuple[Any, ...], study.Summaries]:
+        """The summaries of all flights, by point."""
+        return self.means.points
+
+
+def compare(
+    methods: Sequence[str | type],
+    *,
+    seeds: int = 8,
+    scenario: str | Path | Scenario | None = "paper",
+    plugin: str | Path | None = None,
+    jobs: int = -1,
+    out: str | Path | None = None,
+    progress: Progress | None = None,
+    **settings: Any,
+) -> Comparison:
+    """Flies several controllers over the same seeds.
+
+    Args:
+        methods: names, or classes of yours. seeds: flights of each, from the scenario's seed on. jobs: processes; −1: one a
+            core; a class that is in no file is flown in this one. out: a folder in which finished flights are kept: the
+            same call flies the rest. settings: dotted keys of the scenario.
+
+    Raises:
+        BadInput: something asked for cannot be had. RunFailed: interrupted, or a process died.
+    """
+    if plugin is not None:
+        load_files([plugin])
+    if not methods:
+        raise BadInput("compare: name a controller or more")
+    points = {}
+    for method in methods:
+        flown = scenario_of(scenario, settings, method=method)
+        points[(flown.method,)] = study.seeded(flown, seeds)
+    return Comparison(
+        ("method",), _fly(points, 1 if any(isinstance(m, type) for m in methods) else jobs, out, progress)
+    )
+
+
+def sweep(
+    key: str,
+    values: Sequence[Any],
+    *,
+    methods: Sequence[str | type] | None = None,
+    seeds: int = 8,
+    scenario: str | Path | Scenario | None = "paper",
+    plugin: str | Path | None = None,
+    jobs: int = -1,
+    out: str | Path | None = None,
+    progress: Progress | None = None,
+    **settings: Any,
+) -> Comparison:
+    """Flies a scenario for several values of one dotted key, and each with several controllers if asked to.
+
+    Raises:
+        BadInput: something asked for cannot be had. RunFailed: interrupted, or a process died.
+    """
+    if plugin is not None:
+        load_files([plugin])
+    if key in settings:
+        raise BadInput(f"{key} is what is swept; leave it out of the settings")
+    points = {}
+    for value in values:
+        for method in methods or (None,):
+            flown = scenario_of(scenario, {**settings, key: value}, method=method)
+            points[value, flown.method] = study.seeded(flown, seeds)
+    alone = any(isinstance(method, type) for method in methods or ())
+    return Comparison((key, "method"), _fly(points, 1 if alone else jobs, out, progress))
+
+
+def _fly(
+    points: Mapping[Any, Sequence[Scenario]], jobs: int, out: str | Path | None, progress: Progress | None
+) -> dict[Any, study.Summaries]:
+    show = progress or (lambda _done, _total: None)
+    if out is not None:
+        return study.fly_all(points, jobs, show, Store(Path(out)))
+    with tempfile.TemporaryDirectory(prefix="meanflock-") as folder:
+        return study.fly_all(points, jobs, show, Store(Path(folder)))

@@ -1,0 +1,75 @@
+"""`mf.fly`: one flight in this process and thread."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from groundstation.engine import Engine
+from groundstation.results import RECORDING, RunFolder
+from groundstation.station import Sink
+from meanflock.runs import Kept, Run
+from meanflock.settings import scenario_of
+from swarm.errors import BadInput
+from swarm.plugins import load_files
+from swarm.scenario import Scenario
+
+Progress = Callable[[int, int], None]  # ticks flown, and at the most to be flown
+
+
+def fly(
+    scenario: str | Path | Scenario | None = "paper",
+    *,
+    method: str | type | None = None,
+    uavs: int | None = None,
+    seed: int | None = None,
+    duration: float | None = None,
+    plugin: str | Path | None = None,
+    out: str | Path | None = None,
+    record: bool = False,
+    progress: Progress | None = None,
+    **settings: Any,
+) -> Run:
+    """Flies a scenario in this process, in any thread; no signal handler, no process and no network is touched.
+
+    Args:
+        scenario: the name of a shipped one, a TOML file, or a Scenario. method: the controller, by name or as a class.
+        duration: s, at the longest. plugin: a file with plug-ins. out: a folder in which the run leaves one of its own, as
+            `meanflock run` does; None: nothing is written. record: a Rerun recording in it, too. progress: called
+            every hundred ticks. settings: any dotted key of the scenario, `**{"wind.sigma": 0.2}`.
+
+    Returns:
+        The run: `.summary`, `.states`, `.events`, `.frame()`.
+
+    Raises:
+        BadInput: something asked for cannot be had; nothing was flown. RunFailed: the flight failed.
+    """
+    if plugin is not None:
+        load_files([plugin])
+    if record and out is None:
+        raise BadInput("record=True: name the folder for it, out=…")
+    options = {"method": method, "uavs": uavs, "seed": seed, "duration": duration}
+    flown = scenario_of(scenario, settings, **options)
+    kept = Kept()
+    with ExitStack() as stack:
+        sinks: list[Sink] = [kept]
+        folder: RunFolder | None = None
+        run_id = f"{flown.method}-s{flown.seed}"
+        if out is not None:
+            from groundstation.run import new_run_id
+
+            run_id = new_run_id(flown, Path(out))
+            folder = stack.enter_context(RunFolder(Path(out), run_id, flown))
+            sinks.append(folder)
+            if record:
+                from groundstation.recording import Recorder  # rerun takes a third of a second to load
+
+                sinks.append(stack.enter_context(Recorder(flown, run_id, folder.path / RECORDING)))
+        engine = Engine(flown, run_id, sinks=sinks)
+        for tick in engine.fly():
+            if progress is not None and tick % 100 == 0:
+                progress(tick, flown.max_ticks)
+        summary = engine.world.finish()
+        if folder is not None:
+            folder.summarise(summary)
+    return Run(flown, summary, kept.blocks, None if folder is None else folder.path)

@@ -1,0 +1,111 @@
+"""A run that was flown: here, or in the folder it left."""
+
+import json
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from groundstation.results import EVENTS, RECORDING, SCENARIO, SUMMARY, TIMESERIES, alone, recover
+from groundstation.series import rows_of, states_of
+from swarm import scenario
+from swarm.errors import BadInput
+from swarm.messages import Telemetry
+from swarm.scenario import Scenario
+
+
+class Kept:
+    """A sink that keeps the telemetry of a flight in memory."""
+
+    def __init__(self) -> None:
+        self.blocks: list[Telemetry] = []
+
+    def write(self, block: Telemetry) -> None:
+        """Takes the next block."""
+        self.blocks.append(block)
+
+
+class Run:
+    """One finished run.
+
+    scenario: what was flown. summary: as in summary.json. folder: where it is on disk; None if nowhere.
+    """
+
+    def __init__(
+        self, flown: Scenario, summary: dict[str, Any], blocks: Sequence[Telemetry] = (), folder: Path | None = None
+    ) -> None:
+        self.scenario, self.summary, self.folder = flown, summary, folder
+        self._blocks = blocks
+
+    @cached_property
+    def states(self) -> NDArray[np.float64]:
+        """[x, y, vx, vy] of every tick and UAV, (T, N, 4), m and m/s; row n is tick n."""
+        if self._blocks:
+            return np.concatenate([block.states for block in self._blocks])
+        return states_of(self.frame())
+
+    @cached_property
+    def events(self) -> list[dict[str, Any]]:
+        """What happened: tick, sim_time_s, kind, text, uavs."""
+        if self._blocks:
+            dt = self.scenario.dt
+            return [
+                {
+                    "tick": event.tick,
+                    "sim_time_s": round(event.tick * dt, 6),
+                    "kind": event.kind,
+                    "text": event.text,
+                    "uavs": list(event.uavs),
+                }
+                for block in self._blocks
+                for event in block.events
+            ]
+        assert self.folder is not None
+        return [json.loads(line) for line in (self.folder / EVENTS).read_text(encoding="utf-8").splitlines()]
+
+    @property
+    def recording(self) -> Path | None:
+        """The Rerun recording, if there is one."""
+        path = None if self.folder is None else self.folder / RECORDING
+        return path if path is not None and path.exists() else None
+
+    def frame(self) -> pa.Table:
+        """The time series as a table of PyArrow, a row a tick; `.to_pandas()` where pandas is there."""
+        if self._blocks:
+            return pa.Table.from_batches([rows_of(block, self.scenario.dt) for block in self._blocks])
+        assert self.folder is not None
+        return pq.read_table(self.folder / TIMESERIES)
+
+    def __repr__(self) -> str:
+        flown = self.summary
+        where = f" in {self.folder}" if self.folder is not None else ""
+        return (
+            f"<Run of {flown['method']}, {flown['uavs']} UAVs, seed {flown['seed']}: {flown['arrived']} arrived{where}>"
+        )
+
+
+def open_run(folder: str | Path) -> Run:
+    """The finished run in a folder that `meanflock run` or `mf.fly(out=…)` left.
+
+    Raises:
+        BadInput: there is none, or it has not finished.
+    """
+    path = Path(folder)
+    if not (path / SCENARIO).is_file():
+        raise BadInput(f"{path}: no run; name the folder of one")
+    with alone(path):
+        recover(path)
+    try:
+        summary = json.loads((path / SUMMARY).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadInput(
+            f"{path}: the run has not finished ({SUMMARY}: {error.strerror}); `meanflock resume` it"
+        ) from error
+    except ValueError as error:
+        raise BadInput(f"{path / SUMMARY}: not JSON: {error}") from error
+    return Run(scenario.load(path / SCENARIO), summary, folder=path)

@@ -1,0 +1,43 @@
+"""A scenario from what somebody wrote in Python: a name or a file, options, and dotted keys."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from swarm import plugins, scenarios
+from swarm.errors import BadInput
+from swarm.scenario import Scenario, from_table, to_table
+from swarm.toml import put, read
+
+
+def scenario_of(scenario: str | Path | Scenario | None, settings: Mapping[str, Any], **options: Any) -> Scenario:
+    """A shipped scenario by name (`"paper"`), a TOML file, or a Scenario, with some keys set.
+
+    Args:
+        settings: values by dotted key, such as `{"wind.sigma": 0.2}`. options: top-level keys; None: not set. `method` may
+            be a controller's class, which is then registered.
+
+    Raises:
+        BadInput: no such scenario, or a key or value that is none.
+    """
+    if isinstance(scenario, Scenario):
+        table = to_table(scenario)
+    elif scenario is None:
+        table = {}
+    else:
+        path = Path(scenario)
+        table = read(path if path.suffix else scenarios.FOLDER / f"{scenario}.toml", "scenario")
+    method = options.get("method")
+    if isinstance(method, type):
+        plugins.register(method)
+        options["method"] = method.name  # type: ignore[attr-defined]
+    for key, value in {**{k: v for k, v in options.items() if v is not None}, **settings}.items():
+        try:
+            put(table, key, msgspec.to_builtins(value))
+        except TypeError as error:
+            raise BadInput(f"{key}: {error}; give a number, a text, a list or a dict") from error
+    flown = from_table(table, "scenario")
+    flown.declared  # noqa: B018  # whoever cannot fly it hears of it now
+    return flown
