@@ -1,20 +1,19 @@
 """The agent node: M UAVs as rows of one process, flown by the controller the scenario names."""
 
 import logging
-import traceback
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agent.byzantine import Byzantine
-from agent.controllers.base import Broadcast, Controller, Memory, Received, Step
+from agent.controllers.base import Broadcast, Memory, Received
 from agent.feedback import Feedback
+from agent.guarded import Guarded
 from agent.heads import Heads
-from agent.rows import checked_memory, checked_step, each_alone, picked
+from agent.rows import picked
 from swarm import faults, payload, state
 from swarm.ascending import contains
 from swarm.codec import FLOAT_OF_BITS, decode_record, encode_record, expect
-from swarm.declared import controller
 from swarm.errors import BadInput, MessageRejected
 from swarm.messages import NOBODY, Act, FrameKind, Frames, Sense, Welcome
 from swarm.model import BEYOND_SENSE
@@ -55,8 +54,8 @@ class Agent:
         self._any_failed = False
         self._pauses = any(isinstance(fault, faults.Pause) for fault in self._scenario.faults)
         plan = expect("initial_states", welcome.initial_states, (self._scenario.uavs, state.SIZE), self._float)
-        self._controller: Controller = controller(self._scenario)
-        self._memory = self._begin(plan.astype(np.float64))
+        self._controller = Guarded(self._scenario, self.uavs, self.complaints)
+        self._memory = self._controller.init(plan.astype(np.float64))
         if welcome.memory:
             try:
                 self._restore(decode_record(welcome.memory))
@@ -82,6 +81,7 @@ class Agent:
         # 0. Rows the fault script pauses are as they were when the tick is over, whatever the others do.
         asleep = self._asleep(sense.tick) if self._pauses else None
         before = self._memory
+        self._controller.begin(asleep)
         # 1. Take in what the radio brought: a global model goes to the controller, as do frames of other UAVs, and the
         #    head of a cluster keeps the uploads of a round.
         received = self._receive(sense.inbox) if sense.inbox else ()
@@ -91,14 +91,19 @@ class Agent:
         relays, refused = self._relays(sense.tick, asleep)
         outbox += relays
         # 3. Let the controller fly.
-        step, commands = self._step(sense.tick, own, received)
+        step, commands = self._controller.step(self._memory, sense.tick, own, received)
         self._memory = step.memory
         # 4. A row whose numbers have left all bounds is reported and silenced; the others go on.
         if asleep is not None:
             commands[asleep] = 0.0
             self._memory = picked(asleep, before, self._memory)
+        learned = self._controller.report(self._memory) if sense.report and self._declared.weights else None
+        if (broken := self._controller.broken) is not None:
+            commands[broken] = np.nan
         if self._any_failed or not np.abs(commands).max(initial=0.0) < BEYOND_SENSE:  # NaN is below nothing
             self._silence(~(np.abs(commands) < BEYOND_SENSE).all(axis=-1), commands)
+            if learned is not None:
+                learned[self._failed] = 0.0
         for number, broadcast in enumerate(step.broadcasts):
             outbox += self._frames_of(number, broadcast)
         return Act(
@@ -112,31 +117,7 @@ class Agent:
             tuple(outbox),
         )
 
-    # -- the controller -----------------------------------------------------------------------------------------
-
-    def _begin(self, plan: Floats) -> Memory:
-        try:
-            return checked_memory(self._controller.init(self.uavs, plan), len(self.uavs))
-        except Exception as error:
-            text = traceback.format_exception_only(error)[-1].strip()
-            uavs = ", ".join(map(str, self.uavs))
-            raise BadInput(f"controller {self._scenario.method!r} failed in `init` with UAV {uavs}: {text}") from error
-
-    def _step(self, tick: int, own: Floats, received: tuple[Received, ...]) -> tuple[Step, Floats]:
-        """The step of all rows and their commands (M, 2 + K); of rows in which the controller fails these are NaN."""
-        rows, columns = len(own), self._columns
-        try:
-            step = self._controller.step(self._memory, tick, own, received)
-            return step, checked_step(step, rows, columns)
-        except Exception as error:  # a controller may be anybody's
-            text = traceback.format_exception_only(error)[-1].strip()
-            log.warning("controller %r failed in tick %d: %s", self._scenario.method, tick, text, exc_info=True)
-            step, commands = each_alone(self._controller, self._memory, tick, own, received, columns)
-            failed = self._names[np.isnan(commands).any(axis=-1) & ~self._failed].tolist()
-            if failed:
-                names = ", ".join(map(str, failed))
-                self.complaints.append(f"controller {self._scenario.method!r} failed with UAV {names}: {text}")
-            return step, commands
+    # -- what goes out ------------------------------------------------------------------------------------------
 
     def _silence(self, broken: Mask, commands: Floats) -> None:
         """Zeros what failed rows remember and say, so that nothing non-finite ever leaves or spreads."""
@@ -205,12 +186,13 @@ class Agent:
         if not number:
             return []
         rows = self._rounds.rows(number)
-        if asleep is not None or self._any_failed:
-            silent = self._failed if asleep is None else self._failed | asleep
-            rows = rows[~silent[rows]]
+        silent = self._failed if asleep is None else self._failed | asleep
+        rows = rows[~self._controller.or_broken(silent)[rows]]
         if not len(rows):
             return []
-        source, models = self._names[rows], self._controller.get(self._memory)[rows]
+        models = self._controller.get(self._memory, rows)
+        rows = rows[~self._controller.or_broken(silent)[rows]]
+        source, models = self._names[rows], models[rows]
         sent = self._byzantine.distort(number, source, self._feedback.encode(rows, models), self._up)
         fits = self._up.sound(sent)  # a model beyond the range of the payload cannot be sent
         return [Frames(FrameKind.UPLOAD, number, source[fits], sent[fits])] if fits.any() else []

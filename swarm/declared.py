@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 MAX_PARAMETERS = 1_000_000  # floats of a model: 8 MB, and no radio carries it
 MAX_DIAGNOSTICS = 100  # columns of a message are counted in one byte
+MAX_BROADCASTS = 16  # of a controller in a tick
+MAX_BROADCAST_NUMBERS = 4096  # of a frame
 
 
 class Declared(msgspec.Struct, frozen=True):

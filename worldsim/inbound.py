@@ -8,6 +8,7 @@ from swarm import tick as wire
 from swarm.ascending import contains
 from swarm.clusters import Clusters
 from swarm.codec import FLOAT_OF_BITS
+from swarm.declared import MAX_BROADCAST_NUMBERS, MAX_BROADCASTS
 from swarm.errors import MessageRejected
 from swarm.messages import Act, FrameKind, Frames
 from swarm.relay import Relay
@@ -15,8 +16,6 @@ from swarm.rounds import Rounds
 from swarm.scenario import Scenario
 from worldsim.members import LEADER, Member
 
-MAX_BROADCASTS = 16  # of a node in a tick
-MAX_BROADCAST_NUMBERS = 4096  # of a frame
 MAX_MEMORY_BYTES = 16 * 2**20  # of a node's rows, at a checkpoint
 _OVERHEAD_BYTES = 1024
 

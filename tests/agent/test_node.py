@@ -302,7 +302,7 @@ def test_what_is_old_foreign_or_broken_is_dropped_counted_and_never_answered() -
         b"",
         wire.write_sense(sense(2, states=spoiled)),
         wire.write_sense(sense(2, states=np.zeros((4, 4)))),
-        wire.write_act(reference.act(sense(1))),
+        wire.write_act(Act(NUMBER, 2, np.zeros((3, 5)))),
     ):
         world.ask(raw)
     assert len(world.raw) == answers
