@@ -14,6 +14,7 @@ from agent.rows import picked
 from swarm import faults, payload, state
 from swarm.ascending import contains
 from swarm.codec import FLOAT_OF_BITS, decode_record, encode_record, expect
+from swarm.declared import MAX_MEMORY_BYTES
 from swarm.errors import BadInput, MessageRejected
 from swarm.messages import NOBODY, Act, FrameKind, Frames, Sense, Welcome
 from swarm.model import BEYOND_SENSE
@@ -211,9 +212,13 @@ class Agent:
         return asleep if asleep.any() else None
 
     def _kept(self) -> bytes:
+        """All that the rows remember, as a record; nothing where that is more than a checkpoint has room for."""
         kept = dict(self._memory)
         if self._feedback.residuals is not None:
             kept[_RESIDUALS] = self._feedback.residuals
+        size = sum(array.nbytes for array in kept.values())
+        if size * self._scenario.uavs > MAX_MEMORY_BYTES * len(self.uavs):
+            return b""
         return encode_record({name: np.ascontiguousarray(array) for name, array in kept.items()})
 
     def _restore(self, kept: Memory) -> None:
