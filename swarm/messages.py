@@ -59,7 +59,7 @@ class Welcome(_Message, frozen=True, tag="welcome"):
     scenario: bytes  # canonical JSON
     initial_states: np.ndarray  # (N, 4) floats as wide as the radio's: the mission plan every UAV shares
     memory: bytes = b""  # of a run that is resumed: a record of what the rows of this node had in memory
-    plugins: tuple[tuple[str, str, str], ...] = ()  # door, name and fingerprint of what the run needs on every host
+    plugins: tuple[tuple[str, str, str], ...] = ()  # door, name and fingerprint of what the run needs
 
 
 class Refusal(_Message, frozen=True, tag="refusal"):

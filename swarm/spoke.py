@@ -67,7 +67,7 @@ class Spoke:
             raise BusError(f"the world of run {self._run!r} answered with {type(welcome).__name__}")
         self._speak = keys.act(self._run, welcome.node)
         try:
-            _check_plugins(welcome)
+            _check_plugins(welcome, request.role)
             self._node = make(welcome)
         except BadInput as error:  # said here and there: whoever watches the world need not look on this host
             why = f"{welcome.node} on host {platform.node()}: {error}"
@@ -183,15 +183,14 @@ class Spoke:
         self._bus.put(self._speak, codec.encode(Ready(self._fingerprint)))
 
 
-def _check_plugins(welcome: Welcome) -> None:
-    """Whether this host has the plug-ins the world has.
+def _check_plugins(welcome: Welcome, role: str) -> None:
+    """Whether this host has the plug-ins of the world that a node needs: the controller, and a leader the rule, too.
 
     Raises:
         BadInput: one is missing, or another version of it is here.
     """
     for door, name, fingerprint in welcome.plugins:
-        if door not in plugins.GROUPS:
-            continue
-        here = plugins.find(door, name)
-        if here.fingerprint != fingerprint:
-            raise BadInput(f"{door} {name!r} is of {here.fingerprint} here, and of {fingerprint} with the world")
+        if door == "controller" or (door == "aggregator" and role == "leader"):
+            here = plugins.find(door, name)
+            if here.fingerprint != fingerprint:
+                raise BadInput(f"{door} {name!r} is of {here.fingerprint} here, and of {fingerprint} with the world")

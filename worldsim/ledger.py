@@ -30,7 +30,8 @@ class Ledger:
         self.deadline_misses = 0  # ticks with at least one of them
         self.nodes_lost = 0
         self.uploads_refused = 0
-        self.states_refused = 0  # received states of UAVs that were not believed, a tick, a node and a UAV
+        self.states_refused = 0  # received states that were not believed, a tick and a UAV that sent them
+        self.disbelieved: set[int] = set()  # the UAVs that sent them
         self.wall_s = 0.0  # flown before the run was resumed, s
         self.spread: float | None = None
         self.drops: Counter[str] = Counter()
@@ -53,6 +54,7 @@ class Ledger:
             "wall_s": wall_s,
             "spread": self.spread,
             "drops": dict(self.drops),
+            "disbelieved": sorted(self.disbelieved),
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -61,6 +63,7 @@ class Ledger:
             setattr(self, name, type(getattr(self, name))(snapshot[name]))
         self.spread = snapshot["spread"]
         self.drops = Counter(snapshot["drops"])
+        self.disbelieved = set(snapshot["disbelieved"])
 
     def summary(
         self, *, schedule: Schedule | None, diagnostics: Mapping[str, float], blocks_dropped: int

@@ -274,9 +274,12 @@ class World:
         """Commands and diagnostics into their rows; frames of one kind joined, sources ascending."""
         self._barrier.close()
         asked, acts = self._barrier.asked, self._barrier.acts
-        for name, act in acts.items():
-            if len(act.refused) or len(act.lost) or act.memory:
-                self._regard(asked[name], act)
+        disbelieved: set[int] = set()
+        for name, member in asked.items():
+            if (act := acts.get(name)) is not None and (len(act.refused) or len(act.lost) or act.memory):
+                disbelieved |= self._regard(member, act)
+        if disbelieved:
+            self._disbelieve(disbelieved)
         awake = None if self._awake is self._all else self._awake
         numbers = {name: act.commands for name, act in acts.items() if len(act.commands)}
         if len(insane := self._commands.store(asked, numbers, awake)):
@@ -288,19 +291,29 @@ class World:
             self._commands.accelerations[self.flight.lost] = 0.0
         return frames
 
-    def _regard(self, member: Member, act: Act) -> None:
-        """Notes what is wrong with models or states, others' or a node's own; keeps what the aggregation remembers."""
-        if len(act.refused) and (member.role == LEADER or self._rounds.relays(act.tick)):
-            self._ledger.uploads_refused += len(act.refused)
-            self._note("refused", f"uploads of UAV {', '.join(map(str, act.refused))} were not averaged")
-        elif len(act.refused):
-            if not self._ledger.states_refused:
-                self._note("refused", f"states of UAV {', '.join(map(str, act.refused))} were not believed")
-            self._ledger.states_refused += len(act.refused)
+    def _regard(self, member: Member, act: Act) -> set[int]:
+        """Notes what is wrong with others' models or with a node's own UAVs; keeps what the aggregation remembers.
+
+        Returns the UAVs whose states are not believed there.
+        """
         if len(act.lost):
             self.flight.lose(act.lost.astype(np.intp), "diverged", "the controller failed or left the finite numbers")
         if member.role == LEADER and act.memory:
             self._aggregation = act.memory
+        if not len(act.refused):
+            return set()
+        if member.role != LEADER and not self._rounds.relays(act.tick):
+            return set(act.refused.tolist())
+        self._ledger.uploads_refused += len(act.refused)
+        self._note("refused", f"uploads of UAV {', '.join(map(str, act.refused))} were not averaged")
+        return set()
+
+    def _disbelieve(self, uavs: set[int]) -> None:
+        """Counts, once a tick however many nodes say so, UAVs whose states are not believed; names each once."""
+        self._ledger.states_refused += len(uavs)
+        if new := sorted(uavs - self._ledger.disbelieved):
+            self._ledger.disbelieved |= uavs
+            self._note("refused", f"states of UAV {', '.join(map(str, new))} were not believed: no UAV can be so")
 
     # -- step 6 -------------------------------------------------------------------------------------------------
 
@@ -325,7 +338,7 @@ class World:
         memories = Memories(self._scenario.uavs)
         for name, act in self._barrier.acts.items():
             member = self._barrier.asked[name]
-            if member.rows:
+            if member.rows and act.memory:
                 try:
                     memories.take(member, codec.decode_record(act.memory))
                 except MessageRejected as error:
