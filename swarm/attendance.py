@@ -1,0 +1,82 @@
+"""How the process of a node takes part in a run: it connects, joins and serves, and again where its session was lost."""
+
+import logging
+import time
+from collections.abc import Callable
+
+from swarm.bus import Bus
+from swarm.errors import BusError, Refused, WorldGone
+from swarm.messages import Join, Welcome
+from swarm.spoke import Node, Spoke
+
+log = logging.getLogger("meanflock.node")
+
+_STEP_S, _STEP_AT_MOST_S = 0.5, 4.0  # of an attempt to connect, each twice the last; no signal is dealt with in one
+
+
+def take_part(
+    connect: Callable[[float], Bus],
+    run: str,
+    request: Join,
+    make: Callable[[Welcome], Node],
+    wait_s: float,
+    cancelled: Callable[[], bool],
+    abandoned: Callable[[], bool],
+    welcomed: Callable[[Welcome], None] = lambda welcome: None,
+) -> str:
+    """Serves until the world says stop, and returns why.
+
+    A node whose session is lost (its connection was reset, or cut for longer than the lease) has been missed by the
+    world: it opens another one and joins again, as a new node.
+
+    Args:
+        connect: opens a session within so many seconds, or raises BusError.
+        wait_s: for a world, at first and whenever the session is lost.
+        cancelled: asked after every delivery and between two attempts; `abandoned`: likewise, but not while the node
+            has something to do.
+        welcomed: told of every admission.
+
+    Raises:
+        WorldGone: the session was lost, and no world could be reached in time.
+        BusError: no world answered in time at first, or it refused.
+    """
+    lost: WorldGone | None = None
+
+    def over() -> bool:
+        return cancelled() or abandoned()
+
+    while True:
+        end = time.monotonic() + wait_s
+        try:
+            bus = _connected(connect, end, over)
+            try:
+                spoke = Spoke(bus, run)
+                welcomed(spoke.join(request, make, max(0.0, end - time.monotonic()), over))
+                lost = None
+                return spoke.serve(cancelled, abandoned)
+            finally:
+                bus.close()
+        except WorldGone as error:
+            lost = error
+            log.warning("lost the session with the world; trying to come back for %.0f s", wait_s)
+        except Refused:
+            raise
+        except BusError as error:
+            if lost is None:
+                raise
+            if over():
+                return "interrupted"
+            raise lost from error
+
+
+def _connected(connect: Callable[[float], Bus], end: float, over: Callable[[], bool]) -> Bus:
+    """A session, opened before `end`."""
+    step_s = _STEP_S
+    while True:
+        left = end - time.monotonic()
+        try:
+            return connect(max(0.0, min(step_s, left)))
+        except BusError:
+            if left <= step_s or over():
+                raise
+        step_s = min(2.0 * step_s, _STEP_AT_MOST_S)
