@@ -74,6 +74,8 @@ def summary_table(summary: dict[str, object]) -> Table:
         table.add_row(name, shown, unit)
 
     table.add_row("arrived", f"{summary['arrived']} of {summary['uavs']}", f"{summary['lost']} lost")
+    if summary["nodes_lost"]:
+        table.add_row("processes lost", f"{summary['nodes_lost']}", f"{summary['nodes_rejoined']} rejoined")
     add("travel time, mean", summary["t_avg_s"], "s", 1)
     add("travel time, longest", summary["t_max_s"], "s", 1)
     add("motion energy, mean", summary["energy_mean_J"], "J until own arrival")

@@ -1,4 +1,4 @@
-"""How the process of a node takes part in a run: it connects, joins and serves, and again where its session was lost."""
+"""How the process of a node takes part in a run: it connects, joins, serves, and again if its session is lost."""
 
 import logging
 import time

@@ -17,9 +17,10 @@ from swarm import codec, model, state
 from swarm.errors import BadInput, MessageRejected
 from swarm.messages import Act
 from swarm.scenario import Scenario
+from worldsim.barrier import Barrier
 from worldsim.members import Member
 
-SCHEMA = 3
+SCHEMA = 4
 EVERY_TICKS = 100
 MAX_BYTES = 24 * 2**20  # a larger one would push the telemetry out of the outbox
 
@@ -35,6 +36,20 @@ class Minds:
         self.models: Floats = np.full((uavs, model.MODEL_FLOATS), np.nan) if models is None else models
         self.known = np.full((uavs, uavs, state.SIZE), np.nan) if whole and scenario.keeps_states else None
         self.residuals = np.full((uavs, floats), np.nan) if whole and scenario.keeps_residuals else None
+
+    @staticmethod
+    def told(scenario: Scenario, whole: bool, barrier: Barrier, by_everyone: bool) -> "Minds":
+        """What the nodes reported in the tick of a barrier; `by_everyone`: all UAVs have answered."""
+        asked, reports, acts = barrier.asked, barrier.reports, barrier.acts
+        if by_everyone and not acts:  # as a rule
+            models = np.frombuffer(b"".join([reports[name] for name in asked if name in reports]))
+            return Minds(scenario, whole, models.reshape(-1, model.MODEL_FLOATS))
+        minds = Minds(scenario, whole)
+        for name, said in reports.items():
+            minds.models[asked[name].place] = np.frombuffer(said).reshape(-1, model.MODEL_FLOATS)
+        for name, act in acts.items():
+            minds.take(asked[name], act)
+        return minds
 
     def take(self, member: Member, act: Act) -> None:
         """Enters the answer of one node."""

@@ -17,6 +17,7 @@ from worldsim.flight import Flight
 from worldsim.ledger import Ledger
 from worldsim.members import LEADER, JoinRefused, Member, Members
 from worldsim.telemetry import Outbox
+from worldsim.unattended import Unattended
 
 log = logging.getLogger("meanflock.world")
 
@@ -47,6 +48,7 @@ class Door:
         self.listeners: set[str] = set()
         self.flying = False  # from the first tick on; before it, who is lost is merely missing
         self.closed = False  # after the last: who leaves is not lost
+        self.unattended = Unattended(lambda: self._clock())
         self.minds: Resumption | None = None  # whose minds are handed out until then
         self.on_leader_lost: Callable[[], None] = lambda: None  # one that was asked in this tick
         self._scenario, self._bus, self._run = flown, bus, run
@@ -97,6 +99,7 @@ class Door:
         self._ledger.nodes_lost += self.flying
         self.dismiss(member, f"lost: {why}")
         if len(member.uavs) and self.flying:
+            self.unattended.lose(member.uavs)
             self._flight.lose(member.uavs, "lost", f"{member.name}: {why}")
         else:
             self._note("lost", f"{member.name}: {why}")
@@ -142,6 +145,8 @@ class Door:
         if member.ready:
             return
         member.ready = True
+        self._ledger.nodes_rejoined += self.flying
+        self.unattended.attend(member.uavs)
         if self.flying and member.role == LEADER:
             self._note("rejoined", f"{member.name} stands by")
         elif self.flying:

@@ -7,7 +7,16 @@ import numpy as np
 
 from worldsim.schedule import Schedule
 
-_SCALARS = ("rounds", "averaged", "held", "deadline_misses", "nodes_lost", "uploads_refused", "wall_s")
+_SCALARS = (
+    "rounds",
+    "averaged",
+    "held",
+    "deadline_misses",
+    "nodes_lost",
+    "nodes_rejoined",
+    "uploads_refused",
+    "wall_s",
+)
 
 
 class Ledger:
@@ -21,6 +30,7 @@ class Ledger:
         self.held = 0  # commands held over in real time
         self.deadline_misses = 0  # ticks with at least one of them
         self.nodes_lost = 0
+        self.nodes_rejoined = 0  # admitted in flight: in the place of one that was lost, or as a standby
         self.uploads_refused = 0
         self.wall_s = 0.0  # flown before the run was resumed, s
         self.residual_max = (0.0, 0.0)  # |e_H|, |e_F|
@@ -70,6 +80,7 @@ class Ledger:
             "fpk_residual_max": self.residual_max[1] if learns_density else None,
             "weight_spread_final": self.spread,
             "nodes_lost": self.nodes_lost,
+            "nodes_rejoined": self.nodes_rejoined,
             "uploads_refused": self.uploads_refused,
             "dropped_messages": dict(self.dropped),
             "held_commands": None if schedule is None else self.held,

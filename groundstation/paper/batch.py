@@ -297,6 +297,7 @@ class Batch:
             "fpk_residual_max": float(self._residual_max[row, 1]) if learns else None,
             "weight_spread_final": run.spread,
             "nodes_lost": 0,
+            "nodes_rejoined": 0,
             "uploads_refused": 0,
             "dropped_messages": {},
             "held_commands": None,

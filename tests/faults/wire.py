@@ -7,7 +7,7 @@ import threading
 
 
 class Wire:
-    """A TCP relay that can be cut: nothing passes, and neither side is told. Or reset: both are, and nothing is left."""
+    """A TCP relay that can be cut: nothing passes, and neither side is told. Or reset: then both are."""
 
     def __init__(self, endpoint: str) -> None:
         self._to = ("127.0.0.1", int(endpoint.rpartition(":")[2]))
