@@ -59,7 +59,11 @@ class Run:
 
 def new_run_id(scenario: Scenario, parent: Path) -> str:
     """A name nobody has used in `parent`: time, method, seed."""
-    stem = f"{datetime.now():%Y%m%d-%H%M%S}-{scenario.method}-s{scenario.seed}"
+    return unused(parent, f"{datetime.now():%Y%m%d-%H%M%S}-{scenario.method}-s{scenario.seed}")
+
+
+def unused(parent: Path, stem: str) -> str:
+    """`stem` itself, or with a number behind it, whatever is not there in `parent` yet."""
     taken = 0
     while (parent / (name := stem if not taken else f"{stem}-{taken}")).exists():
         taken += 1

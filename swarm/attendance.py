@@ -6,12 +6,13 @@ from collections.abc import Callable
 
 from swarm.bus import Bus
 from swarm.errors import BusError, Refused, WorldGone
-from swarm.messages import Join, Welcome
+from swarm.messages import LOST, Join, Welcome
 from swarm.spoke import Node, Spoke
 
 log = logging.getLogger("meanflock.node")
 
 _STEP_S, _STEP_AT_MOST_S = 0.5, 4.0  # of an attempt to connect, each twice the last; no signal is dealt with in one
+_MISSED_AT_MOST = 3  # times: a node that is always too slow costs all others a barrier each time
 
 
 def take_part(
@@ -27,7 +28,8 @@ def take_part(
     """Serves until the world says stop, and returns why.
 
     A node whose session is lost (its connection was reset, or cut for longer than the lease) has been missed by the
-    world: it opens another one and joins again, as a new node.
+    world: it opens another one and joins again, as a new node. So does one that was frozen and is told that it is taken
+    for lost, but only a few times, and not if another has its place by then.
 
     Args:
         connect: opens a session within so many seconds, or raises BusError.
@@ -41,6 +43,8 @@ def take_part(
         BusError: no world answered in time at first, or it refused.
     """
     lost: WorldGone | None = None
+    missed: str | None = None  # why the world takes this node for lost, if it has said so last
+    times = 0
 
     def over() -> bool:
         return cancelled() or abandoned()
@@ -51,18 +55,22 @@ def take_part(
             bus = _connected(connect, end, over)
             try:
                 spoke = Spoke(bus, run)
-                welcomed(spoke.join(request, make, max(0.0, end - time.monotonic()), over))
+                patience_s = 0.0 if missed else max(0.0, end - time.monotonic())
+                welcomed(spoke.join(request, make, patience_s, over))
                 lost = None
-                return spoke.serve(cancelled, abandoned)
+                missed = spoke.serve(cancelled, abandoned)
             finally:
                 bus.close()
+            times += 1
+            if not missed.startswith(LOST) or times > _MISSED_AT_MOST:
+                return missed
         except WorldGone as error:
-            lost = error
+            lost, missed = error, None
             log.warning("lost the session with the world; trying to come back for %.0f s", wait_s)
-        except Refused:
-            raise
         except BusError as error:
-            if lost is None:
+            if missed is not None:
+                return missed
+            if lost is None or isinstance(error, Refused):
                 raise
             if over():
                 return "interrupted"

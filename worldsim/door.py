@@ -8,7 +8,7 @@ import numpy as np
 from swarm import codec, keys, scenario
 from swarm.bus import Bus, Delivery
 from swarm.errors import MessageRejected
-from swarm.messages import Join, Ready, Received, Refusal, Stop, Welcome
+from swarm.messages import LOST, Join, Ready, Received, Refusal, Stop, Welcome
 from swarm.scenario import Scenario
 from worldsim import inbound
 from worldsim.barrier import Barrier
@@ -97,7 +97,7 @@ class Door:
         about = {"tick": self._flight.tick, "peer": member.name, "uavs": member.uavs.tolist(), "reason": why}
         log.warning("lost %s: %s", member.name, why, extra=about)
         self._ledger.nodes_lost += self.flying
-        self.dismiss(member, f"lost: {why}")
+        self.dismiss(member, f"{LOST}{why}")
         if len(member.uavs) and self.flying:
             self.unattended.lose(member.uavs)
             self._flight.lose(member.uavs, "lost", f"{member.name}: {why}")
@@ -124,7 +124,7 @@ class Door:
         if member is None:
             raise MessageRejected("unknown-node", name)
         if member.lost:
-            self._stop(name, "lost: nobody waits for this node any more")
+            self._stop(name, f"{LOST}nobody waits for this node any more")
             raise MessageRejected("unknown-node", f"{name}, which was lost")
         try:
             message = codec.decode(raw, inbound.limit(len(member.uavs), self._scenario))
@@ -209,7 +209,7 @@ class Door:
         if delivery.kind == "gone":
             self.lose(member, "its liveliness token vanished")
         elif member.lost:
-            self._stop(name, "lost: nobody waits for this node any more")
+            self._stop(name, f"{LOST}nobody waits for this node any more")
 
     def _stop(self, name: str, why: str) -> None:
         self._bus.put(keys.sense(self._run, name), codec.encode(Stop(self._fingerprint, why)))

@@ -200,6 +200,43 @@ def test_a_killed_ground_station_that_is_started_again_leaves_no_gap_in_rows_and
     assert summary["telemetry_blocks_dropped"] == 0
 
 
+def test_a_frozen_agent_that_wakes_takes_its_own_place_again_if_nobody_has_it(
+    processes: Processes, tmp_path: Path
+) -> None:
+    flight = Flight(processes, tmp_path, barrier_s=1.0)
+    flight.flying()
+    flight.agents[1].send_signal(signal.SIGSTOP)
+    lost = flight.event("lost")
+    flight.agents[1].send_signal(signal.SIGCONT)
+    assert flight.event("rejoined")["uavs"] == lost["uavs"] == [1]
+    flight.flying()
+    assert flight.agents[1].poll() is None
+    flight.end()
+    ends_by_itself(flight.agents[1])
+
+
+def test_a_station_whose_connection_is_reset_comes_back_and_leaves_no_gap(processes: Processes, tmp_path: Path) -> None:
+    wire = Wire(processes.base[1])
+    try:
+        base = ("--endpoint", wire.endpoint, *processes.base[2:])
+        world = processes.world("--stations", "1", settings=(*SETTINGS, "duration=300"))
+        processes.start("agent", "--rows", "3")
+        processes.start("leader")
+        station = processes.station(tmp_path, base=base)
+        for _ in range(2):
+            rows = spool_bytes(tmp_path)
+            until(lambda rows=rows: spool_bytes(tmp_path) > rows + 5_000, "telemetry")
+            wire.reset()
+            wire.heal()
+        summary = summary_of(world)
+        ends_by_itself(station)
+        (folder,) = tmp_path.iterdir()
+        assert pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist() == list(range(3001))
+        assert json.loads((folder / "summary.json").read_text()) == summary
+    finally:
+        wire.close()
+
+
 def test_a_frozen_agent_does_not_make_the_command_fail(tmp_path: Path) -> None:
     settings = [word for setting in (*SETTINGS, "duration=100") for word in ("--set", setting)]
     run = ["-m", "groundstation.cli", "run", "--out", str(tmp_path), "--no-record", "--quiet", "--json", *settings]
