@@ -109,6 +109,9 @@ class Stop(_Message, frozen=True, tag="stop"):
     reason: str
 
 
+LOST = "lost: "  # how the reason of a Stop begins that goes to a node the world does not wait for any more
+
+
 class Event(_Message, frozen=True, tag="event"):
     """Something worth a line in the log and a mark on the timeline."""
 

@@ -12,6 +12,7 @@ _SCALARS = (
     "held",
     "deadline_misses",
     "nodes_lost",
+    "nodes_rejoined",
     "uploads_refused",
     "states_refused",
     "wall_s",
@@ -29,6 +30,7 @@ class Ledger:
         self.held = 0  # commands held over in real time
         self.deadline_misses = 0  # ticks with at least one of them
         self.nodes_lost = 0
+        self.nodes_rejoined = 0  # admitted in flight: in the place of one that was lost, or as a standby
         self.uploads_refused = 0
         self.states_refused = 0  # received states that were not believed, a tick and a UAV that sent them
         self.disbelieved: set[int] = set()  # the UAVs that sent them
@@ -76,6 +78,7 @@ class Ledger:
             "fpk_residual_max": diagnostics.get("fpk_residual"),
             "weight_spread_final": self.spread,
             "nodes_lost": self.nodes_lost,
+            "nodes_rejoined": self.nodes_rejoined,
             "uploads_refused": self.uploads_refused,
             "states_refused": self.states_refused,
             "dropped_messages": dict(self.dropped),

@@ -138,14 +138,16 @@ class World:
         again = "" if self._resumed is None else f" and go on from tick {self.flight.tick}"
         self._note("resumed" if again else "joined", nodes + again)
 
-    def fly(self) -> Iterator[int]:
-        """The flight; yields the number of every tick flown, so that the caller can stop in between."""
+    def fly(self, cancelled: Callable[[], bool] = lambda: False) -> Iterator[int]:
+        """The flight; yields the number of every tick flown, so that the caller can stop in between. `cancelled` is
+        asked while it stands still because every agent is lost; RunFailed is raised where none comes back.
+        """
         self._started = self._clock()
         self._door.flying = True
         self._leads = leader.name if (leader := self._members.lead()) is not None else None
         if self._resumed is None:
             self._rows.add(self.flight, self.air, self._commands, NO_LINKS, self._ledger)
-        while not self.flight.over:
+        while self._has_agents(cancelled) and not self.flight.over:
             began = self._clock()
             if self._schedule is not None:
                 self._schedule.begin(began)
@@ -159,17 +161,30 @@ class World:
         self._note("finished", f"{record['arrived']} of {self._scenario.uavs} arrived")
         self._outbox.add(self._rows.take())
         self._outbox.add(finished := Finished(self._fingerprint, self._rows.block, msgspec.json.encode(record)))
+        self._leave("finished", linger_s)
+        if not self._outbox.empty:
+            self._put(keys.telemetry(self._run), finished)
+        return record
+
+    def _has_agents(self, cancelled: Callable[[], bool]) -> bool:
+        try:
+            return self._waiting.for_an_agent(cancelled)
+        except RunFailed as error:
+            self._note("failed", str(error))
+            self._outbox.add(self._rows.take())
+            self._leave(str(error), linger_s=5.0)
+            raise
+
+    def _leave(self, why: str, linger_s: float) -> None:
+        """Everyone is told; what is left of the telemetry is handed over."""
         self._door.closed = True
-        self.stop("finished")
+        self.stop(why)
         end = self._clock() + linger_s
         # What is on its way when a session closes may never arrive, so all of it is waited for, the summary too.
         back = self._stations > 0 and self.flight.over  # a recorder that was killed may be on its way back
         while (self._door.listeners or back) and not self._outbox.empty and self._clock() < end:
             self._publish()
             self._wait(0.1)
-        if not self._outbox.empty:
-            self._put(keys.telemetry(self._run), finished)
-        return record
 
     def stop(self, reason: str) -> None:
         """Sends every node home."""
@@ -330,7 +345,8 @@ class World:
                 leader = self._scenario.federation.leader
                 self._ledger.spread = weight_spread(models if counted.all() else models[counted])
                 self._rows.report(tick, np.where(sane[leader], models[leader], 0.0), self._ledger.spread)
-        if whole and self._awake[~self.flight.lost].all():
+        settled = not self._door.unattended.any_since(self._barrier_s)  # what ends the whole run may take one by one
+        if whole and settled and self._awake[~self.flight.lost].all():
             self._memories = self._remembered()
 
     def _remembered(self) -> Memories | None:
