@@ -3,11 +3,8 @@
 import json
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
-from agent.minds import Minds
-from groundstation.paper.statecast import StateCast
 
 from groundstation.engine import Engine
 from groundstation.paper.batch import Batch, Flown
@@ -96,20 +93,6 @@ def test_a_batch_of_one_uav_and_of_one_run() -> None:
     assert_same(Batch(small("hjb", uavs=2), (4,)).fly())
 
 
-def test_hjbs_radio_is_the_plain_one() -> None:
-    flown = small("hjb", "radio.target_snr_db=78")
-    fast = Batch(flown, SEEDS)
-    assert fast._cast is not None
-    slow = Batch(flown, SEEDS)
-    slow._cast = None
-    for run, one in zip(slow._runs, SEEDS, strict=True):
-        run.air = type(run.air)(msgspec.structs.replace(flown, seed=one))
-        run.air.meter.initial(4 * 32)
-    for left, right in zip(fast.fly(), slow.fly(), strict=True):
-        assert comparable(left.summary) == comparable(right.summary)
-    assert not StateCast.fits(load(None, ["radio.coherence_time_s=0.1"]))
-
-
 @pytest.mark.parametrize("setting", ["federation.byzantine_fraction=0.2", "faults=[{kind='kill', tick=3, uavs=[1]}]"])
 def test_what_only_nodes_can_play_is_refused(setting: str) -> None:
     with pytest.raises(BadInput, match="without"):
@@ -119,15 +102,11 @@ def test_what_only_nodes_can_play_is_refused(setting: str) -> None:
 def test_weights_can_be_carried_over() -> None:
     scenario = small("mfgfl-hf", uavs=3)
     first = Batch(scenario, (1, 2)).fly()
-    again = Batch(scenario, (1, 2), minds=[one.minds for one in first]).fly()
-    fresh = Batch(scenario, (1, 2), minds=[_zeros(one.minds) for one in first]).fly()
+    again = Batch(scenario, (1, 2), weights=[one.weights for one in first]).fly()
+    fresh = Batch(scenario, (1, 2), weights=[np.zeros_like(one.weights) for one in first]).fly()
     for trained, one, untrained in zip(again, first, fresh, strict=True):
         shas = {run.summary["trajectory_sha256"] for run in (trained, one, untrained)}
         assert len(shas) == 3
-
-
-def _zeros(minds: Minds) -> Minds:
-    return Minds(np.zeros_like(minds.value), np.zeros_like(minds.density))
 
 
 def test_series_is_what_the_run_says_of_itself() -> None:
@@ -153,8 +132,7 @@ def test_series_is_what_the_run_says_of_itself() -> None:
     assert trace is not None
     assert trace.states.shape == (61, 6, 4)
     assert trace.weights.shape == (13, 246)
-    final = np.concatenate([flown.minds.value[0].ravel(), flown.minds.density[0].ravel()])
-    np.testing.assert_allclose(trace.weights[-1], final, rtol=1e-6)
+    np.testing.assert_allclose(trace.weights[-1], flown.weights[0], rtol=1e-6)
 
 
 def test_figures_at_an_instant_are_those_of_a_flight_that_ends_there() -> None:
