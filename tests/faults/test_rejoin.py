@@ -64,7 +64,7 @@ def test_a_fresh_mind_knows_the_mission_plan_and_takes_the_next_global_model_fro
     def mind(name: str) -> np.ndarray:
         spoke = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
         assert isinstance(spoke._node, Agent)
-        return spoke._node._minds.models()[0]
+        return spoke._node._weights[0]
 
     def before() -> None:
         minds["old"] = mind("agent-0")
