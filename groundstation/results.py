@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import tomli_w
 
-from groundstation import durable, flown_plugins
+from groundstation import columns, durable, flown_plugins
 from groundstation.aside import Aside
 from groundstation.series import block_of, rows_of, schema, unbroken
 from groundstation.spool import Spool, spooled
@@ -48,10 +48,11 @@ class RunFolder:
         """Creates `parent/run_id` and writes the resolved scenario into it; with a `past`, goes on in that folder.
 
         Raises:
-            BadInput: the folder cannot be created or written, another process still writes it, or the file of a
-                plug-in is not what was loaded.
+            BadInput: the folder cannot be created or written, another process still writes it, the file of a
+                plug-in is not what was loaded, or a diagnostic is called like another column.
         """
         self.path = parent / run_id
+        columns.check(flown.method, flown.declared.diagnostics)
         sources = flown_plugins.files(flown) if past is None else {}
         new = past is None and not self.path.exists()
         try:

@@ -9,7 +9,7 @@ from swarm.scenario import Scenario
 
 
 class Ideal(Channel):
-    """⌈bits / (θ W_o log₂(1 + η))⌉ slots a message, however far it goes and whatever D_M is."""
+    """No fading: every message takes ⌈bits / (θ W_o log₂(1 + η))⌉ slots, however far it goes and whatever D_M is."""
 
     name = "ideal"
 

@@ -13,8 +13,8 @@ from swarm.scenario import Scenario
 
 
 class Rice(Channel):
-    """Its constants are the keys of `[radio]`. A message is through after K slots whose SNR reaches η, or given up
-    after D_M."""
+    """Rician fading, slot by slot. A message is through after K slots whose SNR reaches η, or given up after D_M; the
+    constants are the keys of `[radio]`."""
 
     name = "rice"
 

@@ -9,8 +9,8 @@ import pytest
 from rerun.chunk import RrdReader
 
 from groundstation import blueprint as look
+from groundstation.recorded import recorded as recorded_of
 from groundstation.recording import Recorder, verify
-from groundstation.recording import recorded as recorded_of
 from groundstation.reported import Reported
 from swarm import state
 from swarm.errors import BadInput

@@ -10,7 +10,8 @@ from worldsim.vehicles.base import Hidden, Vehicle
 
 
 class PointMass(Vehicle):
-    """Its constants are the keys of `[vehicle]` and `[wind]`."""
+    """A point mass in an Ornstein–Uhlenbeck wind, with the power of a rotary wing. The constants are the keys of
+    `[vehicle]` and `[wind]`."""
 
     name = "point-mass"
 
