@@ -6,12 +6,12 @@ from agent import lean  # noqa: F401  # first: what NumPy and msgspec shall not 
 from agent.node import Agent
 from agent.siblings import fork
 from swarm import keys, logs
+from swarm.attendance import take_part
 from swarm.errors import BadInput
 from swarm.identity import only_agent
-from swarm.messages import Join
+from swarm.messages import Join, Welcome
 from swarm.process import Interrupted, flag, identity, main, orphaned, parser
 from swarm.session import ZenohBus
-from swarm.spoke import Spoke
 
 
 def _run() -> None:
@@ -32,14 +32,16 @@ def _run() -> None:
     known = logs.start(given.log_format, run=given.run, node=keys.asker("agent", given.uav))
     uav = only_agent(Path(given.tls)) if given.tls and given.uav < 0 else given.uav
     interrupted = Interrupted()
-    bus = ZenohBus.client(given.endpoint, given.wait, identity(given.tls, keys.asker("agent", uav)))
-    try:
-        spoke = Spoke(bus, keys.check_run(given.run))
-        welcome = spoke.join(Join("agent", given.rows, uav), Agent, given.wait, lambda: bool(interrupted) or orphaned())
-        known |= {"node": welcome.node, "uavs": welcome.uavs}
-        spoke.serve(interrupted.__bool__, orphaned)
-    finally:
-        bus.close()
+    who, run = identity(given.tls, keys.asker("agent", uav)), keys.check_run(given.run)
+
+    def connect(timeout_s: float) -> ZenohBus:
+        return ZenohBus.client(given.endpoint, timeout_s, who)
+
+    def welcomed(welcome: Welcome) -> None:
+        known.update(node=welcome.node, uavs=welcome.uavs)
+
+    request = Join("agent", given.rows, uav)
+    take_part(connect, run, request, Agent, given.wait, interrupted.__bool__, orphaned, welcomed)
 
 
 if __name__ == "__main__":

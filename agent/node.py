@@ -1,20 +1,20 @@
 """The agent node: M UAVs as rows of one process, flown by the controller the scenario names."""
 
 import logging
-import traceback
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agent.byzantine import Byzantine
-from agent.controllers.base import Broadcast, Controller, Memory, Received, Step
+from agent.controllers.base import Broadcast, Memory, Received
 from agent.feedback import Feedback
+from agent.guarded import Guarded
 from agent.heads import Heads
-from agent.rows import check_broadcast, checked_memory, each_alone, picked
+from agent.rows import picked
 from swarm import faults, payload, state
 from swarm.ascending import contains
 from swarm.codec import FLOAT_OF_BITS, decode_record, encode_record, expect
-from swarm.declared import controller
+from swarm.declared import MAX_MEMORY_BYTES
 from swarm.errors import BadInput, MessageRejected
 from swarm.messages import NOBODY, Act, FrameKind, Frames, Sense, Welcome
 from swarm.model import BEYOND_SENSE
@@ -26,6 +26,7 @@ Mask = NDArray[np.bool_]
 
 log = logging.getLogger("meanflock.agent")
 
+_STATE = np.dtype(np.float64)
 _RESIDUALS = "meanflock.residuals"  # in a checkpoint, beside the arrays of the controller
 
 
@@ -47,7 +48,6 @@ class Agent:
         self._up, self._down = payload.upload(self._scenario), payload.broadcast(self._scenario)
         self._feedback = Feedback(self._up, len(self.uavs), kept=self._scenario.keeps_residuals)
         self._shape = (len(self.uavs), state.SIZE)
-        self._commands = (len(self.uavs), state.AXES + len(self._declared.diagnostics))
         self._federated, self._relays = self._declared.is_federated, self._scenario.federation.clusters > 1
         self._own = np.zeros(self._scenario.uavs, dtype=bool)
         self._own[self.uavs] = True
@@ -55,10 +55,14 @@ class Agent:
         self._any_failed = False
         self._pauses = any(isinstance(fault, faults.Pause) for fault in self._scenario.faults)
         plan = expect("initial_states", welcome.initial_states, (self._scenario.uavs, state.SIZE), self._float)
-        self._controller: Controller = controller(self._scenario)
-        self._memory = self._begin(plan.astype(np.float64))
+        self._controller = Guarded(self._scenario, self.uavs, self.complaints)
+        self._memory = self._controller.init(plan.astype(np.float64))
         if welcome.memory:
-            self._restore(decode_record(welcome.memory))
+            try:
+                self._restore(decode_record(welcome.memory))
+            except MessageRejected as error:
+                uavs = ", ".join(map(str, self.uavs))
+                raise BadInput(f"what UAV {uavs} had in memory does not fit this controller: {error}") from error
 
     @property
     def models(self) -> Floats:
@@ -79,7 +83,8 @@ class Agent:
 
         # 0. Rows the fault script pauses are as they were when the tick is over, whatever the others do.
         asleep = self._asleep(tick) if self._pauses else None
-        before = self._memory
+        before, controller = self._memory, self._controller
+        controller.begin(asleep)
         # 1. Take in what the radio brought: a global model goes to the controller, as do frames of other UAVs, and the
         #    head of a cluster keeps the uploads of a round.
         received = self._receive(sense.inbox) if sense.inbox else ()
@@ -91,23 +96,22 @@ class Agent:
             outbox += self._uploads(number, asleep)
         if self._relays and self._rounds.relays(tick):
             silent = self._failed if asleep is None else self._failed | asleep
-            relays, refused = self._heads.relay(tick, self.uavs[silent])
+            relays, refused = self._heads.relay(tick, self.uavs[controller.or_broken(silent)])
             outbox += relays
         # 3. Let the controller fly.
-        commands = np.empty(self._commands)
-        try:
-            step = self._controller.step(self._memory, tick, own, received)
-            parts = (step.acceleration,) if step.diagnostics is None else (step.acceleration, step.diagnostics)
-            np.concatenate(parts, axis=1, out=commands)  # wherever a shape does not fit, it raises
-        except Exception as error:  # a controller may be anybody's
-            step = self._each_alone(tick, own, received, commands, error)
+        step, commands = controller.step(self._memory, tick, own, received)
         self._memory = step.memory
         # 4. A row whose numbers have left all bounds is reported and silenced; the others go on.
         if asleep is not None:
             commands[asleep] = 0.0
             self._memory = picked(asleep, before, self._memory)
+        learned = controller.report(self._memory) if sense.report and self._declared.weights else None
+        if controller.broken is not None:
+            commands[controller.broken] = np.nan
         if self._any_failed or not np.maximum.reduce(np.abs(commands), axis=None, initial=0.0) < BEYOND_SENSE:
             self._silence(commands)  # NaN is below nothing
+            if learned is not None:
+                learned = np.where(self._failed[:, None], 0.0, learned)
         for number, broadcast in enumerate(step.broadcasts):
             outbox += self._frames_of(number, broadcast)
         if not (sense.report or sense.checkpoint or refused or self._any_failed or len(step.refused)):
@@ -118,33 +122,12 @@ class Agent:
             commands,
             self._names[self._failed],
             np.union1d(np.array(refused, np.int32), step.refused),
-            np.ascontiguousarray(self.models, np.float64) if sense.report and self._declared.weights else None,
+            learned,
             self._kept() if sense.checkpoint else b"",
             tuple(outbox),
         )
 
-    # -- the controller -----------------------------------------------------------------------------------------
-
-    def _begin(self, plan: Floats) -> Memory:
-        try:
-            return checked_memory(self._controller.init(self.uavs, plan), len(self.uavs))
-        except Exception as error:
-            text = traceback.format_exception_only(error)[-1].strip()
-            uavs = ", ".join(map(str, self.uavs))
-            raise BadInput(f"controller {self._scenario.method!r} failed in `init` with UAV {uavs}: {text}") from error
-
-    def _each_alone(
-        self, tick: int, own: Floats, received: tuple[Received, ...], commands: Floats, error: Exception
-    ) -> Step:
-        """The step of every row by itself, after `error` for all together; NaN `commands` of rows that fail alone."""
-        text = traceback.format_exception_only(error)[-1].strip()
-        log.warning("controller %r failed in tick %d: %s", self._scenario.method, tick, text, exc_info=error)
-        step = each_alone(self._controller, self._memory, tick, own, received, commands)
-        failed = self._names[np.isnan(commands).any(axis=-1) & ~self._failed].tolist()
-        if failed:
-            names = ", ".join(map(str, failed))
-            self.complaints.append(f"controller {self._scenario.method!r} failed with UAV {names}: {text}")
-        return step
+    # -- what goes out ------------------------------------------------------------------------------------------
 
     def _silence(self, commands: Floats) -> None:
         """Zeros what failed rows remember and say, so that nothing non-finite ever leaves or spreads."""
@@ -157,7 +140,6 @@ class Agent:
     def _frames_of(self, number: int, broadcast: Broadcast) -> list[Frames]:
         """A broadcast as it is transmitted; floats as the radio has them, rows that they cannot say left out."""
         said, rows = broadcast.payload, broadcast.rows
-        check_broadcast(broadcast, len(self.uavs))
         names = self._names if rows is None else self._names[rows]
         failed = None if not self._any_failed else self._failed if rows is None else self._failed[rows]
         if said.dtype.kind == "f":
@@ -211,12 +193,13 @@ class Agent:
 
     def _uploads(self, number: int, asleep: Mask | None) -> list[Frames]:
         rows = self._rounds.rows(number)
-        if asleep is not None or self._any_failed:
-            silent = self._failed if asleep is None else self._failed | asleep
-            rows = rows[~silent[rows]]
+        silent = self._failed if asleep is None else self._failed | asleep
+        rows = rows[~self._controller.or_broken(silent)[rows]]
         if not len(rows):
             return []
-        source, models = self._names[rows], self._controller.get(self._memory)[rows]
+        models = self._controller.get(self._memory, rows)
+        rows = rows[~self._controller.or_broken(silent)[rows]]
+        source, models = self._names[rows], models[rows]
         sent = self._byzantine.distort(number, source, self._feedback.encode(rows, models), self._up)
         fits = self._up.sound(sent)  # a model beyond the range of the payload cannot be sent
         return [Frames(FrameKind.UPLOAD, number, source[fits], sent[fits])] if fits.any() else []
@@ -230,9 +213,13 @@ class Agent:
         return asleep if asleep.any() else None
 
     def _kept(self) -> bytes:
-        kept = dict(checked_memory(self._memory, len(self.uavs)))
+        """All that the rows remember, as a record; nothing where that is more than a checkpoint has room for."""
+        kept = dict(self._memory)
         if self._feedback.residuals is not None:
             kept[_RESIDUALS] = self._feedback.residuals
+        size = sum(array.nbytes for array in kept.values())
+        if size * self._scenario.uavs > MAX_MEMORY_BYTES * len(self.uavs):
+            return b""
         return encode_record({name: np.ascontiguousarray(array) for name, array in kept.items()})
 
     def _restore(self, kept: Memory) -> None:

@@ -1,17 +1,18 @@
 """A controller's memory and results, row by row: checked, taken apart and put together again."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agent.controllers.base import Broadcast, Controller, Memory, Received, Step
+from swarm.codec import MAX_AXES, TRAVELS
+from swarm.declared import MAX_BROADCAST_NUMBERS, MAX_BROADCASTS
 from swarm.state import AXES
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-KEPT = "fiub"  # kinds of arrays that can be checkpointed
 SENT = (np.dtype("i1"), np.dtype("u1"), np.dtype("<i2"), np.dtype("<i4"))  # integers that travel
 
 
@@ -24,15 +25,49 @@ def checked_memory(memory: Memory, rows: int) -> Memory:
     if not isinstance(memory, dict):
         raise TypeError(f"the memory is a {type(memory).__name__}; expected a dict of arrays")
     for name, array in memory.items():
-        if not isinstance(array, np.ndarray) or array.dtype.kind not in KEPT:
-            raise TypeError(f"memory[{name!r}] is no array of numbers")
+        if not isinstance(array, np.ndarray) or array.dtype not in TRAVELS or array.ndim > MAX_AXES:
+            raise TypeError(f"memory[{name!r}] is no array of numbers that can be kept in a checkpoint")
         if not array.ndim or len(array) != rows:
             raise ValueError(f"memory[{name!r}] has shape {array.shape}; expected a leading axis of {rows} rows")
     return memory
 
 
-def checked_step(step: Step, rows: int, columns: int) -> Floats:
-    """The commands (rows, columns) of a step: accelerations, then diagnostics.
+def checked_again(after: Memory, before: Memory) -> Memory:
+    """`after` itself, if it has the arrays that `before` has, each of the same dtype and shape.
+
+    Raises:
+        TypeError, ValueError: it has not.
+    """
+    if not isinstance(after, dict):
+        raise TypeError(f"the memory is a {type(after).__name__}; expected a dict of arrays")
+    if after.keys() != before.keys():
+        raise ValueError(f"the memory has {sorted(after)}; of `init` it had {sorted(before)}")
+    for name, array in after.items():
+        was = before[name]
+        if array is not was and (
+            not isinstance(array, np.ndarray) or array.dtype != was.dtype or array.shape != was.shape
+        ):
+            came = f"{np.shape(array)} {getattr(array, 'dtype', type(array).__name__)}"
+            raise ValueError(f"memory[{name!r}] is {came}; of `init` it was {was.shape} {was.dtype}")
+    return after
+
+
+def checked_table(name: str, table: Floats, rows: int, width: int) -> Floats:
+    """`table` itself as finite floats, (rows, width).
+
+    Raises:
+        TypeError, ValueError: it is something else.
+    """
+    if np.shape(table) != (rows, width):
+        raise ValueError(f"`{name}` returns shape {np.shape(table)}; expected {(rows, width)}")
+    numbers = np.ascontiguousarray(table, dtype=np.float64)
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"`{name}` returns numbers that are not finite")
+    return numbers
+
+
+def checked_step(step: Step, before: Memory, rows: int, columns: int) -> Floats:
+    """The commands (rows, columns) of a step from the memory `before`: accelerations, then diagnostics.
 
     Raises:
         TypeError, ValueError: something of it has not the shape it must have.
@@ -48,26 +83,30 @@ def checked_step(step: Step, rows: int, columns: int) -> Floats:
         if np.shape(diagnostics) != (rows, columns - AXES):
             raise ValueError(f"diagnostics have shape {np.shape(diagnostics)}; expected {(rows, columns - AXES)}")
         commands[:, AXES:] = diagnostics
-    checked_memory(step.memory, rows)
+    checked_again(step.memory, before)
+    if len(step.broadcasts) > MAX_BROADCASTS:
+        raise ValueError(f"{len(step.broadcasts)} broadcasts; at most {MAX_BROADCASTS} in a tick")
     for broadcast in step.broadcasts:
-        check_broadcast(broadcast, rows)
+        _check_broadcast(broadcast, rows)
+    if len(step.refused) and not (isinstance(step.refused, np.ndarray) and step.refused.dtype.kind == "i"):
+        raise TypeError("`refused` is no array of numbers of UAVs")
     return commands
 
 
-def check_broadcast(broadcast: Broadcast, rows: int) -> None:
-    """Raises TypeError or ValueError where a broadcast of some of so many rows cannot be sent."""
+def _check_broadcast(broadcast: Broadcast, rows: int) -> None:
     said, speaks = broadcast.payload, broadcast.rows
     speaking = rows if speaks is None else len(speaks)
-    if said.ndim != 2 or len(said) != speaking or not said.shape[1]:
-        raise ValueError(f"a broadcast has shape {said.shape}; expected ({speaking}, W)")
+    if said.ndim != 2 or len(said) != speaking or not 0 < said.shape[1] <= MAX_BROADCAST_NUMBERS:
+        raise ValueError(f"a broadcast has shape {said.shape}; expected ({speaking}, 1 … {MAX_BROADCAST_NUMBERS})")
     if said.dtype.kind != "f" and said.dtype not in SENT:
         raise TypeError(f"a broadcast of {said.dtype}; expected floats, int8, uint8, int16 or int32")
-    if (
-        speaks is not None
-        and len(speaks)
-        and not (speaks[0] >= 0 and speaks[-1] < rows and (np.diff(speaks) > 0).all())
+    if speaks is not None and not (
+        isinstance(speaks, np.ndarray)
+        and speaks.dtype.kind == "i"
+        and speaks.ndim == 1
+        and (not len(speaks) or (speaks[0] >= 0 and speaks[-1] < rows and (np.diff(speaks) > 0).all()))
     ):
-        raise ValueError(f"a broadcast of rows {speaks}; expected some of 0 … {rows - 1}, ascending")
+        raise ValueError(f"a broadcast of rows {speaks!r}; expected an array of some of 0 … {rows - 1}, ascending")
 
 
 def picked(which: Mask, yes: Memory, no: Memory) -> Memory:
@@ -96,36 +135,82 @@ def of_row(received: Sequence[Received], row: int) -> tuple[Received, ...]:
 
 
 def each_alone(
-    controller: Controller,
-    memory: Memory,
-    tick: int,
-    own: Floats,
-    received: Sequence[Received],
-    commands: Floats,
-) -> Step:
+    controller: Controller, memory: Memory, tick: int, own: Floats, received: Sequence[Received], columns: int
+) -> tuple[Step, Floats]:
     """The step of every row by itself, after it failed for all together: only rows that fail alone have failed.
 
-    Their memory is as it was, and their `commands` (M, 2 + K), which are written to, are NaN.
+    Their memory is as it was, and their commands are NaN.
     """
-    rows, columns = commands.shape
-    after = {name: array.copy() for name, array in memory.items()}
+    rows = len(own)
+    commands, after = np.full((rows, columns), np.nan), {name: array.copy() for name, array in memory.items()}
     said: dict[int, list[tuple[int, NDArray[np.generic]]]] = {}
-    refused = [np.zeros(0, dtype=np.int32)]
+    refused: list[NDArray[np.int32]] = []
     for row in range(rows):
         try:
-            step = controller.step(row_of(memory, row), tick, own[row : row + 1], of_row(received, row))
-            commands[row] = checked_step(step, 1, columns)
-            for name, array in step.memory.items():
-                after[name][row] = array[0]
+            alone = row_of(memory, row)
+            step = controller.step(alone, tick, own[row : row + 1], of_row(received, row))
+            numbers = checked_step(step, alone, 1, columns)
+            own_words = {
+                number: broadcast.payload[0]
+                for number, broadcast in enumerate(step.broadcasts)
+                if broadcast.rows is None or len(broadcast.rows)
+            }
+            for number, payload in own_words.items():
+                first = said.get(number, [(row, payload)])[0][1]
+                if (payload.shape, payload.dtype) != (first.shape, first.dtype):
+                    raise ValueError(
+                        f"broadcast {number} is {payload.shape} {payload.dtype}, unlike that of other rows"
+                    )
         except Exception:  # it is among those that failed
-            commands[row] = np.nan
             continue
+        commands[row] = numbers
+        for name, array in step.memory.items():
+            after[name][row] = array[0]
         refused.append(step.refused)
-        for number, broadcast in enumerate(step.broadcasts):
-            if broadcast.rows is None or len(broadcast.rows):
-                said.setdefault(number, []).append((row, broadcast.payload[0]))
-    broadcasts = tuple(
-        Broadcast(np.stack([payload for _, payload in spoken]), np.array([row for row, _ in spoken]))
-        for _, spoken in sorted(said.items())
+        for number, payload in own_words.items():
+            said.setdefault(number, []).append((row, payload))
+    none = np.zeros(0, dtype=np.intp)
+    broadcasts = tuple(  # in their places, those that nobody sends too: their place is their number
+        Broadcast(np.stack([payload for _, payload in said[number]]), np.array([row for row, _ in said[number]]))
+        if number in said
+        else Broadcast(np.zeros((0, 1)), none)
+        for number in range(max(said, default=-1) + 1)
     )
-    return Step(after, commands[:, :AXES], commands[:, AXES:], broadcasts, np.unique(np.concatenate(refused)))
+    return Step(
+        after,
+        commands[:, :AXES],
+        commands[:, AXES:],
+        broadcasts,
+        np.unique(np.concatenate([none, *refused])).astype(np.int32),
+    ), commands
+
+
+def table_each_alone(
+    call: Callable[[Memory], Floats], memory: Memory, name: str, width: int, rows: int
+) -> tuple[Floats, Mask]:
+    """A table (rows, width) that `call` returns row by row; and in which rows it fails, (rows,), where it is zeros."""
+    table, broken = np.zeros((rows, width)), np.zeros(rows, dtype=bool)
+    for row in range(rows):
+        try:
+            table[row] = checked_table(name, call(row_of(memory, row)), 1, width)[0]
+        except Exception:  # it is among those that failed
+            broken[row] = True
+    return table, broken
+
+
+def set_each_alone(
+    controller: Controller, memory: Memory, rows: NDArray[np.intp], models: Floats, count: int
+) -> tuple[Memory, Mask]:
+    """The memory after `rows` of `count` were given models, one by one; and where that fails, (count,): as it was."""
+    after = {name: array.copy() for name, array in memory.items()}
+    broken = np.zeros(count, dtype=bool)
+    for place, row in enumerate(rows.tolist()):
+        alone = row_of(memory, row)
+        try:
+            taught = checked_again(controller.set(alone, np.zeros(1, np.intp), models[place : place + 1]), alone)
+        except Exception:  # it is among those that failed
+            broken[row] = True
+            continue
+        for name, array in taught.items():
+            after[name][row] = array[0]
+    return after, broken

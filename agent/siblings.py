@@ -9,16 +9,16 @@ whoever computes as soon as a message wakes it: fewer changes of hands, and the 
 
 import contextlib
 import gc
-import logging
 import os
 import signal
 import sys
 import time
-from typing import NoReturn
+from logging import ERROR, WARNING
 
 from swarm import logs
-from swarm.errors import EXIT_RUN_FAILED
-from swarm.process import CHILD, Interrupted, orphaned
+from swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED
+from swarm.process import CHILD, Interrupted, how_it_ended, orphaned
+from swarm.restarts import Restarts
 
 SAFE = sys.platform == "linux"  # elsewhere system libraries may not survive a fork
 _POLL_S = 0.05
@@ -27,48 +27,82 @@ _GRACE_S = 3.0  # a launcher waits a little longer
 
 def fork(count: int) -> int:
     """Becomes `count` processes and returns in each, with its number. The one that was there waits for them and never
-    returns: it ends when they have, and ends them when it is told to, when its launcher is gone or when one fails.
+    returns: it forks another in the place of one that dies, ends when all have, and ends them when it is told to or
+    when its launcher is gone. If it is killed they go on, as long as there is a launcher: its end they would notice.
     """
     if count == 1:
         return 0
-    listening, hold = os.pipe()
+    pipe = None if os.environ.get(CHILD) == "1" else os.pipe()  # its writing end is ours: they notice our end
     gc.collect()
     gc.freeze()  # or the collector writes to all that is shared
     interrupted = Interrupted()  # a sibling will have its own; until it has, it hears nothing and is killed in the end
+    restarts = Restarts()
     living: dict[int, int] = {}
-    for number in range(count):
-        pid = os.fork()
-        if pid == 0:
-            os.close(hold)
-            os.dup2(listening, 0)  # its end is what `orphaned` waits for
-            os.environ[CHILD] = "1"
-            with contextlib.suppress(AttributeError, OSError):  # no Linux, or forbidden
-                os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
-            return number
-        living[pid] = number
-    os.close(listening)
-    _wait(living, interrupted)
+    due = list(range(count))
+    while due:
+        for number in due:
+            restarts.started(number)
+            pid = os.fork()
+            if pid == 0:
+                _become_a_sibling(pipe)
+                return number
+            living[pid] = number
+        due = _await_deaths(living, restarts, interrupted)
+    raise SystemExit(EXIT_DONE)
 
 
-def _wait(living: dict[int, int], interrupted: Interrupted) -> NoReturn:
-    code, asked = 0, 0.0
+def _become_a_sibling(pipe: tuple[int, int] | None) -> None:
+    if pipe is not None:
+        listening, hold = pipe
+        os.close(hold)
+        os.dup2(listening, 0)  # its end is what `orphaned` waits for
+        os.environ[CHILD] = "1"
+    with contextlib.suppress(AttributeError, OSError):  # no Linux, or forbidden
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+
+
+def _await_deaths(living: dict[int, int], restarts: Restarts, interrupted: Interrupted) -> list[int]:
+    """Waits for the siblings, which are `living` by process id; the numbers of those that are to be forked again.
+
+    Raises:
+        SystemExit: all have ended: 0 if they went home or were told to end, 1 if every last one died again and again,
+            2 if one was given what no other could use either.
+    """
     while living:
         pid, status = os.waitpid(-1, os.WNOHANG)
         if pid:
             number, ended = living.pop(pid), os.waitstatus_to_exitcode(status)
-            if ended and not asked:
-                how = f"was killed by {signal.Signals(-ended).name}" if ended < 0 else f"ended with exit code {ended}"
-                logs.tell(f"error: agent process {number} {how}", logging.ERROR)
-                code = max(ended, EXIT_RUN_FAILED)
+            if ended == EXIT_BAD_INPUT:
+                _end(living)
+                raise SystemExit(EXIT_BAD_INPUT)
+            if not ended:
+                continue
+            if restarts.again(number):
+                logs.tell(f"warning: agent process {number} {how_it_ended(ended)}; another takes its place", WARNING)
+                return [number]
+            logs.tell(f"error: agent process {number} {how_it_ended(ended)}, as often before: it stays away", ERROR)
+            if not living:
+                raise SystemExit(EXIT_RUN_FAILED)
+        elif interrupted or orphaned():
+            _end(living)
+        else:
+            time.sleep(_POLL_S)
+    raise SystemExit(EXIT_DONE)
+
+
+def _end(living: dict[int, int]) -> None:
+    """Ends all siblings: first asked, then killed."""
+    asked = time.monotonic()
+    _signal(living, signal.SIGTERM)
+    _signal(living, signal.SIGCONT)  # one that is frozen hears nothing
+    while living:
+        pid, _ = os.waitpid(-1, os.WNOHANG)
+        if pid:
+            living.pop(pid)
             continue
-        if not asked and (code or interrupted or orphaned()):
-            asked = time.monotonic()
-            _signal(living, signal.SIGTERM)
-            _signal(living, signal.SIGCONT)  # one that is frozen hears nothing
-        elif asked and time.monotonic() - asked > _GRACE_S:
+        if time.monotonic() - asked > _GRACE_S:
             _signal(living, signal.SIGKILL)
         time.sleep(_POLL_S)
-    raise SystemExit(code)
 
 
 def _signal(living: dict[int, int], number: int) -> None:

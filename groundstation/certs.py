@@ -101,6 +101,7 @@ def compose(folder: Path, uavs: int, user: str) -> dict[str, Any]:
             "worldsim": service(WORLD, environment={"MEANFLOCK_SET": f"uavs={uavs} ${{MEANFLOCK_SET:-}}"}),
             "leader": service(LEADER),
             "groundstation": service(STATION),
+            "runs": {"environment": {"RUNS_OWNER": user}},
             "agent": {"deploy": {"replicas": 0}},  # an agent without a name is not let in
             **{
                 name: service(

@@ -93,6 +93,8 @@ def summary_table(summary: dict[str, object]) -> Table:
         table.add_row(name, shown, unit)
 
     table.add_row(ARRIVED.name, f"{summary['arrived']} of {summary['uavs']}", f"{summary['lost']} lost")
+    if summary["nodes_lost"]:
+        table.add_row("processes lost", f"{summary['nodes_lost']}", f"{summary['nodes_rejoined']} rejoined")
 
     def quantity(field: str, of: str, digits: int) -> None:
         known = FIELDS[field]

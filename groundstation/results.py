@@ -71,7 +71,7 @@ class RunFolder:
             raise
         self._flown, self._dt = flown, flown.dt
         self._over, self._resumed, self._full = False, past is not None, False
-        self._last_tick = -1
+        self.last_tick = -1
         self._aside = Aside("checkpoints")  # they wait for the disk
         spool = self.path / _SPOOL
         part = spool.with_suffix(".part")
@@ -81,7 +81,7 @@ class RunFolder:
                 self._events.truncate(past.events_bytes)
                 for rows in unbroken(past.rows, max(1, _PAST_STATES // flown.uavs)):
                     self._spool.append(block_of(rows, past.next_block - 1), past.events_bytes)
-                self._last_tick = past.rows.num_rows - 1
+                self.last_tick = past.rows.num_rows - 1
                 self._sync()
                 (self.path / SUMMARY).unlink(missing_ok=True)
             durable.rename(part, spool)
@@ -113,7 +113,7 @@ class RunFolder:
                 os.ftruncate(self._events.fileno(), told)
             raise RunFailed(self._holds(_reason(error))) from error
         if len(block.states):
-            last = self._last_tick = block.first_tick + len(block.states) - 1
+            last = self.last_tick = block.first_tick + len(block.states) - 1
             done = self._flown.stop == "arrival" and not (block.status[-1] == Status.FLYING).any()
             self._over = done or last >= self._flown.max_ticks
 
@@ -136,7 +136,7 @@ class RunFolder:
 
     def _holds(self, why: str) -> str:
         mend = f"make room, then `meanflock resume {self.path}`"
-        return f"{self.path}: {why}; it holds the flight up to tick {self._last_tick}: {mend}"
+        return f"{self.path}: {why}; it holds the flight up to tick {self.last_tick}: {mend}"
 
     def summarise(self, summary: dict[str, Any]) -> None:
         """Writes `summary.json`, whole or not at all; a run that failed has none. One that finished needs no

@@ -26,6 +26,7 @@ from worldsim.checkpoint import Resumption
 _CONNECT_S = 60.0
 _JOIN_S = 60.0
 _LAST_WORDS_S = 15.0
+_ON_ITS_WAY_S = 2.0  # after the world has ended
 _LAST_WORDS_OF_THE_LOST_S = 2.0  # a node that was lost may be frozen, and is then ended without them
 
 
@@ -59,7 +60,11 @@ class Run:
 
 def new_run_id(scenario: Scenario, parent: Path) -> str:
     """A name nobody has used in `parent`: time, method, seed."""
-    stem = f"{datetime.now():%Y%m%d-%H%M%S}-{scenario.method}-s{scenario.seed}"
+    return unused(parent, f"{datetime.now():%Y%m%d-%H%M%S}-{scenario.method}-s{scenario.seed}")
+
+
+def unused(parent: Path, stem: str) -> str:
+    """`stem` itself, or with a number behind it, whatever is not there in `parent` yet."""
     taken = 0
     while (parent / (name := stem if not taken else f"{stem}-{taken}")).exists():
         taken += 1
@@ -201,7 +206,7 @@ def _processes(
             desk.progress.say("joining")
             first_block = None if start is None else start.block + 1
             station = Station(bus, run_id, desk.sinks, first_block=first_block, uavs=scenario.uavs)
-            _listen(bus, station, swarm, interrupted)
+            _listen(bus, station, swarm, interrupted, desk.folder)
         finally:
             bus.close()
         assert station.summary is not None
@@ -209,7 +214,7 @@ def _processes(
         if not swarm.wait(_LAST_WORDS_OF_THE_LOST_S if some_lost else _LAST_WORDS_S) and not some_lost:
             raise RunFailed("the flight is over but some processes did not end")
         if not interrupted:
-            swarm.check()
+            swarm.check_world()
     return station.summary
 
 
@@ -227,8 +232,8 @@ def _connect(swarm: Swarm, interrupted: Interrupted) -> ZenohBus:
                 raise
 
 
-def _listen(bus: ZenohBus, station: Station, swarm: Swarm, interrupted: Interrupted) -> None:
-    told = checked = 0.0
+def _listen(bus: ZenohBus, station: Station, swarm: Swarm, interrupted: Interrupted, folder: RunFolder) -> None:
+    told = checked = ended = 0.0
     while station.summary is None:
         delivery = bus.receive(0.05)
         if delivery is not None:
@@ -242,3 +247,10 @@ def _listen(bus: ZenohBus, station: Station, swarm: Swarm, interrupted: Interrup
         if not told and now - checked > 0.1:
             checked = now
             swarm.check()
+        if delivery is None and swarm.world_ended:  # nothing can come any more but what is on its way
+            ended = ended or now
+            if now - ended > _ON_ITS_WAY_S:
+                raise RunFailed(
+                    f"the world ended before this process had its last words; {folder.path} holds the flight up to "
+                    f"tick {folder.last_tick}: `meanflock resume {folder.path}` goes on with it"
+                )

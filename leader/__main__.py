@@ -2,25 +2,26 @@
 
 from leader.node import Leader
 from swarm import keys, logs
+from swarm.attendance import take_part
 from swarm.identity import LEADER
-from swarm.messages import Join
+from swarm.messages import Join, Welcome
 from swarm.process import Interrupted, identity, main, orphaned, parser
 from swarm.session import ZenohBus
-from swarm.spoke import Spoke
 
 
 def _run() -> None:
     given = parser("leader", "The federated leader.", "python -m leader --run test").parse_args()
     known = logs.start(given.log_format, run=given.run, node=LEADER)
     interrupted = Interrupted()
-    bus = ZenohBus.client(given.endpoint, given.wait, identity(given.tls, LEADER))
-    try:
-        spoke = Spoke(bus, keys.check_run(given.run))
-        welcome = spoke.join(Join("leader", 0), Leader, given.wait, lambda: bool(interrupted) or orphaned())
+    who, run = identity(given.tls, LEADER), keys.check_run(given.run)
+
+    def connect(timeout_s: float) -> ZenohBus:
+        return ZenohBus.client(given.endpoint, timeout_s, who)
+
+    def welcomed(welcome: Welcome) -> None:
         known["node"] = welcome.node
-        spoke.serve(interrupted.__bool__, orphaned)
-    finally:
-        bus.close()
+
+    take_part(connect, run, Join("leader", 0), Leader, given.wait, interrupted.__bool__, orphaned, welcomed)
 
 
 if __name__ == "__main__":

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from leader.aggregators.base import Aggregator, State
 from swarm import payload, plugins, state
-from swarm.codec import decode_record, encode_record
-from swarm.errors import MessageRejected
+from swarm.codec import MAX_AXES, TRAVELS, decode_record, encode_record
+from swarm.declared import MAX_MEMORY_BYTES
+from swarm.errors import BadInput, MessageRejected
 from swarm.mean import pooled, refuse, stacked
 from swarm.messages import Act, FrameKind, Frames, Sense, Welcome
 from swarm.relay import Relay
@@ -33,7 +34,8 @@ class Leader:
         federation = scenario.federation
         self._relay = Relay(scenario) if federation.clusters > 1 else None
         self._rule: Aggregator = plugins.create("aggregator", federation.aggregation, federation.options, scenario)
-        self._state: State = self._rule.init(scenario.declared.parameters)
+        self._state = self._begin(scenario.declared.parameters)
+        self._kept = b""  # that, as a record
         self._arrived: dict[int, dict[int, Floats]] = {}  # round → UAV → model, or relay
 
     def act(self, sense: Sense) -> Act:
@@ -58,15 +60,25 @@ class Leader:
         number = self._rounds.closes(sense.tick)
         arrived, refused = refuse(self._arrived.pop(number, {}) if number else {})
         self.refused += len(refused)
+        self._kept = b""
         outbox = self._broadcast(number, arrived) if arrived else ()
         return Act(
             sense.run,
             sense.tick,
             np.zeros((0, state.AXES)),
             refused=np.array(refused, dtype=np.int32),
-            memory=encode_record(self._state) if outbox and self._state else b"",
+            memory=self._kept,
             outbox=outbox,
         )
+
+    def _begin(self, parameters: int) -> State:
+        name = self._scenario.federation.aggregation
+        try:
+            begun = self._rule.init(parameters)
+            _recorded(begun)
+            return begun
+        except Exception as error:
+            raise BadInput(f"aggregator {name!r} failed in `init`: {_last_line(error)}") from error
 
     def _broadcast(self, number: int, arrived: dict[int, Floats]) -> tuple[Frames, ...]:
         model = self._averaged(number, arrived)
@@ -90,9 +102,9 @@ class Leader:
                 raise ValueError(f"a model of shape {np.shape(model)}; expected ({width},)")
             if not np.isfinite(model).all():
                 raise ValueError("the model is not finite")
+            self._kept = _recorded(after)
         except Exception as error:
-            text = traceback.format_exception_only(error)[-1].strip()
-            self.complaints.append(f"aggregator {name!r} failed in round {number}: {text}")
+            self.complaints.append(f"aggregator {name!r} failed in round {number}: {_last_line(error)}")
             return None
         self._state = after
         return np.asarray(model, dtype=np.float64)
@@ -104,3 +116,25 @@ class Leader:
             self._up.check(frames.payload, len(frames.source))
         else:
             self._relay.check(frames.source, frames.payload)
+
+
+def _recorded(state_: State) -> bytes:
+    """What a rule remembers, as a record; nothing where it remembers nothing.
+
+    Raises:
+        TypeError, ValueError: it cannot be kept.
+    """
+    if not isinstance(state_, dict):
+        raise TypeError(f"the state is a {type(state_).__name__}; expected a dict of arrays")
+    for name, array in state_.items():
+        if not isinstance(array, np.ndarray) or array.dtype not in TRAVELS or array.ndim > MAX_AXES:
+            raise TypeError(f"state[{name!r}] is no array of numbers that can be kept in a checkpoint")
+        if not np.isfinite(array).all():
+            raise ValueError(f"state[{name!r}] is not finite")
+    if (size := sum(array.nbytes for array in state_.values())) > MAX_MEMORY_BYTES:
+        raise ValueError(f"the state has {size} bytes; at most {MAX_MEMORY_BYTES}")
+    return encode_record(state_) if state_ else b""
+
+
+def _last_line(error: Exception) -> str:
+    return traceback.format_exception_only(error)[-1].strip()

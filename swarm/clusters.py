@@ -40,7 +40,9 @@ def check(scenario: "Scenario") -> None:
     if count > scenario.uavs:
         raise ValueError(f"{asked} `uavs` is {scenario.uavs}; a cluster holds at least one")
     if not scenario.declared.is_federated:
-        raise ValueError(f"{asked} `method` {scenario.method} has no rounds; take one that shares a model")
+        raise ValueError(
+            f"{asked} `method` {scenario.method} has no rounds; take one that shares a model, as mfgfl-hf does"
+        )
     if federation.aggregation != "fedavg":
         raise ValueError(
             f"{asked} `federation.aggregation` {federation.aggregation} must see every upload, and heads send "

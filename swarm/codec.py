@@ -22,7 +22,8 @@ MAX_BYTES = 64 * 2**20  # no message of a swarm within the scenario's bounds com
 _ARRAY = 1  # the extension code
 _DTYPES = tuple(np.dtype(name) for name in ("<f2", "<f4", "<f8", "<i4", "u1", "<i2", "i1", "<i8", "?"))
 _CODE = {dtype: code for code, dtype in enumerate(_DTYPES)}
-_MAX_AXES = 4
+MAX_AXES = 4
+TRAVELS = frozenset(_DTYPES)  # dtypes an array can have
 
 FLOAT_OF_BITS = {16: _DTYPES[0], 32: _DTYPES[1], 64: _DTYPES[2]}  # Radio.bits_per_float → dtype
 
@@ -33,7 +34,7 @@ M = TypeVar("M")
 def _layout(head: bytes) -> tuple[np.dtype, tuple[int, ...], int]:
     """dtype, shape and bytes of an array, as the head of its extension says."""
     kind, axes = head[0], head[1]
-    if kind >= len(_DTYPES) or axes > _MAX_AXES or len(head) < 2 + 4 * axes:
+    if kind >= len(_DTYPES) or axes > MAX_AXES or len(head) < 2 + 4 * axes:
         raise MessageRejected("malformed", f"array header ({kind}, {axes})")
     shape = struct.unpack_from(f"<{axes}I", head, 2)
     return _DTYPES[kind], shape, math.prod(shape) * _DTYPES[kind].itemsize

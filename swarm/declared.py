@@ -12,6 +12,9 @@ if TYPE_CHECKING:
 
 MAX_PARAMETERS = 1_000_000  # floats of a model: 8 MB, and no radio carries it
 MAX_DIAGNOSTICS = 100  # columns of a message are counted in one byte
+MAX_BROADCASTS = 16  # of a controller in a tick
+MAX_BROADCAST_NUMBERS = 4096  # of a frame
+MAX_MEMORY_BYTES = 24 * 2**20  # of all UAVs together; a flight of more goes on without checkpoints
 
 
 class Declared(msgspec.Struct, frozen=True):
@@ -62,6 +65,15 @@ def of(made: Any, name: str) -> Declared:
     Raises:
         BadInput: a declaration is of no use.
     """
+    try:
+        return _checked(made, name)
+    except BadInput:
+        raise
+    except Exception as error:  # a class attribute may be anything
+        raise BadInput(f"controller {name!r}: a declaration cannot be read: {type(error).__name__}: {error}") from error
+
+
+def _checked(made: Any, name: str) -> Declared:
     parameters, period = made.parameters, made.period_ticks
     if not _is_count(parameters, 0, MAX_PARAMETERS):
         raise BadInput(f"controller {name!r}: `parameters` is {parameters!r}; expected 0 … {MAX_PARAMETERS}")
@@ -73,6 +85,8 @@ def of(made: Any, name: str) -> Declared:
         raise BadInput(f"controller {name!r}: `weights` is {weights!r}; expected 0 … {MAX_PARAMETERS}")
     if not _is_count(period, 1, 2**31):
         raise BadInput(f"controller {name!r}: `period_ticks` is {period!r}; expected a number of ticks, at least 1")
+    if isinstance(made.diagnostics, str):
+        raise BadInput(f"controller {name!r}: `diagnostics` is a text; write ({made.diagnostics!r},)")
     diagnostics = tuple(made.diagnostics)
     fine = len(set(diagnostics)) == len(diagnostics) <= MAX_DIAGNOSTICS
     if not fine or not all(isinstance(column, str) and column.isidentifier() for column in diagnostics):

@@ -31,6 +31,14 @@ class BusError(RunFailed):
     """The bus could not be opened, or the swarm could not be joined."""
 
 
+class WorldGone(BusError):
+    """The session with the world ended without a word: the world is gone, or the way to it."""
+
+
+class Refused(BusError):
+    """The world answered that a node cannot take part."""
+
+
 class MessageRejected(MeanflockError):
     """Bytes from the network that are not a message of this run; `reason` is the name it is counted under.
 

@@ -37,7 +37,13 @@ def fedavg(models: Floats) -> Floats:
 
 
 def stacked(models: dict[int, Floats]) -> Floats:
-    """The models as rows in the order of the UAVs, `(S, L)`."""
+    """The models as rows in the order of the UAVs, `(S, L)`.
+
+    Raises:
+        ValueError: no model.
+    """
+    if not models:
+        raise ValueError("nothing arrived to average")
     return np.stack([models[uav] for uav in sorted(models)]).astype(np.float64)
 
 

@@ -12,6 +12,8 @@ from typing import TypeAlias
 import msgspec
 import numpy as np
 
+from swarm.plugins import Door
+
 
 class _Message(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True, eq=False):
     """Encoded as an array: tag first, then the fields in order."""
@@ -59,7 +61,7 @@ class Welcome(_Message, frozen=True, tag="welcome"):
     scenario: bytes  # canonical JSON
     initial_states: np.ndarray  # (N, 4) floats as wide as the radio's: the mission plan every UAV shares
     memory: bytes = b""  # of a run that is resumed: a record of what the rows of this node had in memory
-    plugins: tuple[tuple[str, str, str], ...] = ()  # door, name and fingerprint of what the run needs on every host
+    plugins: tuple[tuple[Door, str, str], ...] = ()  # door, name and fingerprint of what the run needs
 
 
 class Refusal(_Message, frozen=True, tag="refusal"):
@@ -105,6 +107,9 @@ class Stop(_Message, frozen=True, tag="stop"):
 
     run: int
     reason: str
+
+
+LOST = "lost: "  # how the reason of a Stop begins that goes to a node the world does not wait for any more
 
 
 class Event(_Message, frozen=True, tag="event"):

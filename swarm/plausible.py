@@ -23,7 +23,8 @@ def check(scenario: "Scenario") -> Callable[[NDArray[np.float64]], NDArray[np.bo
     reach = float(np.hypot(*start)) + float(width) + speed * scenario.duration
 
     def can_be(states: NDArray[np.float64]) -> NDArray[np.bool_]:
-        squared = states * states
+        numbers = states.astype(np.float64, copy=False)  # of whole numbers the square may not fit in as many bits
+        squared = numbers * numbers
         position, velocity = squared[:, POSITION].sum(axis=-1), squared[:, VELOCITY].sum(axis=-1)
         sane: NDArray[np.bool_] = (position <= reach * reach) & (velocity <= speed * speed)
         return sane

@@ -89,6 +89,11 @@ def orphaned() -> bool:
     return bool(readable) and os.read(0, 1) == b""
 
 
+def how_it_ended(code: int) -> str:
+    """The exit code of a process, or minus the signal that killed it, in words."""
+    return f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+
+
 def main(body: Callable[[], None]) -> NoReturn:
     """Runs a process: its errors become one line and their exit code."""
     try:

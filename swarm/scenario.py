@@ -270,8 +270,8 @@ class Scenario(_Table, frozen=True, dict=True):
         """Ticks until `duration`."""
         return max(1, round(self.duration / self.dt))
 
-    def plugins(self) -> tuple[tuple[str, str, str], ...]:
-        """Door, name and fingerprint of every plug-in it needs, on every host.
+    def plugins(self) -> tuple[tuple[Door, str, str], ...]:
+        """Door, name and fingerprint of every plug-in it needs.
 
         Raises:
             BadInput: one is not installed here.
@@ -279,6 +279,8 @@ class Scenario(_Table, frozen=True, dict=True):
         wanted: tuple[tuple[Door, str], ...] = (
             ("controller", self.method),
             ("aggregator", self.federation.aggregation),
+            ("channel", self.radio.model),
+            ("vehicle", self.vehicle.model),
         )
         return tuple((door, name, find(door, name).fingerprint) for door, name in wanted)
 

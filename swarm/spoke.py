@@ -13,7 +13,7 @@ import msgspec
 
 from swarm import codec, keys, plugins, tick
 from swarm.bus import Bus, Delivery
-from swarm.errors import BadInput, BusError, MessageRejected
+from swarm.errors import BadInput, BusError, MessageRejected, Refused, WorldGone
 from swarm.messages import Act, Event, Join, Message, Ready, Refusal, Sense, Stop, Welcome
 
 log = logging.getLogger("meanflock.node")
@@ -59,7 +59,8 @@ class Spoke:
         Who comes before its predecessor is missed is refused for now, and asks again.
 
         Raises:
-            BusError: no world answered in time, or it refused.
+            Refused: the world did not let it in.
+            BusError: no world answered in time.
         """
         request = msgspec.structs.replace(request, token=int.from_bytes(os.urandom(7), "little"))
         welcome = self._ask(request, timeout_s, cancelled)
@@ -67,7 +68,7 @@ class Spoke:
             raise BusError(f"the world of run {self._run!r} answered with {type(welcome).__name__}")
         self._speak = keys.act(self._run, welcome.node)
         try:
-            _check_plugins(welcome)
+            _check_plugins(welcome, request.role)
             self._node = make(welcome)
         except BadInput as error:  # said here and there: whoever watches the world need not look on this host
             why = f"{welcome.node} on host {platform.node()}: {error}"
@@ -85,7 +86,7 @@ class Spoke:
         `cancelled` is asked after every delivery, `abandoned` only when there is nothing to do.
 
         Raises:
-            BusError: the world is gone without a word.
+            WorldGone: the session with the world ended without a word.
         """
         while self.stopped is None:
             if cancelled():
@@ -98,7 +99,7 @@ class Spoke:
             elif self._last_tick < 0:
                 self._ready()
         if self.stopped == _GONE:
-            raise BusError(f"the world of run {self._run!r} is gone; `meanflock resume` goes on with its run")
+            raise WorldGone(f"the world of run {self._run!r} is gone; `meanflock resume` goes on with its run")
         return self.stopped
 
     def handle(self, delivery: Delivery) -> None:
@@ -137,21 +138,21 @@ class Spoke:
     def _ask(self, request: Join, timeout_s: float, cancelled: Callable[[], bool]) -> Message:
         """The first answer of a world that is not a refusal for now."""
         question, raw = keys.join(self._run, keys.asker(request.role, request.uav)), codec.encode(request)
-        failure = f"no world of run {self._run!r} answered within {timeout_s:.0f} s"
+        failure = BusError(f"no world of run {self._run!r} answered within {timeout_s:.0f} s")
         end = time.monotonic() + timeout_s
         while True:
             if (answer := self._bus.ask(question, raw, _ASK_TIMEOUT_S)) is not None:
                 message = codec.decode(answer)
                 if not isinstance(message, Refusal):
                     return message
-                failure = f"the world refused: {message.reason}"
+                failure = Refused(f"the world refused: {message.reason}")
                 if not message.for_now:
-                    raise BusError(failure)
+                    raise failure
                 log.info("refused for now: %s", message.reason)
             if cancelled():
                 raise BusError(f"interrupted while asking to take part: {failure}")
             if (left := end - time.monotonic()) <= 0:
-                raise BusError(failure)
+                raise failure
             if answer is not None:
                 time.sleep(min(_REFUSED_AGAIN_S, left))
 
@@ -183,15 +184,14 @@ class Spoke:
         self._bus.put(self._speak, codec.encode(Ready(self._fingerprint)))
 
 
-def _check_plugins(welcome: Welcome) -> None:
-    """Whether this host has the plug-ins the world has.
+def _check_plugins(welcome: Welcome, role: str) -> None:
+    """Whether this host has the plug-ins of the world that a node needs: the controller, and a leader the rule, too.
 
     Raises:
         BadInput: one is missing, or another version of it is here.
     """
     for door, name, fingerprint in welcome.plugins:
-        if door not in plugins.GROUPS:
-            continue
-        here = plugins.find(door, name)
-        if here.fingerprint != fingerprint:
-            raise BadInput(f"{door} {name!r} is of {here.fingerprint} here, and of {fingerprint} with the world")
+        if door == "controller" or (door == "aggregator" and role == "leader"):
+            here = plugins.find(door, name)
+            if here.fingerprint != fingerprint:
+                raise BadInput(f"{door} {name!r} is of {here.fingerprint} here, and of {fingerprint} with the world")

@@ -35,6 +35,8 @@ def read_sense(raw: bytes) -> Sense:
         raise _rejected(error) from error
     if kind != SENSE:
         raise MessageRejected("wrong-kind", "an Act, expected a Sense")
+    if flags & ~(REPORT | CHECKPOINT):
+        raise MessageRejected("malformed", f"flags {flags:#x} of a Sense")
     states = np.ndarray((rows, columns), _FLOAT, raw, FIRST)
     if not (flags or batches or size):
         return Sense(run, tick, states)
@@ -49,11 +51,13 @@ def read_act(raw: bytes) -> Act:
         MessageRejected: `malformed`, `wrong-shape`, `non-finite` or `wrong-kind`.
     """
     try:
-        kind, run, tick, _, rows, columns, tables, batches = kernels.read(raw)
+        kind, run, tick, flags, rows, columns, tables, batches = kernels.read(raw)
     except ValueError as error:
         raise _rejected(error) from error
     if kind != ACT:
         raise MessageRejected("wrong-kind", "a Sense, expected an Act")
+    if flags:
+        raise MessageRejected("malformed", f"flags {flags:#x} of an Act")
     lost, lost_size, refused, refused_size, models, models_size, memory, memory_size = tables
     width, left = divmod(models_size // 8, rows) if rows else (0, models_size)
     if left:
@@ -90,9 +94,11 @@ def write_sense(sense: Sense) -> bytes:
 def write_act(act: Act) -> bytes:
     """The bytes of an Act."""
     rows, columns = act.commands.shape
-    tables = act.lost, act.refused, b"" if act.models is None else _plain(act.models), act.memory
+    models = b"" if act.models is None else _plain(act.models)
+    tables = np.ascontiguousarray(act.lost, _INT), np.ascontiguousarray(act.refused, _INT), models, act.memory
     outbox = frames_out(act.outbox) if act.outbox else ()
-    return kernels.write(ACT, act.run, act.tick, 0, rows, columns, np.ascontiguousarray(act.commands), tables, outbox)
+    commands = np.ascontiguousarray(act.commands, _FLOAT)
+    return kernels.write(ACT, act.run, act.tick, 0, rows, columns, commands, tables, outbox)
 
 
 def frames_in(raw: bytes, batches: Iterable[Batch]) -> tuple[Frames, ...]:

@@ -79,7 +79,7 @@ def _run() -> None:
 
             logs.tell(f"metrics at {stack.enter_context(exported(world.instruments, metrics))}")
         world.gather(given.wait, interrupted.__bool__)
-        for tick in world.fly():
+        for tick in world.fly(interrupted.__bool__):
             if interrupted or (tick % 50 == 0 and orphaned()):
                 break
         linger_s = 0.0 if orphaned() else LINGER_S if world.flight.over else HURRIED_S

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarm import codec
+from swarm.declared import MAX_MEMORY_BYTES
 from swarm.errors import BadInput, MessageRejected
 from worldsim.members import Member
 
@@ -31,13 +32,14 @@ class Memories:
         self._uavs = uavs
         self._arrays: dict[str, NDArray[Any]] = {}  # (N, …) each
         self._names: set[str] | None = None  # of the first reply; all have the same
+        self._bytes = 0  # of all these arrays
         self._from: NDArray[np.bool_] = np.zeros(uavs, dtype=bool)
 
     def take(self, member: Member, record: Mapping[str, Any]) -> None:
         """Enters the reply of one node.
 
         Raises:
-            MessageRejected: `wrong-shape`: its arrays are not of its rows, or not like those of the others.
+            MessageRejected: its arrays are not of its rows, not like those of the others, or too large for everyone's.
         """
         if self._names is None:
             self._names = set(record)
@@ -48,6 +50,12 @@ class Memories:
                 raise MessageRejected("wrong-shape", f"memory {name!r}: expected {member.rows} rows")
             whole = self._arrays.get(name)
             if whole is None:
+                row_bytes = array.nbytes // member.rows
+                self._bytes += row_bytes * self._uavs
+                if self._bytes > MAX_MEMORY_BYTES:
+                    raise MessageRejected(
+                        "oversized", f"memory {name!r}: {row_bytes} bytes of each of {self._uavs} UAVs"
+                    )
                 whole = self._arrays[name] = np.zeros((self._uavs, *array.shape[1:]), array.dtype)
             if whole.shape[1:] != array.shape[1:] or whole.dtype != array.dtype:
                 raise MessageRejected("wrong-shape", f"memory {name!r}: {array.shape} {array.dtype}, unlike the others")

@@ -8,7 +8,7 @@ import numpy as np
 from swarm import codec, keys, scenario
 from swarm.bus import Bus, Delivery
 from swarm.errors import MessageRejected
-from swarm.messages import Event, Join, Message, Ready, Received, Refusal, Stop, Welcome
+from swarm.messages import LOST, Event, Join, Message, Ready, Received, Refusal, Stop, Welcome
 from swarm.scenario import Scenario
 from swarm.tick import TYPES
 from worldsim import inbound
@@ -18,6 +18,7 @@ from worldsim.flight import Flight
 from worldsim.ledger import Ledger
 from worldsim.members import LEADER, JoinRefused, Member, Members
 from worldsim.telemetry import Outbox
+from worldsim.unattended import Unattended
 
 log = logging.getLogger("meanflock.world")
 
@@ -51,6 +52,7 @@ class Door:
         self.closed = False  # after the last: who leaves is not lost
         self.resumed: Resumption | None = None  # whose memory is handed out until then
         self.unfit: list[str] = []  # why nodes that were welcome cannot take part, after all
+        self.unattended = Unattended(lambda: self._clock())
         self.on_leader_lost: Callable[[], None] = lambda: None  # one that was asked in this tick
         self._scenario, self._bus, self._run = flown, bus, run
         self._fingerprint, self._received = keys.fingerprint(run), keys.received(run)
@@ -97,8 +99,9 @@ class Door:
         about = {"tick": self._flight.tick, "peer": member.name, "uavs": member.uavs.tolist(), "reason": why}
         log.warning("lost %s: %s", member.name, why, extra=about)
         self._ledger.nodes_lost += self.flying
-        self.dismiss(member, f"lost: {why}")
+        self.dismiss(member, f"{LOST}{why}")
         if len(member.uavs) and self.flying:
+            self.unattended.lose(member.uavs)
             self._flight.lose(member.uavs, "lost", f"{member.name}: {why}")
         else:
             self._note("lost", f"{member.name}: {why}")
@@ -123,7 +126,7 @@ class Door:
         if member is None:
             raise MessageRejected("unknown-node", name)
         if member.lost:
-            self._stop(name, "lost: nobody waits for this node any more")
+            self._stop(name, f"{LOST}nobody waits for this node any more")
             raise MessageRejected("unknown-node", f"{name}, which was lost")
         try:
             if len(raw) > (most := inbound.limit(member.rows, self._scenario)):
@@ -157,6 +160,8 @@ class Door:
         if member.ready:
             return
         member.ready = True
+        self._ledger.nodes_rejoined += self.flying
+        self.unattended.attend(member.uavs)
         if self.flying and member.role == LEADER:
             self._note("rejoined", f"{member.name} stands by")
         elif self.flying:
@@ -217,7 +222,7 @@ class Door:
         if delivery.kind == "gone":
             self.lose(member, "its liveliness token vanished")
         elif member.lost:
-            self._stop(name, "lost: nobody waits for this node any more")
+            self._stop(name, f"{LOST}nobody waits for this node any more")
 
     def _stop(self, name: str, why: str) -> None:
         self._bus.put(keys.sense(self._run, name), codec.encode(Stop(self._fingerprint, why)))

@@ -94,6 +94,7 @@ class Exporter(Collector):
             alive.add_metric([role], count)
         yield alive
         yield _counter("nodes_lost", "Nodes lost in flight.", self._of.ledger.nodes_lost)
+        yield _counter("nodes_rejoined", "Nodes that joined in flight.", self._of.ledger.nodes_rejoined)
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from swarm import tick as wire
 from swarm.ascending import contains
 from swarm.clusters import Clusters
 from swarm.codec import FLOAT_OF_BITS
+from swarm.declared import MAX_BROADCAST_NUMBERS, MAX_BROADCASTS, MAX_MEMORY_BYTES
 from swarm.errors import MessageRejected
 from swarm.messages import Act, FrameKind, Frames
 from swarm.relay import Relay
@@ -15,10 +16,7 @@ from swarm.rounds import Rounds
 from swarm.scenario import Scenario
 from worldsim.members import LEADER, Member
 
-MAX_BROADCASTS = 16  # of a node in a tick
-MAX_BROADCAST_NUMBERS = 4096  # of a frame
-MAX_MEMORY_BYTES = 16 * 2**20  # of a node's rows, at a checkpoint
-_OVERHEAD_BYTES = 1024
+_OVERHEAD_BYTES = 4096
 
 
 class Replies:
@@ -52,17 +50,17 @@ class Replies:
             )
         if act.models is not None and act.models.shape[1] != self._weights:
             raise MessageRejected("wrong-shape", f"models: expected {(rows, self._weights)}, got {act.models.shape}")
-        if len(act.memory) > MAX_MEMORY_BYTES:
-            raise MessageRejected("oversized", f"a memory of {len(act.memory)} bytes, at most {MAX_MEMORY_BYTES}")
+        if act.memory and len(act.memory) > (most := max_memory(rows, self._scenario.uavs)):
+            raise MessageRejected("oversized", f"a memory of {len(act.memory)} bytes, at most {most}")
         if len(act.refused):
-            self._check_refused(member, tick, act.refused)
+            self._check_refused(act.refused)
         if len(act.lost) and not contains(member.uavs, act.lost).all():
             raise MessageRejected("wrong-shape", "lost names UAVs of another node")
         if act.outbox:
             self._check_outbox(member, act.outbox)
         return act
 
-    def _check_refused(self, member: Member, tick: int, refused: NDArray[np.int32]) -> None:
+    def _check_refused(self, refused: NDArray[np.int32]) -> None:
         """A leader may refuse uploads, an agent those of clusters it heads and whatever it received of others."""
         everyone = ((refused >= 0) & (refused < self._scenario.uavs)).all()
         if len(np.unique(refused)) < len(refused) or not everyone:
@@ -112,7 +110,13 @@ def limit(rows: int, scenario: Scenario) -> int:
     declared = scenario.declared
     numbers = state.AXES + len(declared.diagnostics) + declared.weights + 2 * declared.parameters
     said = MAX_BROADCASTS * 8 * MAX_BROADCAST_NUMBERS
-    return _OVERHEAD_BYTES + 5 * scenario.uavs + max(1, rows) * (8 * numbers + said) + MAX_MEMORY_BYTES
+    memory = max_memory(rows, scenario.uavs)
+    return _OVERHEAD_BYTES + 5 * scenario.uavs + max(1, rows) * (8 * numbers + said) + memory
+
+
+def max_memory(rows: int, uavs: int) -> int:
+    """The most bytes that a node with so many of the UAVs may remember; one without any, a leader, as much as all."""
+    return _OVERHEAD_BYTES + (MAX_MEMORY_BYTES * rows // uavs if rows else MAX_MEMORY_BYTES)
 
 
 def stray(frames: Frames, tick: int, rounds: Rounds, averaged: int) -> MessageRejected | None:

@@ -12,6 +12,7 @@ _SCALARS = (
     "held",
     "deadline_misses",
     "nodes_lost",
+    "nodes_rejoined",
     "uploads_refused",
     "states_refused",
     "wall_s",
@@ -29,8 +30,10 @@ class Ledger:
         self.held = 0  # commands held over in real time
         self.deadline_misses = 0  # ticks with at least one of them
         self.nodes_lost = 0
+        self.nodes_rejoined = 0  # admitted in flight: in the place of one that was lost, or as a standby
         self.uploads_refused = 0
-        self.states_refused = 0  # received states of UAVs that were not believed, a tick, a node and a UAV
+        self.states_refused = 0  # received states that were not believed, a tick and a UAV that sent them
+        self.disbelieved: set[int] = set()  # the UAVs that sent them
         self.wall_s = 0.0  # flown before the run was resumed, s
         self.spread: float | None = None
         self.drops: Counter[str] = Counter()
@@ -53,6 +56,7 @@ class Ledger:
             "wall_s": wall_s,
             "spread": self.spread,
             "drops": dict(self.drops),
+            "disbelieved": sorted(self.disbelieved),
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -61,6 +65,7 @@ class Ledger:
             setattr(self, name, type(getattr(self, name))(snapshot[name]))
         self.spread = snapshot["spread"]
         self.drops = Counter(snapshot["drops"])
+        self.disbelieved = set(snapshot["disbelieved"])
 
     def summary(
         self, *, schedule: Schedule | None, diagnostics: Mapping[str, float], blocks_dropped: int
@@ -73,6 +78,7 @@ class Ledger:
             "fpk_residual_max": diagnostics.get("fpk_residual"),
             "weight_spread_final": self.spread,
             "nodes_lost": self.nodes_lost,
+            "nodes_rejoined": self.nodes_rejoined,
             "uploads_refused": self.uploads_refused,
             "states_refused": self.states_refused,
             "dropped_messages": dict(self.dropped),

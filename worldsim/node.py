@@ -138,14 +138,16 @@ class World:
         again = "" if self._resumed is None else f" and go on from tick {self.flight.tick}"
         self._note("resumed" if again else "joined", nodes + again)
 
-    def fly(self) -> Iterator[int]:
-        """The flight; yields the number of every tick flown, so that the caller can stop in between."""
+    def fly(self, cancelled: Callable[[], bool] = lambda: False) -> Iterator[int]:
+        """The flight; yields the number of every tick flown, so that the caller can stop in between. `cancelled` is
+        asked while it stands still because every agent is lost; RunFailed is raised where none comes back.
+        """
         self._started = self._clock()
         self._door.flying = True
         self._leads = leader.name if (leader := self._members.lead()) is not None else None
         if self._resumed is None:
             self._rows.add(self.flight, self.air, self._commands, NO_LINKS, self._ledger)
-        while not self.flight.over:
+        while self._has_agents(cancelled) and not self.flight.over:
             began = self._clock()
             if self._schedule is not None:
                 self._schedule.begin(began)
@@ -159,17 +161,30 @@ class World:
         self._note("finished", f"{record['arrived']} of {self._scenario.uavs} arrived")
         self._outbox.add(self._rows.take())
         self._outbox.add(finished := Finished(self._fingerprint, self._rows.block, msgspec.json.encode(record)))
+        self._leave("finished", linger_s)
+        if not self._outbox.empty:
+            self._put(keys.telemetry(self._run), finished)
+        return record
+
+    def _has_agents(self, cancelled: Callable[[], bool]) -> bool:
+        try:
+            return self._waiting.for_an_agent(cancelled)
+        except RunFailed as error:
+            self._note("failed", str(error))
+            self._outbox.add(self._rows.take())
+            self._leave(str(error), linger_s=5.0)
+            raise
+
+    def _leave(self, why: str, linger_s: float) -> None:
+        """Everyone is told; what is left of the telemetry is handed over."""
         self._door.closed = True
-        self.stop("finished")
+        self.stop(why)
         end = self._clock() + linger_s
         # What is on its way when a session closes may never arrive, so all of it is waited for, the summary too.
         back = self._stations > 0 and self.flight.over  # a recorder that was killed may be on its way back
         while (self._door.listeners or back) and not self._outbox.empty and self._clock() < end:
             self._publish()
             self._wait(0.1)
-        if not self._outbox.empty:
-            self._put(keys.telemetry(self._run), finished)
-        return record
 
     def stop(self, reason: str) -> None:
         """Sends every node home."""
@@ -274,9 +289,12 @@ class World:
         """Commands and diagnostics into their rows; frames of one kind joined, sources ascending."""
         self._barrier.close()
         asked, acts = self._barrier.asked, self._barrier.acts
-        for name, act in acts.items():
-            if len(act.refused) or len(act.lost) or act.memory:
-                self._regard(asked[name], act)
+        disbelieved: set[int] = set()
+        for name, member in asked.items():
+            if (act := acts.get(name)) is not None and (len(act.refused) or len(act.lost) or act.memory):
+                disbelieved |= self._regard(member, act)
+        if disbelieved:
+            self._disbelieve(disbelieved)
         awake = None if self._awake is self._all else self._awake
         numbers = {name: act.commands for name, act in acts.items() if len(act.commands)}
         if len(insane := self._commands.store(asked, numbers, awake)):
@@ -288,19 +306,29 @@ class World:
             self._commands.accelerations[self.flight.lost] = 0.0
         return frames
 
-    def _regard(self, member: Member, act: Act) -> None:
-        """Notes what is wrong with models or states, others' or a node's own; keeps what the aggregation remembers."""
-        if len(act.refused) and (member.role == LEADER or self._rounds.relays(act.tick)):
-            self._ledger.uploads_refused += len(act.refused)
-            self._note("refused", f"uploads of UAV {', '.join(map(str, act.refused))} were not averaged")
-        elif len(act.refused):
-            if not self._ledger.states_refused:
-                self._note("refused", f"states of UAV {', '.join(map(str, act.refused))} were not believed")
-            self._ledger.states_refused += len(act.refused)
+    def _regard(self, member: Member, act: Act) -> set[int]:
+        """Notes what is wrong with others' models or with a node's own UAVs; keeps what the aggregation remembers.
+
+        Returns the UAVs whose states are not believed there.
+        """
         if len(act.lost):
             self.flight.lose(act.lost.astype(np.intp), "diverged", "the controller failed or left the finite numbers")
         if member.role == LEADER and act.memory:
             self._aggregation = act.memory
+        if not len(act.refused):
+            return set()
+        if member.role != LEADER and not self._rounds.relays(act.tick):
+            return set(act.refused.tolist())
+        self._ledger.uploads_refused += len(act.refused)
+        self._note("refused", f"uploads of UAV {', '.join(map(str, act.refused))} were not averaged")
+        return set()
+
+    def _disbelieve(self, uavs: set[int]) -> None:
+        """Counts, once a tick however many nodes say so, UAVs whose states are not believed; names each once."""
+        self._ledger.states_refused += len(uavs)
+        if new := sorted(uavs - self._ledger.disbelieved):
+            self._ledger.disbelieved |= uavs
+            self._note("refused", f"states of UAV {', '.join(map(str, new))} were not believed: no UAV can be so")
 
     # -- step 6 -------------------------------------------------------------------------------------------------
 
@@ -317,7 +345,8 @@ class World:
                 leader = self._scenario.federation.leader
                 self._ledger.spread = weight_spread(models if counted.all() else models[counted])
                 self._rows.report(tick, np.where(sane[leader], models[leader], 0.0), self._ledger.spread)
-        if whole and self._awake[~self.flight.lost].all():
+        settled = not self._door.unattended.any_since(self._barrier_s)  # what ends the whole run may take one by one
+        if whole and settled and self._awake[~self.flight.lost].all():
             self._memories = self._remembered()
 
     def _remembered(self) -> Memories | None:
@@ -325,7 +354,7 @@ class World:
         memories = Memories(self._scenario.uavs)
         for name, act in self._barrier.acts.items():
             member = self._barrier.asked[name]
-            if member.rows:
+            if member.rows and act.memory:
                 try:
                     memories.take(member, codec.decode_record(act.memory))
                 except MessageRejected as error:

@@ -62,7 +62,7 @@ class Physics:
             far = ~(np.abs(moved) < BOUND).all(axis=-1)  # NaN is below nothing
             sane = np.isfinite(acceleration).all(axis=-1)
             self._check_finite("states", moved[far & sane], np.flatnonzero(far & sane))
-            diverged = np.flatnonzero(far)
+            moved, diverged = moved.copy(), np.flatnonzero(far)
             moved[far] = states[far]
             moved[far, state.VELOCITY] = 0.0
             acceleration = np.where(far[:, None], 0.0, acceleration)

@@ -30,11 +30,14 @@ class Speech:
 
     def of(self, tick: int, spoken: Iterable[Frames], awake: NDArray[np.bool_], meter: Meter) -> list[Frames]:
         """The frames of a tick; those `spoken` in order of their UAVs, `awake` (N,). Their bytes go on the bill."""
-        alike: dict[tuple[object, ...], list[Frames]] = {}
+        alike: dict[tuple[int, int, str, int], list[Frames]] = {}
         for batch in spoken:
             broadcast = batch.round if batch.kind == FrameKind.STATE else 0
-            alike.setdefault((batch.kind, broadcast, batch.payload.dtype, batch.payload.shape[1]), []).append(batch)
-        return [frames for batches in alike.values() if (frames := self._joined(tick, batches, awake, meter))]
+            form = batch.kind, broadcast, batch.payload.dtype.str, batch.payload.shape[1]
+            alike.setdefault(form, []).append(batch)
+        # In an order of their own: who is in which process decides what is said first, and shall decide nothing else.
+        ordered = [alike[form] for form in sorted(alike)] if len(alike) > 1 else alike.values()
+        return [frames for batches in ordered if (frames := self._joined(tick, batches, awake, meter))]
 
     def _joined(self, tick: int, batches: list[Frames], awake: NDArray[np.bool_], meter: Meter) -> Frames | None:
         """All batches of a kind as one, without what is not heard."""

@@ -1,11 +1,13 @@
-"""How a tick waits for its answers: in lockstep for everyone, in real time until its time is over."""
+"""How a tick waits: for all answers in lockstep, until its time is over in real time; for an agent if all are lost."""
 
 from collections.abc import Callable
 
+from swarm.errors import RunFailed
 from worldsim.barrier import Barrier
 from worldsim.door import Door
 from worldsim.durations import Durations
 from worldsim.ledger import Ledger
+from worldsim.members import LEADER
 from worldsim.schedule import Schedule
 
 STALL_S = 0.5  # who looks ten times a second and comes late by more stood still, and the nodes may have, too
@@ -38,6 +40,25 @@ class Waiting:
         asked = self._clock()
         answered = self._for_everyone() if self._schedule is None else self._until(self._schedule.end)
         self.took.add(answered - asked)
+
+    def for_an_agent(self, cancelled: Callable[[], bool]) -> bool:
+        """Before a tick: True at once, unless all agents are lost; then as soon as one is back. Without any there is
+        nobody whose flight it would be. False once `cancelled`.
+
+        Raises:
+            RunFailed: none came back in time.
+        """
+        if not self._door.unattended:
+            return True
+        end = self._clock() + self._patience_s
+        while not any(member.role != LEADER and member.ready for member in self._door.members.present):
+            if cancelled():
+                return False
+            if self._clock() > end:
+                raise RunFailed(f"every agent is lost, and none came back within {self._patience_s:.0f} s")
+            self._receive(0.1)
+            self._door.expire(self._patience_s)
+        return True
 
     def _for_everyone(self) -> float:
         """Lockstep: until everyone has answered, or is lost; returns when."""

@@ -81,7 +81,7 @@ class MeanField(Controller):
         """What rows know (M, N, 4) with the states received; which rows received any; and whose were not believed."""
         known, heard, refused = known.copy(), [], []
         for frames in received:
-            if frames.number or frames.payload.shape[1] != SIZE:
+            if frames.number or frames.payload.shape[1] != SIZE or frames.payload.dtype.kind != "f":
                 continue  # not a state
             sent, row = frames.links[:, 0], frames.links[:, 1]
             sane = self._plausible(frames.payload)

@@ -87,7 +87,7 @@ class _Suite:
         """A node without rows is of use to nobody, but arrays of none must come out as such."""
         made, none = self._make(), np.zeros((0, 4))
         memory = self._init(made, self._uavs[:0])
-        self._checked(self._stepped(made, memory, 0, none, ()), 0)
+        self._checked(self._stepped(made, memory, 0, none, ()), memory, 0)
 
     def silence(self) -> None:
         """A flight in which nothing is ever received."""
@@ -95,7 +95,7 @@ class _Suite:
         memory = self._init(made, self._uavs)
         for tick in range(3):
             step = self._stepped(made, memory, tick, self._plan, ())
-            self._checked(step, len(self._uavs))
+            self._checked(step, memory, len(self._uavs))
             memory = step.memory
 
     def trial(self, rows: Sequence[int] | None = None, seed: int = 1) -> Trial:
@@ -200,10 +200,10 @@ class _Suite:
         except Exception as error:
             fail(self._class, f"`step` with {len(own)} UAVs failed in tick {tick}: {_text(error)}", "mend it")
 
-    def _checked(self, step: Step, rows: int) -> NDArray[np.float64]:
+    def _checked(self, step: Step, before: Memory, rows: int) -> NDArray[np.float64]:
         columns = AXES + len(self._declared.diagnostics)
         try:
-            commands = checked_step(step, rows, columns)
+            commands = checked_step(step, before, rows, columns)
         except Exception as error:
             fail(self._class, f"`step` returned what a flight cannot use: {_text(error)}", "return what is declared")
         if not np.isfinite(commands).all():
@@ -225,7 +225,7 @@ class _Suite:
                     made[k], memories[k] = self._make(), _read_back(memories[k])
                 heard = _for(group, frames)
                 step = self._stepped(made[k], memories[k], tick, own[group], heard)
-                now[group] = self._checked(step, len(group))
+                now[group] = self._checked(step, memories[k], len(group))
                 memories[k] = step.memory
                 for number, broadcast in enumerate(step.broadcasts):
                     rows = group if broadcast.rows is None else group[broadcast.rows]

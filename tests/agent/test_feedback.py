@@ -1,5 +1,6 @@
 """Error feedback: nothing a UAV means to say is lost, it is only said later."""
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,15 +8,17 @@ from hypothesis import strategies as st
 
 from agent.feedback import Feedback
 from agent.node import Agent
-from swarm.errors import MessageRejected
+from swarm import codec
+from swarm.errors import BadInput
 from swarm.mean import fedavg
-from swarm.messages import FrameKind, Frames, Sense, Welcome
-from swarm.methods import Method
+from swarm.messages import FrameKind, Frames, Welcome
 from swarm.payload import Coding
-from tests.agent.test_node import NUMBER, UAVS, flown, models, sense, states_at, welcome
+from tests.agent.test_node import UAVS, flown, kept, models, sense, welcome
+from tests.methods import PARTS
 
 QUICK = settings(max_examples=40, deadline=None, database=None)
-HF = Method.MFGFL_HF
+HF = PARTS["mfgfl-hf"]
+RESIDUALS = "meanflock.residuals"  # in a checkpoint
 
 
 @pytest.mark.parametrize("name", ["int8", "float16"])
@@ -49,14 +52,14 @@ def test_the_residual_never_exceeds_what_one_rounding_takes() -> None:
 
 
 def test_a_weight_too_small_for_the_steps_gets_through_in_the_long_run_and_never_without_feedback() -> None:
-    coding = Coding("int8", Method.MFGFL_H)
+    coding = Coding("int8", PARTS["mfgfl-h"])
     model = np.zeros((1, 108))
     model[0, :3] = 1.0, 1.1e-3, -0.4e-3  # a step is 1/127
-    for kept in (True, False):
-        feedback = Feedback(coding, 1, kept=kept)
+    for keeps in (True, False):
+        feedback = Feedback(coding, 1, kept=keeps)
         heard = [coding.decode(feedback.encode(np.array([0]), model))[0] for _ in range(1000)]
         mean = np.mean(heard, axis=0)
-        if kept:
+        if keeps:
             np.testing.assert_allclose(mean, model[0], atol=1e-5)
         else:
             np.testing.assert_allclose(mean[:3], [1.0, 0.0, 0.0], atol=1e-7)
@@ -66,12 +69,12 @@ def test_an_average_of_rounded_models_follows_the_average_of_the_models() -> Non
     coding, draw = Coding("int8", HF), np.random.default_rng(4)
     base = draw.standard_normal((20, 246))
     off = {}
-    for kept in (True, False):
-        feedback, total = Feedback(coding, 20, kept=kept), np.zeros(246)
+    for keeps in (True, False):
+        feedback, total = Feedback(coding, 20, kept=keeps), np.zeros(246)
         for _ in range(30):
             heard = coding.decode(feedback.encode(np.arange(20), base))
-            total += fedavg(dict(enumerate(heard)))
-        off[kept] = np.linalg.norm(total / 30 - base.mean(axis=0))
+            total += fedavg(heard)
+        off[keeps] = np.linalg.norm(total / 30 - base.mean(axis=0))
     assert off[True] < off[False] / 5
 
 
@@ -109,10 +112,9 @@ def test_an_agent_s_uploads_add_up_to_its_models_but_for_the_residual_of_its_che
     heard = uploads(agent, 26)
     assert len(heard) == 5
     sent = sum(coding.decode(batch.payload) for _, batch in heard)
-    told = agent.act(Sense(NUMBER, 26, states_at(26), True, checkpoint=True))
-    assert told.residuals is not None
-    assert np.abs(told.residuals).max() > 0
-    np.testing.assert_allclose(sent + told.residuals, sum(seen for seen, _ in heard), rtol=0, atol=1e-12)
+    residuals = kept(agent, 26)[RESIDUALS]
+    assert np.abs(residuals).max() > 0
+    np.testing.assert_allclose(sent + residuals, sum(seen for seen, _ in heard), rtol=0, atol=1e-12)
 
 
 def test_without_feedback_every_upload_is_the_rounded_model_and_nothing_is_kept() -> None:
@@ -120,7 +122,7 @@ def test_without_feedback_every_upload_is_the_rounded_model_and_nothing_is_kept(
     agent, coding = Agent(welcome(of)), Coding("int8", HF)
     for seen, batch in uploads(agent, 21):
         np.testing.assert_array_equal(batch.payload, coding.encode(seen))
-    assert agent.act(sense(21)).residuals is None
+    assert RESIDUALS not in kept(agent, 21)
 
 
 @pytest.mark.parametrize(
@@ -135,13 +137,16 @@ def test_a_residual_is_kept_where_a_payload_is_narrower_than_a_float_of_the_radi
     assert not flown(*settings_, method="mfg").keeps_residuals
 
 
-def test_a_newcomer_with_residuals_goes_on_where_they_were_and_residuals_of_another_shape_are_rejected() -> None:
+def test_a_newcomer_with_residuals_goes_on_where_they_were_and_residuals_of_another_shape_are_refused() -> None:
     of = flown("federation.payload=int8", "federation.fraction=1.0")
     fresh = welcome(of)
     owed = np.full((len(UAVS), 246), 0.25)
-    with_past = Welcome(fresh.run, fresh.node, UAVS, 0, fresh.scenario, fresh.initial_states, residuals=owed)
-    (seen, batch), *_ = uploads(Agent(with_past), 6)
+    past = kept(Agent(fresh), 0)
+
+    def with_past(residuals: np.ndarray) -> Welcome:
+        return msgspec.structs.replace(fresh, memory=codec.encode_record(past | {RESIDUALS: residuals}))
+
+    (seen, batch), *_ = uploads(Agent(with_past(owed)), 6)
     np.testing.assert_array_equal(batch.payload, Coding("int8", HF).encode(seen + owed))
-    short = Welcome(fresh.run, fresh.node, UAVS, 0, fresh.scenario, fresh.initial_states, residuals=owed[:, :-1])
-    with pytest.raises(MessageRejected):
-        Agent(short)
+    with pytest.raises(BadInput, match="residuals"):
+        Agent(with_past(owed[:, :-1]))

@@ -1,12 +1,11 @@
-"""The offline program: within its limits, exact without wind, blind with it."""
+"""The offline plan: within its limits, exact without wind, blind with it."""
 
 import numpy as np
 import pytest
-from agent.offline import Program, speeds
 from hypothesis import given
 from hypothesis import strategies as st
-from swarm.methods import Method
 
+from agent.controllers.offline import OpenLoopPlan, speeds
 from groundstation.engine import Engine
 from swarm import state
 from swarm.scenario import Scenario, load
@@ -55,17 +54,17 @@ def test_short_way_never_coasts() -> None:
     assert profile.max() == pytest.approx(np.sqrt(12.0 * 3.0), rel=0.02)
 
 
-def test_no_way_to_go_is_no_program() -> None:
+def test_no_way_to_go_is_no_plan() -> None:
     assert len(speeds(0.0, 15.0, 3.0, 0.1)) == 0
 
 
 def test_without_randomness_the_discrete_motion_ends_at_rest_at_the_origin() -> None:
     scenario = load(None, ["wind.sigma=0"], method="offline")
     states = initial_states(scenario)
-    program, vehicle = Program(scenario, states), PointMass(PointMass.Options(), scenario)
+    plan, vehicle = OpenLoopPlan(scenario, states), PointMass(PointMass.Options(), scenario)
     straight = -states[:, state.POSITION] / np.linalg.norm(states[:, state.POSITION], axis=-1, keepdims=True)
-    for tick in range(len(program) + 20):
-        states, _ = vehicle.step(states, {}, program(tick), np.zeros((25, 2)))
+    for tick in range(len(plan) + 20):
+        states, _ = vehicle.step(states, {}, plan(tick), np.zeros((25, 2)))
         across = states[:, state.X] * straight[:, 1] - states[:, state.Y] * straight[:, 0]
         assert np.abs(across).max() < 1e-9
     assert np.abs(states).max() < 1e-9
@@ -94,14 +93,14 @@ def test_nothing_is_learned_and_nothing_said_but_the_mission_plan() -> None:
     assert record["payload_bits"]["total"] == record["payload_bits"]["state"] == 4 * 4 * 32
     assert record["radio"]["sent"] == 0
     assert record["fpk_residual_max"] is None
-    assert not Method.OFFLINE.learns_value
-    assert not Method.OFFLINE.learns_density
-    assert not Method.OFFLINE.is_federated
+    declared = engine.world._declared
+    assert (declared.parameters, declared.weights, declared.diagnostics) == (0, 0, ())
+    assert not declared.is_federated
 
 
 def test_blind_to_the_wind() -> None:
-    calm = Program(load(None, ["wind.sigma=0"], method="offline"), initial_states(load(None)))
-    windy = Program(load(None, ["wind.sigma=2"], method="offline"), initial_states(load(None)))
+    calm = OpenLoopPlan(load(None, ["wind.sigma=0"], method="offline"), initial_states(load(None)))
+    windy = OpenLoopPlan(load(None, ["wind.sigma=2"], method="offline"), initial_states(load(None)))
     for tick in (0, 50, 100, 10_000):
         np.testing.assert_array_equal(calm(tick), windy(tick))
 
@@ -109,6 +108,6 @@ def test_blind_to_the_wind() -> None:
 def test_rows_do_not_know_of_each_other() -> None:
     scenario = load(None, method="offline")
     states = initial_states(scenario)
-    together, alone = Program(scenario, states), Program(scenario, states[7:8])
+    together, alone = OpenLoopPlan(scenario, states), OpenLoopPlan(scenario, states[7:8])
     for tick in range(0, 200, 7):
         np.testing.assert_array_equal(together(tick)[7:8], alone(tick))

@@ -133,11 +133,8 @@ def test_a_summary_has_the_closed_forms_there_are(disk, model: str, unknown: boo
         ("np.where(near, 1, 2), near", "np.where(near, 1, 2), near * 1", "delivered: int64"),
         ("np.where(near, 1, 2), near", "near", "failed: ValueError"),
         ("        near =", "        raise OSError('no antenna')\n        near =", "failed: OSError: no antenna"),
-        (
-            "    def transmit",
-            "    def expected(self, d, b):\n        return np.nan, 1.0\n\n    def transmit",
-            "expected: ",
-        ),
+        ("class Options", "expected = lambda self, *given: (np.nan, 1.0)\n\n    class Options", "expected: "),
+        ("class Options", "expected = lambda self, *given: 'many'\n\n    class Options", "failed: ValueError"),
     ],
 )
 def test_a_wrong_channel_ends_the_run_and_says_what_is_wrong(disk, old: str, new: str, said: str) -> None:

@@ -111,8 +111,8 @@ class Processes:
     def world(self, *flags: str, settings: tuple[str, ...] = ()) -> "subprocess.Popen[str]":
         return self.start("worldsim", *flags, *(word for setting in settings for word in ("--set", setting)))
 
-    def station(self, out: Path, *flags: str) -> "subprocess.Popen[str]":
-        return self.start("groundstation", "--out", str(out), "--rerun", "", *flags)
+    def station(self, out: Path, *flags: str, base: tuple[str, ...] | None = None) -> "subprocess.Popen[str]":
+        return self.start("groundstation", "--out", str(out), "--rerun", "", *flags, base=base)
 
     def close(self) -> None:
         for process in self._started:
@@ -200,7 +200,7 @@ class Flight:
         self.station.send_signal(number)
         self.station.communicate(timeout=DEADLINE_S)
         kept, agent = self.rows(), self.agents[0]
-        self.station = self.processes.station(self.out, "--resume", "latest")
+        self.station = self.processes.station(self.out, "--resume", "latest", "--wait", "5")
 
         def records() -> bool:
             agent.send_signal(signal.SIGCONT)

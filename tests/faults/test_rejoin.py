@@ -6,7 +6,7 @@ import pytest
 from agent.node import Agent
 from swarm import codec, keys
 from swarm.bus import Delivery
-from swarm.errors import BusError
+from swarm.errors import BusError, RunFailed
 from swarm.messages import Act, Join, Ready, Status, Stop
 from tests.faults.conftest import RUN, Lab, scenario
 
@@ -64,7 +64,7 @@ def test_a_fresh_mind_knows_the_mission_plan_and_takes_the_next_global_model_fro
     def mind(name: str) -> np.ndarray:
         spoke = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
         assert isinstance(spoke._node, Agent)
-        return spoke._node._minds.models()[0]
+        return spoke._node._weights[0]
 
     def before() -> None:
         minds["old"] = mind("agent-0")
@@ -181,8 +181,7 @@ def test_who_is_lost_before_take_off_is_missing_and_another_takes_the_place() ->
     assert world.finish(0.0)["lost"] == 0
 
 
-def test_two_nodes_lost_in_the_last_tick_that_anyone_flies_do_not_hold_up_the_end() -> None:
-    """Both miss the same barrier, and losing the first already ends a mission that waits for arrivals only."""
+def test_two_nodes_lost_at_the_same_barrier_do_not_hold_up_the_end_of_a_mission_that_waits_for_arrivals() -> None:
     lab = Lab(scenario("uavs=2", "stop=arrival", "federation.period=1000"), uavs_per_node=1)
     times = iter(range(10**9))
     lab.world._waiting._clock = lambda: float(next(times))
@@ -194,5 +193,6 @@ def test_two_nodes_lost_in_the_last_tick_that_anyone_flies_do_not_hold_up_the_en
             bus.handler = lambda delivery: None
 
     lab.world._waiting._receive = lambda timeout_s: None
-    summary = lab.fly({5: deaf})
-    assert (summary["lost"], summary["ticks"]) == (2, 6)
+    with pytest.raises(RunFailed, match="every agent is lost"):
+        lab.fly({5: deaf})
+    assert lab.told.kinds("lost", "failed", "finished") == [(5, "lost"), (5, "lost"), (6, "failed")]

@@ -5,7 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarm.mean import fedavg
+from swarm import mean
+from swarm.mean import stacked
+
+
+def fedavg(models: dict[int, np.ndarray]) -> np.ndarray:
+    """The mean of models that arrived, by UAV."""
+    return mean.fedavg(stacked(models))
 
 
 def models(count: int, seed: int = 1) -> dict[int, np.ndarray]:
@@ -44,8 +50,8 @@ def test_equal_models_are_their_own_mean_and_one_model_is_itself() -> None:
 def test_no_argument_is_changed_and_single_precision_is_summed_in_double() -> None:
     arrived = {uav: vector.astype(np.float32) for uav, vector in models(5).items()}
     before = {uav: vector.copy() for uav, vector in arrived.items()}
-    mean = fedavg(arrived)
-    assert mean.dtype == np.float64
+    average = fedavg(arrived)
+    assert average.dtype == np.float64
     for uav, vector in arrived.items():
         np.testing.assert_array_equal(vector, before[uav])
 

@@ -36,7 +36,7 @@ def broadcast(of: Scenario, models: np.ndarray, arrivals: list[tuple[int, int]])
             for after, uav in arrivals
             if OPENS + after == tick
         ]
-        for frames in node.act(Sense(RUN, tick, np.zeros((0, 4)), False, tuple(batches))).outbox:
+        for frames in node.act(Sense(RUN, tick, np.zeros((0, 4)), inbox=tuple(batches))).outbox:
             said += frames.payload.tobytes()
     return said
 

@@ -39,6 +39,7 @@ def test_there_is_a_certificate_and_a_private_key_for_everyone(made: Path) -> No
 def test_a_container_is_given_its_own_key_and_no_other(made: Path) -> None:
     services = json.loads((made / certs.COMPOSE).read_text())["services"]
     assert services.pop("agent") == {"deploy": {"replicas": 0}}
+    assert services.pop("runs") == {"environment": {"RUNS_OWNER": services["groundstation"]["user"]}}
     own = {"worldsim": "world", "groundstation": "station"}
     assert set(services) == {"worldsim", "leader", "groundstation", "agent-0", "agent-1", "agent-2"}
     for name, service in services.items():

@@ -143,7 +143,7 @@ def test_the_mean_of_means_weighed_by_their_counts_is_the_mean(models: np.ndarra
     of = {head: relayed({uav: models[uav] for uav in range(len(models)) if heads[uav] == head}) for head in set(heads)}
     assert sum(relay[-1] for relay in of.values()) == len(models)
     scale = np.abs(models).max(axis=0)
-    assert (np.abs(pooled(of) - fedavg(dict(enumerate(models)))) <= 1e-14 * len(models) * scale).all()
+    assert (np.abs(pooled(of) - fedavg(models)) <= 1e-14 * len(models) * scale).all()
     order = data.draw(st.permutations(sorted(of)))
     assert pooled({head: of[head] for head in order}).tobytes() == pooled(of).tobytes()
 

@@ -5,13 +5,14 @@ import itertools
 import numpy as np
 import pytest
 
-from swarm import model
-from swarm.methods import Method
+from agent.controllers.mean_field import MeanField
+from kernels import weights
+from swarm import plugins
+from swarm.messages import FrameKind
 from swarm.rounds import Rounds
 from swarm.scenario import Scenario, load
 from swarm.seeds import STREAMS, generator
-
-FEDERATED = [method for method in Method if method.is_federated]
+from tests.methods import FEDERATED, LEARNING, METHODS
 
 
 def scenario(*settings: str) -> Scenario:
@@ -52,11 +53,11 @@ def test_an_unknown_stream_is_refused() -> None:
 # -- rounds -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("method", Method)
-def test_rounds_open_every_n0_ticks_but_not_at_take_off(method: Method) -> None:
+@pytest.mark.parametrize("method", METHODS)
+def test_rounds_open_every_n0_ticks_but_not_at_take_off(method: str) -> None:
     rounds = Rounds(scenario(f"method={method}"))
     opened = {tick: rounds.opens(tick) for tick in range(601) if rounds.opens(tick)}
-    period = {Method.MFGFL_H: 100, Method.MFGFL_F: 100, Method.MFGFL_HF: 200}.get(method)
+    period = {"mfgfl-h": 100, "mfgfl-f": 100, "mfgfl-hf": 200}.get(method)
     assert opened == ({k * period: k for k in range(1, 600 // period + 1)} if period else {})
 
 
@@ -85,7 +86,7 @@ def test_every_round_that_opens_closes_once_in_order_while_it_is_open(
 
 
 def test_a_method_without_rounds_never_has_anything_to_do() -> None:
-    for method in set(Method) - set(FEDERATED):
+    for method in set(METHODS) - set(FEDERATED):
         rounds = Rounds(scenario(f"method={method}", "federation.period=1"))
         assert not any(rounds.opens(t) or rounds.closes(t) or rounds.is_open(t) for t in range(50))
 
@@ -121,29 +122,36 @@ def test_every_uav_is_drawn_equally_often_within_four_standard_errors() -> None:
 # -- what travels -------------------------------------------------------------------------------------------------
 
 
-def test_a_method_shares_as_many_floats_as_the_paper_counts() -> None:
-    floats = {Method.MFGFL_H: 108, Method.MFGFL_F: 138, Method.MFGFL_HF: 246}
-    for method in Method:
-        part = model.shared(method)
-        assert model.shared_floats(method) == floats.get(method, 0)
-        assert len(range(model.MODEL_FLOATS)[part]) == floats.get(method, 0)
-    assert model.shared(Method.MFGFL_H) == model.VALUE
-    assert model.shared(Method.MFGFL_F) == model.DENSITY
+def test_a_method_shares_as_many_floats_as_the_paper_counts_and_those() -> None:
+    floats = {"mfgfl-h": 108, "mfgfl-f": 138, "mfgfl-hf": 246}
+    whole = range(weights.MODEL_FLOATS)
+    for method in METHODS:
+        declared = scenario(f"method={method}").declared
+        assert declared.parameters == floats.get(method, 0)
+        assert declared.is_federated == (method in FEDERATED)
+        assert declared.weights == (0 if method == "offline" else weights.MODEL_FLOATS)
+    shared = {method: learner(method).shared for method in LEARNING}
+    assert (shared["mfgfl-h"], shared["mfgfl-f"]) == (weights.VALUE, weights.DENSITY)
+    assert whole[shared["mfgfl-hf"]] == whole
+    assert not whole[shared["hjb"]]
+    assert not whole[shared["mfg"]]
 
 
-def test_only_the_paper_s_federated_methods_have_rounds() -> None:
-    assert FEDERATED == [Method.MFGFL_H, Method.MFGFL_F, Method.MFGFL_HF]
+def learner(method: str) -> type[MeanField]:
+    found = plugins.load("controller", method)
+    assert issubclass(found, MeanField)
+    return found
 
 
 def test_who_learns_what_is_as_the_paper_s_algorithms_say() -> None:
-    assert {method for method in Method if not method.learns_density} == {Method.HJB, Method.OFFLINE}
-    assert {method for method in Method if not method.learns_value} == {Method.OFFLINE}
+    assert [method for method in LEARNING if not learner(method).learns_density] == ["hjb"]
+    assert not issubclass(plugins.load("controller", "offline"), MeanField)
 
 
 @pytest.mark.parametrize("clusters", [1, 3])
 @pytest.mark.parametrize(("coherence", "slots"), [(5e-5, 8), (0.1, 3)])
 @pytest.mark.parametrize("period", [1, 4, 9, 20])
-def test_quiet_ticks_are_all_those_of_a_round_in_which_no_agent_sends_a_model(
+def test_every_kind_of_model_is_of_the_round_in_whose_tick_it_is_sent(
     period: int, coherence: float, slots: int, clusters: int
 ) -> None:
     hop = max(1, round(coherence * slots / 0.1))
@@ -158,32 +166,21 @@ def test_quiet_ticks_are_all_those_of_a_round_in_which_no_agent_sends_a_model(
     )
     rounds = Rounds(of)
     for tick in range(500):
-        sends = rounds.opens(tick) or rounds.relays(tick)
-        quiet = rounds.quiet(tick)
-        assert (tick in quiet) == (not sends)
-        assert bool(quiet) == (not sends)
-        assert not any(rounds.opens(other) or rounds.relays(other) for other in quiet)
-        assert {rounds.last(other) for other in quiet} <= {tick // period}
-        assert all(rounds.quiet(other) == quiet for other in quiet)
-        if quiet and quiet.start:  # nor are they fewer than they could be
-            assert rounds.opens(quiet.start - 1) or rounds.relays(quiet.start - 1)
-            assert rounds.opens(quiet.stop) or rounds.relays(quiet.stop)
+        opens = rounds.opens(tick)
+        assert rounds.of(FrameKind.UPLOAD, tick) == opens
+        assert rounds.of(FrameKind.RELAY, tick + hop) == (opens if clusters > 1 else 0)
+        assert rounds.of(FrameKind.GLOBAL, tick + (hop if clusters == 1 else 2 * hop)) == opens
+        assert rounds.of(FrameKind.STATE, tick) == 0
 
 
-def test_without_rounds_every_tick_is_quiet() -> None:
-    rounds = Rounds(scenario("method=mfg"))
-    assert all(tick in rounds.quiet(tick) and not rounds.last(tick) for tick in range(500))
-    assert not rounds.draw_ahead()
-
-
-@pytest.mark.parametrize(("duration", "ahead"), [(1.9, 0), (2.0, 1), (20.1, 10), (900.0, 128)])
-def test_those_who_take_part_are_drawn_ahead_for_the_flight_or_for_much_of_it(duration: float, ahead: int) -> None:
+@pytest.mark.parametrize("duration", [1.9, 2.0, 20.1, 900.0])
+def test_those_who_take_part_are_the_same_drawn_ahead_or_when_they_are_asked_for(duration: float) -> None:
     of = scenario("method=mfgfl-h", "federation.period=20", f"duration={duration}")
     rounds = Rounds(of, np.array([3]))
-    ticks = rounds.draw_ahead()
-    assert [rounds.opens(tick) for tick in ticks] == list(range(1, ahead + 1))
-    for number in (1, ahead + 1, ahead + 2, 2):
+    rounds.draw_ahead()
+    for number in (1, 10, 11, 128, 129, 130, 2):
         np.testing.assert_array_equal(rounds.participants(number), Rounds(of).participants(number))
+        np.testing.assert_array_equal(rounds.rows(number), Rounds(of, np.array([3])).rows(number))
 
 
 def test_rows_that_take_part_are_the_participants_among_them() -> None:

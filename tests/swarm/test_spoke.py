@@ -2,14 +2,15 @@
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
-from swarm import codec, keys, scenario
+from swarm import codec, keys, scenario, tick
 from swarm.bus import Bus, MemoryNetwork
 from swarm.errors import BusError
-from swarm.messages import Act, Join, Message, Refusal, Sense, Welcome
+from swarm.messages import Act, Event, Join, Message, Refusal, Sense, Welcome
 from swarm.spoke import Spoke
 from tests.swarm.test_bus import DEADLINE_S, Open, network  # noqa: F401  # a fixture
 
@@ -45,38 +46,33 @@ class Door:
 class Deaf:
     """A node nobody asks."""
 
-    def reflex(self, raw: bytes, tick: int) -> bytes | None:
-        raise AssertionError(raw)
+    complaints: ClassVar[list[str]] = []
 
     def act(self, sense: Sense) -> Act:
         raise AssertionError(sense)
 
 
 class Slow:
-    """A node that answers even ticks by reflex, and for the others takes until it may go on; never two at once."""
+    """A node that takes until it may go on for odd ticks; never two at once."""
 
     def __init__(self) -> None:
         self.said: list[tuple[int, int]] = []  # tick and thread of every answer
+        self.complaints: list[str] = []
         self.begun, self.go_on = threading.Event(), threading.Event()
         self._work = threading.Lock()
 
-    def reflex(self, raw: bytes, tick: int) -> bytes | None:
-        return codec.encode(self._act(tick)) if tick % 2 == 0 and raw == asked(tick) else None
-
     def act(self, sense: Sense) -> Act:
-        self.begun.set()
-        return self._act(sense.tick, wait=True)
-
-    def _act(self, tick: int, wait: bool = False) -> Act:
         assert self._work.acquire(blocking=False)
-        assert not wait or self.go_on.wait(DEADLINE_S)
-        self.said.append((tick, threading.get_ident()))
+        if sense.tick % 2:
+            self.begun.set()
+            assert self.go_on.wait(DEADLINE_S)
+        self.said.append((sense.tick, threading.get_ident()))
         self._work.release()
-        return Act(keys.fingerprint(RUN), tick, np.zeros((1, 5)))
+        return Act(keys.fingerprint(RUN), sense.tick, np.zeros((1, 5)))
 
 
-def asked(tick: int) -> bytes:
-    return codec.encode(Sense(keys.fingerprint(RUN), tick, np.zeros((1, 4)), report=False))
+def asked(number: int) -> bytes:
+    return tick.write_sense(Sense(keys.fingerprint(RUN), number, np.zeros((1, 4))))
 
 
 @pytest.fixture
@@ -178,9 +174,7 @@ def test_a_world_that_never_answers_is_given_up(monkeypatch: pytest.MonkeyPatch)
         Spoke(bus, RUN).join(Join("agent", 1), lambda welcome: Deaf(), timeout_s=0.0)
 
 
-def test_a_plain_tick_is_answered_in_the_thread_that_asks_and_never_beside_another(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_tick_is_answered_in_the_thread_that_asks_and_never_beside_another(monkeypatch: pytest.MonkeyPatch) -> None:
     wire, node = MemoryNetwork(), Slow()
     world, bus = wire.endpoint(), wire.endpoint()
     world.subscribe(keys.act(RUN, "*"))
@@ -190,21 +184,45 @@ def test_a_plain_tick_is_answered_in_the_thread_that_asks_and_never_beside_anoth
     assert world.receive(0.0) is not None  # it is ready
     over, here = threading.Event(), threading.get_ident()
     loop = threading.Thread(target=spoke.serve, args=(over.is_set, lambda: False))
+    other = threading.Thread(target=world.put, args=(keys.sense(RUN, WELCOME.node), asked(1)))
     loop.start()
     try:
-        for tick in (0, 1):
-            world.put(keys.sense(RUN, WELCOME.node), asked(tick))
+        world.put(keys.sense(RUN, WELCOME.node), asked(0))
+        other.start()
         assert node.begun.wait(DEADLINE_S)
         world.put(keys.sense(RUN, WELCOME.node), asked(2))  # it is at work: this one waits
         assert node.said == [(0, here)]
         node.go_on.set()
         answers = [world.receive(DEADLINE_S) for _ in range(3)]
-        assert [codec.decode(answer.payload).tick for answer in answers if answer is not None] == [0, 1, 2]
+        assert [tick.read_act(answer.payload).tick for answer in answers if answer is not None] == [0, 1, 2]
         world.put(keys.sense(RUN, WELCOME.node), asked(2))  # again: the same answer, and nothing is learned twice
         again = world.receive(DEADLINE_S)
         assert again == answers[-1]
     finally:
         over.set()
         node.go_on.set()
+        other.join()
         loop.join()
-    assert node.said == [(0, here), (1, loop.ident), (2, loop.ident)]
+    assert node.said == [(0, here), (1, other.ident), (2, loop.ident)]
+
+
+def test_what_a_node_complains_of_reaches_the_world_once_and_before_its_answer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    wire, node = MemoryNetwork(), Slow()
+    world, bus = wire.endpoint(), wire.endpoint()
+    world.subscribe(keys.act(RUN, "*"))
+    monkeypatch.setattr(bus, "ask", lambda *_: codec.encode(WELCOME))
+    spoke = Spoke(bus, RUN)
+    spoke.join(Join("agent", 1, 3), lambda welcome: node, DEADLINE_S)
+    node.complaints.append("the controller of UAV 3 has failed")
+    for number in (0, 2):
+        world.put(keys.sense(RUN, WELCOME.node), asked(number))
+    _, said, first, second = (world.receive(DEADLINE_S) for _ in range(4))
+    assert said is not None
+    assert first is not None
+    assert second is not None
+    event = codec.decode(said.payload)
+    assert isinstance(event, Event)
+    assert (event.tick, event.text) == (0, "the controller of UAV 3 has failed")
+    assert [tick.read_act(answer.payload).tick for answer in (first, second)] == [0, 2]

@@ -1,0 +1,133 @@
+"""A controller, which may be anybody's: what it raises, or cannot mean, costs its own rows and no others."""
+
+import logging
+import traceback
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.controllers.base import Controller, Memory, Received, Step
+from agent.rows import (
+    checked_again,
+    checked_memory,
+    checked_step,
+    checked_table,
+    each_alone,
+    set_each_alone,
+    table_each_alone,
+)
+from swarm import state
+from swarm.declared import controller
+from swarm.errors import BadInput
+from swarm.scenario import Scenario
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Rows = NDArray[np.intp]
+
+log = logging.getLogger("meanflock.agent")
+
+
+class Guarded:
+    """The controller of a node's rows. Where a call fails for all of them together, every row is asked alone.
+
+    broken: (M,), the rows in which it has failed since `begin`; None for none.
+    """
+
+    def __init__(self, scenario: Scenario, uavs: Rows, complaints: list[str]) -> None:
+        """`complaints`: where it is said, once of each row, that the controller has failed.
+
+        Raises:
+            BadInput: there is no such controller, or its options do not fit.
+        """
+        self.broken: Mask | None = None
+        self._method, self._declared = scenario.method, scenario.declared
+        self._shape = len(uavs), state.AXES + len(self._declared.diagnostics)
+        self._uavs, self._complaints = uavs, complaints
+        self._controller: Controller = controller(scenario)
+        self._known = np.zeros(len(uavs), dtype=bool)  # who has been complained of
+        self._asleep: Mask | None = None
+
+    def begin(self, asleep: Mask | None) -> None:
+        """A tick begins; `asleep`: (M,), rows that are not really asked, and do not fail."""
+        self.broken, self._asleep = None, asleep
+
+    def or_broken(self, rows: Mask) -> Mask:
+        """`rows` (M,) and those that are broken."""
+        return rows if self.broken is None else rows | self.broken
+
+    def init(self, plan: Floats) -> Memory:
+        """See `Controller.init`.
+
+        Raises:
+            BadInput: it failed.
+        """
+        try:
+            return checked_memory(self._controller.init(self._uavs, plan), len(self._uavs))
+        except Exception as error:
+            uavs = ", ".join(map(str, self._uavs))
+            raise BadInput(
+                f"controller {self._method!r} failed in `init` with UAV {uavs}: {_last_line(error)}"
+            ) from error
+
+    def step(self, memory: Memory, tick: int, own: Floats, received: Sequence[Received]) -> tuple[Step, Floats]:
+        """The step of all rows and their commands (M, 2 + K); of rows in which the controller fails these are NaN."""
+        commands = np.empty(self._shape)
+        try:
+            step = self._controller.step(memory, tick, own, received)
+            parts = (step.acceleration,) if step.diagnostics is None else (step.acceleration, step.diagnostics)
+            np.concatenate(parts, axis=1, out=commands)  # wherever a shape does not fit, it raises
+            for name, array in step.memory.items():
+                if array.shape != memory[name].shape or array.dtype != memory[name].dtype:
+                    raise ValueError(f"memory[{name!r}] has become {array.shape} {array.dtype}")
+            if len(step.memory) != len(memory) or step.broadcasts or len(step.refused):
+                checked_step(step, memory, *self._shape)
+            return step, commands
+        except Exception as error:
+            step, commands = each_alone(self._controller, memory, tick, own, received, self._shape[1])
+            self._break(np.asarray(np.isnan(commands).any(axis=-1)), error)
+            return step, commands
+
+    def get(self, memory: Memory, rows: Rows) -> Floats:
+        """The models (M, parameters); only `rows` are asked for, and can fail."""
+        asked = np.zeros(len(self._uavs), dtype=bool)
+        asked[rows] = True
+        return self._table("get", memory, self._declared.parameters, asked)
+
+    def report(self, memory: Memory) -> Floats:
+        """What was learned, (M, weights)."""
+        return self._table("report", memory, self._declared.weights, np.ones(len(self._uavs), dtype=bool))
+
+    def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
+        """The memory after some rows were given a global model (len(rows), parameters)."""
+        try:
+            return checked_again(self._controller.set(memory, rows, models), memory)
+        except Exception as error:
+            after, broken = set_each_alone(self._controller, memory, rows, models, len(self._uavs))
+            self._break(broken, error)
+            return after
+
+    def _table(self, name: str, memory: Memory, width: int, asked: Mask) -> Floats:
+        call, rows = getattr(self._controller, name), len(self._uavs)
+        try:
+            return checked_table(name, call(memory), rows, width)
+        except Exception as error:
+            table, broken = table_each_alone(call, memory, name, width, rows)
+            self._break(broken & asked, error)
+            return table
+
+    def _break(self, broken: Mask, error: Exception) -> None:
+        """Takes note of rows in which it has failed, (M,)."""
+        if self._asleep is not None:
+            broken = broken & ~self._asleep
+        self.broken = self.or_broken(broken)
+        if len(uavs := self._uavs[broken & ~self._known]):
+            self._known = self._known | broken
+            log.warning("controller %r failed: %s", self._method, _last_line(error), exc_info=error)
+            names = ", ".join(map(str, uavs))
+            self._complaints.append(f"controller {self._method!r} failed with UAV {names}: {_last_line(error)}")
+
+
+def _last_line(error: Exception) -> str:
+    return traceback.format_exception_only(error)[-1].strip()

@@ -1,0 +1,25 @@
+"""The forms of the reader and the writer of a tick's messages, of the same signatures and under the same tests."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from kernels import wire
+
+
+class Backend(NamedTuple):
+    """`read` and `write` of one form."""
+
+    read: Callable[[bytes], wire.Message]
+    write: Callable[..., bytes]
+
+
+REFERENCE = Backend(wire.read, wire.write)
+BACKENDS: dict[str, Backend] = {"NumPy": REFERENCE}
+
+
+def outcome(call: Callable[..., Any], *given: Any) -> Any:
+    """What a call returns, or the reason with which it rejects what it was given."""
+    try:
+        return call(*given)
+    except ValueError as error:
+        return str(error).partition(":")[0]
