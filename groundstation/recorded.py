@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from groundstation import blueprint as look
+from groundstation import panels
 from swarm.messages import Event
 
 
@@ -26,7 +27,7 @@ def recorded(parts: Iterable[Path]) -> Recorded:
     ticks: list[int] = []
     lines: set[tuple[int, str]] = set()
     for part in parts:
-        ticks += [tick for tick, _ in _rows(part, look.LAST.entity, "Scalars:scalars")]
+        ticks += [tick for tick, _ in _rows(part, panels.LAST.entity, "Scalars:scalars")]
         lines |= {(tick, text[0]) for tick, text in _rows(part, look.EVENTS, "TextLog:text")}
     return Recorded(np.unique(np.array(ticks, dtype=np.int64)), lines)
 

@@ -13,8 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from groundstation import blueprint as look
-from groundstation import plots, plotstyle, quantities
+from groundstation import panels, plots, plotstyle, quantities
 from groundstation.paper import figures_grids
 from groundstation.progress import summary_table
 from groundstation.quantities import FIELDS, Quantity
@@ -86,20 +85,20 @@ def test_the_summarys_table_uses_them(runs: dict[str, Path]) -> None:
 
 def test_the_plots_of_a_recording_use_them() -> None:
     for plot, quantity in (
-        (look.ENERGY, quantities.ENERGY),
-        (look.SPEED, quantities.SPEED),
-        (look.BITS, quantities.PAYLOAD),
-        (look.ALIGNMENT, quantities.ALIGNMENT),
-        (look.RISK, quantities.RISK_PRINTED),
-        (look.FAILURES, quantities.OUTAGES),
-        (look.FAILURES, quantities.COLLISIONS),
-        (look.diagnostic("hjb_residual"), quantities.HJB_RESIDUAL),
-        (look.diagnostic("fpk_residual"), quantities.FPK_RESIDUAL),
-        (look.diagnostic("phi_G"), quantities.INTERACTION),
-        (look.SPREAD, quantities.SPREAD),
+        (panels.ENERGY, quantities.ENERGY),
+        (panels.SPEED, quantities.SPEED),
+        (panels.BITS, quantities.PAYLOAD),
+        (panels.ALIGNMENT, quantities.ALIGNMENT),
+        (panels.RISK, quantities.RISK_PRINTED),
+        (panels.FAILURES, quantities.OUTAGES),
+        (panels.FAILURES, quantities.COLLISIONS),
+        (panels.diagnostic("hjb_residual"), quantities.HJB_RESIDUAL),
+        (panels.diagnostic("fpk_residual"), quantities.FPK_RESIDUAL),
+        (panels.diagnostic("phi_G"), quantities.INTERACTION),
+        (panels.SPREAD, quantities.SPREAD),
     ):
         assert quantity.name in plot.title
-    assert look.ALIGNMENT.title == "alignment φ_A, m/s, lower is better"
+    assert panels.ALIGNMENT.title == "alignment φ_A, m/s, lower is better"
 
 
 def test_plots_use_them(runs: dict[str, Path]) -> None:

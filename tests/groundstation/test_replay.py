@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from groundstation import blueprint as look
-from groundstation import engine
+from groundstation import engine, panels
 from groundstation.recorded import Recorded, recorded
 from groundstation.recording import Recorder
 from groundstation.replay import complete, missing
@@ -73,11 +73,11 @@ Contents = dict[str, tuple[list[int], list[Any]]]
 EVERYTHING = (
     (look.UAVS, "Points2D:positions"),
     (look.VELOCITY, "Arrows2D:vectors"),
-    (look.ENERGY.entity, "Scalars:scalars"),
-    (look.BITS.entity, "Scalars:scalars"),
-    *((look.diagnostic(name).entity, "Scalars:scalars") for name in DIAGNOSTICS),
-    (look.WEIGHTS, "Scalars:scalars"),
-    (look.SPREAD.entity, "Scalars:scalars"),
+    (panels.ENERGY.entity, "Scalars:scalars"),
+    (panels.BITS.entity, "Scalars:scalars"),
+    *((panels.diagnostic(name).entity, "Scalars:scalars") for name in DIAGNOSTICS),
+    (panels.WEIGHTS, "Scalars:scalars"),
+    (panels.SPREAD.entity, "Scalars:scalars"),
     (look.EVENTS, "TextLog:text"),
 )
 
