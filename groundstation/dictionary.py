@@ -69,7 +69,7 @@ SUMMARY = (
     Field("fpk_residual_max", "1/s", "largest FPK residual |e_F|; null where the controller reports none"),
     Field("weight_spread_final", "1", "RMS distance of what the UAVs have learned from its mean, at the last report"),
     Field("nodes_lost", "nodes", "nodes lost in flight"),
-    Field("nodes_rejoined", "nodes", "nodes that took the place of one that was lost"),
+    Field("nodes_rejoined", "nodes", "nodes admitted in flight, in the place of a lost one or as a standby"),
     Field("uploads_refused", "models", "uploads that were not averaged because they could not be used"),
     Field("states_refused", "states", "received states that were not believed, each sender once a tick"),
     Field("dropped_messages.*", "messages", "not let in, by reason"),
@@ -105,6 +105,6 @@ EVENTS = {  # kinds
     "arrived": "UAVs arrived",
     "collision": "two UAVs came nearer than r_coll while both were on the way",
     "fault": "the fault script begins or ends something",
-    "failed": "the world cannot go on; the flight ends here",
+    "failed": "every agent was lost and none came back: the flight ends here",
     "finished": "the flight is over",
 }
