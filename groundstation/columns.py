@@ -95,7 +95,7 @@ def diagnostic(name: str) -> Column:
     """The column of a diagnostic; of one that only its controller knows, only the name is known here."""
     known = quantities.of(name)
     about = f"{known.name} of each UAV" if known.name != name else f"what the controller reports as {name}, of each UAV"
-    return Column(name, _EACH, known.unit, f"{about}, in the tick that led here")
+    return Column(name, _EACH, known.unit, f"{about}, in the tick that led here; 0 at take-off")
 
 
 def columns(diagnostics: Iterable[str]) -> tuple[Column, ...]:

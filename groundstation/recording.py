@@ -306,8 +306,9 @@ class Recorder:
             if plot.log10:
                 known, lines = log_sizes(values)
                 self._send_scalars(plot.entity, ticks if known.all() else ticks[known], lines)
-            else:
-                self._send_scalars(plot.entity, ticks, span(values))
+            else:  # at take-off nothing was reported yet
+                flown = slice(int(ticks[0] == 0), None)
+                self._send_scalars(plot.entity, ticks[flown], span(values[flown]))
         self._send_scalars(panels.LAST.entity, ticks, span(energy))
 
     def _send_reports(self, blocks: list[Telemetry]) -> None:

@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from matplotlib.axes import Axes
@@ -165,6 +166,10 @@ def test_a_run_is_plotted_where_its_controller_is_not_installed(of_a_stranger: P
         "spread of the models",
     ]
     assert panels["tension: mean, max, min"].get_ylabel() == "tension"
+    (mean,) = panels["tension: mean, max, min"].lines
+    reported = np.isfinite(np.asarray(mean.get_ydata(), dtype=float))
+    assert reported[1:].all()
+    assert not reported[0]  # at take-off nothing was reported yet
     assert plain(made["paths"].axes[0].get_title(loc="left")).startswith("nobody-has-it, seed 1: ")
     assert len(made["paths"].axes) == 2  # φ_G is there, whoever reports it
 
