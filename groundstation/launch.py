@@ -19,6 +19,7 @@ from swarm import logs
 from swarm.address import Address
 from swarm.errors import RunFailed
 from swarm.identity import STATION, Identity
+from swarm.printable import printable_lines
 from swarm.process import CHILD
 from swarm.session import ZenohBus
 
@@ -43,8 +44,8 @@ class Child:
 
     def last_lines(self) -> str:
         """The end of what it said."""
-        text = self.log.read_text(encoding="utf-8", errors="replace").splitlines()
-        return "\n".join(f"    {line}" for line in text[-LAST_LINES:]) or "    (it said nothing)"
+        said = self.log.read_text(encoding="utf-8", errors="replace").strip() or "(it said nothing)"
+        return "\n".join(f"    {line}" for line in printable_lines(said).split("\n")[-LAST_LINES:])
 
 
 def end_all(processes: Sequence["subprocess.Popen[bytes]"]) -> None:
@@ -183,7 +184,7 @@ class Swarm:
                 said = log.read()
             whole = said[: said.rfind(b"\n") + 1]
             child.passed_on += len(whole)
-            for line in whole.decode(errors="replace").splitlines():
+            for line in printable_lines(whole.decode(errors="replace")).split("\n")[:-1]:
                 print(line if self._log_format == logs.JSON else f"{child.name}: {line}", file=sys.stderr, flush=True)
 
     def _start(self, module: str, name: str, flags: list[str]) -> None:

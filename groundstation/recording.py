@@ -28,6 +28,7 @@ from swarm import state
 from swarm.errors import RunFailed
 from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
 from swarm.model import VALUE_FEATURES
+from swarm.printable import printable
 from swarm.scenario import Scenario
 
 __all__ = ["Recorder", "open_viewer", "repair", "verify"]
@@ -370,7 +371,7 @@ def _rows(path: Path, entity: str, component: str) -> Iterator[tuple[int, Any]]:
 
 def line(event: Event) -> str:
     """An event as the log of a recording shows it."""
-    return event.text if event.kind in event.text else f"{event.kind}: {event.text}"
+    return printable(event.text if event.kind in event.text else f"{event.kind}: {event.text}")
 
 
 def _cut(rows: int, *parts: tuple[rr.ComponentDescriptor, rr.ComponentBatchLike]) -> list[rr.ComponentColumn]:

@@ -9,6 +9,7 @@ from swarm import codec, keys, scenario
 from swarm.bus import Bus, Delivery
 from swarm.errors import MessageRejected
 from swarm.messages import Join, Ready, Received, Refusal, Stop, Welcome
+from swarm.printable import printable
 from swarm.scenario import Scenario
 from worldsim import inbound
 from worldsim.barrier import Barrier
@@ -16,6 +17,7 @@ from worldsim.checkpoint import Resumption
 from worldsim.flight import Flight
 from worldsim.ledger import Ledger
 from worldsim.members import LEADER, JoinRefused, Member, Members
+from worldsim.quotas import JOIN_BYTES, RECEIVED_BYTES
 from worldsim.telemetry import Outbox
 
 log = logging.getLogger("meanflock.world")
@@ -66,12 +68,14 @@ class Door:
             return
         try:
             if delivery.kind == "message" and delivery.key == self._received:
-                received = codec.decode_as(Received, delivery.payload, self._fingerprint, limit=64)
+                received = codec.decode_as(Received, delivery.payload, self._fingerprint, limit=RECEIVED_BYTES)
                 self._outbox.acknowledge(received.block)
             elif delivery.kind == "message":
                 self._hear(keys.node_of(delivery.key), delivery.payload)
             elif delivery.kind == "question":
                 self._answer(delivery)
+            elif delivery.kind == "oversized":
+                raise MessageRejected("oversized", f"{delivery.size} bytes")
             else:
                 self._presence(delivery)
         except MessageRejected as error:
@@ -81,8 +85,8 @@ class Door:
         """Counts something that was not let in."""
         self._ledger.drops[error.reason] += 1
         if self._ledger.drops.total() <= MAX_DROP_EVENTS:  # a flood fills neither log nor record
-            peer = keys.node_of(where) if where.count("/") >= 4 else where
-            about = {"tick": self._flight.tick, "peer": peer, "reason": error.reason}
+            about = {"tick": self._flight.tick, "peer": _peer(where), "reason": error.reason}
+            where = printable(where)
             log.warning("dropped a message under %s: %s", where, error, extra=about)
             self._note("dropped", f"{where}: {error}")
 
@@ -151,7 +155,7 @@ class Door:
 
     def _answer(self, delivery: Delivery) -> None:
         assert delivery.reply is not None
-        join = codec.decode(delivery.payload, limit=256)
+        join = codec.decode(delivery.payload, limit=JOIN_BYTES)
         if not isinstance(join, Join):
             raise MessageRejected("wrong-kind", f"{type(join).__name__} as a question")
         if keys.node_of(delivery.key) != (asker := keys.asker(join.role, join.uav)):
@@ -190,7 +194,7 @@ class Door:
     # -- liveliness ---------------------------------------------------------------------------------------------
 
     def _presence(self, delivery: Delivery) -> None:
-        role, name = delivery.key.split("/")[-2:]
+        role, name = keys.presence_of(delivery.key)
         if role == STATION:
             if delivery.kind == "alive":
                 self.listeners.add(name)
@@ -208,3 +212,11 @@ class Door:
 
     def _stop(self, name: str, why: str) -> None:
         self._bus.put(keys.sense(self._run, name), codec.encode(Stop(self._fingerprint, why)))
+
+
+def _peer(where: str) -> str:
+    """The node a key or a text names, or the text itself where it is no key of a node."""
+    try:
+        return keys.node_of(where)
+    except MessageRejected:
+        return printable(where)
