@@ -2,6 +2,7 @@
 
 import os
 import signal
+import site
 import socket
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO
 
+import swarm
 from agent import siblings
 from swarm import logs
 from swarm.address import Address
@@ -189,7 +191,8 @@ class Swarm:
 
     def _start(self, module: str, name: str, flags: list[str]) -> None:
         log = Path(self._logs.name) / f"{name.replace(' ', '-')}.log"
-        command = [sys.executable, "-m", module, "--endpoint", self.endpoint, "--run", self._run, *flags]
+        # -P: a file or folder of the user's in the working folder is not taken for ours, whatever its name.
+        command = [sys.executable, "-P", "-m", module, "--endpoint", self.endpoint, "--run", self._run, *flags]
         if self._tls is not None:
             command += ["--tls", str(self._tls)]
         command += ["--log-format", self._log_format or logs.TEXT]
@@ -200,7 +203,15 @@ class Swarm:
                 stdin=self._child_stdin,
                 stdout=subprocess.DEVNULL,
                 stderr=output,
-                env={**os.environ, CHILD: "1"},
+                env={**os.environ, **_import_path(), CHILD: "1"},
                 start_new_session=True,  # Ctrl-C in the terminal is this process's to handle
             )
         self._children.append(Child(name, process, log))
+
+
+def _import_path() -> dict[str, str]:
+    """What lets a child find the packages of this process where they are a checkout that is not installed."""
+    root = str(Path(swarm.__file__).parents[1])
+    if root in site.getsitepackages():
+        return {}
+    return {"PYTHONPATH": os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))}
