@@ -43,7 +43,8 @@ LARGE_SWARM_STRIDE = 5  # a large swarm's positions are recorded every this many
 LINKS_PER_TICK = 2000  # of a tick's links, as many are drawn; all are counted
 STAR_M = 1.4  # radius of a collision's star
 
-_LEVELS = {"outage": "WARN", "dropped": "WARN", "collision": "ERROR", "lost": "ERROR", "diverged": "ERROR"}
+_LEVELS = {"outage": "WARN", "dropped": "WARN", "slow": "WARN"}
+_LEVELS |= {"collision": "ERROR", "lost": "ERROR", "diverged": "ERROR"}
 _LEVEL_COLORS = {"INFO": look.WHITE, "WARN": look.ORANGE, "ERROR": look.RED}
 _COLUMN = {name: index for index, name in enumerate(SWARM_COLUMNS)}
 _DIAGNOSTIC = {name: index for index, name in enumerate(DIAGNOSTICS)}
