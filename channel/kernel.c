@@ -44,8 +44,9 @@ static Py_ssize_t hold(Arrays *arrays, PyObject *array, const Kind *kind, Py_ssi
         PyErr_Format(PyExc_ValueError, "%s: format %s, expected %s", kind->name, format, kind->format);
         return -1;
     }
-    if (count == ANY || view->len == count * kind->bytes) return view->len / kind->bytes;
-    PyErr_Format(PyExc_ValueError, "%s: %zd bytes, expected %zd", kind->name, view->len, count * kind->bytes);
+    const Py_ssize_t numbers = view->len / kind->bytes; /* never count * bytes, which can be more than there are */
+    if (count == ANY || numbers == count) return numbers;
+    PyErr_Format(PyExc_ValueError, "%s: %zd numbers, expected %zd", kind->name, numbers, count);
     return -1;
 }
 
@@ -94,6 +95,21 @@ static int sound(const int64_t *first, Py_ssize_t transmissions, Py_ssize_t link
     return ascending;
 }
 
+/* How many numbers the records of so many links have, or -1 and an exception where that is beyond counting. */
+static Py_ssize_t of_records(Py_ssize_t links) {
+    if (links <= PY_SSIZE_T_MAX / COLUMNS) return links * COLUMNS;
+    PyErr_Format(PyExc_ValueError, "slots: %zd links are too many", links);
+    return -1;
+}
+
+/* Whether a record can hold these slots, and 64 bits their sum: not negative, in 32 bits each. */
+static int countable(const int64_t *slots, Py_ssize_t links) {
+    int fits = links <= INT64_MAX / INT32_MAX;
+    for (Py_ssize_t i = 0; fits && i < links; i++) fits = slots[i] >= 0 && slots[i] <= INT32_MAX;
+    if (!fits) PyErr_SetString(PyExc_ValueError, "slots: more than a record can hold, or fewer than none");
+    return fits;
+}
+
 static PyObject *py_account(PyObject *module, PyObject *args) {
     PyObject *template, *slots, *missing, *first, *record, *result = NULL;
     Arrays arrays = {.held = 0};
@@ -101,12 +117,12 @@ static PyObject *py_account(PyObject *module, PyObject *args) {
     if (!PyArg_ParseTuple(args, "OiOOOO:account", &template, &tick, &slots, &missing, &first, &record)) return NULL;
     const Py_ssize_t links = hold(&arrays, slots, &SLOTS, ANY);
     if (links < 0 || hold(&arrays, missing, &MISSING, links) < 0) goto done;
-    if (hold(&arrays, template, &TEMPLATE, links * COLUMNS) < 0
-        || hold(&arrays, record, &RECORD, links * COLUMNS) < 0)
+    const Py_ssize_t columns = of_records(links);
+    if (columns < 0 || hold(&arrays, template, &TEMPLATE, columns) < 0 || hold(&arrays, record, &RECORD, columns) < 0)
         goto done;
     const Py_ssize_t transmissions = hold(&arrays, first, &FIRST, ANY);
     const Py_buffer *view = arrays.view;
-    if (transmissions < 0 || !sound(view[4].buf, transmissions, links)) goto done;
+    if (transmissions < 0 || !sound(view[4].buf, transmissions, links) || !countable(view[0].buf, links)) goto done;
     const Account sum =
         account(view[2].buf, tick, links, view[0].buf, view[1].buf, transmissions, view[4].buf, view[3].buf);
     result = Py_BuildValue("LLL", (long long)sum.outages, (long long)sum.slots, (long long)sum.longest);

@@ -16,7 +16,7 @@ from rich.table import Table
 
 from groundstation import doctor as checks
 from groundstation.progress import summary_table
-from groundstation.results import RECORDING, alone, recover, to_toml
+from groundstation.results import RECORDING, alone, completed, to_toml
 from groundstation.resume import back
 from groundstation.run import Options, Run, fly
 from swarm import __version__, logs, scenario
@@ -237,7 +237,7 @@ def view(folder: Path) -> None:
         raise BadInput(f"{path}: no recording; name the folder of a run that was recorded")
     if folder.is_dir():
         with alone(folder):
-            recover(folder)
+            completed(folder)
             complete(folder)
     elif verify(path) is not None:
         repair(path)

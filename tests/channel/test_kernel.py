@@ -238,6 +238,10 @@ WRONG: list[tuple[str, int, Any, str]] = [
     ("account", 0, np.zeros((LINKS, 4), dtype=np.int32), "template"),
     ("account", 0, np.zeros((LINKS, 5), dtype=np.int64), "template"),
     ("account", 2, numbers(LINKS - 1), "missing"),
+    ("account", 2, numbers(value=-1), "slots"),
+    ("account", 2, numbers(value=2**31), "slots"),
+    ("account", 2, numbers(value=2**63 - 1), "slots"),
+    ("account", 2, numbers(value=-(2**63)), "slots"),
     ("account", 3, np.zeros(LINKS, dtype=np.bool_), "missing"),
     ("account", 4, np.array([0, 2, LINKS]), "first"),
     ("account", 4, np.array([0, 2, 2]), "first"),
@@ -284,6 +288,33 @@ def test_numbers_that_make_no_sense_do_no_harm() -> None:
     first[:] = 0, 2
     kernel._kernel.account(record, 2**31 - 1, numbers(value=2**31 - 2), numbers(value=0), first, record)
     assert (record[:, 4] == 2**31 - 2).all()
+
+
+@needs_kernel
+@pytest.mark.parametrize("links", [2**58, 2**59, 2**60 - 1])
+def test_absurd_counts_are_refused_before_anything_is_read(links: int) -> None:
+    """Arrays that claim more numbers than there is memory, whose records would have more bytes than 64 bits count."""
+    here = numbers()
+    claimed = np.lib.stride_tricks.as_strided(here, (links,), (8,))
+    nothing = np.zeros((0, 5), dtype=np.int32)
+    with pytest.raises(ValueError, match=r"template|slots"):
+        kernel._kernel.account(nothing, 1, claimed, claimed, np.array([0]), nothing.copy())
+    with pytest.raises((ValueError, MemoryError)):
+        kernel._kernel.carry(np.zeros((0, 2)), 1.0, 1.0, np.ones(1), 1, 8, True, claimed, claimed)
+    assert (here == 7).all()
+
+
+@pytest.mark.parametrize("snr_db", [-300, -150, -100])
+def test_a_radio_on_which_nothing_ever_gets_through_flies(snr_db: int) -> None:
+    absurd = ["radio.bandwidth_hz=1", "radio.coherence_time_s=1e-9", f"radio.target_snr_db={snr_db}"]
+    flown = load(None, ["uavs=3", "duration=2.5", "federation.period=10", *absurd])
+    for compiled in BOTH:
+        with patch.object(kernel, "is_compiled", return_value=compiled and kernel.is_compiled()):
+            engine = Engine(flown, "absurd")
+            for _ in engine.fly():
+                pass
+            radio = engine.world.finish()["radio"]
+            assert radio["outages"] == radio["sent"] > 0
 
 
 @needs_kernel
