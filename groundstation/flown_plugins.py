@@ -2,7 +2,6 @@
 
 import hashlib
 from pathlib import Path
-from typing import cast
 
 from groundstation import durable
 from swarm import plugins
@@ -20,7 +19,7 @@ def files(flown: Scenario) -> dict[str, bytes]:
     """
     found: dict[str, bytes] = {}
     for door, name, fingerprint in flown.plugins():
-        plugin = plugins.find(cast(plugins.Door, door), name)
+        plugin = plugins.find(door, name)
         if not plugins.is_file(plugin):
             continue
         path = Path(plugin.source)
