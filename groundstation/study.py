@@ -15,13 +15,13 @@ from swarm.errors import BadInput
 from swarm.scenario import Scenario
 
 Summaries = list[dict[str, Any]]
-SEEDS_A_JOB = 4  # small enough to share the cores, large enough for rows to pay
+SEEDS_A_JOB = 1  # a flight a task: all cores have work to the end
 
 
 def fly_all(
     scenarios: Mapping[Any, Scenario], seeds: Sequence[int], jobs: int, progress: Callable[[int, int], None]
 ) -> dict[Any, Summaries]:
-    """Flies every scenario once a seed, in this process and `jobs` others, without a bus and without the disk.
+    """Flies every scenario once a seed, in this process and `jobs` others, without the disk.
 
     Args:
         scenarios: by whatever tells them apart. progress: called with the runs finished and wanted.

@@ -12,6 +12,7 @@ from scipy import integrate, linalg, optimize
 from agent.basis import DensityBasis, Powers
 from agent.fpk import FpkLearner
 from agent.hjb import HjbLearner, HjbResult, local_cost
+from groundstation.engine import Engine
 from groundstation.paper import optimum, theory
 from groundstation.paper.measure import LONG_S, filter_moments, long_flight, measure, measured
 from groundstation.paper.view import keep_measured
@@ -125,9 +126,12 @@ def test_long_flight_says_what_left_every_bound(method: str) -> None:
     assert LONG_S > 1000
 
 
-def test_long_flights_need_no_radio() -> None:
-    with pytest.raises(ValueError, match="radio"):
-        theory.fly_long(scenario(method="mfgfl-hf"), 10.0)
+@pytest.mark.parametrize("method", ["hjb", "mfgfl-hf"])
+def test_the_radio_of_long_flights_loses_nothing(method: str) -> None:
+    far = scenario("start.spacing=200", "federation.period=20", method=method, uavs=4)
+    radio = Engine(theory.clear(far, 20.0), "clear").complete()["radio"]
+    assert radio["outages"] == 0
+    assert radio["sent"] == 199 * 4 * 3 if method == "hjb" else radio["sent"] > 0
 
 
 # -- the control law where the problem is linear-quadratic ------------------------------------------------------------
