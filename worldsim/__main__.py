@@ -14,6 +14,7 @@ from swarm.process import Interrupted, flag, identity, main, orphaned, parser
 from swarm.refusals import Refusals
 from swarm.session import ZenohBus
 from worldsim.checkpoint import Resumption
+from worldsim.limits import Limits
 from worldsim.members import MAX_LEADERS
 from worldsim.node import World
 from worldsim.quotas import Quotas
@@ -56,7 +57,7 @@ def _run() -> None:
     interrupted = Interrupted()
     refusals = Refusals()
     refusals.listen()
-    quotas = Quotas(keys.check_run(given.run), flown, rows_at_most)
+    quotas = Quotas(keys.check_run(given.run), flown, Limits(flown), rows_at_most)
     bus = ZenohBus.router(
         given.endpoint,
         identity(given.tls, WORLD),

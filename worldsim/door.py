@@ -12,11 +12,11 @@ from swarm.messages import LOST, Event, Join, Message, Ready, Received, Refusal,
 from swarm.printable import printable
 from swarm.scenario import Scenario
 from swarm.tick import TYPES
-from worldsim import inbound
 from worldsim.barrier import Barrier
 from worldsim.checkpoint import Resumption
 from worldsim.flight import Flight
 from worldsim.ledger import Ledger
+from worldsim.limits import Limits
 from worldsim.members import LEADER, JoinRefused, Member, Members
 from worldsim.quotas import JOIN_BYTES, RECEIVED_BYTES
 from worldsim.telemetry import Outbox
@@ -59,7 +59,7 @@ class Door:
         self._fingerprint, self._received = keys.fingerprint(run), keys.received(run)
         self._float = codec.FLOAT_OF_BITS[flown.radio.bits_per_float]
         self._plan = flight.states.astype(self._float)
-        self._plugins = flown.plugins()
+        self._plugins, self._limits = flown.plugins(), Limits(flown)
         self._flight, self._barrier, self._outbox, self._ledger = flight, barrier, outbox, ledger
         self._note, self._clock = note, clock
         bus.subscribe(keys.act(run, "*"), barrier.offer)
@@ -132,7 +132,7 @@ class Door:
             self._stop(name, f"{LOST}nobody waits for this node any more")
             raise MessageRejected("unknown-node", f"{name}, which was lost")
         try:
-            if len(raw) > (most := inbound.limit(member.rows, self._scenario)):
+            if len(raw) > (most := self._limits.act(member.rows)):
                 raise MessageRejected("oversized", f"{len(raw)} bytes, at most {most} expected")
             if raw[1:2] in TYPES:
                 self._barrier.take(member, raw)

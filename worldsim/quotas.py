@@ -6,7 +6,7 @@ from swarm import codec, keys
 from swarm.bus import Quota
 from swarm.errors import MessageRejected
 from swarm.scenario import Scenario
-from worldsim import inbound
+from worldsim.limits import Limits
 from worldsim.members import LEADER
 
 JOIN_BYTES, RECEIVED_BYTES = 256, 64
@@ -16,12 +16,12 @@ _STRANGE = Quota("", 0)  # whatever is under no key of a node
 class Quotas:
     """The quota of every key the world listens on; may be asked from any thread."""
 
-    def __init__(self, run: str, scenario: Scenario, rows_at_most: int | None = None) -> None:
+    def __init__(self, run: str, scenario: Scenario, limits: Limits, rows_at_most: int | None = None) -> None:
         """`rows_at_most`: UAVs one agent may hold; None: as many as there are."""
         self._run = run
         rows = min(rows_at_most or scenario.uavs, scenario.uavs)
-        self._agent = min(inbound.limit(rows, scenario), codec.MAX_BYTES)
-        self._leader = min(inbound.limit(0, scenario), codec.MAX_BYTES)
+        self._agent = min(limits.act(rows), codec.MAX_BYTES)
+        self._leader = min(limits.act(0), codec.MAX_BYTES)
         self.largest = max(self._agent, self._leader, JOIN_BYTES, RECEIVED_BYTES)  # of all, bytes
         self._known = lru_cache(maxsize=4096)(self._of)
 
