@@ -82,10 +82,10 @@ class Guarded:
                 if array.shape != memory[name].shape or array.dtype != memory[name].dtype:
                     raise ValueError(f"memory[{name!r}] has become {array.shape} {array.dtype}")
             if len(step.memory) != len(memory) or step.broadcasts or len(step.refused):
-                checked_step(step, memory, *self._shape)
+                checked_step(step, memory, len(own), self._declared)
             return step, commands
         except Exception as error:
-            step, commands = each_alone(self._controller, memory, tick, own, received, self._shape[1])
+            step, commands = each_alone(self._controller, memory, tick, own, received, self._declared)
             self._break(np.asarray(np.isnan(commands).any(axis=-1)), error)
             return step, commands
 

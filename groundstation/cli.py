@@ -2,6 +2,7 @@
 
 import json
 import logging
+import os
 import re
 import sys
 from collections.abc import Callable
@@ -340,6 +341,7 @@ def main(arguments: list[str] | None = None) -> int:
     from groundstation import cli_look, cli_plugins, cli_study  # noqa: F401  # their verbs join the group
 
     if arguments is None:
+        os.environ["PYTHONSAFEPATH"] = "1"  # no worker of a sweep runs what lies in the working folder under our names
         divert()  # standard output is what we say; what libraries say in native code is not
     try:
         cli.main(arguments, prog_name="meanflock", standalone_mode=False)

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from groundstation.cli import cli
-from groundstation.results import RECORDING, alone, recover
+from groundstation.results import RECORDING, alone, completed
 from swarm.errors import BadInput
 
 _run = click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
@@ -76,7 +76,7 @@ def _complete(folder: Path, path: Path) -> None:
 
     if folder.is_dir():
         with alone(folder):
-            recover(folder)
+            completed(folder)
             complete(folder)
     elif verify(path) is not None:
         repair(path)

@@ -203,12 +203,12 @@ def plot(folder: Path) -> None:
     Example: meanflock plot runs/20261121-101500-mfgfl-hf-s7
     """
     from groundstation import plots
-    from groundstation.results import alone, recover
+    from groundstation.results import alone, completed
 
     if not folder.is_dir():
         raise BadInput(f"{folder}: no such run; name the folder of one")
     with alone(folder):
-        recover(folder)
+        completed(folder)
     _report(plots.write(plots.plot_run(folder), folder / "plots"))
 
 

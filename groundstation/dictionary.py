@@ -99,6 +99,7 @@ EVENTS = {  # kinds
     "agent": "what an agent says of itself, when it fails",
     "refused": "uploads were not averaged, or states not believed (told once); the summary counts all",
     "dropped": "a message was not let in (the first of them); the summary counts all, by reason",
+    "slow": "a node answers late, tick after tick, and is lost if it goes on",
     "lost": "a node or its UAVs are lost",
     "diverged": "UAVs are lost because their numbers or their controller failed",
     "rejoined": "UAVs that were lost have an agent again, or a standby leader is there",

@@ -3,6 +3,7 @@
 import logging
 import os
 import signal
+import site
 import socket
 import subprocess
 import sys
@@ -14,11 +15,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
+import swarm
 from agent import siblings
 from swarm import logs
 from swarm.address import Address
 from swarm.errors import EXIT_BAD_INPUT, RunFailed
 from swarm.identity import STATION, Identity
+from swarm.printable import printable_lines
 from swarm.process import CHILD, how_it_ended
 from swarm.restarts import Restarts
 from swarm.session import ZenohBus
@@ -50,8 +53,8 @@ class Child:
 
     def last_lines(self) -> str:
         """The end of what it said."""
-        text = self.log.read_text(encoding="utf-8", errors="replace").splitlines()
-        return "\n".join(f"    {line}" for line in text[-LAST_LINES:]) or "    (it said nothing)"
+        said = self.log.read_text(encoding="utf-8", errors="replace").strip() or "(it said nothing)"
+        return "\n".join(f"    {line}" for line in printable_lines(said).split("\n")[-LAST_LINES:])
 
 
 def end_all(processes: Sequence["subprocess.Popen[bytes]"]) -> None:
@@ -224,11 +227,12 @@ class Swarm:
                 said = log.read()
             whole = said[: said.rfind(b"\n") + 1]
             child.passed_on += len(whole)
-            for line in whole.decode(errors="replace").splitlines():
+            for line in printable_lines(whole.decode(errors="replace")).split("\n")[:-1]:
                 print(line if self._log_format == logs.JSON else f"{child.name}: {line}", file=sys.stderr, flush=True)
 
     def _start(self, module: str, name: str, flags: list[str]) -> None:
-        command = [sys.executable, "-m", module, "--endpoint", self.endpoint, "--run", self._run, *flags]
+        # -P: a file or folder of the user's in the working folder is not taken for ours, whatever its name.
+        command = [sys.executable, "-P", "-m", module, "--endpoint", self.endpoint, "--run", self._run, *flags]
         if self._tls is not None:
             command += ["--tls", str(self._tls)]
         command += ["--log-format", self._log_format or logs.TEXT]
@@ -247,10 +251,18 @@ class Swarm:
                 stdin=self._child_stdin,
                 stdout=subprocess.DEVNULL,
                 stderr=output,
-                env={**os.environ, CHILD: "1"},
+                env={**os.environ, **_import_path(), CHILD: "1"},
                 start_new_session=True,  # Ctrl-C in the terminal is this process's to handle
             )
 
 
 def _failed(child: Child) -> RunFailed:
     return RunFailed(f"{child.name} {how_it_ended(child.process.returncode)}; its last lines:\n{child.last_lines()}")
+
+
+def _import_path() -> dict[str, str]:
+    """What lets a child find the packages of this process where they are a checkout that is not installed."""
+    root = str(Path(swarm.__file__).parents[1])
+    if root in site.getsitepackages():
+        return {}
+    return {"PYTHONPATH": os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))}

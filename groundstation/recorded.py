@@ -12,6 +12,7 @@ from rerun.chunk import RrdReader
 from groundstation import blueprint as look
 from groundstation import panels
 from swarm.messages import Event
+from swarm.printable import printable
 
 
 @dataclass(frozen=True)
@@ -41,4 +42,4 @@ def _rows(path: Path, entity: str, component: str) -> Iterator[tuple[int, Any]]:
 
 def line(event: Event) -> str:
     """An event as the log of a recording shows it."""
-    return event.text if event.kind in event.text else f"{event.kind}: {event.text}"
+    return printable(event.text if event.kind in event.text else f"{event.kind}: {event.text}")

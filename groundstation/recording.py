@@ -41,7 +41,7 @@ LARGE_SWARM_STRIDE = 5  # a large swarm's positions are recorded every this many
 LINKS_PER_TICK = 2000  # of a tick's links, as many are drawn; all are counted
 STAR_M = 1.4  # radius of a collision's star
 
-_LEVELS = {"dropped": "WARN", "collision": "ERROR", "lost": "ERROR", "diverged": "ERROR"}
+_LEVELS = {"dropped": "WARN", "slow": "WARN", "collision": "ERROR", "lost": "ERROR", "diverged": "ERROR"}
 _LEVEL_COLORS = {"INFO": palette.WHITE, "WARN": palette.ORANGE, "ERROR": palette.RED}
 _COLUMN = {name: index for index, name in enumerate(SWARM_COLUMNS)}
 _SCALARS = rr.Scalars.descriptor_scalars()

@@ -1,6 +1,7 @@
 """The run folder: what a run leaves on disk, complete at the end and usable if the run is killed."""
 
 import fcntl
+import hashlib
 import json
 import os
 import shutil
@@ -48,10 +49,12 @@ class RunFolder:
         """Creates `parent/run_id` and writes the resolved scenario into it; with a `past`, goes on in that folder.
 
         Raises:
-            BadInput: the folder cannot be created or written, another process still writes it, the file of a
-                plug-in is not what was loaded, or a diagnostic is called like another column.
+            BadInput: the folder cannot be created or written, another process still writes it, events of the past are
+                missing, the file of a plug-in is not what was loaded, or a diagnostic is called like another column.
         """
         self.path = parent / run_id
+        if past is not None:
+            _check_events(self.path / EVENTS, past.events_bytes)
         columns.check(flown.method, flown.declared.diagnostics)
         sources = flown_plugins.files(flown) if past is None else {}
         new = past is None and not self.path.exists()
@@ -132,7 +135,8 @@ class RunFolder:
 
     def _keep(self, checkpoint: dict[str, Any]) -> None:
         self._sync()  # a checkpoint goes on from these rows and events
-        durable.replace(self.path / CHECKPOINT, codec.encode_record(checkpoint))
+        record = codec.encode_record(checkpoint)
+        durable.replace(self.path / CHECKPOINT, codec.encode_record({"sha256": _digest(record), "record": record}))
 
     def _holds(self, why: str) -> str:
         mend = f"make room, then `meanflock resume {self.path}`"
@@ -203,11 +207,31 @@ def alone(folder: Path) -> Iterator[None]:
         yield
 
 
+def _check_events(path: Path, size: int) -> None:
+    """Raises BadInput where `path` has lost some of its first `size` bytes."""
+    there = path.stat().st_size if path.is_file() else 0
+    if there < size:
+        mend = f"bring the file back, or fly the run again with `meanflock run {path.with_name(SCENARIO)}`"
+        raise BadInput(f"{path}: {there} bytes of the {size} that belong to what was flown; {mend}")
+
+
 def _lock(file: IO[bytes], folder: Path) -> None:
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
         raise BadInput(f"{folder}: another process still writes this run; let it end first") from error
+
+
+def completed(folder: Path) -> None:
+    """`recover`, for who wants to look at the run.
+
+    Raises:
+        RunFailed: there is no room for the time series; its rows stay where they are.
+    """
+    try:
+        recover(folder)
+    except OSError as error:
+        raise RunFailed(f"{folder}: {_reason(error)}; make room, then give the command again") from error
 
 
 def recover(folder: Path) -> None:
@@ -281,13 +305,23 @@ def read_checkpoint(folder: Path) -> dict[str, Any]:
     """
     path = folder / CHECKPOINT
     try:
-        kept = codec.decode_record(path.read_bytes())
+        whole = codec.decode_record(path.read_bytes())
+        if whole["sha256"] != _digest(whole["record"]):
+            raise MessageRejected("malformed", "its checksum is wrong")
+        kept = codec.decode_record(whole["record"])
         return {name: kept[name] for name in ("tick", "block", "events_bytes", "body")}
     except OSError as error:
         mend = "name the folder of a run that was flown for a hundred ticks and did not finish"
         raise BadInput(f"{path}: {error.strerror}; {mend}") from error
-    except (MessageRejected, KeyError) as error:
-        raise BadInput(f"{path}: damaged ({error}); the run cannot be resumed") from error
+    except (MessageRejected, KeyError, TypeError) as error:
+        mend = f"fly it again with `meanflock run {folder / SCENARIO}`"
+        raise BadInput(
+            f"{path}: damaged, or of an older version ({error}); the run cannot be resumed: {mend}"
+        ) from error
+
+
+def _digest(record: bytes) -> bytes:
+    return hashlib.sha256(record).digest()
 
 
 def _reason(error: OSError) -> str:

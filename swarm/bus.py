@@ -7,7 +7,7 @@ as the network does; an endpoint with a handler is called at once, which lets on
 
 import queue
 from collections.abc import Callable
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import msgspec
 
@@ -19,13 +19,25 @@ class Delivery(msgspec.Struct, frozen=True):
     """Something that reached this participant.
 
     kind: "message" (someone put `payload` under `key`), "question" (someone waits for `reply`),
-        "alive" or "gone" (a liveliness token appeared or vanished under `key`).
+        "alive" or "gone" (a liveliness token appeared or vanished under `key`),
+        "oversized" (a message or question of so many bytes, `size`, that they were not taken in).
     """
 
-    kind: Literal["message", "question", "alive", "gone"]
+    kind: Literal["message", "question", "alive", "gone", "oversized"]
     key: str
     payload: bytes = b""
     reply: Callable[[bytes], None] | None = None
+    size: int = 0
+
+
+class Quota(NamedTuple):
+    """What one sender may have waiting at a bus that limits it (`ZenohBus.router`)."""
+
+    owner: str  # the sender: what waits under all its keys is counted together
+    largest: int  # bytes a message may have
+
+
+Quotas = Callable[[str], Quota]  # of a key; asked in any thread
 
 
 class Bus(Protocol):

@@ -4,10 +4,13 @@ import re
 import zlib
 from functools import lru_cache
 
-from swarm.errors import BadInput
+from swarm.errors import BadInput, MessageRejected
 
 ROOT = "meanflock"
 _RUN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+_NAME = _RUN_NAME.pattern  # of a role or a node, too
+_OF_A_NODE = re.compile(rf"{ROOT}/{_NAME}/(?:node/({_NAME})/(?:join|act|sense)|alive/{_NAME}/({_NAME}))")
+_OF_A_TOKEN = re.compile(rf"{ROOT}/{_NAME}/alive/({_NAME})/({_NAME})")
 
 
 def check_run(run: str) -> str:
@@ -63,8 +66,24 @@ def alive(run: str, role: str, node: str) -> str:
     return f"{ROOT}/{run}/alive/{role}/{node}"
 
 
-@lru_cache(maxsize=4096)  # asked for in every tick
+@lru_cache(maxsize=4096)  # asked for in every tick; a key that is none is not kept
 def node_of(key: str) -> str:
-    """The node a key of `join`, `act`, `sense` or `alive` belongs to."""
-    parts = key.split("/")
-    return parts[4] if parts[2] == "alive" else parts[3]
+    """The node a key of `join`, `act`, `sense` or `alive` belongs to.
+
+    Raises:
+        MessageRejected: `wrong-key`: it is none of these. Whoever publishes chooses the key, wildcards included.
+    """
+    if (of := _OF_A_NODE.fullmatch(key)) is None:
+        raise MessageRejected("wrong-key", key)
+    return of[1] or of[2]
+
+
+def presence_of(key: str) -> tuple[str, str]:
+    """Role and name in the key of a liveliness token.
+
+    Raises:
+        MessageRejected: `wrong-key`: it is none.
+    """
+    if (of := _OF_A_TOKEN.fullmatch(key)) is None:
+        raise MessageRejected("wrong-key", key)
+    return of[1], of[2]

@@ -2,6 +2,11 @@
 
 Zenoh writes its log to standard output, from native code. `divert` leaves standard output to Python and sends the rest
 to standard error; `Refusals` reads it instead, counts what was refused, and passes on what is new.
+
+The log quotes keys as their senders chose them, line breaks included, so a line of it may be forged. Therefore who was
+refused is never taken from a name in the log, but from the number of its session: Zenoh tells it beside the log, and no
+client the number of another. A session nobody has met is called unknown. Why a link was refused is one of a few known
+reasons. What else is passed on is printable text, on one line, in quotation marks.
 """
 
 import fcntl
@@ -13,6 +18,8 @@ import threading
 from collections import Counter
 from contextlib import suppress
 
+from swarm.printable import printable
+
 log = logging.getLogger("meanflock.router")
 
 # Refused links are warnings; what the access-control list drops is told at the finest level only.
@@ -22,14 +29,19 @@ _DRAIN_EVERY_S = 0.1
 _PIPE_BYTES = 2**20
 _MOST_NAMES = 4096  # remembered; a stranger may invent as many as it likes
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
-_LINK = re.compile(r"zenoh_link_tls\S*: (?P<why>.*?)\.?(?: Hint: .*)?$")
+_LINK = re.compile(r"zenoh_link_tls\S*: (?P<why>.*)$")
+_WHY = re.compile(
+    r"peer sent no certificates|invalid peer certificate: (?:certificate expired|[A-Z]\w{,40})|tls handshake eof"
+    r"|received corrupt message of type \w{,40}|received fatal alert: \w{,40}|connection reset|broken pipe",
+    re.IGNORECASE,
+)
 _CACHING = re.compile(r"(?P<thread>ThreadId\(\d+\)).*ACL \(ingress\): caching permissions for `(?P<key>\S+)`")
 _DENIED = re.compile(
-    r"(?P<thread>ThreadId\(\d+\)).*access_control: (?P<cached>Using cached result: )?(?P<zid>\w+)"
-    r"(?: on (?P<subject>\S+))? is unauthorized to (?P<what>[\w/ ]+) \(ingress\) on (?P<key>\S+)"
+    r"(?P<thread>ThreadId\(\d+\)).*access_control: (?P<cached>Using cached result: )?(?P<session>\w+)"
+    r"(?: on \S+)? is unauthorized to (?P<what>[\w/ ]+) \(ingress\) on (?P<key>\S+)"
 )
-_STRANGER = re.compile(r"access_control: \w+ did not match any configured ACL subject")
-_NAME = re.compile(r"CertCommonName\(([^)]*)\)")
+_STRANGER = re.compile(r"access_control: (?P<session>\w+) did not match any configured ACL subject")
+_ERROR = re.compile(r"^(?:\S+ +)?ERROR (?P<text>.*)")
 
 
 def divert() -> None:
@@ -48,17 +60,24 @@ class Refusals:
     """Counts what the router of this process refused.
 
     counts: `refused-link` (no certificate, or none of ours, or expired), `denied` (a message or declaration that
-        the access-control list does not allow) and `backlog` (see `ZenohBus.router`). A flood can outrun the reader:
-        then the first two are lower bounds.
+        the access-control list does not allow), `backlog` (see `ZenohBus.router`) and `refused-session` (see
+        `Links`). A flood can outrun the reader: then the first two are lower bounds.
     """
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
         self._seen: Counter[str] = Counter()
-        self._names: dict[str, str] = {}
+        self._names: dict[str, str] = {}  # on the certificates of sessions, by their numbers
+        self._counting = threading.Lock()
         self._caching: dict[str, str] = {}
         self._rest = b""
         self._ended: threading.Event | None = None
+
+    def met(self, session: str, name: str) -> None:
+        """A session is open, by its number, and the name on its certificate."""
+        if len(self._names) >= _MOST_NAMES:  # those that come and go; the oldest is forgotten
+            self._names.pop(next(iter(self._names)), None)
+        self._names[session] = name
 
     def listen(self) -> None:
         """From now until `close`, native output of this process is the log that is read."""
@@ -105,29 +124,34 @@ class Refusals:
         if caching := _CACHING.search(line):
             self._caching[caching["thread"]] = caching["key"]
         elif denied := _DENIED.search(line):
-            if denied["subject"] and (name := _NAME.search(denied["subject"])) and len(self._names) < _MOST_NAMES:
-                self._names[denied["zid"]] = name[1]
             # On the first sight of a key Zenoh asks itself all that could be refused; only then is the answer uncached.
             if denied["cached"] or self._caching.get(denied["thread"]) != denied["key"]:
-                who = self._names.get(denied["zid"], "a stranger")
-                self.count("denied", f"{who}: {denied['what']} under {denied['key']}")
-        elif _STRANGER.search(line):
-            self.count("denied", "a certificate of our authority whose name is no node of this run: it may do nothing")
+                self.count("denied", f"{self._who(denied['session'])}: {denied['what']} under {denied['key']}")
+        elif stranger := _STRANGER.search(line):
+            who = self._who(stranger["session"])
+            self.count("denied", f"a certificate of our authority of no node of this run, which may do nothing: {who}")
         elif refused := _LINK.search(line):
-            self.count("refused-link", re.sub(r"\d+", "…", refused["why"]))
-        elif " ERROR " in line:
-            self._tell(line.partition(" ERROR ")[2])
+            why = _WHY.search(refused["why"])
+            self.count("refused-link", why[0] if why else "for another reason")
+        elif error := _ERROR.search(line):
+            self._tell(f"Zenoh's log says {error['text']!r}")
+
+    def _who(self, session: str) -> str:
+        return self._names.get(session, "an unknown session")
 
     def count(self, what: str, text: str) -> None:
-        """One more of `what`; `text` says which."""
-        self.counts[what] += 1
+        """One more of `what`, from any thread; `text` says which."""
+        with self._counting:
+            self.counts[what] += 1
         self._tell(f"{what}: {text}", what)
 
     def _tell(self, text: str, reason: str = "error") -> None:
         """Logs a text the first, second, fourth, eighth … time it comes."""
-        if text not in self._seen and len(self._seen) >= _MOST_NAMES:
-            text = "more, of many kinds"
-        self._seen[text] += 1
-        times = self._seen[text]
+        text = printable(text)
+        with self._counting:
+            if text not in self._seen and len(self._seen) >= _MOST_NAMES:
+                text = "more, of many kinds"
+            self._seen[text] += 1
+            times = self._seen[text]
         if times & (times - 1) == 0:
             log.warning("%s%s", text, f" ({times} times)" if times > 1 else "", extra={"reason": reason})

@@ -13,7 +13,9 @@ from swarm import clusters, toml
 from swarm.declared import Declared, declared
 from swarm.errors import BadInput
 from swarm.faults import Fault, LeaderLoss
+from swarm.pace import Pace
 from swarm.plugins import Door, find
+from swarm.table import Table as _Table
 
 # Keys that came later count in the hash only where they differ from their default: older runs keep their hash.
 _LATER = (
@@ -30,21 +32,11 @@ _LATER = (
     "controller",
     "radio.plausible_speed",
     *("radio.model", "radio.options", "vehicle.model", "vehicle.options"),
+    "pace",
 )
 
 Payload: TypeAlias = Literal["float64", "float32", "float16", "int8"]  # how a model is written, see swarm/payload.py
 _PAYLOAD_BITS: dict[Payload, int] = {"float64": 64, "float32": 32, "float16": 16, "int8": 8}  # a weight
-
-
-class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A TOML table: no unknown key, no number that is not finite."""
-
-    def __post_init__(self) -> None:
-        for name in self.__struct_fields__:
-            value = getattr(self, name)
-            for number in value if isinstance(value, tuple) else (value,):
-                if isinstance(number, float) and not math.isfinite(number):
-                    raise ValueError(f"`{name}` must be a finite number, not {number}")
 
 
 class Start(_Table, frozen=True):
@@ -202,6 +194,7 @@ class Scenario(_Table, frozen=True, dict=True):
     radio: Radio = field(default_factory=Radio)
     vehicle: Vehicle = field(default_factory=Vehicle)
     metrics: Metrics = field(default_factory=Metrics)
+    pace: Pace = field(default_factory=Pace)
     faults: Annotated[tuple[Fault, ...], Meta(description="the fault script, see swarm/faults.py")] = ()
 
     def __post_init__(self) -> None:

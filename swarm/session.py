@@ -23,10 +23,11 @@ import msgspec
 import zenoh
 
 from swarm.access import NOBODY
-from swarm.bus import Delivery, Offer
+from swarm.bus import Delivery, Offer, Quota, Quotas
 from swarm.codec import MAX_BYTES
 from swarm.errors import BadInput, BusError
-from swarm.identity import Identity
+from swarm.identity import LEADER, Identity
+from swarm.links import Links
 from swarm.refusals import FILTER, Refusals
 
 log = logging.getLogger("meanflock.bus")
@@ -51,7 +52,11 @@ _COMMON: Mapping[str, Any] = {
 }
 _ASK_AGAIN_S = 0.05
 _BACKLOG_MESSAGES = 256  # an honest node has two or three under way
-_BACKLOG_BYTES = 16 * 2**20
+_BACKLOG_LARGEST = 4  # so many messages as long as they may be
+_BATCH_BYTES = 2**16  # what comes in one piece is taken in whatever its length; beyond, a limit is kept on the way
+_KEY_BYTES = 1024  # a message on the way is longer by its key and the like
+_SESSIONS = 4  # of one certificate: a node that comes back may have left some behind that are not missed yet
+_LEADER_SESSIONS = 12  # one certificate for the leader and its standbys
 _RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
 
 
@@ -66,18 +71,24 @@ class ZenohBus:
     """A `Bus` over one Zenoh session."""
 
     def __init__(
-        self, config: zenoh.Config, log_filter: str = "error", limited: bool = False, refusals: Refusals | None = None
+        self,
+        config: zenoh.Config,
+        log_filter: str = "error",
+        quotas: Quotas | None = None,
+        refusals: Refusals | None = None,
     ) -> None:
-        """Use `router` or `client`. `limited`: no key may have more than a backlog of messages waiting."""
+        """Use `router` or `client`. `quotas`: no sender may have more than a backlog of messages waiting, none of them
+        longer than its quota says.
+        """
         zenoh.init_log_from_env_or(log_filter)
         try:
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
             said = str(error).split(" at /")[0]  # without the place in the library's source
             raise BusError(f"cannot open a Zenoh session: {said}") from error
-        self._queue: queue.SimpleQueue[Delivery] = queue.SimpleQueue()
-        self._limited, self._refusals = limited, refusals
-        self._waiting: dict[str, tuple[int, int]] = {}  # messages and their bytes, by key
+        self._queue: queue.SimpleQueue[tuple[Delivery, str]] = queue.SimpleQueue()  # and whose, where that counts
+        self._quotas, self._refusals = quotas, refusals
+        self._waiting: dict[str, tuple[int, int]] = {}  # messages and their bytes, by sender
         self._counting = threading.Lock()
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._declared: list[Any] = []
@@ -91,13 +102,18 @@ class ZenohBus:
         identity: Identity | None = None,
         access: Mapping[str, Any] | None = None,
         refusals: Refusals | None = None,
+        quotas: Quotas | None = None,
+        largest: int = MAX_BYTES,
+        nodes: int = 1000,
     ) -> "ZenohBus":
         """The world's side: listens on `endpoint` and relays between the clients.
 
         With an `identity`, every link is mutual TLS, and `access` says who may do what (`access.rules`; without it
-        nobody may do anything). What comes in faster than it is received waits, up to a backlog for each key; what
-        goes beyond is dropped and counted in `refusals`, so a flood under one key costs neither memory nor the
-        messages under another.
+        nobody may do anything). What comes in faster than it is received waits, up to a backlog for each sender; what
+        goes beyond is dropped and counted in `refusals`, so the flood of one costs neither memory nor the messages of
+        another. `quotas`: who the senders are, and how long their messages may be; without it each key is a sender.
+        `largest`: the longest message of anyone, bytes: what is longer is dropped while it arrives. `nodes`: how many
+        clients to expect.
 
         Raises:
             BadInput: the port is taken, the endpoint cannot be listened on, or a certificate cannot be used.
@@ -105,14 +121,24 @@ class ZenohBus:
         """
         endpoint = secured(endpoint, identity)
         check_free(endpoint)
-        settings = {**_COMMON, "mode": "router", "listen/endpoints": [endpoint]}
+        settings = {
+            **_COMMON,
+            "mode": "router",
+            "listen/endpoints": [endpoint],
+            # Each link keeps up to 16 messages that have not arrived whole, one a priority and reliability.
+            "transport/link/rx/max_message_size": min(max(_BATCH_BYTES, largest + _KEY_BYTES), MAX_BYTES),
+            "transport/unicast/max_sessions": 2 * nodes + 64,
+        }
         log_filter = "error"
         if identity is not None:
             settings |= _tls(identity, "listen")
             settings["access_control"] = access or NOBODY
             if refusals is not None:
                 log_filter = FILTER
-        return cls(_config(settings), log_filter, limited=True, refusals=refusals)
+        bus = cls(_config(settings), log_filter, quotas or _a_key_a_sender, refusals)
+        if identity is not None:
+            bus._limit_links(Links(_sessions, refusals))
+        return bus
 
     @classmethod
     def client(
@@ -154,34 +180,39 @@ class ZenohBus:
         publisher.put(payload)
 
     def subscribe(self, key: str, offer: Offer | None = None) -> None:
-        put = self._queue.put
         only = None if "*" in key else key
 
         def receive(sample: zenoh.Sample) -> None:
             name, payload = only or str(sample.key_expr), sample.payload
+            size, quota = len(payload), None if self._quotas is None else self._quotas(name)
+            if quota is not None and size > quota.largest:
+                self._keep(Delivery("oversized", name, size=size), quota)
+                return
             try:
                 if offer is not None and offer(name, payload.to_bytes()):
                     return
             except Exception:  # in Zenoh's thread nobody else would hear of it
                 if not self._closed:
                     log.exception("the message under %s was not taken", name)
-            if not self._limited or self._has_room(name, len(payload)):
-                put(Delivery("message", name, payload.to_bytes()))
+            if self._has_room(name, size, quota):
+                self._put(Delivery("message", name, payload.to_bytes()), quota)
 
         self._declared.append(self._session.declare_subscriber(key, receive))
 
     def answer(self, key: str) -> None:
         def receive(query: zenoh.Query) -> None:
-            name = str(query.key_expr)
-            if self._limited and not self._has_room(name, len(query.payload) if query.payload is not None else 0):
+            name, payload = str(query.key_expr), query.payload
+            size, quota = len(payload or b""), None if self._quotas is None else self._quotas(name)
+            if quota is not None and size > quota.largest:
+                self._keep(Delivery("oversized", name, size=size), quota)
                 return
-            payload = query.payload.to_bytes() if query.payload is not None else b""
 
             def reply(answer: bytes) -> None:
                 with query:
                     query.reply(query.key_expr, answer)
 
-            self._queue.put(Delivery("question", name, payload, reply))
+            if self._has_room(name, size, quota):
+                self._put(Delivery("question", name, payload.to_bytes() if payload else b"", reply), quota)
 
         self._declared.append(self._session.declare_queryable(key, receive))
 
@@ -201,33 +232,54 @@ class ZenohBus:
     def watch(self, key: str) -> None:
         def receive(sample: zenoh.Sample) -> None:
             kind = "alive" if sample.kind == zenoh.SampleKind.PUT else "gone"
-            self._queue.put(Delivery(kind, str(sample.key_expr)))  # type: ignore[arg-type]
+            name = str(sample.key_expr)
+            self._keep(Delivery(kind, name), None if self._quotas is None else self._quotas(name))  # type: ignore[arg-type]
 
         self._declared.append(self._session.liveliness().declare_subscriber(key, receive, history=True))
 
     def receive(self, timeout_s: float) -> Delivery | None:
         try:
-            delivery = self._queue.get(timeout=timeout_s)
+            delivery, owner = self._queue.get(timeout=timeout_s)
         except queue.Empty:
             return None
-        if self._limited and delivery.kind in ("message", "question"):
+        if self._quotas is not None:
             with self._counting:
-                count, size = self._waiting[delivery.key]
+                count, size = self._waiting[owner]
                 if count > 1:
-                    self._waiting[delivery.key] = (count - 1, size - len(delivery.payload))
+                    self._waiting[owner] = (count - 1, size - len(delivery.payload))
                 else:
-                    del self._waiting[delivery.key]
+                    del self._waiting[owner]
         return delivery
 
-    def _has_room(self, key: str, more: int) -> bool:
-        """Whether one more message of that many bytes may wait under `key`; then it is counted in."""
+    def _keep(self, delivery: Delivery, quota: Quota | None) -> None:
+        if self._has_room(delivery.key, len(delivery.payload), quota):
+            self._put(delivery, quota)
+
+    def _put(self, delivery: Delivery, quota: Quota | None) -> None:
+        self._queue.put((delivery, "" if quota is None else quota.owner))
+
+    def _has_room(self, key: str, more: int, quota: Quota | None) -> bool:
+        """Whether one more message of that many bytes may wait; then it is counted in."""
+        if quota is None:
+            return True
         with self._counting:
-            count, size = self._waiting.get(key, (0, 0))
-            if fits := count < _BACKLOG_MESSAGES and (not count or size + more <= _BACKLOG_BYTES):
-                self._waiting[key] = (count + 1, size + more)
+            count, size = self._waiting.get(quota.owner, (0, 0))
+            most = max(_BATCH_BYTES, _BACKLOG_LARGEST * quota.largest)
+            if fits := count < _BACKLOG_MESSAGES and size + more <= most:
+                self._waiting[quota.owner] = (count + 1, size + more)
         if not fits and self._refusals is not None:
             self._refusals.count("backlog", key)
         return fits
+
+    def _limit_links(self, links: Links) -> None:
+        def changed(event: zenoh.LinkEvent) -> None:
+            name, locator = event.link.auth_identifier or "", str(event.link.dst)
+            if event.kind == zenoh.SampleKind.PUT:
+                links.opened(name, str(event.link.zid), locator)
+            else:
+                links.closed(name, locator)
+
+        self._declared.append(self._session.info.declare_link_events_listener(changed, history=True))
 
     def close(self) -> None:
         with self._closing:
@@ -238,6 +290,15 @@ class ZenohBus:
             self._session.close()
         except zenoh.ZError as error:  # a link on which nothing gets through any more
             log.warning("the session was left open: %s", str(error).split(" at /")[0])
+
+
+def _a_key_a_sender(key: str) -> Quota:
+    return Quota(key, MAX_BYTES // _BACKLOG_LARGEST)
+
+
+def _sessions(name: str) -> int:
+    """How many sessions may be open at once with the certificate of that name."""
+    return _LEADER_SESSIONS if name == LEADER else _SESSIONS
 
 
 def secured(endpoint: str, identity: Identity | None) -> str:

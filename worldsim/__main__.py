@@ -14,7 +14,10 @@ from swarm.process import Interrupted, flag, identity, main, orphaned, parser
 from swarm.refusals import Refusals
 from swarm.session import ZenohBus
 from worldsim.checkpoint import Resumption
+from worldsim.limits import Limits
+from worldsim.members import MAX_LEADERS
 from worldsim.node import World
+from worldsim.quotas import Quotas
 from worldsim.schedule import factor
 
 LINGER_S = 20.0  # for a recorder that is slow, or was killed and is on its way back
@@ -50,14 +53,19 @@ def _run() -> None:
     rows = given.uavs_per_process
     if rows < 1:
         raise BadInput(f"--uavs-per-process {rows}: an agent holds at least one UAV")
+    rows_at_most = rows if given.tls else None
     interrupted = Interrupted()
     refusals = Refusals()
     refusals.listen()
+    quotas = Quotas(keys.check_run(given.run), flown, Limits(flown), rows_at_most)
     bus = ZenohBus.router(
         given.endpoint,
         identity(given.tls, WORLD),
-        access.rules(keys.check_run(given.run), flown.uavs, rows),
+        access.rules(given.run, flown.uavs, rows),
         refusals,
+        quotas,
+        quotas.largest,
+        -(-flown.uavs // rows) + MAX_LEADERS + 1,
     )
     with ExitStack() as stack:
         stack.callback(refusals.close)
@@ -71,7 +79,7 @@ def _run() -> None:
             stations=given.stations,
             realtime=realtime,
             resume=Resumption.load(Path(given.resume)) if given.resume else None,
-            rows_at_most=rows if given.tls else None,
+            rows_at_most=rows_at_most,
             refused=refusals.counts,
         )
         if metrics is not None:

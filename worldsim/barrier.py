@@ -128,6 +128,11 @@ class Barrier:
             return [member.name for member in self._silent.values()]
 
     @property
+    def silent(self) -> int:
+        """How many that is."""
+        return len(self._silent)
+
+    @property
     def complete(self) -> bool:
         """Whether everyone has."""
         return not self._silent

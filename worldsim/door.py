@@ -9,21 +9,22 @@ from swarm import codec, keys, scenario
 from swarm.bus import Bus, Delivery
 from swarm.errors import MessageRejected
 from swarm.messages import LOST, Event, Join, Message, Ready, Received, Refusal, Stop, Welcome
+from swarm.printable import printable
 from swarm.scenario import Scenario
 from swarm.tick import TYPES
-from worldsim import inbound
 from worldsim.barrier import Barrier
 from worldsim.checkpoint import Resumption
 from worldsim.flight import Flight
 from worldsim.ledger import Ledger
+from worldsim.limits import Limits
 from worldsim.members import LEADER, JoinRefused, Member, Members
+from worldsim.quotas import JOIN_BYTES, RECEIVED_BYTES
 from worldsim.telemetry import Outbox
 from worldsim.unattended import Unattended
 
 log = logging.getLogger("meanflock.world")
 
 STATION = "station"
-MAX_TEXT = 500  # of what a node says of itself
 MAX_DROP_EVENTS = 100  # the counters go on
 _OF_REPEATS = ("duplicate", "stale")  # what a second answer to a question that was put twice is, in its tick or after
 
@@ -58,7 +59,7 @@ class Door:
         self._fingerprint, self._received = keys.fingerprint(run), keys.received(run)
         self._float = codec.FLOAT_OF_BITS[flown.radio.bits_per_float]
         self._plan = flight.states.astype(self._float)
-        self._plugins = flown.plugins()
+        self._plugins, self._limits = flown.plugins(), Limits(flown)
         self._flight, self._barrier, self._outbox, self._ledger = flight, barrier, outbox, ledger
         self._note, self._clock = note, clock
         bus.subscribe(keys.act(run, "*"), barrier.offer)
@@ -70,12 +71,14 @@ class Door:
         """One delivery, whatever it is. Never raises for what the network sent."""
         try:
             if delivery.kind == "message" and delivery.key == self._received:
-                received = codec.decode_as(Received, delivery.payload, self._fingerprint, limit=64)
+                received = codec.decode_as(Received, delivery.payload, self._fingerprint, limit=RECEIVED_BYTES)
                 self._outbox.acknowledge(received.block)
             elif delivery.kind == "message":
                 self._hear(keys.node_of(delivery.key), delivery.payload)
             elif delivery.kind == "question":
                 self._answer(delivery)
+            elif delivery.kind == "oversized":
+                raise MessageRejected("oversized", f"{delivery.size} bytes")
             else:
                 self._presence(delivery)
         except MessageRejected as error:
@@ -85,8 +88,8 @@ class Door:
         """Counts something that was not let in."""
         self._ledger.drops[error.reason] += 1
         if self._ledger.drops.total() <= MAX_DROP_EVENTS:  # a flood fills neither log nor record
-            peer = keys.node_of(where) if where.count("/") >= 4 else where
-            about = {"tick": self._flight.tick, "peer": peer, "reason": error.reason}
+            about = {"tick": self._flight.tick, "peer": _peer(where), "reason": error.reason}
+            where = printable(where)
             log.warning("dropped a message under %s: %s", where, error, extra=about)
             self._note("dropped", f"{where}: {error}")
 
@@ -129,7 +132,7 @@ class Door:
             self._stop(name, f"{LOST}nobody waits for this node any more")
             raise MessageRejected("unknown-node", f"{name}, which was lost")
         try:
-            if len(raw) > (most := inbound.limit(member.rows, self._scenario)):
+            if len(raw) > (most := self._limits.act(member.rows)):
                 raise MessageRejected("oversized", f"{len(raw)} bytes, at most {most} expected")
             if raw[1:2] in TYPES:
                 self._barrier.take(member, raw)
@@ -146,10 +149,10 @@ class Door:
         if isinstance(message, Ready):
             self._welcome(member)
         elif isinstance(message, Event):
-            self._note(member.role, f"{member.name}: {escaped(message.text)}")
+            self._note(member.role, f"{member.name}: {printable(message.text)}")
         elif isinstance(message, Refusal):
-            self.unfit.append(escaped(message.reason))
-            self.lose(member, escaped(message.reason))
+            self.unfit.append(printable(message.reason))
+            self.lose(member, printable(message.reason))
         else:
             raise MessageRejected("wrong-kind", f"{type(message).__name__} from a node")
 
@@ -171,7 +174,7 @@ class Door:
 
     def _answer(self, delivery: Delivery) -> None:
         assert delivery.reply is not None
-        join = codec.decode(delivery.payload, limit=256)
+        join = codec.decode(delivery.payload, limit=JOIN_BYTES)
         if not isinstance(join, Join):
             raise MessageRejected("wrong-kind", f"{type(join).__name__} as a question")
         if keys.node_of(delivery.key) != (asker := keys.asker(join.role, join.uav)):
@@ -208,7 +211,7 @@ class Door:
     # -- liveliness ---------------------------------------------------------------------------------------------
 
     def _presence(self, delivery: Delivery) -> None:
-        role, name = delivery.key.split("/")[-2:]
+        role, name = keys.presence_of(delivery.key)
         if role == STATION:
             if delivery.kind == "alive":
                 self.listeners.add(name)
@@ -228,6 +231,9 @@ class Door:
         self._bus.put(keys.sense(self._run, name), codec.encode(Stop(self._fingerprint, why)))
 
 
-def escaped(text: str) -> str:
-    """A text of somebody else's as one line of a log, and not a long one."""
-    return text[:MAX_TEXT].encode("unicode_escape").decode("ascii")
+def _peer(where: str) -> str:
+    """The node a key or a text names, or the text itself where it is no key of a node."""
+    try:
+        return keys.node_of(where)
+    except MessageRejected:
+        return printable(where)

@@ -29,6 +29,7 @@ from worldsim.inbound import Replies
 from worldsim.instruments import Instruments
 from worldsim.ledger import Ledger
 from worldsim.members import LEADER, Member, Members
+from worldsim.pace import Pace
 from worldsim.schedule import Schedule
 from worldsim.speech import Speech
 from worldsim.summary import summary, weight_spread
@@ -111,7 +112,8 @@ class World:
         self._speech = Speech(self._rounds, ledger, self._door.drop, self._note)
         self._door.resumed = resume
         self._door.on_leader_lost = self._ask_leader
-        self._waiting = Waiting(barrier, self._door, ledger, self._schedule, barrier_s, self._wait, clock)
+        pace = Pace(scenario.pace, self._note)
+        self._waiting = Waiting(barrier, self._door, ledger, self._schedule, barrier_s, pace, self._wait, clock)
         self.handle = self._door.handle  # one delivery; never raises for what the network sent
 
     # -- the run ------------------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ from worldsim.door import Door
 from worldsim.durations import Durations
 from worldsim.ledger import Ledger
 from worldsim.members import LEADER
+from worldsim.pace import Pace
 from worldsim.schedule import Schedule
 
 STALL_S = 0.5  # who looks ten times a second and comes late by more stood still, and the nodes may have, too
@@ -24,15 +25,17 @@ class Waiting:
         ledger: Ledger,
         schedule: Schedule | None,
         patience_s: float,
+        pace: Pace,
         receive: Callable[[float], None],
         clock: Callable[[], float],
     ) -> None:
         """`schedule`: of a flight in real time. `patience_s`: how long lockstep waits for a node before it is lost.
-        `receive`: takes the next delivery, or none within that many seconds.
+        `pace`: in how many ticks it waits almost as long. `receive`: takes the next delivery, or none within that many
+        seconds.
         """
         self.took = Durations()  # from the last question of a tick to the last answer, or to the end of the tick
         self._barrier, self._door, self._ledger = barrier, door, ledger
-        self._schedule, self._patience_s = schedule, patience_s
+        self._schedule, self._patience_s, self._pace = schedule, patience_s, pace
         self._receive, self._clock = receive, clock
 
     def for_answers(self) -> None:
@@ -64,11 +67,13 @@ class Waiting:
         """Lockstep: until everyone has answered, or is lost; returns when."""
         now = self._clock()
         waited = asked = 0.0
+        self._pace.begin()
         while not self._barrier.complete:
             before = now
             self._receive(0.1)
             now = self._clock()
             waited += min(now - before, STALL_S)
+            self._pace.look(waited, self._barrier)
             if waited > self._patience_s:
                 for name in self._barrier.missing:
                     self._door.lose(self._barrier.asked[name], f"no answer for {self._patience_s:.0f} s")
@@ -76,6 +81,9 @@ class Waiting:
             elif waited - asked > ASK_AGAIN_S:
                 asked = waited
                 self._barrier.ask_again()
+        for name, why in self._pace.overdrawn():
+            if name in self._barrier.asked:
+                self._door.lose(self._barrier.asked[name], why)
         return now
 
     def _until(self, end: float) -> float:

@@ -201,9 +201,8 @@ class _Suite:
             fail(self._class, f"`step` with {len(own)} UAVs failed in tick {tick}: {_text(error)}", "mend it")
 
     def _checked(self, step: Step, before: Memory, rows: int) -> NDArray[np.float64]:
-        columns = AXES + len(self._declared.diagnostics)
         try:
-            commands = checked_step(step, before, rows, columns)
+            commands = checked_step(step, before, rows, self._declared)
         except Exception as error:
             fail(self._class, f"`step` returned what a flight cannot use: {_text(error)}", "return what is declared")
         if not np.isfinite(commands).all():

@@ -12,6 +12,7 @@ from rerun.chunk import RrdReader
 
 from groundstation import blueprint as look
 from groundstation import palette, panels
+from groundstation.reported import Reported
 from swarm.faults import Fault, Gust, Jam, Kill, Partition, Pause
 from swarm.messages import Status, Telemetry
 from swarm.scenario import Federation, Metrics, Scenario, Start
@@ -166,7 +167,7 @@ def test_the_close_up_has_the_maps_handedness(disturbed: tuple[Path, np.ndarray]
 def test_dots_of_the_close_up_have_the_collision_radius() -> None:
     scenario = Scenario(metrics=Metrics(collision_radius=0.25))
     with patch.object(look.rrb, "Spatial2DView", wraps=look.rrb.Spatial2DView) as view:
-        look.blueprint(scenario, live=False)
+        look.blueprint(scenario, Reported((), 0), live=False)
     (close_up,) = [call.kwargs for call in view.call_args_list if call.kwargs["origin"] == f"/{look.CLOSE_UP}"]
     (radius,) = close_up["overrides"][look.UAVS].radii.as_arrow_array().to_pylist()
     assert radius == 0.25

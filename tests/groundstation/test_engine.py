@@ -1,5 +1,9 @@
 """One process or many: the same scenario and seed fly the same trajectory, and who is lost costs nobody else."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -13,6 +17,7 @@ from swarm import codec, keys
 from swarm.bus import Delivery
 from swarm.messages import Finished, Telemetry
 from swarm.scenario import Scenario, load
+from tests.polling import DEADLINE_S
 
 RUN = "engine-test"
 NUMBER = keys.fingerprint(RUN)
@@ -229,3 +234,12 @@ def test_a_checkpoint_is_worth_about_as_much_flight_whatever_the_swarm(
 ) -> None:
     flown = load(None, [f"uavs={uavs}", "duration=1"], method="offline")
     assert Engine(flown, RUN, sinks=[Kept()], realtime=realtime).world._checkpoint_every == ticks
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are counted as Linux lists them")
+@pytest.mark.parametrize("module", ["groundstation.engine", "groundstation.study", "groundstation.paper.flown"])
+def test_whoever_flies_holds_blas_to_one_thread(module: str) -> None:
+    count = f"import os, {module}; print(len(os.listdir('/proc/self/task')))"
+    env = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    done = subprocess.run([sys.executable, "-c", count], capture_output=True, text=True, env=env, timeout=DEADLINE_S)
+    assert done.stdout.strip() == "1", done.stderr

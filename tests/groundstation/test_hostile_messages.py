@@ -4,10 +4,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from groundstation.engine import Engine
 from swarm import codec, keys
 from swarm.bus import Delivery
+from swarm.errors import MessageRejected
 from swarm.messages import (
     Act,
     FrameKind,
@@ -93,7 +96,7 @@ def hostile(tick: int) -> list[tuple[str, bytes, str]]:
         ("agent-1", good, "unknown-node"),  # UAV 1 has no node of its own
         ("agent-99", good, "unknown-node"),
         ("world", good, "unknown-node"),
-        ("*", good, "unknown-node"),
+        ("*", good, "wrong-key"),
         ("leader", codec.encode(act(tick, rows=0)), "duplicate"),
         ("leader", good, "wrong-shape"),
     ]
@@ -247,3 +250,73 @@ def test_an_absurd_number_from_one_node_costs_neither_the_others_nor_the_recordi
     assert engine.station.summary is not None
     assert engine.station.missed_blocks == 0
     assert sum(len(block.states) for block in kept.blocks) == 61
+
+
+HOSTILE_KEYS = [
+    "",
+    "/",
+    "**",
+    "*",
+    "x",
+    f"{keys.ROOT}/**",
+    f"{keys.ROOT}/{RUN}/**",
+    f"{keys.ROOT}/{RUN}/node",
+    f"{keys.ROOT}/{RUN}/node//act",
+    f"{keys.ROOT}/{RUN}/node/*/act",
+    f"{keys.ROOT}/{RUN}/node/$*/act",
+    f"{keys.ROOT}/{RUN}/node/agent-1/**",
+    f"{keys.ROOT}/{RUN}/node/agent-1/act\n",
+    f"{keys.ROOT}/{RUN}/node/agent-1\x1b[2J/act",
+    f"{keys.ROOT}/{RUN}/node/agent-1\nlost agent-2/act",
+    f"{keys.ROOT}/{RUN}/node/\u202eagent-1/act",
+    f"{keys.ROOT}/{RUN}/alive",
+    f"{keys.ROOT}/{RUN}/alive/agent/\x1b]0;x\x07",
+    f"{keys.ROOT}/{RUN}/alive/**",
+    "a/" * 20_000,
+]
+
+
+def test_no_key_raises_or_is_shown_as_it_came(caplog: pytest.LogCaptureFixture) -> None:
+    flown = scenario("mfg", "duration=2")
+    honest, kept = fly(flown), Kept()
+    engine, replies = Engine(flown, RUN, sinks=[kept]), []
+    question = codec.encode(Join("agent", 1))
+    for tick in engine.fly():
+        if tick != 4:
+            continue
+        for key in HOSTILE_KEYS:
+            for delivery in (
+                Delivery("message", key, b"x"),
+                Delivery("question", key, question, replies.append),
+                Delivery("alive", key),
+                Delivery("gone", key),
+                Delivery("oversized", key, size=10**9),
+            ):
+                before = engine.world.instruments.ledger.drops.total()
+                engine.world.handle(delivery)
+                assert engine.world.instruments.ledger.drops.total() == before + 1, delivery
+    summary = engine.world.finish()
+    assert summary["dropped_messages"] == {"wrong-key": 4 * len(HOSTILE_KEYS), "oversized": len(HOSTILE_KEYS)}
+    assert not replies
+    texts = [event.text for block in kept.blocks for event in block.events]
+    said = [record.getMessage() for record in caplog.records] + [str(vars(record)["peer"]) for record in caplog.records]
+    assert len(texts) >= 100
+    assert all(text.isprintable() and len(text) < 1000 for text in (*texts, *said))
+    assert steady(summary) == steady(honest)
+
+
+@given(st.text() | st.from_regex(rf"{keys.ROOT}/{RUN}/(node|alive)/.*/.*"))
+def test_whatever_the_key_the_world_reads_it_as_a_nodes_or_drops_it(key: str) -> None:
+    for read in (keys.node_of, keys.presence_of):
+        found: Any
+        try:
+            found = read(key)
+        except MessageRejected as error:
+            found = error
+        if isinstance(found, MessageRejected):
+            assert found.reason == "wrong-key"
+            assert str(found).isprintable()
+        else:
+            assert "".join(found).isascii()
+            assert "".join(found).isprintable()
+            assert not set("".join(found)) & set("*/$ ")

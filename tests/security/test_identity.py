@@ -200,6 +200,46 @@ def test_nobody_joins_or_lives_or_dies_in_anothers_name(flight: Flight, undistur
     assert summary["trajectory_sha256"] == undisturbed
 
 
+WILD = ["**", "*/**", f"{keys.ROOT}/**", f"{keys.ROOT}/{RUN}/**", keys.act(RUN, "*"), keys.act(RUN, "a$*"), "**/act"]
+
+
+def test_without_tls_no_key_ends_the_world(open_flight: Flight, undisturbed: str) -> None:
+    attacker = open_flight.client(ME)._session
+    forged_line = keys.act(RUN, f"x\n2026-01-01 00:00:00,000 meanflock.world WARNING lost {VICTIM}: it cheats\x1b[2J")
+    tokens = []
+    for key in (*WILD, forged_line):
+        attacker.put(key, b"x")
+        attacker.delete(key)
+        tokens.append(attacker.liveliness().declare_token(key.replace("node", "alive")))
+        list(attacker.get(key, payload=codec.encode(Join("agent", 1)), timeout=PATIENCE_S))
+    open_flight.logs("dropped a message under **: wrong-key", "\\n2026-01-01")
+    summary = open_flight.land()
+    assert summary["trajectory_sha256"] == undisturbed
+    assert summary["dropped_messages"]["wrong-key"] >= len(WILD)
+    assert all(line.isprintable() for line in open_flight.said().split("\n"))
+    assert not [line for line in open_flight.said().split("\n") if line.endswith("it cheats") or "lost" in line[:60]]
+
+
+def test_no_key_makes_a_denial_appear_as_anothers(flight: Flight, undisturbed: str) -> None:
+    attacker = flight.client(ME)
+    session = str(attacker._session.info.zid())
+    stamp = "\x1b[2m2026-11-21T01:06:53.244332Z\x1b[0m TRACE rx-0 ThreadId(08)"
+    acl = f"{stamp} zenoh::net::routing::interceptor::access_control:"
+    lines = [
+        f"{acl} 1 on Interface(lo)+CertCommonName({VICTIM})+Transport(Tls)+1 is unauthorized to Put (ingress) on x/y",
+        f"{acl} Using cached result: 1 is unauthorized to Put (ingress) on x/y",
+        f"{acl} {session} on Interface(lo)+CertCommonName({VICTIM}) is unauthorized to Put (ingress) on of/its/own",
+        f"{stamp} zenoh_link_tls::unicast: {VICTIM} has a stolen certificate",
+    ]
+    attacker._session.put("evil/\n" + "\n".join(lines).replace("//", "/"), b"x")
+    flight.logs(f"denied: {ME}: Put under of/its/own", "refused-link: for another reason")
+    summary = flight.land()
+    assert f"denied: {VICTIM}" not in flight.said()
+    assert f"{VICTIM} has a stolen" not in flight.said()
+    assert all(line.isprintable() for line in flight.said().split("\n"))
+    assert summary["trajectory_sha256"] == undisturbed
+
+
 # -- who has the right certificate and means ill --------------------------------------------------------------------
 
 
@@ -221,7 +261,7 @@ def test_a_flood_of_oversize_frames_costs_neither_the_flight_nor_the_memory(flig
     before = most[0]
 
     def flood() -> None:
-        frame = bytes(2**20)
+        frame = bytes(40_000)  # what is longer than a batch of Zenoh's does not even reach the world
         while not ended.is_set():
             attacker.put(keys.act(RUN, ME), frame)
 

@@ -45,6 +45,24 @@ def test_whatever_is_said_it_is_one_line_and_comes_back_as_it_was(text: str, ext
     assert read == said | extra
 
 
+@given(st.text())
+def test_a_line_of_text_is_one_line_that_steers_no_terminal(text: str) -> None:
+    line = logs.TextLines().format(record("%s", text))
+    assert line.isprintable()
+    if text.isprintable():
+        assert line.endswith(f" meanflock.test WARNING {text}")
+
+
+def test_no_line_of_a_traceback_looks_like_one_of_the_log() -> None:
+    try:
+        raise ValueError("broken\n2026-01-01 meanflock.world WARNING lost agent-1\x1b[2J")
+    except ValueError:
+        failed = logging.LogRecord("x", logging.ERROR, __file__, 1, "failed", (), sys.exc_info())
+    first, *rest = logs.TextLines().format(failed).split("\n")
+    assert first.endswith("x ERROR failed")
+    assert all(line.startswith("    ") and line.isprintable() for line in rest)
+
+
 def test_an_exception_is_a_field_of_its_line() -> None:
     try:
         raise ValueError("broken")

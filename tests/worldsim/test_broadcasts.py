@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.worldsim.sound import RUN, TICK
 
 from swarm import codec
 from swarm.codec import FLOAT_OF_BITS
@@ -11,7 +12,6 @@ from swarm.errors import MessageRejected
 from swarm.messages import Act, FrameKind, Frames
 from swarm.scenario import Scenario, load
 from tests.worldsim import sound
-from tests.worldsim.sound import RUN, TICK
 from worldsim import inbound
 from worldsim.members import Member
 

@@ -1,6 +1,6 @@
 """Real time on a clock of the test's own: who is late is held and counted, and the ticks say how late they began."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
@@ -53,15 +53,14 @@ class SlowBus(MemoryBus):
 
 
 class Flight:
-    """Two UAVs on two nodes, 20 ticks in real time, or in lockstep."""
+    """Two UAVs or so, each on a node of its own, 20 ticks or so in real time, or in lockstep."""
 
-    def __init__(self, realtime: float | None = 2.0) -> None:
+    def __init__(self, realtime: float | None = 2.0, settings: Sequence[str] = (), uavs: int = 2) -> None:
         network = MemoryNetwork()
         self.bus = SlowBus(network)
-        settings = ["uavs=2", "method=mfg", "duration=2", 'stop="duration"']
-        flown = load(None, settings)
+        flown = load(None, [f"uavs={uavs}", "method=mfg", "duration=2", 'stop="duration"', *settings])
         self.world = self.bus.world = World(flown, self.bus, RUN, realtime=realtime, clock=lambda: self.bus.now)
-        for _ in range(2):
+        for _ in range(uavs):
             endpoint = network.endpoint()
             spoke = Spoke(endpoint, RUN)
             endpoint.handler = spoke.handle

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.worldsim.sound import RUN, TICK, read
 
 from channel.meter import Meter
 from swarm import codec, payload
@@ -13,7 +14,6 @@ from swarm.errors import MessageRejected
 from swarm.messages import Act, FrameKind, Frames
 from swarm.rounds import Rounds
 from swarm.scenario import Scenario, load
-from tests.worldsim.sound import RUN, TICK, read
 from worldsim import inbound
 from worldsim.ledger import Ledger
 from worldsim.members import Member

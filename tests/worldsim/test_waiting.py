@@ -6,6 +6,7 @@ from swarm.bus import MemoryNetwork
 from swarm.scenario import load
 from worldsim.barrier import Barrier
 from worldsim.members import Member
+from worldsim.pace import Pace
 from worldsim.waiting import Waiting
 
 
@@ -25,7 +26,8 @@ def losses(steps: list[float]) -> int:
         now += steps[looks] if looks < len(steps) else timeout_s
         looks += 1
 
-    Waiting(barrier, Door(), None, None, 2.0, receive, lambda: now).for_answers()  # type: ignore[arg-type]
+    pace = Pace(load(None).pace, lambda kind, text: None)
+    Waiting(barrier, Door(), None, None, 2.0, pace, receive, lambda: now).for_answers()  # type: ignore[arg-type]
     return looks
 
 
