@@ -25,6 +25,7 @@ WORKDIR /build
 FROM builder AS wheel
 COPY pyproject.toml LICENSE ./
 COPY swarm swarm
+COPY kernels kernels
 COPY agent agent
 COPY leader leader
 COPY channel channel

@@ -7,8 +7,8 @@ learned. Here ŵ_F0(0) is a ridge least-squares fit to a Gaussian mixture over t
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.basis import DensityBasis, Powers, scales
-from agent.weights import DENSITY_FEATURES
+from kernels import Tables, features
+from kernels.weights import DENSITY_FEATURES
 from swarm.scenario import Scenario
 from swarm.seeds import generator
 
@@ -36,27 +36,26 @@ def mixture(points: Floats, centres: Floats, bandwidth: Floats) -> Floats:
     return raw(points) / raw(centres).max()
 
 
-def fit(scenario: Scenario, initial_states: Floats) -> Floats:
-    """[ŵ_F0(0), 0], `(2, 69)`: min mean (ŵᵀσ_F(s) − m(s))² + ridge ‖ŵ‖² over fixed sample points.
+def fit(scenario: Scenario, of: Tables, initial_states: Floats) -> Floats:
+    """[ŵ_F0(0), 0], `(138,)`: min mean (ŵᵀσ_F(s) − m(s))² + ridge ‖ŵ‖² over fixed sample points.
 
     Every UAV of a run computes the same bits: the sample points come from a seed all know, and the normal
     equations are summed without BLAS, whose order depends on the number of cores.
 
     Args:
-        initial_states: (N, 4).
+        of: the scenario's. initial_states: (N, 4).
     """
     spread = scenario.density
     bandwidth = np.array([spread.position_bandwidth] * 2 + [spread.velocity_bandwidth] * 2)
     draw = generator(scenario.seed, "density-fit")
     chosen = draw.integers(len(initial_states), size=spread.near_samples)
     near = initial_states[chosen] + 2.0 * bandwidth * draw.standard_normal((spread.near_samples, 4))
-    box = scales(scenario.learner) * draw.uniform(-1.0, 1.0, (spread.box_samples, 4))
+    box = of.scale * draw.uniform(-1.0, 1.0, (spread.box_samples, 4))
     points = np.concatenate([near, box])
-    basis = DensityBasis(scenario.learner, scenario.wind.sigma)
-    sigma = basis.terms(basis.pairs(Powers(scenario.learner)(points)))[:, 1:]
+    sigma = features.terms(of, features.pairs(of, features.powers(of, points)))[:, 1:]
     target = mixture(points, initial_states, bandwidth)
     normal = np.einsum("sk,sl->kl", sigma, sigma) / len(points)
     right = np.einsum("sk,s->k", sigma, target) / len(points)
-    weights = np.zeros((2, DENSITY_FEATURES))
-    weights[0] = np.linalg.solve(normal + spread.ridge * np.eye(DENSITY_FEATURES), right)
+    weights = np.zeros(2 * DENSITY_FEATURES)
+    weights[:DENSITY_FEATURES] = np.linalg.solve(normal + spread.ridge * np.eye(DENSITY_FEATURES), right)
     return weights

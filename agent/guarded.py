@@ -43,7 +43,7 @@ class Guarded:
         """
         self.broken: Mask | None = None
         self._method, self._declared = scenario.method, scenario.declared
-        self._columns = state.AXES + len(self._declared.diagnostics)
+        self._shape = len(uavs), state.AXES + len(self._declared.diagnostics)
         self._uavs, self._complaints = uavs, complaints
         self._controller: Controller = controller(scenario)
         self._known = np.zeros(len(uavs), dtype=bool)  # who has been complained of
@@ -73,12 +73,20 @@ class Guarded:
 
     def step(self, memory: Memory, tick: int, own: Floats, received: Sequence[Received]) -> tuple[Step, Floats]:
         """The step of all rows and their commands (M, 2 + K); of rows in which the controller fails these are NaN."""
+        commands = np.empty(self._shape)
         try:
             step = self._controller.step(memory, tick, own, received)
-            return step, checked_step(step, memory, len(own), self._columns)
+            parts = (step.acceleration,) if step.diagnostics is None else (step.acceleration, step.diagnostics)
+            np.concatenate(parts, axis=1, out=commands)  # wherever a shape does not fit, it raises
+            for name, array in step.memory.items():
+                if array.shape != memory[name].shape or array.dtype != memory[name].dtype:
+                    raise ValueError(f"memory[{name!r}] has become {array.shape} {array.dtype}")
+            if len(step.memory) != len(memory) or step.broadcasts or len(step.refused):
+                checked_step(step, memory, *self._shape)
+            return step, commands
         except Exception as error:
-            step, commands = each_alone(self._controller, memory, tick, own, received, self._columns)
-            self._break(np.isnan(commands).any(axis=-1), error)
+            step, commands = each_alone(self._controller, memory, tick, own, received, self._shape[1])
+            self._break(np.asarray(np.isnan(commands).any(axis=-1)), error)
             return step, commands
 
     def get(self, memory: Memory, rows: Rows) -> Floats:

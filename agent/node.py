@@ -48,7 +48,7 @@ class Agent:
         self._up, self._down = payload.upload(self._scenario), payload.broadcast(self._scenario)
         self._feedback = Feedback(self._up, len(self.uavs), kept=self._scenario.keeps_residuals)
         self._shape = (len(self.uavs), state.SIZE)
-        self._columns = state.AXES + len(self._declared.diagnostics)
+        self._federated, self._relays = self._declared.is_federated, self._scenario.federation.clusters > 1
         self._own = np.zeros(self._scenario.uavs, dtype=bool)
         self._own[self.uavs] = True
         self._failed = np.zeros(len(self.uavs), dtype=bool)
@@ -75,54 +75,63 @@ class Agent:
         Raises:
             MessageRejected: the Sense does not fit this node; nothing has changed.
         """
-        own = expect("states", sense.states, self._shape, _STATE)
+        own, tick = sense.states, sense.tick
+        if own.shape != self._shape:
+            raise MessageRejected("wrong-shape", f"states: expected {self._shape}, got {own.shape}")
         for frames in sense.inbox:
             self._check(frames)
 
         # 0. Rows the fault script pauses are as they were when the tick is over, whatever the others do.
-        asleep = self._asleep(sense.tick) if self._pauses else None
-        before = self._memory
-        self._controller.begin(asleep)
+        asleep = self._asleep(tick) if self._pauses else None
+        before, controller = self._memory, self._controller
+        controller.begin(asleep)
         # 1. Take in what the radio brought: a global model goes to the controller, as do frames of other UAVs, and the
         #    head of a cluster keeps the uploads of a round.
         received = self._receive(sense.inbox) if sense.inbox else ()
         # 2. Speak in the rounds: the participants' models as they are now, and the means of clusters once all their
         #    uploads have come or are lost.
-        outbox = self._uploads(sense.tick, asleep)
-        relays, refused = self._relays(sense.tick, asleep)
-        outbox += relays
+        outbox: list[Frames] = []
+        refused: list[int] = []
+        if self._federated and (number := self._rounds.opens(tick)):
+            outbox += self._uploads(number, asleep)
+        if self._relays and self._rounds.relays(tick):
+            silent = self._failed if asleep is None else self._failed | asleep
+            relays, refused = self._heads.relay(tick, self.uavs[controller.or_broken(silent)])
+            outbox += relays
         # 3. Let the controller fly.
-        step, commands = self._controller.step(self._memory, sense.tick, own, received)
+        step, commands = controller.step(self._memory, tick, own, received)
         self._memory = step.memory
         # 4. A row whose numbers have left all bounds is reported and silenced; the others go on.
         if asleep is not None:
             commands[asleep] = 0.0
             self._memory = picked(asleep, before, self._memory)
-        learned = self._controller.report(self._memory) if sense.report and self._declared.weights else None
-        if (broken := self._controller.broken) is not None:
-            commands[broken] = np.nan
-        if self._any_failed or not np.abs(commands).max(initial=0.0) < BEYOND_SENSE:  # NaN is below nothing
-            self._silence(~(np.abs(commands) < BEYOND_SENSE).all(axis=-1), commands)
+        learned = controller.report(self._memory) if sense.report and self._declared.weights else None
+        if controller.broken is not None:
+            commands[controller.broken] = np.nan
+        if self._any_failed or not np.maximum.reduce(np.abs(commands), axis=None, initial=0.0) < BEYOND_SENSE:
+            self._silence(commands)  # NaN is below nothing
             if learned is not None:
-                learned[self._failed] = 0.0
+                learned = np.where(self._failed[:, None], 0.0, learned)
         for number, broadcast in enumerate(step.broadcasts):
             outbox += self._frames_of(number, broadcast)
+        if not (sense.report or sense.checkpoint or refused or self._any_failed or len(step.refused)):
+            return Act(sense.run, tick, commands, outbox=tuple(outbox))
         return Act(
             sense.run,
-            sense.tick,
+            tick,
             commands,
-            self._names[self._failed] if self._any_failed else NOBODY,
-            np.union1d(np.array(refused, np.int32), step.refused) if refused or len(step.refused) else NOBODY,
-            np.ascontiguousarray(self.models, np.float64) if sense.report and self._declared.weights else None,
+            self._names[self._failed],
+            np.union1d(np.array(refused, np.int32), step.refused),
+            learned,
             self._kept() if sense.checkpoint else b"",
             tuple(outbox),
         )
 
     # -- what goes out ------------------------------------------------------------------------------------------
 
-    def _silence(self, broken: Mask, commands: Floats) -> None:
+    def _silence(self, commands: Floats) -> None:
         """Zeros what failed rows remember and say, so that nothing non-finite ever leaves or spreads."""
-        self._failed = self._failed | broken
+        self._failed = self._failed | ~np.all(np.abs(commands) < BEYOND_SENSE, axis=-1)
         self._any_failed = bool(self._failed.any())
         commands[self._failed] = 0.0
         nothing = {name: np.zeros_like(array) for name, array in self._memory.items()}
@@ -182,10 +191,7 @@ class Agent:
 
     # -- rounds -------------------------------------------------------------------------------------------------
 
-    def _uploads(self, tick: int, asleep: Mask | None) -> list[Frames]:
-        number = self._rounds.opens(tick)
-        if not number:
-            return []
+    def _uploads(self, number: int, asleep: Mask | None) -> list[Frames]:
         rows = self._rounds.rows(number)
         silent = self._failed if asleep is None else self._failed | asleep
         rows = rows[~self._controller.or_broken(silent)[rows]]
@@ -197,11 +203,6 @@ class Agent:
         sent = self._byzantine.distort(number, source, self._feedback.encode(rows, models), self._up)
         fits = self._up.sound(sent)  # a model beyond the range of the payload cannot be sent
         return [Frames(FrameKind.UPLOAD, number, source[fits], sent[fits])] if fits.any() else []
-
-    def _relays(self, tick: int, asleep: Mask | None) -> tuple[list[Frames], list[int]]:
-        if not self._rounds.relays(tick):
-            return [], []
-        return self._heads.relay(tick, self.uavs[self._failed if asleep is None else self._failed | asleep])
 
     # -- the fault script, and checkpoints ----------------------------------------------------------------------
 

@@ -1,14 +1,18 @@
 """All rooms in one process: the engine of tests and sweeps."""
 
 from collections.abc import Callable
+from types import ModuleType
 
 import numpy as np
 
+import kernels.reference
 from agent.learner import Learner
+from agent.tables import tables
 from benchmarks.bare_numpy import learner_operations
 from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms, per_tick_ms
 from groundstation.engine import Engine
 from swarm import scenario, state
+from swarm.messages import OUTCOME_FLOATS
 from swarm.scenario import Scenario
 from worldsim.formation import initial_states
 
@@ -30,15 +34,16 @@ def flight(method: str, uavs: int, *, duration_s: float = 1e6) -> Engine:
     return Engine(flown, "benchmark")
 
 
-def learner_step(method: str, uavs: int, *, compiled: bool = True) -> Callable[[], object]:
-    """One step of the learner on so many rows, from the same minds every time."""
+def learner_step(method: str, uavs: int, backend: ModuleType = kernels) -> Callable[[], object]:
+    """One step of the learner on so many rows, from the same weights every time."""
     flown: Scenario = scenario.load(None, method=method, uavs=uavs)
-    learner, plan = Learner(flown, compiled=compiled), initial_states(flown)
-    minds = learner.init(uavs, plan)
+    plan = initial_states(flown)
+    weights, of = Learner(flown).init(uavs, plan), backend.prepare(tables(flown))
     states = plan.copy()
     states[:, state.VELOCITY] = np.array(flown.wind.mean)
     known = None if flown.method.learns_density else np.repeat(plan[None], uavs, axis=0)
-    return lambda: learner.step(minds, states, known)
+    stepped, numbers = np.empty_like(weights), np.empty((uavs, OUTCOME_FLOATS))
+    return lambda: backend.learn(of, states, weights, known, stepped, numbers)
 
 
 def run(effort: Effort, say: Say) -> Outcome:
@@ -46,7 +51,7 @@ def run(effort: Effort, say: Say) -> Outcome:
     say("take-off")
     flights = {method: flight(method, UAVS).fly() for method in ("mfgfl-hf", "hjb")}
     steps = {method: learner_step(method, UAVS) for method in flights}
-    in_numpy = learner_step("mfgfl-hf", UAVS, compiled=False)
+    in_numpy = learner_step("mfgfl-hf", UAVS, kernels.reference)
     bare, calls = learner_operations(UAVS), learner_operations(1)
     for ticks in flights.values():
         per_tick_ms(ticks, CHUNK)

@@ -33,30 +33,18 @@ UAVS = 25
 Part = tuple[str, str]  # "module:name" or "module:Class.name", label
 
 LEARNER: list[Part] = [
-    ("agent.basis:Powers.__call__", "features"),
-    ("agent.basis:ValueBasis.__call__", "features"),
-    ("agent.basis:DensityBasis.pairs", "features"),
-    ("agent.basis:DensityBasis.terms", "features"),
-    ("agent.interaction:Quadrature.__call__", "quadrature of φ_G"),
-    ("agent.hjb:HjbLearner.step", "HJB step"),
-    ("agent.fpk:FpkLearner.step", "FPK step"),
-    ("agent.kernel:Kernel.__call__", "the compiled learners"),
+    ("kernels:learn", "the learners' kernel"),
     ("agent.learner:Learner.step", "learner, the rest"),
-    ("agent.node:Agent.reflex", "agent: reflex"),
     ("agent.node:Agent.act", "agent: inbox, outbox, checks"),
     ("swarm.spoke:Spoke.handle", "agent: protocol"),
 ]
 CODEC: list[Part] = [(f"swarm.codec:{name}", "codec") for name in ("encode", "decode", "encode_frames")]
-CODEC += [(f"swarm.plain:Plain.{name}", "codec, plain messages") for name in ("encode", "decode")]
 WORLD: list[Part] = [
     ("worldsim.node:World._tick", "world, the rest of the tick"),
     ("worldsim.node:World._ask", "address and fill inboxes"),
     ("worldsim.barrier:Barrier.ask", "address and fill inboxes"),
-    ("worldsim.barrier:Barrier.ask_all", "address and fill inboxes"),
     ("worldsim.waiting:Waiting.for_answers", "barrier, the loop"),
     ("worldsim.door:Door.handle", "take in answers: dispatch"),
-    ("worldsim.barrier:Barrier.overhear", "take in answers: dispatch"),
-    ("worldsim.answers:Answers.read", "take in answers: sound ones, by their bytes"),
     ("worldsim.inbound:check", "take in answers: all others"),
     ("worldsim.node:World._collect", "collect commands and frames"),
     ("worldsim.node:World._play", "fault script"),
@@ -67,13 +55,11 @@ WORLD: list[Part] = [
     ("worldsim.telemetry:Outbox.add", "telemetry"),
     ("worldsim.telemetry:Outbox.next", "telemetry"),
     ("groundstation.station:Station.handle", "telemetry"),
-    ("channel.air:Air.send", "channel"),
-    ("channel.air:Air.due", "channel"),
+    ("channel.medium:Medium.send", "channel"),
+    ("channel.medium:Medium.due", "channel"),
     ("worldsim.flight:Flight.advance", "flight: wind, hash, books"),
-    ("worldsim.physics:Physics.__call__", "flight: motion, energy, arrival"),
-    ("worldsim.physics:pairs", "flight: metrics of all pairs"),
-    ("worldsim.physics:many", "flight: metrics of all pairs"),
-    ("worldsim._kernel:advance", "flight: motion to metrics, compiled"),
+    ("worldsim.physics:Physics.__call__", "flight: motion, energy"),
+    ("worldsim.flight:pairs", "flight: metrics of all pairs"),
 ]
 MEMORY_BUS: list[Part] = [("swarm.bus:MemoryBus.put", "bus: put")]
 ZENOH_BUS: list[Part] = [("swarm.session:ZenohBus.put", "bus: put")]

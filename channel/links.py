@@ -17,7 +17,7 @@ class Links:
     ends: (L, 2) int32 [row of the batch, receiving UAV], as frames carry them. by_radio: (L,) bool; who sends to
     itself needs no radio. source, target: (K,) UAVs at the ends of the links by radio. pair: (K,), source · N + target.
     transmissions: how many are paid for. first: the first link by radio of each of them that has any.
-    record: (K, 5) int32 [0, source, target, kind, 0]. alike: (K,) metres, for where no length makes a difference.
+    record: (K, 5) int32 [0, source, target, kind, 0].
     """
 
     ends: NDArray[np.int32]
@@ -28,7 +28,6 @@ class Links:
     transmissions: int
     first: Indices
     record: NDArray[np.int32]
-    alike: NDArray[np.float64]
 
     @classmethod
     def of(cls, kind: FrameKind, sources: Indices, row: Indices, target: Indices, uavs: int) -> "Links":
@@ -44,4 +43,4 @@ class Links:
         else:
             transmissions, first = len(sources), np.flatnonzero(np.diff(row, prepend=-1))
         pair = source * uavs + target
-        return cls(ends, by_radio, source, target, pair, transmissions, first, record, np.ones(len(pair)))
+        return cls(ends, by_radio, source, target, pair, transmissions, first, record)

@@ -1,14 +1,11 @@
 """What the radio cost: bits, link copies, deliveries, outages, airtime, by kind of traffic and by link."""
 
 from dataclasses import asdict, dataclass, field
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from channel import theory
-from channel.account import Account
 from channel.links import Links
 from swarm.messages import FrameKind
 from swarm.scenario import Radio
@@ -34,13 +31,13 @@ class Traffic:
     slots: int = 0  # spent on all links, lost messages included
     delivered_slots: int = 0
     airtime_s: float = 0.0  # a transmission lasts until its last link is served or given up
-    expected_outages: float = 0.0  # closed form, summed over the links used
-    expected_delivered_slots: float = 0.0
+    expected_outages: float | None = 0.0  # closed form, summed over the links used; None where the channel has none
+    expected_delivered_slots: float | None = 0.0
 
 
 @dataclass
 class Meter:
-    """The bill of a run."""
+    """The counters of a run."""
 
     radio: Radio
     uavs: int
@@ -54,40 +51,49 @@ class Meter:
         self._figures: tuple[float, ...] | None = None  # of most ticks they are those of the last
 
     def count(
-        self, kind: FrameKind, payload_bits: int, links: Links, distance_m: NDArray[np.float64], came_to: Account
+        self,
+        kind: FrameKind,
+        payload_bits: int,
+        links: Links,
+        slots: NDArray[np.int64],
+        delivered: NDArray[np.bool_],
+        expected: tuple[float, float] | None,
     ) -> None:
-        """Enters one batch of transmissions of a kind.
+        """Adds one batch of transmissions of a kind over K links by radio.
 
         Args:
-            payload_bits: of one transmission. distance_m: (K,), of the links by radio. came_to: over those.
+            payload_bits: of one transmission. slots: (K,), spent. delivered: (K,). expected: outages and delivered
+                slots of all these links, by closed forms; None where there are none.
         """
         self._figures = None
-        bill = self.traffic[kind]
-        bill.transmissions += links.transmissions
-        bill.payload_bits += payload_bits * links.transmissions
+        total = self.traffic[kind]
+        total.transmissions += links.transmissions
+        total.payload_bits += payload_bits * links.transmissions
         if not (copies := len(links.pair)):
             return
-        record, outages, slots, longest = came_to
-        bill.sent += copies
-        bill.delivered += copies - outages
-        bill.outages += outages
-        bill.slots += slots
-        bill.delivered_slots += slots - outages * self.radio.latency_threshold_slots
-        bill.airtime_s += longest * self.radio.coherence_time_s
-        self._expect(bill, payload_bits, distance_m)
+        arrived, spent = int(np.count_nonzero(delivered)), int(np.add.reduce(slots))
+        total.sent += copies
+        total.delivered += arrived
+        total.outages += copies - arrived
+        total.slots += spent
+        total.delivered_slots += spent if arrived == copies else int(slots[delivered].sum())
+        total.airtime_s += int(np.add.reduce(np.maximum.reduceat(slots, links.first))) * self.radio.coherence_time_s
+        outages, latency = (None, None) if expected is None else expected
+        total.expected_outages = _sum(total.expected_outages, outages)
+        total.expected_delivered_slots = _sum(total.expected_delivered_slots, latency)
         if links is not self._last:
             self._enter()
             self._last = links
         self._times += 1
-        if outages:
-            self._link_outages.reshape(-1)[links.pair[record[:, 4] < 0]] += 1
+        if arrived < copies:
+            self._link_outages.reshape(-1)[links.pair[~delivered]] += 1
 
     def initial(self, payload_bits: int) -> None:
         """The mission plan: one state broadcast a UAV before take-off, never in outage."""
         self._figures = None
-        bill = self.traffic[FrameKind.STATE]
-        bill.transmissions += self.uavs
-        bill.payload_bits += payload_bits * self.uavs
+        total = self.traffic[FrameKind.STATE]
+        total.transmissions += self.uavs
+        total.payload_bits += payload_bits * self.uavs
 
     def wire(self, kind: FrameKind, bytes_: int) -> None:
         """Encoded size of frames handed to the radio."""
@@ -100,7 +106,12 @@ class Meter:
 
     def total(self, name: str) -> float:
         """Sum of one field of `Traffic` over all kinds."""
-        return sum(getattr(bill, name) for bill in self.traffic.values())
+        return sum(getattr(of_kind, name) for of_kind in self.traffic.values())
+
+    def total_expected(self, name: str) -> float | None:
+        """The same of a field that may be unknown; None where it is so of any kind."""
+        parts = [getattr(of_kind, name) for of_kind in self.traffic.values()]
+        return None if None in parts else sum(parts)
 
     def figures(self) -> tuple[float, ...]:
         """Payload bits by kind of traffic, as in `TRAFFIC`; deliveries, outages and airtime of all."""
@@ -110,16 +121,16 @@ class Meter:
         return self._figures
 
     def snapshot(self) -> dict[str, Any]:
-        """The bill so far, for `restore`."""
+        """The counters so far, for `restore`."""
         return {
             "traffic": [asdict(self.traffic[kind]) for kind in FrameKind],
             "links": self._used(),
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Goes on with the bill of a snapshot."""
+        """Goes on with the counters of a snapshot."""
         self._figures = None
-        self.traffic = {kind: Traffic(**bill) for kind, bill in zip(FrameKind, snapshot["traffic"], strict=True)}
+        self.traffic = {kind: Traffic(**kept) for kind, kept in zip(FrameKind, snapshot["traffic"], strict=True)}
         self._last, self._times = None, 0
         source, target, sent, outages = snapshot["links"].T
         self._link_sent[...], self._link_outages[...] = 0, 0
@@ -136,24 +147,6 @@ class Meter:
             self._link_sent.reshape(-1)[self._last.pair] += self._times
             self._times = 0
 
-    def _expect(self, bill: Traffic, payload_bits: int, distance_m: NDArray[np.float64]) -> None:
-        if self.radio.path_loss_exponent == 0.0:  # every link is alike
-            copies, (outages, slots) = len(distance_m), _expected_anywhere(self.radio, payload_bits)
-        else:
-            copies, (outages, slots) = 1, _expected(self.radio, payload_bits, distance_m)
-        bill.expected_outages += copies * outages
-        bill.expected_delivered_slots += copies * slots
 
-
-def _expected(radio: Radio, payload_bits: int, distance_m: NDArray[np.float64]) -> tuple[float, float]:
-    """Outages and delivered slots to expect of a message over each of these links, summed."""
-    success = theory.slot_success(radio, distance_m)
-    return (
-        float(theory.outage(radio, success, payload_bits).sum()),
-        float(theory.delivered_latency(radio, success, payload_bits).sum()),
-    )
-
-
-@lru_cache(maxsize=64)  # by radio and length; a run knows a few
-def _expected_anywhere(radio: Radio, payload_bits: int) -> tuple[float, float]:
-    return _expected(radio, payload_bits, np.ones(1))
+def _sum(so_far: float | None, more: float | None) -> float | None:
+    return None if so_far is None or more is None else so_far + more

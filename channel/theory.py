@@ -38,3 +38,9 @@ def delivered_latency(radio: Radio, success: Floats, bits: int) -> Floats:
         return np.zeros_like(success)
     reached = special.bdtrc(float(needed), slots + 1, success)
     return np.divide(needed * reached, success, out=np.zeros_like(success), where=success > 0)
+
+
+def expected(radio: Radio, distance_m: Floats, bits: int) -> tuple[float, float]:
+    """Outages and delivered slots to expect of a message over each of these links `(K,)`, summed."""
+    success = slot_success(radio, distance_m)
+    return float(outage(radio, success, bits).sum()), float(delivered_latency(radio, success, bits).sum())

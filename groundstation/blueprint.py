@@ -15,9 +15,9 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from groundstation import quantities
+from groundstation.reported import PHI_G, Reported
 from swarm.clusters import Clusters
 from swarm.messages import Status
-from swarm.model import VALUE_FEATURES
 from swarm.scenario import Scenario
 
 TIMELINE = "sim_time"  # seconds since take-off
@@ -52,6 +52,7 @@ GUST_S2 = 10.0  # a gust's arrow, as that of a velocity so many seconds long wou
 JAMS_DRAWN = 200  # links that a script jams, at the most
 CLOSE_UP_M = 6.0  # half the width of the close-up on the leader
 PHI_G_LOW, PHI_G_HIGH = 1e-3, 1.0  # ends of the logarithmic colour scale of φ_G, 1/s²
+SPEED_HIGH = 15.0  # end of the colour scale of speed, which begins at 0, m/s
 
 BLUE, ORANGE, GREEN, RED = 0x5AA9E6FF, 0xF4A259FF, 0x57CC78FF, 0xEF5350FF
 VIOLET, WHITE, GREY, PINK, ICE = 0xB388EBFF, 0xECEFF4FF, 0x8A93A6FF, 0xFF7AC6FF, 0x8FE9FFFF
@@ -89,6 +90,7 @@ class Plot:
     colors: tuple[int, ...]
     widths: tuple[float, ...] = ()
     legend: bool = False  # only where the lines stay out of the upper left corner, as sums do
+    log10: bool = False  # of the lines' values
 
 
 _RANGE = ("mean", "min", "max")
@@ -105,6 +107,7 @@ BITS = Plot(
     (BLUE, GREEN, ORANGE, VIOLET),
     legend=True,
 )
+LAST = ENERGY  # sent last, with a value in every tick: where it is in a file, all before it is, see `recorded`
 ALIGNMENT = Plot("plots/alignment", quantities.ALIGNMENT.title(), ("φ_A",), (VIOLET,))
 RISK = Plot(
     "plots/risk",
@@ -119,15 +122,26 @@ FAILURES = Plot(
     (RED, COLLISION),
     legend=True,
 )
-HJB = Plot(
-    "plots/hjb_residual", f"{quantities.HJB_RESIDUAL.title()}; log10 of mean, max", _SIZES, _SIZES_COLORS, _SIZES_WIDTHS
-)
-FPK = Plot(
-    "plots/fpk_residual", f"{quantities.FPK_RESIDUAL.title()}; log10 of mean, max", _SIZES, _SIZES_COLORS, _SIZES_WIDTHS
-)
-PHI_G = Plot("plots/phi_g", quantities.INTERACTION.title("mean, min, max"), _RANGE, _RANGE_COLORS, _RANGE_WIDTHS)
 SPREAD = Plot("plots/spread", quantities.SPREAD.title("RMS distance from their mean"), ("spread",), (VIOLET,))
 WEIGHTS = "plots/weights"
+_DETAILS = 3  # plots in a tab
+
+
+def diagnostic(name: str) -> Plot:
+    """The plot of a diagnostic: residuals by their sizes, whatever else by mean, minimum and maximum."""
+    known = quantities.of(name)
+    if name in quantities.RESIDUALS:
+        title = f"{known.title()}; log10 of mean, max"
+        return Plot(f"{PLOTS}/{name}", title, _SIZES, _SIZES_COLORS, _SIZES_WIDTHS, log10=True)
+    entity = f"{PLOTS}/phi_g" if name == PHI_G else f"{PLOTS}/reported/{name}"
+    return Plot(entity, known.title("mean, min, max"), _RANGE, _RANGE_COLORS, _RANGE_WIDTHS)
+
+
+def weights_title(leader: int, reported: Reported) -> str:
+    """What the lines of the weights' plot are."""
+    drawn = len(reported.drawn)
+    which = f"{drawn} of {reported.weights}" if drawn < reported.weights else f"all {drawn}"
+    return f"what UAV {leader} has learned: {which} weights"
 
 
 def viridis(share: NDArray[np.float64]) -> NDArray[np.uint32]:
@@ -145,6 +159,11 @@ def phi_g_colors(phi_g: NDArray[np.float32]) -> NDArray[np.uint32]:
     """RGBA colours, shape `(...)`, of φ_G ≥ 0 on the logarithmic scale that the map's legend shows."""
     low, high = math.log10(PHI_G_LOW), math.log10(PHI_G_HIGH)
     return viridis((np.log10(np.maximum(phi_g, PHI_G_LOW)) - low) / (high - low))
+
+
+def speed_colors(speed_m_s: NDArray[Any]) -> NDArray[np.uint32]:
+    """RGBA colours, shape `(...)`, of speeds on the linear scale that the map's legend shows."""
+    return viridis(speed_m_s / SPEED_HIGH)
 
 
 class Lane(enum.IntEnum):
@@ -174,7 +193,7 @@ def graph(flown: Scenario) -> tuple[list[str], NDArray[np.float64]]:
     return [str(uav) for uav in range(flown.uavs)], places
 
 
-def log_static(stream: rr.RecordingStream, scenario: Scenario) -> None:
+def log_static(stream: rr.RecordingStream, scenario: Scenario, reported: Reported) -> None:
     """Logs what does not change in flight: how marks look that move, and names and colours of all series."""
 
     def log(entity: str, *parts: rr.AsComponents) -> None:
@@ -201,30 +220,29 @@ def log_static(stream: rr.RecordingStream, scenario: Scenario) -> None:
     log(AREAS, rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(1.5), draw_order=5.0))
     log(WORDS, rr.Points2D.from_fields(colors=[WHITE], radii=0.0, show_labels=True))
 
-    for plot in (ENERGY, SPEED, BITS, ALIGNMENT, RISK, FAILURES, HJB, FPK, PHI_G, SPREAD):
+    plots = [ENERGY, SPEED, BITS, ALIGNMENT, RISK, FAILURES, *map(diagnostic, reported.diagnostics)]
+    for plot in plots + [SPREAD] * (reported.weights > 0):
         log(
             plot.entity,
             rr.SeriesLines(names=plot.names, colors=_rgba(plot.colors), widths=plot.widths or 2.0),
         )
     log(HITS, rr.SeriesPoints(names="collision", colors=COLLISION, markers="asterisk", marker_sizes=5.0))
-    shades = viridis(np.linspace(0.0, 1.0, VALUE_FEATURES))
-    log(
-        WEIGHTS,
-        rr.SeriesLines(names=[f"ŵ_H0[{i}]" for i in range(VALUE_FEATURES)], colors=shades, widths=1.0),
-    )
+    if reported.weights:
+        names = [f"weight {number}" for number in reported.drawn]
+        log(WEIGHTS, rr.SeriesLines(names=names, colors=viridis(np.linspace(0.0, 1.0, len(names))), widths=1.0))
     if scenario.uavs <= LARGE_SWARM:
         texts = [lane(uav, now) for uav in range(scenario.uavs) for now in Lane]
         colors = _rgba(tuple(LANE_COLORS[now] for now in Lane) * scenario.uavs)
         log(LANES, rr.StateConfiguration(values=texts, labels=texts, colors=colors))
 
 
-def blueprint(scenario: Scenario, live: bool) -> rrb.Blueprint:
+def blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.Blueprint:
     """The views, arranged; a live recording follows the flight, a finished one plays it from the start."""
     leader, radius = scenario.federation.leader, scenario.metrics.collision_radius
     maps = rrb.Spatial2DView(
         origin="/",
         contents=[f"/{MAP}/**", f"- /{CLOSE_UP}/**"],
-        name="swarm map, m: trails coloured by φ_G, arrows reach 2 s ahead",
+        name=f"swarm map, m: trails coloured by {'φ_G' if reported.has_phi_g else 'speed'}, arrows reach 2 s ahead",
         background=_CANVAS,
         visual_bounds=_map_bounds(scenario),
         overrides=_recent(scenario),
@@ -237,13 +255,14 @@ def blueprint(scenario: Scenario, live: bool) -> rrb.Blueprint:
         visual_bounds=rrb.VisualBounds2D(x_range=[-CLOSE_UP_M, CLOSE_UP_M], y_range=[-CLOSE_UP_M, CLOSE_UP_M]),
         overrides={**_recent(scenario), UAVS: rr.Points2D.from_fields(radii=radius)},
     )
+    of_grid, beside = _learned(leader, reported)
     details: list[rrb.View | rrb.Container] = [
         rrb.TextLogView(
             origin=f"/{EVENTS}",
             name="events",
             columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]),
         ),
-        rrb.Vertical(_series(FPK), _series(PHI_G), _series(SPREAD), name="learning"),
+        *_tabs(beside, "learning" if reported.weights else "diagnostics"),
     ]
     if scenario.uavs <= LARGE_SWARM:
         lanes = rrb.StateTimelineView(origin=f"/{LANES}", name="UAVs", time_view=_whole_flight())
@@ -255,13 +274,7 @@ def blueprint(scenario: Scenario, live: bool) -> rrb.Blueprint:
         _series(FAILURES),
         _series(ALIGNMENT),
         _series(RISK),
-        _series(HJB),
-        rrb.TimeSeriesView(
-            origin=f"/{WEIGHTS}",
-            name=f"value weights ŵ_H0 of UAV {leader}",
-            axis_x=_whole_flight(),
-            plot_legend=rrb.PlotLegend(visible=False),
-        ),
+        *of_grid,
         grid_columns=2,
     )
     return rrb.Blueprint(
@@ -285,6 +298,29 @@ def blueprint(scenario: Scenario, live: bool) -> rrb.Blueprint:
         auto_layout=False,
         auto_views=False,
     )
+
+
+def _learned(leader: int, reported: Reported) -> tuple[list[rrb.View], list[rrb.View]]:
+    """Plots of what the controller reports: at most two for the grid, the others for tabs beside it."""
+    plots: list[rrb.View] = [_series(diagnostic(name)) for name in reported.diagnostics]
+    if not reported.weights:
+        return plots[:2], plots[2:]
+    weights = rrb.TimeSeriesView(
+        origin=f"/{WEIGHTS}",
+        name=weights_title(leader, reported),
+        axis_x=_whole_flight(),
+        plot_legend=rrb.PlotLegend(visible=False),
+    )
+    return [*plots[:1], weights], [*plots[1:], _series(SPREAD)]
+
+
+def _tabs(plots: list[rrb.View], name: str) -> list[rrb.Container]:
+    """Plots below each other, as many to a tab as can be read."""
+    groups = [plots[first : first + _DETAILS] for first in range(0, len(plots), _DETAILS)]
+    return [
+        rrb.Vertical(*group, name=name if len(groups) == 1 else f"{name} {number}")
+        for number, group in enumerate(groups, 1)
+    ]
 
 
 def start_half_side(scenario: Scenario) -> float:

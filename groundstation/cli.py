@@ -13,7 +13,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from groundstation import display
+from groundstation import catalogue, display
 from groundstation import doctor as checks
 from groundstation.progress import summary_table
 from groundstation.results import to_toml
@@ -190,6 +190,7 @@ def run(
 
 @cli.command()
 @click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+@scenario_arguments("plugin")
 @click.option("--in-process", is_flag=True, help="All nodes in this process, without the network.")
 @click.option("--uavs-per-process", type=click.IntRange(1), default=1, show_default=True, metavar="M")
 @click.option("--tls", type=click.Path(path_type=Path), metavar="DIR", help="Mutual TLS; see `meanflock certs init`.")
@@ -314,13 +315,14 @@ def show(
 
 
 @scenario_group.command()
-def schema() -> None:
-    """Print the JSON schema of scenario files: every key with its unit and bounds.
+@scenario_arguments("method", "plugin")
+def schema(method: str | None) -> None:
+    """Print the JSON schema of scenario files: every key with its unit and bounds, and the options of a controller.
 
     \b
-    Example: meanflock scenario schema
+    Example: meanflock scenario schema --method mfgfl-hf
     """
-    click.echo(json.dumps(scenario.schema(), indent=1))
+    click.echo(json.dumps(catalogue.schema(method), indent=1))
 
 
 def _refuse_if_too_large(flown: scenario.Scenario, uavs_per_process: int) -> None:
@@ -335,7 +337,7 @@ def _refuse_if_too_large(flown: scenario.Scenario, uavs_per_process: int) -> Non
 
 def main(arguments: list[str] | None = None) -> int:
     """The `meanflock` command: every error is one line and an exit code."""
-    from groundstation import cli_look, cli_study  # noqa: F401  # their verbs join the group
+    from groundstation import cli_look, cli_plugins, cli_study  # noqa: F401  # their verbs join the group
 
     if arguments is None:
         divert()  # standard output is what we say; what libraries say in native code is not

@@ -161,7 +161,7 @@ def _fly(
 
     new = not out.exists()
     store = Store(out)
-    check_folder(out)
+    check_folder(out, "--out")
     tell_if_slow()
     try:
         with _progress(what, quiet) as progress:

@@ -54,6 +54,6 @@ def _answers(places: "list[str] | list[str | tuple[str, int]]") -> bool:
             try:
                 probe.connect(place)
                 return True
-            except (OSError, OverflowError):
+            except (OSError, OverflowError, ValueError):  # nobody, or no address at all
                 continue
     return False

@@ -14,9 +14,7 @@ from typing import Literal
 
 import psutil
 
-import agent.kernel
-import channel.kernel
-import worldsim.kernel
+import kernels
 from groundstation.memory import MEGABYTE, available_mb, needed_mb
 from swarm import logs
 from swarm.session import DEFAULT_ENDPOINT
@@ -77,20 +75,24 @@ def _package(name: str) -> Finding:
 
 
 def compiled() -> Finding:
-    """Whether all kernels were compiled when this was installed; it runs without, with the same bits."""
-    kernels = {"the learners'": agent.kernel, "the world's": worldsim.kernel, "the radio's": channel.kernel}
-    missing = [whose for whose, kernel in kernels.items() if not kernel.is_compiled()]
-    if not missing:
-        return Finding("kernels", "ok", f"compiled: {', '.join(kernels)}")
-    found = f"{', '.join(missing)}: NumPy's, 3 to 10 times slower"
-    return Finding("kernels", "warning", found, "install a C compiler and Python's headers, then meanflock again")
+    """Which kernels run here; both give the same bits."""
+    if kernels.BACKEND == "compiled":
+        return Finding("kernels", "ok", "compiled")
+    if os.environ.get("MEANFLOCK_PURE") == "1":
+        return Finding("kernels", "ok", "NumPy's, as MEANFLOCK_PURE=1 wants it")
+    return Finding(
+        "kernels",
+        "warning",
+        "not compiled: NumPy's, 3 to 10 times slower",
+        "install a C compiler and Python's headers, then meanflock again",
+    )
 
 
 def tell_if_slow() -> None:
     """Says on standard error that kernels are missing, before somebody waits for them."""
     finding = compiled()
     if finding.verdict != "ok":
-        logs.tell(f"warning: kernels not compiled, {finding.found}; {finding.mend}", logging.WARNING)
+        logs.tell(f"warning: kernels {finding.found}; {finding.mend}", logging.WARNING)
 
 
 def memory(uavs: int, processes: int, keeps_states: bool = False) -> Finding:

@@ -73,8 +73,8 @@ def check_writable(path: Path) -> None:
         raise BadInput(f"{path}: {error.strerror}; give a file in a folder that can be written") from error
 
 
-def check_folder(folder: Path) -> None:
-    """The same of a folder that is there, `--out`; nothing is left in it.
+def check_folder(folder: Path, flag: str) -> None:
+    """The same of a folder that is there, named with `flag`; nothing is left in it.
 
     Raises:
         BadInput: no file can be written there.
@@ -82,7 +82,7 @@ def check_folder(folder: Path) -> None:
     try:
         tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
-        raise BadInput(f"--out {folder}: {error.strerror}; name a folder that can be written") from error
+        raise BadInput(f"{flag} {folder}: {error.strerror}; name a folder that can be written") from error
 
 
 def settle(flush: Callable[[float], None], path: Path | None, patience_s: float = 5.0) -> None:

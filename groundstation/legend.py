@@ -7,6 +7,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from groundstation import blueprint as look
+from groundstation.reported import Reported
 from swarm.faults import Gust, Jam, Kill, Partition, Pause
 from swarm.scenario import Scenario
 
@@ -18,7 +19,7 @@ _CORNERS = np.arange(11) * (math.pi / 5) + math.pi / 2
 STAR = np.stack([np.cos(_CORNERS), np.sin(_CORNERS)], axis=-1) * np.where(np.arange(11) % 2, 0.4, 1.0)[:, None]
 
 
-def log(stream: rr.RecordingStream, scenario: Scenario) -> None:
+def log(stream: rr.RecordingStream, scenario: Scenario, reported: Reported) -> None:
     """Logs the map's fixed parts, and those of the close-up on the leader."""
     low, high = look.box(scenario)
     width = float(high[0] - low[0])
@@ -37,7 +38,7 @@ def log(stream: rr.RecordingStream, scenario: Scenario) -> None:
     top = float(high[1] - row / 2 if y >= 0 else low[1] + rows * row)
     _log_wind(stream, scenario, (left + 0.5 * column, top), 0.6 * row)
     _log_scale(stream, "map/legend/scale", (left + 2.5 * column, top), _SCALE * width)
-    _log_phi_g(stream, left, left + (_COLUMNS - 1) * column, top - row)
+    _log_colours(stream, left, left + (_COLUMNS - 1) * column, top - row, reported.has_phi_g)
     for number, (word, color, shape, thickness) in enumerate(key):
         at = left + number % _COLUMNS * column, top - (2 + number // _COLUMNS) * row
         entity = f"map/legend/{word.replace(' ', '_')}"
@@ -76,16 +77,20 @@ def _key(scenario: Scenario) -> list[tuple[str, int, NDArray[np.float64], float]
     return key
 
 
-def _log_phi_g(stream: rr.RecordingStream, left: float, right: float, y: float) -> None:
-    """A bar with the colours of φ_G."""
+def _log_colours(stream: rr.RecordingStream, left: float, right: float, y: float, of_phi_g: bool) -> None:
+    """A bar with the colours of φ_G, or of speed, with its ends."""
+    if of_phi_g:
+        entity, low, high = "map/legend/phi_G", f"φ_G ≤ {look.PHI_G_LOW:g}", f"≥ {look.PHI_G_HIGH:g} s⁻²"
+    else:
+        entity, low, high = "map/legend/speed", "speed 0", f"≥ {look.SPEED_HIGH:g} m/s"
     marks = np.linspace(left, right, 33)
     strips = np.stack([np.stack([marks[:-1], marks[1:]], axis=-1), np.full((32, 2), y)], axis=-1)  # (32, 2, 2)
     bar = rr.LineStrips2D(
         strips.astype(np.float32), colors=look.viridis(np.linspace(0, 1, 32)), radii=rr.Radius.ui_points(3.0)
     )
-    stream.log("map/legend/phi_G", bar, static=True)
-    _label(stream, "map/legend/phi_G/low", (left, y), f"φ_G ≤ {look.PHI_G_LOW:g}", look.GREY)
-    _label(stream, "map/legend/phi_G/high", (right, y), f"≥ {look.PHI_G_HIGH:g} s⁻²", look.GREY)
+    stream.log(entity, bar, static=True)
+    _label(stream, f"{entity}/low", (left, y), low, look.GREY)
+    _label(stream, f"{entity}/high", (right, y), high, look.GREY)
 
 
 def _log_wind(stream: rr.RecordingStream, scenario: Scenario, at: Point, length: float) -> None:

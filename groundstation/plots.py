@@ -6,25 +6,29 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
+from msgspec import field
 from numpy.typing import NDArray
 
-from channel.meter import TRAFFIC
 from groundstation import plotstyle
+from groundstation.curves import MAX_POINTS, Curves, grid, line
 from groundstation.paper import statistics
 from groundstation.quantities import FIELDS
+from groundstation.reported import PHI_G
 from groundstation.results import EVENTS, SCENARIO, TIMESERIES
+from groundstation.series import diagnostics_in
 from groundstation.units import with_unit
+from swarm import toml
 from swarm.errors import BadInput
-from swarm.scenario import Scenario, load
+from swarm.scenario import Destination
 
 Floats = NDArray[np.float64]
 Summaries = Sequence[Mapping[str, Any]]  # of runs that differ in their seed
@@ -42,7 +46,6 @@ COMPARED = tuple(  # key of a summary, title of its panel
     )
 )
 _PHI = LogNorm(1e-3, 1e0, clip=True)
-_MAX_POINTS = 1500  # of a curve, instants of a path
 _MAX_SEGMENTS = 60_000  # of all paths
 
 
@@ -74,19 +77,27 @@ def plot_run(folder: Path) -> dict[str, Figure]:
         raise BadInput(f"{path}: {error}; name the folder of a run") from error
     if table.num_rows < 2:
         raise BadInput(f"{path}: nothing was flown; name the folder of a run that took off")
-    scenario = load(folder / SCENARIO) if (folder / SCENARIO).is_file() else Scenario()
+    flown = _flown(folder)
     with plotstyle.style():
-        return {"paths": _run_paths(table, scenario, folder), "curves": _run_curves(table, scenario)}
+        return {"paths": _run_paths(table, flown, folder), "curves": _run_curves(table, flown)}
 
 
-def _grid(table: pa.Table, column: str) -> Floats:
-    """A list column as `(T, N)`."""
-    values = table.column(column).combine_chunks()
-    return np.asarray(values.values.to_numpy(zero_copy_only=False), dtype=np.float64).reshape(table.num_rows, -1)
+class _Flown(msgspec.Struct):
+    """What a plot says of a scenario; that can be read where its controller is not installed."""
+
+    method: str = "mfgfl-hf"
+    seed: int = 1
+    destination: Destination = field(default_factory=Destination)
 
 
-def _line(table: pa.Table, column: str) -> Floats:
-    return np.asarray(table.column(column).to_numpy(), dtype=np.float64)
+def _flown(folder: Path) -> _Flown:
+    path = folder / SCENARIO
+    if not path.is_file():
+        return _Flown()
+    try:
+        return msgspec.convert(toml.read(path, "scenario file"), _Flown)
+    except msgspec.ValidationError as error:
+        raise BadInput(f"{path}: {error}; take it from the folder of a run") from error
 
 
 def _events(folder: Path, kind: str) -> list[dict[str, Any]]:
@@ -94,33 +105,35 @@ def _events(folder: Path, kind: str) -> list[dict[str, Any]]:
     if not path.is_file():
         return []
     rows = []
-    for line in path.read_text(encoding="utf-8").splitlines():
+    for text in path.read_text(encoding="utf-8").splitlines():
         try:
-            rows.append(json.loads(line))
+            rows.append(json.loads(text))
         except json.JSONDecodeError:
             break  # the last line of a run that was killed
     return [row for row in rows if row["kind"] == kind]
 
 
-def _run_paths(table: pa.Table, scenario: Scenario, folder: Path) -> Figure:
-    x, y, phi = _grid(table, "x_m"), _grid(table, "y_m"), _grid(table, "phi_G")
-    step = max(1, len(x) // _MAX_POINTS, len(x) * x.shape[1] // _MAX_SEGMENTS)
+def _run_paths(table: pa.Table, flown: _Flown, folder: Path) -> Figure:
+    x, y = grid(table, "x_m"), grid(table, "y_m")
+    step = max(1, len(x) // MAX_POINTS, len(x) * x.shape[1] // _MAX_SEGMENTS)
     position = np.stack([x, y], axis=-1)[::step]
     segments = np.stack([position[:-1], position[1:]], axis=-2).reshape(-1, 2, 2)
     made = plotstyle.figure(plotstyle.COLUMN_IN * 1.1, 3.9)
     ax = made.subplots()
-    acts_on_others = scenario.method.learns_value
-    shade = {"norm": _PHI, "cmap": "viridis"} if acts_on_others else {"colors": plotstyle.colour(scenario.method)}
-    lines = LineCollection(list(segments), linewidths=0.7, rasterized=True, **shade)
-    if acts_on_others:
-        lines.set_array(phi[::step][1:].ravel())
+    shaded = PHI_G in diagnostics_in(table.schema)
+    if shaded:
+        lines = LineCollection(list(segments), norm=_PHI, cmap="viridis", linewidths=0.7, rasterized=True)
+        lines.set_array(grid(table, PHI_G)[::step][1:].ravel())
+    else:
+        tone = plotstyle.colour(flown.method)
+        lines = LineCollection(list(segments), colors=tone, linewidths=0.7, rasterized=True)
     ax.add_collection(lines)
     ax.plot(x[0], y[0], linestyle="", marker="s", markersize=2.0, color=plotstyle.PALE, label="start")
     ax.plot(x[-1], y[-1], linestyle="", marker="o", markersize=2.4, color=plotstyle.INK, label="end")
     met = [(event["tick"], event["uavs"]) for event in _events(folder, "collision") if event["tick"] < len(x)]
     places = np.array([position_of(x, y, tick, uavs) for tick, uavs in met]).reshape(-1, 2)
     ax.plot(places[:, 0], places[:, 1], **plotstyle.STAR, label=f"collisions: {len(met)}")
-    radius = scenario.destination.radius
+    radius = flown.destination.radius
     for width, color in ((3.2, "white"), (1.6, plotstyle.GOAL)):  # what ends in it must not hide it
         ax.add_patch(Circle((0.0, 0.0), radius, fill=False, edgecolor=color, linewidth=width, zorder=5))
     ax.plot([], [], **plotstyle.RING, label=f"goal, {radius:g} m")
@@ -128,16 +141,16 @@ def _run_paths(table: pa.Table, scenario: Scenario, folder: Path) -> Figure:
     ax.margins(0.05)
     ax.set_xlabel("$x$ (m)")
     ax.set_ylabel("$y$ (m)")
-    end = _line(table, "sim_time_s")[-1]
-    arrived = int(_line(table, "arrived")[-1])
+    end = line(table, "sim_time_s")[-1]
+    arrived = int(line(table, "arrived")[-1])
     plotstyle.titled(
         ax,
         "",
-        f"{plotstyle.name(scenario.method)}, seed {scenario.seed}: {arrived} of {x.shape[1]} arrived in {end:.0f} s",
+        f"{plotstyle.name(flown.method)}, seed {flown.seed}: {arrived} of {x.shape[1]} arrived in {end:.0f} s",
     )
     made.legend(loc="outside lower center", ncols=4, handletextpad=0.2, columnspacing=1.2)
-    if acts_on_others:
-        label = plotstyle.tex(f"{FIELDS['phi_G'].name} a UAV acts on (1/s²)")
+    if shaded:
+        label = plotstyle.tex(f"{FIELDS[PHI_G].name} as a UAV reports it ({FIELDS[PHI_G].unit})")
         made.colorbar(ScalarMappable(_PHI, "viridis"), ax=ax, extend="both", label=label)
     return made
 
@@ -147,63 +160,21 @@ def position_of(x: Floats, y: Floats, tick: int, uavs: Sequence[int]) -> tuple[f
     return float(x[tick, uavs].mean()), float(y[tick, uavs].mean())
 
 
-def _run_curves(table: pa.Table, scenario: Scenario) -> Figure:
-    step = max(1, table.num_rows // _MAX_POINTS)
-    times = _line(table, "sim_time_s")[::step]
-    tone = plotstyle.colour(scenario.method)
-
-    def spread(ax: Axes, values: Floats) -> None:
-        rows = values[::step]
-        ax.fill_between(times, rows.min(axis=-1), rows.max(axis=-1), color=tone, alpha=0.18, linewidth=0)
-        ax.plot(times, rows.mean(axis=-1), color=tone)
-
-    def line(ax: Axes, column: str, **look: Any) -> None:
-        ax.plot(times, _line(table, column)[::step], **{"color": tone, **look})
-
-    made = plotstyle.figure(plotstyle.PAGE_IN, 7.6)
-    axes = made.subplots(4, 2, sharex=True)
-    energy, speed, bits, alignment, risk, arrived, value, density = axes.ravel()
-    spread(energy, _grid(table, "energy_J"))
-    spread(speed, np.hypot(_grid(table, "vx_m_s"), _grid(table, "vy_m_s")))
-    sent = [column for name in TRAFFIC.values() if (column := f"{name}_bits") in table.column_names]  # old: no relays
-    bits.plot(times, sum(_line(table, column)[::step] for column in sent), color=tone)
-    line(alignment, "phi_A")
-    line(risk, "phi_C", label="with self-pairs")
-    line(risk, "phi_C_distinct", label="distinct pairs", linestyle="--")
-    line(arrived, "arrived", label=f"arrived, of {scenario.uavs}")
-    line(arrived, "collisions", label=f"collisions ({FIELDS['collisions'].unit})", color="#CC2222", linewidth=1.0)
-    for ax, column, learns, what in (
-        (value, "hjb_residual", scenario.method.learns_value, "value"),
-        (density, "fpk_residual", scenario.method.learns_density, "density"),
-    ):
-        mean = np.abs(_grid(table, column)[::step]).mean(axis=-1)
-        if mean.max() > 0:
-            ax.plot(times, np.where(mean > 0, mean, np.nan), color=tone, linewidth=1.0)
-            plotstyle.log_axis(ax)
-        else:
-            said = "the residual is zero" if learns else f"{scenario.method} learns no {what}"
-            ax.annotate(said, (0.5, 0.5), xycoords="axes fraction", ha="center")
-            ax.set_yticks([])
-    panels = (
-        (energy, f"{FIELDS['energy_J'].name}: mean, max, min", plotstyle.axis("energy_J")),
-        (speed, f"{FIELDS['speed_mean_m_s'].name}: mean, max, min", "speed (m/s)"),
-        (bits, FIELDS["payload_bits.total"].name, plotstyle.axis("payload_bits")),
-        (alignment, FIELDS["phi_A"].remarked, plotstyle.axis("phi_A")),
-        (risk, "collision risk φ_C", plotstyle.tex("φ_C (1)")),
-        (arrived, "arrived and collisions", "UAVs, pairs"),
-        (value, f"{FIELDS['hjb_residual'].name}, mean", plotstyle.axis("hjb_residual")),
-        (density, f"{FIELDS['fpk_residual'].name}, mean", plotstyle.axis("fpk_residual")),
-    )
-    for letter, (ax, title, label) in zip("abcdefgh", panels, strict=True):
-        plotstyle.titled(ax, letter, title)
-        ax.set_ylabel(label)
+def _run_curves(table: pa.Table, flown: _Flown) -> Figure:
+    curves = Curves(table, plotstyle.colour(flown.method))
+    panels = curves.panels()
+    rows = -(-len(panels) // 2)
+    made = plotstyle.figure(plotstyle.PAGE_IN, 1.9 * rows)
+    axes = made.subplots(rows, 2, sharex=True, squeeze=False)
+    for number, (panel, ax) in enumerate(zip(panels, axes.ravel(), strict=False)):
+        panel.draw(ax)
+        plotstyle.titled(ax, plotstyle.letter(number), panel.title)
+        ax.set_ylabel(panel.label)
         ax.margins(x=0.0)
-    for ax in (energy, speed, bits, alignment, risk, arrived):
-        ax.set_ylim(bottom=0.0)
-    for ax in (risk, arrived):
-        ax.set_ylim(top=1.3 * ax.dataLim.y1 if ax.dataLim.y1 > 0 else 1.0)  # room for the legend above the lines
-        ax.legend(loc="upper left", fontsize=7, ncols=2, borderaxespad=0.2)
-    plotstyle.bit_axis(bits.yaxis)
+    if len(panels) < axes.size:
+        axes[-1, -1].set_visible(False)
+        axes[-2, -1].xaxis.set_tick_params(labelbottom=True)
+        axes[-2, -1].set_xlabel(plotstyle.axis("t_s"))
     for ax in axes[-1]:
         ax.set_xlabel(plotstyle.axis("t_s"))
     return made
@@ -256,8 +227,14 @@ def plot_compare(runs: Mapping[str, Summaries], metrics: Sequence[tuple[str, str
                 )
                 if estimate.bounded:
                     ax.plot([estimate.low, estimate.high], [place, place], color=tone, linewidth=2.0)
-                marker = plotstyle.MARKERS.get(method, "o")
-                ax.plot([estimate.value], [place], marker=marker, markersize=6, color=tone, markeredgecolor="white")
+                ax.plot(
+                    [estimate.value],
+                    [place],
+                    marker=plotstyle.marker(method),
+                    markersize=6,
+                    color=tone,
+                    markeredgecolor="white",
+                )
             ax.set_ylim(len(methods) - 0.5, -0.5)
             ax.set_yticks(range(len(methods)), [plotstyle.name(method) for method in methods])
             ax.grid(visible=False, axis="y")

@@ -5,7 +5,9 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from string import ascii_lowercase
 from typing import Any
+from zlib import crc32
 
 import matplotlib as mpl
 import numpy as np
@@ -49,6 +51,11 @@ STAR: dict[str, Any] = {  # a collision, wherever paths are drawn
     "markeredgecolor": "white",
     "markeredgewidth": 0.4,
 }
+WIDTHS = {"mfgfl-hf": 1.9}  # of the lines that stand out, points
+# Of methods that have no look of their own: each by its name, so that it is the same in every figure.
+OTHER_COLOURS = ("#56B4E9", "#332288", "#882255", "#999933", "#661100", "#44AA99")
+OTHER_MARKERS = ("P", "8", "<", ">", "p", "h", "d")
+OTHER_DASHES: tuple[tuple[float, tuple[float, ...]], ...] = ((0, (4, 1)), (0, (1, 0.8)), (0, (4, 1, 1, 1)), (0, (7, 2)))
 NAMES = {
     "hjb": "Hjb",
     "mfg": "Mfg",
@@ -97,6 +104,7 @@ AXES = {  # column of a table or summary → what an axis calls it, with its uni
     "hjb_residual_max": r"largest $|e_H|$ (m/s)",
     "fpk_residual": r"$|e_F|$ (1/s)",
     "fpk_residual_max": r"largest $|e_F|$ (1/s)",
+    "phi_G": r"$\phi_G$ (1/s²)",
     "weight_spread_final": "spread of the models (1)",
 }
 
@@ -161,8 +169,18 @@ def save(made: Figure, folder: Path, name: str) -> list[Path]:
 
 
 def colour(method: str) -> str:
-    """A method's colour in every figure; black for what is no method."""
-    return COLOURS.get(method, INK)
+    """A method's colour in every figure."""
+    return COLOURS.get(method) or OTHER_COLOURS[crc32(method.encode()) % len(OTHER_COLOURS)]
+
+
+def marker(method: str) -> str:
+    """The marker of its points."""
+    return MARKERS.get(method) or OTHER_MARKERS[crc32(method.encode()) % len(OTHER_MARKERS)]
+
+
+def dash(method: str) -> tuple[float, tuple[float, ...]]:
+    """The dashes of its lines."""
+    return DASHES.get(method) or OTHER_DASHES[crc32(method.encode()) % len(OTHER_DASHES)]
 
 
 def name(method: str) -> str:
@@ -173,6 +191,12 @@ def name(method: str) -> str:
 def axis(column: str) -> str:
     """The label of an axis; a column without one is called by its own name, which carries its unit."""
     return AXES.get(column, column)
+
+
+def letter(number: int) -> str:
+    """Of the panels of a figure, counted from 0: a, b, … z, aa, ab, …"""
+    first, second = divmod(number, len(ascii_lowercase))
+    return (ascii_lowercase[first - 1] if first else "") + ascii_lowercase[second]
 
 
 def titled(ax: Axes, letter: str, text: str) -> None:
@@ -197,8 +221,8 @@ def legend(made: Figure, methods: Sequence[str], markers: bool = False, extra: S
             [],
             [],
             color=colour(method),
-            linestyle="-" if markers else DASHES.get(method, "-"),
-            marker=MARKERS.get(method, "o") if markers else None,
+            linestyle="-" if markers else dash(method),
+            marker=marker(method) if markers else None,
             label=name(method),
         )
         for method in methods
@@ -213,8 +237,7 @@ def curve(ax: Axes, method: str, x: Floats, y: Floats, low: Floats | None = None
     """A method's line over x, and a band where one is given."""
     if low is not None and high is not None:
         ax.fill_between(x, low, high, color=colour(method), alpha=0.16, linewidth=0)
-    strong = 1.9 if method == "mfgfl-hf" else 1.4
-    ax.plot(x, y, color=colour(method), linestyle=DASHES.get(method, "-"), linewidth=strong)
+    ax.plot(x, y, color=colour(method), linestyle=dash(method), linewidth=WIDTHS.get(method, 1.4))
 
 
 def dots(ax: Axes, method: str, x: Floats, y: Floats, low: Floats, high: Floats) -> None:
@@ -225,7 +248,7 @@ def dots(ax: Axes, method: str, x: Floats, y: Floats, low: Floats, high: Floats)
         y,
         yerr=np.maximum(bars, 0.0),
         color=colour(method),
-        marker=MARKERS.get(method, "o"),
+        marker=marker(method),
         markeredgecolor="white",
         markeredgewidth=0.5,
         linewidth=1.3,

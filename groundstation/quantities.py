@@ -74,3 +74,9 @@ FIELDS: dict[str, Quantity] = {  # of summaries, time series and the tables of t
     "weight_spread": SPREAD,
     "weight_spread_final": SPREAD,
 }
+RESIDUALS = ("hjb_residual", "fpk_residual")  # sizes that span several decades: drawn as logarithms
+
+
+def of(field: str) -> Quantity:
+    """The quantity of a field; one that is not known here is called by its own name."""
+    return FIELDS.get(field) or Quantity(field)

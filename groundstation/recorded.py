@@ -26,7 +26,7 @@ def recorded(parts: Iterable[Path]) -> Recorded:
     ticks: list[int] = []
     lines: set[tuple[int, str]] = set()
     for part in parts:
-        ticks += [tick for tick, _ in _rows(part, look.PHI_G.entity, "Scalars:scalars")]
+        ticks += [tick for tick, _ in _rows(part, look.LAST.entity, "Scalars:scalars")]
         lines |= {(tick, text[0]) for tick, text in _rows(part, look.EVENTS, "TextLog:text")}
     return Recorded(np.unique(np.array(ticks, dtype=np.int64)), lines)
 

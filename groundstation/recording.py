@@ -22,11 +22,11 @@ from groundstation import durable, legend
 from groundstation.disturbances import Disturbances
 from groundstation.lines import log_sizes, span
 from groundstation.recorded import line
+from groundstation.reported import PHI_G, Reported
 from groundstation.viewer import listening_address, open_viewer, repair, verify
 from swarm import state
 from swarm.errors import RunFailed
-from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
-from swarm.model import VALUE_FEATURES
+from swarm.messages import SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
 from swarm.scenario import Scenario
 
 __all__ = ["Recorder", "open_viewer", "repair", "verify"]
@@ -44,7 +44,6 @@ STAR_M = 1.4  # radius of a collision's star
 _LEVELS = {"outage": "WARN", "dropped": "WARN", "collision": "ERROR", "lost": "ERROR", "diverged": "ERROR"}
 _LEVEL_COLORS = {"INFO": look.WHITE, "WARN": look.ORANGE, "ERROR": look.RED}
 _COLUMN = {name: index for index, name in enumerate(SWARM_COLUMNS)}
-_DIAGNOSTIC = {name: index for index, name in enumerate(DIAGNOSTICS)}
 _SCALARS = rr.Scalars.descriptor_scalars()
 _POINTS, _COLORS = rr.Points2D.descriptor_positions(), rr.Points2D.descriptor_colors()
 _VECTORS, _ORIGINS = rr.Arrows2D.descriptor_vectors(), rr.Arrows2D.descriptor_origins()
@@ -71,9 +70,10 @@ class Recorder:
         serve: address and port on which viewers find the recording, also when they come late; port 0 takes
             a free one. None: not served.
         memory_limit: what the server keeps for late viewers; beyond it, it forgets the oldest first.
+        reported: what the controller reports; None: what its class declares.
 
     Raises:
-        BadInput: the file cannot be written, or the address cannot be listened on.
+        BadInput: the file cannot be written, the address cannot be listened on, or the class is not installed here.
     """
 
     def __init__(
@@ -83,7 +83,9 @@ class Recorder:
         path: Path | None,
         serve: tuple[str, int] | None = None,
         memory_limit: str = "256MB",
+        reported: Reported | None = None,
     ) -> None:
+        self._reported = reported if reported is not None else Reported.by(scenario.declared)
         sinks: list[rr.FileSink | rr.GrpcServerSink] = []
         self.live_url: str | None = None  # where `rerun` or `meanflock view` finds the live recording
         if serve is not None:
@@ -115,10 +117,10 @@ class Recorder:
         self._index_of: Ticks = np.empty(0, dtype=np.int64)
         self._index: tuple[rr.TimeColumn, ...] = ()
         self._stream: rr.RecordingStream | None = rr.RecordingStream(APPLICATION, recording_id=run_id)
-        self._stream.set_sinks(*sinks, default_blueprint=look.blueprint(scenario, live=serve is not None))
+        self._stream.set_sinks(*sinks, default_blueprint=look.blueprint(scenario, self._reported, serve is not None))
         self._stream.send_recording_name(run_id)
-        look.log_static(self._stream, scenario)
-        legend.log(self._stream, scenario)
+        look.log_static(self._stream, scenario, self._reported)
+        legend.log(self._stream, scenario, self._reported)
 
     def __enter__(self) -> "Recorder":
         return self
@@ -159,7 +161,10 @@ class Recorder:
 
         status = np.concatenate([block.status for block in blocks])
 
-        colors = look.phi_g_colors(diagnostics[..., _DIAGNOSTIC["phi_G"]])
+        if self._reported.has_phi_g:
+            colors = look.phi_g_colors(diagnostics[..., self._reported.diagnostics.index(PHI_G)])
+        else:
+            colors = look.speed_colors(state.speed(states))
         colors[status == Status.LOST] = look.GREY
         self._send_map(ticks, positions, states, colors)
         self._send_links(ticks, positions, np.concatenate([block.links for block in blocks]))
@@ -167,7 +172,6 @@ class Recorder:
         self._send_events(ticks, positions, swarm, events)
         if not self._large:
             self._send_lanes(ticks, self._disturbances.lanes(ticks, status))
-        # The last, and with a value in every tick: where these are in a file, all before them is, see `recorded`.
         self._send_plots(ticks, states, diagnostics, swarm, np.concatenate([block.energy for block in blocks]))
 
     def close(self) -> None:
@@ -286,28 +290,33 @@ class Recorder:
         swarm: NDArray[np.float64],
         energy: Floats,
     ) -> None:
-        """Scalars over time, a row a tick."""
+        """Scalars over time, a row a tick; `blueprint.LAST` is."""
 
         def columns(*names: str) -> NDArray[np.float64]:
             return swarm[:, [_COLUMN[name] for name in names]]
 
         bits = columns("uplink_bits", "relay_bits", "broadcast_bits", "state_bits") / 1e6
-        self._send_scalars(look.ENERGY.entity, ticks, span(energy))
         self._send_scalars(look.SPEED.entity, ticks, span(state.speed(states)))
         self._send_scalars(look.BITS.entity, ticks, bits)
         self._send_scalars(look.ALIGNMENT.entity, ticks, columns("phi_A"))
         self._send_scalars(look.RISK.entity, ticks, columns("phi_C", "phi_C_distinct"))
         self._send_scalars(look.FAILURES.entity, ticks, columns("outages", "collisions"))
-        for plot, name in ((look.HJB, "hjb_residual"), (look.FPK, "fpk_residual")):
-            known, lines = log_sizes(diagnostics[..., _DIAGNOSTIC[name]])
-            self._send_scalars(plot.entity, ticks if known.all() else ticks[known], lines)
-        self._send_scalars(look.PHI_G.entity, ticks, span(diagnostics[..., _DIAGNOSTIC["phi_G"]]))
+        for number, name in enumerate(self._reported.diagnostics):
+            plot, values = look.diagnostic(name), diagnostics[..., number]
+            if plot.log10:
+                known, lines = log_sizes(values)
+                self._send_scalars(plot.entity, ticks if known.all() else ticks[known], lines)
+            else:
+                self._send_scalars(plot.entity, ticks, span(values))
+        self._send_scalars(look.LAST.entity, ticks, span(energy))
 
     def _send_reports(self, blocks: list[Telemetry]) -> None:
-        """The leader's value weights and the spread of all models, where the world asked for them."""
+        """What the leader's UAV has learned and the spread of all models, where the world asked for them."""
+        if not self._reported.weights:
+            return
         ticks = np.concatenate([block.report_ticks for block in blocks]).astype(np.int64)
         reports = np.concatenate([block.reports for block in blocks])
-        self._send_scalars(look.WEIGHTS, ticks, reports[:, :VALUE_FEATURES])
+        self._send_scalars(look.WEIGHTS, ticks, reports[:, self._reported.drawn])
         self._send_scalars(look.SPREAD.entity, ticks, np.concatenate([block.spread for block in blocks]))
 
     def _send_events(self, ticks: Ticks, positions: Floats, swarm: NDArray[np.float64], events: list[Event]) -> None:

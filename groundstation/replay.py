@@ -15,6 +15,7 @@ import pyarrow.compute as pc
 from groundstation import inbound
 from groundstation.recorded import Recorded, line, recorded
 from groundstation.recording import Recorder
+from groundstation.reported import Reported
 from groundstation.results import EVENTS, RECORDING, SCENARIO, Past, past
 from groundstation.series import block_of, unbroken
 from groundstation.viewer import Continued, repair, verify
@@ -40,7 +41,7 @@ def complete(folder: Path) -> None:
     except BadInput:  # no folder of a run: a recording alone
         repair(path)
         return
-    with Continued(path) as before, Recorder(flown, folder.name, path) as recorder:
+    with Continued(path) as before, Recorder(flown, folder.name, path, reported=Reported.within(kept.rows)) as recorder:
         for block in missing(folder, kept, recorded(before.earlier), flown.uavs):
             recorder.write(block)
 

@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import tomli_w
 
-from groundstation import durable
+from groundstation import durable, flown_plugins
 from groundstation.aside import Aside
 from groundstation.series import block_of, rows_of, schema, unbroken
 from groundstation.spool import Spool, spooled
@@ -48,14 +48,17 @@ class RunFolder:
         """Creates `parent/run_id` and writes the resolved scenario into it; with a `past`, goes on in that folder.
 
         Raises:
-            BadInput: the folder cannot be created or written, or another process still writes it.
+            BadInput: the folder cannot be created or written, another process still writes it, or the file of a
+                plug-in is not what was loaded.
         """
         self.path = parent / run_id
+        sources = flown_plugins.files(flown) if past is None else {}
         new = past is None and not self.path.exists()
         try:
             self.path.mkdir(parents=True, exist_ok=past is not None)
             if past is None:
                 durable.replace(self.path / SCENARIO, to_toml(flown).encode())
+                flown_plugins.keep(self.path, sources)
                 durable.sync_folder(parent)
             self._events = (self.path / EVENTS).open("ab", buffering=0)
         except OSError as error:

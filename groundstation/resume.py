@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from groundstation import flown_plugins
 from groundstation.results import CHECKPOINT, SCENARIO, SUMMARY, Past, past, read_checkpoint
 from groundstation.series import states_of
 from swarm import keys, scenario
@@ -30,12 +31,14 @@ def back(folder: Path) -> Back:
     """The run in `folder` at its last checkpoint.
 
     Raises:
-        BadInput: no such run, it has finished, it died before its first checkpoint, or its files are damaged.
+        BadInput: no such run, it has finished, it died before its first checkpoint, its files are damaged, or a
+            plug-in of it is not loaded.
     """
     folder = folder.resolve()
     if not (folder / SCENARIO).is_file():
         raise BadInput(f"{folder}: no run; name the folder of one that did not finish")
     flown = scenario.load(folder / SCENARIO)
+    flown_plugins.check(folder, flown)
     if (folder / SUMMARY).exists() and not (folder / CHECKPOINT).exists():
         raise BadInput(f"{folder}: this run has finished; fly it again with `meanflock run {folder / SCENARIO}`")
     kept = read_checkpoint(folder)

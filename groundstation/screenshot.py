@@ -47,7 +47,7 @@ def screenshot(path: Path, png: Path, at_s: float | None, size: tuple[int, int] 
         png.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BadInput(f"{png}: {error.strerror}; give a file in a folder that can be written") from error
-    durable.check_folder(png.parent)
+    durable.check_folder(png.parent, "-o")
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "viewer.log"
         viewer, url = start_headless(path, size, log)
@@ -62,7 +62,10 @@ def screenshot(path: Path, png: Path, at_s: float | None, size: tuple[int, int] 
             ) from error
         finally:
             end(viewer)
-    durable.replace(png, picture)
+    try:
+        durable.replace(png, picture)
+    except OSError as error:
+        raise RunFailed(f"{png}: {error.strerror}; the picture is not written") from error
 
 
 def _render(viewer: "subprocess.Popen[bytes]", url: str, at_s: float | None) -> bytes:

@@ -1,5 +1,20 @@
-"""Functions on arrays and bytes that are worth compiling, and the choice between their two forms, made once."""
+"""Functions of arrays and bytes that are worth compiling, and the choice between their two forms, made once.
 
-from kernels.wire import read, write
+MEANFLOCK_PURE=1 takes NumPy, else the extension `kernels._native` is taken, else NumPy. Both give the same bits, and
+nobody else knows which one runs. What they compute is written in `kernels/reference.py` and `kernels/wire.py`.
+"""
 
-__all__ = ["read", "write"]
+import os
+
+import swarm  # noqa: F401  # before NumPy: it holds BLAS to one thread
+from kernels.tables import Tables
+
+__all__ = ["BACKEND", "Tables", "learn", "pairs", "prepare", "read", "write"]
+
+if os.environ.get("MEANFLOCK_PURE") == "1":
+    from kernels.reference import BACKEND, learn, pairs, prepare, read, write
+else:
+    try:
+        from kernels.compiled import BACKEND, learn, pairs, prepare, read, write
+    except ImportError:
+        from kernels.reference import BACKEND, learn, pairs, prepare, read, write

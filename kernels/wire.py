@@ -1,7 +1,7 @@
 """The layout of a tick message, read and written: bytes in, offsets out, and back. `docs/wire.md` is its description.
 
-A message is a MessagePack array of small integers, 32-bit integers and byte strings with 32-bit lengths, in an order that
-never varies, so every offset follows from the numbers before it:
+A message is a MessagePack array of small integers, 32-bit integers and byte strings with 32-bit lengths, in an order
+that never varies, so every offset follows from the numbers before it:
 
     head    [type, run, tick, flags, rows, columns, table]      24 bytes, then rows × columns float64
     tables  byte strings; how many depends on the type
@@ -40,7 +40,7 @@ _LINK = 8  # bytes: [row of payload, receiving UAV], int32
 _NAME = 4  # bytes of a source, int32
 
 
-def read(raw: bytes) -> Message:
+def read(raw: bytes, /) -> Message:
     """Takes a message apart.
 
     Raises:
@@ -101,14 +101,15 @@ def write(
     rows: int,
     columns: int,
     table: Any,
-    tables: Sequence[Any],
+    tables: tuple[Any, ...],
     frames: Sequence[tuple[int, int, int, int, Any, Any, Any]] = (),
+    /,
 ) -> bytes:
     """A message of these parts; its tables and arrays are buffers in one piece, little-endian.
 
     Args:
-        table: rows × columns float64. tables: as many as the type has. frames: [kind, round, dtype code, numbers in a row
-            of the payload, source, payload, links] of each batch.
+        table: rows × columns float64. tables: as many as the type has. frames: [kind, round, dtype code, numbers in a
+            row of the payload, source, payload, links] of each batch.
 
     Raises:
         ValueError: a number or a buffer does not fit the layout.

@@ -12,14 +12,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from channel.base import Channel as Channel
-    from worldsim.vehicles.base import Vehicle as Vehicle
-
     from agent.controllers.base import Broadcast as Broadcast
     from agent.controllers.base import Controller as Controller
     from agent.controllers.base import Options as Options
     from agent.controllers.base import Received as Received
     from agent.controllers.base import Step as Step
+    from channel.base import Channel as Channel
     from leader.aggregators.base import Aggregator as Aggregator
     from meanflock.comparing import Comparison as Comparison
     from meanflock.comparing import compare as compare
@@ -35,6 +33,7 @@ if TYPE_CHECKING:
     from swarm.plugins import installed as plugins
     from swarm.plugins import register as register
     from swarm.scenario import Scenario as Scenario
+    from worldsim.vehicles.base import Vehicle as Vehicle
 
 _WHERE = {  # a name → its module, and what it is called there
     "Aggregator": ("leader.aggregators.base", "Aggregator"),

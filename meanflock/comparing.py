@@ -21,9 +21,9 @@ Progress = Callable[[int, int], None]  # flights finished, and wanted
 class Comparison:
     """What a study found; iterate over it for a row a point.
 
-    A row has what tells the points apart, `n` (flights), `uavs`, and of every metric the mean under its name and the ends
-    of its 95 % interval under `…_low` and `…_high`; None where nobody knows. Means over UAVs count one that never arrived
-    with the duration.
+    A row has what tells the points apart, `n` (flights), `uavs`, and of every metric the mean under its name and the
+    ends of its 95 % interval under `…_low` and `…_high`; None where nobody knows. Means over UAVs count one that never
+    arrived with the duration.
     """
 
     def __init__(self, names: tuple[str, ...], flown: Mapping[tuple[Any, ...], study.Summaries]) -> None:
@@ -63,9 +63,9 @@ def compare(
     """Flies several controllers over the same seeds.
 
     Args:
-        methods: names, or classes of yours. seeds: flights of each, from the scenario's seed on. jobs: processes; −1: one a
-            core; a class that is in no file is flown in this one. out: a folder in which finished flights are kept: the
-            same call flies the rest. settings: dotted keys of the scenario.
+        methods: names, or classes of yours. seeds: flights of each, from the scenario's seed on. jobs: processes; −1:
+            one a core; a class that is in no file is flown in this one. out: a folder in which finished flights are
+            kept: the same call flies the rest. settings: dotted keys of the scenario.
 
     Raises:
         BadInput: something asked for cannot be had. RunFailed: interrupted, or a process died.

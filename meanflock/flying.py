@@ -34,8 +34,8 @@ def fly(
 
     Args:
         scenario: the name of a shipped one, a TOML file, or a Scenario. method: the controller, by name or as a class.
-        duration: s, at the longest. plugin: a file with plug-ins. out: a folder in which the run leaves one of its own, as
-            `meanflock run` does; None: nothing is written. record: a Rerun recording in it, too. progress: called
+        duration: s, at the longest. plugin: a file with plug-ins. out: a folder in which the run leaves one of its own,
+            as `meanflock run` does; None: nothing is written. record: a Rerun recording in it, too. progress: called
             every hundred ticks. settings: any dotted key of the scenario, `**{"wind.sigma": 0.2}`.
 
     Returns:

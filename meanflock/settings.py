@@ -16,8 +16,8 @@ def scenario_of(scenario: str | Path | Scenario | None, settings: Mapping[str, A
     """A shipped scenario by name (`"paper"`), a TOML file, or a Scenario, with some keys set.
 
     Args:
-        settings: values by dotted key, such as `{"wind.sigma": 0.2}`. options: top-level keys; None: not set. `method` may
-            be a controller's class, which is then registered.
+        settings: values by dotted key, such as `{"wind.sigma": 0.2}`. options: top-level keys; None: not set. `method`
+            may be a controller's class, which is then registered.
 
     Raises:
         BadInput: no such scenario, or a key or value that is none.

@@ -106,7 +106,7 @@ def decode(raw: bytes, limit: int = MAX_BYTES) -> Message:
     if len(raw) > limit:
         raise MessageRejected("oversized", f"{len(raw)} bytes, at most {limit} expected")
     try:
-        return msgspec.convert(_unpacked(raw), Message)  # type: ignore[no-any-return]
+        return msgspec.convert(_unpacked(raw), Message)
     except (msgspec.ValidationError, RecursionError) as error:
         raise MessageRejected("malformed", str(error)) from error
 

@@ -1,8 +1,9 @@
 """The closed set of messages between processes: frozen, typed, tagged. Nothing else is ever on the bus.
 
 Arrays are little-endian; who receives one checks the shape it expects with `codec.expect`. N is the number of UAVs of
-the swarm, M the number a node holds as rows, K the number of diagnostics and W the number of weights that the controller
-reports. Sense and Act fly in every tick, in a layout of their own (`swarm.tick`); all others are control messages.
+the swarm, M the number a node holds as rows, K the number of diagnostics and W the number of weights that the
+controller reports. Sense and Act fly in every tick, in a layout of their own (`swarm.tick`); all others are control
+messages.
 """
 
 import enum
@@ -10,6 +11,8 @@ from typing import TypeAlias
 
 import msgspec
 import numpy as np
+
+from swarm.plugins import Door
 
 
 class _Message(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True, eq=False):
@@ -58,7 +61,7 @@ class Welcome(_Message, frozen=True, tag="welcome"):
     scenario: bytes  # canonical JSON
     initial_states: np.ndarray  # (N, 4) floats as wide as the radio's: the mission plan every UAV shares
     memory: bytes = b""  # of a run that is resumed: a record of what the rows of this node had in memory
-    plugins: tuple[tuple[str, str, str], ...] = ()  # door, name and fingerprint of what the run needs on every host
+    plugins: tuple[tuple[Door, str, str], ...] = ()  # door, name and fingerprint of what the run needs
 
 
 class Refusal(_Message, frozen=True, tag="refusal"):

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 def check(scenario: "Scenario") -> Callable[[NDArray[np.float64]], NDArray[np.bool_]]:
     """Returns a function from states (S, 4) to which of them can be, (S,).
 
-    No UAV is faster than `radio.plausible_speed`, nor farther from the destination than it can have come from its start at
-    that speed.
+    No UAV is faster than `radio.plausible_speed`, nor farther from the destination than it can have come from its start
+    at that speed.
     """
     speed = scenario.radio.plausible_speed
     start, width = np.array(scenario.start.centre), scenario.start.spacing * (np.sqrt(scenario.uavs) + 1.0)

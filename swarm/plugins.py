@@ -139,7 +139,7 @@ def load_file(path: Path) -> list[Plugin]:
     except Exception as error:
         del sys.modules[module_name]
         raise BadInput(f"--plugin {path}: {_last_line(error)}") from error
-    fingerprint = f"sha256 {hashlib.sha256(source).hexdigest()}"
+    hashed = fingerprint(source)
     found = []
     for attribute, value in vars(module).items():
         door = getattr(value, "door", None)
@@ -156,7 +156,7 @@ def load_file(path: Path) -> list[Plugin]:
                 f"--plugin {path}: {door} {name!r} is installed already, of {_packaged()[key][0].source}; "
                 "give yours another name"
             )
-        plugin = Plugin(door, name, str(path), attribute, fingerprint)
+        plugin = Plugin(door, name, str(path), attribute, hashed)
         _files[key] = plugin, _checked(door, name, value, str(path))
         found.append(plugin)
     if not found:
@@ -176,7 +176,8 @@ def register(made: type) -> Plugin:
     door, name = getattr(made, "door", None), getattr(made, "name", "")
     if door not in GROUPS or not isinstance(name, str) or not name:
         raise BadInput(
-            f"{made!r}: no plug-in; derive it from meanflock.Controller, Aggregator, Channel or Vehicle, and give it a `name`"
+            f"{made!r}: no plug-in; derive it from meanflock.Controller, Aggregator, Channel or Vehicle, "
+            "and give it a `name`"
         )
     if (door, name) in _packaged():
         raise BadInput(
@@ -185,6 +186,16 @@ def register(made: type) -> Plugin:
     plugin = Plugin(door, name, "this process", made.__qualname__, "this process")
     _files[door, name] = plugin, _checked(door, name, made, "this process")
     return plugin
+
+
+def fingerprint(source: bytes) -> str:
+    """Of the contents of a file."""
+    return f"sha256 {hashlib.sha256(source).hexdigest()}"
+
+
+def is_file(plugin: Plugin) -> bool:
+    """Whether a plug-in came from a file that somebody named, and not from a package."""
+    return (plugin.door, plugin.name) in _files
 
 
 def load_files(paths: Iterable[Path | str]) -> None:

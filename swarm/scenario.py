@@ -29,6 +29,7 @@ _LATER = (
     "federation.options",
     "controller",
     "radio.plausible_speed",
+    *("radio.model", "radio.options", "vehicle.model", "vehicle.options"),
 )
 
 Payload: TypeAlias = Literal["float64", "float32", "float16", "int8"]  # how a model is written, see swarm/payload.py
@@ -155,11 +156,15 @@ class Radio(_Table, frozen=True):
     plausible_speed: Annotated[
         float, Meta(gt=0, description="a received state that is faster, or too far away for it, is not believed, m/s")
     ] = 100.0
+    model: Annotated[str, Meta(description="the channel, see `meanflock plugins`")] = "rice"
+    options: Annotated[dict[str, Any], Meta(description="what the channel takes besides these keys")] = {}
 
 
 class Vehicle(_Table, frozen=True):
-    """Constants of the rotary-wing power model, as printed: a craft of a few grams."""
+    """Which vehicle flies, and the constants of the rotary-wing power model, as printed: a craft of a few grams."""
 
+    model: Annotated[str, Meta(description="the vehicle, see `meanflock plugins`")] = "point-mass"
+    options: Annotated[dict[str, Any], Meta(description="what the vehicle takes besides these keys")] = {}
     blade_power: Annotated[float, Meta(ge=0, description="λ0, W")] = 0.0049
     induced_power: Annotated[float, Meta(ge=0, description="λ1, W")] = 0.0887
     parasite_drag: Annotated[float, Meta(ge=0, description="λ2, W s³/m³")] = 0.0092
@@ -265,8 +270,8 @@ class Scenario(_Table, frozen=True, dict=True):
         """Ticks until `duration`."""
         return max(1, round(self.duration / self.dt))
 
-    def plugins(self) -> tuple[tuple[str, str, str], ...]:
-        """Door, name and fingerprint of every plug-in it needs, on every host.
+    def plugins(self) -> tuple[tuple[Door, str, str], ...]:
+        """Door, name and fingerprint of every plug-in it needs.
 
         Raises:
             BadInput: one is not installed here.
@@ -274,6 +279,8 @@ class Scenario(_Table, frozen=True, dict=True):
         wanted: tuple[tuple[Door, str], ...] = (
             ("controller", self.method),
             ("aggregator", self.federation.aggregation),
+            ("channel", self.radio.model),
+            ("vehicle", self.vehicle.model),
         )
         return tuple((door, name, find(door, name).fingerprint) for door, name in wanted)
 
@@ -297,7 +304,8 @@ class Scenario(_Table, frozen=True, dict=True):
 
     def sha256(self) -> str:
         """Hash of the resolved scenario; equal scenarios have equal hashes however they were written."""
-        table, default = (msgspec.to_builtins(one.resolved()) for one in (self, Scenario(radio=self.radio)))
+        plain = Scenario(radio=Radio(bits_per_float=self.radio.bits_per_float))  # payloads go by it
+        table, default = (msgspec.to_builtins(one.resolved()) for one in (self, plain))
         for path in _LATER:
             *parents, key = path.split(".")
             part, standard = table, default

@@ -67,7 +67,7 @@ class Spoke:
             raise BusError(f"the world of run {self._run!r} answered with {type(welcome).__name__}")
         self._speak = keys.act(self._run, welcome.node)
         try:
-            _check_plugins(welcome)
+            _check_plugins(welcome, request.role)
             self._node = make(welcome)
         except BadInput as error:  # said here and there: whoever watches the world need not look on this host
             why = f"{welcome.node} on host {platform.node()}: {error}"
@@ -106,14 +106,33 @@ class Spoke:
         if delivery.kind == "gone":
             self.stopped = _GONE
         elif delivery.kind == "message":
-            try:
-                with self._busy:
-                    self._answer(delivery.payload)
-            except MessageRejected as error:
-                self.dropped[error.reason] += 1
-                if self.dropped.total() <= _MAX_DROP_LINES:
-                    about = {"tick": self._last_tick, "reason": error.reason}
-                    log.warning("dropped a message under %s: %s", delivery.key, error, extra=about)
+            with self._busy:
+                self._take(delivery.key, delivery.payload)
+
+    def _take(self, key: str, raw: bytes) -> None:
+        """One message, while nobody else asks the node."""
+        try:
+            if raw[1:2] not in tick.TYPES:
+                self._control(codec.decode(raw))
+                return
+            sense = tick.read_sense(raw)
+            if sense.run != self._fingerprint:
+                raise MessageRejected("wrong-run", f"run {sense.run:#x}, this is {self._fingerprint:#x}")
+            if sense.tick < self._last_tick:
+                raise MessageRejected("stale", f"tick {sense.tick} after {self._last_tick}")
+            if sense.tick > self._last_tick:
+                assert self._node is not None
+                self._last_act = tick.write_act(self._node.act(sense))
+                self._last_tick = sense.tick
+                if self._node.complaints:
+                    self._complain(self._node.complaints)
+            # The same tick again: the world has not received the reply. It gets the same one; nothing is learned twice.
+            self._bus.put(self._speak, self._last_act)
+        except MessageRejected as error:
+            self.dropped[error.reason] += 1
+            if self.dropped.total() <= _MAX_DROP_LINES:
+                about = {"tick": self._last_tick, "reason": error.reason}
+                log.warning("dropped a message under %s: %s", key, error, extra=about)
 
     def _ask(self, request: Join, timeout_s: float, cancelled: Callable[[], bool]) -> Message:
         """The first answer of a world that is not a refusal for now."""
@@ -137,33 +156,15 @@ class Spoke:
                 time.sleep(min(_REFUSED_AGAIN_S, left))
 
     def _at_once(self, key: str, raw: bytes) -> bool:
-        """Answers in the thread that brings the message, unless the node is at work: a hand-over to another thread
-        costs as much as the answer."""
-        if not self._busy.acquire(False):
+        """Replies to a Sense in the thread that brings it, unless the node is at work: a hand-over to another thread
+        costs as much as the reply."""
+        if raw[1:2] not in tick.TYPES or not self._busy.acquire(False):
             return False
         try:
-            self.handle(Delivery("message", key, raw))
-            return self.stopped is None  # who waits for the end is woken by it
+            self._take(key, raw)
+            return True
         finally:
             self._busy.release()
-
-    def _answer(self, raw: bytes) -> None:
-        assert self._node is not None
-        if not tick.is_tick(raw):
-            self._control(codec.decode(raw))
-            return
-        sense = tick.read_sense(raw)
-        if sense.run != self._fingerprint:
-            raise MessageRejected("wrong-run", f"run {sense.run:#x}, this is {self._fingerprint:#x}")
-        if sense.tick < self._last_tick:
-            raise MessageRejected("stale", f"tick {sense.tick} after {self._last_tick}")
-        if sense.tick > self._last_tick:
-            self._last_act = tick.write_act(self._node.act(sense))
-            self._last_tick = sense.tick
-            if self._node.complaints:
-                self._complain(self._node.complaints)
-        # The same tick again: the world has not heard the answer. It gets the same one; nothing is learned twice.
-        self._bus.put(self._speak, self._last_act)
 
     def _control(self, message: Message) -> None:
         if not isinstance(message, Stop):
@@ -182,15 +183,14 @@ class Spoke:
         self._bus.put(self._speak, codec.encode(Ready(self._fingerprint)))
 
 
-def _check_plugins(welcome: Welcome) -> None:
-    """Whether this host has the plug-ins the world has.
+def _check_plugins(welcome: Welcome, role: str) -> None:
+    """Whether this host has the plug-ins of the world that a node needs: the controller, and a leader the rule, too.
 
     Raises:
         BadInput: one is missing, or another version of it is here.
     """
     for door, name, fingerprint in welcome.plugins:
-        if door not in plugins.GROUPS:
-            continue
-        here = plugins.find(door, name)  # type: ignore[arg-type]
-        if here.fingerprint != fingerprint:
-            raise BadInput(f"{door} {name!r} is of {here.fingerprint} here, and of {fingerprint} with the world")
+        if door == "controller" or (door == "aggregator" and role == "leader"):
+            here = plugins.find(door, name)
+            if here.fingerprint != fingerprint:
+                raise BadInput(f"{door} {name!r} is of {here.fingerprint} here, and of {fingerprint} with the world")

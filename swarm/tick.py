@@ -1,7 +1,7 @@
 """The two messages of a tick ⇄ bytes of the fixed layout (`kernels.wire`); the one place where both are known.
 
-What `kernels.read` lets through is well-formed, consistent in its sizes and finite; that it is of this run, this tick and
-this sender is for who receives it to say.
+What `kernels.read` lets through is well-formed, consistent in its sizes and finite; that it is of this run, this tick
+and this sender is for who receives it to say.
 """
 
 from collections.abc import Iterable
@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 import kernels
-from kernels.wire import ACT, DTYPES, FIRST, SENSE, Batch, Message
+from kernels.wire import ACT, DTYPES, FIRST, SENSE, Batch
 from swarm.errors import MessageRejected
 from swarm.messages import NOBODY, Act, FrameKind, Frames, Sense
 
 REPORT, CHECKPOINT = 1, 2  # flags of a Sense
+TYPES = (bytes([SENSE]), bytes([ACT]))  # second byte of a message of a tick; a control message has a text there
 
 _DTYPES = tuple(np.dtype(name) for name in DTYPES)
 _CODE = {dtype: code for code, dtype in enumerate(_DTYPES)}
@@ -22,54 +23,37 @@ _KINDS = tuple(FrameKind)
 _FLOAT, _INT = np.dtype("<f8"), np.dtype("<i4")
 
 
-def is_tick(raw: bytes) -> bool:
-    """Whether these are the bytes of a Sense or an Act, if they are any: a control message begins with a text."""
-    return raw[1:2] in (b"\x01", b"\x02")
-
-
-def take_apart(raw: bytes) -> Message:
-    """`kernels.read`.
-
-    Raises:
-        MessageRejected: `malformed`, `wrong-shape` or `non-finite`.
-    """
-    try:
-        return kernels.read(raw)
-    except ValueError as error:
-        reason, _, detail = str(error).partition(": ")
-        raise MessageRejected(reason, detail) from error
-
-
 def read_sense(raw: bytes) -> Sense:
     """The Sense in `raw`; its arrays are views of it.
 
     Raises:
-        MessageRejected: like `take_apart`; `wrong-kind` too.
+        MessageRejected: `malformed`, `wrong-shape`, `non-finite` or `wrong-kind`.
     """
-    kind, run, tick, flags, rows, columns, tables, batches = take_apart(raw)
+    try:
+        kind, run, tick, flags, rows, columns, (memory, size), batches = kernels.read(raw)
+    except ValueError as error:
+        raise _rejected(error) from error
     if kind != SENSE:
         raise MessageRejected("wrong-kind", "an Act, expected a Sense")
     if flags & ~(REPORT | CHECKPOINT):
         raise MessageRejected("malformed", f"flags {flags:#x} of a Sense")
-    memory, size = tables
-    return Sense(
-        run,
-        tick,
-        np.ndarray((rows, columns), _FLOAT, raw, FIRST),
-        bool(flags & REPORT),
-        bool(flags & CHECKPOINT),
-        frames_in(raw, batches) if batches else (),
-        raw[memory : memory + size],
-    )
+    states = np.ndarray((rows, columns), _FLOAT, raw, FIRST)
+    if not (flags or batches or size):
+        return Sense(run, tick, states)
+    inbox = frames_in(raw, batches) if batches else ()
+    return Sense(run, tick, states, bool(flags & REPORT), bool(flags & CHECKPOINT), inbox, raw[memory : memory + size])
 
 
 def read_act(raw: bytes) -> Act:
     """The Act in `raw`; its arrays are views of it.
 
     Raises:
-        MessageRejected: like `take_apart`; `wrong-kind` too.
+        MessageRejected: `malformed`, `wrong-shape`, `non-finite` or `wrong-kind`.
     """
-    kind, run, tick, flags, rows, columns, tables, batches = take_apart(raw)
+    try:
+        kind, run, tick, flags, rows, columns, tables, batches = kernels.read(raw)
+    except ValueError as error:
+        raise _rejected(error) from error
     if kind != ACT:
         raise MessageRejected("wrong-kind", "a Sense, expected an Act")
     if flags:
@@ -95,7 +79,15 @@ def write_sense(sense: Sense) -> bytes:
     states, flags = sense.states, REPORT * sense.report | CHECKPOINT * sense.checkpoint
     rows, columns = states.shape
     return kernels.write(
-        SENSE, sense.run, sense.tick, flags, rows, columns, _plain(states), (sense.memory,), frames_out(sense.inbox)
+        SENSE,
+        sense.run,
+        sense.tick,
+        flags,
+        rows,
+        columns,
+        _plain(states),
+        (sense.memory,),
+        frames_out(sense.inbox) if sense.inbox else (),
     )
 
 
@@ -103,8 +95,10 @@ def write_act(act: Act) -> bytes:
     """The bytes of an Act."""
     rows, columns = act.commands.shape
     models = b"" if act.models is None else _plain(act.models)
-    tables = _plain(act.lost, _INT), _plain(act.refused, _INT), models, act.memory
-    return kernels.write(ACT, act.run, act.tick, 0, rows, columns, _plain(act.commands), tables, frames_out(act.outbox))
+    tables = np.ascontiguousarray(act.lost, _INT), np.ascontiguousarray(act.refused, _INT), models, act.memory
+    outbox = frames_out(act.outbox) if act.outbox else ()
+    commands = np.ascontiguousarray(act.commands, _FLOAT)
+    return kernels.write(ACT, act.run, act.tick, 0, rows, columns, commands, tables, outbox)
 
 
 def frames_in(raw: bytes, batches: Iterable[Batch]) -> tuple[Frames, ...]:
@@ -143,6 +137,12 @@ def frames_out(frames: Iterable[Frames]) -> list[tuple[int, int, int, int, Any, 
         )
         for batch in frames
     ]
+
+
+def _rejected(error: ValueError) -> MessageRejected:
+    """What `kernels.read` refused, by its reason."""
+    reason, _, detail = str(error).partition(": ")
+    return MessageRejected(reason, detail)
 
 
 def bytes_of_batch(frames: Frames) -> int:

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 import pytest
 
-from groundstation import cli_look, cli_study  # noqa: F401  # they join their verbs to the group
+from groundstation import cli_look, cli_plugins, cli_study  # noqa: F401  # they join their verbs to the group
 from groundstation.cli import cli, main
 
 ROOT = Path(__file__).parents[1]

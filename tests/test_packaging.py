@@ -1,5 +1,6 @@
 """What a fresh machine builds from: pins, constraints, Makefile, images, compose file."""
 
+import importlib
 import json
 import os
 import re
@@ -94,18 +95,14 @@ def test_a_process_of_the_swarm_stays_small() -> None:
     assert world == base | {"prometheus-client", "scipy"}
 
 
-def test_a_kernel_is_built_from_all_of_its_files_wherever_they_are_taken() -> None:
-    extensions = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["ext-modules"]
-    assert {extension["name"] for extension in extensions} == {"agent._kernel", "channel._kernel", "worldsim._kernel"}
-    shared = {path.relative_to(ROOT).as_posix() for path in (ROOT / "swarm").glob("*.[ch]")}
-    named = {name for extension in extensions for name in (*extension["sources"], *extension["depends"])}
-    assert shared <= named  # all enter a source distribution
-    for extension in extensions:
-        room = extension["name"].partition(".")[0]
-        there = {path.relative_to(ROOT).as_posix() for path in (ROOT / room).glob("*.[ch]")}
-        assert there <= {*extension["sources"], *extension["depends"]} <= there | shared
-        assert extension["optional"]
-        assert extension["py-limited-api"]
+def test_the_kernels_are_built_from_all_of_their_files() -> None:
+    (extension,) = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["ext-modules"]
+    there = {path.relative_to(ROOT).as_posix() for path in ROOT.glob("*/*.[ch]")}
+    assert extension["name"] == "kernels._native"
+    assert there == {*extension["sources"], *extension["depends"]}  # all enter a source distribution
+    assert all(name.startswith("kernels/") for name in there)
+    assert extension["optional"]
+    assert extension["py-limited-api"]
     assert "$(wildcard */*.[ch])" in (ROOT / "Makefile").read_text()
 
 
@@ -178,6 +175,14 @@ def test_the_command_without_its_libraries_names_the_extra(library: str, argumen
     assert said.stderr.startswith(f"error: {library} is not installed")
     assert "pip install 'meanflock[ground]'" in said.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_every_built_in_plug_in_is_where_it_is_said_to_be() -> None:
+    points = PROJECT["entry-points"]
+    for group in points.values():
+        for name, reference in group.items():
+            module, _, attribute = reference.partition(":")
+            assert getattr(importlib.import_module(module), attribute).name == name
 
 
 def test_every_make_target_is_documented() -> None:

@@ -14,11 +14,12 @@ from tests.polling import DEADLINE_S
 ROOT = Path(__file__).parents[1]
 MAY_IMPORT = {
     "swarm": set(),
-    "agent": {"swarm"},
-    "leader": {"swarm"},
+    "kernels": {"swarm"},
+    "agent": {"swarm", "kernels"},
+    "leader": {"swarm", "kernels"},
     "channel": {"swarm"},
-    "worldsim": {"swarm", "channel"},  # world and channel are one emulator process
-    "groundstation": {"swarm", "agent", "leader", "channel", "worldsim"},
+    "worldsim": {"swarm", "kernels", "channel"},  # world and channel are one emulator process
+    "groundstation": {"swarm", "kernels", "agent", "leader", "channel", "worldsim"},
 }
 MODULES = sorted(path for package in MAY_IMPORT for path in (ROOT / package).rglob("*.py"))
 RERUN = {
@@ -91,6 +92,17 @@ def test_imports_flow_one_way(path: Path) -> None:
     package = path.relative_to(ROOT).parts[0]
     of_the_house = {name.split(".")[0] for name in imported(path)} & set(MAY_IMPORT)
     assert of_the_house - {package} <= MAY_IMPORT[package]
+
+
+def test_nobody_outside_the_kernels_knows_which_form_runs() -> None:
+    """But whoever compares them, or says so to a person."""
+    asks = {
+        name_of(path)
+        for path in MODULES
+        if {"kernels.compiled", "kernels.reference", "kernels._native"} & imported(path)
+        or "kernels.BACKEND" in path.read_text(encoding="utf-8")
+    }
+    assert asks == {"kernels/__init__.py", "kernels/compiled.py", "groundstation/doctor.py", "worldsim/summary.py"}
 
 
 def test_one_file_imports_zenoh() -> None:

@@ -100,8 +100,8 @@ class Barrier:
         del self._silent[keys.act(self._run, member.name)]
 
     def is_repeat(self, name: str) -> bool:
-        """Whether a reply of a node that is not waited for is that to a request that was repeated, for which it cannot be
-        blamed; true once for every such request.
+        """Whether a reply of a node that is not waited for is that to a request that was repeated, for which it cannot
+        be blamed; true once for every such request.
         """
         if is_due := self._repeats[name] > 0:
             self._repeats[name] -= 1

@@ -31,7 +31,8 @@ class Commands:
     def store(
         self, asked: Mapping[str, Member], replies: Mapping[str, Floats], awake: NDArray[np.bool_] | None
     ) -> Uavs:
-        """Takes the numbers of nodes, each (M, 2 + K); returns the UAVs whose are beyond all bounds, which are not taken.
+        """Takes the numbers of nodes, each (M, 2 + K); returns the UAVs whose are beyond all bounds, which are not
+        taken.
 
         `awake`: (N,), whose are; None for everyone's.
         """

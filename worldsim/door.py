@@ -10,7 +10,7 @@ from swarm.bus import Bus, Delivery
 from swarm.errors import MessageRejected
 from swarm.messages import Event, Join, Message, Ready, Received, Refusal, Stop, Welcome
 from swarm.scenario import Scenario
-from swarm.tick import is_tick
+from swarm.tick import TYPES
 from worldsim import inbound
 from worldsim.barrier import Barrier
 from worldsim.checkpoint import Resumption
@@ -128,7 +128,7 @@ class Door:
         try:
             if len(raw) > (most := inbound.limit(member.rows, self._scenario)):
                 raise MessageRejected("oversized", f"{len(raw)} bytes, at most {most} expected")
-            if is_tick(raw):
+            if raw[1:2] in TYPES:
                 self._barrier.take(member, raw)
             else:
                 self._control(member, codec.decode(raw))

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from channel.air import Cut, Indices
+from channel.medium import Cut, Indices
 from swarm import state
 from swarm.faults import Fault, Gust, Jam, Kill, LeaderLoss, Partition, Pause, kind, paused
 from swarm.messages import Event

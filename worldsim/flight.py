@@ -8,15 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarm import state
-from swarm.messages import Event
-from swarm.normals import Normals
+from swarm.messages import Event, Status
 from swarm.scenario import Scenario
-from swarm.seeds import generator
+from swarm.seeds import generator, random_state, set_random_state
 from worldsim.formation import initial_states
 from worldsim.metrics import pairs
-from worldsim.physics import ARRIVED, ARRIVING, DIVERGED, FLYING, LOST, Physics
+from worldsim.physics import Physics
 
 Floats = NDArray[np.float64]
+
+# As numbers of the array they are compared with: a member of an enumeration is converted anew each time.
+FLYING, ARRIVED, LOST = np.uint8(Status.FLYING), np.uint8(Status.ARRIVED), np.uint8(Status.LOST)
 
 _KEPT = np.dtype("<f8")
 
@@ -37,7 +39,8 @@ _ARRAYS = {  # as what they are kept
 class Flight:
     """Everything the world knows of the UAVs. All arrays have one row a UAV unless named otherwise.
 
-    `states` is another array after every tick; all others stay and are written into.
+    `states` is another array after every tick, and so are those of `hidden`, the vehicle's; all others stay and are
+    written into.
     """
 
     scenario: Scenario
@@ -50,7 +53,9 @@ class Flight:
 
     def __post_init__(self) -> None:
         n = self.scenario.uavs
+        self._physics = Physics(self.scenario)
         self.states: state.States = initial_states(self.scenario)
+        self.hidden = self._physics.init(n)
         self.status = np.full(n, FLYING)
         self.energy = np.zeros(n)  # J since take-off
         self.arrival_tick = np.full(n, -1)
@@ -60,11 +65,9 @@ class Flight:
         self._ticks_on_way = np.zeros(n, dtype=np.int64)
         self.any_lost = False
         self._collided: set[tuple[int, int]] = set()
-        self._wind = Normals(generator(self.scenario.seed, "wind"))
+        self._wind = generator(self.scenario.seed, "wind")
         self._hash = hashlib.sha256()
-        self._physics = Physics(self.scenario)
-        seen = pairs(self.scenario.metrics, self.states)
-        self._observe(float(seen.speed_difference), int(seen.near), seen.colliding)
+        self._observe()
 
     @property
     def time_s(self) -> float:
@@ -131,26 +134,39 @@ class Flight:
 
         `gust`: (N, 2) in m/s², of the air: it spares nobody.
         """
-        noise = self._wind.take(len(self.states))
-        books = self.energy, self.distance, self._speed_sum, self._ticks_on_way
-        moved = self._physics(self.states, self.status, accelerations, gust, noise, books)
+        scenario, on_way = self.scenario, self.status == FLYING
+        if self.any_lost:
+            accelerations = np.where(self.lost[:, None], 0.0, accelerations)
+        if gust is not None:
+            accelerations = accelerations + gust
+        noise = self._wind.standard_normal(accelerations.shape)
+        moved = self._physics(self.states, self.hidden, accelerations, noise)
         self.tick += 1
-        self.states = moved.states
-        fastest, speed_difference, near = moved.numbers.tolist()
-        self.speed_max = max(self.speed_max, fastest)
-        if moved.incidents & DIVERGED:
-            self.lose(np.flatnonzero(moved.marks & DIVERGED), "diverged", "left every bound")
-        self._observe(speed_difference, int(near), moved.colliding)
-        if moved.incidents & ARRIVING:
-            self._arrive(np.flatnonzero(moved.marks & ARRIVING))
+        self.states, self.hidden = moved.states, moved.hidden
+        self.energy += moved.power * scenario.dt
+        speed = state.speed(self.states)
+        speed *= on_way
+        self._speed_sum += speed
+        self._ticks_on_way += on_way
+        self.speed_max = max(self.speed_max, float(np.maximum.reduce(speed)))
+        speed *= scenario.dt
+        self.distance += speed
+        if len(moved.diverged):
+            self.lose(moved.diverged, "diverged", "left every bound")
+        self._observe()
+        on_way &= state.norm(self.states) <= scenario.destination.radius
+        if np.count_nonzero(on_way):
+            on_way[moved.diverged] = False
+            self._arrive(np.flatnonzero(on_way))
 
     def snapshot(self) -> dict[str, Any]:
         """The flight as it is now, for `restore`; the hash can be had from the states of all ticks only."""
         return {
             **{name: getattr(self, name) for name in _SCALARS},
             **{name: getattr(self, name).astype(kind) for name, kind in _ARRAYS.items()},
+            "hidden": self.hidden,
             "collided": sorted(self._collided),
-            "wind": self._wind.snapshot(),
+            "wind": random_state(self._wind),
         }
 
     def restore(self, snapshot: dict[str, Any], history: Floats) -> None:
@@ -164,17 +180,23 @@ class Flight:
         """
         for name in _SCALARS:
             setattr(self, name, type(getattr(self, name))(snapshot[name]))
+        if snapshot["hidden"].keys() != self.hidden.keys():
+            raise ValueError(f"it keeps {sorted(snapshot['hidden'])} of the vehicle, not {sorted(self.hidden)}")
+        self.states = self.states.copy()
+        for name, part in self.hidden.items():
+            self.hidden[name] = np.array(snapshot["hidden"][name], dtype=part.dtype).reshape(part.shape)
         for name in _ARRAYS:
             getattr(self, name)[...] = snapshot[name]
         self.any_lost = bool(self.lost.any())
         self._collided = {(first, second) for first, second in snapshot["collided"]}
-        self._wind.restore(snapshot["wind"])
+        set_random_state(self._wind, snapshot["wind"])
         if history.shape != (self.tick + 1, *self.states.shape) or history[-1].tobytes() != self.states.tobytes():
             raise ValueError(f"the time series does not end in the states of tick {self.tick}")
         self._hash = hashlib.sha256(np.ascontiguousarray(history, dtype="<f8").tobytes())
 
-    def _observe(self, speed_difference: float, near: int, colliding: NDArray[np.intp]) -> None:
-        self._hash.update(self.states.astype(_KEPT, copy=False).data)
+    def _observe(self) -> None:
+        self._hash.update(self.states.astype(_KEPT, order="C", copy=False).data)
+        speed_difference, near, colliding = pairs(self.scenario.metrics, self.states)
         self.speed_difference_sum += speed_difference
         self.near_sum += near
         if len(colliding):

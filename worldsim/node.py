@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from channel.air import NO_LINKS, Air
+from channel.medium import NO_LINKS, Medium
 from swarm import __version__, codec, keys, state
 from swarm.bus import Bus
 from swarm.errors import BadInput, MessageRejected, RunFailed
@@ -82,7 +82,7 @@ class World:
         self._rounds.draw_ahead()
         self._script = Script(scenario)
         self.flight = Flight(scenario)
-        self.air = Air(scenario)
+        self.air = Medium(scenario)
         rows = max(_BLOCK_ROWS, min(block_rows, _BLOCK_STATES // scenario.uavs)) if realtime is None else 2
         self._rows = Rows(self._fingerprint, scenario.uavs, rows, self._declared)
         self._outbox = Outbox(keeps=telemetry)

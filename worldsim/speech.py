@@ -15,7 +15,9 @@ from worldsim.ledger import Ledger
 
 
 class Speech:
-    """Turns the outboxes of a tick into frames: batches of a kind, of a broadcast and of a form as one, sources ascending."""
+    """Turns the outboxes of a tick into frames: batches of a kind, of a broadcast and of a form as one, sources
+    ascending.
+    """
 
     def __init__(
         self,

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import kernels
 from channel.meter import TRAFFIC, Meter
 from swarm import __version__
 from swarm.messages import FrameKind, Status
@@ -67,8 +68,8 @@ def radio_summary(meter: Meter) -> dict[str, Any]:
                 int(meter.total("delivered")),
                 int(meter.total("outages")),
                 meter.total("delivered_slots"),
-                meter.total("expected_outages"),
-                meter.total("expected_delivered_slots"),
+                meter.total_expected("expected_outages"),
+                meter.total_expected("expected_delivered_slots"),
             ),
             "airtime_s": meter.total("airtime_s"),
             "traffic": {name: _kind(meter, kind) for kind, name in TRAFFIC.items()},
@@ -97,18 +98,26 @@ def _kind(meter: Meter, kind: FrameKind) -> dict[str, Any]:
 
 
 def _observed(
-    sent: int, delivered: int, outages: int, slots: float, expected_outages: float, expected_slots: float
+    sent: int,
+    delivered: int,
+    outages: int,
+    slots: float,
+    expected_outages: float | None,
+    expected_slots: float | None,
 ) -> dict[str, Any]:
     """Latency is of delivered messages: what a lost one would have taken nobody has seen."""
-    expected_delivered = sent - expected_outages
+    rate = latency = None
+    if sent and expected_outages is not None and expected_slots is not None:
+        rate, expected_delivered = expected_outages / sent, sent - expected_outages
+        latency = expected_slots / expected_delivered if expected_delivered > 0 else None
     return {
         "sent": sent,
         "delivered": delivered,
         "outages": outages,
         "outage_rate": outages / sent if sent else None,
-        "outage_rate_theory": expected_outages / sent if sent else None,
+        "outage_rate_theory": rate,
         "latency_slots_mean": slots / delivered if delivered else None,
-        "latency_slots_mean_theory": expected_slots / expected_delivered if expected_delivered > 0 else None,
+        "latency_slots_mean_theory": latency,
     }
 
 
@@ -131,6 +140,7 @@ def summary(
         "uavs": scenario.uavs,
         "seed": scenario.seed,
         "mode": mode,
+        "backend": kernels.BACKEND,
         "wall_time_s": wall_time_s,
         "real_time_factor": flight.time_s / wall_time_s if wall_time_s > 0 else None,
         **flight_summary(flight),

@@ -9,7 +9,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from channel.air import Air
+from channel.medium import Medium
 from swarm import codec
 from swarm.declared import Declared
 from swarm.messages import SWARM_COLUMNS, Event, Finished, FrameKind, Status, Telemetry
@@ -50,7 +50,7 @@ class Rows:
     def add(
         self,
         flight: Flight,
-        air: Air,
+        air: Medium,
         commands: Commands,
         links: NDArray[np.int32],
         ledger: Ledger,

@@ -1,8 +1,8 @@
 """What every controller implements: from what a UAV senses and receives to what it does and says.
 
-A node holds M UAVs as rows of arrays. A row never sees another row but through `received`: the same UAVs must fly the same
-bits in one process as in many. All that a controller remembers is in its memory, a dict of arrays with a leading axis of
-rows, which is checkpointed as it is. Randomness comes from `swarm.seeds`, by the number of the UAV.
+A node holds M UAVs as rows of arrays. A row never sees another row but through `received`: the same UAVs must fly the
+same bits in one process as in many. All that a controller remembers is in its memory, a dict of arrays with a leading
+axis of rows, which is checkpointed as it is. Randomness comes from `swarm.seeds`, by the number of the UAV.
 """
 
 from collections.abc import Sequence
@@ -27,8 +27,9 @@ class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 class Received(msgspec.Struct, frozen=True, eq=False):
     """Frames that the radio brought to some rows in this tick.
 
-    number: which of its sender's broadcasts of the tick it was sent in. source: (S,) the UAVs that sent. payload: (S, W),
-    what each sent; floats as float64, though no more precise than the radio's. links: (L, 2), [row of payload, row].
+    number: which of its sender's broadcasts of the tick it was sent in. source: (S,) the UAVs that sent. payload: (S,
+    W), what each sent; floats as float64, though no more precise than the radio's. links: (L, 2), [row of payload,
+    row].
     """
 
     number: int

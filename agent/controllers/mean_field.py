@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
 from agent.learner import Learner
-from agent.weights import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, VALUE, VALUE_FEATURES
+from kernels.weights import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, VALUE, VALUE_FEATURES
 from swarm import plausible
 from swarm.messages import NOBODY
 from swarm.scenario import Scenario
@@ -113,7 +113,7 @@ class Mfg(MeanField):
 
 
 class MfgflH(MeanField):
-    """… and value models are averaged."""
+    """Like mfg, and value models are averaged."""
 
     name = "mfgfl-h"
     shared = VALUE
@@ -121,7 +121,7 @@ class MfgflH(MeanField):
 
 
 class MfgflF(MeanField):
-    """… and density models are averaged."""
+    """Like mfg, and density models are averaged."""
 
     name = "mfgfl-f"
     shared = DENSITY
@@ -129,7 +129,7 @@ class MfgflF(MeanField):
 
 
 class MfgflHf(MeanField):
-    """… and both are averaged, every 200 ticks."""
+    """Like mfg, and both models are averaged, every 200 ticks."""
 
     name = "mfgfl-hf"
     shared = slice(VALUE.start, DENSITY.stop)

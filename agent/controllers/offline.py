@@ -1,4 +1,5 @@
-"""The offline method: every UAV alone flies an open-loop plan computed before take-off, blind to the others and to the wind.
+"""The offline method: every UAV alone flies an open-loop plan computed before take-off, blind to the others and to the
+wind.
 
 The plan is time-optimal for σ_wind = 0: a straight line to the origin at rest, as fast as the limits on speed and
 acceleration over ground allow (bang, coast, bang). The commands also cancel the drag and the mean wind, which are

@@ -12,11 +12,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
 
-from agent import weights
 from groundstation import plotstyle
 from groundstation.paper.figures_grids import COMPARED
 from groundstation.paper.traces import Trace, collisions, interaction_term, trace
 from groundstation.paper.view import View
+from kernels import weights
 from swarm import state
 from swarm.messages import Status
 from swarm.scenario import Scenario, load

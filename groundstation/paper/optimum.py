@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from swarm import state
 from swarm.scenario import Scenario
-from worldsim import dynamics
+from worldsim.vehicles.point_mass import PointMass
 
 Floats = NDArray[np.float64]
 
@@ -65,9 +65,9 @@ def coast(scenario: Scenario, start: Floats, ticks: int) -> Floats:
     """The flight without command in the mean wind, `(ticks + 1, 4)`, by the world's own dynamics."""
     states = np.empty((ticks + 1, state.SIZE))
     states[0] = start
-    nothing = np.zeros(state.AXES)
+    nothing, vehicle = np.zeros(state.AXES), PointMass(PointMass.Options(), scenario)
     for n in range(ticks):
-        states[n + 1] = dynamics.step(scenario, states[n], nothing, nothing)
+        states[n + 1], _ = vehicle.step(states[n], {}, nothing, nothing)
     return states
 
 

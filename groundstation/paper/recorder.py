@@ -6,10 +6,10 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import NDArray
 
-from agent import weights
 from groundstation.engine import Engine
 from groundstation.paper.methods import Method
 from groundstation.paper.series import Record, Seen, Sums, Trace, scalars_of, series_of
+from kernels import weights
 from swarm.scenario import Scenario
 from worldsim.flight import LOST, Flight
 from worldsim.summary import weight_spread

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agent import interaction
 from groundstation.paper.methods import Method
+from kernels import interaction
 from swarm import state
 from swarm.scenario import Scenario
 from worldsim.flight import LOST, Flight
@@ -191,7 +191,9 @@ def _in_parts(function: Callable[[Floats], Floats], states: Floats) -> Floats:
 
 def _interaction(states: Floats, scenario: Scenario) -> Floats:
     """Mean φ_G among the true states of all, `(S,)`."""
-    mean: Floats = interaction.empirical(states, states[:, None], scenario.cost).mean(axis=1)
+    mean: Floats = interaction.empirical(states, states[:, None], scenario.cost.epsilon, scenario.cost.beta).mean(
+        axis=1
+    )
     return mean
 
 

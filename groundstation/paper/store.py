@@ -83,6 +83,7 @@ import pyarrow.parquet as pq
 
 import agent
 import channel
+import kernels
 import leader
 import swarm
 import worldsim
@@ -93,7 +94,7 @@ from swarm.errors import BadInput, RunFailed
 DATA = "data"
 _MAGIC = b"meanflock job 1\n"
 _DIGEST = hashlib.sha256().digest_size
-_ROOMS = (swarm, agent, channel, leader, worldsim)
+_ROOMS = (swarm, kernels, agent, channel, leader, worldsim)
 _HERE = ("flown.py", "recorder.py", "series.py", "../engine.py")
 
 

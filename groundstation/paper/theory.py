@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from agent import weights
-from agent.basis import DENSITY_EXPONENTS, VALUE_EXPONENTS, Powers, scales
-from agent.fpk import FpkLearner
-from agent.weights import DENSITY_FEATURES, VALUE_FEATURES
+from agent.tables import DENSITY_EXPONENTS, VALUE_EXPONENTS, scales, tables
 from groundstation.engine import Engine
+from kernels import features, fpk, hjb
+from kernels.weights import DENSITY, DENSITY_FEATURES, VALUE, VALUE_FEATURES
 from swarm import state
 from swarm.messages import Status
 from swarm.scenario import Scenario
@@ -25,7 +24,8 @@ from worldsim.flight import Flight
 
 Floats = NDArray[np.float64]
 
-_CLEAR = {"target_snr_db": 40.0, "range_m": 1e9, "bits_per_float": 64}  # an outage in 1e90 messages, no rounding
+# A slot fails once in 1e11 times and a message has a hundred of them, everybody is in range, nothing is rounded.
+_CLEAR = {"target_snr_db": 40.0, "latency_threshold_slots": 100, "range_m": 1e9, "bits_per_float": 64}
 
 
 # -- the density learner as an LMS filter (Prop. 3) ------------------------------------------------------------------
@@ -37,13 +37,11 @@ def fpk_gradients(scenario: Scenario, states: Floats, actions: Floats, curvature
     Args:
         states: (S, 4). actions: â, (S, 2), m/s². curvature: ψ̂_vxvx + ψ̂_vyvy, (S,).
     """
-    learner = FpkLearner(scenario)
-    pairs = learner.basis.pairs(Powers(scenario.learner)(states))
-    velocity = states[:, state.VELOCITY]
-    drift = actions - scenario.wind.drag * (velocity - np.array(scenario.wind.mean))
-    b = np.concatenate([velocity, drift], axis=-1)
-    operator = learner.basis.operator(pairs, b, learner.divergence(curvature))
-    return np.concatenate([operator, learner.basis.terms(pairs)[:, 1:]], axis=-1)
+    t = tables(scenario)
+    pairs = features.pairs(t, features.powers(t, states))
+    b = np.concatenate([states[:, state.VELOCITY], hjb.drift(t, states, actions)], axis=-1)
+    operator = fpk.operator(t, pairs, b, fpk.divergence(t, curvature))
+    return np.concatenate([operator, features.terms(t, pairs)[:, 1:]], axis=-1)
 
 
 def correlation(gradients: Floats) -> Floats:
@@ -122,13 +120,7 @@ class LongFlight:
 
 
 def fly_long(scenario: Scenario, seconds: float) -> LongFlight:
-    """Flies Algorithm 1 (hjb) or 2 (mfg) for `seconds`, arrivals or not; everybody knows every state of the last tick.
-
-    Raises:
-        ValueError: the scenario's method has rounds.
-    """
-    if scenario.declared.is_federated:
-        raise ValueError(f"{scenario.method} needs the radio; long flights are for hjb and mfg")
+    """Flies a scenario as `clear` makes it: under hjb everybody knows every state of the last tick."""
     engine = Engine(clear(scenario, seconds), "long")
     rows = [_norms(engine.world.flight, engine.models) for _ in engine.fly()]
     engine.world.finish()
@@ -147,11 +139,11 @@ def _norms(flight: Flight, models: Floats) -> tuple[float, float, float, int]:
     if not alive.any():
         return (np.inf, np.inf, np.inf, len(alive))
 
-    def largest(weights: Floats) -> float:
-        return float(np.sqrt(state.dot(weights, weights)).max())
+    def largest(part: Floats) -> float:
+        return float(np.sqrt(state.dot(part, part)).max())
 
     furthest, known = float(state.norm(flight.states[alive]).max()), models[alive]
-    return furthest, largest(known[:, weights.VALUE]), largest(known[:, weights.DENSITY]), int((~alive).sum())
+    return furthest, largest(known[:, VALUE]), largest(known[:, DENSITY]), int((~alive).sum())
 
 
 def growth(norms: Floats) -> float:
@@ -298,7 +290,7 @@ def operator_residual(scenario: Scenario, flow: LinearFlow, weights: Floats, sta
 
     σ_F has no constant, so the operator's image of the 1, which is ∇·b, is added by hand.
     """
-    basis = FpkLearner(scenario).basis
-    pairs = basis.pairs(Powers(scenario.learner)(states))
+    t = tables(scenario)
+    pairs = features.pairs(t, features.powers(t, states))
     divergence = np.full(len(states), np.trace(flow.matrix))
-    return basis.operator(pairs, states @ flow.matrix.T + flow.offset, divergence) @ weights + divergence
+    return fpk.operator(t, pairs, states @ flow.matrix.T + flow.offset, divergence) @ weights + divergence

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from agent import interaction
 from groundstation.paper.view import View
+from kernels import interaction
 from swarm import state
 from swarm.messages import Status
 from swarm.scenario import Scenario
@@ -54,7 +54,7 @@ def trace(view: View, experiment: str, method: str, **coordinates: object) -> Tr
 def interaction_term(flown: Trace) -> Floats:
     """φ_G of every UAV among the true states of all, `(T, N)`, m²/s² over m²."""
     cost = Scenario().cost
-    return np.stack([interaction.empirical(states, states[None], cost) for states in flown.states])
+    return np.stack([interaction.empirical(states, states[None], cost.epsilon, cost.beta) for states in flown.states])
 
 
 def collisions(flown: Trace, dt: float = 0.1) -> Floats:

@@ -45,8 +45,8 @@ def check_controller(
     """Flies a small swarm of points with a controller and checks everything that a flight relies on.
 
     Args:
-        controller: the class. options: as in the table [controller]. scenario: another one than the paper's with six UAVs.
-        slow_ms: what a tick of all UAVs may take, median.
+        controller: the class. options: as in the table [controller]. scenario: another one than the paper's with six
+        UAVs. slow_ms: what a tick of all UAVs may take, median.
 
     Raises:
         ConformanceError: a check fails; the text says what to mend.
@@ -99,7 +99,9 @@ class _Suite:
             memory = step.memory
 
     def trial(self, rows: Sequence[int] | None = None, seed: int = 1) -> Trial:
-        """A swarm of points under the commands of one instance for all, or of one for `rows` and another for the rest."""
+        """A swarm of points under the commands of one instance for all, or of one for `rows` and another for the
+        rest.
+        """
         groups = [self._uavs] if rows is None else [np.array([row]) for row in rows]
         return with_other_randomness(lambda: self._fly(groups), seed)
 

@@ -8,7 +8,6 @@ import pytest
 
 from agent import density as density_module
 from agent.learner import Learner
-from agent.minds import Minds
 from swarm import model
 from swarm.scenario import Scenario, load
 from swarm.seeds import generator
@@ -23,13 +22,13 @@ def scenario(*settings: str, method: str = "mfgfl-hf") -> Scenario:
     return load(None, list(settings), method=method)
 
 
-def fitted(flown: Scenario, rows: int = 1) -> Minds:
+def fitted(flown: Scenario, rows: int = 1) -> np.ndarray:
     return Learner(flown).init(rows, initial_states(flown))
 
 
-def density(minds: Minds) -> np.ndarray:
+def density(weights: np.ndarray) -> np.ndarray:
     """[ŵ_F0, ŵ_F1], `(M, 2, 69)`."""
-    return minds.models()[:, model.DENSITY].reshape(-1, 2, model.DENSITY_FEATURES)
+    return weights[:, model.DENSITY].reshape(-1, 2, model.DENSITY_FEATURES)
 
 
 def value_at(weights: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -88,11 +87,11 @@ def test_every_uav_computes_the_same_bits_twice() -> None:
 
 
 def test_what_is_not_fitted_starts_at_zero() -> None:
-    minds = fitted(scenario(), rows=2)
-    assert not minds.models()[:, model.VALUE].any()
-    assert density(minds)[:, 0].any()
-    assert not density(minds)[:, 1].any()
-    assert not fitted(scenario(method="hjb"), rows=2).models().any()
+    weights = fitted(scenario(), rows=2)
+    assert not weights[:, model.VALUE].any()
+    assert density(weights)[:, 0].any()
+    assert not density(weights)[:, 1].any()
+    assert not fitted(scenario(method="hjb"), rows=2).any()
 
 
 @pytest.mark.parametrize("uavs", [1, 2, 7])
@@ -105,14 +104,13 @@ def test_a_swarm_of_any_size_has_a_density(uavs: int) -> None:
 def test_a_zero_start_never_learns_a_density() -> None:
     """Why the fit is there at all: F̂ is homogeneous in ŵ_F."""
     flown = scenario()
-    minds, learner = fitted(scenario(method="hjb"), rows=4), Learner(flown)
+    weights, learner = fitted(scenario(method="hjb"), rows=4), Learner(flown)
     draw = np.random.default_rng(3)
     for _ in range(20):
-        outcome = learner.step(minds, draw.uniform(-1, 1, (4, 4)) * SCALE / 2, None)
-        minds = outcome.minds
-        np.testing.assert_array_equal(outcome.fpk_residual, 0.0)
-    assert not density(minds).any()
-    assert minds.models()[:, model.VALUE].any()
+        weights, numbers, _ = learner.step(weights, draw.uniform(-1, 1, (4, 4)) * SCALE / 2, None)
+        np.testing.assert_array_equal(numbers[:, 3], 0.0)
+    assert not density(weights).any()
+    assert weights[:, model.VALUE].any()
 
 
 def test_a_fit_to_many_needs_no_room_for_all_pairs_of_them_and_gives_the_same_bits() -> None:

@@ -6,11 +6,10 @@ from itertools import product
 import numpy as np
 import pytest
 from scipy.stats import norm, qmc
+from swarm.methods import Method
 
 from agent.learner import Learner
-from agent.minds import Minds
 from swarm import model, state
-from swarm.methods import Method
 from swarm.scenario import Scenario, load
 from worldsim.formation import initial_states
 
@@ -24,9 +23,9 @@ def scenario(*settings: str) -> Scenario:
     return load(None, ["uavs=9", "method=mfg", *settings])
 
 
-def density_weights(minds: Minds) -> np.ndarray:
+def density_weights(weights: np.ndarray) -> np.ndarray:
     """ŵ_F0, `(M, 69)`."""
-    return minds.models()[:, model.DENSITY][:, : model.DENSITY_FEATURES]
+    return weights[:, model.DENSITY][:, : model.DENSITY_FEATURES]
 
 
 def direct(flown: Scenario, weights: np.ndarray, at: np.ndarray) -> float:
@@ -66,14 +65,14 @@ def test_the_nodes_look_like_a_standard_normal() -> None:
 def test_the_quadrature_is_the_density_evaluated_at_every_node(settings: tuple[str, ...]) -> None:
     flown, draw = scenario(*settings), np.random.default_rng(1)
     learner = Learner(flown)
-    minds, rows = learner.init(12, initial_states(flown)), 12
+    weights, rows = learner.init(12, initial_states(flown)), 12
     states = draw.uniform([-150, -150, -9, -9], [160, 110, 9, 9], (rows, state.SIZE))
     states[0] = 0.0
     for _ in range(3):
-        expected = [direct(flown, w, s) for w, s in zip(density_weights(minds), states, strict=True)]
-        outcome = learner.step(minds, states, None)
-        np.testing.assert_allclose(outcome.phi_g, expected, rtol=1e-9, atol=1e-12)
-        minds, states = outcome.minds, states + draw.normal(0, 1, states.shape)
+        expected = [direct(flown, w, s) for w, s in zip(density_weights(weights), states, strict=True)]
+        weights, numbers, _ = learner.step(weights, states, None)
+        np.testing.assert_allclose(numbers[:, 4], expected, rtol=1e-9, atol=1e-12)
+        states = states + draw.normal(0, 1, states.shape)
     assert np.ptp(expected) > 0
 
 
@@ -82,15 +81,15 @@ def test_a_density_that_is_nowhere_positive_is_no_interaction() -> None:
     empty = Learner(load(None, ["uavs=9", "method=hjb"])).init(3, initial_states(flown))
     assert not density_weights(empty).any()
     outcome = Learner(flown).step(empty, np.ones((3, 4)), None)
-    np.testing.assert_array_equal(outcome.phi_g, np.zeros(3))
+    np.testing.assert_array_equal(outcome.numbers[:, 4], np.zeros(3))
 
 
 def test_phi_g_is_never_negative_and_never_beyond_the_largest_kernel() -> None:
     flown, draw = scenario(), np.random.default_rng(2)
     learner = Learner(flown)
-    minds = learner.init(50, initial_states(flown))
+    weights = learner.init(50, initial_states(flown))
     states = draw.uniform([-200, -200, -20, -20], [200, 200, 20, 20], (50, state.SIZE))
-    phi_g = learner.step(minds, states, None).phi_g
+    phi_g = learner.step(weights, states, None).numbers[:, 4]
     offsets = NODES * np.array([5.0, 5.0, 1.5, 1.5])
     kernel = (offsets[:, 2:] ** 2).sum(axis=1) / (1 + (offsets[:, :2] ** 2).sum(axis=1))
     assert (phi_g >= 0).all()
@@ -101,7 +100,7 @@ def test_with_hjb_phi_g_is_the_mean_over_what_a_uav_knows() -> None:
     draw = np.random.default_rng(3)
     learner = Learner(load(None, ["uavs=4"], method=str(Method.HJB)))
     states, known = draw.normal(0, 5, (2, 4)), draw.normal(0, 5, (2, 4, 4))
-    phi_g = learner.step(learner.init(2, known[0]), states, known).phi_g
+    phi_g = learner.step(learner.init(2, known[0]), states, known).numbers[:, 4]
     for row in range(2):
         apart = known[row] - states[row]
         kernel = (apart[:, 2:] ** 2).sum(axis=1) / (1 + (apart[:, :2] ** 2).sum(axis=1))

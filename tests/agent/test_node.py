@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agent import weights
 from agent.node import Agent
+from kernels import weights
 from swarm import codec, keys, plugins, scenario, state
 from swarm import tick as wire
 from swarm.bus import Delivery, MemoryNetwork

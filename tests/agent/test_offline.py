@@ -9,8 +9,8 @@ from agent.controllers.offline import OpenLoopPlan, speeds
 from groundstation.engine import Engine
 from swarm import state
 from swarm.scenario import Scenario, load
-from worldsim import dynamics
 from worldsim.formation import initial_states
+from worldsim.vehicles.point_mass import PointMass
 
 SPACING = "start.spacing=6"
 
@@ -61,10 +61,10 @@ def test_no_way_to_go_is_no_plan() -> None:
 def test_without_randomness_the_discrete_motion_ends_at_rest_at_the_origin() -> None:
     scenario = load(None, ["wind.sigma=0"], method="offline")
     states = initial_states(scenario)
-    plan = OpenLoopPlan(scenario, states)
+    plan, vehicle = OpenLoopPlan(scenario, states), PointMass(PointMass.Options(), scenario)
     straight = -states[:, state.POSITION] / np.linalg.norm(states[:, state.POSITION], axis=-1, keepdims=True)
     for tick in range(len(plan) + 20):
-        states = dynamics.step(scenario, states, plan(tick), np.zeros((25, 2)))
+        states, _ = vehicle.step(states, {}, plan(tick), np.zeros((25, 2)))
         across = states[:, state.X] * straight[:, 1] - states[:, state.Y] * straight[:, 0]
         assert np.abs(across).max() < 1e-9
     assert np.abs(states).max() < 1e-9

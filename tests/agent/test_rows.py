@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-
-from agent.learner import Learner
-from agent.minds import Minds, Outcome
-from swarm import state
 from swarm.methods import Method
+
+from agent.learner import Learner, StepResult
+from swarm import state
 from swarm.scenario import Scenario, load
 from worldsim.formation import initial_states
 
@@ -36,33 +35,29 @@ def known_of(method: Method, rows: int, seed: int) -> np.ndarray | None:
 
 def learn(
     flown: Scenario, states: np.ndarray, known: np.ndarray | None, rows: np.ndarray
-) -> tuple[list[Outcome], Minds]:
+) -> tuple[list[StepResult], np.ndarray]:
     """Some rows of a flight, learned together."""
     learner = Learner(flown)
-    minds = learner.init(len(rows), initial_states(flown))
+    weights = learner.init(len(rows), initial_states(flown))
     outcomes = []
     for tick in range(TICKS):
-        outcome = learner.step(minds, states[tick][rows], None if known is None else known[tick][rows])
+        outcome = learner.step(weights, states[tick][rows], None if known is None else known[tick][rows])
         outcomes.append(outcome)
-        minds = outcome.minds
-    return outcomes, minds
+        weights = outcome.weights
+    return outcomes, weights
 
 
-def bits(outcomes: list[Outcome], row: int) -> bytes:
+def bits(outcomes: list[StepResult], row: int) -> bytes:
     """Everything a row came to, as bytes."""
-    return b"".join(
-        np.ascontiguousarray(array[row], dtype=np.float64).tobytes()
-        for o in outcomes
-        for array in (o.accelerations, o.hjb_residual, o.fpk_residual, o.phi_g, o.minds.models())
-    )
+    return b"".join(o.numbers[row].tobytes() + o.weights[row].tobytes() for o in outcomes)
 
 
 @pytest.mark.parametrize("rows", [1, 2, 5, 25, 64])
 @pytest.mark.parametrize("method", LEARNING)
 def test_rows_together_learn_what_each_learns_alone(method: Method, rows: int) -> None:
     flown, states, known = scenario(method), flight(rows, rows), known_of(method, rows, rows)
-    together, minds = learn(flown, states, known, np.arange(rows))
-    assert np.isfinite(minds.models()).all()
+    together, weights = learn(flown, states, known, np.arange(rows))
+    assert np.isfinite(weights).all()
     for row in sorted({0, 1, rows // 2, rows - 2, rows - 1, *range(0, rows, 7)} & set(range(rows))):
         alone, _ = learn(flown, states, known, np.array([row]))
         assert bits(alone, 0) == bits(together, row)
@@ -96,11 +91,11 @@ def test_a_step_changes_none_of_its_arguments() -> None:
     for method in (Method.HJB, Method.MFG):
         flown, states, known = scenario(method), flight(5, 2), known_of(method, 5, 2)
         learner = Learner(flown)
-        minds = learner.init(5, initial_states(flown))
-        minds = learner.step(minds, states[0], None if known is None else known[0]).minds
-        before = minds.models().copy(), states.copy(), None if known is None else known.copy()
-        learner.step(minds, states[1], None if known is None else known[1])
-        np.testing.assert_array_equal(minds.models(), before[0])
+        weights = learner.init(5, initial_states(flown))
+        weights = learner.step(weights, states[0], None if known is None else known[0]).weights
+        before = weights.copy(), states.copy(), None if known is None else known.copy()
+        learner.step(weights, states[1], None if known is None else known[1])
+        np.testing.assert_array_equal(weights, before[0])
         np.testing.assert_array_equal(states, before[1])
         if known is not None:
             np.testing.assert_array_equal(known, before[2])

@@ -3,16 +3,16 @@
 import json
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
 from channel import theory
-from channel.fading import Fading
-from channel.link import bits_per_slot, slots_needed, squared_threshold, transmit
-from channel.rician import squared_amplitude
-from swarm.scenario import Radio, load
+from channel.fading.ideal import Ideal
+from channel.fading.rice import Rice, squared_amplitude
+from channel.link import bits_per_slot, slots_needed, squared_threshold
+from swarm.scenario import Radio, Scenario, load
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "radio.json").read_text())
 RTOL = 1e-9
@@ -30,6 +30,17 @@ SETTINGS: dict[str, tuple[tuple[str, ...], float, int]] = {  # settings, distanc
     "one slot only": (("latency_threshold_slots=1", "target_snr_db=74.5"), 50.0, 4 * 32),
     "more slots than the threshold allows": (("latency_threshold_slots=3",), 50.0, 246 * 32),
 }
+
+
+class Sent(NamedTuple):
+    """What became of a message on each of some links."""
+
+    slots: np.ndarray
+    delivered: np.ndarray
+
+
+def transmit(by: Radio, rng: np.random.Generator, distance_m: np.ndarray, bits: int) -> Sent:
+    return Sent(*Rice(Rice.Options(), Scenario(radio=by)).transmit(distance_m, bits, rng))
 
 
 def radio(*settings: str) -> Radio:
@@ -138,10 +149,10 @@ def test_successes_outages_and_latencies_are_those_of_the_closed_form(name: str)
     assert 0.05 < p < 1.0 - 1e-6, "a setting that tests nothing"
 
     one_slot = radio(*(s for s in settings if "threshold" not in s), "latency_threshold_slots=1")
-    single = transmit(one_slot, Fading(draw, one_slot), distance, 1)
+    single = transmit(one_slot, draw, distance, 1)
     within_four_standard_errors(single.delivered.astype(float), p, p * (1 - p))
 
-    sent = transmit(given, Fading(draw, given), distance, bits)
+    sent = transmit(given, draw, distance, bits)
     outage = float(theory.outage(given, np.array([p]), bits)[0])
     within_four_standard_errors((~sent.delivered).astype(float), outage, outage * (1 - outage))
     observed = np.where(sent.delivered, sent.slots, 0).astype(float)
@@ -155,7 +166,7 @@ def test_successes_outages_and_latencies_are_those_of_the_closed_form(name: str)
 def test_the_latency_without_a_threshold_is_k_over_p() -> None:
     given, bits = radio("target_snr_db=75.7", "latency_threshold_slots=2000"), 246 * 32
     distance = np.full(LINKS, 10.0)
-    sent = transmit(given, Fading(np.random.default_rng(3), given), distance, bits)
+    sent = transmit(given, np.random.default_rng(3), distance, bits)
     assert sent.delivered.all()
     p = float(theory.slot_success(given, distance[:1])[0])
     needed = slots_needed(given, bits)
@@ -165,14 +176,14 @@ def test_the_latency_without_a_threshold_is_k_over_p() -> None:
 def test_every_link_has_its_own_distance() -> None:
     given = radio("path_loss_exponent=2", "target_snr_db=36", "latency_threshold_slots=1")
     metres = np.tile([60.0, 80.0, 90.0], LINKS)
-    delivered = transmit(given, Fading(np.random.default_rng(4), given), metres, 128).delivered
+    delivered = transmit(given, np.random.default_rng(4), metres, 128).delivered
     for value, p in zip((60.0, 80.0, 90.0), theory.slot_success(given, metres[:3]), strict=True):
         within_four_standard_errors(delivered[metres == value].astype(float), p, p * (1 - p))
 
 
 def test_links_fade_independently_of_each_other_and_of_the_past() -> None:
     given = radio("target_snr_db=76", "latency_threshold_slots=6")
-    n, fading = LINKS, Fading(np.random.default_rng(5), given)
+    n, fading = LINKS, np.random.default_rng(5)
     first, second = (transmit(given, fading, np.full(2 * n, 50.0), 246 * 32) for _ in range(2))
     for one, other in (
         (first.delivered[0::2], first.delivered[1::2]),  # neighbours
@@ -186,10 +197,10 @@ def test_links_fade_independently_of_each_other_and_of_the_past() -> None:
 
 def test_the_same_generator_gives_the_same_fading_and_no_links_are_no_work() -> None:
     given = radio("target_snr_db=76")
-    one, other = (transmit(given, Fading(np.random.default_rng(6), given), np.full(50, 9.0), 7872) for _ in range(2))
+    one, other = (transmit(given, np.random.default_rng(6), np.full(50, 9.0), 7872) for _ in range(2))
     np.testing.assert_array_equal(one.slots, other.slots)
     draw = np.random.default_rng(6)
-    nothing = transmit(given, Fading(draw, given), np.zeros(0), 7872)
+    nothing = transmit(given, draw, np.zeros(0), 7872)
     assert nothing.slots.shape == nothing.delivered.shape == (0,)
     np.testing.assert_array_equal(draw.random(3), np.random.default_rng(6).random(3))
 
@@ -198,12 +209,33 @@ def test_the_same_generator_gives_the_same_fading_and_no_links_are_no_work() -> 
 @pytest.mark.parametrize("links", [0, 1, 600, 9000])
 def test_a_short_message_takes_the_slots_it_takes_one_by_one(settings: tuple[str, ...], links: int) -> None:
     given = radio(*settings)
-    for_one, for_all = (Fading(np.random.default_rng(11), given) for _ in range(2))
+    for_one, for_all = (np.random.default_rng(11) for _ in range(2))
     threshold, busy, slots = squared_threshold(given, np.ones(1))[0], np.arange(links), np.zeros(links, dtype=int)
     for slot in range(1, given.latency_threshold_slots + 1):
         slots[busy] = slot
-        busy = busy[for_one.squared(len(busy)) < threshold]
+        z = squared_amplitude(for_one.standard_normal((len(busy), 2)), given.rice_xi, given.rice_chi)
+        busy = busy[z < threshold]
     sent = transmit(given, for_all, np.ones(links), 1)
     np.testing.assert_array_equal(sent.slots, slots)
     np.testing.assert_array_equal(np.flatnonzero(~sent.delivered), busy)
-    assert for_all.snapshot() == for_one.snapshot()
+    assert for_all.bit_generator.state == for_one.bit_generator.state
+
+
+def test_what_is_expected_of_links_is_the_sum_of_their_closed_forms() -> None:
+    metres = np.array([3.0, 60.0, 90.0])
+    for by in (radio(), radio("path_loss_exponent=2", "target_snr_db=36")):
+        success = theory.slot_success(by, metres)
+        found = Rice(Rice.Options(), Scenario(radio=by)).expected(metres, 7872)
+        each = theory.outage(by, success, 7872), theory.delivered_latency(by, success, 7872)
+        assert found == pytest.approx([part.sum() for part in each], rel=1e-12)
+
+
+def test_the_ideal_channel_delivers_everything_in_the_slots_its_bits_take_and_draws_nothing() -> None:
+    by, rng = radio("path_loss_exponent=4", "latency_threshold_slots=1"), np.random.default_rng(1)
+    ideal = Ideal(Ideal.Options(), Scenario(radio=by))
+    for bits in (1, 128, 7872, 10**6):
+        slots, delivered = ideal.transmit(np.array([1.0, 1e6]), bits, rng)
+        assert delivered.all()
+        assert slots.tolist() == [math.ceil(bits / bits_per_slot(by))] * 2
+        assert ideal.expected(np.ones(2), bits) == (0.0, slots.sum())
+    assert rng.bit_generator.state == np.random.default_rng(1).bit_generator.state

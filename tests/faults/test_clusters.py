@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agent.heads import Heads
-from channel.air import Air
+from channel.medium import Medium
 from groundstation.engine import Engine
 from groundstation.resume import back
 from leader.node import Leader
@@ -42,9 +42,9 @@ def swarm(*settings_: str, uavs: int = 12, clusters: int = 3) -> Scenario:
 # -- one round, without a flight ----------------------------------------------------------------------------------
 
 
-def one_round(of: Scenario, models: np.ndarray) -> tuple[np.ndarray | None, list[int], Air]:
+def one_round(of: Scenario, models: np.ndarray) -> tuple[np.ndarray | None, list[int], Medium]:
     """The mean the leader broadcasts of `models` (N, L), the UAVs whose model got through both hops, and the air."""
-    rounds, air, states = Rounds(of), Air(of), initial_states(of)
+    rounds, air, states = Rounds(of), Medium(of), initial_states(of)
     heads = Heads(of, np.arange(of.uavs))
     leader = Leader(Welcome(0, "leader", (), 0, scenarios.encode(of), states))
     tick, (uploads, relays) = PERIOD, (np.zeros((0, 5)), np.zeros((0, 5)))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from swarm.methods import Method
 
 from groundstation.cli import main
 from groundstation.engine import Engine
@@ -21,7 +22,6 @@ from groundstation.series import states_of
 from groundstation.viewer import verify
 from swarm import scenario as scenarios
 from swarm.errors import BadInput
-from swarm.methods import Method
 from swarm.scenario import Scenario
 from tests.faults.conftest import Lab, scenario
 from tests.polling import DEADLINE_S, until

@@ -10,11 +10,14 @@ from rerun.chunk import RrdReader
 from groundstation import blueprint as look
 from groundstation import recording
 from groundstation.recording import Recorder
+from groundstation.reported import Reported
 from swarm.messages import SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
-from swarm.model import MODEL_FLOATS
 from swarm.scenario import Scenario
 
 ROUND_TICKS = 100
+DIAGNOSTICS = ("hjb_residual", "fpk_residual", "phi_G")  # of the paper's scenario, which is the default
+WEIGHTS = 246
+HJB = look.diagnostic("hjb_residual")
 COLLISIONS = ((120, (3, 4)), (121, (5, 6)), (333, (0, 24)))  # tick, pair
 
 
@@ -46,9 +49,10 @@ def flight(uavs: int = 25, ticks: int = 600, block: int = 20) -> list[Telemetry]
             swarm=swarm[first : first + block],
             links=_links(uavs, first, block),
             report_ticks=np.array([first], dtype=np.int32),
-            reports=rng.normal(size=(1, MODEL_FLOATS)).astype(np.float32),
+            reports=rng.normal(size=(1, WEIGHTS)).astype(np.float32),
             spread=np.array([1.0]),
             events=_events(uavs, first, block),
+            diagnostic_names=DIAGNOSTICS,
         )
         for number, first in enumerate(range(0, ticks, block))
     ]
@@ -72,10 +76,11 @@ def _events(uavs: int, first: int, block: int) -> tuple[Event, ...]:
     return tuple(event for event in events if first <= event.tick < first + block)
 
 
-def record(path: Path, blocks: list[Telemetry], **changes: Any) -> Scenario:
+def record(path: Path, blocks: list[Telemetry], reported: Reported | None = None, **changes: Any) -> Scenario:
     """In batches of 500 ticks, so that a flight of 600 is of two."""
     scenario = Scenario(**{"uavs": blocks[0].states.shape[1], **changes})
-    with patch.object(recording, "_BATCH_TICKS_AT_MOST", 500), Recorder(scenario, "test", path) as recorder:
+    batches = patch.object(recording, "_BATCH_TICKS_AT_MOST", 500)
+    with batches, Recorder(scenario, "test", path, reported=reported) as recorder:
         for block in blocks:
             recorder.write(block)
     return scenario

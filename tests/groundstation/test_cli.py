@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-
 import worldsim.kernel
+
 from groundstation import display, viewer
 from groundstation.engine import Engine
 from groundstation.recorded import recorded

@@ -7,9 +7,7 @@ from pathlib import Path
 
 import pytest
 
-import agent.kernel
-import channel.kernel
-import worldsim.kernel
+import kernels
 from groundstation import certs, doctor
 from groundstation.cli import main
 from groundstation.doctor import Finding
@@ -108,18 +106,16 @@ def group(folder: Path, **files: str) -> Path:
     return folder
 
 
-def test_a_kernel_that_was_not_compiled_is_worth_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
-    modules = {"learners": agent.kernel, "world": worldsim.kernel, "radio": channel.kernel}
-    for module in modules.values():
-        monkeypatch.setattr(module, "_kernel", object())
+def test_kernels_that_were_not_compiled_are_worth_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("MEANFLOCK_PURE", raising=False)
+    monkeypatch.setattr(kernels, "BACKEND", "compiled")
     assert doctor.compiled().verdict == "ok"
-    for name, module in modules.items():
-        with monkeypatch.context() as patch:
-            patch.setattr(module, "_kernel", None)
-            found = doctor.compiled()
-        assert found.verdict == "warning"
-        assert [other for other in modules if other in found.found] == [name]
-        assert "compiler" in found.mend
+    monkeypatch.setattr(kernels, "BACKEND", "numpy")
+    assert doctor.compiled().verdict == "warning"
+    assert "compiler" in doctor.compiled().mend
+    monkeypatch.setenv("MEANFLOCK_PURE", "1")
+    assert doctor.compiled().verdict == "ok"
+    assert "MEANFLOCK_PURE" in doctor.compiled().found
 
 
 def test_threads_beyond_the_limit_of_the_container_fail_with_the_number_it_takes(tmp_path: Path) -> None:

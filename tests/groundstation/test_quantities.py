@@ -3,22 +3,28 @@
 import io
 import json
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.console import Console
 
 from groundstation import blueprint as look
-from groundstation import plots, quantities
+from groundstation import plots, plotstyle, quantities
 from groundstation.paper import figures_grids
 from groundstation.progress import summary_table
 from groundstation.quantities import FIELDS, Quantity
+from groundstation.reported import Reported
+from groundstation.results import TIMESERIES
 from groundstation.run import Options, fly
-from swarm.messages import DIAGNOSTICS, SWARM_COLUMNS
+from groundstation.series import block_of
+from swarm.messages import SWARM_COLUMNS
 from swarm.scenario import load
+from tests.groundstation.recordings import DIAGNOSTICS
 
 ROOT = Path(__file__).parents[2]
 QUANTITIES = {value for value in vars(quantities).values() if isinstance(value, Quantity)}
@@ -87,9 +93,9 @@ def test_the_plots_of_a_recording_use_them() -> None:
         (look.RISK, quantities.RISK_PRINTED),
         (look.FAILURES, quantities.OUTAGES),
         (look.FAILURES, quantities.COLLISIONS),
-        (look.HJB, quantities.HJB_RESIDUAL),
-        (look.FPK, quantities.FPK_RESIDUAL),
-        (look.PHI_G, quantities.INTERACTION),
+        (look.diagnostic("hjb_residual"), quantities.HJB_RESIDUAL),
+        (look.diagnostic("fpk_residual"), quantities.FPK_RESIDUAL),
+        (look.diagnostic("phi_G"), quantities.INTERACTION),
         (look.SPREAD, quantities.SPREAD),
     ):
         assert quantity.name in plot.title
@@ -122,22 +128,76 @@ def test_no_code_of_the_ground_station_does() -> None:
 
 
 @pytest.mark.parametrize(
-    ("method", "value", "density"),
+    ("method", "reported"),
     [
-        ("offline", ["offline learns no value"], ["offline learns no density"]),
-        ("hjb", [], ["hjb learns no density"]),
-        ("mfgfl-hf", [], []),
+        ("offline", []),
+        ("hjb", ["hjb_residual", "phi_G", "weight_spread"]),
+        ("mfgfl-hf", [*DIAGNOSTICS, "weight_spread"]),
     ],
 )
-def test_a_learners_panel_says_what_is_not_learned(
-    method: str, value: list[str], density: list[str], runs: dict[str, Path]
+def test_there_is_a_panel_for_whatever_is_reported_and_no_other(
+    method: str, reported: list[str], runs: dict[str, Path]
 ) -> None:
-    panels = titles(plots.plot_run(runs[method])["curves"])
-    said = [[text.get_text() for text in panels[f"{known.name}, mean"].texts] for known in LEARNERS]
-    assert said == [value, density]
+    panels = list(titles(plots.plot_run(runs[method])["curves"]))
+    assert len(panels) == 6 + len(reported)
+    for field, panel in zip(reported, panels[6:], strict=True):
+        assert panel.startswith(FIELDS[field].name)
 
 
-LEARNERS = (quantities.HJB_RESIDUAL, quantities.FPK_RESIDUAL)
+@pytest.fixture
+def of_a_stranger(runs: dict[str, Path], tmp_path: Path) -> Path:
+    """A run of a controller that is not installed here, with a diagnostic of its own, and clusters in its rounds."""
+    folder = tmp_path / "run"
+    shutil.copytree(runs["hjb"], folder)
+    scenario = (folder / "scenario.toml").read_text().replace('method = "hjb"', 'method = "nobody-has-it"')
+    (folder / "scenario.toml").write_text(scenario.replace("clusters = 1", "clusters = 3"))
+    rows = pq.read_table(folder / "timeseries.parquet")
+    renamed = {"hjb_residual": "tension"}
+    pq.write_table(rows.rename_columns([renamed.get(name, name) for name in rows.column_names]), folder / TIMESERIES)
+    return folder
+
+
+def test_a_run_is_plotted_where_its_controller_is_not_installed(of_a_stranger: Path) -> None:
+    made = plots.plot_run(of_a_stranger)
+    panels = titles(made["curves"])
+    assert list(panels)[6:] == [
+        "tension: mean, max, min",
+        "interaction term φ_G: mean, max, min",
+        "spread of the models",
+    ]
+    assert panels["tension: mean, max, min"].get_ylabel() == "tension"
+    assert plain(made["paths"].axes[0].get_title(loc="left")).startswith("nobody-has-it, seed 1: ")
+    assert len(made["paths"].axes) == 2  # φ_G is there, whoever reports it
+
+
+def test_a_run_of_before_lacks_columns_and_is_plotted_all_the_same(of_a_stranger: Path) -> None:
+    rows = pq.read_table(of_a_stranger / TIMESERIES).drop_columns(["relay_bits", "phi_C_distinct", "phi_G"])
+    pq.write_table(rows, of_a_stranger / TIMESERIES)
+    made = plots.plot_run(of_a_stranger)
+    assert [each.get_label() for each in titles(made["curves"])["collision risk φ_C"].lines] == ["with self-pairs"]
+    assert len(made["paths"].axes) == 1
+    block = block_of(rows.slice(0, 5), 0)
+    assert block.diagnostic_names == ("tension",)
+    assert not block.swarm[:, SWARM_COLUMNS.index("relay_bits")].any()
+    assert Reported.within(rows) == (("tension",), 246)
+
+
+def test_a_method_nobody_knows_has_a_look_of_its_own_in_every_figure() -> None:
+    strangers = [f"mine-{number}" for number in range(50)]
+    looks = {name: (plotstyle.colour(name), plotstyle.marker(name), plotstyle.dash(name)) for name in strangers}
+    assert looks["mine-0"] == ("#999933", "P", (0, (7, 2)))  # today and on every machine
+    assert len(set(looks.values())) > 20
+    known = {(plotstyle.colour(name), plotstyle.marker(name)) for name in plotstyle.NAMES}
+    assert not known & {(tone, marker) for tone, marker, _ in looks.values()}
+    summary = {key: 1.0 for key, _ in plots.COMPARED} | {"payload_bits": {"total": 8.0}}
+    made = plots.plot_compare({"hjb": [summary, summary], "mine-0": [summary]})
+    assert [label.get_text() for label in made.axes[0].get_yticklabels()] == ["Hjb", "mine-0"]
+    made = plots.plot_sweep("wind.sigma", {0.1: {"mine-0": [summary]}, 0.2: {"mine-0": [summary]}})
+    assert [text.get_text() for text in made.legends[0].get_texts()] == ["mine-0"]
+
+
+def test_panels_are_lettered_past_the_alphabet() -> None:
+    assert [plotstyle.letter(number) for number in (0, 25, 26, 27, 52)] == ["a", "z", "aa", "ab", "ba"]
 
 
 def test_every_line_of_a_panel_with_two_has_a_label_and_the_legend_keeps_off_them(runs: dict[str, Path]) -> None:
@@ -166,6 +226,6 @@ def test_the_goal_is_a_ring_over_the_paths_and_in_the_legend(runs: dict[str, Pat
     assert "goal, 5 m" in [text.get_text() for text in made.legends[0].get_texts()]
 
 
-def test_paths_of_a_method_blind_to_others_have_no_colour_of_the_interaction(runs: dict[str, Path]) -> None:
+def test_paths_have_the_colour_of_the_interaction_where_it_is_reported(runs: dict[str, Path]) -> None:
     assert len(plots.plot_run(runs["mfgfl-hf"])["paths"].axes) == 2  # with a colour bar
     assert len(plots.plot_run(runs["offline"])["paths"].axes) == 1

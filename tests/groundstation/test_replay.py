@@ -17,7 +17,7 @@ from groundstation.viewer import verify
 from swarm.errors import BadInput
 from swarm.messages import Telemetry
 from tests.faults.conftest import Lab, scenario
-from tests.groundstation.recordings import column
+from tests.groundstation.recordings import DIAGNOSTICS, column
 
 pytestmark = pytest.mark.usefixtures("strict")
 
@@ -75,8 +75,7 @@ EVERYTHING = (
     (look.VELOCITY, "Arrows2D:vectors"),
     (look.ENERGY.entity, "Scalars:scalars"),
     (look.BITS.entity, "Scalars:scalars"),
-    (look.HJB.entity, "Scalars:scalars"),
-    (look.PHI_G.entity, "Scalars:scalars"),
+    *((look.diagnostic(name).entity, "Scalars:scalars") for name in DIAGNOSTICS),
     (look.WEIGHTS, "Scalars:scalars"),
     (look.SPREAD.entity, "Scalars:scalars"),
     (look.EVENTS, "TextLog:text"),

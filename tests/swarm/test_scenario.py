@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from swarm.methods import Method
 
 from channel import theory
 from channel.link import slots_needed

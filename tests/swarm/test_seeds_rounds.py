@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from agent import weights
 from agent.controllers.mean_field import MeanField
+from kernels import weights
 from swarm import plugins
 from swarm.messages import FrameKind
 from swarm.rounds import Rounds

@@ -10,7 +10,7 @@ import pytest
 
 from swarm import state
 from swarm.scenario import Scenario, load
-from worldsim import dynamics
+from worldsim.vehicles.point_mass import PointMass
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "wind.json").read_text())
 ROWS = 4000
@@ -22,11 +22,16 @@ def scenario(
     return load(None, [f"dt={dt}", f"wind.sigma={sigma}", f"wind.drag={drag}", f"wind.mean={list(mean)}"])
 
 
+def moved_by(flown: Scenario, states: state.States, command: Any, noise: Any) -> state.States:
+    """One tick of the point mass."""
+    return PointMass(PointMass.Options(), flown).step(states, {}, command, noise)[0]
+
+
 def fly(flown: Scenario, states: state.States, acceleration: Any, ticks: int, seed: int = 1) -> state.States:
     draw = np.random.default_rng(seed)
     command = np.broadcast_to(np.asarray(acceleration, dtype=float), (*states.shape[:-1], 2))
     for _ in range(ticks):
-        states = dynamics.step(flown, states, command, draw.standard_normal(command.shape))
+        states = moved_by(flown, states, command, draw.standard_normal(command.shape))
     return states
 
 
@@ -64,7 +69,7 @@ def test_against_drag_a_command_reaches_its_terminal_velocity() -> None:
 def test_the_velocity_moves_first_and_the_position_with_the_new_one() -> None:
     flown = scenario(dt=0.5, sigma=2.0, drag=0.25, mean=(1.0, 0.0))
     noise = np.array([0.3, -0.7])
-    moved = dynamics.step(flown, np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.5, 0.6]), noise)
+    moved = moved_by(flown, np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.5, 0.6]), noise)
     velocity = np.array([3.0 + 0.5 * (0.5 - 0.25 * 2.0), 4.0 + 0.5 * (0.6 - 0.25 * 4.0)])
     velocity += 2.0 * math.sqrt(0.5) * noise
     np.testing.assert_allclose(moved, [*(np.array([1.0, 2.0]) + 0.5 * velocity), *velocity], rtol=1e-14)
@@ -75,11 +80,11 @@ def test_a_step_changes_no_argument_and_no_row_sees_another() -> None:
     flown = scenario()
     states, command, noise = (draw.standard_normal((3, 7, width)) for width in (4, 2, 2))
     before = states.copy(), command.copy(), noise.copy()
-    moved = dynamics.step(flown, states, command, noise)
+    moved = moved_by(flown, states, command, noise)
     for now, then in zip((states, command, noise), before, strict=True):
         np.testing.assert_array_equal(now, then)
     for where in np.ndindex(3, 7):
-        np.testing.assert_array_equal(moved[where], dynamics.step(flown, states[where], command[where], noise[where]))
+        np.testing.assert_array_equal(moved[where], moved_by(flown, states[where], command[where], noise[where]))
 
 
 # -- with noise ---------------------------------------------------------------------------------------------------
@@ -124,7 +129,7 @@ def test_the_integrator_converges_strongly_with_order_one() -> None:
         coarse = increments.reshape(n, finest // n, rows, 2).sum(axis=1)
         states = np.tile([0.0, 0.0, 3.0, 2.0], (rows, 1))
         for k in range(n):
-            states = dynamics.step(flown, states, np.zeros((rows, 2)), coarse[k] / math.sqrt(dt))
+            states = moved_by(flown, states, np.zeros((rows, 2)), coarse[k] / math.sqrt(dt))
         errors.append(np.sqrt(((states - exact) ** 2).mean(axis=0)))
     orders = -np.polyfit(np.log(steps), np.log(np.array(errors)), 1)[0]
     assert (np.abs(orders - 1) < 0.12).all(), orders

@@ -9,9 +9,16 @@ import pytest
 from swarm import state
 from swarm.messages import Status
 from swarm.scenario import load
-from worldsim.energy import power
 from worldsim.flight import Flight
 from worldsim.summary import flight_summary
+from worldsim.vehicles.point_mass import PointMass
+
+
+def power(speed: np.ndarray) -> np.ndarray:
+    """In W, of speeds in m/s."""
+    states = np.zeros((len(speed), state.SIZE))
+    states[:, state.VX] = speed
+    return PointMass(PointMass.Options(), load(None)).power(states, {}, np.zeros((len(speed), 2)))
 
 
 def calm(*settings: str, uavs: int = 3) -> Flight:
@@ -46,7 +53,7 @@ def test_an_arrival_is_recorded_once_and_energy_distance_and_time_stand_from_the
     assert arrived == pytest.approx(27, abs=1)
     assert flight.status.tolist() == [Status.FLYING, Status.ARRIVED, Status.FLYING]
     energy, distance = flight.arrival_energy[1], flight.distance[1]
-    assert energy == pytest.approx(arrived * 0.1 * power(flight.scenario.vehicle, np.ones(1))[0])
+    assert energy == pytest.approx(arrived * 0.1 * power(np.ones(1))[0])
     assert distance == pytest.approx(0.1 * arrived)
     idle(flight, 100)
     assert not (state.norm(flight.states)[1] <= 5.0)
@@ -187,7 +194,7 @@ def test_energy_speed_and_distance_are_sums_over_the_states_flown() -> None:
     for _ in range(40):
         flight.advance(draw.standard_normal((3, 2)))
         speed = np.hypot(flight.states[:, state.VX], flight.states[:, state.VY])
-        energy += 0.1 * power(flight.scenario.vehicle, speed)
+        energy += 0.1 * power(speed)
         distance += 0.1 * speed
         speeds.append(speed)
     np.testing.assert_allclose(flight.energy, energy, rtol=1e-12)

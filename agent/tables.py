@@ -1,0 +1,159 @@
+"""The tables of the mean-field learners of a scenario: which monomials their features are, and all their constants.
+
+Features are monomials of the scaled state s̄ = [x/L_r, y/L_r, vx/L_v, vy/L_v] with coefficient one; the paper's raw
+metres and multinomial coefficients make the LMS step μ‖∇e‖² < 2 impossible.
+"""
+
+from itertools import product
+from math import factorial, perm, prod
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kernels import Tables, interaction
+from kernels.features import POWERS
+from kernels.weights import DENSITY_FEATURES, VALUE_FEATURES
+from swarm import state
+from swarm.scenario import Learner, Scenario
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Products = tuple[Indices, Indices, Floats]  # first and second of the 28 powers, and a factor
+
+VALUE_DEGREE = 6
+DENSITY_DEGREE = 4
+
+
+def _value_exponents() -> Indices:
+    """Exponents of σ_H, (54, 4): axis x then y, lexicographic in (position, velocity) within an axis."""
+    rows = []
+    for position, velocity in ((state.X, state.VX), (state.Y, state.VY)):
+        for i, j in product(range(VALUE_DEGREE + 1), repeat=2):
+            if 1 <= i + j <= VALUE_DEGREE:
+                row = [0] * state.SIZE
+                row[position], row[velocity] = i, j
+                rows.append(row)
+    return np.array(rows)
+
+
+def _density_exponents() -> Indices:
+    """Exponents of σ_F, (69, 4), lexicographic: the terms of degree 1…4 in four variables."""
+    grid = product(range(DENSITY_DEGREE + 1), repeat=state.SIZE)
+    return np.array([row for row in grid if 1 <= sum(row) <= DENSITY_DEGREE])
+
+
+VALUE_EXPONENTS = _value_exponents()
+DENSITY_EXPONENTS = _density_exponents()
+assert len(VALUE_EXPONENTS) == VALUE_FEATURES
+assert len(DENSITY_EXPONENTS) == DENSITY_FEATURES
+
+
+def scales(learner: Learner) -> Floats:
+    """[L_r, L_r, L_v, L_v]."""
+    position, velocity = learner.position_scale, learner.velocity_scale
+    return np.array([position, position, velocity, velocity])
+
+
+def standard_nodes() -> Floats:
+    """The 64 scrambled-Sobol points of the standard normal in four dimensions, `(64, 4)`; a fixed table."""
+    text = Path(__file__).with_name("nodes.csv").read_text(encoding="ascii")
+    return np.array([[float(cell) for cell in line.split(",")] for line in text.splitlines()])
+
+
+def offsets(scenario: Scenario) -> Floats:
+    """δ, where the nodes of the quadrature are from the UAV, `(64, 4)`."""
+    spread = scenario.density
+    return standard_nodes() * ([spread.node_position_std] * 2 + [spread.node_velocity_std] * 2)
+
+
+def tables(scenario: Scenario) -> Tables:
+    """All of them."""
+    learner, cost, wind = scenario.learner, scenario.cost, scenario.wind
+    scale, nodes = scales(learner), offsets(scenario)
+    terms = np.concatenate([np.zeros((1, state.SIZE), dtype=np.intp), DENSITY_EXPONENTS])
+    factorials = np.array([float(prod(map(factorial, term))) for term in terms.tolist()])
+    monomials = ((nodes / scale)[None, :, :] ** terms[:, None, :]).prod(axis=-1)
+    value_first, value_second, value_factor = _value_products(scale)
+    pairs = [(i, j) for i, j in product(range(DENSITY_DEGREE + 1), repeat=2) if i + j <= DENSITY_DEGREE]
+    pair_first, pair_second, pair_factor = _pair_products(scale, pairs)
+    number = {pair: k for k, pair in enumerate(pairs)}
+    at_position = np.array([number[a, b] for a, b, _, _ in terms.tolist()])
+    at_velocity = np.array([number[c, d] for _, _, c, d in terms.tolist()])
+    count = len(pairs)
+    weight, term, starts = _expansion(terms)
+    gain = 1.0 / (2.0 * cost.c3)
+    return Tables(
+        scale=scale,
+        value_factor=value_factor,
+        pair_factor=pair_factor,
+        factorial=factorials,
+        monomials=np.ascontiguousarray(monomials / factorials[:, None]),
+        kernel=interaction.kernel(nodes[:, state.VELOCITY], nodes[:, state.POSITION], cost.epsilon, cost.beta),
+        wind=np.array(wind.mean),
+        drag=wind.drag,
+        half_variance=0.5 * wind.sigma**2,
+        c1=cost.c1,
+        c2=cost.c2,
+        c3=cost.c3,
+        epsilon=cost.epsilon,
+        gain=gain,
+        mu_h=learner.mu_h,
+        mu_f=learner.mu_f,
+        push=learner.mu_h * learner.c_h * gain,
+        kappa=learner.kappa,
+        arrived_squared=scenario.destination.radius**2,
+        value_first=value_first,
+        value_second=value_second,
+        pair_first=pair_first,
+        pair_second=pair_second,
+        at_position=at_position,
+        at_velocity=at_velocity,
+        left=np.concatenate([count + at_position[1:], at_position[1:]]),
+        right=np.concatenate([2 * count + at_velocity[1:], 3 * count + at_velocity[1:]]),
+        weight=weight,
+        term=term,
+        starts=starts,
+    )
+
+
+def _value_products(scale: Floats) -> Products:
+    """Of σ_H, ∂σ_H/∂r, ∂σ_H/∂v, ∂²σ_H/∂v²: a feature belongs to one axis, so it has one derivative by each."""
+    first, second, factor = [], [], []
+    for by_position, by_velocity in ((0, 0), (1, 0), (0, 1), (0, 2)):
+        for row in VALUE_EXPONENTS.tolist():
+            axis = state.X if row[state.X] or row[state.VX] else state.Y
+            i, j = row[axis], row[axis + state.VX]
+            inside = i >= by_position and j >= by_velocity
+            falling = perm(i, by_position) * perm(j, by_velocity)
+            first.append(axis * POWERS + (i - by_position if inside else 0))
+            second.append((axis + state.VX) * POWERS + (j - by_velocity if inside else 0))
+            unit = scale[axis] ** by_position * scale[axis + state.VX] ** by_velocity
+            factor.append(falling / unit if inside else 0.0)
+    return np.array(first), np.array(second), np.array(factor)
+
+
+def _pair_products(scale: Floats, pairs: list[tuple[int, int]]) -> Products:
+    """Of pairs of positions, then of velocities, and of the derivatives of each that the FPK operator takes."""
+    first, second, factor = [], [], []
+    position, velocity = state.X, state.VX
+    for base, by_first, by_second in (
+        (position, 0, 0), (position, 1, 0), (position, 0, 1),
+        (velocity, 0, 0), (velocity, 1, 0), (velocity, 0, 1), (velocity, 2, 0), (velocity, 0, 2),
+    ):  # fmt: skip
+        for i, j in pairs:
+            inside = i >= by_first and j >= by_second
+            falling = perm(i, by_first) * perm(j, by_second)
+            first.append(base * POWERS + max(i - by_first, 0))
+            second.append((base + 1) * POWERS + max(j - by_second, 0))
+            factor.append(falling / scale[base] ** (by_first + by_second) if inside else 0.0)
+    return np.array(first), np.array(second), np.array(factor)
+
+
+def _expansion(terms: Indices) -> tuple[Indices, Indices, Indices]:
+    """Of m̂ about a state, term n by term: which weights n + r, times which terms r, and where those of an n begin."""
+    degree = terms.sum(axis=-1)
+    together = np.add.outer(degree, degree)  # of n + r: a term of m̂ if it is one of the 69
+    n, r = np.nonzero((together > 0) & (together <= DENSITY_DEGREE))
+    place = (terms * (DENSITY_DEGREE + 1) ** np.arange(state.SIZE)[::-1]).sum(axis=-1)  # ascending, as terms are
+    return np.searchsorted(place, place[n] + place[r]) - 1, r, np.searchsorted(n, np.arange(len(terms) + 1))

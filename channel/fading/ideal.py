@@ -1,0 +1,28 @@
+"""No fading: every message gets through, in as many slots as its bits take."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from channel.base import Channel, Floats
+from channel.link import slots_needed
+from swarm.scenario import Scenario
+
+
+class Ideal(Channel):
+    """⌈bits / (θ W_o log₂(1 + η))⌉ slots a message, however far it goes and whatever D_M is."""
+
+    name = "ideal"
+
+    def __init__(self, options: Channel.Options, scenario: Scenario) -> None:
+        self._radio = scenario.radio
+
+    def transmit(
+        self, distance_m: Floats, bits: int, rng: np.random.Generator
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """See `Channel.transmit`."""
+        links = len(distance_m)
+        return np.full(links, slots_needed(self._radio, bits), dtype=np.int64), np.ones(links, dtype=bool)
+
+    def expected(self, distance_m: Floats, bits: int) -> tuple[float, float]:
+        """See `Channel.expected`."""
+        return 0.0, float(len(distance_m) * slots_needed(self._radio, bits))

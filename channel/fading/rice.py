@@ -1,0 +1,65 @@
+"""Rice fading: the amplitude of a line of sight plus scattered paths, Eq. Rice, drawn anew in every slot.
+
+The printed density writes I₀(zξ/χ²) for I₀(ζξ/χ²), and Rayleigh as ζ = 0 for ξ = 0; both are read as slips.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from channel import theory
+from channel.base import Channel, Floats
+from channel.link import slots_needed, squared_threshold
+from swarm.scenario import Scenario
+
+
+class Rice(Channel):
+    """Its constants are the keys of `[radio]`. A message is through after K slots whose SNR reaches η, or given up
+    after D_M."""
+
+    name = "rice"
+
+    def __init__(self, options: Channel.Options, scenario: Scenario) -> None:
+        self._radio = scenario.radio
+        self._needed: dict[int, int] = {}  # slots, by bits; a run knows a few
+        self._expected: dict[int, tuple[float, float]] = {}  # of one link, where all are alike
+        self._alike = None if self._radio.path_loss_exponent else squared_threshold(self._radio, np.ones(1))
+
+    def transmit(
+        self, distance_m: Floats, bits: int, rng: np.random.Generator
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """See `Channel.transmit`. In every slot an amplitude is drawn for each link still busy, in link order."""
+        radio, links = self._radio, len(distance_m)
+        if bits not in self._needed:
+            self._needed[bits] = slots_needed(radio, bits)
+        threshold = squared_threshold(radio, distance_m) if self._alike is None else self._alike
+        slots, delivered = np.empty(links, dtype=np.int64), np.ones(links, dtype=bool)
+        busy, missing = np.arange(links), np.full(links, self._needed[bits])
+        for slot in range(1, radio.latency_threshold_slots + 1):
+            slots[busy] = slot
+            squared = squared_amplitude(rng.standard_normal((len(busy), 2)), radio.rice_xi, radio.rice_chi)
+            missing -= squared >= threshold
+            left = missing.nonzero()[0]
+            busy, missing = busy.take(left), missing.take(left)
+            if not len(busy):
+                break
+            if self._alike is None:
+                threshold = threshold.take(left)
+        delivered[busy] = False
+        return slots, delivered
+
+    def expected(self, distance_m: Floats, bits: int) -> tuple[float, float]:
+        """See `Channel.expected`."""
+        if self._alike is None:
+            return theory.expected(self._radio, distance_m, bits)
+        if bits not in self._expected:
+            self._expected[bits] = theory.expected(self._radio, np.ones(1), bits)
+        outages, slots = self._expected[bits]
+        return len(distance_m) * outages, len(distance_m) * slots
+
+
+def squared_amplitude(normal: Floats, xi: float, chi: float) -> Floats:
+    """z² of independent slots, `(K,)`; z = |ξ + χ(n₁ + jn₂)|, `normal`: standard normal, `(K, 2)`, written to."""
+    normal *= chi
+    normal[:, 0] += xi
+    normal *= normal
+    return normal[:, 0] + normal[:, 1]

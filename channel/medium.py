@@ -1,0 +1,208 @@
+"""The medium between the UAVs: takes the frames of a tick, decides which links carry them, and delivers what survives.
+
+FDMA gives every link a band of its own, so links do not interfere; a frame sent in tick n is delivered in tick
+n + max(1, ⌈D_m θ/dt⌉). What a link does to a message is the channel's to say.
+"""
+
+from bisect import bisect_right
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from channel.base import Channel
+from channel.links import Links
+from channel.meter import Meter
+from swarm import plugins, state
+from swarm.clusters import Clusters
+from swarm.errors import RunFailed
+from swarm.messages import FrameKind, Frames
+from swarm.rounds import delivery_ticks
+from swarm.scenario import Scenario
+from swarm.seeds import generator, random_state, set_random_state
+
+Indices = NDArray[np.intp]
+NO_LINKS = np.zeros((0, 5), dtype=np.int32)  # of a tick in which nobody sends; shared, not to be written to
+Cut: TypeAlias = Callable[[Indices, Indices], NDArray[np.bool_]]  # sources (K,), targets (K,) → links that fail
+
+
+MOST_SLOTS = 1_000_000  # a message may take
+
+
+class Medium:
+    """The emulated radio of one run."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        """Raises BadInput where the scenario's channel is not installed or its options do not fit."""
+        radio = scenario.radio
+        self.meter = Meter(radio, scenario.uavs)
+        self._scenario = scenario
+        self._channel: Channel = plugins.create("channel", radio.model, radio.options, scenario)
+        self._rng = generator(scenario.seed, "radio")
+        self._head_of = Clusters(scenario).head_of
+        slots = range(1, MOST_SLOTS + 1)
+        self._soon = bisect_right(slots, 1, key=lambda spent: int(delivery_ticks(scenario, np.array(spent))))  # a tick
+        self._range_squared = radio.range_m**2
+        self._everyone = np.arange(scenario.uavs).tobytes()
+        # The links of the last batch of a kind and of its number, which mostly are those of the next tick's, and who
+        # used them: no mask where everyone reached everyone.
+        self._used: dict[tuple[FrameKind, int], tuple[bytes, bytes | None, Links]] = {}
+        self._in_flight: defaultdict[int, list[Frames]] = defaultdict(list)
+
+    def send(
+        self, tick: int, frames: Sequence[Frames], states: state.States, cut: Cut | None = None
+    ) -> NDArray[np.int32]:
+        """Transmits the frames of one tick, by kind and round, sources ascending, targets ascending.
+
+        Args:
+            frames: at most one batch of a kind and round, sources ascending; of states, `round` numbers the
+                broadcasts of a tick. Payloads are rows of any dtype and width. states: (N, 4), where the UAVs are.
+            cut: says which links cannot get through, whatever the fading; they spend all their slots.
+
+        Returns:
+            The links used, (K, 5): [tick, source, target, kind, slots], slots negative where in outage.
+        """
+        if not frames:
+            return NO_LINKS
+        ordered = sorted(frames, key=lambda batch: (batch.kind, batch.round))
+        records = [self._send(tick, batch, states, cut) for batch in ordered]
+        return records[0] if len(records) == 1 else np.concatenate(records)
+
+    def due(self, tick: int) -> list[Frames]:
+        """Frames delivered in this tick, oldest first; each with the links it arrived on."""
+        return self._in_flight.pop(tick, [])
+
+    def snapshot(self) -> dict[str, Any]:
+        """All that is under way, and all counters, for `restore`."""
+        return {
+            "draw": random_state(self._rng),
+            "in_flight": [
+                [due, int(f.kind), f.round, f.source, f.payload, f.links]
+                for due, batches in sorted(self._in_flight.items())
+                for f in batches
+            ],
+            "meter": self.meter.snapshot(),
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Goes on where a snapshot was taken."""
+        set_random_state(self._rng, snapshot["draw"])
+        self._in_flight.clear()
+        for due, kind, number, source, payload, links in snapshot["in_flight"]:
+            self._in_flight[due].append(Frames(FrameKind(kind), number, source, payload, links))
+        self.meter.restore(snapshot["meter"])
+
+    def _send(self, tick: int, batch: Frames, states: state.States, cut: Cut | None) -> NDArray[np.int32]:
+        links = self._links(batch, states)
+        bits = 8 * batch.payload.itemsize * batch.payload.shape[1]
+        slots, delivered, expected = self._carried(bits, links, states)
+        if cut is not None:
+            failed = cut(links.source, links.target)
+            slots = np.where(failed, self._scenario.radio.latency_threshold_slots, slots)
+            delivered = delivered & ~failed
+        self.meter.count(batch.kind, bits, links, slots, delivered, expected)
+
+        record = links.record.copy()
+        record[:, 0], record[:, 4] = tick, np.where(delivered, slots, -slots)
+        ends, all_arrive = links.ends, bool(np.logical_and.reduce(delivered))
+        if not all_arrive:
+            through = np.ones(len(ends), dtype=bool)
+            through[links.by_radio] = delivered
+            ends = ends[through]
+        if np.maximum.reduce(slots, initial=0) <= self._soon:
+            self._deliver(tick + 1, batch, ends)
+            return record
+        arrival = np.full(len(links.ends), tick + 1)
+        arrival[links.by_radio] = tick + delivery_ticks(self._scenario, slots)
+        if not all_arrive:
+            arrival = arrival[through]
+        for due in np.unique(arrival).tolist():
+            self._deliver(due, batch, ends[arrival == due])
+        return record
+
+    def _carried(
+        self, bits: int, links: Links, states: state.States
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_], tuple[float, float] | None]:
+        """What the channel says of a message over links by radio: slots (K,), delivered (K,), and closed forms."""
+        count = len(links.pair)
+        if not count:
+            return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool), (0.0, 0.0)
+        try:
+            distance = self._distance(states, links)
+            slots, delivered = self._channel.transmit(distance, bits, self._rng)
+            expected = self._channel.expected(distance, bits)
+        except Exception as error:
+            raise self._wrong(f"failed: {type(error).__name__}: {error}") from error
+        for name, array, dtype in (("slots", slots, np.int64), ("delivered", delivered, np.bool_)):
+            if not isinstance(array, np.ndarray) or array.shape != (count,) or array.dtype != dtype:
+                found = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
+                raise self._wrong(f"{name}: {found}, expected {np.dtype(dtype)} {(count,)}")
+        if np.minimum.reduce(slots) < 1 or np.maximum.reduce(slots) > MOST_SLOTS:
+            raise self._wrong(f"slots from {slots.min()} to {slots.max()}; a message takes 1 to {MOST_SLOTS}")
+        if expected is not None and not np.isfinite(expected).all():
+            raise self._wrong(f"expected: {expected} is not finite; None where there is no closed form")
+        return slots, delivered, expected
+
+    def _wrong(self, what: str) -> RunFailed:
+        return RunFailed(f"channel {self._scenario.radio.model!r}: {what}")
+
+    def _deliver(self, tick: int, batch: Frames, ends: NDArray[np.int32]) -> None:
+        """The frames of a batch arrive over these links in a tick to come."""
+        if len(ends):
+            self._in_flight[tick].append(Frames(batch.kind, batch.round, batch.source, batch.payload, ends))
+
+    def _distance(self, states: state.States, links: Links) -> NDArray[np.float64]:
+        """Of links by radio, `(K,)`, m."""
+        x, y = states[:, state.X], states[:, state.Y]
+        along, across = x[links.source] - x[links.target], y[links.source] - y[links.target]
+        along *= along
+        across *= across
+        along += across
+        return np.sqrt(along, out=along)
+
+    def _links(self, batch: Frames, states: state.States) -> Links:
+        """Every link a batch uses: as a rule those of the tick before."""
+        kind, sources, uavs = batch.kind, batch.source.astype(np.intp), self._scenario.uavs
+        senders, mask = sources.tobytes(), None
+        reached = self._in_range(sources, senders, states) if kind == FrameKind.STATE else None
+        if reached is not None:
+            mask = reached.tobytes()
+        place = kind, batch.round if kind == FrameKind.STATE else 0
+        if place in self._used and self._used[place][:2] == (senders, mask):
+            return self._used[place][2]
+        rows = np.arange(len(sources))
+        if reached is not None:
+            row, target = reached.nonzero()
+            links = Links.of(kind, sources, row, target, uavs)
+        elif kind == FrameKind.UPLOAD:
+            links = Links.of(kind, sources, rows, self._head_of[sources], uavs)
+        elif kind == FrameKind.RELAY:
+            links = Links.of(kind, sources, rows, np.full(len(sources), self._scenario.federation.leader), uavs)
+        else:
+            targets, all_rows = np.tile(np.arange(uavs), len(sources)), rows.repeat(uavs)
+            apart = sources[all_rows] != targets if kind == FrameKind.STATE else slice(None)
+            links = Links.of(kind, sources, all_rows[apart], targets[apart], uavs)
+        self._used[place] = senders, mask, links
+        return links
+
+    def _in_range(self, sources: Indices, senders: bytes, states: state.States) -> NDArray[np.bool_] | None:
+        """Whom each source reaches, (S, N); None where everyone reaches everyone."""
+        if senders == self._everyone and self._are_together(states):
+            return None
+        here = states[sources]
+        along = here[:, state.X, None] - states[:, state.X]
+        across = here[:, state.Y, None] - states[:, state.Y]
+        reached: NDArray[np.bool_] = along * along + across * across <= self._range_squared
+        reached[np.arange(len(sources)), sources] = False
+        return reached
+
+    def _are_together(self, states: state.States) -> bool:
+        """Whether no two UAVs can be out of range: the corners of a box around all of them are not.
+
+        Rounding keeps order, so a distance within the box comes out no longer than its diagonal.
+        """
+        here = states[:, state.POSITION]
+        along, across = (np.maximum.reduce(here) - np.minimum.reduce(here)).tolist()
+        return bool(along * along + across * across <= self._range_squared)

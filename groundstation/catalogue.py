@@ -1,0 +1,137 @@
+"""What plug-ins are installed here, with their options: for people, for programs, and in the schema of a scenario."""
+
+import inspect
+import sys
+import textwrap
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import msgspec
+
+from swarm import plugins, scenario
+from swarm.errors import BadInput
+from swarm.plugins import Door, Plugin, options_table
+
+KEYS: dict[Door, str] = {  # of a scenario, that names the plug-in
+    "controller": "method",
+    "aggregator": "federation.aggregation",
+    "channel": "radio.model",
+    "vehicle": "vehicle.model",
+}
+_BOUNDS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
+_INDENT, _ABOUT = " " * 2, " " * 4
+
+
+class Option(NamedTuple):
+    """An option as its annotation describes it; about: what it means and its unit. default: as JSON has it."""
+
+    name: str
+    kind: str
+    bounds: str
+    required: bool
+    default: Any
+    about: str
+
+    @property
+    def value(self) -> str:
+        """The default as a scenario file would have it."""
+        return "required" if self.required else msgspec.json.encode(self.default).decode()
+
+
+class Entry(NamedTuple):
+    """A plug-in. about: the first line of its docstring. fault: why it cannot be used, if so."""
+
+    plugin: Plugin
+    about: str = ""
+    options: tuple[Option, ...] = ()
+    fault: str = ""
+
+
+def catalogue() -> list[Entry]:
+    """All that is installed, or was named by --plugin, by door and name."""
+    return [_entry(plugin) for plugin in plugins.installed()]
+
+
+def _entry(plugin: Plugin) -> Entry:
+    try:
+        found: Any = plugins.load(plugin.door, plugin.name)
+        return Entry(plugin, _about(found), tuple(_options(found.Options)))
+    except (BadInput, TypeError) as error:
+        return Entry(plugin, fault=str(error))
+
+
+def _about(found: type) -> str:
+    """The first line of the docstring of a class, or else of its file."""
+    said = found.__dict__.get("__doc__") or sys.modules[found.__module__].__doc__ or ""
+    return inspect.cleandoc(said).partition("\n")[0]
+
+
+def _options(kind: type[msgspec.Struct]) -> Iterator[Option]:
+    schema = _schema_of(kind)
+    for name, key in schema["properties"].items():
+        bounds = [f"{sign} {key[word]:g}" for word, sign in _BOUNDS.items() if word in key]
+        bounds += [" | ".join(map(str, key["enum"]))] if "enum" in key else []
+        of_parts = (part.get("type", "?") for part in key.get("anyOf", ()))
+        about, required = key.get("description", ""), name in schema.get("required", ())
+        yield Option(
+            name, key.get("type") or " | ".join(of_parts), ", ".join(bounds), required, key.get("default"), about
+        )
+
+
+def _schema_of(kind: type[msgspec.Struct]) -> dict[str, Any]:
+    (reference,), components = msgspec.json.schema_components([kind])
+    found: dict[str, Any] = components[reference["$ref"].rpartition("/")[2]]
+    return found
+
+
+def text(entries: list[Entry], width: int) -> str:
+    """The catalogue as a person reads it, in lines of `width` characters at the most."""
+    lines: list[str] = []
+    for door, key in KEYS.items():
+        of_door = [entry for entry in entries if entry.plugin.door == door]
+        lines += [*([""] if lines else []), f"{door}s: `{key}`, options in [{options_table(door)}]"]
+        if not of_door:
+            lines.append(f"{_INDENT}none")
+        for entry in of_door:
+            lines += _wrapped(f"{entry.plugin.name}  ({entry.plugin.source})", _INDENT, width)
+            lines += _wrapped(f"cannot be used: {entry.fault}" if entry.fault else entry.about, _ABOUT, width)
+            for option in entry.options:
+                told = "; ".join(filter(None, (f"{option.kind} {option.bounds}".strip(), option.about)))
+                lines += _wrapped(f"- {option.name} = {option.value}  {told}", _ABOUT, width)
+    return "\n".join(lines)
+
+
+def _wrapped(line: str, indent: str, width: int) -> list[str]:
+    return textwrap.wrap(line, width, initial_indent=indent, subsequent_indent=f"{indent}  ", break_long_words=False)
+
+
+def records(entries: list[Entry]) -> list[dict[str, Any]]:
+    """The catalogue as a program reads it."""
+    return [
+        {
+            **{name: getattr(entry.plugin, name) for name in ("door", "name", "source", "reference", "fingerprint")},
+            "key": KEYS[entry.plugin.door],
+            "about": entry.about,
+            "options": [option._asdict() for option in entry.options],
+            "fault": entry.fault or None,
+        }
+        for entry in entries
+    ]
+
+
+def schema(method: str | None = None) -> dict[str, Any]:
+    """JSON schema of a scenario file; with a `method`, its [controller] has the options of that controller.
+
+    Raises:
+        BadInput: it is not installed, or cannot be used.
+    """
+    whole = scenario.schema()
+    if method is None:
+        return whole
+    found: Any = plugins.load("controller", method)
+    (reference,), components = msgspec.json.schema_components([found.Options], ref_template="#/$defs/controller.{name}")
+    defs, properties = whole["$defs"], whole["$defs"]["Scenario"]["properties"]
+    defs.update({f"controller.{name}": component for name, component in components.items()})
+    properties["controller"] = reference | {"description": f"options of {method}"}
+    properties["method"] = properties["method"] | {"const": method}
+    return whole

@@ -1,0 +1,29 @@
+"""The verb that lists what is installed: plugins."""
+
+import json
+import shutil
+
+import click
+
+from groundstation.cli import cli, scenario_arguments
+
+_NARROW, _WIDE = 80, 110  # columns
+
+
+@cli.command("plugins")
+@scenario_arguments("plugin")
+@click.option("--json", "as_json", is_flag=True, help="As one JSON array.")
+def plugins_command(as_json: bool) -> None:
+    """List controllers, aggregation rules, channels and vehicles: name, where from, what it is, options.
+
+    \b
+    Example: meanflock plugins --plugin mine.py
+    """
+    from groundstation.catalogue import catalogue, records, text
+
+    entries = catalogue()
+    if as_json:
+        click.echo(json.dumps(records(entries), indent=1))
+        return
+    columns = shutil.get_terminal_size((_NARROW, 24)).columns
+    click.echo(text(entries, min(max(columns, _NARROW), _WIDE)))

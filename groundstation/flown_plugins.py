@@ -1,0 +1,64 @@
+"""The plug-in files of a run, copied into its folder, so that it says what flew; they are never imported from there."""
+
+import hashlib
+from pathlib import Path
+
+from groundstation import durable
+from swarm import plugins
+from swarm.errors import BadInput
+from swarm.scenario import Scenario
+
+FOLDER = "plugins"
+
+
+def files(flown: Scenario) -> dict[str, bytes]:
+    """Name and contents of every file that has a plug-in of the scenario.
+
+    Raises:
+        BadInput: one is not what was loaded, or cannot be read; or a plug-in is not installed here.
+    """
+    found: dict[str, bytes] = {}
+    for door, name, fingerprint in flown.plugins():
+        plugin = plugins.find(door, name)
+        if not plugins.is_file(plugin):
+            continue
+        path = Path(plugin.source)
+        try:
+            source = path.read_bytes()
+        except OSError as error:
+            raise BadInput(
+                f"--plugin {path}: {error.strerror}; it must stay where it is until the run began"
+            ) from error
+        if fingerprint != plugins.fingerprint(source):
+            raise BadInput(f"--plugin {path}: was changed since it was loaded; start again")
+        known = found.setdefault(path.name, source)
+        if known != source:  # two files of one name
+            found[f"{path.stem}-{hashlib.sha256(source).hexdigest()[:8]}.py"] = source
+    return found
+
+
+def keep(folder: Path, sources: dict[str, bytes]) -> None:
+    """Writes the files into the folder of a run. Raises OSError."""
+    if sources:
+        (folder / FOLDER).mkdir(exist_ok=True)
+        for name, source in sources.items():
+            durable.replace(folder / FOLDER / name, source)
+
+
+def check(folder: Path, flown: Scenario) -> None:
+    """Lets through a run whose plug-ins are all here.
+
+    Raises:
+        BadInput: one is not; the message names the copies in the folder.
+    """
+    try:
+        flown.plugins()
+    except BadInput as error:
+        copies = sorted((folder / FOLDER).glob("*.py"))
+        if not copies:
+            raise
+        given = " ".join(f"--plugin {path}" for path in copies)
+        raise BadInput(
+            f"{folder}: {str(error).partition(';')[0]}; name the file of that plug-in again, or read the copy of what "
+            f"flew and name that: meanflock resume {folder} {given}"
+        ) from error

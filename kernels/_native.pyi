@@ -1,0 +1,33 @@
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kernels.wire import Message
+
+def tables(numbers: NDArray[np.float64], indices: NDArray[np.int32]) -> Any: ...
+def learn(
+    tables: Any,
+    states: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    around: NDArray[np.float64] | None,
+    weights_out: NDArray[np.float64],
+    numbers: NDArray[np.float64],
+) -> float: ...
+def pairs(
+    states: NDArray[np.float64], hazard_m: float, collision_m: float, found: NDArray[np.intp]
+) -> tuple[float, int, int]: ...
+def read(raw: bytes, /) -> Message: ...
+def write(
+    kind: int,
+    run: int,
+    tick: int,
+    flags: int,
+    rows: int,
+    columns: int,
+    table: Any,
+    tables: tuple[Any, ...],
+    frames: Sequence[tuple[int, int, int, int, Any, Any, Any]] = (),
+    /,
+) -> bytes: ...

@@ -1,0 +1,45 @@
+"""Features σ_H and σ_F of the two networks, with exact derivatives: monomials of the scaled state, coefficient one.
+
+Every function is row-wise: row i of the result depends on row i of the arguments only, to the last bit.
+"""
+
+import numpy as np
+
+from kernels.tables import Floats, Indices, Tables
+from swarm import state
+
+POWERS = 7  # 1, u, u² … u⁶ of each coordinate
+AXIS_FEATURES = 27  # of σ_H, each of which belongs to one axis
+PAIRS = 15  # products of two powers of degree 0…4 together
+
+
+def powers(t: Tables, states: Floats) -> Floats:
+    """States `(..., 4)` to 1, u, u² … u⁶ of each scaled coordinate u, `(..., 28)`."""
+    result = np.empty((*states.shape, POWERS))
+    result[..., 0] = 1.0
+    result[..., 1:] = (states / t.scale)[..., None]
+    return np.multiply.accumulate(result, axis=-1, out=result).reshape(*states.shape[:-1], state.SIZE * POWERS)
+
+
+def value(t: Tables, of: Floats) -> Floats:
+    """Powers to `(..., 4, 2, 27)`: [σ, ∂σ/∂r, ∂σ/∂v, ∂²σ/∂v²] of the features of axis x and of axis y."""
+    return _products(of, t.value_first, t.value_second, t.value_factor).reshape(
+        *of.shape[:-1], 4, state.AXES, AXIS_FEATURES
+    )
+
+
+def pairs(t: Tables, of: Floats) -> Floats:
+    """Powers to `(..., 8, 15)`: of positions A, ∂A/∂x, ∂A/∂y, of velocities V, ∂V/∂vx, ∂V/∂vy, ∂²V/∂vx², ∂²V/∂vy²."""
+    return _products(of, t.pair_first, t.pair_second, t.pair_factor).reshape(*of.shape[:-1], 8, PAIRS)
+
+
+def terms(t: Tables, of: Floats) -> Floats:
+    """Pairs to [1, σ_F], `(..., 70)`: a term x̄^a ȳ^b v̄x^c v̄y^d is a product of a position and a velocity pair."""
+    return of[..., 0, :].take(t.at_position, axis=-1) * of[..., 3, :].take(t.at_velocity, axis=-1)
+
+
+def _products(of: Floats, first: Indices, second: Indices, factor: Floats) -> Floats:
+    products = of.take(first, axis=-1)
+    products *= of.take(second, axis=-1)
+    products *= factor
+    return products

@@ -1,0 +1,62 @@
+"""The density learner: one gradient step a tick on the squared residual of the FPK equation.
+
+Weights `(..., 138)` are [ŵ_F0, ŵ_F1]: m̂ = ŵ_F0ᵀσ_F and its time derivative m̂̇ = ŵ_F1ᵀσ_F.
+"""
+
+import numpy as np
+
+from kernels import features
+from kernels.tables import Floats, Tables
+from swarm import state
+
+
+def divergence(t: Tables, curvature: Floats) -> Floats:
+    """∇·b = −2c0 − (ψ̂_vxvx + ψ̂_vyvy)/2c3, `(...)`, 1/s."""
+    return -2.0 * t.drag - t.gain * curvature
+
+
+def operator(t: Tables, pairs: Floats, b: Floats, divergence: Floats) -> Floats:
+    """∇_{ŵF0} e_F = σ_F ∇·b + [∇σ_F] b − ½ [tr(GGᵀ Hess σ_F)], `(..., 69)`.
+
+    The operator acts on a product by the product rule: on pairs first, then on terms.
+
+    Args:
+        pairs: of the states, `(..., 8, 15)`. b: the drift, `(..., 4)`, m/s and m/s². divergence: ∇·b, `(...)`, 1/s.
+    """
+    factors = np.empty((*b.shape[:-1], 8, 1))
+    factors[..., 0, 0] = divergence
+    factors[..., 1:3, 0] = b[..., state.POSITION]  # ṙ of the state, in the order of the derivatives
+    factors[..., 3, 0] = 0.0
+    factors[..., 4:6, 0] = b[..., state.VELOCITY]
+    factors[..., 6:8, 0] = -t.half_variance
+    images = factors * pairs
+    blocks = np.empty((*b.shape[:-1], 4, features.PAIRS))
+    blocks[..., 0, :] = pairs[..., 0, :]
+    blocks[..., 1, :] = images[..., 0, :] + images[..., 1, :] + images[..., 2, :]
+    blocks[..., 2, :] = pairs[..., 3, :]
+    blocks[..., 3, :] = images[..., 4, :] + images[..., 5, :] + images[..., 6, :] + images[..., 7, :]
+    flat = blocks.reshape(*blocks.shape[:-2], 4 * features.PAIRS)
+    products = flat.take(t.left, axis=-1)
+    products *= flat.take(t.right, axis=-1)
+    half = products.shape[-1] // 2
+    return products[..., :half] + products[..., half:]
+
+
+def step(
+    t: Tables, weights: Floats, states: Floats, pairs: Floats, sigma: Floats, drift: Floats, curvature: Floats
+) -> tuple[Floats, Floats]:
+    """Eq. FPK_update0 and FPK_update1, with ψ̂ as it is after the value step of the same tick (Algorithm 2).
+
+    e_F = ŵ_F1ᵀσ_F + ŵ_F0ᵀg with g = σ_F∇·b + [∇σ_F]b − ½[tr(GGᵀ Hess σ_F)].
+
+    Args:
+        weights: (..., 138). states: (..., 4). pairs: of the states, (..., 8, 15). sigma: σ_F, (..., 69).
+        drift: velocity part of b, (..., 2), m/s². curvature: ψ̂_vxvx + ψ̂_vyvy, (...).
+
+    Returns:
+        Weights after the step, and the residual e_F (...) before it.
+    """
+    b = np.concatenate([states[..., state.VELOCITY], drift], axis=-1)
+    gradient = np.concatenate([operator(t, pairs, b, divergence(t, curvature)), sigma], axis=-1)
+    residual = state.dot(weights, gradient)
+    return weights - (t.mu_f * residual)[..., None] * gradient, residual

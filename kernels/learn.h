@@ -1,0 +1,47 @@
+/* What the compiled tick of the learners works on: its sizes, a scenario's tables, the rows of a call. */
+#ifndef MEANFLOCK_LEARN_H
+#define MEANFLOCK_LEARN_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+enum {
+    SIZE = 4, AXES = 2, POWERS = 7, FLAT = SIZE * POWERS,
+    PER_AXIS = 27, VALUES = AXES * PER_AXIS, BLOCKS = 4 * VALUES, /* σ_H and its three derivatives */
+    PAIRS = 15, ALL_PAIRS = 8 * PAIRS, DENSITIES = 69, TERMS = DENSITIES + 1,
+    WEIGHTS = 2 * VALUES + 2 * DENSITIES, PRODUCTS = 494, NODES = 64, NUMBERS = 5
+};
+
+/* The fields of kernels/tables.py in their order: first all doubles, from value_first on all indices. */
+typedef struct {
+    double scale[SIZE], value_factor[BLOCKS], pair_factor[ALL_PAIRS], factorial[TERMS];
+    double monomials[TERMS * NODES], kernel[NODES], wind[AXES];
+    double drag, half_variance, c1, c2, c3, epsilon, gain, mu_h, mu_f, push, kappa, arrived_squared;
+    int32_t value_first[BLOCKS], value_second[BLOCKS], pair_first[ALL_PAIRS], pair_second[ALL_PAIRS];
+    int32_t at_position[TERMS], at_velocity[TERMS], left[2 * DENSITIES], right[2 * DENSITIES];
+    int32_t weight[PRODUCTS], term[PRODUCTS], starts[TERMS + 1];
+} Tables;
+
+/* Doubles, row after row, wherever they begin: SIZE, WEIGHTS and NUMBERS a row. */
+typedef struct {
+    const char *states, *weights;
+    char *weights_out, *numbers; /* [a_x, a_y, e_H, e_F, φ_G] */
+    int learns_density;
+} Rows;
+
+/* φ_G of one row: the mean of K over the n states it knows (kernels/interaction.py). Room for n products. */
+double empirical(const Tables *t, const char *state, const char *known, ptrdiff_t n, double *products);
+
+/* kernels/reference.py's `learn` of row `from`; where no density is learned, φ_G is among its numbers already. */
+void step_one(const Tables *t, const Rows *rows, ptrdiff_t from, int count);
+
+/* The same of `count` rows beginning with `from`, at most MANY, where the processor has AVX2. */
+void step_many(const Tables *t, const Rows *rows, ptrdiff_t from, int count);
+
+#if defined(__x86_64__) && defined(__GNUC__)
+#define MANY 4
+#else
+#define MANY 1 /* there is no step_many */
+#endif
+
+#endif

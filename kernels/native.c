@@ -1,0 +1,204 @@
+/* The extension kernels._native: functions of arrays, checked here. The mathematics is in rows.h and pairs.c.
+ *
+ * kernels/reference.py is the definition; this gives the same bits: every sum is taken in NumPy's order and nothing is
+ * contracted into fused operations.
+ */
+#define PY_SSIZE_T_CLEAN
+#define Py_LIMITED_API 0x030B0000
+#include <Python.h>
+#include <math.h>
+#include <string.h>
+
+#include "learn.h"
+#include "pairs.h"
+#include "wire.h"
+
+enum { D = sizeof(double), MOST_ARRAYS = 5, READ = 0, WRITTEN = PyBUF_WRITABLE };
+
+/* The arrays of a call, as far as they are held. */
+typedef struct {
+    Py_buffer view[MOST_ARRAYS];
+    int held;
+} Arrays;
+
+static void let_go(Arrays *arrays) {
+    while (arrays->held) PyBuffer_Release(&arrays->view[--arrays->held]);
+}
+
+/* Holds one more contiguous array; NULL and an exception where it does not hold numbers of that format and size. */
+static Py_buffer *hold(Arrays *arrays, PyObject *array, const char *name, const char *format, int size, int flags) {
+    Py_buffer *view = &arrays->view[arrays->held];
+    if (PyObject_GetBuffer(array, view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | flags) < 0) return NULL;
+    arrays->held++;
+    const char *has = view->format == NULL ? "B" : view->format;
+    has += has[0] == '=' || has[0] == '@'; /* as NumPy marks arrays that begin anywhere */
+    if (has[0] != '\0' && has[1] == '\0' && strchr(format, has[0]) != NULL && view->itemsize == size) return view;
+    PyErr_Format(PyExc_ValueError, "%s: format %s, expected %s", name, has, format);
+    return NULL;
+}
+
+static Py_buffer *doubles(Arrays *arrays, PyObject *array, const char *name, int flags) {
+    return hold(arrays, array, name, "d", D, flags);
+}
+
+static int fits(const Py_buffer *view, const char *name, Py_ssize_t bytes) {
+    if (view == NULL) return 0;
+    if (view->len != bytes) PyErr_Format(PyExc_ValueError, "%s: %zd bytes, expected %zd", name, view->len, bytes);
+    return view->len == bytes;
+}
+
+/* ---- learn ---- */
+
+static const char *NAME = "meanflock.tables";
+static int lanes = 1; /* how many rows this machine steps at once */
+
+static void forget(PyObject *capsule) { PyMem_Free(PyCapsule_GetPointer(capsule, NAME)); }
+
+static int all_below(const int32_t *index, int count, int end) {
+    for (int k = 0; k < count; k++)
+        if (index[k] < 0 || index[k] >= end) return 0;
+    return 1;
+}
+
+/* Whether all indices point into what they are indices of. */
+static int sound(const Tables *t) {
+    int few = t->starts[0] == 0 && t->starts[TERMS] == PRODUCTS;
+    for (int k = 0; k < TERMS; k++) /* products of a term: one at least, and no more than there are terms */
+        few = few && t->starts[k] < t->starts[k + 1] && t->starts[k + 1] - t->starts[k] <= TERMS;
+    return few && all_below(t->value_first, BLOCKS, FLAT) && all_below(t->value_second, BLOCKS, FLAT)
+        && all_below(t->pair_first, ALL_PAIRS, FLAT) && all_below(t->pair_second, ALL_PAIRS, FLAT)
+        && all_below(t->at_position, TERMS, PAIRS) && all_below(t->at_velocity, TERMS, PAIRS)
+        && all_below(t->left, 2 * DENSITIES, 4 * PAIRS) && all_below(t->right, 2 * DENSITIES, 4 * PAIRS)
+        && all_below(t->weight, PRODUCTS, DENSITIES) && all_below(t->term, PRODUCTS, TERMS);
+}
+
+static PyObject *tables(PyObject *module, PyObject *args) {
+    PyObject *numbers, *indices, *capsule = NULL;
+    Arrays arrays = {.held = 0};
+    const Py_ssize_t split = offsetof(Tables, value_first), end = offsetof(Tables, starts) + sizeof((Tables *)0)->starts;
+    if (!PyArg_ParseTuple(args, "OO:tables", &numbers, &indices)) return NULL;
+    Tables *t = PyMem_Calloc(1, sizeof *t);
+    if (t == NULL) return PyErr_NoMemory();
+    if (fits(doubles(&arrays, numbers, "numbers", READ), "numbers", split)
+        && fits(hold(&arrays, indices, "indices", "il", 4, READ), "indices", end - split)) {
+        memcpy(t, arrays.view[0].buf, split);
+        memcpy((char *)t + split, arrays.view[1].buf, end - split);
+        if (sound(t)) capsule = PyCapsule_New(t, NAME, forget);
+        else PyErr_SetString(PyExc_ValueError, "an index of the tables points outside of them");
+    }
+    if (capsule == NULL) PyMem_Free(t);
+    let_go(&arrays);
+    return capsule;
+}
+
+/* Three rows are stepped at once, too, with a lane to spare; two are as quick one by one. */
+static void step_rows(const Tables *t, const Rows *rows, Py_ssize_t count) {
+    Py_ssize_t from = 0;
+#if MANY > 1
+    for (Py_ssize_t left; lanes > 1 && (left = count - from) > 2; from += left < lanes ? left : lanes)
+        step_many(t, rows, from, (int)(left < lanes ? left : lanes));
+#endif
+    for (; from < count; from++) step_one(t, rows, from, 1);
+}
+
+/* φ_G of all rows into their numbers: as it is given, (M,), or of the states they know, (M, N, 4). 0 without memory. */
+static int interaction(const Tables *t, const Rows *rows, Py_ssize_t count, const Py_buffer *around) {
+    const Py_ssize_t each = count ? around->len / count : 0, others = each / (SIZE * D);
+    double phi_g, *products = PyMem_Malloc((others + 1) * D);
+    for (Py_ssize_t m = 0; m < count && products != NULL; m++) {
+        const char *known = (const char *)around->buf + m * each;
+        if (each == D) memcpy(&phi_g, known, D);
+        else phi_g = empirical(t, rows->states + m * SIZE * D, known, others, products);
+        memcpy(rows->numbers + (m * NUMBERS + 4) * D, &phi_g, D);
+    }
+    PyMem_Free(products);
+    return products != NULL;
+}
+
+static double largest(const char *numbers, Py_ssize_t count) {
+    double most = 0.0, number;
+    for (Py_ssize_t k = 0; k < count && most == most; k++) { /* what is not a number stays so */
+        memcpy(&number, numbers + k * D, D);
+        if (!(fabs(number) <= most)) most = fabs(number);
+    }
+    return most;
+}
+
+static PyObject *learn(PyObject *module, PyObject *args) {
+    PyObject *capsule, *states, *weights, *around, *weights_out, *numbers, *result = NULL;
+    Arrays arrays = {.held = 0};
+    if (!PyArg_ParseTuple(args, "OOOOOO:learn", &capsule, &states, &weights, &around, &weights_out, &numbers)) return NULL;
+    const Tables *t = PyCapsule_GetPointer(capsule, NAME);
+    const Py_buffer *s = t == NULL ? NULL : doubles(&arrays, states, "states", READ), *known = NULL;
+    if (s == NULL) goto done;
+    const Py_ssize_t count = s->len / (SIZE * D);
+    if (!fits(s, "states", count * SIZE * D)
+        || !fits(doubles(&arrays, weights, "weights", READ), "weights", count * WEIGHTS * D)
+        || !fits(doubles(&arrays, weights_out, "weights_out", WRITTEN), "weights_out", count * WEIGHTS * D)
+        || !fits(doubles(&arrays, numbers, "numbers", WRITTEN), "numbers", count * NUMBERS * D))
+        goto done;
+    if (around != Py_None) {
+        if ((known = doubles(&arrays, around, "around", READ)) == NULL) goto done;
+        const Py_ssize_t a_row = count ? known->len / count : 0;
+        if (known->len != a_row * count || (count && a_row != D && (a_row == 0 || a_row % (SIZE * D)))) {
+            PyErr_Format(PyExc_ValueError, "around: %zd bytes for %zd rows", known->len, count);
+            goto done;
+        }
+    }
+    const Rows rows = {s->buf, arrays.view[1].buf, arrays.view[2].buf, arrays.view[3].buf, known == NULL};
+    if (known != NULL && !interaction(t, &rows, count, known)) {
+        PyErr_NoMemory();
+        goto done;
+    }
+    step_rows(t, &rows, count);
+    result = PyFloat_FromDouble(largest(rows.numbers, count * NUMBERS));
+done:
+    let_go(&arrays);
+    return result;
+}
+
+/* ---- pairs ---- */
+
+static PyObject *measure(PyObject *module, PyObject *args) {
+    PyObject *states, *found, *result = NULL;
+    Arrays arrays = {.held = 0};
+    double hazard, collision, *room = NULL;
+    if (!PyArg_ParseTuple(args, "OddO:pairs", &states, &hazard, &collision, &found)) return NULL;
+    const Py_buffer *s = doubles(&arrays, states, "states", READ);
+    const Py_buffer *to = s == NULL ? NULL : hold(&arrays, found, "found", "lq", 8, WRITTEN);
+    if (to == NULL) goto done;
+    const Py_ssize_t n = s->len / (SIZE * D), most = to->len / 16; /* of pairs of 8 bytes each */
+    if (!fits(s, "states", n * SIZE * D) || !fits(to, "found", most * 16)) goto done;
+    room = PyMem_Malloc((pairs_room(n) + 1) * D);
+    if (room == NULL) {
+        PyErr_NoMemory();
+        goto done;
+    }
+    for (Py_ssize_t i = 0; i < n; i++)
+        for (int k = 0; k < SIZE; k++) memcpy(room + k * n + i, (const char *)s->buf + (i * SIZE + k) * D, D);
+    const Measured seen = pairs(n, room, hazard, collision, to->buf, most);
+    result = Py_BuildValue("dLL", seen.speed_difference, (long long)seen.near, (long long)seen.touching);
+done:
+    PyMem_Free(room);
+    let_go(&arrays);
+    return result;
+}
+
+/* The docstrings are those of kernels/reference.py and kernels/wire.py. */
+static PyMethodDef methods[] = {
+    {"tables", tables, METH_VARARGS, "tables(numbers, indices): both packed; checked once."},
+    {"learn", learn, METH_VARARGS, "learn(tables, states, weights, around, weights_out, numbers)"},
+    {"pairs", measure, METH_VARARGS, "pairs(states, hazard_m, collision_m, found)"},
+    {"read", wire_read, METH_O, "read(raw)"},
+    {"write", wire_write, METH_VARARGS, "write(kind, run, tick, flags, rows, columns, table, tables, frames=())"},
+    {NULL, NULL, 0, NULL},
+};
+
+static struct PyModuleDef definition = {PyModuleDef_HEAD_INIT, "_native", "Compiled kernels.", 0, methods};
+
+PyMODINIT_FUNC PyInit__native(void) {
+#if MANY > 1
+    if (__builtin_cpu_supports("avx2")) lanes = MANY;
+#endif
+    return PyModule_Create(&definition);
+}

@@ -1,0 +1,104 @@
+"""The kernels in NumPy: what they compute, and how where there is no compiler.
+
+Arrays are C-contiguous float64 unless named otherwise. Rows are independent, to the last bit.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kernels import features, fpk, hjb, interaction
+from kernels.tables import Floats, Tables
+from kernels.weights import DENSITY, DENSITY_FEATURES, VALUE
+from kernels.wire import read, write
+from swarm import state
+
+__all__ = ["BACKEND", "learn", "pairs", "prepare", "read", "write"]
+
+BACKEND = "numpy"
+FEW = 100  # UAVs up to which all N² distances are one sum; as in pairs.h
+
+
+def prepare(given: Tables) -> Any:
+    """The tables as `learn` takes them; whoever calls it keeps them and looks at nothing in them."""
+    return given
+
+
+def learn(
+    tables: Tables, states: Floats, weights: Floats, around: Floats | None, weights_out: Floats, numbers: Floats
+) -> float:
+    """One tick of the mean-field learners of M UAVs: φ_G, the value step, the density step, the action.
+
+    Args:
+        states: (M, 4). weights: (M, 246), [ŵ_H0, ŵ_H1, ŵ_F0, ŵ_F1].
+        around: None: the density is learned and φ_G is its quadrature. Else the density stays as it is, and φ_G is
+            the mean over the states each row knows (M, N, 4), with β = 1, or what is given, (M,).
+        weights_out: (M, 246), written; may be `weights`. numbers: (M, 5), written: [a_x, a_y, e_H, e_F, φ_G].
+
+    Returns:
+        The largest of |numbers|; NaN where one of them is.
+    """
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        powers = features.powers(tables, states)
+        if around is not None:
+            phi_g = around if around.ndim == 1 else interaction.empirical(states, around, tables.epsilon)
+            value = hjb.step(tables, weights[:, VALUE], states, powers, phi_g)
+            density, residual = weights[:, DENSITY], np.zeros(len(states))
+        else:
+            pairs = features.pairs(tables, powers)
+            terms = features.terms(tables, pairs)
+            density = weights[:, DENSITY]
+            phi_g = interaction.quadrature(tables, density[:, :DENSITY_FEATURES], terms)
+            value = hjb.step(tables, weights[:, VALUE], states, powers, phi_g)
+            drift = hjb.drift(tables, states, value.action)
+            density, residual = fpk.step(tables, density, states, pairs, terms[:, 1:], drift, value.curvature)
+    weights_out[:, VALUE], weights_out[:, DENSITY] = value.weights, density
+    numbers[:, : state.AXES] = value.action
+    numbers[:, 2], numbers[:, 3], numbers[:, 4] = value.residual, residual, phi_g
+    return float(np.abs(numbers).max(initial=0.0))
+
+
+def pairs(states: Floats, hazard_m: float, collision_m: float, found: NDArray[np.intp]) -> tuple[float, int, int]:
+    """All pairs of N UAVs `(N, 4)` at one instant, exactly.
+
+    Args:
+        found: (R, 2), written: the first R pairs i < j closer than `collision_m`, ascending.
+
+    Returns:
+        The mean over all N² pairs of ‖v_j − v_i‖, m/s; the number of pairs i < j at most `hazard_m` apart; the number
+        of those closer than `collision_m`, which may be more than R.
+    """
+    n, columns = len(states), np.ascontiguousarray(states.T)
+    measure = _few if n <= FEW else _many
+    mean, near, touching = measure(columns, hazard_m * hazard_m, collision_m * collision_m)
+    found[: len(touching)] = touching[: len(found)]
+    return mean, near, len(touching)
+
+
+def _few(columns: Floats, hazard: float, collision: float) -> tuple[float, int, NDArray[np.intp]]:
+    """All pairs as one array: the mean distance of velocities, who is near, which pairs touch; radii squared."""
+    n = columns.shape[1]
+    difference = columns[:, :, None] - columns[:, None, :]
+    difference *= difference
+    total = np.add.reduce(np.sqrt(difference[2] + difference[3]).ravel())
+    first, second = upper = np.triu_indices(n, 1)
+    squared = (difference[0] + difference[1])[upper]
+    touching = np.flatnonzero(squared < collision)
+    near = int(np.count_nonzero(squared <= hazard))
+    return float(total) / max(1, n * n), near, np.stack([first[touching], second[touching]], axis=-1)
+
+
+def _many(columns: Floats, hazard: float, collision: float) -> tuple[float, int, NDArray[np.intp]]:
+    """The same row by row, without an N × N array."""
+    n, near, touching = columns.shape[1], 0, []
+    rows = np.zeros(n - 1)  # Σ_{j > i} ‖v_j − v_i‖ of each i
+    for i in range(n - 1):
+        difference = columns[:, i + 1 :] - columns[:, i, None]
+        difference *= difference
+        rows[i] = np.add.reduce(np.sqrt(difference[2] + difference[3]))
+        squared = difference[0] + difference[1]
+        near += int(np.count_nonzero(squared <= hazard))
+        touching += [(i, i + 1 + j) for j in np.flatnonzero(squared < collision).tolist()]
+    mean = 2.0 * float(np.add.reduce(rows)) / (float(n) * float(n))
+    return mean, near, np.array(touching, dtype=np.intp).reshape(-1, 2)

@@ -1,0 +1,179 @@
+/* What basis.py, interaction.py, hjb.py and fpk.py say, for LANES rows at once, a row a lane; row.c and rows.c include it.
+ *
+ * A lane does what its row would do alone, in the same order: it has the same bits, and never sees another lane. Tables
+ * are common to all rows, so what is picked through an index is whole vectors.
+ */
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+#include "pairwise.h"
+#include "learn.h"
+
+#if LANES > 1
+typedef int64_t Mask __attribute__((vector_size(LANES * sizeof(double)))); /* all bits of a lane, or none */
+INLINE Lanes chosen(Mask which, Lanes yes, Lanes no) { return (Lanes)(((Mask)yes & which) | ((Mask)no & ~which)); }
+#else
+typedef int64_t Mask;
+INLINE Lanes chosen(Mask which, Lanes yes, Lanes no) { return which ? yes : no; }
+#endif
+
+enum { NODES_AT_ONCE = LANES > 1 ? 8 : NODES }; /* sums that stay in registers */
+
+INLINE int any(Mask which) {
+    int64_t lane[LANES], found = 0;
+    memcpy(lane, &which, sizeof lane);
+    for (int w = 0; w < LANES; w++) found |= lane[w];
+    return found != 0;
+}
+
+INLINE Lanes root(Lanes x) {
+    double lane[LANES];
+    memcpy(lane, &x, sizeof lane);
+    for (int w = 0; w < LANES; w++) lane[w] = sqrt(lane[w]);
+    memcpy(&x, lane, sizeof lane);
+    return x;
+}
+
+/* np.maximum: what is not a number stays so. */
+INLINE Lanes at_least(Lanes x, double least) { return chosen(x < least, (Lanes){0} + least, x); }
+
+/* swarm.state.dot: np.sum of the products, which begins at zero; n: 1 … 2 * PAIRWISE. */
+INLINE Lanes dot(const Lanes *a, const Lanes *b, int n) {
+    int half = n > PAIRWISE ? n / 2 - n / 2 % 8 : 0;
+    Lanes sum = pairwise(a + half, b + half, n - half);
+    return 0.0 + (half ? pairwise(a, b, half) + sum : sum);
+}
+
+INLINE Lanes plane(const Lanes *a, const Lanes *b) { return dot(a, b, AXES); }
+
+/* kernels/interaction.py: quadrature; terms: [1, σ_F] */
+INLINE Lanes quadrature(const Tables *t, const Lanes *weights, const Lanes *terms) {
+    Lanes w[DENSITIES], s[TERMS], coefficient[TERMS], mass[NODES], weighed[NODES];
+    for (int k = 0; k < DENSITIES; k++) w[k] = weights[k] * t->factorial[k + 1];
+    for (int k = 0; k < TERMS; k++) s[k] = terms[k] / t->factorial[k];
+    for (int k = 0; k < TERMS; k++) {
+        Lanes products[TERMS];
+        int p = t->starts[k], n = t->starts[k + 1] - p;
+        for (int i = 0; i < n; i++) products[i] = w[t->weight[p + i]] * s[t->term[p + i]];
+        coefficient[k] = n > 1 ? products[0] + pairwise(products + 1, NULL, n - 1) : products[0];
+    }
+    for (int q = 0; q < NODES; q += NODES_AT_ONCE) {
+        Lanes sum[NODES_AT_ONCE];
+        for (int i = 0; i < NODES_AT_ONCE; i++) sum[i] = (Lanes){0};
+        for (int k = 0; k < TERMS; k++)
+            for (int i = 0; i < NODES_AT_ONCE; i++) sum[i] += coefficient[k] * t->monomials[k * NODES + q + i];
+        for (int i = 0; i < NODES_AT_ONCE; i++) mass[q + i] = at_least(sum[i], 0.0);
+    }
+    for (int q = 0; q < NODES; q++) weighed[q] = mass[q] * t->kernel[q];
+    return (0.0 + pairwise(weighed, NULL, NODES)) / at_least(0.0 + pairwise(mass, NULL, NODES), DBL_MIN);
+}
+
+/* kernels/hjb.py: step; numbers: [a_x, a_y, e_H, …]. Returns the curvature. */
+INLINE Lanes value_step(const Tables *t, const Lanes *s, const Lanes *powers, Lanes phi_g, const Lanes *weights,
+                        Lanes *stepped, Lanes *numbers) {
+    Lanes blocks[BLOCKS], gradient[2 * VALUES], before[AXES], drift[AXES], slope[AXES], by_position[AXES];
+    for (int k = 0; k < BLOCKS; k++)
+        blocks[k] = powers[t->value_first[k]] * powers[t->value_second[k]] * t->value_factor[k];
+    const Lanes *sigma = blocks, *by_r = blocks + VALUES, *by_v = blocks + 2 * VALUES, *bend = blocks + 3 * VALUES;
+
+    for (int x = 0; x < AXES; x++) {
+        before[x] = -t->gain * dot(by_v + x * PER_AXIS, weights + x * PER_AXIS, PER_AXIS);
+        drift[x] = before[x] - t->drag * (s[2 + x] - t->wind[x]);
+    }
+    for (int x = 0; x < AXES; x++)
+        for (int k = x * PER_AXIS; k < (x + 1) * PER_AXIS; k++)
+            gradient[k] = bend[k] * t->half_variance + s[2 + x] * by_r[k] + drift[x] * by_v[k];
+    memcpy(gradient + VALUES, sigma, VALUES * sizeof *sigma);
+
+    Lanes residual = dot(weights, gradient, 2 * VALUES);
+    residual += t->c3 * plane(before, before);
+    residual += plane(s + 2, s) / at_least(root(plane(s, s)), DBL_MIN) + t->c1 * plane(s + 2, s + 2);
+    residual += t->c2 * phi_g;
+
+    Lanes rate = t->mu_h * residual;
+    for (int k = 0; k < 2 * VALUES; k++) stepped[k] = weights[k] - rate * gradient[k];
+    for (int x = 0; x < AXES; x++) {
+        by_position[x] = s[x] + t->kappa * s[2 + x];
+        slope[x] = t->kappa * s[x] + s[2 + x];
+    }
+    Mask leaving = plane(by_position, s + 2) + plane(slope, drift) > 0.0, on_way = dot(s, s, SIZE) >= t->arrived_squared;
+    Mask pushed = leaving & on_way;
+    if (any(pushed))
+        for (int x = 0; x < AXES; x++)
+            for (int k = x * PER_AXIS; k < (x + 1) * PER_AXIS; k++)
+                stepped[k] = chosen(pushed, stepped[k] + t->push * slope[x] * by_v[k], stepped[k]);
+    for (int x = 0; x < AXES; x++)
+        numbers[x] = -t->gain * dot(by_v + x * PER_AXIS, stepped + x * PER_AXIS, PER_AXIS);
+    numbers[AXES] = residual;
+    return dot(bend, stepped, VALUES);
+}
+
+/* kernels/fpk.py: step; returns e_F. */
+INLINE Lanes density_step(const Tables *t, const Lanes *s, const Lanes *pairs, const Lanes *terms, const Lanes *action,
+                          Lanes curvature, const Lanes *weights, Lanes *stepped) {
+    Lanes parts[4 * PAIRS], gradient[2 * DENSITIES], drift[AXES];
+    Lanes divergence = -2.0 * t->drag - t->gain * curvature;
+    double spread = -t->half_variance;
+    const Lanes *velocity = pairs + 3 * PAIRS;
+    for (int x = 0; x < AXES; x++) drift[x] = action[x] - t->drag * (s[2 + x] - t->wind[x]);
+    for (int k = 0; k < PAIRS; k++) {
+        parts[k] = pairs[k];
+        parts[PAIRS + k] = divergence * pairs[k] + s[2] * pairs[PAIRS + k] + s[3] * pairs[2 * PAIRS + k];
+        parts[2 * PAIRS + k] = velocity[k];
+        parts[3 * PAIRS + k] = drift[0] * velocity[PAIRS + k] + drift[1] * velocity[2 * PAIRS + k]
+                             + spread * velocity[3 * PAIRS + k] + spread * velocity[4 * PAIRS + k];
+    }
+    for (int k = 0; k < DENSITIES; k++)
+        gradient[k] = parts[t->left[k]] * parts[t->right[k]]
+                    + parts[t->left[DENSITIES + k]] * parts[t->right[DENSITIES + k]];
+    memcpy(gradient + DENSITIES, terms + 1, DENSITIES * sizeof *terms);
+    Lanes residual = dot(weights, gradient, 2 * DENSITIES), rate = t->mu_f * residual;
+    for (int k = 0; k < 2 * DENSITIES; k++) stepped[k] = weights[k] - rate * gradient[k];
+    return residual;
+}
+
+/* Rows into lanes: n doubles of each, one row every `stride` doubles. Lanes without a row do what that of the first does. */
+INLINE void take(Lanes *lanes, const char *rows, ptrdiff_t from, int count, int n, int stride) {
+    double *to = (double *)lanes;
+    for (int w = 0; w < LANES; w++) {
+        const char *row = rows + (from + (w < count ? w : 0)) * stride * sizeof(double);
+        for (int k = 0; k < n; k++) memcpy(to + k * LANES + w, row + k * sizeof(double), sizeof(double));
+    }
+}
+
+/* Lanes into rows. */
+INLINE void give(const Lanes *lanes, char *rows, ptrdiff_t from, int count, int n, int stride) {
+    const double *of = (const double *)lanes;
+    for (int w = 0; w < count; w++) {
+        char *row = rows + (from + w) * stride * sizeof(double);
+        for (int k = 0; k < n; k++) memcpy(row + k * sizeof(double), of + k * LANES + w, sizeof(double));
+    }
+}
+
+TARGET void STEP(const Tables *t, const Rows *rows, ptrdiff_t from, int count) {
+    Lanes s[SIZE], weights[WEIGHTS], stepped[WEIGHTS], numbers[NUMBERS];
+    Lanes powers[FLAT], pairs[ALL_PAIRS], terms[TERMS];
+    Lanes *density = weights + 2 * VALUES, *density_stepped = stepped + 2 * VALUES;
+    take(s, rows->states, from, count, SIZE, SIZE);
+    take(weights, rows->weights, from, count, WEIGHTS, WEIGHTS);
+    for (int c = 0; c < SIZE; c++) {
+        Lanes u = s[c] / t->scale[c], power = 1.0 + (Lanes){0};
+        for (int k = 0; k < POWERS; k++, power *= u) powers[c * POWERS + k] = power;
+    }
+    if (!rows->learns_density) {
+        take(numbers, rows->numbers, from, count, NUMBERS, NUMBERS);
+        value_step(t, s, powers, numbers[4], weights, stepped, numbers);
+        numbers[3] = (Lanes){0};
+        memcpy(density_stepped, density, 2 * DENSITIES * sizeof *density);
+    } else {
+        for (int k = 0; k < ALL_PAIRS; k++)
+            pairs[k] = powers[t->pair_first[k]] * powers[t->pair_second[k]] * t->pair_factor[k];
+        for (int k = 0; k < TERMS; k++) terms[k] = pairs[t->at_position[k]] * pairs[3 * PAIRS + t->at_velocity[k]];
+        numbers[4] = quadrature(t, density, terms);
+        Lanes curvature = value_step(t, s, powers, numbers[4], weights, stepped, numbers);
+        numbers[3] = density_step(t, s, pairs, terms, numbers, curvature, density, density_stepped);
+    }
+    give(stepped, rows->weights_out, from, count, WEIGHTS, WEIGHTS);
+    give(numbers, rows->numbers, from, count, NUMBERS, NUMBERS);
+}

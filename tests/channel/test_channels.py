@@ -1,0 +1,199 @@
+"""The channel door: the built-in ones keep the contract, others carry by it, a wrong one ends the run and says why."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from channel.base import Channel
+from channel.fading.ideal import Ideal
+from channel.fading.rice import Rice
+from channel.medium import Medium
+from groundstation.engine import Engine
+from swarm import plugins, state
+from swarm.errors import BadInput, RunFailed
+from swarm.messages import FrameKind, Frames
+from swarm.scenario import Scenario, load
+
+DISK = '''
+import numpy as np
+from channel.base import Channel
+
+class Disk(Channel):
+    """Everything gets through within a radius, in one slot; beyond it nothing does, in two."""
+
+    name = "disk"
+
+    class Options(Channel.Options, frozen=True, kw_only=True):
+        radius_m: float = 2.5
+
+    def __init__(self, options, scenario):
+        self.radius_m = options.radius_m
+
+    def transmit(self, distance_m, bits, rng):
+        near = distance_m <= self.radius_m
+        return np.where(near, 1, 2), near
+'''
+
+
+@pytest.fixture
+def disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Registers the disk, its source changed as told."""
+    monkeypatch.setattr(plugins, "_files", {})
+
+    def make(*changes: tuple[str, str]) -> None:
+        text = DISK
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        path = tmp_path / "disk.py"
+        path.write_text(text)
+        plugins.load_file(path)
+
+    return make
+
+
+def scenario(*settings: str, **options: Any) -> Scenario:
+    return load(None, ["uavs=5", *settings], **options)
+
+
+def line(*metres: float) -> np.ndarray:
+    states = np.zeros((len(metres), state.SIZE))
+    states[:, state.X] = metres
+    return states
+
+
+@pytest.mark.parametrize("kind", [Rice, Ideal])
+@pytest.mark.parametrize("settings", [(), ("radio.path_loss_exponent=2", "radio.target_snr_db=36")])
+def test_a_channel_is_its_generator_and_its_arguments_and_nothing_else(
+    kind: type[Channel], settings: tuple[str, ...]
+) -> None:
+    flown, metres = scenario(*settings), np.random.default_rng(1).uniform(1, 150, 60)
+    metres.flags.writeable = False
+    one, other = kind(kind.Options(), flown), kind(kind.Options(), flown)
+    first, second = np.random.default_rng(2), np.random.default_rng(2)
+    other.transmit(metres[:7], 128, np.random.default_rng(3))  # what it carried before leaves no trace
+    for bits in (128, 7872, 128):
+        slots, delivered = one.transmit(metres, bits, first)
+        again = other.transmit(metres, bits, second)
+        assert (slots.dtype, slots.shape, delivered.dtype, delivered.shape) == (np.int64, (60,), np.bool_, (60,))
+        assert (slots >= 1).all()
+        np.testing.assert_array_equal(slots, again[0])
+        np.testing.assert_array_equal(delivered, again[1])
+        assert first.bit_generator.state == second.bit_generator.state
+
+
+def test_a_channel_of_a_file_carries_and_nothing_is_expected_of_it(disk) -> None:
+    disk()
+    medium = Medium(scenario("radio.model=disk"))
+    sent = [Frames(FrameKind.STATE, 0, np.arange(5, dtype=np.int32), np.ones((5, 4), dtype=np.float32))]
+    records = medium.send(3, sent, line(0, 2, 4, 6, 50))
+    (batch,) = medium.due(4)
+    assert batch.links is not None
+    near = [(0, 1), (1, 0), (1, 2), (2, 1), (2, 3), (3, 2)]
+    assert [(int(s), int(t)) for s, t in batch.links] == near
+    assert [(int(s), int(t)) for _, s, t, _, slots in records if slots > 0] == near
+    assert set(np.abs(records[:, 4]).tolist()) == {1, 2}
+    total = medium.meter.traffic[FrameKind.STATE]
+    assert (total.sent, total.delivered, total.slots, total.delivered_slots) == (20, 6, 6 + 2 * 14, 6)
+    assert (total.expected_outages, total.expected_delivered_slots) == (None, None)
+    again = Medium(scenario("radio.model=disk"))
+    again.restore(medium.snapshot())
+    assert again.meter.traffic == medium.meter.traffic
+
+
+@pytest.mark.parametrize(("model", "unknown"), [("disk", True), ("ideal", False), ("rice", False)])
+def test_a_summary_has_the_closed_forms_there_are(disk, model: str, unknown: bool) -> None:
+    disk()
+    engine = Engine(scenario(f"radio.model={model}", "duration=2", method="hjb"), "forms")
+    for _ in engine.fly():
+        pass
+    radio = engine.world.finish()["radio"]
+    assert radio["sent"] > 0
+    for name in ("outage_rate_theory", "latency_slots_mean_theory"):
+        assert (radio[name] is None) == (radio["traffic"]["state"][name] is None) == unknown
+    if model == "ideal":
+        assert (radio["outages"], radio["outage_rate_theory"]) == (0, 0.0)
+        assert radio["latency_slots_mean"] == radio["latency_slots_mean_theory"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            "np.where(near, 1, 2), near",
+            "np.where(near, 1, 2)[1:], near",
+            r"slots: int64 \(19,\), expected int64 \(20,\)",
+        ),
+        ("np.where(near, 1, 2), near", "np.where(near, 1.0, 2.0), near", "slots: float64"),
+        ("np.where(near, 1, 2), near", "[1] * len(near), near", "slots: list"),
+        ("np.where(near, 1, 2), near", "np.where(near, 0, 2), near", "slots from 0 to 2"),
+        ("np.where(near, 1, 2), near", "np.where(near, 1, 10**6 + 1), near", "slots from 1 to 1000001"),
+        ("np.where(near, 1, 2), near", "np.where(near, 1, 2), near * 1", "delivered: int64"),
+        ("np.where(near, 1, 2), near", "near", "failed: ValueError"),
+        ("        near =", "        raise OSError('no antenna')\n        near =", "failed: OSError: no antenna"),
+        (
+            "    def transmit",
+            "    def expected(self, d, b):\n        return np.nan, 1.0\n\n    def transmit",
+            "expected: ",
+        ),
+    ],
+)
+def test_a_wrong_channel_ends_the_run_and_says_what_is_wrong(disk, old: str, new: str, said: str) -> None:
+    disk((old, new))
+    engine = Engine(scenario("radio.model=disk", "duration=2", method="hjb"), "wrong")
+    with pytest.raises(RunFailed, match=f"channel 'disk': .*{said}"):
+        for _ in engine.fly():
+            pass
+
+
+def test_what_is_not_installed_or_does_not_fit_is_bad_input(disk) -> None:
+    with pytest.raises(BadInput, match="'disk' is not installed here; there are ideal, rice"):
+        Medium(scenario("radio.model=disk"))
+    with pytest.raises(BadInput, match=r"radio\.options"):
+        Medium(scenario("radio.options.radius_m=3.0"))
+
+
+# -- several broadcasts of one tick ---------------------------------------------------------------------------------
+
+
+def test_broadcasts_of_a_tick_keep_their_numbers_payloads_and_links() -> None:
+    """Of any dtype and width, by whoever speaks; the links of one are never those of another."""
+    medium, near, apart = Medium(scenario("radio.target_snr_db=60")), line(0, 1, 2, 3, 4), line(0, 1, 2, 130, 131)
+    everyone, some = np.arange(5, dtype=np.int32), np.array([1, 3], dtype=np.int32)
+    batches = [
+        Frames(FrameKind.STATE, 2, some, np.array([[7], [8]], dtype=np.uint8)),
+        Frames(FrameKind.STATE, 0, everyone, np.ones((5, 4), dtype=np.float32)),
+        Frames(FrameKind.STATE, 1, everyone, np.arange(15, dtype=np.int16).reshape(5, 3)),
+    ]
+    for tick, states in enumerate([near, near, apart, near, apart, apart]):
+        reach = np.abs(states[:, None, 0] - states[None, :, 0]) <= 100
+        np.fill_diagonal(reach, False)
+        records = medium.send(tick, batches, states)
+        used = [[s, t] for batch in sorted(batches, key=lambda b: b.round) for s in batch.source for t in range(5)]
+        assert records[:, 1:3].tolist() == [[s, t] for s, t in used if reach[s, t]]
+        due = {batch.round: batch for batch in medium.due(tick + 1)}
+        assert list(due) == [0, 1, 2]
+        for batch in batches:
+            came = due[batch.round]
+            assert came.links is not None
+            assert came.payload is batch.payload
+            assert sorted((int(batch.source[row]), int(to)) for row, to in came.links) == [
+                (int(s), t) for s in batch.source for t in range(5) if reach[s, t]
+            ]
+    total = medium.meter.traffic[FrameKind.STATE]
+    assert total.payload_bits == 6 * (5 * 4 * 32 + 5 * 3 * 16 + 2 * 8)
+    assert total.transmissions == 6 * 12
+
+
+def test_a_snapshot_keeps_every_broadcast_that_is_under_way() -> None:
+    flown = scenario("radio.target_snr_db=60", "radio.coherence_time_s=0.2", "radio.bandwidth_hz=1000")
+    medium, states = Medium(flown), line(0, 1, 2, 3, 4)
+    source = np.arange(5, dtype=np.int32)
+    medium.send(0, [Frames(FrameKind.STATE, k, source, np.full((5, 2 + k), k, dtype="<i4")) for k in range(3)], states)
+    other = Medium(flown)
+    other.restore(medium.snapshot())
+    for tick in range(1, 20):
+        one, two = medium.due(tick), other.due(tick)
+        assert [(b.round, b.payload.tolist()) for b in one] == [(b.round, b.payload.tolist()) for b in two]

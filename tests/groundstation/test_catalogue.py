@@ -1,0 +1,174 @@
+"""Plug-ins for people: what is installed, what its options are, and what of a run says which flew."""
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from groundstation import catalogue
+from groundstation.engine import Engine
+from groundstation.flown_plugins import FOLDER
+from groundstation.results import RunFolder
+from swarm import plugins
+from swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput
+from swarm.plugins import Plugin
+from swarm.scenario import load
+
+SPRING = Path(__file__).parents[2] / "examples" / "spring.py"
+FLIGHT = ("--in-process", "--no-record", "--quiet", "--json", "--out", "runs")
+MINE = '''
+"""What is in this file."""
+from typing import Annotated, Literal
+from msgspec import Meta
+from agent.controllers.base import Controller, Options
+
+class Mine(Controller):
+    """Hovers.
+
+    And more.
+    """
+    name = "mine"
+    class Options(Options, frozen=True):
+        share: Annotated[float, Meta(gt=0, le=1, description="of the battery, 1")]
+        kind: Literal["old", "new"] = "new"
+        places: tuple[int, ...] | None = None
+    def init(self, uavs, plan):
+        return {}
+    def step(self, memory, tick, own, received):
+        raise NotImplementedError
+'''
+
+
+@pytest.fixture(autouse=True)
+def _as_before(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Whatever a test registers is gone after it."""
+    monkeypatch.setattr(plugins, "_files", {})
+    monkeypatch.delenv(plugins.FILES, raising=False)
+    before = set(sys.modules)
+    yield
+    monkeypatch.delenv(plugins.FILES, raising=False)
+    for name in set(sys.modules) - before:
+        if name.startswith("meanflock_plugin_"):
+            del sys.modules[name]
+
+
+@pytest.fixture
+def mine(tmp_path: Path) -> Path:
+    path = tmp_path / "mine.py"
+    path.write_text(MINE)
+    return path
+
+
+def test_the_catalogue_lists_everything_by_door_in_80_columns(run: Any, mine: Path) -> None:
+    code, out, _ = run("plugins", "--plugin", str(SPRING), "--plugin", str(mine))
+    assert code == EXIT_DONE
+    assert max(map(len, out.splitlines())) <= max(80, len(str(mine)) + 20)  # a path is not broken
+    doors = [line.partition(":")[0] for line in out.splitlines() if line and not line.startswith(" ")]
+    assert doors == ["controllers", "aggregators", "channels", "vehicles"]
+    for plugin in plugins.installed():
+        assert f"  {plugin.name}  (" in out
+    assert "    Hovers.\n" in out
+    assert "And more" not in out
+    assert "- stiffness = 0.02  number > 0; pull, 1/s²\n" in out
+    assert "- share = required  number > 0, ≤ 1; of the battery, 1\n" in out
+    assert '- kind = "new"  new | old\n' in out
+    assert "- places = null  array | null\n" in out
+
+
+def test_a_program_reads_the_same_as_json(run: Any, mine: Path) -> None:
+    code, out, _ = run("plugins", "--plugin", str(mine), "--json")
+    assert code == EXIT_DONE
+    listed = {(record["door"], record["name"]): record for record in json.loads(out)}
+    assert {(plugin.door, plugin.name) for plugin in plugins.installed()} == set(listed)
+    record = listed["controller", "mine"]
+    assert (record["source"], record["key"], record["about"], record["fault"]) == (str(mine), "method", "Hovers.", None)
+    assert record["options"][0] == {
+        "name": "share",
+        "kind": "number",
+        "bounds": "> 0, ≤ 1",
+        "required": True,
+        "default": None,
+        "about": "of the battery, 1",
+    }
+    assert listed["aggregator", "krum"]["source"].startswith("meanflock ")
+
+
+def test_a_plugin_that_cannot_be_used_is_listed_with_the_reason(monkeypatch: pytest.MonkeyPatch, run: Any) -> None:
+    broken = Plugin("controller", "broken", "theirs 1.0", "nowhere.at.all:Broken", "theirs 1.0")
+    packaged = {**plugins._packaged(), ("controller", "broken"): (broken,)}
+    monkeypatch.setattr(plugins, "_packaged", lambda: packaged)
+    code, out, _ = run("plugins")
+    assert code == EXIT_DONE
+    assert "  broken  (theirs 1.0)\n    cannot be used: controller 'broken' of theirs 1.0: ModuleNotFoundError" in out
+
+
+def test_the_schema_has_the_options_of_a_controller(run: Any, mine: Path) -> None:
+    code, out, _ = run("scenario", "schema", "--method", "mine", "--plugin", str(mine))
+    assert code == EXIT_DONE
+    whole = json.loads(out)
+    properties = whole["$defs"]["Scenario"]["properties"]
+    assert properties["method"]["const"] == "mine"
+    options = whole["$defs"][properties["controller"]["$ref"].removeprefix("#/$defs/")]
+    assert options["required"] == ["share"]
+    assert options["properties"]["share"]["exclusiveMinimum"] == 0
+    assert options["additionalProperties"] is False
+    code, _, err = run("scenario", "schema", "--method", "magic")
+    assert code == EXIT_BAD_INPUT
+    assert "controller 'magic' is not installed here" in err
+
+
+def test_every_door_has_a_key() -> None:
+    assert list(catalogue.KEYS) == list(plugins.GROUPS)
+
+
+# -- the folder of a run says what flew --------------------------------------------------------
+
+
+def test_a_run_keeps_the_file_that_flew_and_goes_on_with_it_once_that_is_named(run: Any, tmp_path: Path) -> None:
+    plugins.load_file(SPRING)
+    flown = load(None, ['stop="duration"', "duration=15", "uavs=4"], method="spring")
+    whole = Engine(flown, "run")
+    assert len(list(whole.fly())) == 150
+    folder = RunFolder(tmp_path, "run", flown)
+    for tick in Engine(flown, "run", sinks=[folder]).fly():
+        if tick == 130:
+            break
+    folder._aside.wait()  # as after kill -9, nothing is completed
+    folder._spool = None  # type: ignore[assignment]
+    folder._events.close()
+    copy = folder.path / FOLDER / "spring.py"
+    assert copy.read_bytes() == SPRING.read_bytes()
+
+    plugins._files.clear()  # a new process, that was not told of the file
+    go_on = ("resume", str(folder.path), "--in-process", "--quiet", "--no-record", "--json")
+    code, _, err = run(*go_on)
+    assert code == EXIT_BAD_INPUT
+    assert "controller 'spring' is not installed here" in err
+    assert f"meanflock resume {folder.path} --plugin {copy}" in err
+    assert not plugins._files  # nothing was imported from the folder
+    code, out, _ = run(*go_on, "--plugin", str(copy))
+    assert code == EXIT_DONE
+    assert json.loads(out)["trajectory_sha256"] == whole.world.finish()["trajectory_sha256"]
+
+
+def test_a_run_of_packages_alone_has_no_such_folder(run: Any, tmp_path: Path) -> None:
+    code, out, _ = run("run", *FLIGHT, "--uavs", "2", "--duration", "1", "--method", "offline")
+    assert code == EXIT_DONE
+    assert not (tmp_path / "runs" / json.loads(out)["run_id"] / FOLDER).exists()
+
+
+def test_a_file_that_was_changed_since_it_was_loaded_is_refused_and_nothing_is_written(
+    mine: Path, tmp_path: Path
+) -> None:
+    plugins.load_file(mine)
+    flown = load(None, ["controller.share=0.5"], method="mine")
+    mine.write_text(MINE.replace("Hovers", "Falls"))
+    with pytest.raises(BadInput, match=r"mine\.py: was changed since it was loaded"):
+        RunFolder(tmp_path / "out", "run", flown)
+    mine.unlink()
+    with pytest.raises(BadInput, match=r"mine\.py: No such file"):
+        RunFolder(tmp_path / "out", "run", flown)
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,70 @@
+"""Which form of the kernels runs is decided once, and no flight shows it."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import kernels
+from tests.polling import DEADLINE_S
+
+ROOT = Path(__file__).parents[2]
+FLY = """
+import json, sys
+from groundstation.engine import Engine
+from swarm.scenario import load
+engine = Engine(load(None, sys.argv[2:], method=sys.argv[1]), "backend")
+for _ in engine.fly():
+    pass
+print(json.dumps(engine.world.finish()))
+"""
+
+
+def python(code: str, *arguments: str, pure: str) -> str:
+    told = {**os.environ, "MEANFLOCK_PURE": pure}
+    command = [sys.executable, "-c", code, *arguments]
+    done = subprocess.run(command, cwd=ROOT, env=told, capture_output=True, text=True, timeout=DEADLINE_S, check=True)
+    return done.stdout
+
+
+@pytest.mark.parametrize("pure", ["1", "0", ""])
+def test_a_variable_chooses_numpy_and_nothing_else_does(pure: str) -> None:
+    native = kernels.BACKEND == "compiled" or pure == "1"
+    expected = "numpy" if pure == "1" else "compiled" if native else "numpy"
+    assert python("import kernels; print(kernels.BACKEND)", pure=pure).strip() == expected
+
+
+def test_both_forms_have_the_same_names() -> None:
+    names = {"BACKEND", "learn", "pairs", "prepare"}
+    assert set(kernels.__all__) - {"Tables"} == names
+    for module in ("compiled", "reference"):
+        code = f"import kernels.{module} as m; print(*sorted({names!r} & set(vars(m))))"
+        if module == "compiled" and kernels.BACKEND != "compiled":
+            continue
+        assert set(python(code, pure="1").split()) == names
+
+
+FAULTS = """faults=[{kind='jam',tick=20,duration_s=3.0,centre=[60.0,40.0],radius_m=40.0},
+    {kind='kill',tick=70,uavs=[2]},{kind='pause',tick=80,duration_s=1.0,uavs=[0,5]}]"""
+
+
+@pytest.mark.parametrize(
+    ("method", "settings"),
+    [
+        ("mfgfl-hf", ["uavs=9", "duration=12", "federation.period=15"]),
+        ("hjb", ["uavs=9", "duration=12", "start.spacing=0.2", FAULTS]),
+        ("hjb", ["uavs=5", "duration=6", "cost.beta=0.5"]),
+        ("mfg", ["uavs=103", "duration=0.5", "metrics.collision_radius=3.0"]),
+    ],
+)
+def test_whole_flights_are_the_same(method: str, settings: list[str]) -> None:
+    ends: list[dict[str, Any]] = [json.loads(python(FLY, method, *settings, pure=pure)) for pure in ("0", "1")]
+    backends = [end.pop("backend") for end in ends]
+    assert backends[1] == "numpy"
+    for end in ends:
+        del end["wall_time_s"], end["real_time_factor"]
+    assert ends[0] == ends[1]

@@ -1,0 +1,201 @@
+"""One tick of the learners: both forms give the same bits, whatever the numbers; what does not fit is refused."""
+
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from swarm.methods import Method
+
+from agent.learner import Learner
+from agent.tables import tables
+from kernels import reference
+from kernels.tables import Tables, packed
+from swarm import model, state
+from swarm.scenario import load
+from worldsim.formation import initial_states
+
+LANES = 8  # as many rows as any machine steps at once, or more
+SCENARIO = load(None, ["uavs=9"], method="mfg")
+TABLES = tables(SCENARIO)
+AROUND = ("density", "known", "given")  # where φ_G comes from
+
+
+def tick(backend: ModuleType, weights: np.ndarray, states: np.ndarray, around: np.ndarray | None) -> list[bytes]:
+    """The bits of each row: its weights and its numbers; a NaN is a NaN, its sign and payload mean nothing."""
+    stepped, numbers = np.full_like(weights, 7.0), np.full((len(weights), 5), 7.0)
+    with np.errstate(all="ignore"):
+        largest = backend.learn(backend.prepare(TABLES), states, weights, around, stepped, numbers)
+    assert largest == np.abs(numbers).max(initial=0.0) or (np.isnan(largest) and np.isnan(numbers).any())
+    whole = np.concatenate([stepped, numbers], axis=-1)
+    return [row.tobytes() for row in np.where(np.isnan(whole), np.nan, whole)]
+
+
+def flying(around: str, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Rows as different as those of a swarm on its way."""
+    draw = np.random.default_rng(rows)
+    weights = Learner(SCENARIO).init(rows, initial_states(SCENARIO)) + draw.normal(0, 0.1, (rows, model.MODEL_FLOATS))
+    states = draw.uniform([-50, -50, -8, -8], [180, 130, 8, 8], (rows, state.SIZE))
+    known = draw.normal(0, 30, (rows, 300, state.SIZE))
+    return weights, states, {"density": None, "known": known, "given": draw.uniform(0, 9, rows)}[around]
+
+
+@pytest.mark.parametrize("around", AROUND)
+@pytest.mark.parametrize("rows", [*range(2 * LANES + 2), 25, 130])
+def test_a_flight_of_one_form_is_that_of_the_other(around: str, rows: int) -> None:
+    compiled = pytest.importorskip("kernels.compiled")
+    weights, states, of = flying(around, rows)
+    states[:1] = 0.0  # r = 0, where the local cost is undefined
+    prepared, numbers = compiled.prepare(TABLES), np.empty((rows, 5))
+    for _ in range(20):
+        assert tick(compiled, weights, states, of) == tick(reference, weights, states, of)
+        compiled.learn(prepared, states, weights, of, weights, numbers)  # may be written where it is read
+        states = states + 0.1 * np.concatenate([states[:, state.VELOCITY], numbers[:, : state.AXES]], axis=-1)
+
+
+any_number = st.floats(allow_nan=True, allow_infinity=True, width=64)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    arrays(np.float64, (3, model.MODEL_FLOATS), elements=any_number),
+    arrays(np.float64, (3, 4), elements=any_number),
+    arrays(np.float64, (3, 9, 4), elements=any_number),
+)
+def test_numbers_beyond_all_bounds_are_treated_alike(
+    weights: np.ndarray, states: np.ndarray, known: np.ndarray
+) -> None:
+    compiled = pytest.importorskip("kernels.compiled")
+    for around in (None, known, known[:, 0, 0].copy()):
+        assert tick(compiled, weights, states, around) == tick(reference, weights, states, around)
+
+
+@pytest.mark.parametrize("around", AROUND)
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e308])
+@pytest.mark.parametrize("rows", [LANES, LANES + 3])
+def test_a_row_never_touches_another(backend: ModuleType, around: str, bad: float, rows: int) -> None:
+    weights, states, of = flying(around, rows)
+    sound = tick(backend, weights, states, of)
+    for broken in range(rows):
+        for where in (states, weights, *([] if of is None else [of])):
+            kept = where[broken].copy()
+            where[broken] = bad
+            others = tick(backend, weights, states, of)
+            where[broken] = kept
+            assert others[:broken] + others[broken + 1 :] == sound[:broken] + sound[broken + 1 :]
+
+
+@pytest.mark.parametrize("around", AROUND)
+@pytest.mark.parametrize("rows", range(1, 2 * LANES + 2))
+def test_a_row_is_the_same_in_any_company_and_nothing_is_read_or_written_beyond_the_last(
+    backend: ModuleType, around: str, rows: int
+) -> None:
+    """The arrays given are the beginnings of longer ones, which hold what would show."""
+    weights, states, of = flying(around, 2 * LANES + 2)
+    each = [slice(k, k + 1) for k in range(rows)]
+    alone = [tick(backend, weights[k], states[k], None if of is None else of[k])[0] for k in each]
+    for array in (states, weights, *([] if of is None else [of])):
+        array[rows:] = np.nan
+    stepped, numbers = np.full((2 * LANES + 2, model.MODEL_FLOATS), 7.0), np.full((2 * LANES + 2, 5), 7.0)
+    part = None if of is None else of[:rows]
+    backend.learn(backend.prepare(TABLES), states[:rows], weights[:rows], part, stepped[:rows], numbers[:rows])
+    assert [row.tobytes() for row in np.concatenate([stepped, numbers], axis=-1)[:rows]] == alone
+    assert (stepped[rows:] == 7.0).all()
+    assert (numbers[rows:] == 7.0).all()
+
+
+def arguments() -> dict[str, Any]:
+    weights, states, _ = flying("density", 2)
+    return {
+        "states": states,
+        "weights": weights,
+        "around": np.zeros((2, 9, 4)),
+        "weights_out": np.full_like(weights, 7.0),
+        "numbers": np.full((2, 5), 7.0),
+    }
+
+
+READ_ONLY = np.zeros((2, 5))
+READ_ONLY.flags.writeable = False
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong", "said"),
+    [
+        ("states", np.zeros((3, 4)), "weights: .* expected"),
+        ("states", np.zeros((2, 3)), "states: .* expected"),
+        ("states", np.zeros((2, 4), np.float32), "states: format f"),
+        ("states", np.zeros((2, 8))[:, ::2], "contiguous"),
+        ("states", [0.0] * 8, "bytes-like"),
+        ("weights", np.zeros((1, 246)), "weights: .* expected"),
+        ("weights", np.zeros((2, 246), np.int64), "weights: format"),
+        ("weights", np.zeros((2, 108)), "weights: .* expected"),
+        ("around", np.zeros((2, 9, 3)), "around: .* 2 rows"),
+        ("around", np.zeros((2, 0, 4)), "around: 0 bytes"),
+        ("around", np.zeros(3), "around: .* 2 rows"),
+        ("around", np.zeros(2, np.float32), "around: format f"),
+        ("weights_out", np.zeros((3, 246)), "weights_out: .* expected"),
+        ("weights_out", bytes(8 * 2 * 246), "(?i)writable"),
+        ("numbers", np.zeros((2, 4)), "numbers: .* expected"),
+        ("numbers", READ_ONLY, "(?i)read-only|writable"),
+        ("tables", object(), "PyCapsule"),
+        ("tables", None, "PyCapsule"),
+    ],
+)
+def test_what_does_not_fit_is_refused_before_anything_is_written(name: str, wrong: Any, said: str) -> None:
+    native = pytest.importorskip("kernels._native")
+    good: dict[str, Any] = {"tables": native.tables(*packed(TABLES)), **arguments()}
+    with pytest.raises((TypeError, ValueError, BufferError), match=said):
+        native.learn(*(good | {name: wrong}).values())
+    assert (good["weights_out"] == 7.0).all()
+    assert (good["numbers"] == 7.0).all()
+
+
+def test_arrays_may_begin_anywhere() -> None:
+    compiled = pytest.importorskip("kernels.compiled")
+
+    def odd(array: np.ndarray) -> np.ndarray:
+        return np.frombuffer(bytearray(b"." + array.tobytes()), dtype=array.dtype, offset=1).reshape(array.shape)
+
+    aligned, shifted = arguments(), {name: odd(array) for name, array in arguments().items()}
+    for taken in (aligned, shifted):
+        compiled.learn(compiled.prepare(TABLES), *taken.values())
+    for name, array in aligned.items():
+        np.testing.assert_array_equal(shifted[name], array)
+
+
+SPLIT = Tables._fields.index("value_first")
+
+
+@pytest.mark.parametrize("field", Tables._fields[SPLIT:])
+@pytest.mark.parametrize("bad", [-1, 10_000, -(2**31), 2**31 - 1])
+def test_no_index_of_the_tables_points_outside(field: str, bad: int) -> None:
+    native = pytest.importorskip("kernels._native")
+    for place in (0, -1):
+        changed = np.array(getattr(TABLES, field))
+        changed[place] = bad
+        with pytest.raises(ValueError, match="outside"):
+            native.tables(*packed(TABLES._replace(**{field: changed})))
+
+
+@pytest.mark.parametrize("what", ["shorter", "longer", "other"])
+def test_tables_of_another_size_are_refused(what: str) -> None:
+    native = pytest.importorskip("kernels._native")
+    for place, array in enumerate(both := packed(TABLES)):
+        wrong = {"shorter": array[:-1], "longer": np.append(array, array[:1]), "other": array.astype(np.int64)}[what]
+        with pytest.raises(ValueError, match="expected"):
+            native.tables(*both[:place], wrong, *both[place + 1 :])
+
+
+def test_an_exponent_of_the_interaction_is_not_lost() -> None:
+    """β ≠ 1: the agent says what φ_G is, whichever form computes the rest."""
+    draw = np.random.default_rng(3)
+    learner = Learner(load(None, ["uavs=4", "cost.beta=0.5"], method=str(Method.HJB)))
+    states, known = draw.normal(0, 5, (2, 4)), draw.normal(0, 5, (2, 4, 4))
+    apart = known - states[:, None]
+    kernel = (apart[..., 2:] ** 2).sum(axis=-1) / np.sqrt(1 + (apart[..., :2] ** 2).sum(axis=-1))
+    found = learner.step(learner.init(2, known[0]), states, known).numbers[:, 4]
+    np.testing.assert_allclose(found, kernel.mean(axis=-1), rtol=1e-12)

@@ -1,0 +1,115 @@
+"""The learners against exact derivatives worked out at fifty digits, to 1e-9 relative."""
+
+import json
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agent.tables import DENSITY_EXPONENTS, VALUE_EXPONENTS, tables
+from kernels import Tables, features, fpk, hjb
+from swarm import model, state
+from swarm.scenario import load
+
+ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "learner.json").read_text())
+CASES = range(len(ORACLE["cases"]))
+RTOL = 1e-9
+
+
+@pytest.fixture(scope="module")
+def t() -> Tables:
+    given = ORACLE["parameters"]
+    settings = [
+        f"learner.position_scale={given['L_r']}",
+        f"learner.velocity_scale={given['L_v']}",
+        f"learner.mu_h={given['mu_H']}",
+        f"learner.mu_f={given['mu_F']}",
+        f"learner.c_h={given['c_H']}",
+        f"learner.kappa={given['kappa']}",
+        f"cost.c1={given['c1']}",
+        f"cost.c2={given['c2']}",
+        f"cost.c3={given['c3']}",
+        f"wind.sigma={given['sigma_wind']}",
+        f"wind.drag={given['c0']}",
+        f"wind.mean={given['v_o']}",
+        f"destination.radius={given['s_dest']}",
+    ]
+    return tables(load(None, settings))
+
+
+def rows(name: str) -> np.ndarray:
+    return np.array([ORACLE["cases"][i][name] for i in CASES], dtype=float)
+
+
+def close(actual: Any, name: str) -> None:
+    np.testing.assert_allclose(actual, rows(name), rtol=RTOL, atol=0, err_msg=name)
+
+
+def test_exponents_are_in_the_agreed_order() -> None:
+    assert VALUE_EXPONENTS.tolist() == ORACLE["exponents_H"]
+    assert DENSITY_EXPONENTS.tolist() == ORACLE["exponents_F"]
+
+
+def weights(first: str, second: str) -> np.ndarray:
+    return np.concatenate([rows(first), rows(second)], axis=-1)
+
+
+def test_value_features_and_derivatives(t: Tables) -> None:
+    of = features.value(t, features.powers(t, rows("state")))
+    sigma, by_position, by_velocity, curvature = np.moveaxis(of, -3, 0)
+    close(sigma.reshape(-1, 54), "sigma_H")
+    gradient = np.zeros((len(CASES), 54, 4))
+    for axis, part in enumerate((slice(0, 27), slice(27, 54))):
+        gradient[:, part, axis] = by_position[:, axis]
+        gradient[:, part, axis + state.VX] = by_velocity[:, axis]
+    close(gradient, "grad_sigma_H")
+    close(curvature.reshape(-1, 54), "velocity_laplacian_sigma_H")
+
+
+def test_value_step(t: Tables) -> None:
+    states = rows("state")
+    result = hjb.step(t, weights("w_H0", "w_H1"), states, features.powers(t, states), rows("phi_G"))
+    close(hjb.local_cost(states, t.c1), "phi_L")
+    close(result.action_before, "action_before")
+    close(result.residual, "e_H")
+    close(result.weights[:, :54], "w_H0_next")
+    close(result.weights[:, 54:], "w_H1_next")
+    close(result.action, "action_after")
+    close(hjb.lyapunov_rate(t, states, hjb.drift(t, states, result.action_before)), "L_s_dot")
+
+
+def test_a_tick_of_either_form_under_the_oracle_s_interaction(t: Tables, backend: ModuleType) -> None:
+    models = np.concatenate([weights("w_H0", "w_H1"), weights("w_F0", "w_F1")], axis=-1)
+    stepped, numbers = np.empty_like(models), np.empty((len(CASES), 5))
+    largest = backend.learn(backend.prepare(t), rows("state"), models, rows("phi_G"), stepped, numbers)
+    close(numbers[:, :2], "action_after")
+    close(numbers[:, 2], "e_H")
+    close(stepped[:, :54], "w_H0_next")
+    close(stepped[:, 54:108], "w_H1_next")
+    np.testing.assert_array_equal(numbers[:, 3], 0.0)
+    np.testing.assert_array_equal(numbers[:, 4], rows("phi_G"))
+    np.testing.assert_array_equal(stepped[:, model.DENSITY], models[:, model.DENSITY])
+    assert largest == np.abs(numbers).max()
+
+
+def test_the_regulariser_is_active_where_it_should_be() -> None:
+    active = [ORACLE["cases"][i]["regulariser_active"] for i in CASES]
+    assert any(active)
+    assert not all(active)
+
+
+def test_density_features_and_step(t: Tables) -> None:
+    states = rows("state")
+    powers = features.powers(t, states)
+    after = hjb.step(t, weights("w_H0", "w_H1"), states, powers, rows("phi_G"))
+    pairs = features.pairs(t, powers)
+    sigma = features.terms(t, pairs)[:, 1:]
+    close(sigma, "sigma_F")
+    close(fpk.divergence(t, after.curvature), "drift_divergence")
+    drift = hjb.drift(t, states, after.action)
+    stepped, residual = fpk.step(t, weights("w_F0", "w_F1"), states, pairs, sigma, drift, after.curvature)
+    close(residual, "e_F")
+    close(stepped[:, :69], "w_F0_next")
+    close(stepped[:, 69:], "w_F1_next")

@@ -1,0 +1,207 @@
+"""The vehicle door: the point mass keeps the contract, others fly by it, and a wrong one ends the run and says why."""
+
+from copy import deepcopy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from groundstation.engine import Engine
+from swarm import plugins
+from swarm.errors import BadInput, RunFailed
+from swarm.scenario import Scenario, load
+from worldsim.checkpoint import Resumption
+from worldsim.flight import Flight
+from worldsim.vehicles.point_mass import PointMass
+
+GLIDER = '''
+import msgspec
+import numpy as np
+from worldsim.vehicles.base import Vehicle
+
+class Glider(Vehicle):
+    """Its battery drains, and an empty one does not accelerate."""
+
+    name = "glider"
+
+    class Options(Vehicle.Options, frozen=True, kw_only=True):
+        charge_J: float = 1.0
+
+    def __init__(self, options, scenario):
+        self.charge_J, self.dt = options.charge_J, scenario.dt
+
+    def init(self, uavs):
+        return {"charge_J": np.full(uavs, self.charge_J), "flown": np.zeros((uavs, 2), dtype=np.int32)}
+
+    def step(self, states, hidden, acceleration, noise):
+        asked = np.where(hidden["charge_J"][:, None] > 0, acceleration, 0.0)
+        velocity = states[:, 2:] + self.dt * asked + 0.01 * noise
+        spent = self.dt * (asked * asked).sum(axis=-1)
+        hidden = {"charge_J": hidden["charge_J"] - spent, "flown": hidden["flown"] + 1}
+        return np.concatenate([states[:, :2] + self.dt * velocity, velocity], axis=-1), hidden
+
+    def power(self, states, hidden, acceleration):
+        return np.abs(acceleration).sum(axis=-1)
+'''
+
+
+@pytest.fixture
+def glider(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Registers the glider, its source changed as told."""
+    monkeypatch.setattr(plugins, "_files", {})
+
+    def make(*changes: tuple[str, str]) -> None:
+        text = GLIDER
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        path = tmp_path / "glider.py"
+        path.write_text(text)
+        plugins.load_file(path)
+
+    return make
+
+
+def scenario(*settings: str) -> Scenario:
+    return load(None, ["uavs=4", "vehicle.model=glider", *settings])
+
+
+def test_rows_of_the_point_mass_are_independent_and_its_arguments_are_left_alone() -> None:
+    flown, draw = load(None, ["uavs=9"]), np.random.default_rng(1)
+    vehicle = PointMass(PointMass.Options(), flown)
+    states, acceleration, noise = draw.normal(0, 9, (9, 4)), draw.normal(size=(9, 2)), draw.normal(size=(9, 2))
+    for array in (states, acceleration, noise):
+        array.flags.writeable = False
+    together, hidden = vehicle.step(states, vehicle.init(9), acceleration, noise)
+    power = vehicle.power(together, hidden, acceleration)
+    assert hidden == {}
+    assert (together.shape, together.dtype, power.shape) == ((9, 4), np.float64, (9,))
+    for rows in (slice(0, 1), slice(3, 7), [8, 2, 5]):
+        alone, _ = vehicle.step(states[rows], {}, acceleration[rows], noise[rows])
+        np.testing.assert_array_equal(alone, together[rows])
+        np.testing.assert_array_equal(vehicle.power(alone, {}, acceleration[rows]), power[rows])
+
+
+def test_a_vehicle_of_a_file_flies_and_its_hidden_state_is_kept(glider) -> None:
+    glider()
+    flown, draw = scenario("vehicle.options.charge_J=0.5"), np.random.default_rng(2)
+    asked = draw.normal(size=(20, 4, 2))
+    flight, history = Flight(flown), []
+    for tick in range(20):
+        history.append(flight.states)
+        if tick == 10:
+            kept = deepcopy(flight.snapshot())
+            until = np.array(history)
+        flight.advance(asked[tick])
+    assert (flight.hidden["flown"] == 20).all()
+    assert (flight.hidden["charge_J"] < 0.5).all()
+    again = Flight(flown)
+    again.restore(kept, until)
+    assert (again.hidden["flown"] == 10).all()
+    for tick in range(10, 20):
+        again.advance(asked[tick])
+    assert again.trajectory_sha256 == flight.trajectory_sha256
+    np.testing.assert_array_equal(again.hidden["charge_J"], flight.hidden["charge_J"])
+    np.testing.assert_array_equal(again.energy, flight.energy)
+    with pytest.raises(ValueError, match="of the vehicle"):
+        Flight(load(None, ["uavs=4"])).restore(kept, until)
+
+
+def test_a_checkpoint_takes_it_across_the_wire(glider) -> None:
+    glider()
+    blocks = []
+
+    class Sink:
+        def write(self, block) -> None:
+            blocks.append(block)
+
+    engine = Engine(scenario("duration=25", 'stop="duration"'), "glide", sinks=[Sink()])
+    for _ in engine.fly():
+        pass
+    whole = engine.world.finish()["trajectory_sha256"]
+    assert any(block.checkpoint for block in blocks)
+    carrier = next(block for block in blocks if block.checkpoint)
+    states = np.concatenate([block.states for block in blocks])
+    tick = carrier.first_tick + len(carrier.states) - 1
+    resumed = Engine(
+        scenario("duration=25", 'stop="duration"'),
+        "glide",
+        resume=Resumption.of(carrier.checkpoint, states[: tick + 1]),
+    )
+    assert resumed.world.flight.hidden["flown"].dtype == np.int32
+    assert (resumed.world.flight.hidden["flown"] == tick).all()
+    for _ in resumed.fly():
+        pass
+    assert resumed.world.finish()["trajectory_sha256"] == whole
+
+
+def test_who_leaves_every_bound_is_put_back_with_what_it_hides(glider) -> None:
+    glider()
+    flight = Flight(scenario())
+    flight.advance(np.zeros((4, 2)))
+    before, asked = flight.states.copy(), np.zeros((4, 2))
+    asked[2] = 1e15
+    flight.advance(asked)
+    assert flight.status.tolist() == [0, 0, 2, 0]
+    np.testing.assert_array_equal(flight.states[2, :2], before[2, :2])
+    assert not flight.states[2, 2:].any()
+    assert flight.hidden["flown"][:, 0].tolist() == [2, 2, 1, 2]
+    assert np.isfinite(flight.energy).all()
+
+
+ENTRY = "        return np.concatenate("
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("asked * asked).sum(axis=-1)", "asked * asked).sum(axis=-1) / 0", "charge_J' of UAV 0: .* is not finite"),
+        ("0.01 * noise", "0.01 * noise + np.array([[0], [0], [np.nan], [0]])", "states of UAV 2: .* is not finite"),
+        (ENTRY, "        velocity[3] = np.inf\n" + ENTRY, "states of UAV 3"),
+        (
+            ENTRY,
+            "        velocity = velocity[:3]; states = states[:3]\n" + ENTRY,
+            r"states: float64 \(3, 4\), expected",
+        ),
+        (ENTRY, "        states = states.astype('f4'); velocity = velocity.astype('f4')\n" + ENTRY, "states: float32"),
+        (", hidden\n\n", "\n\n", "`step` must give states and hidden"),
+        ('"flown": hidden["flown"] + 1}', "}", "hidden state must be a dict"),
+        ('"flown": hidden["flown"] + 1}', '"flown": hidden["flown"] * 1.0}', "'flown': float64"),
+        (ENTRY, "        states[0] = 0\n" + ENTRY, "ValueError: .*read-only"),
+        ('"charge_J": hidden["charge_J"] - spent', '"charge_J": np.subtract(*[hidden["charge_J"]] * 3)', "read-only"),
+        (ENTRY, "        raise KeyError('mass')\n" + ENTRY, "`step` failed: KeyError: 'mass'"),
+        ("np.abs(acceleration).sum(axis=-1)", "np.full(4, np.nan)", "power of UAV 0"),
+        ("np.abs(acceleration).sum(axis=-1)", "1.0", "power: float, expected"),
+        ("np.abs(acceleration).sum(axis=-1)", "np.abs(acceleration)", r"power: float64 \(4, 2\)"),
+    ],
+)
+def test_a_wrong_vehicle_ends_the_run_and_says_what_is_wrong(glider, old: str, new: str, said: str) -> None:
+    glider((old, new))
+    engine = Engine(scenario("duration=3"), "wrong")
+    with pytest.raises(RunFailed, match=f"vehicle 'glider': .*{said}"), np.errstate(all="ignore"):
+        for _ in engine.fly():
+            pass
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("np.full(uavs, self.charge_J)", "np.full(3, self.charge_J)", "charge_J' of `init`: float64"),
+        ("np.full(uavs, self.charge_J)", "self.charge_J", "dict of arrays"),
+        ("np.full(uavs, self.charge_J)", "np.array(['x'] * uavs)", "neither numbers"),
+    ],
+)
+def test_a_wrong_take_off_is_refused(glider, old: str, new: str, said: str) -> None:
+    glider((old, new))
+    with pytest.raises(RunFailed, match=f"vehicle 'glider': .*{said}"):
+        Flight(scenario())
+
+
+def test_what_is_not_installed_or_does_not_fit_is_bad_input(glider) -> None:
+    with pytest.raises(BadInput, match=r"'glider' is not installed here; there are .*point-mass"):
+        Flight(scenario())
+    glider()
+    with pytest.raises(BadInput, match=r"vehicle\.options"):
+        Flight(scenario("vehicle.options.mass_kg=3"))
+    with pytest.raises(BadInput, match=r"vehicle\.options\.charge_J"):
+        Flight(scenario("vehicle.options.charge_J=true"))

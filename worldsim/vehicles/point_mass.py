@@ -1,0 +1,50 @@
+"""A point mass under command, drag and Ornstein–Uhlenbeck wind, Eq. sd_a and sd_b, with a rotary wing, Eq. Power1."""
+
+import math
+
+import numpy as np
+
+from swarm import state
+from swarm.scenario import Scenario
+from worldsim.vehicles.base import Hidden, Vehicle
+
+
+class PointMass(Vehicle):
+    """Its constants are the keys of `[vehicle]` and `[wind]`."""
+
+    name = "point-mass"
+
+    def __init__(self, options: Vehicle.Options, scenario: Scenario) -> None:
+        self._wind, self._vehicle, self._dt = scenario.wind, scenario.vehicle, scenario.dt
+        self._mean = np.array(scenario.wind.mean)
+        self._shake = scenario.wind.sigma * math.sqrt(scenario.dt)
+
+    def step(
+        self, states: state.States, hidden: Hidden, acceleration: state.Plane, noise: state.Plane
+    ) -> tuple[state.States, Hidden]:
+        """One Euler–Maruyama step: dv = a dt − c0(v − v_o)dt + σ_wind dW, then dr = v dt with the new v.
+
+        V_o = σ_wind·I acts as a standard deviation; the paper calls it a covariance.
+        """
+        moved = np.empty(states.shape)
+        change = states[..., state.VELOCITY] - self._mean
+        change *= self._wind.drag
+        np.subtract(acceleration, change, out=change)
+        change *= self._dt
+        velocity = np.add(states[..., state.VELOCITY], change, out=change)
+        velocity += self._shake * noise
+        moved[..., state.VELOCITY] = velocity
+        velocity *= self._dt
+        np.add(velocity, states[..., state.POSITION], out=moved[..., state.POSITION])
+        return moved, hidden
+
+    def power(self, states: state.States, hidden: Hidden, acceleration: state.Plane) -> state.Rows:
+        """Blade profile + induced + parasite power at speed ‖v‖."""
+        of = self._vehicle
+        speed = state.speed(states)
+        squared = speed * speed
+        induced = squared / (2.0 * of.induced_velocity**2)
+        blade = of.blade_power * (1.0 + 3.0 * squared / of.tip_speed**2)
+        # √(1+u²) − u = 1/(√(1+u²) + u): the printed form cancels to nothing at speed
+        lift = of.induced_power / np.sqrt(np.sqrt(1.0 + induced * induced) + induced)
+        return blade + lift + of.parasite_drag * squared * speed / 2.0
