@@ -120,17 +120,18 @@ class Siege:
 
     def _ambush(self) -> None:
         """From now on, half of the messages come while the world waits for answers."""
-        bus = next(b for b in self._engine.network.endpoints if b.handler == self._spokes[1].handle)
-        honest = bus.handler
+        spoke = self._spokes[1]
+        bus = next(b for b in self._engine.network.endpoints if b.handler == spoke.handle)
+        ((key, reply),) = bus._subscriptions.items()
 
-        def first_the_attack(delivery: Delivery) -> None:
+        def first_the_attack(key: str, raw: bytes) -> bool:
             now = self._world.flight.tick
             if self._world._barrier.standing and now > self._ambushed:
                 self._ambushed = now
                 self._assault(self._a_tick // 2)
-            honest(delivery)
+            return reply(key, raw)
 
-        bus.handler = first_the_attack
+        bus.subscribe(key, first_the_attack)
 
     def _assault(self, count: int) -> None:
         receivers = (self._at_world, self._at_world, self._at_node, self._at_station)
@@ -205,7 +206,7 @@ class Siege:
             return
         if isinstance(message, Sense) and message.run == NUMBER and message.tick > spoke._last_tick:
             if id(spoke) not in self._kept:
-                self._kept[id(spoke)] = copy.deepcopy(spoke._node)
+                self._kept[id(spoke)] = copy.deepcopy(spoke._node, _whole(spoke._node))
             try:
                 act = tick.read_act(tick.write_act(self._kept[id(spoke)].act(message)))
             except MessageRejected:
@@ -238,6 +239,13 @@ class Siege:
                 raise Broken(f"the station let in {type(message).__name__}: {raw.hex()}")
             self.outcome["station: kept, it fits"] += 1
             self._target = self._station()  # the next block may have any number again
+
+
+def _whole(node: Any) -> dict[int, Any]:
+    """What a copy of a node shares with it: the tables as the kernels take them, which nobody can change or copy."""
+    learner = getattr(getattr(getattr(node, "_controller", None), "_controller", None), "learner", None)
+    prepared = getattr(learner, "_tables", None)
+    return {} if prepared is None else {id(prepared): prepared}
 
 
 class Insider:
