@@ -76,6 +76,8 @@ class Guarded:
         commands = np.empty(self._shape)
         try:
             step = self._controller.step(memory, tick, own, received)
+            if step.acceleration.shape != own[:, : state.AXES].shape:
+                raise ValueError(f"acceleration has shape {step.acceleration.shape}; expected {(len(own), state.AXES)}")
             parts = (step.acceleration,) if step.diagnostics is None else (step.acceleration, step.diagnostics)
             np.concatenate(parts, axis=1, out=commands)  # wherever a shape does not fit, it raises
             for name, array in step.memory.items():

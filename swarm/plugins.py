@@ -136,7 +136,7 @@ def load_file(path: Path) -> list[Plugin]:
     sys.modules[module_name] = module
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         del sys.modules[module_name]
         raise BadInput(f"--plugin {path}: {last_line(error)}") from error
     hashed = fingerprint(source)

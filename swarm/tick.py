@@ -30,13 +30,14 @@ def read_sense(raw: bytes) -> Sense:
         MessageRejected: `malformed`, `wrong-shape`, `non-finite` or `wrong-kind`.
     """
     try:
-        kind, run, tick, flags, rows, columns, (memory, size), batches = kernels.read(raw)
+        kind, run, tick, flags, rows, columns, tables, batches = kernels.read(raw)
     except ValueError as error:
         raise _rejected(error) from error
     if kind != SENSE:
         raise MessageRejected("wrong-kind", "an Act, expected a Sense")
     if flags & ~(REPORT | CHECKPOINT):
         raise MessageRejected("malformed", f"flags {flags:#x} of a Sense")
+    memory, size = tables
     states = np.ndarray((rows, columns), _FLOAT, raw, FIRST)
     if not (flags or batches or size):
         return Sense(run, tick, states)

@@ -202,7 +202,6 @@ ZERO = np.zeros((1, weights.MODEL_FLOATS))
 MISFITS: dict[str, Sense] = {
     "too few rows": sense(1, states=np.zeros((2, 4))),
     "too many columns": sense(1, states=np.zeros((3, 5))),
-    "half precision": sense(1, states=np.zeros((3, 4), dtype=np.float32)),
     "a state without axes": sense(1, states=np.zeros(())),
     "an upload": sense(1, frames(FrameKind.UPLOAD, [0], ZERO, [[0, 2]])),
     "a relay": sense(1, frames(FrameKind.RELAY, [0], np.zeros((1, 247)), [[0, 2]])),
@@ -263,7 +262,7 @@ class World:
             delivery.reply(codec.encode(welcome(self._of)))
         else:
             self.raw.append(delivery.payload)
-            read = wire.read_act if wire.is_tick(delivery.payload) else codec.decode
+            read = wire.read_act if delivery.payload[1:2] in wire.TYPES else codec.decode
             self.said.append(read(delivery.payload))
 
 

@@ -33,8 +33,27 @@ _TELLING_VALUES: tuple[Any, ...] = (
     *(Ext(1, b""), Ext(1, b"\2\0"), Ext(2, b"\2\0" + bytes(8)), Ext(-1, bytes(12)), Ext(1, b"\2\2" + bytes(8))),
 )
 _TELLING_FLOATS = tuple(struct.pack("<d", x) for x in (float("nan"), float("inf"), 1e300, -1e300, 5e-324, 1e9, -0.0))
-_OF_A_TICK = ("sense", "act")
+_OF_A_TICK = (1, 2)  # types of a Sense and an Act, see docs/wire.md
 _DEPTHS = (1, 1, 1, 2, 3)  # mutations on top of each other
+
+
+def laid_out(tree: list[Any]) -> bytes:
+    """The bytes of a message of a tick, of the numbers and byte strings in `tree`, as docs/wire.md says.
+
+    Raises:
+        struct.error, TypeError, ValueError, AttributeError: they are not such numbers and byte strings.
+    """
+    kind, run, tick, flags, rows, columns, *tables, frames = tree
+    head = struct.pack(">BBBIBIBBIB", 0x90 | len(tree), kind, 0xCE, run, 0xCE, tick, flags, 0xCE, rows, columns)
+    parts = [head, *map(_bytes, tables), struct.pack(">BH", 0xDC, len(frames))]
+    for of, number, code, width, source, payload, links in frames:
+        parts.append(struct.pack(">BBBIBBI", 0x97, of, 0xCE, number, code, 0xCE, width))
+        parts += map(_bytes, (source, payload, links))
+    return b"".join(parts)
+
+
+def _bytes(value: bytes) -> bytes:
+    return struct.pack(">BI", 0xC6, len(value)) + value.ljust(0)  # of a list there is no ljust
 
 
 class Mutator:
@@ -65,6 +84,10 @@ class Mutator:
             for _ in range(draw.choice(_DEPTHS)):
                 tree = self._within(tree)
             try:
+                return laid_out(tree)
+            except (struct.error, TypeError, ValueError, AttributeError):
+                pass  # not in the layout of a tick, but MessagePack still
+            try:
                 return msgspec.msgpack.encode(tree)
             except (OverflowError, ValueError):  # an extension code beyond a byte
                 return self._corpus[index]
@@ -94,6 +117,9 @@ class Mutator:
                 return changed
             case Ext():
                 return Ext(value.code, self._array(bytes(value.data)))
+            case bytes() if len(value) >= 8 and draw.random() < 0.5:  # other numbers in a table of as many
+                at = 8 * draw.randrange(len(value) // 8)
+                return value[:at] + draw.choice(_TELLING_FLOATS) + value[at + 8 :]
             case bytes() if value:
                 return draw.choice(self._on_bytes)(value)
             case bool():

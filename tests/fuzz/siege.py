@@ -17,14 +17,14 @@ from groundstation.recording import Recorder
 from groundstation.results import RunFolder
 from groundstation.station import Station
 from leader.node import Leader
-from swarm import codec, keys
+from swarm import codec, keys, tick
 from swarm.bus import Delivery, MemoryNetwork
 from swarm.errors import MessageRejected
-from swarm.messages import Act, Finished, Join, Ready, Received, Sense, Stop, Telemetry
+from swarm.messages import Act, Event, Finished, Join, Ready, Received, Refusal, Sense, Stop, Telemetry
 from swarm.scenario import Scenario, load
 from swarm.spoke import Spoke
 from tests.fuzz.mutation import Mutator
-from worldsim import inbound
+from tests.swarm.test_codec import read
 
 RUN = "fuzz"
 NUMBER = keys.fingerprint(RUN)
@@ -58,7 +58,7 @@ def recorded(flown: Scenario) -> tuple[list[bytes], dict[str, Any]]:
     summary = engine.world.finish()
     kept: dict[tuple[str, int], bytes] = {}
     for raw in said:  # of every kind and size a few: the first of a length, roughly
-        kept.setdefault((type(codec.decode(raw)).__name__, len(raw) // 64), raw)
+        kept.setdefault((type(read(raw)).__name__, len(raw) // 64), raw)
     own = [
         Ready(NUMBER),
         Received(NUMBER, 3),
@@ -120,17 +120,18 @@ class Siege:
 
     def _ambush(self) -> None:
         """From now on, half of the messages come while the world waits for answers."""
-        bus = next(b for b in self._engine.network.endpoints if b.handler == self._spokes[1].handle)
-        honest = bus.handler
+        spoke = self._spokes[1]
+        bus = next(b for b in self._engine.network.endpoints if b.handler == spoke.handle)
+        ((key, reply),) = bus._subscriptions.items()
 
-        def first_the_attack(delivery: Delivery) -> None:
-            tick = self._world.flight.tick
-            if self._world._barrier.standing and tick > self._ambushed:
-                self._ambushed = tick
+        def first_the_attack(key: str, raw: bytes) -> bool:
+            now = self._world.flight.tick
+            if self._world._barrier.standing and now > self._ambushed:
+                self._ambushed = now
                 self._assault(self._a_tick // 2)
-            honest(delivery)
+            return reply(key, raw)
 
-        bus.handler = first_the_attack
+        bus.subscribe(key, first_the_attack)
 
     def _assault(self, count: int) -> None:
         receivers = (self._at_world, self._at_world, self._at_node, self._at_station)
@@ -148,7 +149,7 @@ class Siege:
     def _decoded(self, raw: bytes) -> Any:
         self.thrown["codec"] += 1
         try:
-            return codec.decode(raw)
+            return read(raw)
         except MessageRejected as error:
             self.outcome[f"codec: {error.reason}"] += 1
             return None
@@ -166,7 +167,7 @@ class Siege:
                 delivery = Delivery("message", keys.received(RUN), raw)
             case _:
                 name = names[self._turn // 32 % len(names)]
-                if self._is_its_word(name, message):
+                if self._is_its_word(name, raw, message):
                     self.outcome["not thrown: a node's own word"] += 1
                     return
                 delivery = Delivery("message", keys.act(RUN, name), raw)
@@ -180,14 +181,17 @@ class Siege:
             codec.decode(answer)
         self._answers.clear()
 
-    def _is_its_word(self, name: str, message: Any) -> bool:
-        """Whether that is what the node may answer in this moment: whoever can say it under its key is that node."""
+    def _is_its_word(self, name: str, raw: bytes, message: Any) -> bool:
+        """Whether that is what the node may say in this moment: whoever can say it under its key is that node."""
         barrier, member = self._world._barrier, self._world._members.get(name)
-        if not isinstance(message, Act) or member is None or not barrier.standing or name not in barrier.missing:
+        if member is None or member.lost:
             return False
-        door = self._world._door
+        if isinstance(message, Event | Refusal):
+            return True
+        if not isinstance(message, Act) or not barrier.standing or name not in barrier.missing:
+            return False
         try:
-            inbound.check(message, NUMBER, self._world.flight.tick, member, door._scenario, door._float)
+            barrier._replies.read(member, self._world.flight.tick, raw)
         except MessageRejected:
             return False
         return True
@@ -204,11 +208,11 @@ class Siege:
             if id(spoke) not in self._kept:
                 self._kept[id(spoke)] = copy.deepcopy(spoke._node, _whole(spoke._node))
             try:
-                act = codec.decode(codec.encode(self._kept[id(spoke)].act(message)))
+                act = tick.read_act(tick.write_act(self._kept[id(spoke)].act(message)))
             except MessageRejected:
                 pass  # thrown at the node, too
             else:
-                if not isinstance(act, Act) or not np.isfinite(act.outcome).all():
+                if not np.isfinite(act.commands).all():
                     raise Broken(f"answered with {act}: {raw.hex()}")
                 self.outcome["not thrown: the world's own word"] += 1
                 del self._kept[id(spoke)]
@@ -239,7 +243,8 @@ class Siege:
 
 def _whole(node: Any) -> dict[int, Any]:
     """What a copy of a node shares with it: the tables as the kernels take them, which nobody can change or copy."""
-    prepared = getattr(getattr(node, "_learner", None), "_tables", None)
+    learner = getattr(getattr(getattr(node, "_controller", None), "_controller", None), "learner", None)
+    prepared = getattr(learner, "_tables", None)
     return {} if prepared is None else {id(prepared): prepared}
 
 
@@ -263,7 +268,7 @@ class Insider:
             mutate = Mutator([raw], self._seed + engine.world.flight.tick)
             for _ in range(-(-self._count // TICKS)):
                 put(key, mutate(engine.world.flight.tick))
-            self.let_in += self._who in barrier.outcomes
+            self.let_in += self._who in barrier.acts
             put(key, raw)
 
         bus.put = possessed

@@ -1,9 +1,10 @@
 """The forms of the reader and the writer of a tick's messages, of the same signatures and under the same tests."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, NamedTuple
 
-from kernels import wire
+from kernels import reference, wire
 
 
 class Backend(NamedTuple):
@@ -14,7 +15,11 @@ class Backend(NamedTuple):
 
 
 REFERENCE = Backend(wire.read, wire.write)
-BACKENDS: dict[str, Backend] = {"NumPy": REFERENCE}
+BACKENDS: dict[str, Backend] = {"NumPy": Backend(reference.read, reference.write)}
+with suppress(ImportError):  # where there was no C compiler
+    from kernels import compiled
+
+    BACKENDS["compiled"] = Backend(compiled.read, compiled.write)
 
 
 def outcome(call: Callable[..., Any], *given: Any) -> Any:

@@ -65,6 +65,8 @@ def of_type(annotation: Any) -> st.SearchStrategy[Any]:
     origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
     if origin in (types.UnionType, typing.Union):
         return st.one_of(*map(of_type, arguments))
+    if origin is typing.Literal:
+        return st.sampled_from(arguments)
     if origin is tuple and arguments[-1] is not Ellipsis:
         return st.tuples(*map(of_type, arguments))
     if origin is tuple:
@@ -241,7 +243,7 @@ def written(message: Any) -> bytes:
 
 def read(raw: bytes) -> Any:
     """Any message."""
-    if not tick.is_tick(raw):
+    if raw[1:2] not in tick.TYPES:
         return codec.decode(raw)
     return tick.read_sense(raw) if raw[1] == SENSE else tick.read_act(raw)
 

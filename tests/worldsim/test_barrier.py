@@ -1,4 +1,4 @@
-"""The barrier tells plain answers by their bytes, and takes each for what the codec would."""
+"""The barrier: every node of a tick is asked once, replies once, and whoever waits for the last reply wakes."""
 
 import queue
 import threading
@@ -6,33 +6,38 @@ import threading
 import numpy as np
 import pytest
 
-from swarm import codec, keys
+from swarm import codec, keys, tick
 from swarm.bus import Bus, MemoryNetwork
 from swarm.errors import MessageRejected
-from swarm.messages import Act, FrameKind, Frames, Sense
-from swarm.scenario import load
+from swarm.messages import Act, FrameKind, Frames, Ready, Sense
+from swarm.scenario import Scenario, load
 from tests.polling import DEADLINE_S
 from worldsim.barrier import Barrier
+from worldsim.inbound import Replies
 from worldsim.members import Member
 
 RUN = "fence"
 FINGERPRINT = keys.fingerprint(RUN)
 TICK = 300
 STATES = np.arange(8.0).reshape(2, 4)
-OUTCOME = np.arange(10.0).reshape(2, 5)
+COMMANDS = np.arange(10.0).reshape(2, 5)
 MODELS = np.ones((2, 246))
 KEY = keys.act(RUN, "agent-0")
 FRAMES = Frames(FrameKind.STATE, 0, np.zeros(1, np.int32), np.zeros((1, 4), np.float32), np.zeros((1, 2), np.int32))
 
 
+def barrier_of(bus: Bus, flown: Scenario) -> Barrier:
+    return Barrier(bus, RUN, Replies(flown, FINGERPRINT))
+
+
 class Stand:
-    """A barrier with one agent of two UAVs in front of it."""
+    """A barrier with an agent of two UAVs in front of it, and perhaps another that is silent."""
 
     def __init__(self, reporting: bool = False) -> None:
         network = MemoryNetwork()
         self.agent: Bus = network.endpoint()
         self.agent.subscribe(keys.sense(RUN, "agent-0"))
-        self.barrier = Barrier(network.endpoint(), RUN, load(None, uavs=3))
+        self.barrier = barrier_of(network.endpoint(), load(None, uavs=3))
         self.member = Member("agent-0", "agent", np.arange(2))
         self.barrier.open(TICK, reporting)
 
@@ -43,153 +48,166 @@ class Stand:
         assert delivery is not None
         return delivery.payload
 
+    def asked_with_another(self) -> None:
+        """The agent is asked, and one that says nothing."""
+        self.asked()
+        self.barrier.ask(Member("agent-2", "agent", np.array([2])), STATES[:1])
+
+
+def reply(number: int = TICK, rows: int = 2, models: np.ndarray | None = None, run: int = FINGERPRINT) -> bytes:
+    return tick.write_act(Act(run, number, COMMANDS[:rows], models=models))
+
 
 @pytest.mark.parametrize("reporting", [False, True])
 @pytest.mark.parametrize("heard", [(), (FRAMES,)])
 @pytest.mark.parametrize("whole", [False, True])
-def test_a_question_is_what_the_codec_writes(reporting: bool, heard: tuple[Frames, ...], whole: bool) -> None:
+def test_a_request_is_a_sense_with_the_states_and_frames_of_the_node(
+    reporting: bool, heard: tuple[Frames, ...], whole: bool
+) -> None:
     raw = Stand(reporting).asked(*heard, whole=whole)
-    assert raw == codec.encode(Sense(FINGERPRINT, TICK, STATES, reporting, heard, whole))
+    assert raw == tick.write_sense(Sense(FINGERPRINT, TICK, STATES, reporting, whole, heard))
 
 
-@pytest.mark.parametrize("reporting", [False, True])
-@pytest.mark.parametrize("uavs", [[0], [1, 2], [0, 2]])  # the last are not side by side
-def test_plain_questions_are_what_the_codec_writes(reporting: bool, uavs: list[int]) -> None:
-    stand, states = Stand(reporting), np.arange(12.0).reshape(3, 4)
-    stand.barrier.ask_all([Member("agent-0", "agent", np.array(uavs))], states)
-    delivery = stand.agent.receive(0.0)
-    assert delivery is not None
-    assert delivery.payload == codec.encode(Sense(FINGERPRINT, TICK, states[uavs], reporting))
-    assert stand.barrier.missing == ["agent-0"]
-
-
-def test_a_leader_has_no_models_to_report() -> None:
+def test_a_leader_has_no_models_to_report_and_is_told_what_the_aggregation_remembers() -> None:
     stand = Stand(reporting=True)
-    stand.member = Member("agent-0", "leader", np.zeros(0, dtype=np.intp))
-    stand.barrier.ask(stand.member, np.zeros((0, 4)))
+    leader = Member("agent-0", "leader", np.zeros(0, dtype=np.intp))
+    stand.barrier.ask(leader, np.zeros((0, 4)), memory=b"\x80")
     delivery = stand.agent.receive(0.0)
     assert delivery is not None
-    assert delivery.payload == codec.encode(Sense(FINGERPRINT, TICK, np.zeros((0, 4)), False))
-    assert not stand.barrier.overhear(KEY, codec.encode(Act(FINGERPRINT, TICK, np.zeros((0, 5)))), 0)
+    assert delivery.payload == tick.write_sense(Sense(FINGERPRINT, TICK, np.zeros((0, 4)), False, memory=b"\x80"))
     assert not stand.barrier.complete
-
-
-def test_a_plain_answer_counts_once() -> None:
-    stand = Stand()
-    stand.asked()
-    raw = codec.encode(Act(FINGERPRINT, TICK, OUTCOME))
-    assert stand.barrier.missing == ["agent-0"]
-    assert stand.barrier.overhear(KEY, raw, 0)
+    stand.barrier.take(leader, tick.write_act(Act(FINGERPRINT, TICK, np.zeros((0, 2)))))
     assert stand.barrier.complete
-    assert stand.barrier.outcomes == {"agent-0": OUTCOME.tobytes()}
-    assert not stand.barrier.acts
-    assert not stand.barrier.overhear(KEY, raw, 0)
+
+
+@pytest.mark.parametrize("models", [None, MODELS])
+def test_a_reply_counts_once(models: np.ndarray | None) -> None:
+    stand = Stand(reporting=models is not None)
+    stand.asked_with_another()
+    raw = reply(models=models)
+    assert stand.barrier.missing == ["agent-0", "agent-2"]
+    assert stand.barrier.offer(KEY, raw)
+    assert stand.barrier.missing == ["agent-2"]
+    assert tick.write_act(stand.barrier.acts["agent-0"]) == raw
+    assert not stand.barrier.offer(KEY, raw)
     with pytest.raises(MessageRejected) as refused:
-        stand.barrier.answer("agent-0", Act(FINGERPRINT, TICK, OUTCOME))
+        stand.barrier.take(stand.member, raw)
     assert refused.value.reason == "duplicate"
-
-
-def test_an_answer_with_a_report_is_kept_with_it() -> None:
-    stand = Stand(reporting=True)
-    stand.asked()
-    assert stand.barrier.overhear(KEY, codec.encode(Act(FINGERPRINT, TICK, OUTCOME, report=MODELS)), 0)
-    assert stand.barrier.reports == {"agent-0": MODELS.tobytes()}
-    assert not stand.barrier.acts
-    assert stand.barrier.outcomes["agent-0"] == OUTCOME.tobytes()
     assert stand.barrier.forget("agent-0")
-    assert not stand.barrier.reports
+    assert not stand.barrier.acts
 
 
 @pytest.mark.parametrize(
-    "other",
+    ("other", "reason"),
     [
-        codec.encode(Act(FINGERPRINT, TICK - 1, OUTCOME)),
-        codec.encode(Act(FINGERPRINT + 1, TICK, OUTCOME)),
-        codec.encode(Act(FINGERPRINT, TICK, OUTCOME[:1])),
-        codec.encode(Act(FINGERPRINT, TICK, OUTCOME, diverged=(1,))),
-        codec.encode(Act(FINGERPRINT, TICK, OUTCOME, report=MODELS)),
-        codec.encode(Act(FINGERPRINT, TICK, np.full((2, 5), np.inf))),
-        codec.encode(Act(FINGERPRINT, TICK, np.full((2, 5), np.nan))),
-        b"",
+        (reply(TICK - 1), "stale"),
+        (reply(run=FINGERPRINT + 1), "wrong-run"),
+        (reply(rows=1), "wrong-shape"),
+        (tick.write_act(Act(FINGERPRINT, TICK, COMMANDS, lost=np.array([2]))), "wrong-shape"),
+        (reply(models=MODELS[:, 1:]), "wrong-shape"),
+        (tick.write_act(Act(FINGERPRINT, TICK, np.full((2, 5), np.inf))), "non-finite"),
+        (tick.write_act(Act(FINGERPRINT, TICK, np.full((2, 5), np.nan))), "non-finite"),
+        (codec.encode(Ready(FINGERPRINT)), "malformed"),
+        (b"", "malformed"),
     ],
 )
-def test_whatever_is_not_plain_is_left_to_the_codec(other: bytes) -> None:
+def test_what_does_not_fit_is_left_to_the_thread_of_the_world_and_rejected_there(other: bytes, reason: str) -> None:
     stand = Stand()
-    stand.asked()
-    assert not stand.barrier.overhear(KEY, other, 0)
-    assert stand.barrier.missing == ["agent-0"]
+    stand.asked_with_another()
+    assert not stand.barrier.offer(KEY, other)
+    with pytest.raises(MessageRejected) as rejected:
+        stand.barrier.take(stand.member, other)
+    assert rejected.value.reason == reason
+    assert stand.barrier.missing == ["agent-0", "agent-2"]
+    assert not stand.barrier.acts
 
 
 def test_nobody_is_heard_who_was_not_asked_or_is_gone_or_comes_late() -> None:
-    raw = codec.encode(Act(FINGERPRINT, TICK, OUTCOME))
-    stand = Stand()
-    assert not stand.barrier.overhear(KEY, raw, 0)
-    stand.asked()
-    assert not stand.barrier.overhear(keys.act(RUN, "agent-1"), raw, 0)
+    raw, stand = reply(), Stand()
+    assert not stand.barrier.offer(KEY, raw)
+    stand.asked_with_another()
+    assert not stand.barrier.offer(keys.act(RUN, "agent-1"), raw)
     assert stand.barrier.forget("agent-0")
-    assert not stand.barrier.overhear(KEY, raw, 0)
+    assert not stand.barrier.forget("agent-0")
+    assert not stand.barrier.offer(KEY, raw)
     stand.asked()
     stand.barrier.close()
-    assert not stand.barrier.overhear(KEY, raw, 0)
-    assert not stand.barrier.outcomes
+    assert not stand.barrier.offer(KEY, raw)
+    assert not stand.barrier.acts
 
 
 def test_who_is_asked_twice_may_answer_twice_and_not_more_often() -> None:
     stand = Stand()
-    stand.asked()
+    first = stand.asked()
     assert not stand.barrier.is_repeat("agent-0")
-    stand.barrier.ask_again()
-    stand.barrier.ask_again()
-    assert stand.barrier.overhear(KEY, codec.encode(Act(FINGERPRINT, TICK, OUTCOME)), 0)
+    for _ in range(2):
+        stand.barrier.ask_again()
+        delivery = stand.agent.receive(0.0)
+        assert delivery is not None
+        assert delivery.payload == first
+    stand.barrier.take(stand.member, reply())
     stand.barrier.ask_again()  # it has answered
     stand.barrier.open(TICK + 1, False)  # its other answers may come as late as this
     assert [stand.barrier.is_repeat("agent-0") for _ in range(3)] == [True, True, False]
     assert not stand.barrier.is_repeat("agent-1")
 
 
-def test_the_last_answer_is_left_to_who_waits() -> None:
+def test_the_last_reply_is_left_to_who_waits() -> None:
     stand = Stand()
     stand.asked()
-    raw = codec.encode(Act(FINGERPRINT, TICK, OUTCOME))
-    assert not stand.barrier.overhear(KEY, raw)
-    stand.barrier.ask_all([Member("agent-2", "agent", np.array([0, 1]))], STATES)
-    assert not stand.barrier.overhear(KEY, codec.encode(Act(FINGERPRINT, TICK - 1, OUTCOME)))
-    assert stand.barrier.overhear(KEY, raw)
+    raw = reply()
+    assert not stand.barrier.offer(KEY, raw)
+    other = Member("agent-2", "agent", np.array([2]))
+    stand.barrier.ask(other, STATES[:1])
+    assert stand.barrier.offer(KEY, raw)
     assert stand.barrier.missing == ["agent-2"]
-    assert not stand.barrier.overhear(KEY, raw)
-    assert not stand.barrier.overhear(keys.act(RUN, "agent-2"), raw)
-    assert stand.barrier.overhear(keys.act(RUN, "agent-2"), raw, 0)
+    assert not stand.barrier.offer(keys.act(RUN, "agent-2"), reply(rows=1))
+    stand.barrier.take(other, reply(rows=1))
     assert stand.barrier.complete
-    assert list(stand.barrier.outcomes) == ["agent-0", "agent-2"]
+    assert list(stand.barrier.acts) == ["agent-0", "agent-2"]
 
 
-def test_whoever_waits_wakes_however_answers_come_in_two_threads() -> None:
-    barrier = Barrier(MemoryNetwork().endpoint(), RUN, load(None, uavs=12))
-    crowd = [Member(f"agent-{uav}", "agent", np.array([uav])) for uav in range(12)]
+def test_frames_are_in_the_order_in_which_nodes_were_asked_whoever_replies_first() -> None:
+    stand = Stand()
+    crowd = [Member(f"agent-{uav}", "agent", np.array([uav])) for uav in range(3)]
+    for member in crowd:
+        stand.barrier.ask(member, STATES[:1])
+    for uav in (2, 0, 1):
+        said = Frames(FrameKind.STATE, 0, np.array([uav], np.int32), np.zeros((1, 4), np.float32))
+        stand.barrier.take(crowd[uav], tick.write_act(Act(FINGERPRINT, TICK, COMMANDS[:1], outbox=(said,))))
+    assert [batch.source.tolist() for batch in stand.barrier.spoken] == [[0], [1], [2]]
+
+
+def test_whoever_waits_wakes_however_replies_come_in_two_threads() -> None:
+    barrier = barrier_of(MemoryNetwork().endpoint(), load(None, uavs=12))
+    crowd = {f"agent-{uav}": Member(f"agent-{uav}", "agent", np.array([uav])) for uav in range(12)}
     waiting: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
     asked: queue.SimpleQueue[int | None] = queue.SimpleQueue()
     shuffle = np.random.default_rng(1).permutation
 
     def bring() -> None:
-        while (tick := asked.get()) is not None:
+        while (number := asked.get()) is not None:
             for uav in shuffle(12):
-                key = keys.act(RUN, f"agent-{uav}")
-                raw = codec.encode(Act(FINGERPRINT, tick, np.full((1, 5), float(uav + tick))))
-                if uav % 3 == 0 or not barrier.overhear(key, raw):  # every third is none of those that are overheard
-                    waiting.put((key, raw))
+                name = f"agent-{uav}"
+                raw = tick.write_act(Act(FINGERPRINT, number, np.full((1, 5), float(uav + number))))
+                if uav % 3 == 0 or not barrier.offer(keys.act(RUN, name), raw):  # every third is not offered
+                    waiting.put((name, raw))
 
     thread = threading.Thread(target=bring)
     thread.start()
     try:
-        for tick in range(300):
-            barrier.open(tick, reporting=False)
-            barrier.ask_all(crowd, np.zeros((12, 4)))
-            asked.put(tick)
+        for number in range(300):
+            barrier.open(number, reporting=False)
+            for member in crowd.values():
+                barrier.ask(member, np.zeros((1, 4)))
+            asked.put(number)
             while not barrier.complete:
-                assert barrier.overhear(*waiting.get(timeout=DEADLINE_S), 0)
+                name, raw = waiting.get(timeout=DEADLINE_S)
+                barrier.take(crowd[name], raw)
             barrier.close()
-            expected = {member.name: np.full(5, uav + tick, float).tobytes() for uav, member in enumerate(crowd)}
-            assert barrier.outcomes == expected
+            assert {name: act.commands[0, 0] for name, act in barrier.acts.items()} == {
+                name: member.uavs[0] + number for name, member in crowd.items()
+            }
     finally:
         asked.put(None)
         thread.join()

@@ -22,45 +22,41 @@ def said(*, but: tuple[str, ...] = (), scale: float = 1.0) -> dict[str, np.ndarr
     return {name: numbers[member.uavs] for name, member in reversed(EVERYONE.items()) if name not in but}
 
 
-def as_bytes(numbers: dict[str, np.ndarray]) -> dict[str, bytes]:
-    return {name: rows.tobytes() for name, rows in numbers.items()}
-
-
 @pytest.mark.parametrize("but", [(), ("agent-0",), ("agent-1", "leader-0"), tuple(EVERYONE)])
 @pytest.mark.parametrize("asked", [list(EVERYONE), list(reversed(EVERYONE))])
 def test_the_numbers_of_a_node_are_in_the_rows_of_its_uavs(but: tuple[str, ...], asked: list[str]) -> None:
-    commands, before, after = Commands(UAVS), said(scale=3.0), said(but=but)
+    commands, before, after = Commands(UAVS, 3), said(scale=3.0), said(but=but)
     members = {name: EVERYONE[name] for name in asked}
-    assert not len(commands.enter(members, as_bytes(before), None))
-    assert not len(commands.enter(members, as_bytes(after), None))
+    assert not len(commands.store(members, before, None))
+    assert not len(commands.store(members, after, None))
     for name, member in EVERYONE.items():
         holds, told = commands.accelerations[member.uavs], commands.diagnostics[member.uavs]
         assert (holds == (after if name in after else before)[name][:, :2]).all()
         assert (told == (after[name][:, 2:] if name in after else 0.0)).all()
-    spoken = np.abs(np.concatenate([np.zeros((1, 5)), *after.values()]))
-    assert commands.residuals == (spoken[:, 2].max(), spoken[:, 3].max())
+    ever = np.abs(np.concatenate([*before.values(), *after.values()]))
+    assert commands.largest.tolist() == ever[:, 2:].max(axis=0).tolist()
 
 
 def test_who_sleeps_is_not_taken_at_his_word() -> None:
-    commands, awake = Commands(UAVS), np.array([True, False, True, True, False])
-    commands.enter(EVERYONE, as_bytes(said()), awake)
+    commands, awake = Commands(UAVS, 3), np.array([True, False, True, True, False])
+    commands.store(EVERYONE, said(), awake)
     assert commands.accelerations.any(axis=-1).tolist() == awake.tolist()
     assert commands.diagnostics.any(axis=-1).tolist() == awake.tolist()
-    assert commands.residuals[0] == np.abs(commands.diagnostics[:, 0]).max()
+    assert (commands.largest == np.abs(commands.diagnostics).max(axis=0)).all()
 
 
 @pytest.mark.parametrize("column", range(5))
 @pytest.mark.parametrize("size", [BEYOND_SENSE, -BEYOND_SENSE, np.inf, np.nan])
 def test_what_is_beyond_all_bounds_is_named_and_not_taken(size: float, column: int) -> None:
-    commands, numbers = Commands(UAVS), said()
+    commands, numbers = Commands(UAVS, 3), said()
     numbers["agent-1"][1, column] = size
-    assert commands.enter(EVERYONE, as_bytes(numbers), None).tolist() == [2]
+    assert commands.store(EVERYONE, numbers, None).tolist() == [2]
     assert commands.accelerations.any(axis=-1).tolist() == [True, True, False, True, True]
-    assert max(commands.residuals) < BEYOND_SENSE
+    assert commands.largest.max() < BEYOND_SENSE
 
 
 def test_where_all_are_beyond_nothing_is_taken() -> None:
-    commands, numbers = Commands(UAVS), {name: rows + np.inf for name, rows in said().items()}
-    assert sorted(commands.enter(EVERYONE, as_bytes(numbers), None)) == list(range(UAVS))
+    commands, numbers = Commands(UAVS, 3), {name: rows + np.inf for name, rows in said().items()}
+    assert sorted(commands.store(EVERYONE, numbers, None)) == list(range(UAVS))
     assert not commands.accelerations.any()
-    assert commands.residuals == (0.0, 0.0)
+    assert not commands.largest.any()

@@ -1,4 +1,4 @@
-"""Uploads on their way through the world: let in by few steps as by many, joined on the air, and billed to the byte."""
+"""Uploads on their way through the world: let in if they can be, joined on the air, and billed to the byte."""
 
 from collections import Counter
 
@@ -6,19 +6,21 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.worldsim.sound import RUN, TICK, read
 
 from channel.meter import Meter
-from swarm import codec, payload
+from swarm import payload
+from swarm import tick as wire
 from swarm.errors import MessageRejected
 from swarm.messages import Act, FrameKind, Frames
 from swarm.rounds import Rounds
 from swarm.scenario import Scenario, load
-from worldsim import inbound
+from tests.swarm.test_codec import same
+from worldsim.inbound import Replies
 from worldsim.ledger import Ledger
 from worldsim.members import Member
 from worldsim.speech import Speech
 
+RUN, TICK = 0xC0FFEE42, 20
 QUICK = settings(max_examples=200, deadline=None, database=None)
 
 
@@ -38,40 +40,44 @@ def batch(of: Scenario, *uavs: int, number: int = 2) -> Frames:
 
 def act(of: Scenario, *uavs: int, report: bool = False, number: int = 2, tick: int = TICK) -> Act:
     models = np.full((len(uavs), 246), 0.5) if report else None
-    return Act(RUN, tick, np.full((len(uavs), 5), 0.25), outbox=(batch(of, *uavs, number=number),), report=models)
+    return Act(RUN, tick, np.full((len(uavs), 5), 0.25), outbox=(batch(of, *uavs, number=number),), models=models)
 
 
-def checked(of: Scenario, raw: bytes, by: Member) -> Act:
-    """The long way."""
-    message = codec.decode(raw, inbound.limit(len(by.uavs), of))
-    return inbound.check(message, RUN, TICK, by, of, np.dtype(np.float32))
+def read(of: Scenario, raw: bytes, by: Member) -> Act:
+    return Replies(of, RUN).read(by, TICK, raw)
 
 
 @pytest.mark.parametrize("coding", ["float32", "float16", "int8"])
 @pytest.mark.parametrize("report", [False, True])
-def test_an_upload_is_let_in_as_the_long_way_does(coding: str, report: bool) -> None:
+def test_an_upload_is_let_in_as_it_was_written(coding: str, report: bool) -> None:
     of = flown(f"federation.payload={coding}")
-    raw = codec.encode(act(of, 3, report=report))
-    got = read(of, raw, member(3), report)
-    assert got is not None
-    assert codec.encode(got) == codec.encode(checked(of, raw, member(3))) == raw
-    assert read(of, raw, member(3), not report) is None
+    for uavs in ((3,), (3, 4)):
+        given_ = act(of, *uavs, report=report)
+        same(read(of, wire.write_act(given_), member(*uavs)), given_)
+    silent = Act(RUN, TICK, np.zeros((1, 5)))  # takes no part in the round
+    same(read(of, wire.write_act(silent), member(3)), silent)
 
 
-def test_what_is_not_expected_takes_the_long_way() -> None:
+def test_what_is_of_another_uav_tick_or_form_is_refused() -> None:
     of = flown()
-    others = [act(of, 4), act(of, 3, number=3), act(of, 3, tick=21), Act(RUN, TICK, np.zeros((2, 5)))]
-    assert not any(read(of, codec.encode(other), member(3)) for other in others)
-    assert read(of, codec.encode(act(of, 3, 4)), member(3, 4)) is None
-    silent = read(of, codec.encode(Act(RUN, TICK, np.zeros((1, 5)))), member(3))  # takes no part in the round
-    assert silent is not None
-    assert not silent.outbox
+    others = {
+        "another UAV's": (act(of, 4), "wrong-shape"),
+        "of another tick": (act(of, 3, tick=21), "stale"),
+        "of two rows": (Act(RUN, TICK, np.zeros((2, 5))), "wrong-shape"),
+        "in bytes": (act(flown("federation.payload=int8"), 3), "wrong-shape"),
+        "of another method": (act(load(None, ["uavs=8"], method="mfgfl-h"), 3), "wrong-shape"),
+        "twice": (Act(RUN, TICK, np.zeros((1, 5)), outbox=(batch(of, 3), batch(of, 3, number=3))), "wrong-shape"),
+    }
+    for what, (other, reason) in others.items():
+        with pytest.raises(MessageRejected) as caught:
+            read(of, wire.write_act(other), member(3))
+        assert caught.value.reason == reason, what
 
 
 @pytest.mark.parametrize("coding", ["float32", "int8"])
-def test_a_damaged_upload_is_let_in_only_if_the_long_way_lets_it_in_and_says_the_same(coding: str) -> None:
+def test_a_damaged_upload_is_let_in_only_as_one_that_can_be(coding: str) -> None:
     of = flown(f"federation.payload={coding}")
-    good = codec.encode(act(of, 3))
+    good = wire.write_act(act(of, 3))
 
     @QUICK
     @given(st.lists(st.tuples(st.integers(0, len(good) - 1), st.integers(0, 255)), min_size=1, max_size=3))
@@ -79,20 +85,24 @@ def test_a_damaged_upload_is_let_in_only_if_the_long_way_lets_it_in_and_says_the
         raw = bytearray(good)
         for place, byte in damage:
             raw[place] = byte
-        if (got := read(of, bytes(raw), member(3))) is not None:
-            assert codec.encode(got) == codec.encode(checked(of, bytes(raw), member(3)))
+        try:
+            got = read(of, bytes(raw), member(3))
+        except MessageRejected:
+            return
+        assert wire.write_act(got) == bytes(raw)
+        for said in got.outbox:
+            if said.kind == FrameKind.UPLOAD:
+                assert payload.upload(of).sound(said.payload).all()
 
     check()
 
 
-def test_scales_beyond_all_bounds_are_for_the_long_way_to_refuse() -> None:
+def test_scales_beyond_all_bounds_are_refused() -> None:
     of = flown("federation.payload=int8")
     wild = act(of, 3)
     wild.outbox[0].payload[0, -4:] = np.frombuffer(np.float32(np.inf).tobytes(), "u1")
-    raw = codec.encode(wild)
-    assert read(of, raw, member(3)) is None
     with pytest.raises(MessageRejected, match="scales"):
-        checked(of, raw, member(3))
+        read(of, wire.write_act(wild), member(3))
 
 
 class Air:
@@ -120,7 +130,7 @@ def test_uploads_go_on_the_air_as_one_batch_and_cost_what_they_are_on_the_bus() 
     assert said.source.tolist() == list(range(7))
     np.testing.assert_array_equal(said.payload, np.concatenate([each.payload for each in batches]))
     assert (said.kind, said.round, said.links) == (FrameKind.UPLOAD, 2, None)
-    assert air.billed == sum(len(codec.encode_frames(each)) for each in batches)
+    assert air.billed == sum(wire.bytes_of_batch(each) for each in batches)
     assert not air.dropped
 
 
@@ -131,7 +141,7 @@ def test_of_uploads_only_the_stray_and_the_silent_are_left_out() -> None:
     (said,) = air.say(*batches, asleep=(3, 4))
     assert said.source.tolist() == [0, 2]
     assert air.dropped == ["frames of UAV 1", "frames of UAV 5"]
-    assert air.billed == sum(len(codec.encode_frames(each)) for each in (batch(of, 0), batch(of, 2)))
+    assert air.billed == sum(wire.bytes_of_batch(each) for each in (batch(of, 0), batch(of, 2)))
 
 
 def test_who_takes_no_part_in_a_round_is_not_heard() -> None:
@@ -155,3 +165,19 @@ def test_a_second_global_model_of_a_round_is_not_broadcast() -> None:
 
 def test_where_nobody_is_heard_nothing_goes_on_the_air() -> None:
     assert Air(flown()).say(batch(flown(), 1, number=7)) == []
+
+
+def of_state(number: int, *uavs: int, dtype: str = "<f4", width: int = 4) -> Frames:
+    return Frames(FrameKind.STATE, number, np.array(uavs, np.int32), np.zeros((len(uavs), width), dtype))
+
+
+def test_frames_go_on_the_air_in_the_same_order_whoever_is_in_which_process_and_speaks_first() -> None:
+    """Each draws its own fading, so their order is part of the flight."""
+    of = flown("federation.fraction=1.0")
+    words = [of_state(1, 0), of_state(0, 1, dtype="u1"), of_state(0, 2), batch(of, 3), of_state(1, 4), of_state(0, 5)]
+    heard = []
+    for order in ((0, 1, 2, 3, 4, 5), (5, 3, 1, 0, 2, 4), (4, 5, 3, 2, 1, 0)):
+        said = Air(of).say(*[words[k] for k in sorted(order[:3])], *[words[k] for k in sorted(order[3:])])
+        heard.append([(f.kind, f.round, f.payload.dtype.str, sorted(f.source.tolist())) for f in said])
+    assert heard[0] == heard[1] == heard[2]
+    assert [kind for kind, *_ in heard[0]] == [FrameKind.UPLOAD] + 3 * [FrameKind.STATE]

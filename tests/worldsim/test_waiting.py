@@ -2,9 +2,11 @@
 
 import numpy as np
 
+from swarm import keys
 from swarm.bus import MemoryNetwork
 from swarm.scenario import load
 from worldsim.barrier import Barrier
+from worldsim.inbound import Replies
 from worldsim.members import Member
 from worldsim.pace import Pace
 from worldsim.waiting import Waiting
@@ -13,7 +15,7 @@ from worldsim.waiting import Waiting
 def losses(steps: list[float]) -> int:
     """How often the clock is looked at, in such steps and then 0.1 s, until a node that says nothing is lost."""
     now, looks = 0.0, 0
-    barrier = Barrier(MemoryNetwork().endpoint(), "patience", load(None, uavs=3))
+    barrier = Barrier(MemoryNetwork().endpoint(), "patience", Replies(load(None, uavs=3), keys.fingerprint("patience")))
     barrier.open(0, reporting=False)
     barrier.ask(Member("agent-0", "agent", np.arange(1)), np.zeros((1, 4)))
 

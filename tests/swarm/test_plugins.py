@@ -1,0 +1,232 @@
+"""Plug-ins by name: what is found, what is refused, and that the network can name one and nothing more."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from agent.controllers.base import Controller
+from groundstation.engine import Engine
+from swarm import plugins, scenario, spoke
+from swarm.errors import EXIT_BAD_INPUT, BadInput
+from swarm.messages import Refusal
+from swarm.plugins import Plugin
+from swarm.scenario import load
+
+ROOT = Path(__file__).parents[2]
+SPRING = ROOT / "examples" / "spring.py"
+GOOD = """
+import numpy as np
+from agent.controllers.base import Controller, Step
+
+class Mine(Controller):
+    name = "mine"
+
+    def init(self, uavs, plan):
+        return {}
+
+    def step(self, memory, tick, own, received):
+        return Step(memory, -own[:, 2:])
+"""
+
+
+@pytest.fixture(autouse=True)
+def _nothing_stays(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setattr(plugins, "_files", dict(plugins._files))
+    monkeypatch.delenv(plugins.FILES, raising=False)
+    return
+
+
+def written(folder: Path, text: str, name: str = "mine.py") -> Path:
+    (path := folder / name).write_text(text, encoding="utf-8")
+    return path
+
+
+FILES = {
+    "does not import": ("import nothing_of_the_kind", r"ModuleNotFoundError: No module named 'nothing_of.*line 1\)"),
+    "is no Python": ("def (:", r"SyntaxError: invalid syntax"),
+    "raises": ("x = 1\n1 / 0", r"ZeroDivisionError: division by zero \(mine.py, line 2\)"),
+    "exits": ("raise SystemExit(3)", r"SystemExit: 3"),
+    "holds none": ("x = 1", r"no plug-in in it; derive a class"),
+    "holds a base class": (GOOD.replace('name = "mine"', ""), r"no plug-in in it; derive a class"),
+    "lacks step": (GOOD.replace("def step(self", "def stap(self").replace("(Controller)", "(Lacking)").replace(
+        "class Mine", 'class Lacking:\n    door = "controller"\n    Options = Controller.Options\n\nclass Mine'),
+        r"controller 'mine' of .*mine.py lacks `step`"),
+    "has options that are no struct": (GOOD.replace('name = "mine"', 'name = "mine"\n    Options = dict'),
+        r"`Options` must be a msgspec.Struct"),
+    "takes the name of ours": (GOOD.replace('"mine"', '"hjb"'), r"'hjb' is installed already.*another name"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", FILES)
+def test_a_file_that_is_no_plugin_is_bad_input_of_one_line_with_the_file_and_the_place(
+    what: str, tmp_path: Path
+) -> None:
+    text, expected = FILES[what]
+    path = written(tmp_path, text)
+    with pytest.raises(BadInput, match=expected) as caught:
+        plugins.load_file(path)
+    assert str(path) in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+    assert not plugins._files
+
+
+@pytest.mark.parametrize("path", ["nowhere.py", "."])
+def test_a_file_that_cannot_be_read_is_bad_input(path: str, tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="name a readable Python file"):
+        plugins.load_file(tmp_path / path)
+
+
+def test_a_file_that_is_not_called_so_is_bad_input(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match=r"must end in \.py"):
+        plugins.load_file(written(tmp_path, GOOD, "mine.txt"))
+
+
+def test_two_of_one_name_are_refused_with_both_places(tmp_path: Path) -> None:
+    plugins.load_file(first := written(tmp_path, GOOD))
+    with pytest.raises(BadInput, match="two controllers are named 'mine'") as caught:
+        plugins.load_file(second := written(tmp_path, GOOD, "other.py"))
+    assert str(first) in str(caught.value)
+    assert str(second) in str(caught.value)
+    assert plugins.load_file(first)  # the same again is the same
+
+
+def test_two_packages_of_one_name_are_refused_with_both_packages(monkeypatch: pytest.MonkeyPatch) -> None:
+    both = tuple(Plugin("controller", "twice", f"package-{k} 1.0", f"of_{k}:Mine", f"{k}") for k in "ab")
+    monkeypatch.setattr(plugins, "_packaged", lambda: {("controller", "twice"): both})
+    with pytest.raises(BadInput, match=r"named 'twice': of_a:Mine \(package-a 1.0\) and of_b:Mine \(package-b 1.0\)"):
+        plugins.find("controller", "twice")
+
+
+@pytest.mark.parametrize(
+    ("reference", "text"),
+    [
+        ("nothing_of_the_kind:Mine", "ModuleNotFoundError"),
+        ("swarm.plugins:Nobody", "AttributeError"),
+        ("swarm.plugins:find", "is a function; it must be a class"),
+        ("swarm.plugins:Plugin", "lacks `init` and `step`"),
+    ],
+)
+def test_a_package_whose_entry_point_is_of_no_use_is_named(
+    reference: str, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plugin = Plugin("controller", "odd", "odd-package 2.0", reference, "odd-package 2.0")
+    monkeypatch.setattr(plugins, "_packaged", lambda: {("controller", "odd"): (plugin,)})
+    with pytest.raises(BadInput, match=text) as caught:
+        plugins.load("controller", "odd")
+    assert "'odd' of odd-package 2.0" in str(caught.value)
+
+
+OPTIONS = {
+    "beyond a bound": ("controller.stiffness=-1", r"controller\.stiffness: .*> 0"),
+    "of another type": ("controller.stiffness=soft", r"controller\.stiffness: .*float"),
+    "unknown": ("controller.stifness=1", r"controller: .*`stifness`"),
+}
+
+
+@pytest.mark.parametrize("what", OPTIONS)
+def test_options_that_do_not_fit_are_named_with_how_to_list_them(what: str) -> None:
+    plugins.load_file(SPRING)
+    setting, text = OPTIONS[what]
+    with pytest.raises(BadInput, match=text) as caught:
+        load(None, [setting], method="spring").declared  # noqa: B018
+    assert "`meanflock scenario schema --method spring` lists the options" in str(caught.value)
+
+
+# -- over the network ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", ["/etc/passwd", "../mine.py", "mine.py", "os:system", "os.system", "", "."])
+def test_a_scenario_from_the_network_names_a_plugin_and_no_file_and_no_module(
+    method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written(tmp_path, "raise AssertionError('it was run')")
+    monkeypatch.chdir(tmp_path)
+    received = scenario.decode(msgspec.json.encode({"method": method}))
+    with pytest.raises(BadInput, match="is not installed here"):
+        received.declared  # noqa: B018
+
+
+@pytest.mark.parametrize("key", ["plugin", "plugins", "plugin_files"])
+def test_a_scenario_from_the_network_has_no_key_that_names_a_file(key: str) -> None:
+    with pytest.raises(BadInput, match=key):
+        scenario.decode(msgspec.json.encode({key: ["mine.py"]}))
+
+
+class Lent(Controller):
+    """One that only some hosts have."""
+
+    name = "lent"
+
+    def init(self, uavs: np.ndarray, plan: np.ndarray) -> Any:
+        return {}
+
+
+@pytest.mark.parametrize("there", [None, "sha256 of another file"])
+def test_a_node_on_a_host_without_the_plugin_or_with_another_is_refused_and_the_host_is_named(
+    there: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plugins.register(type("Lent", (Lent,), {"step": lambda *_: None}))
+    here, said = plugins.find, []
+
+    def elsewhere(door: Any, name: str) -> Plugin:
+        found = here(door, name)
+        if door != "controller":
+            return found
+        if there is None:
+            raise BadInput(f"{door} {name!r} is not installed here; install its package")
+        return found._replace(fingerprint=there)
+
+    class ElsewherePlugins:
+        GROUPS, find = plugins.GROUPS, staticmethod(elsewhere)
+
+    monkeypatch.setattr(spoke, "plugins", ElsewherePlugins)
+    monkeypatch.setattr(spoke.platform, "node", lambda: "far-away")
+    encode = spoke.codec.encode
+
+    def overheard(message: Any) -> bytes:
+        said.append(message)
+        return encode(message)
+
+    monkeypatch.setattr(spoke.codec, "encode", overheard)
+    with pytest.raises(BadInput, match=r"agent-0 on host far-away: controller 'lent' is "):
+        Engine(load(None, ["uavs=2"], method="lent"), "hosts")
+    assert any(isinstance(message, Refusal) and "far-away" in message.reason for message in said)
+
+
+def test_a_world_one_of_whose_nodes_lacks_the_plugin_does_not_take_off_and_says_which_host() -> None:
+    engine = Engine(load(None, ["uavs=2"], method="hjb"), "hosts")
+    world = engine.world
+    world._door.unfit.append("agent-1 on host far-away: controller 'lent' is not installed here")
+    world._members._by_name["agent-0"].ready = False
+    with pytest.raises(BadInput, match="host far-away"):
+        world.gather(0.0)
+
+
+# -- on the command line ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("import nothing_of_the_kind", "ModuleNotFoundError"),
+        (GOOD.replace("return {}", "raise OSError('no table')"), "failed in `init` with UAV 0"),
+    ],
+    ids=["does not import", "raises in init"],
+)
+def test_a_plugin_that_cannot_begin_ends_the_command_with_exit_code_2_and_one_line(
+    text: str, expected: str, tmp_path: Path
+) -> None:
+    command = [str(Path(sys.executable).with_name("meanflock")), "run", "--in-process", "--quiet", "--method", "mine"]
+    command += ["--plugin", str(written(tmp_path, text)), "--set", "uavs=2", "--out", str(tmp_path / "runs")]
+    ended = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=dict(os.environ), timeout=120)
+    assert ended.returncode == EXIT_BAD_INPUT, ended.stderr
+    assert expected in ended.stderr
+    assert "Traceback" not in ended.stderr
+    assert not list((tmp_path / "runs").glob("*/summary.json"))
