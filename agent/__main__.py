@@ -1,21 +1,22 @@
-"""`python -m agent`: one process of the swarm, holding one UAV or more."""
+"""`python -m meanflock.agent`: one process of the swarm, holding one UAV or more."""
 
 from pathlib import Path
 
-from agent import lean  # noqa: F401  # first: what NumPy and msgspec shall not load
-from agent.node import Agent
-from agent.siblings import fork
-from swarm import keys, logs
-from swarm.attendance import take_part
-from swarm.errors import BadInput
-from swarm.identity import only_agent
-from swarm.messages import Join, Welcome
-from swarm.process import Interrupted, flag, identity, main, orphaned, parser
-from swarm.session import ZenohBus
+from meanflock.agent import blocklist  # noqa: F401  # first: what NumPy and msgspec shall not load
+from meanflock.agent.node import Agent
+from meanflock.agent.prefork import fork
+from meanflock.swarm import logs
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.attendance import take_part
+from meanflock.swarm.net.identity import only_agent
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.process import Interrupted, flag, identity, main, orphaned, parser
+from meanflock.swarm.wire.messages import Join, Welcome
 
 
 def _run() -> None:
-    options = parser("agent", "One UAV, or a few as rows of one process.", "python -m agent --run test")
+    options = parser("agent", "One UAV, or a few as rows of one process.", "python -m meanflock.agent --run test")
     flag(options, "--rows", "1", "UAVs this process holds at the most", int)
     flag(options, "--uav", "-1", "its first UAV; the world decides where it is negative and --tls is not given", int)
     flag(options, "--count", "1", "processes to become, each with --rows UAVs; from --uav on, where that is given", int)

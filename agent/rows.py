@@ -5,10 +5,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.controllers.base import Broadcast, Controller, Memory, Received, Step
-from swarm.codec import MAX_AXES, TRAVELS
-from swarm.declared import MAX_BROADCASTS, Declared
-from swarm.state import AXES
+from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
+from meanflock.swarm.declared import MAX_BROADCASTS, Declared
+from meanflock.swarm.state import AXES
+from meanflock.swarm.wire.control import MAX_AXES, TRAVELS
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -5,10 +5,10 @@ from collections import Counter
 
 from benchmarks.figure import Effort, Figure, Outcome, Say, per_call_ms
 from benchmarks.in_process import learner_step
-from groundstation.paper.experiments import to_do
-from groundstation.paper.flown import fly
-from groundstation.paper.grid import wanted
-from swarm import scenario
+from meanflock.groundstation.paper.experiments import to_do
+from meanflock.groundstation.paper.flown import fly
+from meanflock.groundstation.paper.grid import wanted
+from meanflock.swarm import scenario
 
 TITLE = "Many flights"
 ABOUT = (

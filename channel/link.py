@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm.scenario import Radio
+from meanflock.swarm.scenario import Radio
 
 Floats = NDArray[np.float64]
 MOST_SLOTS = 2**31 - 1  # a record has no room for more

@@ -13,16 +13,16 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from channel.base import Channel
-from channel.links import Links
-from channel.meter import Meter
-from swarm import plugins, state
-from swarm.clusters import Clusters
-from swarm.errors import RunFailed
-from swarm.messages import FrameKind, Frames
-from swarm.rounds import delivery_ticks
-from swarm.scenario import Scenario
-from swarm.seeds import generator, random_state, set_random_state
+from meanflock.channel.base import Channel
+from meanflock.channel.links import Links
+from meanflock.channel.meter import Meter
+from meanflock.swarm import plugins, state
+from meanflock.swarm.clusters import Clusters
+from meanflock.swarm.errors import RunFailed
+from meanflock.swarm.rounds import delivery_ticks
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.seeds import generator, random_state, set_random_state
+from meanflock.swarm.wire.messages import FrameKind, Frames
 
 Indices = NDArray[np.intp]
 NO_LINKS = np.zeros((0, 5), dtype=np.int32)  # of a tick in which nobody sends; shared, not to be written to

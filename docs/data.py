@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-from groundstation import columns, dictionary
+from meanflock.groundstation import columns, dictionary
 
 PAGE = Path(__file__).with_suffix(".md")
 _KNOWN = ("hjb_residual", "fpk_residual", "phi_G")  # diagnostics of the built-in controllers

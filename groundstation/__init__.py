@@ -1,3 +1,3 @@
 """Where a person stands: the command line, the launcher, the record of a run, and the paper's experiments."""
 
-import swarm  # noqa: F401  # before NumPy: it holds BLAS to one thread
+from meanflock import swarm  # noqa: F401  # before NumPy: it holds BLAS to one thread

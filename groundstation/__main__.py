@@ -1,4 +1,4 @@
-"""`python -m groundstation`: a ground station of its own, for a swarm that something else started."""
+"""`python -m meanflock.groundstation`: a ground station of its own, for a swarm that something else started."""
 
 import json
 import re
@@ -9,17 +9,19 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from groundstation.results import SCENARIO, SUMMARY, Past, RunFolder, past
-from groundstation.run import Desk, Options, unused
-from groundstation.station import Station
-from swarm import codec, keys, logs, scenario
-from swarm.address import Address
-from swarm.errors import BadInput, BusError, RunFailed
-from swarm.identity import STATION
-from swarm.messages import Join, Welcome
-from swarm.process import Interrupted, flag, identity, main, parser
-from swarm.scenario import Scenario
-from swarm.session import ZenohBus
+from meanflock.groundstation.results import SCENARIO, SUMMARY, Past, RunFolder, past
+from meanflock.groundstation.run import Options, Outputs, unused
+from meanflock.groundstation.station import Station
+from meanflock.swarm import logs, scenario
+from meanflock.swarm.errors import BadInput, BusError, RunFailed
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.address import Address
+from meanflock.swarm.net.identity import STATION
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.process import Interrupted, flag, identity, main, parser
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Join, Welcome
 
 _ASK_S = 2.0
 LATEST = "latest"
@@ -29,7 +31,7 @@ def _run() -> None:
     options = parser(
         "groundstation",
         "Records a swarm that something else started, and prints its summary.",
-        "python -m groundstation --run test --out runs",
+        "python -m meanflock.groundstation --run test --out runs",
     )
     flag(options, "--out", "runs", "folder of the run folders")
     flag(options, "--rerun", "127.0.0.1:9876", "where a live viewer connects; empty: nowhere")
@@ -45,7 +47,7 @@ def _run() -> None:
         welcome = _ask(bus, given.run, given.wait)
         flown = scenario.decode(welcome.scenario)
         folder, so_far = _folder(given.resume, Path(given.out), given.run, flown, welcome.tick)
-        with Desk(flown, folder.name, Options(out=folder.parent, serve=serve, quiet=True), so_far) as desk:
+        with Outputs(flown, folder.name, Options(out=folder.parent, serve=serve, quiet=True), so_far) as desk:
             first_block = so_far.next_block if so_far is not None else None
             station = Station(bus, given.run, desk.sinks, first_block=first_block, uavs=flown.uavs)
             desk.summary = _listen(bus, station, desk.folder, given, interrupted)
@@ -106,11 +108,11 @@ def _of_this_flight(out: Path, run: str, flown: Scenario, tick: int) -> tuple[Pa
 
 def _ask(bus: ZenohBus, run: str, wait_s: float) -> Welcome:
     """What the world flies, and how far it has come."""
-    request = codec.encode(Join("station", 0))
+    request = control.encode(Join("station", 0))
     for _ in range(max(1, round(wait_s / _ASK_S))):
         answer = bus.ask(keys.join(run, keys.asker("station")), request, _ASK_S)
         if answer is not None:
-            welcome = codec.decode(answer)
+            welcome = control.decode(answer)
             if isinstance(welcome, Welcome) and welcome.run == keys.fingerprint(run):
                 return welcome
             raise BusError(f"the world of run {run!r} answered with {type(welcome).__name__}")

@@ -13,11 +13,11 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from groundstation import palette, panels
-from groundstation.reported import Reported
-from swarm.clusters import Clusters
-from swarm.messages import Status
-from swarm.scenario import Scenario
+from meanflock.groundstation import palette, panels
+from meanflock.groundstation.reported import Reported
+from meanflock.swarm.clusters import Clusters
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import Status
 
 TIMELINE = "sim_time"  # seconds since take-off
 TICKS = "tick"

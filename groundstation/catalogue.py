@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from swarm import plugins, scenario
-from swarm.errors import BadInput
-from swarm.plugins import Door, Plugin, options_table
+from meanflock.swarm import plugins, scenario
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.plugins import Door, Plugin, options_table
 
 KEYS: dict[Door, str] = {  # of a scenario, that names the plug-in
     "controller": "method",

@@ -5,7 +5,7 @@ import shutil
 
 import click
 
-from groundstation.cli import cli, scenario_arguments
+from meanflock.groundstation.cli import cli, scenario_arguments
 
 _NARROW, _WIDE = 80, 110  # columns
 
@@ -22,7 +22,7 @@ def plugins_command(as_json: bool) -> None:
     \b
     Example: meanflock plugins --plugin mine.py
     """
-    from groundstation.catalogue import catalogue, records, text
+    from meanflock.groundstation.catalogue import catalogue, records, text
 
     entries = catalogue()
     if as_json:

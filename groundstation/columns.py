@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import pyarrow as pa
 
-from groundstation import quantities
-from swarm.errors import BadInput
-from swarm.messages import SWARM_COLUMNS, Status
+from meanflock.groundstation import quantities
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Status
 
 STATUS = {int(status): status.name.lower() for status in Status}
 _NUMBER, _EACH, _STATE = pa.float64(), pa.list_(pa.float32()), pa.list_(pa.float64())

@@ -9,10 +9,10 @@ import pyarrow as pa
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from channel.meter import TRAFFIC
-from groundstation import plotstyle, quantities
-from groundstation.quantities import FIELDS
-from groundstation.series import diagnostics_in
+from meanflock.channel.meter import TRAFFIC
+from meanflock.groundstation import plotstyle, quantities
+from meanflock.groundstation.quantities import FIELDS
+from meanflock.groundstation.series import diagnostics_in
 
 Floats = NDArray[np.float64]
 

@@ -11,14 +11,14 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from groundstation import blueprint as look
-from groundstation import palette
-from groundstation.legend import circle
-from swarm.clusters import Clusters
-from swarm.faults import Gust, Jam, Partition, Pause
-from swarm.scenario import Scenario
-from swarm.state import POSITION, States
-from worldsim.faults import Script, words
+from meanflock.groundstation import blueprint as look
+from meanflock.groundstation import palette
+from meanflock.groundstation.legend import circle
+from meanflock.swarm.clusters import Clusters
+from meanflock.swarm.faults import Gust, Jam, Partition, Pause
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import POSITION, States
+from meanflock.worldsim.faults import Script, words
 
 Ticks = NDArray[np.int64]
 Lasting = Pause | Partition | Jam | Gust

@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from groundstation.columns import RESERVED
-from swarm import state
-from swarm.codec import expect
-from swarm.declared import MAX_DIAGNOSTICS
-from swarm.errors import MessageRejected
-from swarm.messages import SWARM_COLUMNS, Finished, FrameKind, Status, Telemetry
+from meanflock.groundstation.columns import RESERVED
+from meanflock.swarm import state
+from meanflock.swarm.declared import MAX_DIAGNOSTICS
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.wire.control import expect
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Finished, FrameKind, Status, Telemetry
 
 _LAST_TICK = 2**31 - 1  # ticks are kept in 32 bits
 

@@ -15,16 +15,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
-import swarm
-from agent import siblings
-from swarm import logs
-from swarm.address import Address
-from swarm.errors import EXIT_BAD_INPUT, RunFailed
-from swarm.identity import STATION, Identity
-from swarm.printable import printable_lines
-from swarm.process import CHILD, how_it_ended
-from swarm.restarts import Restarts
-from swarm.session import ZenohBus
+from meanflock import swarm
+from meanflock.agent import prefork
+from meanflock.swarm import logs
+from meanflock.swarm.errors import EXIT_BAD_INPUT, RunFailed
+from meanflock.swarm.net.address import Address
+from meanflock.swarm.net.identity import STATION, Identity
+from meanflock.swarm.net.restarts import Restarts
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.printable import printable_lines
+from meanflock.swarm.process import CHILD, how_it_ended
 
 log = logging.getLogger("meanflock.launch")
 
@@ -137,7 +137,7 @@ class Swarm:
     def start_agents(self, uavs: int, rows: int, wait_s: float) -> None:
         """As many agents as `uavs` need, `rows` UAVs in each; where that is safe, forked from the first."""
         processes = -(-uavs // rows)
-        together = processes if siblings.SAFE else 1
+        together = processes if prefork.SAFE else 1
         for number in range(0, processes, together):
             who = ["--uav", str(number * rows)] if self._tls is not None else []
             name = f"agent process {number}" if together == 1 else _FORKED
@@ -232,7 +232,7 @@ class Swarm:
 
     def _start(self, module: str, name: str, flags: list[str]) -> None:
         # -P: a file or folder of the user's in the working folder is not taken for ours, whatever its name.
-        command = [sys.executable, "-P", "-m", module, "--endpoint", self.endpoint, "--run", self._run, *flags]
+        command = [sys.executable, "-P", "-m", f"meanflock.{module}", "--endpoint", self.endpoint, "--run", self._run, *flags]
         if self._tls is not None:
             command += ["--tls", str(self._tls)]
         command += ["--log-format", self._log_format or logs.TEXT]
@@ -262,7 +262,7 @@ def _failed(child: Child) -> RunFailed:
 
 def _import_path() -> dict[str, str]:
     """What lets a child find the packages of this process where they are a checkout that is not installed."""
-    root = str(Path(swarm.__file__).parents[1])
+    root = str(Path(swarm.__file__).parents[2])
     if root in site.getsitepackages():
         return {}
     return {"PYTHONPATH": os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))}

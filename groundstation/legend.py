@@ -6,11 +6,11 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from groundstation import blueprint as look
-from groundstation import palette
-from groundstation.reported import Reported
-from swarm.faults import Gust, Jam, Kill, Partition, Pause
-from swarm.scenario import Scenario
+from meanflock.groundstation import blueprint as look
+from meanflock.groundstation import palette
+from meanflock.groundstation.reported import Reported
+from meanflock.swarm.faults import Gust, Jam, Kill, Partition, Pause
+from meanflock.swarm.scenario import Scenario
 
 Point = tuple[float, float]
 _COLUMNS, _COLUMN, _ROW = 4, 0.095, 0.085  # of the key, steps as shares of the map's width

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from groundstation import quantities
-from groundstation.palette import BLUE, COLLISION, GREEN, GREY, ORANGE, RED, VIOLET, WHITE
-from groundstation.reported import PHI_G, Reported
+from meanflock.groundstation import quantities
+from meanflock.groundstation.palette import BLUE, COLLISION, GREEN, GREY, ORANGE, RED, VIOLET, WHITE
+from meanflock.groundstation.reported import PHI_G, Reported
 
 PLOTS = "plots"
 HITS = "plots/risk/hits"

@@ -19,17 +19,17 @@ from matplotlib.patches import Circle
 from msgspec import field
 from numpy.typing import NDArray
 
-from groundstation import plotstyle
-from groundstation.curves import MAX_POINTS, Curves, grid, line
-from groundstation.paper import statistics
-from groundstation.quantities import FIELDS
-from groundstation.reported import PHI_G
-from groundstation.results import EVENTS, SCENARIO, TIMESERIES
-from groundstation.series import diagnostics_in
-from groundstation.units import with_unit
-from swarm import toml
-from swarm.errors import BadInput
-from swarm.scenario import Destination
+from meanflock.groundstation import plotstyle
+from meanflock.groundstation.curves import MAX_POINTS, Curves, grid, line
+from meanflock.groundstation.paper import statistics
+from meanflock.groundstation.quantities import FIELDS
+from meanflock.groundstation.reported import PHI_G
+from meanflock.groundstation.results import EVENTS, SCENARIO, TIMESERIES
+from meanflock.groundstation.series import diagnostics_in
+from meanflock.groundstation.units import with_unit
+from meanflock.swarm import toml
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Destination
 
 log = logging.getLogger("meanflock.plots")
 

@@ -20,7 +20,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from groundstation import durable
+from meanflock.groundstation import durable
 
 Floats = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
-from groundstation import blueprint as look
-from groundstation import panels
-from swarm.messages import Event
-from swarm.printable import printable
+from meanflock.groundstation import blueprint as look
+from meanflock.groundstation import panels
+from meanflock.swarm.printable import printable
+from meanflock.swarm.wire.messages import Event
 
 
 @dataclass(frozen=True)

@@ -17,17 +17,17 @@ import pyarrow as pa
 import rerun as rr
 from numpy.typing import NDArray
 
-from groundstation import blueprint as look
-from groundstation import durable, legend, palette, panels
-from groundstation.disturbances import Disturbances
-from groundstation.lines import log_sizes, span
-from groundstation.recorded import line
-from groundstation.reported import PHI_G, Reported
-from groundstation.viewer import listening_address, open_viewer, repair, verify
-from swarm import state
-from swarm.errors import RunFailed
-from swarm.messages import SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
-from swarm.scenario import Scenario
+from meanflock.groundstation import blueprint as look
+from meanflock.groundstation import durable, legend, palette, panels
+from meanflock.groundstation.disturbances import Disturbances
+from meanflock.groundstation.lines import log_sizes, span
+from meanflock.groundstation.recorded import line
+from meanflock.groundstation.reported import PHI_G, Reported
+from meanflock.groundstation.viewer import listening_address, open_viewer, repair, verify
+from meanflock.swarm import state
+from meanflock.swarm.errors import RunFailed
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
 
 __all__ = ["Recorder", "open_viewer", "repair", "verify"]
 

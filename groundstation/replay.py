@@ -12,16 +12,16 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from groundstation import inbound
-from groundstation.recorded import Recorded, line, recorded
-from groundstation.recording import Recorder
-from groundstation.reported import Reported
-from groundstation.results import EVENTS, RECORDING, SCENARIO, Past, past
-from groundstation.series import block_of, unbroken
-from groundstation.viewer import Continued, repair, verify
-from swarm import scenario
-from swarm.errors import BadInput, MessageRejected
-from swarm.messages import Event, Telemetry
+from meanflock.groundstation import inbound
+from meanflock.groundstation.recorded import Recorded, line, recorded
+from meanflock.groundstation.recording import Recorder
+from meanflock.groundstation.reported import Reported
+from meanflock.groundstation.results import EVENTS, RECORDING, SCENARIO, Past, past
+from meanflock.groundstation.series import block_of, unbroken
+from meanflock.groundstation.viewer import Continued, repair, verify
+from meanflock.swarm import scenario
+from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.wire.messages import Event, Telemetry
 
 _BLOCK_TICKS = 500
 

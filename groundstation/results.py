@@ -16,14 +16,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import tomli_w
 
-from groundstation import columns, durable, flown_plugins
-from groundstation.aside import Aside
-from groundstation.series import block_of, rows_of, schema, unbroken
-from groundstation.spool import Spool, spooled
-from swarm import codec, scenario
-from swarm.errors import BadInput, MessageRejected, RunFailed
-from swarm.messages import Status, Telemetry
-from swarm.scenario import Scenario
+from meanflock.groundstation import columns, durable, flown_plugins
+from meanflock.groundstation.background import BackgroundWorker
+from meanflock.groundstation.series import block_of, rows_of, schema, unbroken
+from meanflock.groundstation.spool import Spool, spooled
+from meanflock.swarm import scenario
+from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Status, Telemetry
 
 SCENARIO, SUMMARY, TIMESERIES = "scenario.toml", "summary.json", "timeseries.parquet"
 EVENTS, RECORDING = "events.jsonl", "recording.rrd"
@@ -75,7 +76,7 @@ class RunFolder:
         self._flown, self._dt = flown, flown.dt
         self._over, self._resumed, self._full = False, past is not None, False
         self.last_tick = -1
-        self._aside = Aside("checkpoints")  # they wait for the disk
+        self._background = BackgroundWorker("checkpoints")  # they wait for the disk
         spool = self.path / _SPOOL
         part = spool.with_suffix(".part")
         try:
@@ -108,7 +109,7 @@ class RunFolder:
             raise RunFailed(self._holds("no more is kept"))
         told = os.fstat(self._events.fileno()).st_size
         try:
-            self._aside.look()  # where there was no room for a checkpoint, there is none for what comes
+            self._background.look()  # where there was no room for a checkpoint, there is none for what comes
             self._append(block)
         except OSError as error:
             self._full = True
@@ -131,12 +132,12 @@ class RunFolder:
         if block.checkpoint:
             tick = block.first_tick + len(block.states) - 1
             kept = {"tick": tick, "block": block.block, "events_bytes": events_bytes, "body": block.checkpoint}
-            self._aside.do(self._keep, kept)
+            self._background.do(self._keep, kept)
 
     def _keep(self, checkpoint: dict[str, Any]) -> None:
         self._sync()  # a checkpoint goes on from these rows and events
-        record = codec.encode_record(checkpoint)
-        durable.replace(self.path / CHECKPOINT, codec.encode_record({"sha256": _digest(record), "record": record}))
+        record = control.encode_record(checkpoint)
+        durable.replace(self.path / CHECKPOINT, control.encode_record({"sha256": _digest(record), "record": record}))
 
     def _holds(self, why: str) -> str:
         mend = f"make room, then `meanflock resume {self.path}`"
@@ -150,7 +151,7 @@ class RunFolder:
             RunFailed: there is no room for it.
         """
         try:
-            self._aside.wait()
+            self._background.wait()
             self._sync()
             durable.replace(self.path / SUMMARY, (json.dumps(summary, indent=1) + "\n").encode())
         except OSError as error:
@@ -174,7 +175,7 @@ class RunFolder:
         """
         try:
             try:
-                self._aside.close()
+                self._background.close()
             except OSError:
                 self._full = True  # no room for a checkpoint, none for the time series
                 raise
@@ -305,10 +306,10 @@ def read_checkpoint(folder: Path) -> dict[str, Any]:
     """
     path = folder / CHECKPOINT
     try:
-        whole = codec.decode_record(path.read_bytes())
+        whole = control.decode_record(path.read_bytes())
         if whole["sha256"] != _digest(whole["record"]):
             raise MessageRejected("malformed", "its checksum is wrong")
-        kept = codec.decode_record(whole["record"])
+        kept = control.decode_record(whole["record"])
         return {name: kept[name] for name in ("tick", "block", "events_bytes", "body")}
     except OSError as error:
         mend = "name the folder of a run that was flown for a hundred ticks and did not finish"

@@ -7,21 +7,21 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from groundstation import doctor
-from groundstation.engine import Engine
-from groundstation.launch import Swarm
-from groundstation.progress import FlightProgress
-from groundstation.results import CHECKPOINT, RECORDING, SCENARIO, Past, RunFolder, to_toml
-from groundstation.resume import Back
-from groundstation.station import Sink, Station
-from swarm import logs
-from swarm.address import Address
-from swarm.errors import BadInput, BusError, RunFailed
-from swarm.identity import STATION
-from swarm.process import Interrupted
-from swarm.scenario import Scenario
-from swarm.session import ZenohBus, check_free
-from worldsim.checkpoint import Resumption
+from meanflock.groundstation import doctor
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch import Swarm
+from meanflock.groundstation.progress import FlightProgress
+from meanflock.groundstation.results import CHECKPOINT, RECORDING, SCENARIO, Past, RunFolder, to_toml
+from meanflock.groundstation.resume import Back
+from meanflock.groundstation.station import Sink, Station
+from meanflock.swarm import logs
+from meanflock.swarm.errors import BadInput, BusError, RunFailed
+from meanflock.swarm.net.address import Address
+from meanflock.swarm.net.identity import STATION
+from meanflock.swarm.net.session import ZenohBus, check_free
+from meanflock.swarm.process import Interrupted
+from meanflock.swarm.scenario import Scenario
+from meanflock.worldsim.checkpoint import Resumption
 
 _CONNECT_S = 60.0
 _JOIN_S = 60.0
@@ -83,7 +83,7 @@ def fly(scenario: Scenario, options: Options, back: Back | None = None) -> Run:
     if options.log_format is not None:
         logs.start(options.log_format, run=run_id, node="in-process" if options.in_process else STATION)
     if options.tls is not None:
-        from groundstation import certs  # a library that most runs need not load
+        from meanflock.groundstation import certs  # a library that most runs need not load
 
         if options.in_process:
             raise BadInput("--tls: a run in one process has no links; leave out --in-process")
@@ -94,7 +94,7 @@ def fly(scenario: Scenario, options: Options, back: Back | None = None) -> Run:
         options = replace(options, metrics=options.metrics.free("--metrics"))
     doctor.tell_if_slow()
     start = None if back is None else back.start
-    with Desk(scenario, run_id, options, None if back is None else back.past) as desk:
+    with Outputs(scenario, run_id, options, None if back is None else back.past) as desk:
         if options.in_process:
             desk.summary = _in_process(scenario, run_id, options, desk.sinks, interrupted, start)
         else:
@@ -111,7 +111,7 @@ def _go_on(folder: Path) -> str:
     return f"that is too little to resume, `meanflock run {folder / SCENARIO}` flies it again"
 
 
-class Desk:
+class Outputs:
     """Everything that keeps or shows a run: folder, recording, viewer, progress. A context manager that completes them.
 
     `summary` is written with the folder if it is set before the end.
@@ -129,10 +129,10 @@ class Desk:
             self.progress = FlightProgress(scenario, options.quiet)
             self.sinks: list[Sink] = [self.folder, self.progress]
             if options.record:
-                from groundstation.recorded import recorded
-                from groundstation.recording import Recorder  # rerun takes a third of a second to load
-                from groundstation.replay import missing
-                from groundstation.viewer import Continued, open_viewer
+                from meanflock.groundstation.recorded import recorded
+                from meanflock.groundstation.recording import Recorder  # rerun takes a third of a second to load
+                from meanflock.groundstation.replay import missing
+                from meanflock.groundstation.viewer import Continued, open_viewer
 
                 before = opening.enter_context(Continued(self.folder.path / RECORDING))
                 recorder = Recorder(scenario, run_id, self.folder.path / RECORDING, options.serve)
@@ -146,7 +146,7 @@ class Desk:
             opening.enter_context(self.progress)
             self._stack = opening.pop_all()
 
-    def __enter__(self) -> "Desk":
+    def __enter__(self) -> "Outputs":
         return self
 
     def __exit__(self, *failure: Any) -> None:
@@ -169,7 +169,7 @@ def _in_process(
     engine = Engine(scenario, run_id, uavs_per_node=rows, sinks=sinks, realtime=options.realtime, resume=start)
     with ExitStack() as stack:
         if options.metrics is not None:
-            from worldsim.exporter import exported  # a library that most runs need not load
+            from meanflock.worldsim.exporter import exported  # a library that most runs need not load
 
             logs.tell(f"metrics at {stack.enter_context(exported(engine.world.instruments, options.metrics))}")
         for _ in engine.fly():
@@ -182,7 +182,7 @@ def _processes(
     scenario: Scenario,
     run_id: str,
     options: Options,
-    desk: Desk,
+    desk: Outputs,
     interrupted: Interrupted,
     start: Resumption | None,
 ) -> dict[str, Any]:

@@ -10,8 +10,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from groundstation.columns import columns
-from swarm.messages import SWARM_COLUMNS, Event, Telemetry
+from meanflock.groundstation.columns import columns
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, Telemetry
 
 
 @functools.cache

@@ -15,8 +15,8 @@ import urllib.parse
 from contextlib import suppress
 from pathlib import Path
 
-from swarm.errors import BadInput, RunFailed
-from swarm.process import Interrupted
+from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.process import Interrupted
 
 LOOPBACK = "127.0.0.1"
 
@@ -68,7 +68,7 @@ class Continued:
         self.earlier: list[Path] = []  # what there is already, whole; what cannot be read is left aside
 
     def __enter__(self) -> "Continued":
-        aside = self._aside()  # the ones that were left by who was killed before it could join them
+        aside = self._background()  # the ones that were left by who was killed before it could join them
         if self._path.exists():
             aside.append(self._path.replace(self._path.with_name(f".earlier-{len(aside):03}.{self._path.name}")))
         for part in aside:
@@ -94,7 +94,7 @@ class Continued:
         finally:
             joined.unlink(missing_ok=True)
 
-    def _aside(self) -> list[Path]:
+    def _background(self) -> list[Path]:
         return sorted(self._path.parent.glob(f".earlier-*.{self._path.name}"))
 
 

@@ -1,16 +1,17 @@
-"""`python -m leader`: the process that averages the models."""
+"""`python -m meanflock.leader`: the process that averages the models."""
 
-from leader.node import Leader
-from swarm import keys, logs
-from swarm.attendance import take_part
-from swarm.identity import LEADER
-from swarm.messages import Join, Welcome
-from swarm.process import Interrupted, identity, main, orphaned, parser
-from swarm.session import ZenohBus
+from meanflock.leader.node import Leader
+from meanflock.swarm import logs
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.attendance import take_part
+from meanflock.swarm.net.identity import LEADER
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.process import Interrupted, identity, main, orphaned, parser
+from meanflock.swarm.wire.messages import Join, Welcome
 
 
 def _run() -> None:
-    given = parser("leader", "The federated leader.", "python -m leader --run test").parse_args()
+    given = parser("leader", "The federated leader.", "python -m meanflock.leader --run test").parse_args()
     known = logs.start(given.log_format, run=given.run, node=LEADER)
     interrupted = Interrupted()
     who, run = identity(given.tls, LEADER), keys.check_run(given.run)

@@ -4,11 +4,11 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from swarm import plugins
-from swarm.errors import BadInput
+from meanflock.swarm import plugins
+from meanflock.swarm.errors import BadInput
 
 if TYPE_CHECKING:
-    from swarm.scenario import Scenario
+    from meanflock.swarm.scenario import Scenario
 
 MAX_PARAMETERS = 1_000_000  # floats of a model: 8 MB, and no radio carries it
 MAX_DIAGNOSTICS = 100  # columns of a message are counted in one byte

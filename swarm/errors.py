@@ -1,6 +1,6 @@
 """The exception tree, and the exit code each branch ends a process with."""
 
-from swarm.printable import printable
+from meanflock.swarm.printable import printable
 
 EXIT_DONE = 0
 EXIT_RUN_FAILED = 1

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from swarm.table import Table
+from meanflock.swarm.table import Table
 
 
 class Pace(Table, frozen=True):

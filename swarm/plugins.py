@@ -17,7 +17,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 import msgspec
 
-from swarm.errors import BadInput
+from meanflock.swarm.errors import BadInput
 
 Door: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle"]
 

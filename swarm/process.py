@@ -10,10 +10,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
-from swarm import logs, plugins
-from swarm.errors import EXIT_BAD_INPUT, EXIT_RUN_FAILED, MeanflockError
-from swarm.identity import Identity
-from swarm.session import DEFAULT_ENDPOINT
+from meanflock.swarm import logs, plugins
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_RUN_FAILED, MeanflockError
+from meanflock.swarm.net.identity import Identity
+from meanflock.swarm.net.session import DEFAULT_ENDPOINT
 
 CHILD = "MEANFLOCK_CHILD"  # a variable: "1" where whoever started this process holds its standard input open
 

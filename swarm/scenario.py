@@ -9,13 +9,13 @@ from typing import Annotated, Any, Literal, TypeAlias, cast
 import msgspec
 from msgspec import Meta, field
 
-from swarm import clusters, toml
-from swarm.declared import Declared, declared
-from swarm.errors import BadInput
-from swarm.faults import Fault, LeaderLoss
-from swarm.pace import Pace
-from swarm.plugins import Door, find
-from swarm.table import Table as _Table
+from meanflock.swarm import clusters, toml
+from meanflock.swarm.declared import Declared, declared
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.faults import Fault, LeaderLoss
+from meanflock.swarm.pace import Pace
+from meanflock.swarm.plugins import Door, find
+from meanflock.swarm.table import Table as _Table
 
 # Keys that came later count in the hash only where they differ from their default: older runs keep their hash.
 _LATER = (
@@ -393,6 +393,6 @@ def to_table(scenario: Scenario) -> dict[str, Any]:
 
 
 def _explain(error: msgspec.ValidationError, kind: type) -> str:
-    from swarm.explain import explain  # only here: nodes are sent scenarios that are sound
+    from meanflock.swarm.explain import explain  # only here: nodes are sent scenarios that are sound
 
     return explain(str(error), kind)

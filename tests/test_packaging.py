@@ -16,8 +16,8 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from swarm import scenarios
-from swarm.errors import EXIT_BAD_INPUT
+from meanflock.swarm import scenarios
+from meanflock.swarm.errors import EXIT_BAD_INPUT
 from tests.polling import DEADLINE_S
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -98,7 +98,7 @@ def test_a_process_of_the_swarm_stays_small() -> None:
 def test_the_kernels_are_built_from_all_of_their_files() -> None:
     (extension,) = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["ext-modules"]
     there = {path.relative_to(ROOT).as_posix() for path in ROOT.glob("*/*.[ch]")}
-    assert extension["name"] == "kernels._native"
+    assert extension["name"] == "meanflock.kernels._native"
     assert there == {*extension["sources"], *extension["depends"]}  # all enter a source distribution
     assert all(name.startswith("kernels/") for name in there)
     assert extension["optional"]
@@ -134,7 +134,7 @@ def test_the_shipped_scenarios_are_in_the_wheel_and_in_the_checkout() -> None:
     assert "swarm*" in setuptools["packages"]["find"]["include"]  # and so swarm.scenarios
     packed = {
         path.name
-        for pattern in setuptools["package-data"]["swarm.scenarios"]
+        for pattern in setuptools["package-data"]["meanflock.swarm.scenarios"]
         for path in (ROOT / "swarm/scenarios").glob(pattern)
     }
     assert packed == {path.name for path in scenarios.shipped()} >= {"paper.toml", "faults.toml"}

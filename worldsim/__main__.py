@@ -1,4 +1,4 @@
-"""`python -m worldsim`: the world and channel emulator, which is also the router of the bus. Prints the summary."""
+"""`python -m meanflock.worldsim`: the world and channel emulator, which is also the router of the bus. Prints the summary."""
 
 import json
 import os
@@ -6,19 +6,20 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
-from swarm import access, keys, logs, scenario
-from swarm.address import Address
-from swarm.errors import BadInput, RunFailed
-from swarm.identity import WORLD
-from swarm.process import Interrupted, flag, identity, main, orphaned, parser
-from swarm.refusals import Refusals
-from swarm.session import ZenohBus
-from worldsim.checkpoint import Resumption
-from worldsim.limits import Limits
-from worldsim.members import MAX_LEADERS
-from worldsim.node import World
-from worldsim.quotas import Quotas
-from worldsim.schedule import factor
+from meanflock.swarm import logs, scenario
+from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.net import access, keys
+from meanflock.swarm.net.address import Address
+from meanflock.swarm.net.identity import WORLD
+from meanflock.swarm.net.refusals import Refusals
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.process import Interrupted, flag, identity, main, orphaned, parser
+from meanflock.worldsim.checkpoint import Resumption
+from meanflock.worldsim.limits import Limits
+from meanflock.worldsim.members import MAX_LEADERS
+from meanflock.worldsim.node import World
+from meanflock.worldsim.quotas import Quotas
+from meanflock.worldsim.schedule import factor
 
 LINGER_S = 20.0  # for a recorder that is slow, or was killed and is on its way back
 HURRIED_S = 5.0  # after an interrupt; what comes next from an impatient engine is SIGKILL, after ten
@@ -29,7 +30,7 @@ def _run() -> None:
     options = parser(
         "worldsim",
         "The world and channel emulator; waits for the nodes, flies the scenario, prints the summary.",
-        "python -m worldsim --run test --set uavs=4 --set method=hjb",
+        "python -m meanflock.worldsim --run test --set uavs=4 --set method=hjb",
     )
     flag(options, "--scenario", "", "scenario file (TOML)")
     flag(options, "--barrier", "10", "seconds a tick waits for a node before it is lost", float)
@@ -83,7 +84,7 @@ def _run() -> None:
             refused=refusals.counts,
         )
         if metrics is not None:
-            from worldsim.exporter import exported  # a library that is loaded only where it is asked for
+            from meanflock.worldsim.exporter import exported  # a library that is loaded only where it is asked for
 
             logs.tell(f"metrics at {stack.enter_context(exported(world.instruments, metrics))}")
         world.gather(given.wait, interrupted.__bool__)

@@ -3,18 +3,19 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm import payload, state
-from swarm import tick as wire
-from swarm.ascending import contains
-from swarm.clusters import Clusters
-from swarm.codec import FLOAT_OF_BITS
-from swarm.declared import MAX_BROADCASTS
-from swarm.errors import MessageRejected
-from swarm.messages import Act, FrameKind, Frames
-from swarm.relay import Relay
-from swarm.rounds import Rounds
-from swarm.scenario import Scenario
-from worldsim.members import LEADER, Member
+from meanflock.swarm import state
+from meanflock.swarm.ascending import contains
+from meanflock.swarm.clusters import Clusters
+from meanflock.swarm.declared import MAX_BROADCASTS
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.rounds import Rounds
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire import payload
+from meanflock.swarm.wire import tick as wire
+from meanflock.swarm.wire.control import FLOAT_OF_BITS
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames
+from meanflock.swarm.wire.relay import Relay
+from meanflock.worldsim.members import LEADER, Member
 
 _OVERHEAD_BYTES = 4096
 

@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from swarm import codec, plugins, state
-from swarm.declared import MAX_BROADCASTS, controller
-from swarm.errors import BadInput
-from swarm.scenario import Scenario
-from worldsim.formation import initial_states
+from meanflock.swarm import plugins, state
+from meanflock.swarm.declared import MAX_BROADCASTS, controller
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire import control
+from meanflock.worldsim.formation import initial_states
 
 _OVERHEAD_BYTES = 1024
 _FRAME_BYTES = 64  # of a batch, around its numbers
@@ -30,9 +31,9 @@ class Limits:
             raise BadInput(f"controller {scenario.method!r} failed in `init`: {plugins.last_line(error)}") from error
         numbers = state.AXES + len(declared.diagnostics) + declared.weights + declared.broadcast_numbers
         numbers += 2 * declared.parameters + MAX_BROADCASTS  # an upload and what rounding took from it; names
-        self._row = _NUMBER_BYTES * numbers + len(codec.encode_record(memory))
+        self._row = _NUMBER_BYTES * numbers + len(control.encode_record(memory))
         self._fixed = _OVERHEAD_BYTES + _FRAME_BYTES * MAX_BROADCASTS + 8 * uavs  # and the UAVs it refuses or loses
-        self._leader = _NUMBER_BYTES * declared.parameters + len(codec.encode_record(state_of_rule))
+        self._leader = _NUMBER_BYTES * declared.parameters + len(control.encode_record(state_of_rule))
 
     def act(self, rows: int) -> int:
         """The most bytes of an Act of a node with so many UAVs; of the leader, with none."""

@@ -4,9 +4,9 @@ import logging
 from collections.abc import Callable
 from typing import NamedTuple
 
-from swarm import pace
-from worldsim.barrier import Barrier
-from worldsim.members import LEADER
+from meanflock.swarm import pace
+from meanflock.worldsim.barrier import Barrier
+from meanflock.worldsim.members import LEADER
 
 log = logging.getLogger("meanflock.world")
 

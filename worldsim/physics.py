@@ -5,10 +5,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm import plugins, state
-from swarm.errors import RunFailed
-from swarm.scenario import Scenario
-from worldsim.vehicles.base import Hidden, Vehicle
+from meanflock.swarm import plugins, state
+from meanflock.swarm.errors import RunFailed
+from meanflock.swarm.scenario import Scenario
+from meanflock.worldsim.vehicles.base import Hidden, Vehicle
 
 BOUND = 1e9  # a million kilometres or km/s: no metric is left worth having
 

@@ -2,12 +2,13 @@
 
 from functools import lru_cache
 
-from swarm import codec, keys
-from swarm.bus import Quota
-from swarm.errors import MessageRejected
-from swarm.scenario import Scenario
-from worldsim.limits import Limits
-from worldsim.members import LEADER
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import Quota
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire import control
+from meanflock.worldsim.limits import Limits
+from meanflock.worldsim.members import LEADER
 
 JOIN_BYTES, RECEIVED_BYTES = 256, 64
 _STRANGE = Quota("", 0)  # whatever is under no key of a node
@@ -20,8 +21,8 @@ class Quotas:
         """`rows_at_most`: UAVs one agent may hold; None: as many as there are."""
         self._run = run
         rows = min(rows_at_most or scenario.uavs, scenario.uavs)
-        self._agent = min(limits.act(rows), codec.MAX_BYTES)
-        self._leader = min(limits.act(0), codec.MAX_BYTES)
+        self._agent = min(limits.act(rows), control.MAX_BYTES)
+        self._leader = min(limits.act(0), control.MAX_BYTES)
         self.largest = max(self._agent, self._leader, JOIN_BYTES, RECEIVED_BYTES)  # of all, bytes
         self._known = lru_cache(maxsize=4096)(self._of)
 

@@ -2,14 +2,14 @@
 
 from collections.abc import Callable
 
-from swarm.errors import RunFailed
-from worldsim.barrier import Barrier
-from worldsim.door import Door
-from worldsim.durations import Durations
-from worldsim.ledger import Ledger
-from worldsim.members import LEADER
-from worldsim.pace import Pace
-from worldsim.schedule import Schedule
+from meanflock.swarm.errors import RunFailed
+from meanflock.worldsim.admission import Admission
+from meanflock.worldsim.barrier import Barrier
+from meanflock.worldsim.counters import Counters
+from meanflock.worldsim.durations import Durations
+from meanflock.worldsim.members import LEADER
+from meanflock.worldsim.pace import Pace
+from meanflock.worldsim.schedule import Schedule
 
 STALL_S = 0.5  # who looks ten times a second and comes late by more stood still, and the nodes may have, too
 ASK_AGAIN_S = 1.0  # a Sense nobody answered is repeated: the first after a declaration can get lost
@@ -21,8 +21,8 @@ class Waiting:
     def __init__(
         self,
         barrier: Barrier,
-        door: Door,
-        ledger: Ledger,
+        admission: Admission,
+        counters: Counters,
         schedule: Schedule | None,
         patience_s: float,
         pace: Pace,
@@ -34,7 +34,7 @@ class Waiting:
         seconds.
         """
         self.took = Durations()  # from the last question of a tick to the last answer, or to the end of the tick
-        self._barrier, self._door, self._ledger = barrier, door, ledger
+        self._barrier, self._admission, self._counters = barrier, admission, counters
         self._schedule, self._patience_s, self._pace = schedule, patience_s, pace
         self._receive, self._clock = receive, clock
 
@@ -51,16 +51,16 @@ class Waiting:
         Raises:
             RunFailed: none came back in time.
         """
-        if not self._door.unattended:
+        if not self._admission.unattended:
             return True
         end = self._clock() + self._patience_s
-        while not any(member.role != LEADER and member.ready for member in self._door.members.present):
+        while not any(member.role != LEADER and member.ready for member in self._admission.members.present):
             if cancelled():
                 return False
             if self._clock() > end:
                 raise RunFailed(f"every agent is lost, and none came back within {self._patience_s:.0f} s")
             self._receive(0.1)
-            self._door.expire(self._patience_s)
+            self._admission.expire(self._patience_s)
         return True
 
     def _for_everyone(self) -> float:
@@ -76,14 +76,14 @@ class Waiting:
             self._pace.look(waited, self._barrier)
             if waited > self._patience_s:
                 for name in self._barrier.missing:
-                    self._door.lose(self._barrier.asked[name], f"no answer for {self._patience_s:.0f} s")
+                    self._admission.lose(self._barrier.asked[name], f"no answer for {self._patience_s:.0f} s")
                 waited = asked = 0.0  # whoever takes over has its own time to answer
             elif waited - asked > ASK_AGAIN_S:
                 asked = waited
                 self._barrier.ask_again()
         for name, why in self._pace.overdrawn():
             if name in self._barrier.asked:
-                self._door.lose(self._barrier.asked[name], why)
+                self._admission.lose(self._barrier.asked[name], why)
         return now
 
     def _until(self, end: float) -> float:
@@ -95,5 +95,5 @@ class Waiting:
             if answered is None and self._barrier.complete:
                 answered = now
             self._receive(left)
-        self._ledger.late(sum(len(self._barrier.asked[name].uavs) for name in self._barrier.missing))
+        self._counters.late(sum(len(self._barrier.asked[name].uavs) for name in self._barrier.missing))
         return now if answered is None else answered

@@ -12,9 +12,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm.messages import NOBODY
-from swarm.scenario import Scenario
-from swarm.state import Plane, States
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import Plane, States
+from meanflock.swarm.wire.messages import NOBODY
 
 Memory: TypeAlias = dict[str, NDArray[Any]]
 Rows: TypeAlias = NDArray[np.intp]

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from channel.base import Channel, Floats
-from channel.link import slots_needed
-from swarm.scenario import Scenario
+from meanflock.channel.base import Channel, Floats
+from meanflock.channel.link import slots_needed
+from meanflock.swarm.scenario import Scenario
 
 
 class Ideal(Channel):

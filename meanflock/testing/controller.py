@@ -8,15 +8,15 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.controllers.base import Controller, Memory, Received, Step
-from agent.rows import checked_memory, checked_step, of_row
+from meanflock.agent.controllers.base import Controller, Memory, Received, Step
+from meanflock.agent.rows import checked_memory, checked_step, of_row
+from meanflock.swarm import declared as declarations
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import AXES, States
+from meanflock.swarm.wire.control import decode_record, encode_record
 from meanflock.testing.error import alike, copies, fail, make, same, with_other_randomness
-from swarm import declared as declarations
-from swarm.codec import decode_record, encode_record
-from swarm.errors import BadInput
-from swarm.scenario import Scenario
-from swarm.state import AXES, States
-from worldsim.formation import initial_states
+from meanflock.worldsim.formation import initial_states
 
 UAVS, TICKS = 6, 40
 LOST = 0.2  # share of the frames that the radio loses in the trial

@@ -6,19 +6,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from channel.base import Channel
-from channel.fading.ideal import Ideal
-from channel.fading.rice import Rice
-from channel.medium import Medium
-from groundstation.engine import Engine
-from swarm import plugins, state
-from swarm.errors import BadInput, RunFailed
-from swarm.messages import FrameKind, Frames
-from swarm.scenario import Scenario, load
+from meanflock.channel.base import Channel
+from meanflock.channel.fading.ideal import Ideal
+from meanflock.channel.fading.rice import Rice
+from meanflock.channel.medium import Medium
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm import plugins, state
+from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire.messages import FrameKind, Frames
 
 DISK = '''
 import numpy as np
-from channel.base import Channel
+from meanflock.channel.base import Channel
 
 class Disk(Channel):
     """Everything gets through within a radius, in one slot; beyond it nothing does, in two."""

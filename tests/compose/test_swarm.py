@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from groundstation import certs
+from meanflock.groundstation import certs
 from tests.polling import DEADLINE_S, until
 
 REPOSITORY = Path(__file__).parents[2]
@@ -149,7 +149,16 @@ SHORT = ["seed=7", "duration=30", "federation.period=50"]
 def alone(tmp_path_factory: pytest.TempPathFactory) -> str:
     """The trajectory of `SHORT` in one process, with the arithmetic the containers choose, whatever is set here."""
     settings = [word for setting in (*SHORT, f"uavs={UAVS}") for word in ("--set", setting)]
-    line = [sys.executable, "-m", "groundstation.cli", "run", "--in-process", "--no-record", "--json", "--quiet"]
+    line = [
+        sys.executable,
+        "-m",
+        "meanflock.groundstation.cli",
+        "run",
+        "--in-process",
+        "--no-record",
+        "--json",
+        "--quiet",
+    ]
     env = {name: value for name, value in os.environ.items() if not name.startswith("OPENBLAS")}
     done = subprocess.run(
         [*line, "--out", str(tmp_path_factory.mktemp("alone")), *settings],

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from groundstation.results import RunFolder
-from groundstation.resume import back
-from swarm.errors import RunFailed
+from meanflock.groundstation.results import RunFolder
+from meanflock.groundstation.resume import back
+from meanflock.swarm.errors import RunFailed
 from tests.faults.conftest import Lab, scenario
 
 EVERY = 'faults=[{kind="kill", tick=60, uavs=[0, 1, 2, 3, 4, 5]}]'
@@ -22,7 +22,7 @@ class Patient(Lab):
         self.now = 0.0
         self.waits = 0
         self.while_waiting: dict[int, Callable[[], Any]] = {}
-        self.world._waiting._clock = self.world._door._clock = lambda: self.now
+        self.world._waiting._clock = self.world._admission._clock = lambda: self.now
         self.world._waiting._receive = self._wait
 
     def _wait(self, timeout_s: float) -> None:

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from meanflock.leader.aggregate import krum, median, rule, suspects, trimmed_mean
 
-from agent.byzantine import Byzantine
-from leader.aggregate import krum, median, rule, suspects, trimmed_mean
-from swarm.mean import ABSURD, fedavg, refuse
-from swarm.scenario import load
+from meanflock.agent.byzantine import Byzantine
+from meanflock.swarm.mean import ABSURD, fedavg, refuse
+from meanflock.swarm.scenario import load
 from tests.faults.conftest import Lab, scenario
 
 QUICK = settings(max_examples=60, deadline=None, database=None)

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from groundstation import recording
-from groundstation.cli import main
-from groundstation.results import CHECKPOINT, EVENTS, RECORDING, read_checkpoint
-from groundstation.viewer import verify
-from swarm.errors import BadInput
+from meanflock.groundstation import recording
+from meanflock.groundstation.cli import main
+from meanflock.groundstation.results import CHECKPOINT, EVENTS, RECORDING, read_checkpoint
+from meanflock.groundstation.viewer import verify
+from meanflock.swarm.errors import BadInput
 from tests.faults.conftest import scenario
 from tests.faults.test_resume import LATER, dead, resumed
 from tests.polling import DEADLINE_S
@@ -160,7 +160,9 @@ def test_a_recording_that_cannot_be_completed_without_events_is_a_verdict(
 def test_a_full_disk_is_a_verdict_and_leaves_nothing_half_written(command: str, folder: Path) -> None:
     before = contents(folder)
     (folder / RECORDING).write_bytes(b"")
-    program = f"import sys; from groundstation.cli import main; sys.exit(main([{command!r}, {str(folder)!r}]))"
+    program = (
+        f"import sys; from meanflock.groundstation.cli import main; sys.exit(main([{command!r}, {str(folder)!r}]))"
+    )
     limit = 20_000  # bytes a file may have; a time series has more
     done = subprocess.run(
         [sys.executable, "-c", program],
@@ -178,7 +180,7 @@ def test_a_full_disk_is_a_verdict_and_leaves_nothing_half_written(command: str, 
 
 def test_a_picture_is_whole_or_not_there(flown: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(flown, tmp_path / "run"))
-    program = f"import sys; from groundstation.cli import main; sys.exit(main(['plot', {str(folder)!r}]))"
+    program = f"import sys; from meanflock.groundstation.cli import main; sys.exit(main(['plot', {str(folder)!r}]))"
     done = subprocess.run(
         [sys.executable, "-c", program],
         capture_output=True,

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarm import codec
-from swarm.messages import Act, FrameKind, Frames
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from tests.faults.conftest import Lab, scenario
 
 RULES = ("fedavg", "median", "trimmed-mean", "krum")
@@ -16,7 +16,7 @@ ROUNDS = 5  # of the flight, opened in ticks 20, 40 …
 
 def poisoned(act: Act, value: float) -> bytes:
     """The act with one weight of its upload replaced, as bytes the encoder of an honest node would not have made."""
-    raw = codec.encode(act)
+    raw = control.encode(act)
     (upload,) = act.outbox
     weights = upload.payload.copy()
     at = raw.index(weights.tobytes())
@@ -26,17 +26,17 @@ def poisoned(act: Act, value: float) -> bytes:
 
 def hostile(lab: Lab, name: str, say: Callable[[Act, Callable[[bytes], None]], None]) -> None:
     """From now on what a node says in a round's tick is `say`'s to decide; it is given the honest act and the bus."""
-    spoke: Any = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
-    put = spoke._bus.put
+    client: Any = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
+    put = client._bus.put
 
     def speak(key: str, raw: bytes) -> None:
-        act = codec.decode(raw)
+        act = control.decode(raw)
         if isinstance(act, Act) and any(frames.kind == FrameKind.UPLOAD for frames in act.outbox):
             say(act, lambda raw: put(key, raw))
         else:
             put(key, raw)
 
-    spoke._bus.put = speak
+    client._bus.put = speak
 
 
 def swarm(rule: str, *extra: str) -> Lab:
@@ -52,7 +52,7 @@ def test_weights_that_are_no_numbers_are_dropped_and_counted_and_the_flight_is_a
 
     def say(act: Act, put: Callable[[bytes], None]) -> None:
         put(poisoned(act, value))
-        put(codec.encode(act))
+        put(control.encode(act))
 
     hostile(lab, "agent-3", say)
     summary = lab.fly()
@@ -85,7 +85,7 @@ def test_nobody_can_take_the_uploads_of_all_to_another_round() -> None:
     """Frames of a kind go on the air together, those of UAV 0 first: its word for the round was everybody's."""
     alone = swarm("fedavg", "federation.leader=5")
     hostile(
-        alone, "agent-0", lambda act, put: put(codec.encode(Act(act.run, act.tick, act.outcome, report=act.report)))
+        alone, "agent-0", lambda act, put: put(control.encode(Act(act.run, act.tick, act.outcome, report=act.report)))
     )
     silent = alone.fly()
     lab = swarm("fedavg", "federation.leader=5")
@@ -93,7 +93,7 @@ def test_nobody_can_take_the_uploads_of_all_to_another_round() -> None:
     def elsewhere(act: Act, put: Callable[[bytes], None]) -> None:
         (upload,) = act.outbox
         stray = Frames(upload.kind, 2**40, upload.source, upload.payload)
-        put(codec.encode(Act(act.run, act.tick, act.outcome, outbox=(stray,), report=act.report)))
+        put(control.encode(Act(act.run, act.tick, act.outcome, outbox=(stray,), report=act.report)))
 
     hostile(lab, "agent-0", elsewhere)
     summary = lab.fly()
@@ -105,18 +105,18 @@ def test_nobody_can_take_the_uploads_of_all_to_another_round() -> None:
 
 def test_an_upload_between_rounds_is_not_kept() -> None:
     lab = swarm("fedavg")
-    spoke: Any = lab.bus_of("agent-2").handler.__self__  # type: ignore[union-attr]
-    put = spoke._bus.put
+    client: Any = lab.bus_of("agent-2").handler.__self__  # type: ignore[union-attr]
+    put = client._bus.put
     model = np.zeros((1, 108), np.float32)
 
     def always(key: str, raw: bytes) -> None:
-        act = codec.decode(raw)
+        act = control.decode(raw)
         if isinstance(act, Act) and not act.outbox:
             extra = Frames(FrameKind.UPLOAD, act.tick + 1, np.array([2], np.int32), model)
-            raw = codec.encode(Act(act.run, act.tick, act.outcome, outbox=(extra,), report=act.report))
+            raw = control.encode(Act(act.run, act.tick, act.outcome, outbox=(extra,), report=act.report))
         put(key, raw)
 
-    spoke._bus.put = always
+    client._bus.put = always
     summary = lab.fly()
     assert summary["dropped_messages"]["wrong-round"] == 120 - ROUNDS
     assert not lab.world._uploads._kept

@@ -10,8 +10,8 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from groundstation import certs
-from swarm import scenario as scenarios
+from meanflock.groundstation import certs
+from meanflock.swarm import scenario as scenarios
 from tests.faults.conftest import SETTINGS, Flight, Lab, Processes, ends_by_itself
 from tests.polling import DEADLINE_S
 
@@ -79,7 +79,7 @@ def test_a_run_whose_leader_station_and_world_are_killed_at_random_ticks_is_resu
     for process in (*flight.agents, *flight.leaders[:-1]):
         process.terminate()  # they would wait for a world to come back
     (folder,) = tmp_path.iterdir()
-    line = [sys.executable, "-m", "groundstation.cli", "resume", str(folder), *secure]
+    line = [sys.executable, "-m", "meanflock.groundstation.cli", "resume", str(folder), *secure]
     line += ["--json", "--quiet", "--no-record"]
     done = subprocess.run(line, capture_output=True, text=True, timeout=DEADLINE_S)
     assert done.returncode == 0, done.stderr

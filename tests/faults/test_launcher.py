@@ -12,20 +12,20 @@ from typing import Any
 import psutil
 import pytest
 
-from groundstation.launch import Child, Swarm
-from groundstation.results import CHECKPOINT, RunFolder
-from groundstation.resume import back
-from groundstation.run import _listen
-from groundstation.station import Station
-from swarm import scenario as scenarios
-from swarm.bus import MemoryNetwork
-from swarm.errors import RunFailed
-from swarm.process import Interrupted
+from meanflock.groundstation.launch import Child, Swarm
+from meanflock.groundstation.results import CHECKPOINT, RunFolder
+from meanflock.groundstation.resume import back
+from meanflock.groundstation.run import _listen
+from meanflock.groundstation.station import Station
+from meanflock.swarm import scenario as scenarios
+from meanflock.swarm.errors import RunFailed
+from meanflock.swarm.net.bus import MemoryNetwork
+from meanflock.swarm.process import Interrupted
 from tests.faults.conftest import Lab, events_in, spool_bytes
 from tests.polling import DEADLINE_S, until
 
 FLOWN = ("uavs=5", "seed=7", "duration=600", "stop=duration", "federation.period=40")
-COMMAND = [sys.executable, "-m", "groundstation.cli"]
+COMMAND = [sys.executable, "-m", "meanflock.groundstation.cli"]
 ENVIRONMENT = {**os.environ, "MEANFLOCK_BARRIER": "4"}
 linux = pytest.mark.skipif(sys.platform != "linux", reason="agents are forked on Linux only")
 
@@ -177,7 +177,7 @@ def test_a_run_that_loses_all_agents_fails_and_is_resumed_from_before(
 def test_where_nothing_is_forked_the_launcher_starts_an_agent_again_itself(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("agent.siblings.SAFE", False)
+    monkeypatch.setattr("meanflock.agent.prefork.SAFE", False)
     with Swarm("alone") as swarm:
         swarm.start_world(f"uavs = 2\n{SHORT}", wait_s=60.0, realtime=None)
         swarm.start_agents(2, 1, 60.0)

@@ -6,25 +6,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarm import codec
-from swarm.messages import Act, FrameKind, Frames
-from swarm.rounds import Rounds
+from meanflock.swarm.rounds import Rounds
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from tests.faults.conftest import Lab
 from tests.faults.test_clusters import CLEAR, FLOATS, PERIOD, globals_of, swarm
 
 
 def saying(lab: Lab, name: str, change: Callable[[Frames], Frames | None], kind: FrameKind) -> None:
     """From now on a node says `change` of its frames of a kind, before or instead of them."""
-    spoke: Any = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
-    put = spoke._bus.put
+    client: Any = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
+    put = client._bus.put
 
     def speak(key: str, raw: bytes) -> None:
-        act = codec.decode(raw)
+        act = control.decode(raw)
         if isinstance(act, Act) and (found := [frames for frames in act.outbox if frames.kind == kind]):
-            put(key, codec.encode(Act(act.run, act.tick, act.outcome, outbox=(change(found[0]),))))  # type: ignore[arg-type]
+            put(key, control.encode(Act(act.run, act.tick, act.outcome, outbox=(change(found[0]),))))  # type: ignore[arg-type]
         put(key, raw)
 
-    spoke._bus.put = speak
+    client._bus.put = speak
 
 
 def counted(frames: Frames, count: float) -> Frames:
@@ -64,17 +64,17 @@ def test_relays_are_for_heads_rounds_and_scenarios_that_have_them() -> None:
     model = np.ones((1, FLOATS + 1), np.float32)
 
     def extra(lab: Lab, name: str, uav: int) -> dict[str, Any]:
-        spoke: Any = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
-        put = spoke._bus.put
+        client: Any = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
+        put = client._bus.put
 
         def speak(key: str, raw: bytes) -> None:
-            act = codec.decode(raw)
+            act = control.decode(raw)
             if isinstance(act, Act) and act.tick == 30:
                 said = Frames(FrameKind.RELAY, 1, np.array([uav], np.int32), model)
-                put(key, codec.encode(Act(act.run, act.tick, act.outcome, outbox=(said,), report=act.report)))
+                put(key, control.encode(Act(act.run, act.tick, act.outcome, outbox=(said,), report=act.report)))
             put(key, raw)
 
-        spoke._bus.put = speak
+        client._bus.put = speak
         summary: dict[str, Any] = lab.fly()["dropped_messages"]
         return summary
 
@@ -86,16 +86,16 @@ def test_relays_are_for_heads_rounds_and_scenarios_that_have_them() -> None:
 @pytest.mark.parametrize(("tick", "refused"), [(21, (0,)), (21, (5, 5)), (21, (12,)), (20, (5,)), (30, (4,))], ids=str)
 def test_a_node_refuses_uploads_of_its_own_cluster_once_and_when_it_averages(tick: int, refused: tuple[int]) -> None:
     lab = Lab(swarm(), uavs_per_node=1)
-    spoke: Any = lab.bus_of("agent-4").handler.__self__  # type: ignore[union-attr]
-    put = spoke._bus.put
+    client: Any = lab.bus_of("agent-4").handler.__self__  # type: ignore[union-attr]
+    put = client._bus.put
 
     def speak(key: str, raw: bytes) -> None:
-        act = codec.decode(raw)
+        act = control.decode(raw)
         if isinstance(act, Act) and act.tick == tick:
-            put(key, codec.encode(Act(act.run, act.tick, act.outcome, refused=refused)))
+            put(key, control.encode(Act(act.run, act.tick, act.outcome, refused=refused)))
         put(key, raw)
 
-    spoke._bus.put = speak
+    client._bus.put = speak
     summary = lab.fly()
     assert (summary["dropped_messages"], summary["uploads_refused"]) == ({"wrong-shape": 1}, 0)
 
@@ -109,18 +109,18 @@ def test_who_takes_no_part_in_a_round_is_not_heard_in_it(clusters: int) -> None:
     idle = [number for number in range(1, 6) if 11 not in Rounds(of).participants(number)]
     assert idle
     assert takes_part
-    spoke: Any = lab.bus_of("agent-11").handler.__self__  # type: ignore[union-attr]
-    put = spoke._bus.put
+    client: Any = lab.bus_of("agent-11").handler.__self__  # type: ignore[union-attr]
+    put = client._bus.put
 
     def speak(key: str, raw: bytes) -> None:
-        act = codec.decode(raw)
+        act = control.decode(raw)
         if isinstance(act, Act) and act.tick % PERIOD == 0 and act.tick // PERIOD in idle:
             model = np.full((1, FLOATS), 5.0, np.float32)
             said = Frames(FrameKind.UPLOAD, act.tick // PERIOD, np.array([11], np.int32), model)
-            raw = codec.encode(Act(act.run, act.tick, act.outcome, outbox=(said,), report=act.report))
+            raw = control.encode(Act(act.run, act.tick, act.outcome, outbox=(said,), report=act.report))
         put(key, raw)
 
-    spoke._bus.put = speak
+    client._bus.put = speak
     summary = lab.fly()
     assert summary["dropped_messages"] == {"wrong-round": len(idle)}
     assert summary["trajectory_sha256"] == expected["trajectory_sha256"]
@@ -131,22 +131,22 @@ def test_a_head_that_lies_speaks_for_its_cluster_and_no_more() -> None:
     lab = Lab(swarm("federation.fraction=1.0", *CLEAR), uavs_per_node=1)
     hostile_relay = np.full(FLOATS, 7.0)
     heard: list[np.ndarray] = []
-    spoke: Any = lab.bus_of("agent-4").handler.__self__  # type: ignore[union-attr]
-    put, send = spoke._bus.put, lab.world.air.send
+    client: Any = lab.bus_of("agent-4").handler.__self__  # type: ignore[union-attr]
+    put, send = client._bus.put, lab.world.air.send
 
     def speak(key: str, raw: bytes) -> None:
-        act = codec.decode(raw)
+        act = control.decode(raw)
         if isinstance(act, Act) and act.tick == PERIOD + 1:
             payload = np.append(hostile_relay, 4.0)[None]
             said = Frames(FrameKind.RELAY, 1, np.array([4], np.int32), payload)
-            raw = codec.encode(Act(act.run, act.tick, act.outcome, outbox=(said,), report=act.report))
+            raw = control.encode(Act(act.run, act.tick, act.outcome, outbox=(said,), report=act.report))
         put(key, raw)
 
     def listen(tick: int, frames: list[Frames], *rest: Any) -> Any:
         heard.extend(batch.payload[0] for batch in frames if batch.kind == FrameKind.GLOBAL and batch.round == 1)
         return send(tick, frames, *rest)
 
-    spoke._bus.put, lab.world.air.send = speak, listen  # type: ignore[method-assign, assignment]
+    client._bus.put, lab.world.air.send = speak, listen  # type: ignore[method-assign, assignment]
     lab.fly()
     honest = globals_of(swarm("federation.fraction=1.0", *CLEAR))[0]
     moved = heard[0] - honest

@@ -13,11 +13,11 @@ import psutil
 import pyarrow.parquet as pq
 import pytest
 
-from groundstation.launch import free_endpoint
-from groundstation.recorded import recorded
-from swarm import keys
-from swarm import scenario as scenarios
-from swarm.session import ZenohBus
+from meanflock.groundstation.launch import free_endpoint
+from meanflock.groundstation.recorded import recorded
+from meanflock.swarm import scenario as scenarios
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.session import ZenohBus
 from tests.faults.conftest import SETTINGS, Flight, Lab, Processes, ends_by_itself, events_in, spool_bytes, summary_of
 from tests.faults.wire import Wire
 from tests.polling import DEADLINE_S, LINK_SURE_S, until
@@ -239,7 +239,17 @@ def test_a_station_whose_connection_is_reset_comes_back_and_leaves_no_gap(proces
 
 def test_a_frozen_agent_does_not_make_the_command_fail(tmp_path: Path) -> None:
     settings = [word for setting in (*SETTINGS, "duration=100") for word in ("--set", setting)]
-    run = ["-m", "groundstation.cli", "run", "--out", str(tmp_path), "--no-record", "--quiet", "--json", *settings]
+    run = [
+        "-m",
+        "meanflock.groundstation.cli",
+        "run",
+        "--out",
+        str(tmp_path),
+        "--no-record",
+        "--quiet",
+        "--json",
+        *settings,
+    ]
     command = subprocess.Popen(
         [sys.executable, *run, "--endpoint", free_endpoint()],
         stdout=subprocess.PIPE,

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.__main__ import LATEST, _folder
-from groundstation.engine import Engine
-from groundstation.results import SUMMARY, RunFolder
-from swarm.errors import BadInput
+from meanflock.groundstation.__main__ import LATEST, _folder
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.results import SUMMARY, RunFolder
+from meanflock.swarm.errors import BadInput
 from tests.faults.conftest import scenario
 
 RUN = "compose"
@@ -20,7 +20,7 @@ def killed(out: Path, name: str, at: int, seed: int = 3) -> Path:
     folder = RunFolder(out, name, flown)
     for tick in Engine(flown, "any", sinks=[folder]).fly():
         if tick == at:
-            folder._aside.wait()
+            folder._background.wait()
             folder._events.close()
             break
     return out / name

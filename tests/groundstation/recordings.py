@@ -7,12 +7,12 @@ from unittest.mock import patch
 import numpy as np
 from rerun.chunk import RrdReader
 
-from groundstation import blueprint as look
-from groundstation import panels, recording
-from groundstation.recording import Recorder
-from groundstation.reported import Reported
-from swarm.messages import SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
-from swarm.scenario import Scenario
+from meanflock.groundstation import blueprint as look
+from meanflock.groundstation import panels, recording
+from meanflock.groundstation.recording import Recorder
+from meanflock.groundstation.reported import Reported
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
 
 ROUND_TICKS = 100
 DIAGNOSTICS = ("hjb_residual", "fpk_residual", "phi_G")  # of the paper's scenario, which is the default

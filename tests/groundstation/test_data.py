@@ -12,20 +12,20 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from groundstation import columns, dictionary, inbound, recording
-from groundstation.results import EVENTS, SUMMARY, TIMESERIES, RunFolder
-from groundstation.run import Options, fly
-from groundstation.series import diagnostics_in
-from swarm import plugins
-from swarm.errors import BadInput, MessageRejected
-from swarm.messages import Status
-from swarm.scenario import load
+from meanflock.groundstation import columns, dictionary, inbound, recording
+from meanflock.groundstation.results import EVENTS, SUMMARY, TIMESERIES, RunFolder
+from meanflock.groundstation.run import Options, fly
+from meanflock.groundstation.series import diagnostics_in
+from meanflock.swarm import plugins
+from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.scenario import load
+from meanflock.swarm.wire.messages import Status
 from tests.groundstation.recordings import flight
 
 ROOT = Path(__file__).parents[2]
 FAULTS = [{"kind": "kill", "tick": 20, "uavs": [1]}, {"kind": "leader-loss", "tick": 250}]
 CLASH = """
-from agent.controllers.base import Controller
+from meanflock.agent.controllers.base import Controller
 class Clash(Controller):
     name = "clash"
     diagnostics = ("load", "status")

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from groundstation import blueprint as look
-from groundstation import palette, panels
-from groundstation.reported import Reported
-from swarm.faults import Fault, Gust, Jam, Kill, Partition, Pause
-from swarm.messages import Status, Telemetry
-from swarm.scenario import Federation, Metrics, Scenario, Start
+from meanflock.groundstation import blueprint as look
+from meanflock.groundstation import palette, panels
+from meanflock.groundstation.reported import Reported
+from meanflock.swarm.faults import Fault, Gust, Jam, Kill, Partition, Pause
+from meanflock.swarm.scenario import Federation, Metrics, Scenario, Start
+from meanflock.swarm.wire.messages import Status, Telemetry
 from tests.groundstation.recordings import column, flight, record
 
 pytestmark = pytest.mark.usefixtures("strict")

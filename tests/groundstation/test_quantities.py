@@ -14,16 +14,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from groundstation import panels, plots, plotstyle, quantities
-from groundstation.paper import figures_grids
-from groundstation.progress import summary_table
-from groundstation.quantities import FIELDS, Quantity
-from groundstation.reported import Reported
-from groundstation.results import TIMESERIES
-from groundstation.run import Options, fly
-from groundstation.series import block_of
-from swarm.messages import SWARM_COLUMNS
-from swarm.scenario import load
+from meanflock.groundstation import panels, plots, plotstyle, quantities
+from meanflock.groundstation.paper import figures_grids
+from meanflock.groundstation.progress import summary_table
+from meanflock.groundstation.quantities import FIELDS, Quantity
+from meanflock.groundstation.reported import Reported
+from meanflock.groundstation.results import TIMESERIES
+from meanflock.groundstation.run import Options, fly
+from meanflock.groundstation.series import block_of
+from meanflock.swarm.scenario import load
+from meanflock.swarm.wire.messages import SWARM_COLUMNS
 from tests.groundstation.recordings import DIAGNOSTICS
 
 ROOT = Path(__file__).parents[2]

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from groundstation import blueprint as look
-from groundstation import palette, panels
-from groundstation.recorded import recorded as recorded_of
-from groundstation.recording import Recorder, verify
-from groundstation.reported import Reported
-from swarm import state
-from swarm.errors import BadInput
-from swarm.messages import SWARM_COLUMNS, FrameKind, Telemetry
-from swarm.scenario import Federation, Scenario
+from meanflock.groundstation import blueprint as look
+from meanflock.groundstation import palette, panels
+from meanflock.groundstation.recorded import recorded as recorded_of
+from meanflock.groundstation.recording import Recorder, verify
+from meanflock.groundstation.reported import Reported
+from meanflock.swarm import state
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Federation, Scenario
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, FrameKind, Telemetry
 from tests.groundstation.recordings import COLLISIONS, HJB, ROUND_TICKS, WEIGHTS, column, flight, record, scalars
 
 pytestmark = pytest.mark.usefixtures("strict")

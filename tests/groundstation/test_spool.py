@@ -7,9 +7,9 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from groundstation.series import block_of, rows_of, schema, unbroken
-from groundstation.spool import Spool, spooled
-from swarm.messages import Telemetry
+from meanflock.groundstation.series import block_of, rows_of, schema, unbroken
+from meanflock.groundstation.spool import Spool, spooled
+from meanflock.swarm.wire.messages import Telemetry
 from tests.groundstation.recordings import DIAGNOSTICS, flight
 
 BLOCKS = flight(uavs=3, ticks=60)

@@ -7,18 +7,18 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from agent.basis import DensityBasis, Powers
-from agent.fpk import FpkLearner
-from agent.hjb import HjbLearner, HjbResult, local_cost
+from meanflock.agent.basis import DensityBasis, Powers
+from meanflock.agent.fpk import FpkLearner
+from meanflock.agent.hjb import HjbLearner, HjbResult, local_cost
 from scipy import integrate, linalg, optimize
 
-from groundstation.engine import Engine
-from groundstation.paper import optimum, theory
-from groundstation.paper.measure import LONG_S, filter_moments, long_flight, measure, measured
-from groundstation.paper.view import keep_measured
-from swarm import state
-from swarm.scenario import Scenario, load
-from worldsim import dynamics
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.paper import optimum, theory
+from meanflock.groundstation.paper.measure import LONG_S, filter_moments, long_flight, measure, measured
+from meanflock.groundstation.paper.view import keep_measured
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.worldsim import dynamics
 
 
 def scenario(*settings: str, **options: Any) -> Scenario:

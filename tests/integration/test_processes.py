@@ -8,14 +8,14 @@ from pathlib import Path
 import psutil
 import pyarrow.parquet as pq
 import pytest
-from swarm.methods import Method
+from meanflock.swarm.methods import Method
 
-from groundstation.engine import Engine
-from groundstation.launch import free_endpoint
-from groundstation.results import CHECKPOINT, read_checkpoint
-from groundstation.resume import back
-from groundstation.viewer import verify
-from swarm.scenario import load
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch import free_endpoint
+from meanflock.groundstation.results import CHECKPOINT, read_checkpoint
+from meanflock.groundstation.resume import back
+from meanflock.groundstation.viewer import verify
+from meanflock.swarm.scenario import load
 from tests.integration.conftest import Command, Spawn, processes_of
 from tests.polling import DEADLINE_S, until
 
@@ -173,7 +173,7 @@ def test_a_run_whose_world_was_killed_is_whole_so_far_and_is_resumed_to_the_end_
     assert verify(command.folder / "recording.rrd") is None
     flown = len(pq.read_table(command.folder / "timeseries.parquet"))
     assert back(command.folder).start.tick < flown < 3001
-    resumed = spawn("groundstation.cli", "resume", str(command.folder), "--json", "--quiet")
+    resumed = spawn("meanflock.groundstation.cli", "resume", str(command.folder), "--json", "--quiet")
     out, err = resumed.communicate(timeout=DEADLINE_S)
     assert resumed.returncode == 0, err
     assert json.loads(out)["trajectory_sha256"] == undisturbed.world.finish()["trajectory_sha256"]

@@ -40,7 +40,7 @@ def folder(tmp_path: Path) -> Path:
 )
 def test_a_run_takes_nothing_from_the_working_folder(flags: tuple[str, ...], folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    as_the_script_does = ["-P", "-c", "from groundstation.cli import main; main()"]
+    as_the_script_does = ["-P", "-c", "from meanflock.groundstation.cli import main; main()"]
     command = [sys.executable, *as_the_script_does, *flags, "--out", str(out)]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=DEADLINE_S)
     assert not (tmp_path / "ran").exists(), (tmp_path / "ran").read_text()

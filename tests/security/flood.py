@@ -7,9 +7,9 @@ import sys
 import threading
 from pathlib import Path
 
-from swarm.errors import BusError
-from swarm.identity import Identity
-from swarm.session import ZenohBus
+from meanflock.swarm.errors import BusError
+from meanflock.swarm.net.identity import Identity
+from meanflock.swarm.net.session import ZenohBus
 from tests.polling import DEADLINE_S
 
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from groundstation import certs
-from groundstation.cli import main
-from groundstation.doctor import certificates
-from swarm import access, keys
-from swarm.errors import BadInput
-from swarm.identity import Identity, only_agent
-from swarm.session import secured
+from meanflock.groundstation import certs
+from meanflock.groundstation.cli import main
+from meanflock.groundstation.doctor import certificates
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.net import access, keys
+from meanflock.swarm.net.identity import Identity, only_agent
+from meanflock.swarm.net.session import secured
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 import psutil
 import pytest
 
-from swarm import keys
+from meanflock.swarm.net import keys
 from tests.polling import until
 from tests.security.conftest import RUN, Flight
 

@@ -4,7 +4,7 @@ import logging
 
 import pytest
 
-from swarm.refusals import Refusals
+from meanflock.swarm.net.refusals import Refusals
 
 AT = "\x1b[2m2026-11-21T01:06:53.244332Z\x1b[0m "
 ACL = "TRACE rx-0 ThreadId(08) zenoh::net::routing::interceptor::access_control: "

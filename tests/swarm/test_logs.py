@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.engine import Engine
-from swarm import keys, logs
-from swarm.errors import BadInput
-from swarm.refusals import Refusals
-from swarm.scenario import load
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm import logs
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.refusals import Refusals
+from meanflock.swarm.scenario import load
 
 RUN = "logged"
 

@@ -1,6 +1,6 @@
 """Which deaths speak against another start."""
 
-from swarm.restarts import AT_MOST, QUICK_S, Restarts
+from meanflock.swarm.net.restarts import AT_MOST, QUICK_S, Restarts
 
 
 def test_one_that_dies_at_once_is_started_a_few_times_only_and_nobody_else_is_blamed() -> None:

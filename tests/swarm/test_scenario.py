@@ -13,12 +13,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from channel import theory
-from channel.link import slots_needed
-from swarm import scenario
-from swarm.errors import EXIT_BAD_INPUT, BadInput
-from swarm.rounds import Rounds
-from swarm.scenario import Scenario, load
+from meanflock.channel import theory
+from meanflock.channel.link import slots_needed
+from meanflock.swarm import scenario
+from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput
+from meanflock.swarm.rounds import Rounds
+from meanflock.swarm.scenario import Scenario, load
 from tests.methods import METHODS
 
 MEND = "`meanflock scenario schema`"

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from swarm import keys
-from swarm.bus import MemoryNetwork
-from swarm.scenario import load
-from worldsim.barrier import Barrier
-from worldsim.inbound import Replies
-from worldsim.members import Member
-from worldsim.pace import Pace
-from worldsim.waiting import Waiting
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import MemoryNetwork
+from meanflock.swarm.scenario import load
+from meanflock.worldsim.barrier import Barrier
+from meanflock.worldsim.inbound import Replies
+from meanflock.worldsim.members import Member
+from meanflock.worldsim.pace import Pace
+from meanflock.worldsim.waiting import Waiting
 
 
 def losses(steps: list[float]) -> int:
@@ -19,7 +19,7 @@ def losses(steps: list[float]) -> int:
     barrier.open(0, reporting=False)
     barrier.ask(Member("agent-0", "agent", np.arange(1)), np.zeros((1, 4)))
 
-    class Door:
+    class Admission:
         def lose(self, member: Member, why: str) -> None:
             barrier.forget(member.name)
 
@@ -29,7 +29,7 @@ def losses(steps: list[float]) -> int:
         looks += 1
 
     pace = Pace(load(None).pace, lambda kind, text: None)
-    Waiting(barrier, Door(), None, None, 2.0, pace, receive, lambda: now).for_answers()  # type: ignore[arg-type]
+    Waiting(barrier, Admission(), None, None, 2.0, pace, receive, lambda: now).for_answers()  # type: ignore[arg-type]
     return looks
 
 

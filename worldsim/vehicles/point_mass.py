@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from swarm import state
-from swarm.scenario import Scenario
-from worldsim.vehicles.base import Hidden, Vehicle
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Scenario
+from meanflock.worldsim.vehicles.base import Hidden, Vehicle
 
 
 class PointMass(Vehicle):

@@ -12,7 +12,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from contextlib import suppress
 
-from swarm.refusals import Refusals
+from meanflock.swarm.net.refusals import Refusals
 
 _FOLDERS = ("/proc/self/fd", "/dev/fd")  # Linux; other systems
 

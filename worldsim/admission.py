@@ -1,26 +1,28 @@
-"""The door of the world: who comes, who goes, who comes back, and whether what they say is let in."""
+"""The admission of the world: who comes, who goes, who comes back, and whether what they say is let in."""
 
 import logging
 from collections.abc import Callable
 
 import numpy as np
 
-from swarm import codec, keys, scenario
-from swarm.bus import Bus, Delivery
-from swarm.errors import MessageRejected
-from swarm.messages import LOST, Event, Join, Message, Ready, Received, Refusal, Stop, Welcome
-from swarm.printable import printable
-from swarm.scenario import Scenario
-from swarm.tick import TYPES
-from worldsim.barrier import Barrier
-from worldsim.checkpoint import Resumption
-from worldsim.flight import Flight
-from worldsim.ledger import Ledger
-from worldsim.limits import Limits
-from worldsim.members import LEADER, JoinRefused, Member, Members
-from worldsim.quotas import JOIN_BYTES, RECEIVED_BYTES
-from worldsim.telemetry import Outbox
-from worldsim.unattended import Unattended
+from meanflock.swarm import scenario
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import Bus, Delivery
+from meanflock.swarm.printable import printable
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import LOST, Event, Join, Message, Ready, Received, Refusal, Stop, Welcome
+from meanflock.swarm.wire.tick import TYPES
+from meanflock.worldsim.barrier import Barrier
+from meanflock.worldsim.checkpoint import Resumption
+from meanflock.worldsim.counters import Counters
+from meanflock.worldsim.flight import Flight
+from meanflock.worldsim.limits import Limits
+from meanflock.worldsim.members import LEADER, JoinRefused, Member, Members
+from meanflock.worldsim.quotas import JOIN_BYTES, RECEIVED_BYTES
+from meanflock.worldsim.telemetry import Outbox
+from meanflock.worldsim.unattended import Unattended
 
 log = logging.getLogger("meanflock.world")
 
@@ -31,7 +33,7 @@ _OF_REPEATS = ("duplicate", "stale")  # what a second answer to a question that 
 Note = Callable[[str, str], None]  # kind and text of an event
 
 
-class Door:
+class Admission:
     """Takes every delivery of the world's bus; the members and the listeners of a run are its own."""
 
     def __init__(
@@ -43,7 +45,7 @@ class Door:
         flight: Flight,
         barrier: Barrier,
         outbox: Outbox,
-        ledger: Ledger,
+        counters: Counters,
         note: Note,
         clock: Callable[[], float],
     ) -> None:
@@ -57,10 +59,10 @@ class Door:
         self.on_leader_lost: Callable[[], None] = lambda: None  # one that was asked in this tick
         self._scenario, self._bus, self._run = flown, bus, run
         self._fingerprint, self._received = keys.fingerprint(run), keys.received(run)
-        self._float = codec.FLOAT_OF_BITS[flown.radio.bits_per_float]
+        self._float = control.FLOAT_OF_BITS[flown.radio.bits_per_float]
         self._plan = flight.states.astype(self._float)
         self._plugins, self._limits = flown.plugins(), Limits(flown)
-        self._flight, self._barrier, self._outbox, self._ledger = flight, barrier, outbox, ledger
+        self._flight, self._barrier, self._outbox, self._counters = flight, barrier, outbox, counters
         self._note, self._clock = note, clock
         bus.subscribe(keys.act(run, "*"), barrier.offer)
         bus.subscribe(self._received)
@@ -71,7 +73,7 @@ class Door:
         """One delivery, whatever it is. Never raises for what the network sent."""
         try:
             if delivery.kind == "message" and delivery.key == self._received:
-                received = codec.decode_as(Received, delivery.payload, self._fingerprint, limit=RECEIVED_BYTES)
+                received = control.decode_as(Received, delivery.payload, self._fingerprint, limit=RECEIVED_BYTES)
                 self._outbox.acknowledge(received.block)
             elif delivery.kind == "message":
                 self._hear(keys.node_of(delivery.key), delivery.payload)
@@ -86,8 +88,8 @@ class Door:
 
     def drop(self, error: MessageRejected, where: str) -> None:
         """Counts something that was not let in."""
-        self._ledger.drops[error.reason] += 1
-        if self._ledger.drops.total() <= MAX_DROP_EVENTS:  # a flood fills neither log nor record
+        self._counters.drops[error.reason] += 1
+        if self._counters.drops.total() <= MAX_DROP_EVENTS:  # a flood fills neither log nor record
             about = {"tick": self._flight.tick, "peer": _peer(where), "reason": error.reason}
             where = printable(where)
             log.warning("dropped a message under %s: %s", where, error, extra=about)
@@ -101,7 +103,7 @@ class Door:
             return
         about = {"tick": self._flight.tick, "peer": member.name, "uavs": member.uavs.tolist(), "reason": why}
         log.warning("lost %s: %s", member.name, why, extra=about)
-        self._ledger.nodes_lost += self.flying
+        self._counters.nodes_lost += self.flying
         self.dismiss(member, f"{LOST}{why}")
         if len(member.uavs) and self.flying:
             self.unattended.lose(member.uavs)
@@ -137,7 +139,7 @@ class Door:
             if raw[1:2] in TYPES:
                 self._barrier.take(member, raw)
             else:
-                self._control(member, codec.decode(raw))
+                self._control(member, control.decode(raw))
         except MessageRejected as error:
             if error.reason not in _OF_REPEATS or not self._barrier.is_repeat(name):
                 raise
@@ -163,7 +165,7 @@ class Door:
         if member.ready:
             return
         member.ready = True
-        self._ledger.nodes_rejoined += self.flying
+        self._counters.nodes_rejoined += self.flying
         self.unattended.attend(member.uavs)
         if self.flying and member.role == LEADER:
             self._note("rejoined", f"{member.name} stands by")
@@ -174,27 +176,27 @@ class Door:
 
     def _answer(self, delivery: Delivery) -> None:
         assert delivery.reply is not None
-        join = codec.decode(delivery.payload, limit=JOIN_BYTES)
+        join = control.decode(delivery.payload, limit=JOIN_BYTES)
         if not isinstance(join, Join):
             raise MessageRejected("wrong-kind", f"{type(join).__name__} as a question")
         if keys.node_of(delivery.key) != (asker := keys.asker(join.role, join.uav)):
             raise MessageRejected("wrong-name", f"a Join of {asker}")
         if self.closed:
-            delivery.reply(codec.encode(Refusal("the flight is over")))
+            delivery.reply(control.encode(Refusal("the flight is over")))
             return
         name, uavs = STATION, np.zeros(0, dtype=np.intp)  # a ground station only asks what is flown
         if join.role != STATION:
             try:
                 member = self.members.admit(join, self._clock())
             except JoinRefused as error:
-                delivery.reply(codec.encode(Refusal(str(error), error.for_now)))
+                delivery.reply(control.encode(Refusal(str(error), error.for_now)))
                 return
             name, uavs = member.name, member.uavs
             about = {"tick": self._flight.tick, "peer": name, "uavs": uavs.tolist()}
             log.info("%s joined with UAVs %s", name, uavs.tolist(), extra=about)
         past = self.resumed if not self.flying and len(uavs) else None
         delivery.reply(
-            codec.encode(
+            control.encode(
                 Welcome(
                     run=self._fingerprint,
                     node=name,
@@ -228,7 +230,7 @@ class Door:
             self._stop(name, f"{LOST}nobody waits for this node any more")
 
     def _stop(self, name: str, why: str) -> None:
-        self._bus.put(keys.sense(self._run, name), codec.encode(Stop(self._fingerprint, why)))
+        self._bus.put(keys.sense(self._run, name), control.encode(Stop(self._fingerprint, why)))
 
 
 def _peer(where: str) -> str:

@@ -8,7 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 
-class Aside:
+class BackgroundWorker:
     """One piece of work at a time, in order; who brings the next before it is done waits. Nothing is left undone."""
 
     def __init__(self, name: str) -> None:

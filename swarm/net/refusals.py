@@ -18,7 +18,7 @@ import threading
 from collections import Counter
 from contextlib import suppress
 
-from swarm.printable import printable
+from meanflock.swarm.printable import printable
 
 log = logging.getLogger("meanflock.router")
 

@@ -14,8 +14,8 @@ import msgpack
 import msgspec
 import numpy as np
 
-from swarm.errors import MessageRejected
-from swarm.messages import Message
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.wire.messages import Message
 
 MAX_BYTES = 64 * 2**20  # no message of a swarm within the scenario's bounds comes near
 

@@ -10,10 +10,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm.codec import FLOAT_OF_BITS, expect
-from swarm.errors import MessageRejected
-from swarm.model import BEYOND_SENSE
-from swarm.scenario import Payload, Scenario
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.model import BEYOND_SENSE
+from meanflock.swarm.scenario import Payload, Scenario
+from meanflock.swarm.wire.control import FLOAT_OF_BITS, expect
 
 Floats = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-from worldsim.schedule import Schedule
+from meanflock.worldsim.schedule import Schedule
 
 _SCALARS = (
     "rounds",
@@ -19,7 +19,7 @@ _SCALARS = (
 )
 
 
-class Ledger:
+class Counters:
     """The counters of one run, from take-off on, however often it was resumed."""
 
     def __init__(self, refused: Counter[str] | None = None) -> None:

@@ -4,7 +4,7 @@ import re
 import zlib
 from functools import lru_cache
 
-from swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.errors import BadInput, MessageRejected
 
 ROOT = "meanflock"
 _RUN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")

@@ -15,10 +15,10 @@ import sys
 import time
 from logging import ERROR, WARNING
 
-from swarm import logs
-from swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED
-from swarm.process import CHILD, Interrupted, how_it_ended, orphaned
-from swarm.restarts import Restarts
+from meanflock.swarm import logs
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED
+from meanflock.swarm.net.restarts import Restarts
+from meanflock.swarm.process import CHILD, Interrupted, how_it_ended, orphaned
 
 SAFE = sys.platform == "linux"  # elsewhere system libraries may not survive a fork
 _POLL_S = 0.05
@@ -62,7 +62,7 @@ def _become_a_sibling(pipe: tuple[int, int] | None) -> None:
 
 
 def _await_deaths(living: dict[int, int], restarts: Restarts, interrupted: Interrupted) -> list[int]:
-    """Waits for the siblings, which are `living` by process id; the numbers of those that are to be forked again.
+    """Waits for the prefork, which are `living` by process id; the numbers of those that are to be forked again.
 
     Raises:
         SystemExit: all have ended: 0 if they went home or were told to end, 1 if every last one died again and again,
@@ -91,7 +91,7 @@ def _await_deaths(living: dict[int, int], restarts: Restarts, interrupted: Inter
 
 
 def _end(living: dict[int, int]) -> None:
-    """Ends all siblings: first asked, then killed."""
+    """Ends all prefork: first asked, then killed."""
     asked = time.monotonic()
     _signal(living, signal.SIGTERM)
     _signal(living, signal.SIGCONT)  # one that is frozen hears nothing

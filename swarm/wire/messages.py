@@ -1,6 +1,6 @@
 """The closed set of messages between processes: frozen, typed, tagged. Nothing else is ever on the bus.
 
-Arrays are little-endian; who receives one checks the shape it expects with `codec.expect`. N is the number of UAVs of
+Arrays are little-endian; who receives one checks the shape it expects with `control.expect`. N is the number of UAVs of
 the swarm, M the number a node holds as rows, K the number of diagnostics and W the number of weights that the
 controller reports. Sense and Act fly in every tick, in a layout of their own (`swarm.tick`); all others are control
 messages.
@@ -12,7 +12,7 @@ from typing import TypeAlias
 import msgspec
 import numpy as np
 
-from swarm.plugins import Door
+from meanflock.swarm.plugins import Door
 
 
 class _Message(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True, eq=False):

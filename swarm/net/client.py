@@ -11,10 +11,12 @@ from typing import Protocol
 
 import msgspec
 
-from swarm import codec, keys, plugins, tick
-from swarm.bus import Bus, Delivery
-from swarm.errors import BadInput, BusError, MessageRejected, Refused, WorldGone
-from swarm.messages import Act, Event, Join, Message, Ready, Refusal, Sense, Stop, Welcome
+from meanflock.swarm import plugins
+from meanflock.swarm.errors import BadInput, BusError, MessageRejected, Refused, WorldGone
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import Bus, Delivery
+from meanflock.swarm.wire import control, tick
+from meanflock.swarm.wire.messages import Act, Event, Join, Message, Ready, Refusal, Sense, Stop, Welcome
 
 log = logging.getLogger("meanflock.node")
 
@@ -34,7 +36,7 @@ class Node(Protocol):
         """Replies to a Sense, or raises MessageRejected and has not changed."""
 
 
-class Spoke:
+class NodeClient:
     """One node on the bus."""
 
     def __init__(self, bus: Bus, run: str) -> None:
@@ -72,7 +74,7 @@ class Spoke:
             self._node = make(welcome)
         except BadInput as error:  # said here and there: whoever watches the world need not look on this host
             why = f"{welcome.node} on host {platform.node()}: {error}"
-            self._bus.put(self._speak, codec.encode(Refusal(why)))
+            self._bus.put(self._speak, control.encode(Refusal(why)))
             raise BadInput(why) from error
         self._bus.subscribe(keys.sense(self._run, welcome.node), self._at_once)
         self._bus.watch(keys.alive(self._run, "world", "world"))
@@ -114,7 +116,7 @@ class Spoke:
         """One message, while nobody else asks the node."""
         try:
             if raw[1:2] not in tick.TYPES:
-                self._control(codec.decode(raw))
+                self._control(control.decode(raw))
                 return
             sense = tick.read_sense(raw)
             if sense.run != self._fingerprint:
@@ -137,12 +139,12 @@ class Spoke:
 
     def _ask(self, request: Join, timeout_s: float, cancelled: Callable[[], bool]) -> Message:
         """The first answer of a world that is not a refusal for now."""
-        question, raw = keys.join(self._run, keys.asker(request.role, request.uav)), codec.encode(request)
+        question, raw = keys.join(self._run, keys.asker(request.role, request.uav)), control.encode(request)
         failure = BusError(f"no world of run {self._run!r} answered within {timeout_s:.0f} s")
         end = time.monotonic() + timeout_s
         while True:
             if (answer := self._bus.ask(question, raw, _ASK_TIMEOUT_S)) is not None:
-                message = codec.decode(answer)
+                message = control.decode(answer)
                 if not isinstance(message, Refusal):
                     return message
                 failure = Refused(f"the world refused: {message.reason}")
@@ -177,11 +179,11 @@ class Spoke:
     def _complain(self, complaints: list[str]) -> None:
         """Tells the world what went wrong here."""
         for text in complaints:
-            self._bus.put(self._speak, codec.encode(Event(self._last_tick, "failed", text)))
+            self._bus.put(self._speak, control.encode(Event(self._last_tick, "failed", text)))
         complaints.clear()
 
     def _ready(self) -> None:
-        self._bus.put(self._speak, codec.encode(Ready(self._fingerprint)))
+        self._bus.put(self._speak, control.encode(Ready(self._fingerprint)))
 
 
 def _check_plugins(welcome: Welcome, role: str) -> None:

@@ -7,11 +7,11 @@ written more coarsely than that: what a byte a weight would take from them, no l
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm.ascending import contains
-from swarm.clusters import Clusters
-from swarm.codec import FLOAT_OF_BITS, expect
-from swarm.errors import MessageRejected
-from swarm.scenario import Scenario
+from meanflock.swarm.ascending import contains
+from meanflock.swarm.clusters import Clusters
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.control import FLOAT_OF_BITS, expect
 
 Floats = NDArray[np.float64]
 

@@ -22,13 +22,13 @@ os.environ.setdefault(
 import msgspec
 import zenoh
 
-from swarm.access import NOBODY
-from swarm.bus import Delivery, Offer, Quota, Quotas
-from swarm.codec import MAX_BYTES
-from swarm.errors import BadInput, BusError
-from swarm.identity import LEADER, Identity
-from swarm.links import Links
-from swarm.refusals import FILTER, Refusals
+from meanflock.swarm.errors import BadInput, BusError
+from meanflock.swarm.net.access import NOBODY
+from meanflock.swarm.net.bus import Delivery, Offer, Quota, Quotas
+from meanflock.swarm.net.identity import LEADER, Identity
+from meanflock.swarm.net.links import Links
+from meanflock.swarm.net.refusals import FILTER, Refusals
+from meanflock.swarm.wire.control import MAX_BYTES
 
 log = logging.getLogger("meanflock.bus")
 

@@ -3,7 +3,7 @@
 import socket
 from typing import NamedTuple
 
-from swarm.errors import BadInput
+from meanflock.swarm.errors import BadInput
 
 LOOPBACK = "127.0.0.1"
 

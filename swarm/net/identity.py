@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import NamedTuple
 
-from swarm.errors import BadInput
+from meanflock.swarm.errors import BadInput
 
 WORLD, LEADER, STATION = "world", "leader", "station"
 

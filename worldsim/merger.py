@@ -5,16 +5,16 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from channel.meter import Meter
-from swarm.errors import MessageRejected
-from swarm.messages import FrameKind, Frames
-from swarm.rounds import Rounds
-from swarm.tick import bytes_of_batch
-from worldsim import inbound
-from worldsim.ledger import Ledger
+from meanflock.channel.meter import Meter
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.rounds import Rounds
+from meanflock.swarm.wire.messages import FrameKind, Frames
+from meanflock.swarm.wire.tick import bytes_of_batch
+from meanflock.worldsim import inbound
+from meanflock.worldsim.counters import Counters
 
 
-class Speech:
+class FrameMerger:
     """Turns the outboxes of a tick into frames: batches of a kind, of a broadcast and of a form as one, sources
     ascending.
     """
@@ -22,11 +22,11 @@ class Speech:
     def __init__(
         self,
         rounds: Rounds,
-        ledger: Ledger,
+        counters: Counters,
         drop: Callable[[MessageRejected, str], None],
         note: Callable[[str, str], None],
     ) -> None:
-        self._rounds, self._ledger, self._drop, self._note = rounds, ledger, drop, note
+        self._rounds, self._counters, self._drop, self._note = rounds, counters, drop, note
 
     def of(self, tick: int, spoken: Iterable[Frames], awake: NDArray[np.bool_], meter: Meter) -> list[Frames]:
         """The frames of a tick; those `spoken` in order of their UAVs, `awake` (N,). Their bytes go on the bill."""
@@ -51,19 +51,19 @@ class Speech:
 
     def _is_heard(self, tick: int, batch: Frames, awake: NDArray[np.bool_]) -> bool:
         """Whether all of a batch is."""
-        stray = inbound.stray(batch, tick, self._rounds, self._ledger.averaged)
+        stray = inbound.stray(batch, tick, self._rounds, self._counters.averaged)
         if stray is not None:
             return False
         return b"\0" not in awake.tobytes() or bool(awake[batch.source].all())  # as a rule everyone is
 
     def _heard(self, tick: int, batch: Frames, awake: NDArray[np.bool_]) -> Frames | None:
         """What of a batch goes on the air: the lost and the paused are silent, and only open rounds are spoken of."""
-        if (stray := inbound.stray(batch, tick, self._rounds, self._ledger.averaged)) is not None:
+        if (stray := inbound.stray(batch, tick, self._rounds, self._counters.averaged)) is not None:
             self._drop(stray, f"frames of UAV {batch.source[0]}")
             return None
         if batch.kind == FrameKind.GLOBAL:
-            self._ledger.rounds += 1
-            self._ledger.averaged = batch.round
+            self._counters.rounds += 1
+            self._counters.averaged = batch.round
             self._note("round", f"round {batch.round} averaged and broadcast")
             return batch
         speaks = awake[batch.source]

@@ -4,10 +4,10 @@ import logging
 import time
 from collections.abc import Callable
 
-from swarm.bus import Bus
-from swarm.errors import BusError, Refused, WorldGone
-from swarm.messages import LOST, Join, Welcome
-from swarm.spoke import Node, Spoke
+from meanflock.swarm.errors import BusError, Refused, WorldGone
+from meanflock.swarm.net.bus import Bus
+from meanflock.swarm.net.client import Node, NodeClient
+from meanflock.swarm.wire.messages import LOST, Join, Welcome
 
 log = logging.getLogger("meanflock.node")
 
@@ -54,11 +54,11 @@ def take_part(
         try:
             bus = _connected(connect, end, over)
             try:
-                spoke = Spoke(bus, run)
+                client = NodeClient(bus, run)
                 patience_s = 0.0 if missed else max(0.0, end - time.monotonic())
-                welcomed(spoke.join(request, make, patience_s, over))
+                welcomed(client.join(request, make, patience_s, over))
                 lost = None
-                missed = spoke.serve(cancelled, abandoned)
+                missed = client.serve(cancelled, abandoned)
             finally:
                 bus.close()
             times += 1

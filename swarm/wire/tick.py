@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-import kernels
-from kernels.wire import ACT, DTYPES, FIRST, SENSE, Batch
-from swarm.errors import MessageRejected
-from swarm.messages import NOBODY, Act, FrameKind, Frames, Sense
+from meanflock import kernels
+from meanflock.kernels.wire import ACT, DTYPES, FIRST, SENSE, Batch
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.wire.messages import NOBODY, Act, FrameKind, Frames, Sense
 
 REPORT, CHECKPOINT = 1, 2  # flags of a Sense
 TYPES = (bytes([SENSE]), bytes([ACT]))  # second byte of a message of a tick; a control message has a text there

@@ -7,8 +7,8 @@ key can show. The router's own session, the world, is not filtered: it is the on
 from collections.abc import Iterable
 from typing import Any
 
-from swarm import keys
-from swarm.identity import LEADER, STATION, WORLD
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.identity import LEADER, STATION, WORLD
 
 Rule = tuple[str, list[str], list[str]]  # flow as the router sees it, messages, keys
 
