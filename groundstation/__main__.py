@@ -9,10 +9,14 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
 from meanflock.groundstation.results import SCENARIO, SUMMARY, Past, RunFolder, past
 from meanflock.groundstation.run import Options, Outputs, unused
 from meanflock.groundstation.station import Station
-from meanflock.swarm import logs, scenario
+from meanflock.swarm import (
+    logs,
+    scenario,
+)
 from meanflock.swarm.errors import BadInput, BusError, RunFailed
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.address import Address

@@ -3,6 +3,7 @@
 import sys
 from importlib.util import find_spec
 
+import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
 from meanflock.swarm.errors import EXIT_BAD_INPUT
 
 EXTRA = "ground"

@@ -232,7 +232,17 @@ class Swarm:
 
     def _start(self, module: str, name: str, flags: list[str]) -> None:
         # -P: a file or folder of the user's in the working folder is not taken for ours, whatever its name.
-        command = [sys.executable, "-P", "-m", f"meanflock.{module}", "--endpoint", self.endpoint, "--run", self._run, *flags]
+        command = [
+            sys.executable,
+            "-P",
+            "-m",
+            f"meanflock.{module}",
+            "--endpoint",
+            self.endpoint,
+            "--run",
+            self._run,
+            *flags,
+        ]
         if self._tls is not None:
             command += ["--tls", str(self._tls)]
         command += ["--log-format", self._log_format or logs.TEXT]

@@ -6,7 +6,6 @@ nobody else knows which one runs. What they compute is written in `kernels/refer
 
 import os
 
-from meanflock import swarm  # noqa: F401  # before NumPy: it holds BLAS to one thread
 from meanflock.kernels.tables import Tables
 
 __all__ = ["BACKEND", "Tables", "learn", "pairs", "prepare", "read", "write"]

@@ -1,7 +1,10 @@
 """`python -m meanflock.leader`: the process that averages the models."""
 
+import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
 from meanflock.leader.node import Leader
-from meanflock.swarm import logs
+from meanflock.swarm import (
+    logs,
+)
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.attendance import take_part
 from meanflock.swarm.net.identity import LEADER

@@ -6,7 +6,11 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
-from meanflock.swarm import logs, scenario
+import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
+from meanflock.swarm import (
+    logs,
+    scenario,
+)
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.net import access, keys
 from meanflock.swarm.net.address import Address
