@@ -44,7 +44,7 @@ class Comparison:
         return len(self.means.points)
 
     @property
-    def summaries(self) -> Mapping[tuple[Any, ...], study.Summaries]:
+    def summaries(self) -> Mapping[tuple[Any, ...], Sequence[Mapping[str, Any]]]:
         """The summaries of all flights, by point."""
         return self.means.points
 
