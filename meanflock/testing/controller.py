@@ -269,7 +269,7 @@ class _Suite:
 
 def _for(group: NDArray[np.intp], frames: Sequence[Received]) -> tuple[Received, ...]:
     """What the UAVs of a group receive, links renumbered to its rows."""
-    own = []
+    own: list[Received] = []
     for batch in frames:
         mine = batch.links[np.isin(batch.links[:, 1], group)]
         if len(mine):
