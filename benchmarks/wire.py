@@ -7,8 +7,8 @@ from typing import Any
 from benchmarks import sizes
 from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms
 from meanflock.groundstation.paper.methods import Method
-from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Act, Frames, Sense
+from meanflock.swarm.wire.tick import read_act, read_sense, write_act, write_sense
 
 TITLE = "Bytes and codec"
 ABOUT = (
@@ -41,11 +41,11 @@ def run(effort: Effort, say: Say) -> Outcome:
 
 def _times(name: str, message: Sense | Act, effort: Effort) -> list[Figure]:
     count, repeats = effort.of(2000, 200), effort.of(15, 5)
-    raw = control.encode(message)
-    work: dict[str, Callable[[], Any]] = {
-        "encode": partial(control.encode, message),
-        "decode": partial(control.decode, raw),
-    }
+    encode: Callable[[], bytes] = (
+        partial(write_sense, message) if isinstance(message, Sense) else partial(write_act, message)
+    )
+    read = read_sense if isinstance(message, Sense) else read_act
+    work: dict[str, Callable[[], Any]] = {"encode": encode, "decode": partial(read, encode())}
     try:
         import msgpack
     except ImportError:
@@ -57,8 +57,8 @@ def _times(name: str, message: Sense | Act, effort: Effort) -> list[Figure]:
     if msgpack is None:
         return [Figure(f"{key}, {name}", "µs", us[key]) for key in ("encode", "decode")]
     pack, unpack = (Figure(f"msgpack {key}, {name}", "µs", us[key]) for key in ("pack", "unpack"))
-    encode = Figure(f"encode, {name}", "µs", us["encode"], floor=pack)
-    return [encode, pack, Figure(f"decode, {name}", "µs", us["decode"], floor=unpack), unpack]
+    encoding = Figure(f"encode, {name}", "µs", us["encode"], floor=pack)
+    return [encoding, pack, Figure(f"decode, {name}", "µs", us["decode"], floor=unpack), unpack]
 
 
 def _plain(message: Sense | Act) -> list[Any]:
