@@ -1,5 +1,8 @@
 """How long a message to the world may be: as long as the scenario and its plug-ins let an honest one become."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from meanflock.swarm import plugins, state
@@ -20,21 +23,37 @@ class Limits:
     def __init__(self, scenario: Scenario) -> None:
         """Raises BadInput where the controller or the aggregation rule cannot begin."""
         declared, federation, uavs = scenario.declared, scenario.federation, scenario.uavs
-        try:
-            memory = controller(scenario).init(np.arange(1), initial_states(scenario))
-            state_of_rule = plugins.create("aggregator", federation.aggregation, federation.options, scenario).init(
-                declared.parameters
-            )
-        except BadInput:
-            raise
-        except Exception as error:
-            raise BadInput(f"controller {scenario.method!r} failed in `init`: {plugins.last_line(error)}") from error
+        flying = controller(scenario)
+        rule = plugins.create("aggregator", federation.aggregation, federation.options, scenario)
+        plan = initial_states(scenario)
+        memory = _recorded(
+            f"controller {scenario.method!r}", "memory", lambda: flying.init(np.arange(1), plan), " with UAV 0"
+        )
+        kept = _recorded(f"aggregator {federation.aggregation!r}", "state", lambda: rule.init(declared.parameters))
         numbers = state.AXES + len(declared.diagnostics) + declared.weights + declared.broadcast_numbers
         numbers += 2 * declared.parameters + MAX_BROADCASTS  # an upload and what rounding took from it; names
-        self._row = _NUMBER_BYTES * numbers + len(control.encode_record(memory))
+        self._row = _NUMBER_BYTES * numbers + memory
         self._fixed = _OVERHEAD_BYTES + _FRAME_BYTES * MAX_BROADCASTS + 8 * uavs  # and the UAVs it refuses or loses
-        self._leader = _NUMBER_BYTES * declared.parameters + len(control.encode_record(state_of_rule))
+        self._leader = _NUMBER_BYTES * declared.parameters + kept
 
     def act(self, rows: int) -> int:
         """The most bytes of an Act of a node with so many UAVs; of the leader, with none."""
         return self._fixed + (self._row * rows if rows else self._leader)
+
+
+def _recorded(who: str, what: str, init: Callable[[], Any], whose: str = "") -> int:
+    """Bytes of what a plug-in remembers before it begins: its memory or state, `what`.
+
+    Raises:
+        BadInput: its `init` failed, or returns what cannot be kept.
+    """
+    try:
+        begun = init()
+        if not isinstance(begun, dict):
+            raise TypeError(f"the {what} is a {type(begun).__name__}; expected a dict of arrays")
+        for name, array in begun.items():
+            if not isinstance(array, np.ndarray) or array.dtype not in control.TRAVELS:
+                raise TypeError(f"{what}[{name!r}] is no array of numbers that can be kept in a checkpoint")
+        return len(control.encode_record(begun))
+    except Exception as error:
+        raise BadInput(f"{who} failed in `init`{whose}: {plugins.last_line(error)}") from error

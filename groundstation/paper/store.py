@@ -362,6 +362,5 @@ def _unpack(trace: StoredTrace) -> Iterator[tuple[str, dict[str, pa.Array]]]:
     )
     times = np.frombuffer(trace.weight_t_s, "<f8")
     weights = np.frombuffer(trace.weights, "<f4")
-    width = len(weights) // len(times)
-    offsets = np.arange(0, len(weights) + 1, width, dtype=np.int32)
+    offsets = len(weights) // max(1, len(times)) * np.arange(len(times) + 1, dtype=np.int32)  # none where none learns
     yield "weights", {"t_s": pa.array(times), "model": pa.ListArray.from_arrays(offsets, weights)}
