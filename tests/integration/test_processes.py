@@ -145,7 +145,7 @@ def way_on(folder: Path) -> str:
 def test_a_killed_world_ends_the_run_with_its_name_and_leaves_no_orphan(command: Command) -> None:
     process = command.start("--no-record", *ENDLESS)
     run = command.flying()
-    next(p for p in processes_of(run) if "worldsim" in p.cmdline()).kill()
+    next(p for p in processes_of(run) if "meanflock.worldsim" in p.cmdline()).kill()
     _, err = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 1
     assert err.startswith("error: world was killed by SIGKILL")
@@ -165,7 +165,7 @@ def test_a_run_whose_world_was_killed_is_whole_so_far_and_is_resumed_to_the_end_
     until((command.folder / CHECKPOINT).exists, "a checkpoint")  # which is written beside the flight
     until(lambda: read_checkpoint(command.folder)["tick"] >= 100, "a checkpoint of minds that have learned")
     run = command.folder.name
-    next(p for p in processes_of(run) if "worldsim" in p.cmdline()).kill()
+    next(p for p in processes_of(run) if "meanflock.worldsim" in p.cmdline()).kill()
     out, err = process.communicate(timeout=DEADLINE_S)
     assert (process.returncode, out) == (1, "")
     assert err.startswith("error: world was killed by SIGKILL")
