@@ -1,0 +1,154 @@
+"""States that no UAV can have are not believed; a lie that one could have is."""
+
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agent.controllers import mean_field
+from agent.node import Agent
+from groundstation import engine as rooms
+from groundstation.engine import Engine
+from swarm import plausible
+from swarm.messages import Act, FrameKind, Frames, Sense, Telemetry
+from swarm.scenario import Scenario, load
+
+LIAR = 3
+Lie = Callable[[np.ndarray], np.ndarray]
+
+
+def fast(speed: float, dtype: str = "<f4") -> Lie:
+    """The true position and a velocity of that many m/s."""
+
+    def lie(said: np.ndarray) -> np.ndarray:
+        said = said.astype(np.float64)
+        said[:, 2:] = speed / np.sqrt(2.0)
+        return said.astype(dtype)
+
+    return lie
+
+
+def far(said: np.ndarray) -> np.ndarray:
+    said = said.copy()
+    said[:, 0] = 1e7
+    return said
+
+
+class Blocks:
+    """A sink that keeps what was noted of states."""
+
+    def __init__(self) -> None:
+        self.events: list[tuple[int, str]] = []
+
+    def write(self, block: Telemetry) -> None:
+        """One block more."""
+        self.events += [(event.tick, event.text) for event in block.events if "states of UAV" in event.text]
+
+
+@pytest.fixture
+def lies(monkeypatch: pytest.MonkeyPatch) -> Callable[[Lie], None]:
+    """From now on UAV 3 says where it is and how fast, but not truly; it flies honestly."""
+
+    def begin(lie: Lie) -> None:
+        class Liar(Agent):
+            def act(self, sense: Sense) -> Act:
+                act, said = super().act(sense), []
+                for frames in act.outbox:
+                    false = frames.source == LIAR
+                    if frames.kind == FrameKind.STATE and false.any():
+                        lying = Frames(frames.kind, 0, frames.source[false], lie(frames.payload[false]))
+                        honest = Frames(frames.kind, 0, frames.source[~false], frames.payload[~false])
+                        if lying.payload.dtype == frames.payload.dtype:
+                            whole = frames.payload.copy()
+                            whole[false] = lying.payload
+                            said.append(Frames(frames.kind, 0, frames.source, whole))
+                        else:  # by a radio that is no longer ours: under another number, it must be
+                            said += [Frames(frames.kind, 1, lying.source, lying.payload)]
+                            said += [honest] if len(honest.source) else []
+                    else:
+                        said.append(frames)
+                return msgspec.structs.replace(act, outbox=tuple(said))
+
+        monkeypatch.setattr(rooms, "Agent", Liar)
+
+    return begin
+
+
+def fly(of: Scenario, rows: int | None = None) -> tuple[dict[str, Any], Blocks]:
+    sink = Blocks()
+    engine = Engine(of, "lies", uavs_per_node=rows, sinks=[sink])
+    for _ in engine.fly():
+        pass
+    return engine.world.finish(), sink
+
+
+def flown(*settings: str) -> Scenario:
+    return load(None, ["uavs=9", "duration=40", *settings], method="hjb")
+
+
+def believing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mean_field.plausible, "check", lambda scenario: lambda states: np.ones(len(states), bool))
+
+
+def test_honest_flights_are_what_they_are_without_the_check(monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = [(), ("wind.sigma=2",), ("radio.bits_per_float=16",)]
+    checked = [fly(flown(*more))[0] for more in settings]
+    assert [summary["states_refused"] for summary in checked] == [0, 0, 0]
+    believing(monkeypatch)
+    for more, summary in zip(settings, checked, strict=True):
+        assert fly(flown(*more))[0]["trajectory_sha256"] == summary["trajectory_sha256"]
+
+
+def test_a_liar_beyond_all_speed_loses_itself_no_others(
+    lies: Callable[[Lie], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    honest, _ = fly(flown())
+    lies(fast(1e6))
+    (together, told), (alone, _) = fly(flown()), fly(flown(), rows=1)
+    assert together["lost"] == honest["lost"] == 0
+    assert together["trajectory_sha256"] == alone["trajectory_sha256"]
+    assert together["phi_A"] == pytest.approx(honest["phi_A"], rel=0.1)
+    # Said in every tick after the first, heard one later; counted once a tick, whoever hears it, and told once.
+    assert together["states_refused"] == alone["states_refused"] == together["ticks"] - 2
+    assert told.events == [(2, f"states of UAV {LIAR} were not believed: no UAV can be so")]
+    believing(monkeypatch)
+    believed, _ = fly(flown())
+    assert believed["phi_A"] > 10 * honest["phi_A"]
+
+
+def test_a_place_nobody_can_have_come_to_is_not_believed(lies: Callable[[Lie], None]) -> None:
+    lies(far)
+    summary, told = fly(flown("duration=2"))
+    assert summary["states_refused"] == 18
+    assert len(told.events) == 1
+
+
+def test_a_state_in_whole_numbers_is_none(lies: Callable[[Lie], None]) -> None:
+    """65,536 m/s squared is 2³², and nothing in 32 bits."""
+    lies(fast(65536.0 * np.sqrt(2.0), "<i4"))
+    silent, _ = fly(flown("duration=5"))
+    assert silent["lost"] == 0
+    assert silent["dropped_messages"] == {}
+    assert not plausible.check(flown())(np.array([[0, 0, 65536, 0]], dtype=np.int32)).any()
+
+
+def test_a_lie_that_could_be_true_is_believed_and_does_what_a_uav_of_that_speed_would(
+    lies: Callable[[Lie], None],
+) -> None:
+    lies(fast(99.0))
+    summary, told = fly(flown())
+    assert (summary["states_refused"], summary["lost"], told.events) == (0, 0, [])
+
+
+@given(st.floats(0.0, 300.0), st.floats(0.0, 2 * np.pi), st.sampled_from([50.0, 100.0]))
+def test_whoever_is_no_faster_than_the_bound_is_believed_and_nobody_else(
+    speed: float, heading: float, bound: float
+) -> None:
+    check = plausible.check(load(None, [f"radio.plausible_speed={bound}"]))
+    velocity = speed * np.array([np.cos(heading), np.sin(heading)])
+    if abs(speed - bound) > 1e-9 * bound:
+        assert check(np.array([[150.0, 100.0, *velocity]])).tolist() == [speed < bound]
