@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from swarm.methods import Method
 
 from groundstation.cli import main
 from groundstation.run import Options, fly
@@ -18,6 +17,7 @@ from swarm.errors import BadInput
 from swarm.messages import FrameKind
 from swarm.scenario import Scenario, load
 from tests.faults.conftest import Lab, scenario
+from tests.methods import METHODS
 
 SCRIPT = Path(__file__).parents[2] / "scenarios" / "faults.toml"
 CLEAR = ("federation.fraction=1.0", "radio.target_snr_db=70")  # no outage but those of the script
@@ -40,11 +40,11 @@ def steady(summary: dict[str, Any]) -> dict[str, Any]:
     return {**{k: v for k, v in summary.items() if k not in volatile}, "radio": radio}
 
 
-@pytest.mark.parametrize("method", Method)
-def test_every_script_flies_the_same_however_the_swarm_is_cut_into_nodes(method: Method) -> None:
-    of = scenario(EVERYTHING, method=str(method))
-    if method is Method.MFG:
-        of = scenario(EVERYTHING, "federation.state_period=15", method=str(method))
+@pytest.mark.parametrize("method", METHODS)
+def test_every_script_flies_the_same_however_the_swarm_is_cut_into_nodes(method: str) -> None:
+    of = scenario(EVERYTHING, method=method)
+    if method == "mfg":
+        of = scenario(EVERYTHING, "federation.state_period=15", method=method)
     runs = [Lab(of, uavs_per_node=rows) for rows in (1, 4, None)]
     summaries = [steady(run.fly()) for run in runs]
     assert summaries[0] == summaries[1] == summaries[2]
