@@ -88,7 +88,7 @@ def test_a_paused_uav_holds_its_last_command_and_learns_nothing_and_then_goes_on
     lab = Lab(flown('{kind="pause", tick=30, duration_s=1.0, uavs=[3]}'))
     agent = lab.bus_of("agent-0").handler.__self__._node  # type: ignore[union-attr]
     minds = {}
-    hold = {tick: (lambda tick=tick: minds.update({tick: agent._minds.models()})) for tick in (30, 31, 40, 41)}
+    hold = {tick: (lambda tick=tick: minds.update({tick: agent.models.copy()})) for tick in (30, 31, 40, 41)}
     lab.fly(hold)
     commands = np.concatenate([block.accelerations for block in lab.told.blocks])
     assert (commands[31:41, 3] == commands[30, 3]).all()
