@@ -1,7 +1,7 @@
 # Three images of one source tree, each with what its process needs and no more:
-#   agent     NumPy, msgspec, Zenoh           python -m agent, python -m leader
-#   world     + SciPy                         python -m worldsim
-#   station   + Rerun, PyArrow, the CLI       python -m groundstation, meanflock
+#   agent     NumPy, msgspec, Zenoh           python -m meanflock.agent, python -m meanflock.leader
+#   world     + SciPy                         python -m meanflock.worldsim
+#   station   + Rerun, PyArrow, the CLI       python -m meanflock.groundstation, meanflock
 # docker build --target agent -t meanflock-agent:local .
 ARG BASE_IMAGE=python:3.12-slim
 
@@ -24,6 +24,7 @@ WORKDIR /build
 
 FROM builder AS wheel
 COPY pyproject.toml LICENSE ./
+COPY meanflock meanflock
 COPY swarm swarm
 COPY kernels kernels
 COPY agent agent
@@ -69,18 +70,18 @@ WORKDIR /app
 USER 1000:1000
 # As process 1, Python leaves by itself on SIGINT (KeyboardInterrupt), but has no handler for SIGTERM.
 STOPSIGNAL SIGINT
-ENTRYPOINT ["python", "-m"]
+ENTRYPOINT ["python", "-P", "-m"]
 
 FROM process AS agent
 COPY --from=agent-venv /venv /venv
-CMD ["agent"]
+CMD ["meanflock.agent"]
 
 FROM process AS world
 COPY --from=world-venv /venv /venv
 EXPOSE 7447
-CMD ["worldsim"]
+CMD ["meanflock.worldsim"]
 
 FROM process AS station
 COPY --from=station-venv /venv /venv
 EXPOSE 9876
-CMD ["groundstation"]
+CMD ["meanflock.groundstation"]

@@ -1,21 +1,25 @@
-"""`python -m agent`: one process of the swarm, holding one UAV or more."""
+"""`python -m meanflock.agent`: one process of the swarm, holding one UAV or more."""
 
 from pathlib import Path
 
-from agent import lean  # noqa: F401  # first: what NumPy and msgspec shall not load
-from agent.node import Agent
-from agent.siblings import fork
-from swarm import keys, logs
-from swarm.errors import BadInput
-from swarm.identity import only_agent
-from swarm.messages import Join
-from swarm.process import Interrupted, flag, identity, main, orphaned, parser
-from swarm.session import ZenohBus
-from swarm.spoke import Spoke
+import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
+from meanflock.agent import blocklist  # noqa: F401  # first: what NumPy and msgspec shall not load
+from meanflock.agent.node import Agent
+from meanflock.agent.prefork import fork
+from meanflock.swarm import (
+    logs,
+)
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.attendance import take_part
+from meanflock.swarm.net.identity import only_agent
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.process import Interrupted, flag, identity, main, orphaned, parser
+from meanflock.swarm.wire.messages import Join, Welcome
 
 
 def _run() -> None:
-    options = parser("agent", "One UAV, or a few as rows of one process.", "python -m agent --run test")
+    options = parser("agent", "One UAV, or a few as rows of one process.", "python -m meanflock.agent --run test")
     flag(options, "--rows", "1", "UAVs this process holds at the most", int)
     flag(options, "--uav", "-1", "its first UAV; the world decides where it is negative and --tls is not given", int)
     flag(options, "--count", "1", "processes to become, each with --rows UAVs; from --uav on, where that is given", int)
@@ -32,14 +36,16 @@ def _run() -> None:
     known = logs.start(given.log_format, run=given.run, node=keys.asker("agent", given.uav))
     uav = only_agent(Path(given.tls)) if given.tls and given.uav < 0 else given.uav
     interrupted = Interrupted()
-    bus = ZenohBus.client(given.endpoint, given.wait, identity(given.tls, keys.asker("agent", uav)))
-    try:
-        spoke = Spoke(bus, keys.check_run(given.run))
-        welcome = spoke.join(Join("agent", given.rows, uav), Agent, given.wait, lambda: bool(interrupted) or orphaned())
-        known |= {"node": welcome.node, "uavs": welcome.uavs}
-        spoke.serve(interrupted.__bool__, orphaned)
-    finally:
-        bus.close()
+    who, run = identity(given.tls, keys.asker("agent", uav)), keys.check_run(given.run)
+
+    def connect(timeout_s: float) -> ZenohBus:
+        return ZenohBus.client(given.endpoint, timeout_s, who)
+
+    def welcomed(welcome: Welcome) -> None:
+        known.update(node=welcome.node, uavs=welcome.uavs)
+
+    request = Join("agent", given.rows, uav)
+    take_part(connect, run, request, Agent, given.wait, interrupted.__bool__, orphaned, welcomed)
 
 
 if __name__ == "__main__":

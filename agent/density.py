@@ -7,10 +7,10 @@ learned. Here ŵ_F0(0) is a ridge least-squares fit to a Gaussian mixture over t
 import numpy as np
 from numpy.typing import NDArray
 
-from kernels import Tables, features
-from kernels.weights import DENSITY_FEATURES
-from swarm.scenario import Scenario
-from swarm.seeds import generator
+from meanflock.kernels import Tables, features
+from meanflock.kernels.weights import DENSITY_FEATURES
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.seeds import generator
 
 Floats = NDArray[np.float64]
 

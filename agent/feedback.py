@@ -9,7 +9,7 @@ takes: an upload or a broadcast lost in an outage costs the federation that much
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm.payload import Coding
+from meanflock.swarm.wire.payload import Coding
 
 Floats = NDArray[np.float64]
 

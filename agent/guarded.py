@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.controllers.base import Controller, Memory, Received, Step
-from agent.rows import (
+from meanflock.agent.controllers.base import Controller, Memory, Received, Step
+from meanflock.agent.rows import (
     checked_again,
     checked_memory,
     checked_step,
@@ -17,10 +17,10 @@ from agent.rows import (
     set_each_alone,
     table_each_alone,
 )
-from swarm import state
-from swarm.declared import controller
-from swarm.errors import BadInput
-from swarm.scenario import Scenario
+from meanflock.swarm import state
+from meanflock.swarm.declared import controller
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -84,10 +84,10 @@ class Guarded:
                 if array.shape != memory[name].shape or array.dtype != memory[name].dtype:
                     raise ValueError(f"memory[{name!r}] has become {array.shape} {array.dtype}")
             if len(step.memory) != len(memory) or step.broadcasts or len(step.refused):
-                checked_step(step, memory, *self._shape)
+                checked_step(step, memory, len(own), self._declared)
             return step, commands
         except Exception as error:
-            step, commands = each_alone(self._controller, memory, tick, own, received, self._shape[1])
+            step, commands = each_alone(self._controller, memory, tick, own, received, self._declared)
             self._break(np.asarray(np.isnan(commands).any(axis=-1)), error)
             return step, commands
 

@@ -3,14 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm import payload
-from swarm.clusters import Clusters
-from swarm.errors import MessageRejected
-from swarm.mean import refuse, relayed
-from swarm.messages import FrameKind, Frames
-from swarm.relay import Relay
-from swarm.rounds import Rounds
-from swarm.scenario import Scenario
+from meanflock.swarm.clusters import Clusters
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.mean import refuse, relayed
+from meanflock.swarm.rounds import Rounds
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire import payload
+from meanflock.swarm.wire.messages import FrameKind, Frames
+from meanflock.swarm.wire.relay import Relay
 
 Floats = NDArray[np.float64]
 

@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
-import kernels
-from agent.density import fit
-from agent.tables import tables
-from kernels import weights as layout
-from kernels.interaction import empirical
-from swarm.scenario import Scenario
+from meanflock import kernels
+from meanflock.agent.density import fit
+from meanflock.agent.tables import tables
+from meanflock.kernels import weights as layout
+from meanflock.kernels.interaction import empirical
+from meanflock.swarm.scenario import Scenario
 
 Floats = NDArray[np.float64]
 

@@ -5,21 +5,22 @@ import logging
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.byzantine import Byzantine
-from agent.controllers.base import Broadcast, Memory, Received
-from agent.feedback import Feedback
-from agent.guarded import Guarded
-from agent.heads import Heads
-from agent.rows import picked
-from swarm import faults, payload, state
-from swarm.ascending import contains
-from swarm.codec import FLOAT_OF_BITS, decode_record, encode_record, expect
-from swarm.declared import MAX_MEMORY_BYTES
-from swarm.errors import BadInput, MessageRejected
-from swarm.messages import NOBODY, Act, FrameKind, Frames, Sense, Welcome
-from swarm.model import BEYOND_SENSE
-from swarm.rounds import Rounds
-from swarm.scenario import Scenario, decode
+from meanflock.agent.byzantine import Byzantine
+from meanflock.agent.controllers.base import Broadcast, Memory, Received
+from meanflock.agent.feedback import Feedback
+from meanflock.agent.guarded import Guarded
+from meanflock.agent.heads import Heads
+from meanflock.agent.rows import picked
+from meanflock.swarm import faults, state
+from meanflock.swarm.ascending import contains
+from meanflock.swarm.declared import MAX_MEMORY_BYTES
+from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.model import BEYOND_SENSE
+from meanflock.swarm.rounds import Rounds
+from meanflock.swarm.scenario import Scenario, decode
+from meanflock.swarm.wire import payload
+from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record, expect
+from meanflock.swarm.wire.messages import NOBODY, Act, FrameKind, Frames, Sense, Welcome
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -5,10 +5,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.controllers.base import Broadcast, Controller, Memory, Received, Step
-from swarm.codec import MAX_AXES, TRAVELS
-from swarm.declared import MAX_BROADCAST_NUMBERS, MAX_BROADCASTS
-from swarm.state import AXES
+from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
+from meanflock.swarm.declared import MAX_BROADCASTS, Declared
+from meanflock.swarm.state import AXES
+from meanflock.swarm.wire.control import MAX_AXES, TRAVELS
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -66,12 +66,13 @@ def checked_table(name: str, table: Floats, rows: int, width: int) -> Floats:
     return numbers
 
 
-def checked_step(step: Step, before: Memory, rows: int, columns: int) -> Floats:
-    """The commands (rows, columns) of a step from the memory `before`: accelerations, then diagnostics.
+def checked_step(step: Step, before: Memory, rows: int, declared: Declared) -> Floats:
+    """The commands (rows, 2 + K) of a step from the memory `before`: accelerations, then diagnostics.
 
     Raises:
         TypeError, ValueError: something of it has not the shape it must have.
     """
+    columns = AXES + len(declared.diagnostics)
     commands = np.empty((rows, columns))
     acceleration, diagnostics = np.asarray(step.acceleration), step.diagnostics
     if acceleration.shape != (rows, AXES):
@@ -88,6 +89,8 @@ def checked_step(step: Step, before: Memory, rows: int, columns: int) -> Floats:
         raise ValueError(f"{len(step.broadcasts)} broadcasts; at most {MAX_BROADCASTS} in a tick")
     for broadcast in step.broadcasts:
         _check_broadcast(broadcast, rows)
+    if (said := sum(broadcast.payload.shape[1] for broadcast in step.broadcasts)) > declared.broadcast_numbers:
+        raise ValueError(f"{said} numbers broadcast; `broadcast_numbers` declares {declared.broadcast_numbers}")
     if len(step.refused) and not (isinstance(step.refused, np.ndarray) and step.refused.dtype.kind == "i"):
         raise TypeError("`refused` is no array of numbers of UAVs")
     return commands
@@ -96,8 +99,8 @@ def checked_step(step: Step, before: Memory, rows: int, columns: int) -> Floats:
 def _check_broadcast(broadcast: Broadcast, rows: int) -> None:
     said, speaks = broadcast.payload, broadcast.rows
     speaking = rows if speaks is None else len(speaks)
-    if said.ndim != 2 or len(said) != speaking or not 0 < said.shape[1] <= MAX_BROADCAST_NUMBERS:
-        raise ValueError(f"a broadcast has shape {said.shape}; expected ({speaking}, 1 … {MAX_BROADCAST_NUMBERS})")
+    if said.ndim != 2 or len(said) != speaking or not said.shape[1]:
+        raise ValueError(f"a broadcast has shape {said.shape}; expected ({speaking}, 1 …)")
     if said.dtype.kind != "f" and said.dtype not in SENT:
         raise TypeError(f"a broadcast of {said.dtype}; expected floats, int8, uint8, int16 or int32")
     if speaks is not None and not (
@@ -135,21 +138,24 @@ def of_row(received: Sequence[Received], row: int) -> tuple[Received, ...]:
 
 
 def each_alone(
-    controller: Controller, memory: Memory, tick: int, own: Floats, received: Sequence[Received], columns: int
+    controller: Controller, memory: Memory, tick: int, own: Floats, received: Sequence[Received], declared: Declared
 ) -> tuple[Step, Floats]:
     """The step of every row by itself, after it failed for all together: only rows that fail alone have failed.
 
     Their memory is as it was, and their commands are NaN.
     """
     rows = len(own)
-    commands, after = np.full((rows, columns), np.nan), {name: array.copy() for name, array in memory.items()}
+    commands, after = (
+        np.full((rows, AXES + len(declared.diagnostics)), np.nan),
+        {name: array.copy() for name, array in memory.items()},
+    )
     said: dict[int, list[tuple[int, NDArray[np.generic]]]] = {}
     refused: list[NDArray[np.int32]] = []
     for row in range(rows):
         try:
             alone = row_of(memory, row)
             step = controller.step(alone, tick, own[row : row + 1], of_row(received, row))
-            numbers = checked_step(step, alone, 1, columns)
+            numbers = checked_step(step, alone, 1, declared)
             own_words = {
                 number: broadcast.payload[0]
                 for number, broadcast in enumerate(step.broadcasts)

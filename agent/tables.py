@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kernels import Tables, interaction
-from kernels.features import POWERS
-from kernels.weights import DENSITY_FEATURES, VALUE_FEATURES
-from swarm import state
-from swarm.scenario import Learner, Scenario
+from meanflock.kernels import Tables, interaction
+from meanflock.kernels.features import POWERS
+from meanflock.kernels.weights import DENSITY_FEATURES, VALUE_FEATURES
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Learner, Scenario
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]

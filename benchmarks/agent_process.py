@@ -13,11 +13,12 @@ from benchmarks import sizes
 from benchmarks.figure import Effort, Figure, Outcome, Say
 from benchmarks.lockstep_floor import FloorWorld
 from benchmarks.processes import Children
-from groundstation.station import Station
-from swarm import keys, scenario
-from swarm.errors import BusError
-from swarm.session import ZenohBus
-from worldsim.node import World
+from meanflock.groundstation.station import Station
+from meanflock.swarm import scenario
+from meanflock.swarm.errors import BusError
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.worldsim.node import World
 
 TITLE = "A process of the swarm"
 ABOUT = (
@@ -149,7 +150,7 @@ def _floor() -> tuple[float, list[tuple[float, float]]]:
 
 
 def _join_agent() -> float:
-    """Seconds from the launch of `python -m agent` until the world has nobody left to wait for."""
+    """Seconds from the launch of `python -m meanflock.agent` until the world has nobody left to wait for."""
     with Children("single") as children:
         bus = ZenohBus.router(children.endpoint)
         try:

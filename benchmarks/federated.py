@@ -8,11 +8,11 @@ from benchmarks import sizes
 from benchmarks.figure import Effort, Figure, Outcome, Say
 from benchmarks.lockstep_floor import FloorWorld
 from benchmarks.processes import Children
-from groundstation.paper.methods import Method
-from swarm import scenario
-from swarm.messages import FrameKind
-from swarm.session import ZenohBus
-from worldsim.node import REPORT_EVERY_TICKS, World
+from meanflock.groundstation.paper.methods import Method
+from meanflock.swarm import scenario
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.wire.messages import FrameKind
+from meanflock.worldsim.node import REPORT_EVERY_TICKS, World
 
 TITLE = "A federated round"
 ABOUT = (

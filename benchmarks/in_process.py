@@ -5,16 +5,16 @@ from types import ModuleType
 
 import numpy as np
 
-import kernels.reference
-from agent.learner import Learner
-from agent.tables import tables
 from benchmarks.bare_numpy import learner_operations
 from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms, per_tick_ms
-from groundstation.engine import Engine
-from swarm import scenario, state
-from swarm.messages import OUTCOME_FLOATS
-from swarm.scenario import Scenario
-from worldsim.formation import initial_states
+from meanflock import kernels
+from meanflock.agent.learner import Learner
+from meanflock.agent.tables import tables
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm import scenario, state
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import OUTCOME_FLOATS
+from meanflock.worldsim.formation import initial_states
 
 TITLE = "The swarm in one process"
 ABOUT = (

@@ -11,10 +11,10 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 
-from agent.siblings import fork
-from swarm import keys
-from swarm.process import orphaned
-from swarm.session import ZenohBus
+from meanflock.agent.prefork import fork
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.process import orphaned
 
 _HEAD = struct.Struct("<II")  # tick, size of the answer wanted
 _HELLO = 0xFFFFFFFF

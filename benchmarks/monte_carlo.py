@@ -1,54 +1,61 @@
-"""Many seeds at once: the batch engine of the paper's sweeps."""
+"""Many flights: what a flight of the paper's grid costs, and the whole grid."""
 
 import time
-from collections.abc import Callable
+from collections import Counter
 
-from benchmarks.figure import Effort, Figure, Outcome, Say
-from benchmarks.in_process import flight, learner_step
-from benchmarks.processes import BenchmarkFailed
-from swarm import scenario
+from benchmarks.figure import Effort, Figure, Outcome, Say, per_call_ms
+from benchmarks.in_process import learner_step
+from meanflock.groundstation.paper.experiments import to_do
+from meanflock.groundstation.paper.flown import fly
+from meanflock.groundstation.paper.grid import wanted
+from meanflock.swarm import scenario
 
-TITLE = "Many seeds at once"
+TITLE = "Many flights"
 ABOUT = (
-    "`groundstation.paper.batch.Batch`: seeds of one scenario (25 UAVs each) as rows of one learner, no bus, no codec, "
-    "no disk. Compared with the learner's step alone on as many rows, and with flying the seeds one by one in the "
-    "engine."
+    "Flights as `paper` flies them, one a task: the engine of `--in-process` with nobody listening, take-off and the "
+    "record of the grid included. The floor is the learner's step alone on as many rows. The time of the grid is "
+    "estimated: a flight of each method and size, with all else as in the paper's scenario, times how many of them "
+    "`meanflock paper --seeds 30` flies, on two cores."
 )
-UAVS = 25
-TARGET_US = 5.0  # of the method that learns most
+SEEDS, CORES = 30, 2
+TARGET_MINUTES = 90.0
+SHOWN = ("mfgfl-hf", "hjb")
+SHOWN_UAVS = 25
 
 
 def run(effort: Effort, say: Say) -> Outcome:
-    """Batches of mfgfl-hf and hjb, in turns with the learner and the engine."""
-    try:
-        from groundstation.paper.batch import Batch
-    except Exception as error:
-        raise BenchmarkFailed(f"groundstation.paper.batch: {error}") from error
-    seeds, ticks = range(1, 1 + effort.of(16, 4)), effort.of(210, 60)
-    outcome = Outcome()
-    for method in ("mfgfl-hf", "hjb"):
-        flown = scenario.load(None, method=method, uavs=UAVS, stop="duration", duration=ticks / 10)
-        engine, step = flight(method, UAVS).fly(), None
-        if method != "hjb":  # of hjb, the rows of different seeds know different states
-            step = learner_step(method, UAVS * len(seeds))
-        us: dict[str, list[float]] = {"batch": [], "engine": [], "step": []}
-        for repeat in range(effort.of(5, 2)):
-            say(f"{method}, {repeat + 1}")
-            batch = Batch(flown, list(seeds))
-            us["batch"].append(_us(batch.fly, UAVS * len(seeds) * ticks))
-            us["engine"].append(_us(lambda e=engine: [next(e) for _ in range(ticks)], UAVS * ticks))
-            if step is not None:
-                us["step"].append(_us(lambda s=step: [s() for _ in range(ticks)], UAVS * len(seeds) * ticks))
-        one = Figure(f"engine, {method}", "µs/UAV-tick", us["engine"])
-        floor = Figure(f"learner step alone, {method}, {UAVS * len(seeds)} rows", "µs/UAV", us["step"])
-        name = f"batch of {len(seeds)} seeds, {method}"
-        target = TARGET_US if step else None
-        outcome.figures.append(Figure(name, "µs/UAV-tick", us["batch"], floor=floor if step else one, target=target))
-        outcome.figures += [one, floor] if step else [one]
+    """Every kind of flight in the grid, in turns."""
+    counts: Counter[tuple[str, int]] = Counter()
+    for wish in to_do(wanted(SEEDS), {}):
+        for flown in filter(None, (wish.training, wish.scenario)):
+            counts[str(flown.method), flown.uavs] += 1
+    whole = max(wish.scenario.max_ticks for wish in wanted(1))
+    ticks = effort.of(whole, whole // 30)
+    us: dict[tuple[str, int], list[float]] = {kind: [] for kind in counts}
+    steps: dict[str, list[float]] = {method: [] for method in SHOWN}
+    for repeat in range(effort.of(3, 1)):
+        for method, uavs in counts:
+            say(f"{method}, {uavs} UAVs, {repeat + 1}")
+            us[method, uavs].append(_us_a_tick(method, uavs, ticks))
+        for method in SHOWN:
+            steps[method].append(per_call_ms(learner_step(method, SHOWN_UAVS), 200) * 1e3)
+    minutes = [
+        sum(count * us[kind][k] for kind, count in counts.items()) * whole * 1e-6 / 60.0 / CORES
+        for k in range(len(us["hjb", SHOWN_UAVS]))
+    ]
+    outcome = Outcome(
+        [Figure(f"grid of {SEEDS} seeds, {CORES} cores, estimated", "min", minutes, target=TARGET_MINUTES)]
+    )
+    for method in SHOWN:
+        floor = Figure(f"learner step alone, {method}, {SHOWN_UAVS} rows", "µs", steps[method])
+        mine = us[method, SHOWN_UAVS]
+        outcome.figures += [Figure(f"flight, {method}, {SHOWN_UAVS} UAVs", "µs/tick", mine, floor=floor), floor]
+    outcome.notes.append(f"The grid is {sum(counts.values())} flights of {whole} ticks, each flown once.")
     return outcome
 
 
-def _us(work: Callable[[], object], uav_ticks: int) -> float:
+def _us_a_tick(method: str, uavs: int, ticks: int) -> float:
+    flown = scenario.load(None, [f"duration={ticks / 10}"], method=method, uavs=uavs, stop="duration")
     start = time.perf_counter()
-    work()
-    return (time.perf_counter() - start) / uav_ticks * 1e6
+    fly(flown)
+    return (time.perf_counter() - start) / ticks * 1e6

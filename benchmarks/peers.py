@@ -15,10 +15,10 @@ import numpy as np
 from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms, per_tick_ms
 from benchmarks.in_process import flight, learner_step
 from benchmarks.peer.environment import Environment
-from groundstation.engine import Engine
-from swarm import scenario
-from swarm.mean import fedavg
-from swarm.model import MODEL_FLOATS
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm import scenario
+from meanflock.swarm.mean import fedavg
+from meanflock.swarm.model import MODEL_FLOATS
 
 TITLE = "Peers"
 ABOUT = (

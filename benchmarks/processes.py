@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Any
 
 from benchmarks.machine import ROOT
-from groundstation.launch import end_all, free_endpoint
+from meanflock.groundstation.launch import end_all, free_endpoint
 
 _COMMAND_S = 150.0
 
@@ -87,7 +87,17 @@ def meanflock(*flags: str) -> tuple[dict[str, Any], float]:
         BenchmarkFailed: it failed; the text is the last line it said.
     """
     with tempfile.TemporaryDirectory(prefix="meanflock-bench-") as out:
-        command = [sys.executable, "-m", "groundstation.cli", "run", "--json", "--quiet", "--out", out, *flags]
+        command = [
+            sys.executable,
+            "-m",
+            "meanflock.groundstation.cli",
+            "run",
+            "--json",
+            "--quiet",
+            "--out",
+            out,
+            *flags,
+        ]
         start = time.perf_counter()
         printed, said, code = captured(command, _COMMAND_S)
         wall_s = time.perf_counter() - start

@@ -15,13 +15,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from agent.node import Agent
 from benchmarks.figure import Effort, Figure, Outcome, Say
-from swarm import keys
-from swarm.messages import Join
-from swarm.process import orphaned
-from swarm.session import ZenohBus
-from swarm.spoke import Spoke
+from meanflock.agent.node import Agent
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.client import NodeClient
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.process import orphaned
+from meanflock.swarm.wire.messages import Join
 
 TITLE = "Where a tick goes"
 ABOUT = (
@@ -34,35 +34,37 @@ Part = tuple[str, str]  # "module:name" or "module:Class.name", label
 
 LEARNER: list[Part] = [
     ("kernels:learn", "the learners' kernel"),
-    ("agent.learner:Learner.step", "learner, the rest"),
-    ("agent.node:Agent.act", "agent: inbox, outbox, checks"),
-    ("swarm.spoke:Spoke.handle", "agent: protocol"),
+    ("meanflock.agent.learner:Learner.step", "learner, the rest"),
+    ("meanflock.agent.node:Agent.act", "agent: inbox, outbox, checks"),
+    ("meanflock.swarm.net.client:NodeClient.handle", "agent: protocol"),
 ]
-CODEC: list[Part] = [(f"swarm.codec:{name}", "codec") for name in ("encode", "decode", "encode_frames")]
+CODEC: list[Part] = [
+    (f"meanflock.swarm.wire.control:{name}", "codec") for name in ("encode", "decode", "encode_frames")
+]
 WORLD: list[Part] = [
-    ("worldsim.node:World._tick", "world, the rest of the tick"),
-    ("worldsim.node:World._ask", "address and fill inboxes"),
-    ("worldsim.barrier:Barrier.ask", "address and fill inboxes"),
-    ("worldsim.waiting:Waiting.for_answers", "barrier, the loop"),
-    ("worldsim.door:Door.handle", "take in answers: dispatch"),
-    ("worldsim.inbound:check", "take in answers: all others"),
-    ("worldsim.node:World._collect", "collect commands and frames"),
-    ("worldsim.node:World._play", "fault script"),
-    ("worldsim.node:World._keep", "checkpoints"),
-    ("worldsim.node:World._report", "telemetry"),
-    ("worldsim.telemetry:Rows.add", "telemetry"),
-    ("worldsim.telemetry:Rows.take", "telemetry"),
-    ("worldsim.telemetry:Outbox.add", "telemetry"),
-    ("worldsim.telemetry:Outbox.next", "telemetry"),
-    ("groundstation.station:Station.handle", "telemetry"),
-    ("channel.medium:Medium.send", "channel"),
-    ("channel.medium:Medium.due", "channel"),
-    ("worldsim.flight:Flight.advance", "flight: wind, hash, books"),
-    ("worldsim.physics:Physics.__call__", "flight: motion, energy"),
-    ("worldsim.flight:pairs", "flight: metrics of all pairs"),
+    ("meanflock.worldsim.node:World._tick", "world, the rest of the tick"),
+    ("meanflock.worldsim.node:World._ask", "address and fill inboxes"),
+    ("meanflock.worldsim.barrier:Barrier.ask", "address and fill inboxes"),
+    ("meanflock.worldsim.waiting:Waiting.for_answers", "barrier, the loop"),
+    ("meanflock.worldsim.admission:Door.handle", "take in answers: dispatch"),
+    ("meanflock.worldsim.inbound:check", "take in answers: all others"),
+    ("meanflock.worldsim.node:World._collect", "collect commands and frames"),
+    ("meanflock.worldsim.node:World._play", "fault script"),
+    ("meanflock.worldsim.node:World._keep", "checkpoints"),
+    ("meanflock.worldsim.node:World._report", "telemetry"),
+    ("meanflock.worldsim.telemetry:Rows.add", "telemetry"),
+    ("meanflock.worldsim.telemetry:Rows.take", "telemetry"),
+    ("meanflock.worldsim.telemetry:Outbox.add", "telemetry"),
+    ("meanflock.worldsim.telemetry:Outbox.next", "telemetry"),
+    ("meanflock.groundstation.station:Station.handle", "telemetry"),
+    ("meanflock.channel.medium:Medium.send", "channel"),
+    ("meanflock.channel.medium:Medium.due", "channel"),
+    ("meanflock.worldsim.flight:Flight.advance", "flight: wind, hash, books"),
+    ("meanflock.worldsim.physics:Physics.__call__", "flight: motion, energy"),
+    ("meanflock.worldsim.flight:pairs", "flight: metrics of all pairs"),
 ]
-MEMORY_BUS: list[Part] = [("swarm.bus:MemoryBus.put", "bus: put")]
-ZENOH_BUS: list[Part] = [("swarm.session:ZenohBus.put", "bus: put")]
+MEMORY_BUS: list[Part] = [("meanflock.swarm.net.bus:MemoryBus.put", "bus: put")]
+ZENOH_BUS: list[Part] = [("meanflock.swarm.net.session:ZenohBus.put", "bus: put")]
 
 
 class Stopwatch:
@@ -177,8 +179,8 @@ def _in_process(effort: Effort) -> dict[str, Any]:
 def _networked(effort: Effort) -> dict[str, Any]:
     """World here, one agent of 25 weighs itself, a ground station records."""
     from benchmarks.processes import Children
-    from swarm import scenario
-    from worldsim.node import World
+    from meanflock.swarm import scenario
+    from meanflock.worldsim.node import World
 
     ticks = effort.of(600, 150)
     flown = scenario.load(None, uavs=UAVS, stop="duration", duration=1e6)
@@ -187,7 +189,9 @@ def _networked(effort: Effort) -> dict[str, Any]:
         try:
             bus.announce(keys.alive(children.run, "world", "world"))
             report, out = children.folder / "agent.json", children.folder / "runs"
-            watch.wrap([*CODEC, *WORLD, *ZENOH_BUS, ("swarm.session:ZenohBus.receive", "wait for answers")])
+            watch.wrap(
+                [*CODEC, *WORLD, *ZENOH_BUS, ("meanflock.swarm.net.session:ZenohBus.receive", "wait for answers")]
+            )
             world = World(flown, bus, children.run, stations=1)
             children.start("groundstation", "--out", str(out), "--rerun", "")
             children.start("leader")
@@ -248,7 +252,7 @@ def _used() -> tuple[int, int, int]:
 
 
 def main() -> None:
-    """`python -m agent`, weighed."""
+    """`python -m meanflock.agent`, weighed."""
     options = argparse.ArgumentParser()
     options.add_argument("--endpoint", required=True)
     options.add_argument("--run", required=True)
@@ -260,10 +264,10 @@ def main() -> None:
         with Stopwatch(time.thread_time_ns) as watch:
             _Weighed.stopwatch, _Weighed.report = watch, given.report
             _Weighed.last = _Weighed.first + given.ticks
-            watch.wrap([*LEARNER, *CODEC, *ZENOH_BUS, ("swarm.session:ZenohBus.receive", "bus: receive")])
-            spoke = Spoke(bus, given.run)
-            spoke.join(Join("agent", 1), _Weighed, 60.0)
-            spoke.serve(lambda: False, orphaned)
+            watch.wrap([*LEARNER, *CODEC, *ZENOH_BUS, ("meanflock.swarm.net.session:ZenohBus.receive", "bus: receive")])
+            client = NodeClient(bus, given.run)
+            client.join(Join("agent", 1), _Weighed, 60.0)
+            client.serve(lambda: False, orphaned)
     finally:
         bus.close()
 

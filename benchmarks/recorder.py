@@ -7,12 +7,13 @@ from pathlib import Path
 
 from benchmarks.figure import Effort, Figure, Outcome, Say, per_call_ms
 from benchmarks.processes import Children
-from groundstation.engine import Engine
-from groundstation.recording import Recorder
-from groundstation.results import RECORDING, TIMESERIES, RunFolder
-from swarm import keys, scenario
-from swarm.session import ZenohBus
-from worldsim.node import World
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.recording import Recorder
+from meanflock.groundstation.results import RECORDING, TIMESERIES, RunFolder
+from meanflock.swarm import scenario
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.worldsim.node import World
 
 TITLE = "The recorder"
 ABOUT = (

@@ -16,10 +16,11 @@ from scipy.optimize import nnls
 
 from benchmarks import sizes, store
 from benchmarks.machine import BUSY_LOAD, ROOT
-from channel.link import slots_needed
-from groundstation.paper.methods import Method
-from swarm import codec, model, scenario, state
-from swarm.messages import DIAGNOSTICS
+from meanflock.channel.link import slots_needed
+from meanflock.groundstation.paper.methods import Method
+from meanflock.swarm import model, scenario, state
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import DIAGNOSTICS
 
 Floats = NDArray[np.float64]
 
@@ -118,7 +119,7 @@ def future_table(fitted: Fit) -> list[str]:
         ),
         "alignment over all pairs, a tick": lambda n: _seconds(fitted.coefficients[2] * n * n / 1e3),
         "uploads of a round, mfgfl-hf": lambda n: f"{uploads(n) * bits / 1e6:,.0f} Mbit",
-        "… in one message to one leader": lambda n: f"{_bytes(uploads(n) * bits / 8)} of {codec.MAX_BYTES >> 20} MiB",
+        "… in one message to one leader": lambda n: f"{_bytes(uploads(n) * bits / 8)} of {control.MAX_BYTES >> 20} MiB",
         "… spectrum, a band each as in the paper": lambda n: f"{uploads(n) * radio.bandwidth_hz / 1e9:,.0f} GHz",
         "… or time in 100 MHz, of a round's 20 s": lambda n: _seconds(airtime_s(n, slots, uploads(n))),
         "hjb: states of a tick in 100 MHz, of its 100 ms": lambda n: _seconds(airtime_s(n, 1, n)),

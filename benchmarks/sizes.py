@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from groundstation.paper.methods import Method
-from swarm import codec, model, state
-from swarm.codec import FLOAT_OF_BITS
-from swarm.keys import fingerprint
-from swarm.messages import OUTCOME_FLOATS, Act, FrameKind, Frames, Sense
-from swarm.scenario import Radio
+from meanflock.groundstation.paper.methods import Method
+from meanflock.swarm import model, state
+from meanflock.swarm.net.keys import fingerprint
+from meanflock.swarm.scenario import Radio
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.control import FLOAT_OF_BITS
+from meanflock.swarm.wire.messages import OUTCOME_FLOATS, Act, FrameKind, Frames, Sense
 
 RUN = fingerprint("benchmark")
 TICK = 1000  # as wide on the wire as most
@@ -38,4 +39,4 @@ def broadcast(method: Method) -> Frames:
 
 def of(message: Sense | Act) -> int:
     """Encoded bytes."""
-    return len(codec.encode(message))
+    return len(control.encode(message))

@@ -17,7 +17,7 @@ UAVS = 25
 
 def run(effort: Effort, say: Say) -> Outcome:
     """With and without, in turns."""
-    command = [sys.executable, "-m", "groundstation.cli"]
+    command = [sys.executable, "-m", "meanflock.groundstation.cli"]
     said, _, _ = captured([*command, "run", "--help"], 30.0)
     if "--tls" not in said:
         raise BenchmarkFailed("meanflock run has no --tls")

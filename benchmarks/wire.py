@@ -6,9 +6,9 @@ from typing import Any
 
 from benchmarks import sizes
 from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms
-from groundstation.paper.methods import Method
-from swarm import codec
-from swarm.messages import Act, Frames, Sense
+from meanflock.groundstation.paper.methods import Method
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Act, Frames, Sense
 
 TITLE = "Bytes and codec"
 ABOUT = (
@@ -41,10 +41,10 @@ def run(effort: Effort, say: Say) -> Outcome:
 
 def _times(name: str, message: Sense | Act, effort: Effort) -> list[Figure]:
     count, repeats = effort.of(2000, 200), effort.of(15, 5)
-    raw = codec.encode(message)
+    raw = control.encode(message)
     work: dict[str, Callable[[], Any]] = {
-        "encode": partial(codec.encode, message),
-        "decode": partial(codec.decode, raw),
+        "encode": partial(control.encode, message),
+        "decode": partial(control.decode, raw),
     }
     try:
         import msgpack

@@ -5,9 +5,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm.scenario import Radio
+from meanflock.swarm.scenario import Radio
 
 Floats = NDArray[np.float64]
+MOST_SLOTS = 2**31 - 1  # a record has no room for more
 
 
 def bits_per_slot(radio: Radio) -> float:
@@ -16,8 +17,9 @@ def bits_per_slot(radio: Radio) -> float:
 
 
 def slots_needed(radio: Radio, bits: int) -> int:
-    """K: successful slots a message of `bits` needs, at least one."""
-    return max(1, math.ceil(bits / bits_per_slot(radio)))
+    """K: successful slots a message of `bits` needs, at least one; at most `MOST_SLOTS`, which no D_M comes near."""
+    per_slot = bits_per_slot(radio)
+    return max(1, math.ceil(bits / per_slot)) if bits < MOST_SLOTS * per_slot else MOST_SLOTS
 
 
 def squared_threshold(radio: Radio, distance_m: Floats) -> Floats:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm.messages import FrameKind
+from meanflock.swarm.wire.messages import FrameKind
 
 Indices = NDArray[np.intp]
 

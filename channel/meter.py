@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from channel.links import Links
-from swarm.messages import FrameKind
-from swarm.scenario import Radio
+from meanflock.channel.links import Links
+from meanflock.swarm.scenario import Radio
+from meanflock.swarm.wire.messages import FrameKind
 
 TRAFFIC = {
     FrameKind.UPLOAD: "uplink",

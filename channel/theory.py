@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from channel.link import slots_needed, squared_threshold
-from swarm.scenario import Radio
+from meanflock.channel.link import slots_needed, squared_threshold
+from meanflock.swarm.scenario import Radio
 
 Floats = NDArray[np.float64]
 

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from joblib import Parallel, delayed
 
-from groundstation.engine import Engine
-from swarm import scenario
-from swarm.clusters import Clusters
-from swarm.messages import FrameKind, Telemetry
-from swarm.rounds import Rounds
-from swarm.scenario import Scenario
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm import scenario
+from meanflock.swarm.clusters import Clusters
+from meanflock.swarm.rounds import Rounds
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import FrameKind, Telemetry
 
 PAGE = Path(__file__).with_name("scaling.md")
 UAVS = (100, 400)

@@ -8,15 +8,16 @@ import numpy as np
 from joblib import Parallel, delayed
 from msgspec import structs
 
-from agent.feedback import Feedback
-from channel.link import slots_needed
-from groundstation.engine import Engine
-from swarm import codec, model, payload, scenario
-from swarm.mean import fedavg
-from swarm.messages import OUTCOME_FLOATS, Act, FrameKind, Frames
-from swarm.payload import Coding
-from swarm.rounds import Rounds
-from swarm.scenario import Scenario
+from meanflock.agent.feedback import Feedback
+from meanflock.channel.link import slots_needed
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm import model, scenario
+from meanflock.swarm.mean import fedavg
+from meanflock.swarm.rounds import Rounds
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire import control, payload
+from meanflock.swarm.wire.messages import OUTCOME_FLOATS, Act, FrameKind, Frames
+from meanflock.swarm.wire.payload import Coding
 
 PAGE = Path(__file__).with_suffix(".md")
 METHODS = ("mfgfl-hf", "mfgfl-h", "mfgfl-f")
@@ -77,7 +78,7 @@ def transmissions() -> list[str]:
             coded = coding.encode(np.full((1, coding.floats), 1.5))
             sent = Frames(FrameKind.UPLOAD, 5, np.zeros(1, np.int32), coded)
             bare = Act(2**32, 1000, np.ones((1, OUTCOME_FLOATS)))
-            wire = len(codec.encode(structs.replace(bare, outbox=(sent,)))) - len(codec.encode(bare))
+            wire = len(control.encode(structs.replace(bare, outbox=(sent,)))) - len(control.encode(bare))
             slots = slots_needed(of.radio, coding.bits)
             lines.append(f"| `{method}` | {name} | {coding.bits:,} | {slots} | {wire / coded.nbytes:.3f} |")
     return lines

@@ -6,10 +6,10 @@ Needs a Vulkan driver; without a graphics card: apt-get install mesa-vulkan-driv
 import tempfile
 from pathlib import Path
 
-from groundstation.results import RECORDING
-from groundstation.run import Options, fly
-from groundstation.screenshot import screenshot
-from swarm import scenario
+from meanflock.groundstation.results import RECORDING
+from meanflock.groundstation.run import Options, fly
+from meanflock.groundstation.screenshot import screenshot
+from meanflock.swarm import scenario
 
 AT_S = 40.6  # just after the second round: models on the air, a collision, the flock half-way
 PICTURE = Path(__file__).parent / "pictures" / "swarm.png"

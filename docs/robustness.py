@@ -20,8 +20,8 @@ from rich.console import Console
 from rich.progress import track
 from scipy.stats import t as student
 
-from groundstation.engine import Engine
-from swarm import scenario
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm import scenario
 
 HERE = Path(__file__).parent
 PAGE, RESULTS = HERE / "robustness.md", HERE / "results" / "robustness.json"

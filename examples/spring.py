@@ -5,7 +5,7 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from agent.controllers.base import Broadcast, Controller, Options, Step
+from meanflock.agent.controllers.base import Broadcast, Controller, Options, Step
 
 
 class Spring(Controller):

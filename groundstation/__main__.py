@@ -1,35 +1,45 @@
-"""`python -m groundstation`: a ground station of its own, for a swarm that something else started."""
+"""`python -m meanflock.groundstation`: a ground station of its own, for a swarm that something else started."""
 
 import json
 import re
+import time
+from argparse import Namespace
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
-from groundstation.results import SCENARIO, SUMMARY, Past, past
-from groundstation.run import Desk, Options
-from groundstation.station import Station
-from swarm import codec, keys, logs, scenario
-from swarm.address import Address
-from swarm.errors import BadInput, BusError, RunFailed
-from swarm.identity import STATION
-from swarm.messages import Join, Welcome
-from swarm.process import Interrupted, flag, identity, main, parser
-from swarm.session import ZenohBus
+import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
+from meanflock.groundstation.results import SCENARIO, SUMMARY, Past, RunFolder, past
+from meanflock.groundstation.run import Options, Outputs, unused
+from meanflock.groundstation.station import Station
+from meanflock.swarm import (
+    logs,
+    scenario,
+)
+from meanflock.swarm.errors import BadInput, BusError, RunFailed
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.address import Address
+from meanflock.swarm.net.identity import STATION
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.process import Interrupted, flag, identity, main, parser
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Join, Welcome
 
 _ASK_S = 2.0
+LATEST = "latest"
 
 
 def _run() -> None:
     options = parser(
         "groundstation",
         "Records a swarm that something else started, and prints its summary.",
-        "python -m groundstation --run test --out runs",
+        "python -m meanflock.groundstation --run test --out runs",
     )
     flag(options, "--out", "runs", "folder of the run folders")
     flag(options, "--rerun", "127.0.0.1:9876", "where a live viewer connects; empty: nowhere")
-    flag(
-        options, "--resume", "", "run folder in which to go on; `latest`: the newest unfinished one of this run, if any"
-    )
+    flag(options, "--resume", "", "run folder in which to go on; `latest`: that of this flight, if there is one")
     given = options.parse_args()
     logs.start(given.log_format, run=given.run, node=STATION)
     serve = Address.parse("--rerun", given.rerun) if given.rerun else None
@@ -38,48 +48,77 @@ def _run() -> None:
     try:
         # Before anything is asked: a world that ends while the recorder is still loading is then not waited for.
         bus.watch(keys.alive(keys.check_run(given.run), "world", "world"))
-        flown = _ask(bus, given.run, given.wait)
-        folder, so_far = _folder(given.resume, Path(given.out), given.run, flown)
-        with Desk(flown, folder.name, Options(out=folder.parent, serve=serve, quiet=True), so_far) as desk:
+        welcome = _ask(bus, given.run, given.wait)
+        flown = scenario.decode(welcome.scenario)
+        folder, so_far = _folder(given.resume, Path(given.out), given.run, flown, welcome.tick)
+        with Outputs(flown, folder.name, Options(out=folder.parent, serve=serve, quiet=True), so_far) as desk:
             first_block = so_far.next_block if so_far is not None else None
             station = Station(bus, given.run, desk.sinks, first_block=first_block, uavs=flown.uavs)
-            while station.summary is None:
-                delivery = bus.receive(0.2)
-                if delivery is not None and delivery.kind == "gone":
-                    raise RunFailed(f"the world is gone; {desk.folder.path} holds what was flown")
-                if delivery is not None:
-                    station.handle(delivery)
-                if interrupted:
-                    raise RunFailed(f"interrupted; {desk.folder.path} holds what was recorded")
-            desk.summary = station.summary
-        print(json.dumps(station.summary, indent=1), flush=True)
+            desk.summary = _listen(bus, station, desk.folder, given, interrupted)
+        print(json.dumps(desk.summary, indent=1), flush=True)
     finally:
         bus.close()
 
 
-def _folder(wanted: str, out: Path, run: str, flown: scenario.Scenario) -> tuple[Path, Past | None]:
-    """Where to record, and what is there already."""
+def _listen(
+    bus: ZenohBus, station: Station, folder: RunFolder, given: Namespace, interrupted: Interrupted
+) -> dict[str, Any]:
+    """Until the summary is there. A session that is lost opens itself again; the world then sends what was missed."""
+    lost: float | None = None
+    while station.summary is None:
+        if interrupted:
+            raise RunFailed(f"interrupted; {folder.path} holds what was recorded")
+        if lost is not None and time.monotonic() - lost > given.wait:
+            raise RunFailed(f"the world is gone; {folder.path} holds what was flown")
+        delivery = bus.receive(0.2)
+        if delivery is None:
+            continue
+        if delivery.kind == "gone":
+            lost = time.monotonic()
+        elif delivery.kind == "alive" and lost is not None:
+            lost = None
+            if _ask(bus, given.run, given.wait).tick < folder.last_tick:
+                raise RunFailed(f"another world has taken its place; {folder.path} holds what was flown of the first")
+        else:
+            station.handle(delivery)
+    return station.summary
+
+
+def _folder(wanted: str, out: Path, run: str, flown: Scenario, tick: int) -> tuple[Path, Past | None]:
+    """Where to record a flight that has come to `tick`, and what is there already."""
+    if wanted == LATEST and (found := _of_this_flight(out, run, flown, tick)) is not None:
+        return found
+    if wanted in ("", LATEST):
+        return out / unused(out, f"{run}-{datetime.now():%Y%m%d-%H%M%S}"), None
     folder = Path(wanted)
-    if wanted == "latest":
-        named = re.compile(re.escape(run) + r"-\d{8}-\d{6}")
-        found = [path for path in out.glob("*") if named.fullmatch(path.name) and not (path / SUMMARY).exists()]
-        wanted = "" if not found else str(folder := max(found, key=lambda path: path.name))
-    if not wanted:
-        return out / f"{run}-{datetime.now():%Y%m%d-%H%M%S}", None
     if not (folder / SCENARIO).is_file() or scenario.load(folder / SCENARIO).sha256() != flown.sha256():
         raise BadInput(f"--resume {folder}: not a run of the scenario that is flown; leave --resume out")
     return folder.resolve(), past(folder)
 
 
-def _ask(bus: ZenohBus, run: str, wait_s: float) -> scenario.Scenario:
-    """What the world flies."""
-    request = codec.encode(Join("station", 0))
+def _of_this_flight(out: Path, run: str, flown: Scenario, tick: int) -> tuple[Path, Past] | None:
+    """The newest folder of a run of that name that has no summary, if it is of this scenario and holds no more than
+    has been flown: what holds more is of a flight before this one.
+    """
+    named = re.compile(re.escape(run) + r"-\d{8}-\d{6}(-\d+)?")
+    found = [path for path in out.glob("*") if named.fullmatch(path.name) and not (path / SUMMARY).exists()]
+    with suppress(BadInput):  # of another version, or killed before it had written anything
+        if found and scenario.load((folder := max(found)) / SCENARIO).sha256() == flown.sha256():
+            so_far = past(folder)
+            if so_far.rows.num_rows <= tick + 1:
+                return folder.resolve(), so_far
+    return None
+
+
+def _ask(bus: ZenohBus, run: str, wait_s: float) -> Welcome:
+    """What the world flies, and how far it has come."""
+    request = control.encode(Join("station", 0))
     for _ in range(max(1, round(wait_s / _ASK_S))):
         answer = bus.ask(keys.join(run, keys.asker("station")), request, _ASK_S)
         if answer is not None:
-            welcome = codec.decode(answer)
+            welcome = control.decode(answer)
             if isinstance(welcome, Welcome) and welcome.run == keys.fingerprint(run):
-                return scenario.decode(welcome.scenario)
+                return welcome
             raise BusError(f"the world of run {run!r} answered with {type(welcome).__name__}")
     raise BusError(f"no world of run {run!r} answered within {wait_s:.0f} s")
 

@@ -1,12 +1,12 @@
 """How a recording opens in Rerun: the fixed parts of every entity and the arrangement of the views.
 
-`recording.py` and `disturbances.py` fill the entities named here, `legend.py` draws what of the map stays where it is.
+`recording.py` and `disturbances.py` fill the entities named here, `legend.py` draws what of the map stays where it is;
+the plots are in `panels.py`, the colours in `palette.py`.
 The map is in metres with the goal at the origin and y up.
 """
 
 import enum
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,11 +14,11 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from groundstation import quantities
-from groundstation.reported import PHI_G, Reported
-from swarm.clusters import Clusters
-from swarm.messages import Status
-from swarm.scenario import Scenario
+from meanflock.groundstation import palette, panels
+from meanflock.groundstation.reported import Reported
+from meanflock.swarm.clusters import Clusters
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import Status
 
 TIMELINE = "sim_time"  # seconds since take-off
 TICKS = "tick"
@@ -37,11 +37,10 @@ HEADS = "map/heads"
 FAULTS = "map/faults"
 HALOS, JAMS, GUSTS = f"{FAULTS}/halos", f"{FAULTS}/jams", f"{FAULTS}/gusts"  # with the UAVs they hit
 AREAS, WORDS = f"{FAULTS}/areas", f"{FAULTS}/words"
-PLOTS = "plots"
 LANES = "UAVs"
 ROUND = "round"
 EVENTS = "events"
-HITS = "plots/risk/hits"
+
 
 LARGE_SWARM = 200  # UAVs; a larger swarm is recorded more coarsely, or its recording costs more than its flight
 ARROW_S = 2.0  # an arrow reaches to where its UAV will be this much later, s
@@ -51,119 +50,9 @@ STAR_S = 10.0  # how long a collision stays on the map, s
 GUST_S2 = 10.0  # a gust's arrow, as that of a velocity so many seconds long would be: m per m/s²
 JAMS_DRAWN = 200  # links that a script jams, at the most
 CLOSE_UP_M = 6.0  # half the width of the close-up on the leader
-PHI_G_LOW, PHI_G_HIGH = 1e-3, 1.0  # ends of the logarithmic colour scale of φ_G, 1/s²
-SPEED_HIGH = 15.0  # end of the colour scale of speed, which begins at 0, m/s
 
-BLUE, ORANGE, GREEN, RED = 0x5AA9E6FF, 0xF4A259FF, 0x57CC78FF, 0xEF5350FF
-VIOLET, WHITE, GREY, PINK, ICE = 0xB388EBFF, 0xECEFF4FF, 0x8A93A6FF, 0xFF7AC6FF, 0x8FE9FFFF
-COLLISION, HEAD = PINK, BLUE
-FROZEN, CUT, JAMMED, GUST = ICE, RED, RED, ORANGE  # what stops the radio has the colour of its outages
 _CANVAS = (16, 19, 26)
-# Viridis at even steps from an eighth of its length on, for what is darker is lost on the canvas.
-_VIRIDIS = np.array(
-    [
-        (84, 62, 150),
-        (64, 90, 150),
-        (44, 114, 142),
-        (33, 145, 140),
-        (40, 174, 128),
-        (94, 201, 98),
-        (173, 220, 48),
-        (253, 231, 37),
-    ],
-    dtype=np.float64,
-)
-
-_STEPS = np.linspace(0.0, 1.0, len(_VIRIDIS))
-_CHANNELS = [
-    (np.append(np.diff(base) / np.diff(_STEPS), 0.0), base) for base in _VIRIDIS.T.copy()
-]  # slope from each step on
-
-
-@dataclass(frozen=True)
-class Plot:
-    """A time series view: one entity of scalars, a column a line."""
-
-    entity: str
-    title: str  # with the unit
-    names: tuple[str, ...]
-    colors: tuple[int, ...]
-    widths: tuple[float, ...] = ()
-    legend: bool = False  # only where the lines stay out of the upper left corner, as sums do
-    log10: bool = False  # of the lines' values
-
-
-_RANGE = ("mean", "min", "max")
-_RANGE_COLORS = (WHITE, BLUE, ORANGE)
-_RANGE_WIDTHS = (2.5, 1.2, 1.2)
-_SIZES, _SIZES_COLORS, _SIZES_WIDTHS = ("max", "mean"), (ORANGE, WHITE), (1.2, 2.5)
-
-ENERGY = Plot("plots/energy", quantities.ENERGY.title(), _RANGE, _RANGE_COLORS, _RANGE_WIDTHS, True)
-SPEED = Plot("plots/speed", quantities.SPEED.title("mean, min, max"), _RANGE, _RANGE_COLORS, _RANGE_WIDTHS)
-BITS = Plot(
-    "plots/bits",
-    f"{quantities.PAYLOAD.name}, Mbit",
-    ("uplink", "relay", "broadcast", "state"),
-    (BLUE, GREEN, ORANGE, VIOLET),
-    legend=True,
-)
-LAST = ENERGY  # sent last, with a value in every tick: where it is in a file, all before it is, see `recorded`
-ALIGNMENT = Plot("plots/alignment", quantities.ALIGNMENT.title(), ("φ_A",), (VIOLET,))
-RISK = Plot(
-    "plots/risk",
-    f"{quantities.RISK_PRINTED.name}; grey: distinct pairs",
-    ("with self-pairs", "distinct pairs"),
-    (ORANGE, GREY),
-)
-FAILURES = Plot(
-    "plots/failures",
-    f"{quantities.OUTAGES.title()}; {quantities.COLLISIONS.title()}",
-    ("outages", "collisions"),
-    (RED, COLLISION),
-    legend=True,
-)
-SPREAD = Plot("plots/spread", quantities.SPREAD.title("RMS distance from their mean"), ("spread",), (VIOLET,))
-WEIGHTS = "plots/weights"
 _DETAILS = 3  # plots in a tab
-
-
-def diagnostic(name: str) -> Plot:
-    """The plot of a diagnostic: residuals by their sizes, whatever else by mean, minimum and maximum."""
-    known = quantities.of(name)
-    if name in quantities.RESIDUALS:
-        title = f"{known.title()}; log10 of mean, max"
-        return Plot(f"{PLOTS}/{name}", title, _SIZES, _SIZES_COLORS, _SIZES_WIDTHS, log10=True)
-    entity = f"{PLOTS}/phi_g" if name == PHI_G else f"{PLOTS}/reported/{name}"
-    return Plot(entity, known.title("mean, min, max"), _RANGE, _RANGE_COLORS, _RANGE_WIDTHS)
-
-
-def weights_title(leader: int, reported: Reported) -> str:
-    """What the lines of the weights' plot are."""
-    drawn = len(reported.drawn)
-    which = f"{drawn} of {reported.weights}" if drawn < reported.weights else f"all {drawn}"
-    return f"what UAV {leader} has learned: {which} weights"
-
-
-def viridis(share: NDArray[np.float64]) -> NDArray[np.uint32]:
-    """RGBA colours, shape `(...)`, of numbers in [0, 1]; those outside take the colour of the nearer end."""
-    share = np.clip(share, 0.0, 1.0, dtype=np.float64)
-    step = (share * (len(_VIRIDIS) - 1)).astype(np.intp)  # they are even: nothing to search for
-    share -= _STEPS[step]
-    color = np.full(share.shape, 0xFF, dtype=np.uint32)
-    for bits, (slope, base) in zip((24, 16, 8), _CHANNELS, strict=True):
-        color |= (slope[step] * share + base[step]).astype(np.uint32) << bits
-    return color
-
-
-def phi_g_colors(phi_g: NDArray[np.float32]) -> NDArray[np.uint32]:
-    """RGBA colours, shape `(...)`, of φ_G ≥ 0 on the logarithmic scale that the map's legend shows."""
-    low, high = math.log10(PHI_G_LOW), math.log10(PHI_G_HIGH)
-    return viridis((np.log10(np.maximum(phi_g, PHI_G_LOW)) - low) / (high - low))
-
-
-def speed_colors(speed_m_s: NDArray[Any]) -> NDArray[np.uint32]:
-    """RGBA colours, shape `(...)`, of speeds on the linear scale that the map's legend shows."""
-    return viridis(speed_m_s / SPEED_HIGH)
 
 
 class Lane(enum.IntEnum):
@@ -176,7 +65,13 @@ class Lane(enum.IntEnum):
     CUT_OFF = len(Status) + 1
 
 
-LANE_COLORS = {Lane.FLYING: BLUE, Lane.ARRIVED: GREEN, Lane.LOST: GREY, Lane.FROZEN: FROZEN, Lane.CUT_OFF: CUT}
+LANE_COLORS = {
+    Lane.FLYING: palette.BLUE,
+    Lane.ARRIVED: palette.GREEN,
+    Lane.LOST: palette.GREY,
+    Lane.FROZEN: palette.FROZEN,
+    Lane.CUT_OFF: palette.CUT,
+}
 
 
 def lane(uav: int, now: Lane) -> str:
@@ -203,33 +98,47 @@ def log_static(stream: rr.RecordingStream, scenario: Scenario, reported: Reporte
     numbers = [f"UAV {uav}" for uav in range(scenario.uavs)]  # of the one under the mouse
     dots = rr.Points2D.from_fields(radii=rr.Radius.ui_points(3.0), labels=numbers, show_labels=False, draw_order=30.0)
     log(UAVS, dots)
-    log(VELOCITY, rr.Arrows2D.from_fields(colors=[WHITE], radii=rr.Radius.ui_points(0.6), draw_order=25.0))
+    log(VELOCITY, rr.Arrows2D.from_fields(colors=[palette.WHITE], radii=rr.Radius.ui_points(0.6), draw_order=25.0))
     log(TRAILS, rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(0.9), draw_order=10.0))
     log(MODEL_LINKS, rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(1.0), draw_order=15.0))
     log(STATE_LINKS, rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(0.3), draw_order=14.0))
-    log(COLLISIONS, rr.LineStrips2D.from_fields(colors=[COLLISION], radii=rr.Radius.ui_points(1.2), draw_order=40.0))
+    log(
+        COLLISIONS,
+        rr.LineStrips2D.from_fields(colors=[palette.COLLISION], radii=rr.Radius.ui_points(1.2), draw_order=40.0),
+    )
     log(
         f"{LEADER}/ring",
-        rr.Points2D([(0.0, 0.0)], radii=rr.Radius.ui_points(5.5), colors=[WHITE], draw_order=20.0),
+        rr.Points2D([(0.0, 0.0)], radii=rr.Radius.ui_points(5.5), colors=[palette.WHITE], draw_order=20.0),
     )
     log(CLOSE_UP, rr.Transform3D(scale=[1.0, -1.0, 1.0]))  # undoes that of the map: the view's origin has y down again
-    log(HEADS, rr.Points2D.from_fields(radii=rr.Radius.ui_points(5.5), colors=[HEAD], draw_order=19.0))
+    log(HEADS, rr.Points2D.from_fields(radii=rr.Radius.ui_points(5.5), colors=[palette.HEAD], draw_order=19.0))
     log(HALOS, rr.Points2D.from_fields(radii=rr.Radius.ui_points(6.5), draw_order=18.0))
-    log(JAMS, rr.LineStrips2D.from_fields(colors=[JAMMED], radii=rr.Radius.ui_points(1.0), draw_order=16.0))
-    log(GUSTS, rr.Arrows2D.from_fields(colors=[GUST], radii=rr.Radius.ui_points(0.8), draw_order=26.0))
+    log(JAMS, rr.LineStrips2D.from_fields(colors=[palette.JAMMED], radii=rr.Radius.ui_points(1.0), draw_order=16.0))
+    log(GUSTS, rr.Arrows2D.from_fields(colors=[palette.GUST], radii=rr.Radius.ui_points(0.8), draw_order=26.0))
     log(AREAS, rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(1.5), draw_order=5.0))
-    log(WORDS, rr.Points2D.from_fields(colors=[WHITE], radii=0.0, show_labels=True))
+    log(WORDS, rr.Points2D.from_fields(colors=[palette.WHITE], radii=0.0, show_labels=True))
 
-    plots = [ENERGY, SPEED, BITS, ALIGNMENT, RISK, FAILURES, *map(diagnostic, reported.diagnostics)]
-    for plot in plots + [SPREAD] * (reported.weights > 0):
+    plots = [
+        panels.ENERGY,
+        panels.SPEED,
+        panels.BITS,
+        panels.ALIGNMENT,
+        panels.RISK,
+        panels.FAILURES,
+        *map(panels.diagnostic, reported.diagnostics),
+    ]
+    for plot in plots + [panels.SPREAD] * (reported.weights > 0):
         log(
             plot.entity,
             rr.SeriesLines(names=plot.names, colors=_rgba(plot.colors), widths=plot.widths or 2.0),
         )
-    log(HITS, rr.SeriesPoints(names="collision", colors=COLLISION, markers="asterisk", marker_sizes=5.0))
+    log(panels.HITS, rr.SeriesPoints(names="collision", colors=palette.COLLISION, markers="asterisk", marker_sizes=5.0))
     if reported.weights:
         names = [f"weight {number}" for number in reported.drawn]
-        log(WEIGHTS, rr.SeriesLines(names=names, colors=viridis(np.linspace(0.0, 1.0, len(names))), widths=1.0))
+        log(
+            panels.WEIGHTS,
+            rr.SeriesLines(names=names, colors=palette.viridis(np.linspace(0.0, 1.0, len(names))), widths=1.0),
+        )
     if scenario.uavs <= LARGE_SWARM:
         texts = [lane(uav, now) for uav in range(scenario.uavs) for now in Lane]
         colors = _rgba(tuple(LANE_COLORS[now] for now in Lane) * scenario.uavs)
@@ -268,12 +177,12 @@ def blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.Bluepri
         lanes = rrb.StateTimelineView(origin=f"/{LANES}", name="UAVs", time_view=_whole_flight())
         details = [lanes, *details, rrb.GraphView(origin=f"/{ROUND}", name="last round")]
     grid = rrb.Grid(
-        _series(ENERGY),
-        _series(SPEED),
-        _series(BITS),
-        _series(FAILURES),
-        _series(ALIGNMENT),
-        _series(RISK),
+        _series(panels.ENERGY),
+        _series(panels.SPEED),
+        _series(panels.BITS),
+        _series(panels.FAILURES),
+        _series(panels.ALIGNMENT),
+        _series(panels.RISK),
         *of_grid,
         grid_columns=2,
     )
@@ -302,16 +211,16 @@ def blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.Bluepri
 
 def _learned(leader: int, reported: Reported) -> tuple[list[rrb.View], list[rrb.View]]:
     """Plots of what the controller reports: at most two for the grid, the others for tabs beside it."""
-    plots: list[rrb.View] = [_series(diagnostic(name)) for name in reported.diagnostics]
+    plots: list[rrb.View] = [_series(panels.diagnostic(name)) for name in reported.diagnostics]
     if not reported.weights:
         return plots[:2], plots[2:]
     weights = rrb.TimeSeriesView(
-        origin=f"/{WEIGHTS}",
-        name=weights_title(leader, reported),
+        origin=f"/{panels.WEIGHTS}",
+        name=panels.weights_title(leader, reported),
         axis_x=_whole_flight(),
         plot_legend=rrb.PlotLegend(visible=False),
     )
-    return [*plots[:1], weights], [*plots[1:], _series(SPREAD)]
+    return [*plots[:1], weights], [*plots[1:], _series(panels.SPREAD)]
 
 
 def _tabs(plots: list[rrb.View], name: str) -> list[rrb.Container]:
@@ -338,7 +247,7 @@ def _rgba(colors: tuple[int, ...]) -> NDArray[np.uint32]:
     return np.array(colors, dtype=np.uint32)
 
 
-def _series(plot: Plot) -> rrb.TimeSeriesView:
+def _series(plot: panels.Plot) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin=f"/{plot.entity}",
         name=plot.title,

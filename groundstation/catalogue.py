@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from swarm import plugins, scenario
-from swarm.errors import BadInput
-from swarm.plugins import Door, Plugin, options_table
+from meanflock.swarm import plugins, scenario
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.plugins import Door, Plugin, options_table
 
 KEYS: dict[Door, str] = {  # of a scenario, that names the plug-in
     "controller": "method",
@@ -39,7 +39,7 @@ class Option(NamedTuple):
 
 
 class Entry(NamedTuple):
-    """A plug-in. about: the first line of its docstring. fault: why it cannot be used, if so."""
+    """A plug-in. about: the first sentence of its docstring. fault: why it cannot be used, if so."""
 
     plugin: Plugin
     about: str = ""
@@ -61,9 +61,10 @@ def _entry(plugin: Plugin) -> Entry:
 
 
 def _about(found: type) -> str:
-    """The first line of the docstring of a class, or else of its file."""
+    """The first sentence of the docstring of a class, or else of its file."""
     said = found.__dict__.get("__doc__") or sys.modules[found.__module__].__doc__ or ""
-    return inspect.cleandoc(said).partition("\n")[0]
+    sentence = " ".join(inspect.cleandoc(said).partition("\n\n")[0].split()).partition(". ")[0]
+    return f"{sentence.removesuffix('.')}." if sentence else ""
 
 
 def _options(kind: type[msgspec.Struct]) -> Iterator[Option]:

@@ -21,9 +21,9 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from swarm import keys
-from swarm.errors import BadInput
-from swarm.identity import LEADER, STATION, WORLD, Identity
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.identity import LEADER, STATION, WORLD, Identity
 
 HOSTS = ("127.0.0.1", "::1", "localhost", "worldsim")  # where a world is found: this machine, or its container
 DAYS = 90
@@ -101,6 +101,7 @@ def compose(folder: Path, uavs: int, user: str) -> dict[str, Any]:
             "worldsim": service(WORLD, environment={"MEANFLOCK_SET": f"uavs={uavs} ${{MEANFLOCK_SET:-}}"}),
             "leader": service(LEADER),
             "groundstation": service(STATION),
+            "runs": {"environment": {"RUNS_OWNER": user}},
             "agent": {"deploy": {"replicas": 0}},  # an agent without a name is not let in
             **{
                 name: service(

@@ -2,6 +2,7 @@
 
 import json
 import logging
+import os
 import re
 import sys
 from collections.abc import Callable
@@ -13,17 +14,17 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from groundstation import catalogue, display
-from groundstation import doctor as checks
-from groundstation.progress import summary_table
-from groundstation.results import to_toml
-from groundstation.resume import back
-from groundstation.run import Options, Run, fly
-from swarm import __version__, logs, plugins, scenario
-from swarm.address import Address
-from swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput, MeanflockError
-from swarm.refusals import divert
-from worldsim.schedule import factor
+from meanflock.groundstation import catalogue, display
+from meanflock.groundstation import doctor as checks
+from meanflock.groundstation.progress import summary_table
+from meanflock.groundstation.results import to_toml
+from meanflock.groundstation.resume import back
+from meanflock.groundstation.run import Options, Run, fly
+from meanflock.swarm import __version__, logs, plugins, scenario
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput, MeanflockError
+from meanflock.swarm.net.address import Address
+from meanflock.swarm.net.refusals import divert
+from meanflock.worldsim.schedule import factor
 
 _METHODS = " | ".join(plugins.names("controller"))
 
@@ -283,7 +284,7 @@ def certs_init(folder: Path, uavs: int, days: int, hosts: tuple[str, ...]) -> No
     \b
     Example: meanflock certs init out/certs --uavs 4
     """
-    from groundstation import certs
+    from meanflock.groundstation import certs
 
     written = certs.init(folder, uavs, days, hosts)
     click.echo(
@@ -337,9 +338,10 @@ def _refuse_if_too_large(flown: scenario.Scenario, uavs_per_process: int) -> Non
 
 def main(arguments: list[str] | None = None) -> int:
     """The `meanflock` command: every error is one line and an exit code."""
-    from groundstation import cli_look, cli_plugins, cli_study  # noqa: F401  # their verbs join the group
+    from meanflock.groundstation import cli_look, cli_plugins, cli_study  # noqa: F401  # their verbs join the group
 
     if arguments is None:
+        os.environ["PYTHONSAFEPATH"] = "1"  # no worker of a sweep runs what lies in the working folder under our names
         divert()  # standard output is what we say; what libraries say in native code is not
     try:
         cli.main(arguments, prog_name="meanflock", standalone_mode=False)
@@ -363,6 +365,6 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    from groundstation import cli as installed  # the verbs join that module's group, not this one's
+    from meanflock.groundstation import cli as installed  # the verbs join that module's group, not this one's
 
     installed.main()

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import click
 
-from groundstation.cli import cli
-from groundstation.results import RECORDING, alone, recover
-from swarm.errors import BadInput
+from meanflock.groundstation.cli import cli
+from meanflock.groundstation.results import RECORDING, alone, completed
+from meanflock.swarm.errors import BadInput
 
 _run = click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
 
@@ -22,7 +22,7 @@ def view(folder: Path, web: bool) -> None:
     \b
     Example: meanflock view runs/20261121-101500-mfgfl-hf-s7
     """
-    from groundstation import display, viewer
+    from meanflock.groundstation import display, viewer
 
     path = _recording(folder)
     if web:
@@ -51,7 +51,7 @@ def picture(folder: Path, at_s: float | None, png: Path, size: str) -> None:
     \b
     Example: meanflock picture runs/20261121-101500-mfgfl-hf-s7 --at 40 -o out/swarm.png
     """
-    from groundstation.screenshot import pixels, screenshot
+    from meanflock.groundstation.screenshot import pixels, screenshot
 
     wanted = pixels(size)
     if png.suffix.lower() != ".png":
@@ -71,12 +71,12 @@ def _recording(folder: Path) -> Path:
 
 def _complete(folder: Path, path: Path) -> None:
     """What was killed is filled in from its time series, or mended where there is none."""
-    from groundstation.replay import complete
-    from groundstation.viewer import repair, verify
+    from meanflock.groundstation.replay import complete
+    from meanflock.groundstation.viewer import repair, verify
 
     if folder.is_dir():
         with alone(folder):
-            recover(folder)
+            completed(folder)
             complete(folder)
     elif verify(path) is not None:
         repair(path)

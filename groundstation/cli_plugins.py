@@ -5,7 +5,7 @@ import shutil
 
 import click
 
-from groundstation.cli import cli, scenario_arguments
+from meanflock.groundstation.cli import cli, scenario_arguments
 
 _NARROW, _WIDE = 80, 110  # columns
 
@@ -14,12 +14,15 @@ _NARROW, _WIDE = 80, 110  # columns
 @scenario_arguments("plugin")
 @click.option("--json", "as_json", is_flag=True, help="As one JSON array.")
 def plugins_command(as_json: bool) -> None:
-    """List controllers, aggregation rules, channels and vehicles: name, where from, what it is, options.
+    """List plug-ins by kind, with their options.
+
+    Controllers, aggregation rules, channels and vehicles: name, where it is from, what it is, and the options a
+    scenario can set.
 
     \b
     Example: meanflock plugins --plugin mine.py
     """
-    from groundstation.catalogue import catalogue, records, text
+    from meanflock.groundstation.catalogue import catalogue, records, text
 
     entries = catalogue()
     if as_json:

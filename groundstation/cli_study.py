@@ -9,15 +9,15 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from groundstation.cli import cli, scenario_arguments
-from groundstation.doctor import tell_if_slow
-from groundstation.durable import check_folder
-from swarm import scenario
-from swarm.errors import BadInput
-from swarm.scenario import Scenario
+from meanflock.groundstation.cli import cli, scenario_arguments
+from meanflock.groundstation.doctor import tell_if_slow
+from meanflock.groundstation.durable import check_folder
+from meanflock.swarm import scenario
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario
 
 if TYPE_CHECKING:
-    from groundstation import study
+    from meanflock.groundstation import study
 
 _SEEDS = 8
 _seeds = click.option("--seeds", type=click.IntRange(1), metavar="K", help=f"Runs of each.  [default: {_SEEDS}]")
@@ -88,7 +88,7 @@ def compare(
     Interrupt and repeat it as you like: a finished run is never flown twice.
     Example: meanflock compare hjb mfgfl-hf --seeds 4 --duration 200
     """
-    from groundstation import plots, study, swept
+    from meanflock.groundstation import plots, study, swept
 
     swept.refuse_setting("method", given["settings"], "is what is compared")
     scenarios = {(method,): scenario.load(file, method=method, **given) for method in dict.fromkeys(methods)}
@@ -126,9 +126,9 @@ def sweep(
     Interrupt and repeat it as you like: a finished run is never flown twice.
     Example: meanflock sweep wind.sigma=0.1,0.3 --methods hjb,mfgfl-hf --seeds 4 --duration 200
     """
-    from groundstation import plots, study
-    from groundstation.swept import Swept, refuse_setting
-    from groundstation.units import with_unit
+    from meanflock.groundstation import plots, study
+    from meanflock.groundstation.swept import Swept, refuse_setting
+    from meanflock.groundstation.units import with_unit
 
     varied = Swept.parse(swept)
     of_key = {"method": {"--methods": methods}, "seed": {"--seed": given["seed"], "--seeds": seeds}}
@@ -156,8 +156,8 @@ def _fly(
     what: str, points: Mapping[Any, Sequence[Scenario]], jobs: int, out: Path, quiet: bool
 ) -> "dict[Any, study.Summaries]":
     """The summaries of all runs; those that are in `out` already are not flown again."""
-    from groundstation import study
-    from groundstation.paper.store import Store
+    from meanflock.groundstation import study
+    from meanflock.groundstation.paper.store import Store
 
     new = not out.exists()
     store = Store(out)
@@ -181,8 +181,8 @@ def _show(
     out: Path,
 ) -> None:
     """Prints the table of means, and writes it and the runs behind it."""
-    from groundstation import study
-    from groundstation.means import Means
+    from meanflock.groundstation import study
+    from meanflock.groundstation.means import Means
 
     means = Means(columns, flown)
     sizes = {one.uavs for one in scenarios.values()}
@@ -202,13 +202,13 @@ def plot(folder: Path) -> None:
     \b
     Example: meanflock plot runs/20261121-101500-mfgfl-hf-s7
     """
-    from groundstation import plots
-    from groundstation.results import alone, recover
+    from meanflock.groundstation import plots
+    from meanflock.groundstation.results import alone, completed
 
     if not folder.is_dir():
         raise BadInput(f"{folder}: no such run; name the folder of one")
     with alone(folder):
-        recover(folder)
+        completed(folder)
     _report(plots.write(plots.plot_run(folder), folder / "plots"))
 
 
@@ -233,11 +233,11 @@ def paper(
     Interrupt and repeat it as you like: a finished run is never flown twice.
     Example: meanflock paper --seeds 2 --out out/paper
     """
-    from groundstation.paper.experiments import run_grid
-    from groundstation.paper.figures import FIGURES, draw
-    from groundstation.paper.measure import measured
-    from groundstation.paper.report import counts, write_report
-    from groundstation.paper.verdict import evaluate
+    from meanflock.groundstation.paper.experiments import run_grid
+    from meanflock.groundstation.paper.figures import FIGURES, draw
+    from meanflock.groundstation.paper.measure import measured
+    from meanflock.groundstation.paper.report import counts, write_report
+    from meanflock.groundstation.paper.verdict import evaluate
 
     wanted = [f"fig{name.removeprefix('fig')}" for name in only] or None
     unknown = sorted(set(wanted or ()) - set(FIGURES))

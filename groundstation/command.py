@@ -3,21 +3,21 @@
 import sys
 from importlib.util import find_spec
 
-from swarm.errors import EXIT_BAD_INPUT
+import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
+from meanflock.swarm.errors import EXIT_BAD_INPUT
 
 EXTRA = "ground"
-_OURS = {"swarm", "agent", "leader", "channel", "worldsim", "groundstation"}
 
 
 def main() -> None:
     """See `groundstation.cli.main`; where a library is missing, one line says which, and what to install."""
     try:
-        from groundstation.cli import main as command
+        from meanflock.groundstation.cli import main as command
 
         command()
     except ModuleNotFoundError as missing:
         library = (missing.name or "").partition(".")[0]
-        if library in _OURS or not library or _is_there(library):
+        if library in ("meanflock", "") or _is_there(library):
             raise
         mend = f"pip install 'meanflock[{EXTRA}]'"
         print(

@@ -9,10 +9,10 @@ import pyarrow as pa
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from channel.meter import TRAFFIC
-from groundstation import plotstyle, quantities
-from groundstation.quantities import FIELDS
-from groundstation.series import diagnostics_in
+from meanflock.channel.meter import TRAFFIC
+from meanflock.groundstation import plotstyle, quantities
+from meanflock.groundstation.quantities import FIELDS
+from meanflock.groundstation.series import diagnostics_in
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ MAX_POINTS = 1500  # of a curve, instants of a path
 def grid(table: pa.Table, column: str) -> Floats:
     """A list column as `(T, N)`."""
     values = table.column(column).combine_chunks()
-    return np.asarray(values.values.to_numpy(zero_copy_only=False), dtype=np.float64).reshape(table.num_rows, -1)
+    return np.array(values.values.to_numpy(zero_copy_only=False), dtype=np.float64).reshape(table.num_rows, -1)
 
 
 def line(table: pa.Table, column: str) -> Floats:
@@ -67,6 +67,8 @@ class Curves:
 
     def _diagnostic(self, name: str) -> Panel:
         known, values = quantities.of(name), grid(self._table, name)
+        if self._table["tick"][0].as_py() == 0:
+            values[0] = np.nan  # nothing was reported yet
         label = plotstyle.axis(name)
         if name in quantities.RESIDUALS:
             return Panel(f"{known.name}, mean", label, partial(self._size, np.abs(values)))
@@ -82,7 +84,7 @@ class Curves:
 
     def _size(self, sizes: Floats, ax: Axes) -> None:
         mean = sizes[:: self._step].mean(axis=-1)
-        if mean.max() > 0:
+        if np.nanmax(mean, initial=0.0) > 0:
             ax.plot(self._times, np.where(mean > 0, mean, np.nan), color=self._tone, linewidth=1.0)
             plotstyle.log_axis(ax)
         else:

@@ -5,7 +5,7 @@ import socket
 import sys
 from pathlib import Path
 
-from swarm.errors import RunFailed
+from meanflock.swarm.errors import RunFailed
 
 _X_PORT = 6000  # of display 0, over TCP
 _ANSWER_S = 3.0

@@ -11,13 +11,14 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from groundstation import blueprint as look
-from groundstation.legend import circle
-from swarm.clusters import Clusters
-from swarm.faults import Gust, Jam, Partition, Pause
-from swarm.scenario import Scenario
-from swarm.state import POSITION, States
-from worldsim.faults import Script, words
+from meanflock.groundstation import blueprint as look
+from meanflock.groundstation import palette
+from meanflock.groundstation.legend import circle
+from meanflock.swarm.clusters import Clusters
+from meanflock.swarm.faults import Gust, Jam, Partition, Pause
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import POSITION, States
+from meanflock.worldsim.faults import Script, words
 
 Ticks = NDArray[np.int64]
 Lasting = Pause | Partition | Jam | Gust
@@ -128,7 +129,7 @@ def _halos(acting: Sequence[Lasting], points: NDArray[np.float64]) -> tuple[list
     """A dot, larger than a UAV's, under every UAV that is frozen or cut off, and its colour."""
     frozen = sorted({uav for fault in acting if isinstance(fault, Pause) for uav in fault.uavs})
     cut = sorted({uav for fault in acting if isinstance(fault, Partition) for uav in fault.uavs})
-    return points[cut + frozen].tolist(), [look.CUT] * len(cut) + [look.FROZEN] * len(frozen)
+    return points[cut + frozen].tolist(), [palette.CUT] * len(cut) + [palette.FROZEN] * len(frozen)
 
 
 def _jammed_links(acting: Sequence[Lasting], points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
@@ -143,5 +144,5 @@ def _areas(acting: Sequence[Lasting]) -> tuple[list[NDArray[np.float64]], list[i
     for fault in acting:
         if isinstance(fault, Jam | Gust) and fault.centre is not None and fault.radius_m is not None:
             strips.append(circle(fault.centre, fault.radius_m))
-            colors.append(look.JAMMED if isinstance(fault, Jam) else look.GUST)
+            colors.append(palette.JAMMED if isinstance(fault, Jam) else palette.GUST)
     return strips, colors

@@ -14,10 +14,10 @@ from typing import Literal
 
 import psutil
 
-import kernels
-from groundstation.memory import MEGABYTE, available_mb, needed_mb
-from swarm import logs
-from swarm.session import DEFAULT_ENDPOINT
+from meanflock import kernels
+from meanflock.groundstation.memory import MEGABYTE, available_mb, needed_mb
+from meanflock.swarm import logs
+from meanflock.swarm.net.session import DEFAULT_ENDPOINT
 
 THREADS = 8  # of a process of the swarm: measured 6, and 9 in the world
 PACKAGES = (
@@ -193,7 +193,7 @@ def _disk(out: Path) -> Finding:
 
 def certificates(folder: Path, uavs: int, uavs_per_process: int) -> list[Finding]:
     """Whether everyone's certificate is there, readable, of the same authority and still valid."""
-    from groundstation import certs  # a library that most runs need not load
+    from meanflock.groundstation import certs  # a library that most runs need not load
 
     wanted = certs.names(uavs, uavs_per_process)
     found = [

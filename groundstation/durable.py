@@ -6,7 +6,7 @@ from collections.abc import Callable
 from io import FileIO
 from pathlib import Path
 
-from swarm.errors import BadInput
+from meanflock.swarm.errors import BadInput
 
 
 def replace(path: Path, content: bytes | memoryview) -> None:

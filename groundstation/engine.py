@@ -7,16 +7,16 @@ import numpy as np
 from msgspec import structs
 from numpy.typing import NDArray
 
-from agent.node import Agent
-from groundstation.station import Sink, Station
-from leader.node import Leader
-from swarm.bus import MemoryNetwork
-from swarm.codec import encode_record
-from swarm.messages import Join, Welcome
-from swarm.scenario import Scenario
-from swarm.spoke import Node, Spoke
-from worldsim.checkpoint import EVERY_TICKS, Resumption
-from worldsim.node import World
+from meanflock.agent.node import Agent
+from meanflock.groundstation.station import Sink, Station
+from meanflock.leader.node import Leader
+from meanflock.swarm.net.bus import MemoryNetwork
+from meanflock.swarm.net.client import Node, NodeClient
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.control import encode_record
+from meanflock.swarm.wire.messages import Join, Welcome
+from meanflock.worldsim.checkpoint import EVERY_TICKS, Resumption
+from meanflock.worldsim.node import World
 
 # Of a block of telemetry: who records is called within a tick here, and that costs by the call. A small swarm flies so
 # many ticks in a few hundredths of a second.
@@ -106,7 +106,7 @@ class Engine:
             models[agent.uavs] = agent.models
         return models
 
-    def join(self, request: Join, make: Callable[[Welcome], Node]) -> Spoke:
+    def join(self, request: Join, make: Callable[[Welcome], Node]) -> NodeClient:
         """Another node of this process takes part."""
 
         def build(welcome: Welcome) -> Node:
@@ -119,10 +119,10 @@ class Engine:
             return node
 
         bus = self.network.endpoint()
-        spoke = Spoke(bus, self._run)
-        bus.handler = spoke.handle
-        spoke.join(request, build, timeout_s=0.0)
-        return spoke
+        client = NodeClient(bus, self._run)
+        bus.handler = client.handle
+        client.join(request, build, timeout_s=0.0)
+        return client
 
 
 def _checkpoint_every(scenario: Scenario, realtime: float | None) -> int:

@@ -3,10 +3,10 @@
 import hashlib
 from pathlib import Path
 
-from groundstation import durable
-from swarm import plugins
-from swarm.errors import BadInput
-from swarm.scenario import Scenario
+from meanflock.groundstation import durable
+from meanflock.swarm import plugins
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario
 
 FOLDER = "plugins"
 

@@ -5,11 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from swarm import state
-from swarm.codec import expect
-from swarm.declared import MAX_DIAGNOSTICS
-from swarm.errors import MessageRejected
-from swarm.messages import SWARM_COLUMNS, Finished, FrameKind, Status, Telemetry
+from meanflock.groundstation.columns import RESERVED
+from meanflock.swarm import state
+from meanflock.swarm.declared import MAX_DIAGNOSTICS
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.wire.control import expect
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Finished, FrameKind, Status, Telemetry
 
 _LAST_TICK = 2**31 - 1  # ticks are kept in 32 bits
 
@@ -37,7 +38,8 @@ def check(block: Telemetry, uavs: int | None) -> Telemetry:
     ):
         expect(name, getattr(block, name), shape, dtype)
     names = block.diagnostic_names
-    if len(set(names)) < len(names) or len(names) > MAX_DIAGNOSTICS or not all(name.isidentifier() for name in names):
+    fit = len(set(names)) == len(names) <= MAX_DIAGNOSTICS and RESERVED.isdisjoint(names)
+    if not fit or not all(name.isidentifier() for name in names):
         raise MessageRejected("wrong-shape", "diagnostics without names of their own")
     if not 0 <= block.block <= _LAST_TICK or not 0 <= block.first_tick <= _LAST_TICK - rows:
         raise MessageRejected("wrong-shape", f"block {block.block} of tick {block.first_tick}")

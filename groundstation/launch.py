@@ -1,7 +1,9 @@
-"""A swarm of processes on this machine: starts them, watches them, ends them. No orphan is ever left."""
+"""A swarm of processes on this machine: starts them, again where they die, and ends them. No orphan is ever left."""
 
+import logging
 import os
 import signal
+import site
 import socket
 import subprocess
 import sys
@@ -12,17 +14,22 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO
 
-from agent import siblings
-from swarm import logs
-from swarm.address import Address
-from swarm.errors import RunFailed
-from swarm.identity import STATION, Identity
-from swarm.process import CHILD
-from swarm.session import ZenohBus
+from meanflock import swarm
+from meanflock.agent import prefork
+from meanflock.swarm import logs
+from meanflock.swarm.errors import EXIT_BAD_INPUT, RunFailed
+from meanflock.swarm.net.address import Address
+from meanflock.swarm.net.identity import STATION, Identity
+from meanflock.swarm.net.restarts import Restarts
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.printable import printable_lines
+from meanflock.swarm.process import CHILD, how_it_ended
+
+log = logging.getLogger("meanflock.launch")
 
 LAST_LINES = 8
+_FORKED = "agents"  # all of them, and the process they are forked from
 _TERM_GRACE_S = 5.0
 
 
@@ -37,14 +44,17 @@ class Child:
     """One process of the swarm, and where its words go."""
 
     name: str
+    module: str
+    command: list[str]
     process: "subprocess.Popen[bytes]"
     log: Path
+    given_up: bool = False  # it ended badly and is not started again
     passed_on: int = 0  # bytes of the log that standard error has had
 
     def last_lines(self) -> str:
         """The end of what it said."""
-        text = self.log.read_text(encoding="utf-8", errors="replace").splitlines()
-        return "\n".join(f"    {line}" for line in text[-LAST_LINES:]) or "    (it said nothing)"
+        said = self.log.read_text(encoding="utf-8", errors="replace").strip() or "(it said nothing)"
+        return "\n".join(f"    {line}" for line in printable_lines(said).split("\n")[-LAST_LINES:])
 
 
 def end_all(processes: Sequence["subprocess.Popen[bytes]"]) -> None:
@@ -83,7 +93,8 @@ class Swarm:
         self.endpoint = endpoint or free_endpoint()
         self._tls, self._log_format = tls, log_format
         self._run = run
-        self._children: list[Child] = []
+        self._children: list[Child] = []  # the world first
+        self._restarts = Restarts()
         self._logs = tempfile.TemporaryDirectory(prefix="meanflock-")
         # Every child holds the reading end of this pipe as its standard input; when this process dies, however it
         # dies, they read its end.
@@ -126,10 +137,10 @@ class Swarm:
     def start_agents(self, uavs: int, rows: int, wait_s: float) -> None:
         """As many agents as `uavs` need, `rows` UAVs in each; where that is safe, forked from the first."""
         processes = -(-uavs // rows)
-        together = processes if siblings.SAFE else 1
+        together = processes if prefork.SAFE else 1
         for number in range(0, processes, together):
             who = ["--uav", str(number * rows)] if self._tls is not None else []
-            name = f"agent process {number}" if together == 1 else "agents"
+            name = f"agent process {number}" if together == 1 else _FORKED
             self._start("agent", name, ["--count", str(together), "--rows", str(rows), "--wait", str(wait_s), *who])
 
     def connect(self, timeout_s: float) -> ZenohBus:
@@ -138,13 +149,46 @@ class Swarm:
         return ZenohBus.client(self.endpoint, timeout_s, identity)
 
     def check(self) -> None:
-        """Passes on what the processes say; raises RunFailed if one has crashed, with its last lines."""
+        """Passes on what the processes say, and starts agents and leaders again that died.
+
+        Raises:
+            RunFailed: the world has crashed, a leader or all agents cannot be kept alive, or one was given what it
+                cannot use; with the last lines of that process.
+        """
         self._pass_on()
         for child in self._children:
-            code = child.process.poll()
-            if code:
-                how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
-                raise RunFailed(f"{child.name} {how}; its last lines:\n{child.last_lines()}")
+            if child.process.poll() and not child.given_up:
+                self._replace(child)
+
+    def check_world(self) -> None:
+        """Passes on what the processes say; raises RunFailed if the world has crashed."""
+        self._pass_on()
+        if self._children[0].process.poll():
+            raise _failed(self._children[0])
+
+    @property
+    def world_ended(self) -> bool:
+        """Whether the process of the world is gone, however it ended."""
+        return self._children[0].process.poll() is not None
+
+    def _replace(self, child: Child) -> None:
+        code = child.process.returncode
+        if child.module == "worldsim" or code == EXIT_BAD_INPUT:
+            raise _failed(child)
+        if child.name == _FORKED:  # starts its own again; if it is killed they go on without it
+            if code > 0:
+                raise _failed(child)
+            child.given_up = True
+            log.warning("what starts agents %s: none is started again", how_it_ended(code))
+        elif self._restarts.again(child.name):
+            log.warning("%s %s; another takes its place", child.name, how_it_ended(code))
+            self._launch(child)
+        else:
+            child.given_up = True
+            agents = [other for other in self._children if other.module == "agent"]
+            if child.module == "leader" or all(other.given_up for other in agents):
+                raise _failed(child)
+            log.error("%s %s, as often before: it stays away", child.name, how_it_ended(code))
 
     def interrupt(self) -> None:
         """Asks the world to end the flight here and now; everyone follows."""
@@ -183,23 +227,52 @@ class Swarm:
                 said = log.read()
             whole = said[: said.rfind(b"\n") + 1]
             child.passed_on += len(whole)
-            for line in whole.decode(errors="replace").splitlines():
+            for line in printable_lines(whole.decode(errors="replace")).split("\n")[:-1]:
                 print(line if self._log_format == logs.JSON else f"{child.name}: {line}", file=sys.stderr, flush=True)
 
     def _start(self, module: str, name: str, flags: list[str]) -> None:
-        log = Path(self._logs.name) / f"{name.replace(' ', '-')}.log"
-        command = [sys.executable, "-m", module, "--endpoint", self.endpoint, "--run", self._run, *flags]
+        # -P: a file or folder of the user's in the working folder is not taken for ours, whatever its name.
+        command = [
+            sys.executable,
+            "-P",
+            "-m",
+            f"meanflock.{module}",
+            "--endpoint",
+            self.endpoint,
+            "--run",
+            self._run,
+            *flags,
+        ]
         if self._tls is not None:
             command += ["--tls", str(self._tls)]
         command += ["--log-format", self._log_format or logs.TEXT]
-        output: IO[bytes]
-        with log.open("wb") as output:
-            process = subprocess.Popen(
+        path = Path(self._logs.name) / f"{name.replace(' ', '-')}.log"
+        self._children.append(Child(name, module, command, self._popen(name, command, path), path))
+
+    def _launch(self, child: Child) -> None:
+        """The same again."""
+        child.process = self._popen(child.name, child.command, child.log)
+
+    def _popen(self, name: str, command: list[str], path: Path) -> "subprocess.Popen[bytes]":
+        self._restarts.started(name)
+        with path.open("ab") as output:
+            return subprocess.Popen(
                 command,
                 stdin=self._child_stdin,
                 stdout=subprocess.DEVNULL,
                 stderr=output,
-                env={**os.environ, CHILD: "1"},
+                env={**os.environ, **_import_path(), CHILD: "1"},
                 start_new_session=True,  # Ctrl-C in the terminal is this process's to handle
             )
-        self._children.append(Child(name, process, log))
+
+
+def _failed(child: Child) -> RunFailed:
+    return RunFailed(f"{child.name} {how_it_ended(child.process.returncode)}; its last lines:\n{child.last_lines()}")
+
+
+def _import_path() -> dict[str, str]:
+    """What lets a child find the packages of this process where they are a checkout that is not installed."""
+    root = str(Path(swarm.__file__).parents[2])
+    if root in site.getsitepackages():
+        return {}
+    return {"PYTHONPATH": os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))}

@@ -6,10 +6,11 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from groundstation import blueprint as look
-from groundstation.reported import Reported
-from swarm.faults import Gust, Jam, Kill, Partition, Pause
-from swarm.scenario import Scenario
+from meanflock.groundstation import blueprint as look
+from meanflock.groundstation import palette
+from meanflock.groundstation.reported import Reported
+from meanflock.swarm.faults import Gust, Jam, Kill, Partition, Pause
+from meanflock.swarm.scenario import Scenario
 
 Point = tuple[float, float]
 _COLUMNS, _COLUMN, _ROW = 4, 0.095, 0.085  # of the key, steps as shares of the map's width
@@ -26,10 +27,10 @@ def log(stream: rr.RecordingStream, scenario: Scenario, reported: Reported) -> N
     x, y = scenario.start.centre
     half = look.start_half_side(scenario)
     square = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * half + (x, y)
-    _line(stream, "map/start", square, look.GREY, 1.0)
-    _line(stream, "map/goal", circle((0.0, 0.0), scenario.destination.radius), look.GREEN, 1.5)
-    _label(stream, "map/start/label", (x, y - half), "start", look.GREY)
-    _label(stream, "map/goal/label", (0.0, -scenario.destination.radius), "goal", look.GREEN)
+    _line(stream, "map/start", square, palette.GREY, 1.0)
+    _line(stream, "map/goal", circle((0.0, 0.0), scenario.destination.radius), palette.GREEN, 1.5)
+    _label(stream, "map/start/label", (x, y - half), "start", palette.GREY)
+    _label(stream, "map/goal/label", (0.0, -scenario.destination.radius), "goal", palette.GREEN)
 
     # The way leads from the start to the goal, so the corner beside the start is free.
     key, column, row = _key(scenario), _COLUMN * width, _ROW * width
@@ -57,40 +58,40 @@ def _key(scenario: Scenario) -> list[tuple[str, int, NDArray[np.float64], float]
     """What is drawn in which colour: word, colour, a sample of size 1 and how thick it is, in points."""
     across, ring = np.array([(-1.0, 0.0), (1.0, 0.0)]), circle((0.0, 0.0), 0.5)
     key = [
-        ("delivered", look.GREEN, across, 1.5),
-        ("outage", look.RED, across, 1.5),
-        ("collision", look.COLLISION, 0.7 * STAR, 1.2),
+        ("delivered", palette.GREEN, across, 1.5),
+        ("outage", palette.RED, across, 1.5),
+        ("collision", palette.COLLISION, 0.7 * STAR, 1.2),
     ]
     if scenario.federation.clusters > 1:
-        key.append(("head", look.HEAD, ring, 2.0))
+        key.append(("head", palette.HEAD, ring, 2.0))
     kinds = {type(fault) for fault in scenario.faults}
     if Pause in kinds:
-        key.append(("frozen", look.FROZEN, ring, 2.0))
+        key.append(("frozen", palette.FROZEN, ring, 2.0))
     if Partition in kinds:
-        key.append(("cut off", look.CUT, ring, 2.0))
+        key.append(("cut off", palette.CUT, ring, 2.0))
     if Jam in kinds:
-        key.append(("jammed", look.JAMMED, circle((0.0, 0.0), 0.8), 1.2))
+        key.append(("jammed", palette.JAMMED, circle((0.0, 0.0), 0.8), 1.2))
     if Gust in kinds:
-        key.append(("gust", look.GUST, across, 1.0))
+        key.append(("gust", palette.GUST, across, 1.0))
     if Kill in kinds:
-        key.append(("lost", look.GREY, ring, 2.0))
+        key.append(("lost", palette.GREY, ring, 2.0))
     return key
 
 
 def _log_colours(stream: rr.RecordingStream, left: float, right: float, y: float, of_phi_g: bool) -> None:
     """A bar with the colours of φ_G, or of speed, with its ends."""
     if of_phi_g:
-        entity, low, high = "map/legend/phi_G", f"φ_G ≤ {look.PHI_G_LOW:g}", f"≥ {look.PHI_G_HIGH:g} s⁻²"
+        entity, low, high = "map/legend/phi_G", f"φ_G ≤ {palette.PHI_G_LOW:g}", f"≥ {palette.PHI_G_HIGH:g} s⁻²"
     else:
-        entity, low, high = "map/legend/speed", "speed 0", f"≥ {look.SPEED_HIGH:g} m/s"
+        entity, low, high = "map/legend/speed", "speed 0", f"≥ {palette.SPEED_HIGH:g} m/s"
     marks = np.linspace(left, right, 33)
     strips = np.stack([np.stack([marks[:-1], marks[1:]], axis=-1), np.full((32, 2), y)], axis=-1)  # (32, 2, 2)
     bar = rr.LineStrips2D(
-        strips.astype(np.float32), colors=look.viridis(np.linspace(0, 1, 32)), radii=rr.Radius.ui_points(3.0)
+        strips.astype(np.float32), colors=palette.viridis(np.linspace(0, 1, 32)), radii=rr.Radius.ui_points(3.0)
     )
     stream.log(entity, bar, static=True)
-    _label(stream, f"{entity}/low", (left, y), low, look.GREY)
-    _label(stream, f"{entity}/high", (right, y), high, look.GREY)
+    _label(stream, f"{entity}/low", (left, y), low, palette.GREY)
+    _label(stream, f"{entity}/high", (right, y), high, palette.GREY)
 
 
 def _log_wind(stream: rr.RecordingStream, scenario: Scenario, at: Point, length: float) -> None:
@@ -101,10 +102,10 @@ def _log_wind(stream: rr.RecordingStream, scenario: Scenario, at: Point, length:
         arrow = wind / speed * length
         tail = np.array([at[0], at[1] + length / 2]) - arrow / 2
         radii = rr.Radius.ui_points(1.5)
-        parts = rr.Arrows2D(vectors=[arrow], origins=[tail], colors=[look.GUST], radii=radii, draw_order=1.0)
+        parts = rr.Arrows2D(vectors=[arrow], origins=[tail], colors=[palette.GUST], radii=radii, draw_order=1.0)
         stream.log("map/legend/wind", parts, static=True)
     said = f"mean wind {speed:.2g} m/s" if speed else "no mean wind"
-    _label(stream, "map/legend/wind/word", at, said, look.GUST)
+    _label(stream, "map/legend/wind/word", at, said, palette.GUST)
 
 
 def _log_scale(stream: rr.RecordingStream, entity: str, at: Point, most_m: float) -> None:
@@ -112,18 +113,20 @@ def _log_scale(stream: rr.RecordingStream, entity: str, at: Point, most_m: float
     power = 10.0 ** math.floor(math.log10(most_m))
     length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= most_m)
     ends = np.array([(-length / 2, 0.0), (length / 2, 0.0)])
-    _line(stream, entity, ends + at, look.WHITE, 1.5)
-    _label(stream, f"{entity}/word", at, f"{length:g} m", look.WHITE)
+    _line(stream, entity, ends + at, palette.WHITE, 1.5)
+    _label(stream, f"{entity}/word", at, f"{length:g} m", palette.WHITE)
 
 
 def _log_close_up(stream: rr.RecordingStream, scenario: Scenario) -> None:
     """What the close-up alone shows: its scale, and how near is near. Its frame has y down, as the view has."""
     edge = 0.9 * look.CLOSE_UP_M
-    _line(stream, f"{look.CLOSE_UP}/scale", np.array([(-edge, edge - 0.9), (1.0 - edge, edge - 0.9)]), look.WHITE, 1.5)
-    _label(stream, f"{look.CLOSE_UP}/scale/word", (0.5 - edge, edge - 0.9), "1 m", look.WHITE)
+    _line(
+        stream, f"{look.CLOSE_UP}/scale", np.array([(-edge, edge - 0.9), (1.0 - edge, edge - 0.9)]), palette.WHITE, 1.5
+    )
+    _label(stream, f"{look.CLOSE_UP}/scale/word", (0.5 - edge, edge - 0.9), "1 m", palette.WHITE)
     hazard = scenario.metrics.hazard_radius
-    _line(stream, f"{look.CLOSE_UP}/hazard", circle((0.0, 0.0), hazard), look.GREY, 1.0)
-    _label(stream, f"{look.CLOSE_UP}/hazard/word", (0.0, hazard), f"r_C {hazard:.2g} m", look.GREY)
+    _line(stream, f"{look.CLOSE_UP}/hazard", circle((0.0, 0.0), hazard), palette.GREY, 1.0)
+    _label(stream, f"{look.CLOSE_UP}/hazard/word", (0.0, hazard), f"r_C {hazard:.2g} m", palette.GREY)
 
 
 def _line(stream: rr.RecordingStream, entity: str, points: NDArray[np.float64], color: int, thickness: float) -> None:

@@ -11,10 +11,10 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from groundstation import durable
-from groundstation.paper import statistics
-from groundstation.plots import number
-from swarm.errors import RunFailed
+from meanflock.groundstation import durable
+from meanflock.groundstation.paper import statistics
+from meanflock.groundstation.plots import number
+from meanflock.swarm.errors import RunFailed
 
 Summaries = Sequence[Mapping[str, Any]]
 

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import psutil
 
-from agent import siblings
+from meanflock.agent import prefork
 
 MEGABYTE = 2**20
 # Measured, with a quarter on top: what belongs to a process alone; what is shared by all is counted once.
-AGENT_MB = 17 if siblings.SAFE else 28  # forked from one that has loaded everything, or each for itself
+AGENT_MB = 17 if prefork.SAFE else 28  # forked from one that has loaded everything, or each for itself
 IN_PROCESS_MB = 220  # all rooms and the recorder in one process
 NETWORKED_MB = 450  # world, leader, ground station, and 64 MiB of telemetry that may wait
 UAV_KB = 50

@@ -1,6 +1,7 @@
 """Plots of anyone's own scenario: one run, several methods side by side, a parameter swept."""
 
 import json
+import logging
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,17 +19,19 @@ from matplotlib.patches import Circle
 from msgspec import field
 from numpy.typing import NDArray
 
-from groundstation import plotstyle
-from groundstation.curves import MAX_POINTS, Curves, grid, line
-from groundstation.paper import statistics
-from groundstation.quantities import FIELDS
-from groundstation.reported import PHI_G
-from groundstation.results import EVENTS, SCENARIO, TIMESERIES
-from groundstation.series import diagnostics_in
-from groundstation.units import with_unit
-from swarm import toml
-from swarm.errors import BadInput
-from swarm.scenario import Destination
+from meanflock.groundstation import plotstyle
+from meanflock.groundstation.curves import MAX_POINTS, Curves, grid, line
+from meanflock.groundstation.paper import statistics
+from meanflock.groundstation.quantities import FIELDS
+from meanflock.groundstation.reported import PHI_G
+from meanflock.groundstation.results import EVENTS, SCENARIO, TIMESERIES
+from meanflock.groundstation.series import diagnostics_in
+from meanflock.groundstation.units import with_unit
+from meanflock.swarm import toml
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Destination
+
+log = logging.getLogger("meanflock.plots")
 
 Floats = NDArray[np.float64]
 Summaries = Sequence[Mapping[str, Any]]  # of runs that differ in their seed
@@ -85,8 +88,8 @@ def plot_run(folder: Path) -> dict[str, Figure]:
 class _Flown(msgspec.Struct):
     """What a plot says of a scenario; that can be read where its controller is not installed."""
 
-    method: str = "mfgfl-hf"
-    seed: int = 1
+    method: str = ""  # where there is no scenario
+    seed: int = 0
     destination: Destination = field(default_factory=Destination)
 
 
@@ -101,15 +104,15 @@ def _flown(folder: Path) -> _Flown:
 
 
 def _events(folder: Path, kind: str) -> list[dict[str, Any]]:
+    """The events of a kind; those that can be read, where the file is cut or damaged."""
     path = folder / EVENTS
-    if not path.is_file():
-        return []
     rows = []
-    for text in path.read_text(encoding="utf-8").splitlines():
+    for text in path.read_bytes().splitlines() if path.is_file() else ():
         try:
-            rows.append(json.loads(text))
-        except json.JSONDecodeError:
-            break  # the last line of a run that was killed
+            row = json.loads(text)
+            rows.append({"tick": int(row["tick"]), "kind": str(row["kind"]), "uavs": [int(k) for k in row["uavs"]]})
+        except (ValueError, TypeError, KeyError):
+            continue  # the last line of a run that was killed, for example
     return [row for row in rows if row["kind"] == kind]
 
 
@@ -130,9 +133,15 @@ def _run_paths(table: pa.Table, flown: _Flown, folder: Path) -> Figure:
     ax.add_collection(lines)
     ax.plot(x[0], y[0], linestyle="", marker="s", markersize=2.0, color=plotstyle.PALE, label="start")
     ax.plot(x[-1], y[-1], linestyle="", marker="o", markersize=2.4, color=plotstyle.INK, label="end")
-    met = [(event["tick"], event["uavs"]) for event in _events(folder, "collision") if event["tick"] < len(x)]
+    met = [
+        (event["tick"], event["uavs"])
+        for event in _events(folder, "collision")
+        if 0 <= event["tick"] < len(x) and event["uavs"] and all(0 <= uav < x.shape[1] for uav in event["uavs"])
+    ]
+    if (counted := int(line(table, "collisions")[-1])) != len(met):
+        log.warning("%s: %d of %d collisions; the others are not marked", folder / EVENTS, len(met), counted)
     places = np.array([position_of(x, y, tick, uavs) for tick, uavs in met]).reshape(-1, 2)
-    ax.plot(places[:, 0], places[:, 1], **plotstyle.STAR, label=f"collisions: {len(met)}")
+    ax.plot(places[:, 0], places[:, 1], **plotstyle.STAR, label=f"collisions: {counted}")
     radius = flown.destination.radius
     for width, color in ((3.2, "white"), (1.6, plotstyle.GOAL)):  # what ends in it must not hide it
         ax.add_patch(Circle((0.0, 0.0), radius, fill=False, edgecolor=color, linewidth=width, zorder=5))
@@ -143,10 +152,11 @@ def _run_paths(table: pa.Table, flown: _Flown, folder: Path) -> Figure:
     ax.set_ylabel("$y$ (m)")
     end = line(table, "sim_time_s")[-1]
     arrived = int(line(table, "arrived")[-1])
+    who = f"{plotstyle.name(flown.method)}, seed {flown.seed}: " if flown.method else ""
     plotstyle.titled(
         ax,
         "",
-        f"{plotstyle.name(flown.method)}, seed {flown.seed}: {arrived} of {x.shape[1]} arrived in {end:.0f} s",
+        f"{who}{arrived} of {x.shape[1]} arrived in {end:.0f} s",
     )
     made.legend(loc="outside lower center", ncols=4, handletextpad=0.2, columnspacing=1.2)
     if shaded:

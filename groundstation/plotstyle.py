@@ -1,5 +1,6 @@
 """One look for every figure: a colour, marker and dash a method, units on every axis, bytes that do not change."""
 
+import io
 import re
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -18,6 +19,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
+
+from meanflock.groundstation import durable
 
 Floats = NDArray[np.float64]
 
@@ -159,12 +162,15 @@ def figure(width_in: float, height_in: float) -> Figure:
 
 
 def save(made: Figure, folder: Path, name: str) -> list[Path]:
-    """Writes `name`.png and `name`.svg; equal figures give equal bytes."""
+    """Writes `name`.png and `name`.svg, each whole or not at all; equal figures give equal bytes."""
     folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / f"{name}.png", folder / f"{name}.svg"]
-    with style():
-        made.savefig(paths[0], metadata={"Software": None})
-        made.savefig(paths[1], metadata={"Date": None, "Creator": None})
+    paths = []
+    for form, metadata in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):
+        drawn = io.BytesIO()
+        with style():
+            made.savefig(drawn, format=form, metadata=metadata)
+        paths.append(folder / f"{name}.{form}")
+        durable.replace(paths[-1], drawn.getbuffer())
     return paths
 
 

@@ -6,10 +6,10 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Column, Table
 
-from channel.meter import TRAFFIC
-from groundstation.quantities import ARRIVED, FIELDS, OUTAGES, PAYLOAD
-from swarm.messages import SWARM_COLUMNS, Telemetry
-from swarm.scenario import Scenario
+from meanflock.channel.meter import TRAFFIC
+from meanflock.groundstation.quantities import ARRIVED, FIELDS, OUTAGES, PAYLOAD
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Telemetry
 
 _COLUMN = {name: k for k, name in enumerate(SWARM_COLUMNS)}
 
@@ -93,6 +93,8 @@ def summary_table(summary: dict[str, object]) -> Table:
         table.add_row(name, shown, unit)
 
     table.add_row(ARRIVED.name, f"{summary['arrived']} of {summary['uavs']}", f"{summary['lost']} lost")
+    if summary["nodes_lost"]:
+        table.add_row("processes lost", f"{summary['nodes_lost']}", f"{summary['nodes_rejoined']} rejoined")
 
     def quantity(field: str, of: str, digits: int) -> None:
         known = FIELDS[field]

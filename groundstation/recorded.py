@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
-from groundstation import blueprint as look
-from swarm.messages import Event
+from meanflock.groundstation import blueprint as look
+from meanflock.groundstation import panels
+from meanflock.swarm.printable import printable
+from meanflock.swarm.wire.messages import Event
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,7 @@ def recorded(parts: Iterable[Path]) -> Recorded:
     ticks: list[int] = []
     lines: set[tuple[int, str]] = set()
     for part in parts:
-        ticks += [tick for tick, _ in _rows(part, look.LAST.entity, "Scalars:scalars")]
+        ticks += [tick for tick, _ in _rows(part, panels.LAST.entity, "Scalars:scalars")]
         lines |= {(tick, text[0]) for tick, text in _rows(part, look.EVENTS, "TextLog:text")}
     return Recorded(np.unique(np.array(ticks, dtype=np.int64)), lines)
 
@@ -40,4 +42,4 @@ def _rows(path: Path, entity: str, component: str) -> Iterator[tuple[int, Any]]:
 
 def line(event: Event) -> str:
     """An event as the log of a recording shows it."""
-    return event.text if event.kind in event.text else f"{event.kind}: {event.text}"
+    return printable(event.text if event.kind in event.text else f"{event.kind}: {event.text}")

@@ -17,17 +17,17 @@ import pyarrow as pa
 import rerun as rr
 from numpy.typing import NDArray
 
-from groundstation import blueprint as look
-from groundstation import durable, legend
-from groundstation.disturbances import Disturbances
-from groundstation.lines import log_sizes, span
-from groundstation.recorded import line
-from groundstation.reported import PHI_G, Reported
-from groundstation.viewer import listening_address, open_viewer, repair, verify
-from swarm import state
-from swarm.errors import RunFailed
-from swarm.messages import SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
-from swarm.scenario import Scenario
+from meanflock.groundstation import blueprint as look
+from meanflock.groundstation import durable, legend, palette, panels
+from meanflock.groundstation.disturbances import Disturbances
+from meanflock.groundstation.lines import log_sizes, span
+from meanflock.groundstation.recorded import line
+from meanflock.groundstation.reported import PHI_G, Reported
+from meanflock.groundstation.viewer import listening_address, open_viewer, repair, verify
+from meanflock.swarm import state
+from meanflock.swarm.errors import RunFailed
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
 
 __all__ = ["Recorder", "open_viewer", "repair", "verify"]
 
@@ -41,8 +41,8 @@ LARGE_SWARM_STRIDE = 5  # a large swarm's positions are recorded every this many
 LINKS_PER_TICK = 2000  # of a tick's links, as many are drawn; all are counted
 STAR_M = 1.4  # radius of a collision's star
 
-_LEVELS = {"outage": "WARN", "dropped": "WARN", "collision": "ERROR", "lost": "ERROR", "diverged": "ERROR"}
-_LEVEL_COLORS = {"INFO": look.WHITE, "WARN": look.ORANGE, "ERROR": look.RED}
+_LEVELS = {"dropped": "WARN", "slow": "WARN", "collision": "ERROR", "lost": "ERROR", "diverged": "ERROR"}
+_LEVEL_COLORS = {"INFO": palette.WHITE, "WARN": palette.ORANGE, "ERROR": palette.RED}
 _COLUMN = {name: index for index, name in enumerate(SWARM_COLUMNS)}
 _SCALARS = rr.Scalars.descriptor_scalars()
 _POINTS, _COLORS = rr.Points2D.descriptor_positions(), rr.Points2D.descriptor_colors()
@@ -162,10 +162,10 @@ class Recorder:
         status = np.concatenate([block.status for block in blocks])
 
         if self._reported.has_phi_g:
-            colors = look.phi_g_colors(diagnostics[..., self._reported.diagnostics.index(PHI_G)])
+            colors = palette.phi_g_colors(diagnostics[..., self._reported.diagnostics.index(PHI_G)])
         else:
-            colors = look.speed_colors(state.speed(states))
-        colors[status == Status.LOST] = look.GREY
+            colors = palette.speed_colors(state.speed(states))
+        colors[status == Status.LOST] = palette.GREY
         self._send_map(ticks, positions, states, colors)
         self._send_links(ticks, positions, np.concatenate([block.links for block in blocks]))
         self._send_reports(blocks)
@@ -254,7 +254,7 @@ class Recorder:
             at, count = np.unique(chosen[:, 0], return_counts=True)
             row = np.clip(np.searchsorted(ticks, chosen[:, 0]), 0, len(ticks) - 1)
             ends = np.stack([positions[row, chosen[:, 1]], positions[row, chosen[:, 2]]], axis=1)  # (K, 2, 2)
-            colors = np.where(chosen[:, 4] < 0, look.RED, look.GREEN).astype(np.uint32)
+            colors = np.where(chosen[:, 4] < 0, palette.RED, palette.GREEN).astype(np.uint32)
             lines = rr.components.LineStrip2DBatch(_strips(ends))
             parts = (_STRIPS, lines), (_STRIP_COLORS, rr.components.ColorBatch(colors))
             columns = [rr.ComponentColumn(descriptor, batch, lengths=count) for descriptor, batch in parts]
@@ -272,9 +272,9 @@ class Recorder:
         """The last round as a graph: who was heard (green), who was not (red), who was not asked (grey)."""
         uavs, leader = self._scenario.uavs, self._scenario.federation.leader
         sent = self._round
-        colors = np.full(uavs, look.GREY, dtype=np.uint32)
-        colors[sent[:, 1]] = np.where(sent[:, 4] < 0, look.RED, look.GREEN)
-        colors[leader] = look.WHITE
+        colors = np.full(uavs, palette.GREY, dtype=np.uint32)
+        colors[sent[:, 1]] = np.where(sent[:, 4] < 0, palette.RED, palette.GREEN)
+        colors[leader] = palette.WHITE
         heard = sent[(sent[:, 4] >= 0) & (sent[:, 1] != sent[:, 2])]
         kind = rr.components.GraphEdgeBatch._ARROW_DATATYPE
         ends = [self._names.take(pa.array(column)) for column in heard[:, 1:3].T]
@@ -296,19 +296,20 @@ class Recorder:
             return swarm[:, [_COLUMN[name] for name in names]]
 
         bits = columns("uplink_bits", "relay_bits", "broadcast_bits", "state_bits") / 1e6
-        self._send_scalars(look.SPEED.entity, ticks, span(state.speed(states)))
-        self._send_scalars(look.BITS.entity, ticks, bits)
-        self._send_scalars(look.ALIGNMENT.entity, ticks, columns("phi_A"))
-        self._send_scalars(look.RISK.entity, ticks, columns("phi_C", "phi_C_distinct"))
-        self._send_scalars(look.FAILURES.entity, ticks, columns("outages", "collisions"))
+        self._send_scalars(panels.SPEED.entity, ticks, span(state.speed(states)))
+        self._send_scalars(panels.BITS.entity, ticks, bits)
+        self._send_scalars(panels.ALIGNMENT.entity, ticks, columns("phi_A"))
+        self._send_scalars(panels.RISK.entity, ticks, columns("phi_C", "phi_C_distinct"))
+        self._send_scalars(panels.FAILURES.entity, ticks, columns("outages", "collisions"))
         for number, name in enumerate(self._reported.diagnostics):
-            plot, values = look.diagnostic(name), diagnostics[..., number]
+            plot, values = panels.diagnostic(name), diagnostics[..., number]
             if plot.log10:
                 known, lines = log_sizes(values)
                 self._send_scalars(plot.entity, ticks if known.all() else ticks[known], lines)
-            else:
-                self._send_scalars(plot.entity, ticks, span(values))
-        self._send_scalars(look.LAST.entity, ticks, span(energy))
+            else:  # at take-off nothing was reported yet
+                flown = slice(int(ticks[0] == 0), None)
+                self._send_scalars(plot.entity, ticks[flown], span(values[flown]))
+        self._send_scalars(panels.LAST.entity, ticks, span(energy))
 
     def _send_reports(self, blocks: list[Telemetry]) -> None:
         """What the leader's UAV has learned and the spread of all models, where the world asked for them."""
@@ -316,8 +317,8 @@ class Recorder:
             return
         ticks = np.concatenate([block.report_ticks for block in blocks]).astype(np.int64)
         reports = np.concatenate([block.reports for block in blocks])
-        self._send_scalars(look.WEIGHTS, ticks, reports[:, self._reported.drawn])
-        self._send_scalars(look.SPREAD.entity, ticks, np.concatenate([block.spread for block in blocks]))
+        self._send_scalars(panels.WEIGHTS, ticks, reports[:, self._reported.drawn])
+        self._send_scalars(panels.SPREAD.entity, ticks, np.concatenate([block.spread for block in blocks]))
 
     def _send_events(self, ticks: Ticks, positions: Floats, swarm: NDArray[np.float64], events: list[Event]) -> None:
         """Lines of the log; a collision is also a star on the map and a mark on the risk it was taken at."""
@@ -325,7 +326,7 @@ class Recorder:
             return
         levels = [_LEVELS.get(event.kind, "INFO") for event in events]
         shades = [
-            look.COLLISION if event.kind == "collision" else _LEVEL_COLORS[level]
+            palette.COLLISION if event.kind == "collision" else _LEVEL_COLORS[level]
             for event, level in zip(events, levels, strict=True)
         ]
         log = (
@@ -345,7 +346,7 @@ class Recorder:
         )
         stars = (centres[:, None] + STAR_M * legend.STAR).astype(np.float32)  # (hits, 11, 2)
         self._send(look.COLLISIONS, at, _cut(len(at), (_STRIPS, rr.components.LineStrip2DBatch(_strips(stars)))))
-        self._send_scalars(look.HITS, at, swarm[rows, _COLUMN["phi_C"]])
+        self._send_scalars(panels.HITS, at, swarm[rows, _COLUMN["phi_C"]])
 
     def _send_lanes(self, ticks: Ticks, lanes: NDArray[np.uint8]) -> None:
         """What all lanes say, at the ticks where one changes."""

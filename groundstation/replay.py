@@ -12,16 +12,16 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from groundstation import inbound
-from groundstation.recorded import Recorded, line, recorded
-from groundstation.recording import Recorder
-from groundstation.reported import Reported
-from groundstation.results import EVENTS, RECORDING, SCENARIO, Past, past
-from groundstation.series import block_of, unbroken
-from groundstation.viewer import Continued, repair, verify
-from swarm import scenario
-from swarm.errors import BadInput, MessageRejected
-from swarm.messages import Event, Telemetry
+from meanflock.groundstation import inbound
+from meanflock.groundstation.recorded import Recorded, line, recorded
+from meanflock.groundstation.recording import Recorder
+from meanflock.groundstation.reported import Reported
+from meanflock.groundstation.results import EVENTS, RECORDING, SCENARIO, Past, past
+from meanflock.groundstation.series import block_of, unbroken
+from meanflock.groundstation.viewer import Continued, repair, verify
+from meanflock.swarm import scenario
+from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.wire.messages import Event, Telemetry
 
 _BLOCK_TICKS = 500
 
@@ -41,6 +41,7 @@ def complete(folder: Path) -> None:
     except BadInput:  # no folder of a run: a recording alone
         repair(path)
         return
+    _events(folder, kept)  # before anything is moved
     with Continued(path) as before, Recorder(flown, folder.name, path, reported=Reported.within(kept.rows)) as recorder:
         for block in missing(folder, kept, recorded(before.earlier), flown.uavs):
             recorder.write(block)
@@ -55,8 +56,8 @@ def missing(folder: Path, kept: Past, there: Recorded, uavs: int) -> Iterator[Te
         BadInput: the rows or events are not those of a flight of so many UAVs.
     """
     rows = kept.rows.filter(pc.invert(pc.is_in(kept.rows["tick"], pa.array(there.ticks, pa.int32()))))
+    told = [event for event in _events(folder, kept) if (event.tick, line(event)) not in there.lines]
     try:
-        told = [event for event in _events(folder, kept) if (event.tick, line(event)) not in there.lines]
         pieces = list(unbroken(rows, _BLOCK_TICKS))
         for number, piece in enumerate(pieces):
             up_to = piece["tick"][-1].as_py() if number + 1 < len(pieces) else math.inf
@@ -67,8 +68,18 @@ def missing(folder: Path, kept: Past, there: Recorded, uavs: int) -> Iterator[Te
         raise BadInput(f"{folder}: time series or events are damaged ({error})") from error
 
 
-def _events(folder: Path, kept: Past) -> Iterator[Event]:
-    with (folder / EVENTS).open("rb") as file:
-        for text in file.read(kept.events_bytes).splitlines():
-            row = json.loads(text)
-            yield Event(int(row["tick"]), str(row["kind"]), str(row["text"]), tuple(map(int, row["uavs"])))
+def _events(folder: Path, kept: Past) -> list[Event]:
+    """Raises BadInput where some are missing or damaged."""
+    path = folder / EVENTS
+    mend = f"bring the file back, or look at what there is: `meanflock view {folder / RECORDING}`"
+    try:
+        with path.open("rb") as file:
+            texts = file.read(kept.events_bytes)
+        if len(texts) < kept.events_bytes:
+            raise ValueError(f"{len(texts)} bytes of {kept.events_bytes}")
+        rows = map(json.loads, texts.splitlines())
+        return [Event(int(r["tick"]), str(r["kind"]), str(r["text"]), tuple(map(int, r["uavs"]))) for r in rows]
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}; {mend}") from error
+    except (ValueError, TypeError, KeyError) as error:
+        raise BadInput(f"{path}: damaged ({error}); {mend}") from error

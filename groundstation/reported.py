@@ -7,8 +7,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from groundstation.series import diagnostics_in
-from swarm.declared import Declared
+from meanflock.groundstation.series import diagnostics_in
+from meanflock.swarm.declared import Declared
 
 PHI_G = "phi_G"  # where it is reported, it colours the map
 MOST_LINES = 60  # of the plot of the weights

@@ -1,6 +1,7 @@
 """The run folder: what a run leaves on disk, complete at the end and usable if the run is killed."""
 
 import fcntl
+import hashlib
 import json
 import os
 import shutil
@@ -15,14 +16,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import tomli_w
 
-from groundstation import durable, flown_plugins
-from groundstation.aside import Aside
-from groundstation.series import block_of, rows_of, schema, unbroken
-from groundstation.spool import Spool, spooled
-from swarm import codec, scenario
-from swarm.errors import BadInput, MessageRejected, RunFailed
-from swarm.messages import Status, Telemetry
-from swarm.scenario import Scenario
+from meanflock.groundstation import columns, durable, flown_plugins
+from meanflock.groundstation.background import BackgroundWorker
+from meanflock.groundstation.series import block_of, rows_of, schema, unbroken
+from meanflock.groundstation.spool import Spool, spooled
+from meanflock.swarm import scenario
+from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Status, Telemetry
 
 SCENARIO, SUMMARY, TIMESERIES = "scenario.toml", "summary.json", "timeseries.parquet"
 EVENTS, RECORDING = "events.jsonl", "recording.rrd"
@@ -48,10 +50,13 @@ class RunFolder:
         """Creates `parent/run_id` and writes the resolved scenario into it; with a `past`, goes on in that folder.
 
         Raises:
-            BadInput: the folder cannot be created or written, another process still writes it, or the file of a
-                plug-in is not what was loaded.
+            BadInput: the folder cannot be created or written, another process still writes it, events of the past are
+                missing, the file of a plug-in is not what was loaded, or a diagnostic is called like another column.
         """
         self.path = parent / run_id
+        if past is not None:
+            _check_events(self.path / EVENTS, past.events_bytes)
+        columns.check(flown.method, flown.declared.diagnostics)
         sources = flown_plugins.files(flown) if past is None else {}
         new = past is None and not self.path.exists()
         try:
@@ -70,8 +75,8 @@ class RunFolder:
             raise
         self._flown, self._dt = flown, flown.dt
         self._over, self._resumed, self._full = False, past is not None, False
-        self._last_tick = -1
-        self._aside = Aside("checkpoints")  # they wait for the disk
+        self.last_tick = -1
+        self._background = BackgroundWorker("checkpoints")  # they wait for the disk
         spool = self.path / _SPOOL
         part = spool.with_suffix(".part")
         try:
@@ -80,7 +85,7 @@ class RunFolder:
                 self._events.truncate(past.events_bytes)
                 for rows in unbroken(past.rows, max(1, _PAST_STATES // flown.uavs)):
                     self._spool.append(block_of(rows, past.next_block - 1), past.events_bytes)
-                self._last_tick = past.rows.num_rows - 1
+                self.last_tick = past.rows.num_rows - 1
                 self._sync()
                 (self.path / SUMMARY).unlink(missing_ok=True)
             durable.rename(part, spool)
@@ -104,7 +109,7 @@ class RunFolder:
             raise RunFailed(self._holds("no more is kept"))
         told = os.fstat(self._events.fileno()).st_size
         try:
-            self._aside.look()  # where there was no room for a checkpoint, there is none for what comes
+            self._background.look()  # where there was no room for a checkpoint, there is none for what comes
             self._append(block)
         except OSError as error:
             self._full = True
@@ -112,7 +117,7 @@ class RunFolder:
                 os.ftruncate(self._events.fileno(), told)
             raise RunFailed(self._holds(_reason(error))) from error
         if len(block.states):
-            last = self._last_tick = block.first_tick + len(block.states) - 1
+            last = self.last_tick = block.first_tick + len(block.states) - 1
             done = self._flown.stop == "arrival" and not (block.status[-1] == Status.FLYING).any()
             self._over = done or last >= self._flown.max_ticks
 
@@ -127,15 +132,16 @@ class RunFolder:
         if block.checkpoint:
             tick = block.first_tick + len(block.states) - 1
             kept = {"tick": tick, "block": block.block, "events_bytes": events_bytes, "body": block.checkpoint}
-            self._aside.do(self._keep, kept)
+            self._background.do(self._keep, kept)
 
     def _keep(self, checkpoint: dict[str, Any]) -> None:
         self._sync()  # a checkpoint goes on from these rows and events
-        durable.replace(self.path / CHECKPOINT, codec.encode_record(checkpoint))
+        record = control.encode_record(checkpoint)
+        durable.replace(self.path / CHECKPOINT, control.encode_record({"sha256": _digest(record), "record": record}))
 
     def _holds(self, why: str) -> str:
         mend = f"make room, then `meanflock resume {self.path}`"
-        return f"{self.path}: {why}; it holds the flight up to tick {self._last_tick}: {mend}"
+        return f"{self.path}: {why}; it holds the flight up to tick {self.last_tick}: {mend}"
 
     def summarise(self, summary: dict[str, Any]) -> None:
         """Writes `summary.json`, whole or not at all; a run that failed has none. One that finished needs no
@@ -145,7 +151,7 @@ class RunFolder:
             RunFailed: there is no room for it.
         """
         try:
-            self._aside.wait()
+            self._background.wait()
             self._sync()
             durable.replace(self.path / SUMMARY, (json.dumps(summary, indent=1) + "\n").encode())
         except OSError as error:
@@ -169,7 +175,7 @@ class RunFolder:
         """
         try:
             try:
-                self._aside.close()
+                self._background.close()
             except OSError:
                 self._full = True  # no room for a checkpoint, none for the time series
                 raise
@@ -202,11 +208,31 @@ def alone(folder: Path) -> Iterator[None]:
         yield
 
 
+def _check_events(path: Path, size: int) -> None:
+    """Raises BadInput where `path` has lost some of its first `size` bytes."""
+    there = path.stat().st_size if path.is_file() else 0
+    if there < size:
+        mend = f"bring the file back, or fly the run again with `meanflock run {path.with_name(SCENARIO)}`"
+        raise BadInput(f"{path}: {there} bytes of the {size} that belong to what was flown; {mend}")
+
+
 def _lock(file: IO[bytes], folder: Path) -> None:
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
         raise BadInput(f"{folder}: another process still writes this run; let it end first") from error
+
+
+def completed(folder: Path) -> None:
+    """`recover`, for who wants to look at the run.
+
+    Raises:
+        RunFailed: there is no room for the time series; its rows stay where they are.
+    """
+    try:
+        recover(folder)
+    except OSError as error:
+        raise RunFailed(f"{folder}: {_reason(error)}; make room, then give the command again") from error
 
 
 def recover(folder: Path) -> None:
@@ -280,13 +306,23 @@ def read_checkpoint(folder: Path) -> dict[str, Any]:
     """
     path = folder / CHECKPOINT
     try:
-        kept = codec.decode_record(path.read_bytes())
+        whole = control.decode_record(path.read_bytes())
+        if whole["sha256"] != _digest(whole["record"]):
+            raise MessageRejected("malformed", "its checksum is wrong")
+        kept = control.decode_record(whole["record"])
         return {name: kept[name] for name in ("tick", "block", "events_bytes", "body")}
     except OSError as error:
         mend = "name the folder of a run that was flown for a hundred ticks and did not finish"
         raise BadInput(f"{path}: {error.strerror}; {mend}") from error
-    except (MessageRejected, KeyError) as error:
-        raise BadInput(f"{path}: damaged ({error}); the run cannot be resumed") from error
+    except (MessageRejected, KeyError, TypeError) as error:
+        mend = f"fly it again with `meanflock run {folder / SCENARIO}`"
+        raise BadInput(
+            f"{path}: damaged, or of an older version ({error}); the run cannot be resumed: {mend}"
+        ) from error
+
+
+def _digest(record: bytes) -> bytes:
+    return hashlib.sha256(record).digest()
 
 
 def _reason(error: OSError) -> str:

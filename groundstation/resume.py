@@ -3,13 +3,14 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from groundstation import flown_plugins
-from groundstation.results import CHECKPOINT, SCENARIO, SUMMARY, Past, past, read_checkpoint
-from groundstation.series import states_of
-from swarm import keys, scenario
-from swarm.errors import BadInput
-from swarm.scenario import Scenario
-from worldsim.checkpoint import Resumption
+from meanflock.groundstation import flown_plugins
+from meanflock.groundstation.results import CHECKPOINT, SCENARIO, SUMMARY, Past, past, read_checkpoint
+from meanflock.groundstation.series import states_of
+from meanflock.swarm import scenario
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.net import keys
+from meanflock.swarm.scenario import Scenario
+from meanflock.worldsim.checkpoint import Resumption
 
 
 @dataclass(frozen=True)

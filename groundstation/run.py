@@ -7,25 +7,26 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from groundstation import doctor
-from groundstation.engine import Engine
-from groundstation.launch import Swarm
-from groundstation.progress import FlightProgress
-from groundstation.results import CHECKPOINT, RECORDING, SCENARIO, Past, RunFolder, to_toml
-from groundstation.resume import Back
-from groundstation.station import Sink, Station
-from swarm import logs
-from swarm.address import Address
-from swarm.errors import BadInput, BusError, RunFailed
-from swarm.identity import STATION
-from swarm.process import Interrupted
-from swarm.scenario import Scenario
-from swarm.session import ZenohBus, check_free
-from worldsim.checkpoint import Resumption
+from meanflock.groundstation import doctor
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch import Swarm
+from meanflock.groundstation.progress import FlightProgress
+from meanflock.groundstation.results import CHECKPOINT, RECORDING, SCENARIO, Past, RunFolder, to_toml
+from meanflock.groundstation.resume import Back
+from meanflock.groundstation.station import Sink, Station
+from meanflock.swarm import logs
+from meanflock.swarm.errors import BadInput, BusError, RunFailed
+from meanflock.swarm.net.address import Address
+from meanflock.swarm.net.identity import STATION
+from meanflock.swarm.net.session import ZenohBus, check_free
+from meanflock.swarm.process import Interrupted
+from meanflock.swarm.scenario import Scenario
+from meanflock.worldsim.checkpoint import Resumption
 
 _CONNECT_S = 60.0
 _JOIN_S = 60.0
 _LAST_WORDS_S = 15.0
+_ON_ITS_WAY_S = 2.0  # after the world has ended
 _LAST_WORDS_OF_THE_LOST_S = 2.0  # a node that was lost may be frozen, and is then ended without them
 
 
@@ -59,7 +60,11 @@ class Run:
 
 def new_run_id(scenario: Scenario, parent: Path) -> str:
     """A name nobody has used in `parent`: time, method, seed."""
-    stem = f"{datetime.now():%Y%m%d-%H%M%S}-{scenario.method}-s{scenario.seed}"
+    return unused(parent, f"{datetime.now():%Y%m%d-%H%M%S}-{scenario.method}-s{scenario.seed}")
+
+
+def unused(parent: Path, stem: str) -> str:
+    """`stem` itself, or with a number behind it, whatever is not there in `parent` yet."""
     taken = 0
     while (parent / (name := stem if not taken else f"{stem}-{taken}")).exists():
         taken += 1
@@ -78,7 +83,7 @@ def fly(scenario: Scenario, options: Options, back: Back | None = None) -> Run:
     if options.log_format is not None:
         logs.start(options.log_format, run=run_id, node="in-process" if options.in_process else STATION)
     if options.tls is not None:
-        from groundstation import certs  # a library that most runs need not load
+        from meanflock.groundstation import certs  # a library that most runs need not load
 
         if options.in_process:
             raise BadInput("--tls: a run in one process has no links; leave out --in-process")
@@ -89,7 +94,7 @@ def fly(scenario: Scenario, options: Options, back: Back | None = None) -> Run:
         options = replace(options, metrics=options.metrics.free("--metrics"))
     doctor.tell_if_slow()
     start = None if back is None else back.start
-    with Desk(scenario, run_id, options, None if back is None else back.past) as desk:
+    with Outputs(scenario, run_id, options, None if back is None else back.past) as desk:
         if options.in_process:
             desk.summary = _in_process(scenario, run_id, options, desk.sinks, interrupted, start)
         else:
@@ -106,7 +111,7 @@ def _go_on(folder: Path) -> str:
     return f"that is too little to resume, `meanflock run {folder / SCENARIO}` flies it again"
 
 
-class Desk:
+class Outputs:
     """Everything that keeps or shows a run: folder, recording, viewer, progress. A context manager that completes them.
 
     `summary` is written with the folder if it is set before the end.
@@ -124,10 +129,10 @@ class Desk:
             self.progress = FlightProgress(scenario, options.quiet)
             self.sinks: list[Sink] = [self.folder, self.progress]
             if options.record:
-                from groundstation.recorded import recorded
-                from groundstation.recording import Recorder  # rerun takes a third of a second to load
-                from groundstation.replay import missing
-                from groundstation.viewer import Continued, open_viewer
+                from meanflock.groundstation.recorded import recorded
+                from meanflock.groundstation.recording import Recorder  # rerun takes a third of a second to load
+                from meanflock.groundstation.replay import missing
+                from meanflock.groundstation.viewer import Continued, open_viewer
 
                 before = opening.enter_context(Continued(self.folder.path / RECORDING))
                 recorder = Recorder(scenario, run_id, self.folder.path / RECORDING, options.serve)
@@ -141,7 +146,7 @@ class Desk:
             opening.enter_context(self.progress)
             self._stack = opening.pop_all()
 
-    def __enter__(self) -> "Desk":
+    def __enter__(self) -> "Outputs":
         return self
 
     def __exit__(self, *failure: Any) -> None:
@@ -164,7 +169,7 @@ def _in_process(
     engine = Engine(scenario, run_id, uavs_per_node=rows, sinks=sinks, realtime=options.realtime, resume=start)
     with ExitStack() as stack:
         if options.metrics is not None:
-            from worldsim.exporter import exported  # a library that most runs need not load
+            from meanflock.worldsim.exporter import exported  # a library that most runs need not load
 
             logs.tell(f"metrics at {stack.enter_context(exported(engine.world.instruments, options.metrics))}")
         for _ in engine.fly():
@@ -177,7 +182,7 @@ def _processes(
     scenario: Scenario,
     run_id: str,
     options: Options,
-    desk: Desk,
+    desk: Outputs,
     interrupted: Interrupted,
     start: Resumption | None,
 ) -> dict[str, Any]:
@@ -201,7 +206,7 @@ def _processes(
             desk.progress.say("joining")
             first_block = None if start is None else start.block + 1
             station = Station(bus, run_id, desk.sinks, first_block=first_block, uavs=scenario.uavs)
-            _listen(bus, station, swarm, interrupted)
+            _listen(bus, station, swarm, interrupted, desk.folder)
         finally:
             bus.close()
         assert station.summary is not None
@@ -209,7 +214,7 @@ def _processes(
         if not swarm.wait(_LAST_WORDS_OF_THE_LOST_S if some_lost else _LAST_WORDS_S) and not some_lost:
             raise RunFailed("the flight is over but some processes did not end")
         if not interrupted:
-            swarm.check()
+            swarm.check_world()
     return station.summary
 
 
@@ -227,8 +232,8 @@ def _connect(swarm: Swarm, interrupted: Interrupted) -> ZenohBus:
                 raise
 
 
-def _listen(bus: ZenohBus, station: Station, swarm: Swarm, interrupted: Interrupted) -> None:
-    told = checked = 0.0
+def _listen(bus: ZenohBus, station: Station, swarm: Swarm, interrupted: Interrupted, folder: RunFolder) -> None:
+    told = checked = ended = 0.0
     while station.summary is None:
         delivery = bus.receive(0.05)
         if delivery is not None:
@@ -242,3 +247,10 @@ def _listen(bus: ZenohBus, station: Station, swarm: Swarm, interrupted: Interrup
         if not told and now - checked > 0.1:
             checked = now
             swarm.check()
+        if delivery is None and swarm.world_ended:  # nothing can come any more but what is on its way
+            ended = ended or now
+            if now - ended > _ON_ITS_WAY_S:
+                raise RunFailed(
+                    f"the world ended before this process had its last words; {folder.path} holds the flight up to "
+                    f"tick {folder.last_tick}: `meanflock resume {folder.path}` goes on with it"
+                )

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from rerun.experimental import ViewerClient
 
-from groundstation import blueprint as look
-from groundstation import durable
-from groundstation.viewer import end, start_headless
-from swarm.errors import BadInput, RunFailed
+from meanflock.groundstation import blueprint as look
+from meanflock.groundstation import durable
+from meanflock.groundstation.viewer import end, start_headless
+from meanflock.swarm.errors import BadInput, RunFailed
 
 VIEWER_DEADLINE_S = 60.0  # software rendering on a busy machine
 LEAST, MOST = 200, 8192  # pixels of a side

@@ -10,25 +10,14 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from swarm.messages import SWARM_COLUMNS, Event, Telemetry
+from meanflock.groundstation.columns import columns
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, Telemetry
 
 
 @functools.cache
 def schema(diagnostics: tuple[str, ...]) -> pa.Schema:
     """Columns of `timeseries.parquet`: one row a tick; lists have one entry a UAV. `diagnostics`: the controller's."""
-    each = pa.list_(pa.float32())
-    return pa.schema(
-        [
-            ("tick", pa.int32()),
-            ("sim_time_s", pa.float64()),
-            *[(name, pa.list_(pa.float64())) for name in ("x_m", "y_m", "vx_m_s", "vy_m_s")],
-            *[(name, each) for name in ("ax_m_s2", "ay_m_s2", "energy_J", *diagnostics)],
-            ("status", pa.list_(pa.uint8())),
-            *[(name, pa.float64()) for name in SWARM_COLUMNS],
-            ("weight_spread", pa.float64()),  # null between reports
-            ("leader_model", each),  # what the leader's UAV has learned; null between reports
-        ]
-    )
+    return pa.schema([column.field for column in columns(diagnostics)])
 
 
 def rows_of(block: Telemetry, dt: float) -> pa.RecordBatch:

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from groundstation import durable, inbound
-from swarm import codec
-from swarm.errors import MessageRejected
-from swarm.messages import Telemetry
+from meanflock.groundstation import durable, inbound
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Telemetry
 
 _HEAD = struct.Struct("<IQd")  # of a block: its bytes, and the rest of `Spooled`
 _NO_LINKS = np.zeros((0, 5), dtype=np.int32)
@@ -38,7 +38,7 @@ class Spool:
 
     def append(self, block: Telemetry, events_bytes: int) -> None:
         """Writes the rows of a block; if there is no room, nothing of them stays. Raises OSError."""
-        rows = codec.encode(msgspec.structs.replace(block, links=_NO_LINKS, events=(), checkpoint=b""))
+        rows = control.encode(msgspec.structs.replace(block, links=_NO_LINKS, events=(), checkpoint=b""))
         before = self._file.tell()
         try:
             durable.write(self._file, _HEAD.pack(len(rows), events_bytes, self._dt))
@@ -63,7 +63,7 @@ def spooled(path: Path) -> Iterator[Spooled]:
         while True:
             try:
                 size, events_bytes, dt = _HEAD.unpack(file.read(_HEAD.size))
-                block = codec.decode(file.read(min(size, codec.MAX_BYTES + 1)))
+                block = control.decode(file.read(min(size, control.MAX_BYTES + 1)))
                 if not isinstance(block, Telemetry):
                     return
                 inbound.check(block, None)

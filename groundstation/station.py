@@ -5,11 +5,12 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any, Protocol
 
-from groundstation import inbound
-from swarm import codec, keys
-from swarm.bus import Bus, Delivery
-from swarm.errors import MessageRejected
-from swarm.messages import Finished, Received, Telemetry
+from meanflock.groundstation import inbound
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import Bus, Delivery
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Finished, Received, Telemetry
 
 log = logging.getLogger("meanflock.station")
 
@@ -52,7 +53,7 @@ class Station:
         if delivery.kind != "message":
             return
         try:
-            message = codec.decode(delivery.payload)
+            message = control.decode(delivery.payload)
             if isinstance(message, Telemetry) and message.run == self._fingerprint:
                 self._take(message)
             elif isinstance(message, Finished) and message.run == self._fingerprint:
@@ -76,4 +77,4 @@ class Station:
         self._acknowledge(block.block)
 
     def _acknowledge(self, block: int) -> None:
-        self._bus.put(keys.received(self._run), codec.encode(Received(self._fingerprint, block)))
+        self._bus.put(keys.received(self._run), control.encode(Received(self._fingerprint, block)))

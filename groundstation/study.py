@@ -16,12 +16,12 @@ from typing import Any
 import msgspec
 from joblib import Parallel, delayed
 
-from groundstation import durable
-from groundstation.engine import Engine
-from groundstation.paper.store import Store, StoredRun, decode, encode
-from swarm import plugins
-from swarm.errors import RunFailed
-from swarm.scenario import Scenario
+from meanflock.groundstation import durable
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.paper.store import Store, StoredRun, decode, encode
+from meanflock.swarm import plugins
+from meanflock.swarm.errors import RunFailed
+from meanflock.swarm.scenario import Scenario
 
 Summaries = list[dict[str, Any]]
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from swarm.errors import BadInput
+from meanflock.swarm.errors import BadInput
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ import urllib.parse
 from contextlib import suppress
 from pathlib import Path
 
-from swarm.errors import BadInput, RunFailed
-from swarm.process import Interrupted
+from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.process import Interrupted
 
 LOOPBACK = "127.0.0.1"
 
@@ -26,7 +26,9 @@ log = logging.getLogger("meanflock.viewer")
 def verify(path: Path) -> str | None:
     """What is wrong with a recording; None: nothing."""
     done = _run("rrd", "verify", str(path))
-    return None if done.returncode == 0 else _reason(done)
+    if done.returncode != 0:
+        return _reason(done)
+    return None if _holds_a_run(path) else "there is no recording in it"
 
 
 def repair(path: Path) -> None:
@@ -40,9 +42,22 @@ def repair(path: Path) -> None:
         done = _run("rrd", "optimize", str(path), "-o", str(mended))
         if done.returncode != 0 or not mended.exists():
             raise RunFailed(f"{path}: the recording cannot be repaired: {_reason(done)}")
+        if not _holds_a_run(mended):
+            raise RunFailed(f"{path}: nothing of a flight can be read of the recording; it is left as it was")
         mended.replace(path)
     finally:
         mended.unlink(missing_ok=True)
+
+
+def _holds_a_run(path: Path) -> bool:
+    """Whether there is anything but what says how it is shown; Rerun's program calls a cut beginning sound."""
+    from rerun.chunk import RrdReader  # a third of a second, where a recording is looked at
+
+    try:
+        RrdReader(path).stream()
+    except (RuntimeError, ValueError):  # no file of that kind, nothing but a blueprint
+        return False
+    return True
 
 
 class Continued:
@@ -53,7 +68,7 @@ class Continued:
         self.earlier: list[Path] = []  # what there is already, whole; what cannot be read is left aside
 
     def __enter__(self) -> "Continued":
-        aside = self._aside()  # the ones that were left by who was killed before it could join them
+        aside = self._background()  # the ones that were left by who was killed before it could join them
         if self._path.exists():
             aside.append(self._path.replace(self._path.with_name(f".earlier-{len(aside):03}.{self._path.name}")))
         for part in aside:
@@ -79,7 +94,7 @@ class Continued:
         finally:
             joined.unlink(missing_ok=True)
 
-    def _aside(self) -> list[Path]:
+    def _background(self) -> list[Path]:
         return sorted(self._path.parent.glob(f".earlier-*.{self._path.name}"))
 
 

@@ -6,15 +6,14 @@ nobody else knows which one runs. What they compute is written in `kernels/refer
 
 import os
 
-import swarm  # noqa: F401  # before NumPy: it holds BLAS to one thread
-from kernels.tables import Tables
+from meanflock.kernels.tables import Tables
 
 __all__ = ["BACKEND", "Tables", "learn", "pairs", "prepare", "read", "write"]
 
 if os.environ.get("MEANFLOCK_PURE") == "1":
-    from kernels.reference import BACKEND, learn, pairs, prepare, read, write
+    from meanflock.kernels.reference import BACKEND, learn, pairs, prepare, read, write
 else:
     try:
-        from kernels.compiled import BACKEND, learn, pairs, prepare, read, write
+        from meanflock.kernels.compiled import BACKEND, learn, pairs, prepare, read, write
     except ImportError:
-        from kernels.reference import BACKEND, learn, pairs, prepare, read, write
+        from meanflock.kernels.reference import BACKEND, learn, pairs, prepare, read, write

@@ -4,7 +4,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kernels.wire import Message
+from meanflock.kernels.wire import Message
 
 def tables(numbers: NDArray[np.float64], indices: NDArray[np.int32]) -> Any: ...
 def learn(

@@ -5,8 +5,8 @@ Among many processes that take turns on a core it is calls that cost: each finds
 
 from typing import Any
 
-from kernels._native import learn, pairs, read, tables, write
-from kernels.tables import Tables, packed
+from meanflock.kernels._native import learn, pairs, read, tables, write
+from meanflock.kernels.tables import Tables, packed
 
 __all__ = ["BACKEND", "learn", "pairs", "prepare", "read", "write"]
 

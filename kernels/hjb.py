@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kernels import features
-from kernels.tables import Floats, Tables
-from swarm import state
+from meanflock.kernels import features
+from meanflock.kernels.tables import Floats, Tables
+from meanflock.swarm import state
 
 
 class ValueStep(NamedTuple):

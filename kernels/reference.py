@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kernels import features, fpk, hjb, interaction
-from kernels.tables import Floats, Tables
-from kernels.weights import DENSITY, DENSITY_FEATURES, VALUE
-from kernels.wire import read, write
-from swarm import state
+from meanflock.kernels import features, fpk, hjb, interaction
+from meanflock.kernels.tables import Floats, Tables
+from meanflock.kernels.weights import DENSITY, DENSITY_FEATURES, VALUE
+from meanflock.kernels.wire import read, write
+from meanflock.swarm import state
 
 __all__ = ["BACKEND", "learn", "pairs", "prepare", "read", "write"]
 

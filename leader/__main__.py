@@ -1,26 +1,31 @@
-"""`python -m leader`: the process that averages the models."""
+"""`python -m meanflock.leader`: the process that averages the models."""
 
-from leader.node import Leader
-from swarm import keys, logs
-from swarm.identity import LEADER
-from swarm.messages import Join
-from swarm.process import Interrupted, identity, main, orphaned, parser
-from swarm.session import ZenohBus
-from swarm.spoke import Spoke
+import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
+from meanflock.leader.node import Leader
+from meanflock.swarm import (
+    logs,
+)
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.attendance import take_part
+from meanflock.swarm.net.identity import LEADER
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.process import Interrupted, identity, main, orphaned, parser
+from meanflock.swarm.wire.messages import Join, Welcome
 
 
 def _run() -> None:
-    given = parser("leader", "The federated leader.", "python -m leader --run test").parse_args()
+    given = parser("leader", "The federated leader.", "python -m meanflock.leader --run test").parse_args()
     known = logs.start(given.log_format, run=given.run, node=LEADER)
     interrupted = Interrupted()
-    bus = ZenohBus.client(given.endpoint, given.wait, identity(given.tls, LEADER))
-    try:
-        spoke = Spoke(bus, keys.check_run(given.run))
-        welcome = spoke.join(Join("leader", 0), Leader, given.wait, lambda: bool(interrupted) or orphaned())
+    who, run = identity(given.tls, LEADER), keys.check_run(given.run)
+
+    def connect(timeout_s: float) -> ZenohBus:
+        return ZenohBus.client(given.endpoint, timeout_s, who)
+
+    def welcomed(welcome: Welcome) -> None:
         known["node"] = welcome.node
-        spoke.serve(interrupted.__bool__, orphaned)
-    finally:
-        bus.close()
+
+    take_part(connect, run, Join("leader", 0), Leader, given.wait, interrupted.__bool__, orphaned, welcomed)
 
 
 if __name__ == "__main__":

@@ -8,16 +8,17 @@ import traceback
 import numpy as np
 from numpy.typing import NDArray
 
-from leader.aggregators.base import Aggregator, State
-from swarm import payload, plugins, state
-from swarm.codec import MAX_AXES, TRAVELS, decode_record, encode_record
-from swarm.declared import MAX_MEMORY_BYTES
-from swarm.errors import BadInput, MessageRejected
-from swarm.mean import pooled, refuse, stacked
-from swarm.messages import Act, FrameKind, Frames, Sense, Welcome
-from swarm.relay import Relay
-from swarm.rounds import Rounds
-from swarm.scenario import decode
+from meanflock.leader.aggregators.base import Aggregator, State
+from meanflock.swarm import plugins, state
+from meanflock.swarm.declared import MAX_MEMORY_BYTES
+from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.mean import pooled, refuse, stacked
+from meanflock.swarm.rounds import Rounds
+from meanflock.swarm.scenario import decode
+from meanflock.swarm.wire import payload
+from meanflock.swarm.wire.control import MAX_AXES, TRAVELS, decode_record, encode_record
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Welcome
+from meanflock.swarm.wire.relay import Relay
 
 Floats = NDArray[np.float64]
 

@@ -12,51 +12,51 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from agent.controllers.base import Broadcast as Broadcast
-    from agent.controllers.base import Controller as Controller
-    from agent.controllers.base import Options as Options
-    from agent.controllers.base import Received as Received
-    from agent.controllers.base import Step as Step
-    from channel.base import Channel as Channel
-    from leader.aggregators.base import Aggregator as Aggregator
+    from meanflock.agent.controllers.base import Broadcast as Broadcast
+    from meanflock.agent.controllers.base import Controller as Controller
+    from meanflock.agent.controllers.base import Options as Options
+    from meanflock.agent.controllers.base import Received as Received
+    from meanflock.agent.controllers.base import Step as Step
+    from meanflock.channel.base import Channel as Channel
     from meanflock.comparing import Comparison as Comparison
     from meanflock.comparing import compare as compare
     from meanflock.comparing import sweep as sweep
     from meanflock.flying import fly as fly
+    from meanflock.leader.aggregators.base import Aggregator as Aggregator
     from meanflock.runs import Run as Run
     from meanflock.runs import open_run as open
-    from swarm import seeds as seeds
-    from swarm.errors import BadInput as BadInput
-    from swarm.errors import MeanflockError as MeanflockError
-    from swarm.errors import RunFailed as RunFailed
-    from swarm.plugins import Plugin as Plugin
-    from swarm.plugins import installed as plugins
-    from swarm.plugins import register as register
-    from swarm.scenario import Scenario as Scenario
-    from worldsim.vehicles.base import Vehicle as Vehicle
+    from meanflock.swarm import seeds as seeds
+    from meanflock.swarm.errors import BadInput as BadInput
+    from meanflock.swarm.errors import MeanflockError as MeanflockError
+    from meanflock.swarm.errors import RunFailed as RunFailed
+    from meanflock.swarm.plugins import Plugin as Plugin
+    from meanflock.swarm.plugins import installed as plugins
+    from meanflock.swarm.plugins import register as register
+    from meanflock.swarm.scenario import Scenario as Scenario
+    from meanflock.worldsim.vehicles.base import Vehicle as Vehicle
 
 _WHERE = {  # a name → its module, and what it is called there
-    "Aggregator": ("leader.aggregators.base", "Aggregator"),
-    "BadInput": ("swarm.errors", "BadInput"),
-    "Broadcast": ("agent.controllers.base", "Broadcast"),
-    "Channel": ("channel.base", "Channel"),
+    "Aggregator": ("meanflock.leader.aggregators.base", "Aggregator"),
+    "BadInput": ("meanflock.swarm.errors", "BadInput"),
+    "Broadcast": ("meanflock.agent.controllers.base", "Broadcast"),
+    "Channel": ("meanflock.channel.base", "Channel"),
     "Comparison": ("meanflock.comparing", "Comparison"),
-    "Controller": ("agent.controllers.base", "Controller"),
-    "MeanflockError": ("swarm.errors", "MeanflockError"),
-    "Options": ("agent.controllers.base", "Options"),
-    "Plugin": ("swarm.plugins", "Plugin"),
-    "Received": ("agent.controllers.base", "Received"),
+    "Controller": ("meanflock.agent.controllers.base", "Controller"),
+    "MeanflockError": ("meanflock.swarm.errors", "MeanflockError"),
+    "Options": ("meanflock.agent.controllers.base", "Options"),
+    "Plugin": ("meanflock.swarm.plugins", "Plugin"),
+    "Received": ("meanflock.agent.controllers.base", "Received"),
     "Run": ("meanflock.runs", "Run"),
-    "RunFailed": ("swarm.errors", "RunFailed"),
-    "Scenario": ("swarm.scenario", "Scenario"),
-    "Step": ("agent.controllers.base", "Step"),
-    "Vehicle": ("worldsim.vehicles.base", "Vehicle"),
+    "RunFailed": ("meanflock.swarm.errors", "RunFailed"),
+    "Scenario": ("meanflock.swarm.scenario", "Scenario"),
+    "Step": ("meanflock.agent.controllers.base", "Step"),
+    "Vehicle": ("meanflock.worldsim.vehicles.base", "Vehicle"),
     "compare": ("meanflock.comparing", "compare"),
     "fly": ("meanflock.flying", "fly"),
     "open": ("meanflock.runs", "open_run"),
-    "plugins": ("swarm.plugins", "installed"),
-    "register": ("swarm.plugins", "register"),
-    "seeds": ("swarm.seeds", ""),
+    "plugins": ("meanflock.swarm.plugins", "installed"),
+    "register": ("meanflock.swarm.plugins", "register"),
+    "seeds": ("meanflock.swarm.seeds", ""),
     "sweep": ("meanflock.comparing", "sweep"),
 }
 

@@ -5,15 +5,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from groundstation import study
-from groundstation.means import METRICS, Means
-from groundstation.paper import statistics
-from groundstation.paper.store import Store
-from groundstation.plots import number
+from meanflock.groundstation import study
+from meanflock.groundstation.means import METRICS, Means
+from meanflock.groundstation.paper import statistics
+from meanflock.groundstation.paper.store import Store
+from meanflock.groundstation.plots import number
 from meanflock.settings import scenario_of
-from swarm.errors import BadInput
-from swarm.plugins import load_files
-from swarm.scenario import Scenario
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.plugins import load_files
+from meanflock.swarm.scenario import Scenario
 
 Progress = Callable[[int, int], None]  # flights finished, and wanted
 
@@ -44,7 +44,7 @@ class Comparison:
         return len(self.means.points)
 
     @property
-    def summaries(self) -> Mapping[tuple[Any, ...], study.Summaries]:
+    def summaries(self) -> Mapping[tuple[Any, ...], Sequence[Mapping[str, Any]]]:
         """The summaries of all flights, by point."""
         return self.means.points
 

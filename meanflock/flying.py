@@ -5,14 +5,14 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from groundstation.engine import Engine
-from groundstation.results import RECORDING, RunFolder
-from groundstation.station import Sink
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.results import RECORDING, RunFolder
+from meanflock.groundstation.station import Sink
 from meanflock.runs import Kept, Run
 from meanflock.settings import scenario_of
-from swarm.errors import BadInput
-from swarm.plugins import load_files
-from swarm.scenario import Scenario
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.plugins import load_files
+from meanflock.swarm.scenario import Scenario
 
 Progress = Callable[[int, int], None]  # ticks flown, and at the most to be flown
 
@@ -56,13 +56,13 @@ def fly(
         folder: RunFolder | None = None
         run_id = f"{flown.method}-s{flown.seed}"
         if out is not None:
-            from groundstation.run import new_run_id
+            from meanflock.groundstation.run import new_run_id
 
             run_id = new_run_id(flown, Path(out))
             folder = stack.enter_context(RunFolder(Path(out), run_id, flown))
             sinks.append(folder)
             if record:
-                from groundstation.recording import Recorder  # rerun takes a third of a second to load
+                from meanflock.groundstation.recording import Recorder  # rerun takes a third of a second to load
 
                 sinks.append(stack.enter_context(Recorder(flown, run_id, folder.path / RECORDING)))
         engine = Engine(flown, run_id, sinks=sinks)

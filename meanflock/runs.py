@@ -11,12 +11,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from groundstation.results import EVENTS, RECORDING, SCENARIO, SUMMARY, TIMESERIES, alone, recover
-from groundstation.series import rows_of, states_of
-from swarm import scenario
-from swarm.errors import BadInput
-from swarm.messages import Telemetry
-from swarm.scenario import Scenario
+from meanflock.groundstation.results import EVENTS, RECORDING, SCENARIO, SUMMARY, TIMESERIES, alone, recover
+from meanflock.groundstation.series import rows_of, states_of
+from meanflock.swarm import scenario
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import Telemetry
 
 
 class Kept:

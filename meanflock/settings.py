@@ -6,10 +6,10 @@ from typing import Any
 
 import msgspec
 
-from swarm import plugins, scenarios
-from swarm.errors import BadInput
-from swarm.scenario import Scenario, from_table, to_table
-from swarm.toml import put, read
+from meanflock.swarm import plugins, scenarios
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario, from_table, to_table
+from meanflock.swarm.toml import put, read
 
 
 def scenario_of(scenario: str | Path | Scenario | None, settings: Mapping[str, Any], **options: Any) -> Scenario:

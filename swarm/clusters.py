@@ -4,11 +4,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from swarm.codec import FLOAT_OF_BITS
-from swarm.rounds import HOPS, delivery_ticks
+from meanflock.swarm.rounds import HOPS, delivery_ticks
+from meanflock.swarm.wire.control import FLOAT_OF_BITS
 
 if TYPE_CHECKING:
-    from swarm.scenario import Scenario
+    from meanflock.swarm.scenario import Scenario
 
 
 class Clusters:

@@ -4,16 +4,16 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from swarm import plugins
-from swarm.errors import BadInput
+from meanflock.swarm import plugins
+from meanflock.swarm.errors import BadInput
 
 if TYPE_CHECKING:
-    from swarm.scenario import Scenario
+    from meanflock.swarm.scenario import Scenario
 
 MAX_PARAMETERS = 1_000_000  # floats of a model: 8 MB, and no radio carries it
 MAX_DIAGNOSTICS = 100  # columns of a message are counted in one byte
 MAX_BROADCASTS = 16  # of a controller in a tick
-MAX_BROADCAST_NUMBERS = 4096  # of a frame
+MAX_BROADCAST_NUMBERS = 4096  # of a UAV in a tick
 MAX_MEMORY_BYTES = 24 * 2**20  # of all UAVs together; a flight of more goes on without checkpoints
 
 
@@ -25,7 +25,8 @@ class Declared(msgspec.Struct, frozen=True):
     weights: floats of what it has learned, as it is reported and recorded.
     diagnostics: names of what it reports in every tick.
     period_ticks: ticks between two rounds, where the scenario does not say.
-    pairwise: whether every UAV remembers something of every other; memory then grows with N².
+    broadcast_numbers: numbers a UAV broadcasts in a tick at the most, in all its frames; how long a message may be
+    follows. pairwise: whether every UAV remembers something of every other; memory then grows with N².
     """
 
     parameters: int
@@ -33,6 +34,7 @@ class Declared(msgspec.Struct, frozen=True):
     weights: int
     diagnostics: tuple[str, ...]
     period_ticks: int
+    broadcast_numbers: int
     pairwise: bool
 
     @property
@@ -83,6 +85,9 @@ def _checked(made: Any, name: str) -> Declared:
     weights = parameters if made.weights is None else made.weights
     if not _is_count(weights, 0, MAX_PARAMETERS):
         raise BadInput(f"controller {name!r}: `weights` is {weights!r}; expected 0 … {MAX_PARAMETERS}")
+    said = made.broadcast_numbers
+    if not _is_count(said, 0, MAX_BROADCAST_NUMBERS):
+        raise BadInput(f"controller {name!r}: `broadcast_numbers` is {said!r}; expected 0 … {MAX_BROADCAST_NUMBERS}")
     if not _is_count(period, 1, 2**31):
         raise BadInput(f"controller {name!r}: `period_ticks` is {period!r}; expected a number of ticks, at least 1")
     if isinstance(made.diagnostics, str):
@@ -94,7 +99,7 @@ def _checked(made: Any, name: str) -> Declared:
             f"controller {name!r}: `diagnostics` {diagnostics} must be at most {MAX_DIAGNOSTICS} different names of "
             "letters, digits and underscores"
         )
-    return Declared(int(parameters), parts, int(weights), diagnostics, int(period), bool(made.pairwise))
+    return Declared(int(parameters), parts, int(weights), diagnostics, int(period), int(said), bool(made.pairwise))
 
 
 def _is_count(value: object, least: int, most: int) -> bool:

@@ -1,5 +1,7 @@
 """The exception tree, and the exit code each branch ends a process with."""
 
+from meanflock.swarm.printable import printable
+
 EXIT_DONE = 0
 EXIT_RUN_FAILED = 1
 EXIT_BAD_INPUT = 2
@@ -31,13 +33,22 @@ class BusError(RunFailed):
     """The bus could not be opened, or the swarm could not be joined."""
 
 
+class WorldGone(BusError):
+    """The session with the world ended without a word: the world is gone, or the way to it."""
+
+
+class Refused(BusError):
+    """The world answered that a node cannot take part."""
+
+
 class MessageRejected(MeanflockError):
     """Bytes from the network that are not a message of this run; `reason` is the name it is counted under.
 
     Reasons: `malformed`, `oversized`, `wrong-kind`, `wrong-shape`, `non-finite`, `wrong-run`, `stale`,
-    `duplicate`, `unknown-node`, `wrong-name`, `wrong-round`.
+    `duplicate`, `unknown-node`, `wrong-name`, `wrong-round`, `wrong-key`. The detail may quote what came: it is shown
+    as printable text.
     """
 
     def __init__(self, reason: str, detail: str) -> None:
-        super().__init__(f"{reason}: {detail}")
+        super().__init__(f"{reason}: {printable(detail)}")
         self.reason = reason

@@ -6,12 +6,29 @@ import sys
 from datetime import UTC, datetime
 from typing import Any
 
-from swarm.errors import BadInput
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.printable import printable, printable_lines
 
 TEXT, JSON = "text", "json"
 FIELDS = ("tick", "peer", "uavs", "reason")  # what a line may also know: `extra=` of the call that logs it
 _NAME = "meanflock"
 _LEVELS = ("DEBUG", "INFO", "WARNING", "ERROR", "CRITICAL")
+
+
+class TextLines(logging.Formatter):
+    """time, logger, level and message of a record on one line, whatever is in the message; a traceback follows it."""
+
+    def __init__(self) -> None:
+        super().__init__("%(asctime)s %(name)s %(levelname)s %(message)s")
+
+    def formatMessage(self, record: logging.LogRecord) -> str:
+        """The line."""
+        record.message = printable(record.message, len(record.message))
+        return super().formatMessage(record)
+
+    def formatException(self, ei: Any) -> str:
+        """The lines after it, indented: none looks like one of the log's own."""
+        return "\n".join(f"    {line}" for line in printable_lines(super().formatException(ei)).split("\n"))
 
 
 class JsonLines(logging.Formatter):
@@ -64,8 +81,7 @@ def start(form: str, **known: Any) -> dict[str, Any]:
         raise BadInput(f"MEANFLOCK_LOG={level}: choose one of {', '.join(_LEVELS)}")
     handler = logging.StreamHandler(sys.stderr)
     handler.set_name(_NAME)
-    text = logging.Formatter("%(asctime)s %(name)s %(levelname)s %(message)s")
-    handler.setFormatter(JsonLines(known) if check(form) == JSON else text)
+    handler.setFormatter(JsonLines(known) if check(form) == JSON else TextLines())
     stop()
     logging.root.addHandler(handler)
     logging.root.setLevel(level)
@@ -85,7 +101,7 @@ def tell(text: str, level: int = logging.INFO) -> None:
         if isinstance(handler.formatter, JsonLines):
             handler.handle(logging.LogRecord("meanflock", level, __file__, 0, text, None, None))
             return
-    print(text, file=sys.stderr, flush=True)
+    print(printable_lines(text), file=sys.stderr, flush=True)
 
 
 def _ours() -> list[logging.Handler]:

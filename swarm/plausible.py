@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm.state import POSITION, VELOCITY
+from meanflock.swarm.state import POSITION, VELOCITY
 
 if TYPE_CHECKING:
-    from swarm.scenario import Scenario
+    from meanflock.swarm.scenario import Scenario
 
 
 def check(scenario: "Scenario") -> Callable[[NDArray[np.float64]], NDArray[np.bool_]]:

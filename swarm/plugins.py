@@ -17,7 +17,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 import msgspec
 
-from swarm.errors import BadInput
+from meanflock.swarm.errors import BadInput
 
 Door: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle"]
 
@@ -114,7 +114,7 @@ def load(door: Door, name: str) -> type:
         for part in attribute.split("."):
             found = getattr(found, part)
     except Exception as error:
-        raise BadInput(f"{door} {name!r} of {plugin.source}: {_last_line(error)}") from error
+        raise BadInput(f"{door} {name!r} of {plugin.source}: {last_line(error)}") from error
     return _checked(door, name, found, plugin.source)
 
 
@@ -138,7 +138,7 @@ def load_file(path: Path) -> list[Plugin]:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
         del sys.modules[module_name]
-        raise BadInput(f"--plugin {path}: {_last_line(error)}") from error
+        raise BadInput(f"--plugin {path}: {last_line(error)}") from error
     hashed = fingerprint(source)
     found = []
     for attribute, value in vars(module).items():
@@ -246,7 +246,7 @@ def create(door: Door, name: str, options: dict[str, Any], *context: Any) -> Any
     except BadInput:
         raise
     except Exception as error:
-        raise BadInput(f"{door} {name!r} cannot be made: {_last_line(error)}") from error
+        raise BadInput(f"{door} {name!r} cannot be made: {last_line(error)}") from error
 
 
 def options_table(door: Door) -> str:
@@ -272,7 +272,7 @@ def _checked(door: Door, name: str, found: Any, source: str) -> type:
     return found
 
 
-def _last_line(error: BaseException) -> str:
+def last_line(error: BaseException) -> str:
     """What went wrong, and the line of the plug-in it went wrong in."""
     frames = traceback.extract_tb(error.__traceback__)
     where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""

@@ -10,10 +10,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
-from swarm import logs, plugins
-from swarm.errors import EXIT_BAD_INPUT, EXIT_RUN_FAILED, MeanflockError
-from swarm.identity import Identity
-from swarm.session import DEFAULT_ENDPOINT
+from meanflock.swarm import logs, plugins
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_RUN_FAILED, MeanflockError
+from meanflock.swarm.net.identity import Identity
+from meanflock.swarm.net.session import DEFAULT_ENDPOINT
 
 CHILD = "MEANFLOCK_CHILD"  # a variable: "1" where whoever started this process holds its standard input open
 
@@ -87,6 +87,11 @@ def orphaned() -> bool:
         return False
     readable, _, _ = select.select([0], [], [], 0)
     return bool(readable) and os.read(0, 1) == b""
+
+
+def how_it_ended(code: int) -> str:
+    """The exit code of a process, or minus the signal that killed it, in words."""
+    return f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
 
 
 def main(body: Callable[[], None]) -> NoReturn:

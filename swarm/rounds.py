@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm.ascending import contains
-from swarm.messages import FrameKind
-from swarm.seeds import generator
+from meanflock.swarm.ascending import contains
+from meanflock.swarm.seeds import generator
+from meanflock.swarm.wire.messages import FrameKind
 
 if TYPE_CHECKING:
-    from swarm.scenario import Scenario
+    from meanflock.swarm.scenario import Scenario
 
 HOPS = 2  # of a model where there are clusters: to the head, and on to the leader
 

@@ -9,11 +9,13 @@ from typing import Annotated, Any, Literal, TypeAlias, cast
 import msgspec
 from msgspec import Meta, field
 
-from swarm import clusters, toml
-from swarm.declared import Declared, declared
-from swarm.errors import BadInput
-from swarm.faults import Fault, LeaderLoss
-from swarm.plugins import Door, find
+from meanflock.swarm import clusters, toml
+from meanflock.swarm.declared import Declared, declared
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.faults import Fault, LeaderLoss
+from meanflock.swarm.pace import Pace
+from meanflock.swarm.plugins import Door, find
+from meanflock.swarm.table import Table as _Table
 
 # Keys that came later count in the hash only where they differ from their default: older runs keep their hash.
 _LATER = (
@@ -30,21 +32,11 @@ _LATER = (
     "controller",
     "radio.plausible_speed",
     *("radio.model", "radio.options", "vehicle.model", "vehicle.options"),
+    "pace",
 )
 
 Payload: TypeAlias = Literal["float64", "float32", "float16", "int8"]  # how a model is written, see swarm/payload.py
 _PAYLOAD_BITS: dict[Payload, int] = {"float64": 64, "float32": 32, "float16": 16, "int8": 8}  # a weight
-
-
-class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A TOML table: no unknown key, no number that is not finite."""
-
-    def __post_init__(self) -> None:
-        for name in self.__struct_fields__:
-            value = getattr(self, name)
-            for number in value if isinstance(value, tuple) else (value,):
-                if isinstance(number, float) and not math.isfinite(number):
-                    raise ValueError(f"`{name}` must be a finite number, not {number}")
 
 
 class Start(_Table, frozen=True):
@@ -202,6 +194,7 @@ class Scenario(_Table, frozen=True, dict=True):
     radio: Radio = field(default_factory=Radio)
     vehicle: Vehicle = field(default_factory=Vehicle)
     metrics: Metrics = field(default_factory=Metrics)
+    pace: Pace = field(default_factory=Pace)
     faults: Annotated[tuple[Fault, ...], Meta(description="the fault script, see swarm/faults.py")] = ()
 
     def __post_init__(self) -> None:
@@ -400,6 +393,6 @@ def to_table(scenario: Scenario) -> dict[str, Any]:
 
 
 def _explain(error: msgspec.ValidationError, kind: type) -> str:
-    from swarm.explain import explain  # only here: nodes are sent scenarios that are sound
+    from meanflock.swarm.explain import explain  # only here: nodes are sent scenarios that are sound
 
     return explain(str(error), kind)

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from swarm.errors import BadInput
+from meanflock.swarm.errors import BadInput
 
 
 def read(path: Path, what: str) -> dict[str, Any]:
@@ -12,7 +12,7 @@ def read(path: Path, what: str) -> dict[str, Any]:
     Raises:
         BadInput: it is not there, cannot be read, or is no TOML.
     """
-    from swarm import scenarios  # only here: nodes are sent their scenario as JSON
+    from meanflock.swarm import scenarios  # only here: nodes are sent their scenario as JSON
 
     try:
         return _parse(scenarios.found(path).read_text(encoding="utf-8"))

@@ -8,8 +8,8 @@ from pathlib import Path
 import click
 import pytest
 
-from groundstation import cli_look, cli_plugins, cli_study  # noqa: F401  # they join their verbs to the group
-from groundstation.cli import cli, main
+from meanflock.groundstation import cli_look, cli_plugins, cli_study  # noqa: F401  # they join their verbs to the group
+from meanflock.groundstation.cli import cli, main
 
 ROOT = Path(__file__).parents[1]
 CLI = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")

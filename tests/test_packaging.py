@@ -16,8 +16,8 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from swarm import scenarios
-from swarm.errors import EXIT_BAD_INPUT
+from meanflock.swarm import scenarios
+from meanflock.swarm.errors import EXIT_BAD_INPUT
 from tests.polling import DEADLINE_S
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -98,7 +98,7 @@ def test_a_process_of_the_swarm_stays_small() -> None:
 def test_the_kernels_are_built_from_all_of_their_files() -> None:
     (extension,) = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["ext-modules"]
     there = {path.relative_to(ROOT).as_posix() for path in ROOT.glob("*/*.[ch]")}
-    assert extension["name"] == "kernels._native"
+    assert extension["name"] == "meanflock.kernels._native"
     assert there == {*extension["sources"], *extension["depends"]}  # all enter a source distribution
     assert all(name.startswith("kernels/") for name in there)
     assert extension["optional"]
@@ -134,7 +134,7 @@ def test_the_shipped_scenarios_are_in_the_wheel_and_in_the_checkout() -> None:
     assert "swarm*" in setuptools["packages"]["find"]["include"]  # and so swarm.scenarios
     packed = {
         path.name
-        for pattern in setuptools["package-data"]["swarm.scenarios"]
+        for pattern in setuptools["package-data"]["meanflock.swarm.scenarios"]
         for path in (ROOT / "swarm/scenarios").glob(pattern)
     }
     assert packed == {path.name for path in scenarios.shipped()} >= {"paper.toml", "faults.toml"}
@@ -250,10 +250,14 @@ def compose() -> dict[str, Any]:
     return services
 
 
+MOMENTARY = {"runs", "completed"}  # services that do one thing and end
+
+
 def test_compose_has_the_four_rooms_as_services(compose: dict[str, Any]) -> None:
-    assert {name: service["command"] for name, service in compose.items()} == {
+    assert {name: service["command"] for name, service in compose.items() if name not in MOMENTARY} == {
         room: [room] for room in ("worldsim", "leader", "agent", "groundstation")
     }
+    assert compose.keys() >= MOMENTARY
     for service in compose.values():
         assert service["build"]["target"] in stages()
         assert service["image"] == f"meanflock-{service['build']['target']}:local"
@@ -262,7 +266,8 @@ def test_compose_has_the_four_rooms_as_services(compose: dict[str, Any]) -> None
 def test_compose_gives_one_number_to_agents_and_world(compose: dict[str, Any]) -> None:
     assert compose["agent"]["deploy"]["replicas"] == 7
     assert compose["worldsim"]["environment"]["MEANFLOCK_SET"] == "uavs=7 seed=3"
-    assert len({service["environment"]["MEANFLOCK_RUN"] for service in compose.values()}) == 1
+    rooms = [service for name, service in compose.items() if name not in MOMENTARY]
+    assert len({service["environment"]["MEANFLOCK_RUN"] for service in rooms}) == 1
 
 
 def test_compose_services_can_do_no_more_than_they_must(compose: dict[str, Any]) -> None:
@@ -273,8 +278,15 @@ def test_compose_services_can_do_no_more_than_they_must(compose: dict[str, Any])
         assert service["restart"] == "no", name
         assert {"cpus", "memory", "pids"} <= service["deploy"]["resources"]["limits"].keys(), name
         assert "privileged" not in service, name
-        assert service["healthcheck"]["test"], name
-        assert service.get("user", "1000:1000") == "1000:1000", name
+        if name in MOMENTARY:
+            assert service["network_mode"] == "none", name
+        else:
+            assert service["healthcheck"]["test"], name
+        if name == "runs":  # root, to give a folder away, and for nothing else
+            assert (service["user"], service["cap_add"]) == ("0:0", ["CHOWN"])
+        else:
+            assert service.get("user", "1000:1000") == "1000:1000", name
+            assert "cap_add" not in service, name
     image = (ROOT / "Dockerfile").read_text()
     assert re.findall(r"^(?:USER|STOPSIGNAL) .*$", image, re.MULTILINE) == ["USER 1000:1000", "STOPSIGNAL SIGINT"]
 

@@ -99,7 +99,7 @@ def test_nobody_outside_the_kernels_knows_which_form_runs() -> None:
     asks = {
         name_of(path)
         for path in MODULES
-        if {"kernels.compiled", "kernels.reference", "kernels._native"} & imported(path)
+        if {"meanflock.kernels.compiled", "meanflock.kernels.reference", "meanflock.kernels._native"} & imported(path)
         or "kernels.BACKEND" in path.read_text(encoding="utf-8")
     }
     assert asks == {"kernels/__init__.py", "kernels/compiled.py", "groundstation/doctor.py", "worldsim/summary.py"}
@@ -151,11 +151,13 @@ print(*sorted({{name.split(".")[0] for name in sys.modules}} & set({forbidden!r}
 """
 
 
-@pytest.mark.parametrize("module", ["agent.__main__", "leader.__main__", "worldsim.__main__"])
+@pytest.mark.parametrize(
+    "module", ["meanflock.agent.__main__", "meanflock.leader.__main__", "meanflock.worldsim.__main__"]
+)
 def test_a_process_of_the_swarm_loads_only_what_it_needs(module: str) -> None:
     forbidden = ["rerun", "rerun_bindings", "pyarrow", "click", "rich", "psutil", "pandas", "hypothesis"]
     forbidden += ["groundstation", "joblib", "matplotlib", "pickletools", "prometheus_client"]
-    if module != "worldsim.__main__":
+    if module != "meanflock.worldsim.__main__":
         forbidden += ["scipy", "channel", "worldsim"]
     code = LOADED.format(module=module, forbidden=forbidden)
     loaded = subprocess.run(

@@ -1,4 +1,4 @@
-"""`python -m worldsim`: the world and channel emulator, which is also the router of the bus. Prints the summary."""
+"""`python -m meanflock.worldsim`: the world and channel emulator, which is also the router of the bus. Prints the summary."""
 
 import json
 import os
@@ -6,16 +6,24 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
-from swarm import access, keys, logs, scenario
-from swarm.address import Address
-from swarm.errors import BadInput, RunFailed
-from swarm.identity import WORLD
-from swarm.process import Interrupted, flag, identity, main, orphaned, parser
-from swarm.refusals import Refusals
-from swarm.session import ZenohBus
-from worldsim.checkpoint import Resumption
-from worldsim.node import World
-from worldsim.schedule import factor
+import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
+from meanflock.swarm import (
+    logs,
+    scenario,
+)
+from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.net import access, keys
+from meanflock.swarm.net.address import Address
+from meanflock.swarm.net.identity import WORLD
+from meanflock.swarm.net.refusals import Refusals
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.process import Interrupted, flag, identity, main, orphaned, parser
+from meanflock.worldsim.checkpoint import Resumption
+from meanflock.worldsim.limits import Limits
+from meanflock.worldsim.members import MAX_LEADERS
+from meanflock.worldsim.node import World
+from meanflock.worldsim.quotas import Quotas
+from meanflock.worldsim.schedule import factor
 
 LINGER_S = 20.0  # for a recorder that is slow, or was killed and is on its way back
 HURRIED_S = 5.0  # after an interrupt; what comes next from an impatient engine is SIGKILL, after ten
@@ -26,7 +34,7 @@ def _run() -> None:
     options = parser(
         "worldsim",
         "The world and channel emulator; waits for the nodes, flies the scenario, prints the summary.",
-        "python -m worldsim --run test --set uavs=4 --set method=hjb",
+        "python -m meanflock.worldsim --run test --set uavs=4 --set method=hjb",
     )
     flag(options, "--scenario", "", "scenario file (TOML)")
     flag(options, "--barrier", "10", "seconds a tick waits for a node before it is lost", float)
@@ -50,14 +58,19 @@ def _run() -> None:
     rows = given.uavs_per_process
     if rows < 1:
         raise BadInput(f"--uavs-per-process {rows}: an agent holds at least one UAV")
+    rows_at_most = rows if given.tls else None
     interrupted = Interrupted()
     refusals = Refusals()
     refusals.listen()
+    quotas = Quotas(keys.check_run(given.run), flown, Limits(flown), rows_at_most)
     bus = ZenohBus.router(
         given.endpoint,
         identity(given.tls, WORLD),
-        access.rules(keys.check_run(given.run), flown.uavs, rows),
+        access.rules(given.run, flown.uavs, rows),
         refusals,
+        quotas,
+        quotas.largest,
+        -(-flown.uavs // rows) + MAX_LEADERS + 1,
     )
     with ExitStack() as stack:
         stack.callback(refusals.close)
@@ -71,15 +84,15 @@ def _run() -> None:
             stations=given.stations,
             realtime=realtime,
             resume=Resumption.load(Path(given.resume)) if given.resume else None,
-            rows_at_most=rows if given.tls else None,
+            rows_at_most=rows_at_most,
             refused=refusals.counts,
         )
         if metrics is not None:
-            from worldsim.exporter import exported  # a library that is loaded only where it is asked for
+            from meanflock.worldsim.exporter import exported  # a library that is loaded only where it is asked for
 
             logs.tell(f"metrics at {stack.enter_context(exported(world.instruments, metrics))}")
         world.gather(given.wait, interrupted.__bool__)
-        for tick in world.fly():
+        for tick in world.fly(interrupted.__bool__):
             if interrupted or (tick % 50 == 0 and orphaned()):
                 break
         linger_s = 0.0 if orphaned() else LINGER_S if world.flight.over else HURRIED_S

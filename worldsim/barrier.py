@@ -3,13 +3,14 @@
 import threading
 from collections import Counter
 
-from swarm import keys, tick
-from swarm.bus import Bus
-from swarm.errors import MessageRejected
-from swarm.messages import Act, Frames, Sense
-from swarm.state import States
-from worldsim.inbound import Replies
-from worldsim.members import Member
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import Bus
+from meanflock.swarm.state import States
+from meanflock.swarm.wire import tick
+from meanflock.swarm.wire.messages import Act, Frames, Sense
+from meanflock.worldsim.inbound import Replies
+from meanflock.worldsim.members import Member
 
 
 class Barrier:
@@ -126,6 +127,11 @@ class Barrier:
         """Who has not replied."""
         with self._gate:
             return [member.name for member in self._silent.values()]
+
+    @property
+    def silent(self) -> int:
+        """How many that is."""
+        return len(self._silent)
 
     @property
     def complete(self) -> bool:

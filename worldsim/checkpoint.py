@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm import codec
-from swarm.declared import MAX_MEMORY_BYTES
-from swarm.errors import BadInput, MessageRejected
-from worldsim.members import Member
+from meanflock.swarm.declared import MAX_MEMORY_BYTES
+from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.wire import control
+from meanflock.worldsim.members import Member
 
 SCHEMA = 4
 EVERY_TICKS = 100
@@ -92,11 +92,11 @@ class Resumption:
     def memory(self, uavs: NDArray[np.intp]) -> bytes:
         """What the rows of a node with these UAVs had in memory, as a record."""
         kept: Mapping[str, NDArray[Any]] = self.checkpoint["memory"]
-        return codec.encode_record({name: np.ascontiguousarray(array[uavs]) for name, array in kept.items()})
+        return control.encode_record({name: np.ascontiguousarray(array[uavs]) for name, array in kept.items()})
 
     def encode(self) -> bytes:
         """The bytes a world process is started with."""
-        return codec.encode_record({"checkpoint": dict(self.checkpoint), "history": self.history})
+        return control.encode_record({"checkpoint": dict(self.checkpoint), "history": self.history})
 
     @staticmethod
     def of(body: bytes, history: Floats) -> "Resumption":
@@ -125,12 +125,12 @@ class Resumption:
 
 def encode(parts: Mapping[str, Any]) -> bytes:
     """The bytes of a checkpoint, as telemetry carries them."""
-    return codec.encode_record({"schema": SCHEMA, **parts})
+    return control.encode_record({"schema": SCHEMA, **parts})
 
 
 def _record(raw: bytes, what: str) -> dict[str, Any]:
     try:
-        return codec.decode_record(raw)
+        return control.decode_record(raw)
     except MessageRejected as error:
         raise BadInput(f"{what}: damaged ({error}); the run cannot be resumed from it") from error
 

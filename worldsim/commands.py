@@ -6,9 +6,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm import state
-from swarm.model import BEYOND_SENSE
-from worldsim.members import Member
+from meanflock.swarm import state
+from meanflock.swarm.model import BEYOND_SENSE
+from meanflock.worldsim.members import Member
 
 Floats: TypeAlias = NDArray[np.float64]
 Uavs: TypeAlias = NDArray[np.intp]

@@ -16,12 +16,12 @@ from prometheus_client.metrics_core import (
 )
 from prometheus_client.registry import Collector
 
-from channel.meter import TRAFFIC
-from swarm import __version__
-from swarm.address import Address
-from swarm.messages import Status
-from worldsim.durations import Durations
-from worldsim.instruments import Instruments
+from meanflock.channel.meter import TRAFFIC
+from meanflock.swarm import __version__
+from meanflock.swarm.net.address import Address
+from meanflock.swarm.wire.messages import Status
+from meanflock.worldsim.durations import Durations
+from meanflock.worldsim.instruments import Instruments
 
 _OF_TRAFFIC = {  # field of `Traffic` → metric, what it counts
     "payload_bits": ("payload_bits", "Bits of payload, once a transmission."),
@@ -69,14 +69,14 @@ class Exporter(Collector):
             yield family
 
     def _protocol(self) -> Iterator[Metric]:
-        ledger, outbox = self._of.ledger, self._of.outbox
-        yield _counter("rounds", "Rounds averaged and broadcast.", ledger.rounds)
+        counters, outbox = self._of.counters, self._of.outbox
+        yield _counter("rounds", "Rounds averaged and broadcast.", counters.rounds)
         drops = CounterMetricFamily("meanflock_dropped_messages", "Messages not let in, by reason.", labels=["reason"])
-        for reason, count in sorted(ledger.dropped.items()):
+        for reason, count in sorted(counters.dropped.items()):
             drops.add_metric([reason], count)
         yield drops
-        yield _counter("held_commands", "Commands held over because they came late, in real time.", ledger.held)
-        yield _counter("deadline_misses", "Ticks in which a command came late, in real time.", ledger.deadline_misses)
+        yield _counter("held_commands", "Commands held over because they came late, in real time.", counters.held)
+        yield _counter("deadline_misses", "Ticks in which a command came late, in real time.", counters.deadline_misses)
         waiting = outbox.waiting
         what = "Blocks of telemetry no ground station has acknowledged yet."
         yield GaugeMetricFamily("meanflock_telemetry_blocks_unacknowledged", what, waiting)
@@ -93,7 +93,8 @@ class Exporter(Collector):
         ):
             alive.add_metric([role], count)
         yield alive
-        yield _counter("nodes_lost", "Nodes lost in flight.", self._of.ledger.nodes_lost)
+        yield _counter("nodes_lost", "Nodes lost in flight.", self._of.counters.nodes_lost)
+        yield _counter("nodes_rejoined", "Nodes that joined in flight.", self._of.counters.nodes_rejoined)
 
 
 @contextmanager

@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from channel.medium import Cut, Indices
-from swarm import state
-from swarm.faults import Fault, Gust, Jam, Kill, LeaderLoss, Partition, Pause, kind, paused
-from swarm.messages import Event
-from swarm.scenario import Scenario
+from meanflock.channel.medium import Cut, Indices
+from meanflock.swarm import state
+from meanflock.swarm.faults import Fault, Gust, Jam, Kill, LeaderLoss, Partition, Pause, kind, paused
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import Event
 
 
 class Script:

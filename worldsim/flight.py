@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm import state
-from swarm.messages import Event, Status
-from swarm.scenario import Scenario
-from swarm.seeds import generator, random_state, set_random_state
-from worldsim.formation import initial_states
-from worldsim.metrics import pairs
-from worldsim.physics import Physics
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.seeds import generator, random_state, set_random_state
+from meanflock.swarm.wire.messages import Event, Status
+from meanflock.worldsim.formation import initial_states
+from meanflock.worldsim.metrics import pairs
+from meanflock.worldsim.physics import Physics
 
 Floats = NDArray[np.float64]
 

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from swarm import state
-from swarm.scenario import Scenario
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Scenario
 
 
 def initial_states(scenario: Scenario) -> state.States:

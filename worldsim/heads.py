@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm.ascending import contains
-from swarm.clusters import Clusters
-from swarm.messages import FrameKind, Frames
-from swarm.scenario import Scenario
-from worldsim.inbox import Uploads, only
-from worldsim.members import Member
+from meanflock.swarm.ascending import contains
+from meanflock.swarm.clusters import Clusters
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import FrameKind, Frames
+from meanflock.worldsim.inbox import Uploads, only
+from meanflock.worldsim.members import Member
 
 
 class Heads:

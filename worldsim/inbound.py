@@ -3,18 +3,19 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm import payload, state
-from swarm import tick as wire
-from swarm.ascending import contains
-from swarm.clusters import Clusters
-from swarm.codec import FLOAT_OF_BITS
-from swarm.declared import MAX_BROADCAST_NUMBERS, MAX_BROADCASTS, MAX_MEMORY_BYTES
-from swarm.errors import MessageRejected
-from swarm.messages import Act, FrameKind, Frames
-from swarm.relay import Relay
-from swarm.rounds import Rounds
-from swarm.scenario import Scenario
-from worldsim.members import LEADER, Member
+from meanflock.swarm import state
+from meanflock.swarm.ascending import contains
+from meanflock.swarm.clusters import Clusters
+from meanflock.swarm.declared import MAX_BROADCASTS
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.rounds import Rounds
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire import payload
+from meanflock.swarm.wire import tick as wire
+from meanflock.swarm.wire.control import FLOAT_OF_BITS
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames
+from meanflock.swarm.wire.relay import Relay
+from meanflock.worldsim.members import LEADER, Member
 
 _OVERHEAD_BYTES = 4096
 
@@ -25,7 +26,7 @@ class Replies:
     def __init__(self, scenario: Scenario, run: int) -> None:
         self._scenario, self._run, self._rounds = scenario, run, Rounds(scenario)
         self._columns = state.AXES + len(scenario.declared.diagnostics)
-        self._weights = scenario.declared.weights
+        self._weights, self._most_said = scenario.declared.weights, scenario.declared.broadcast_numbers
         self._relay = Relay(scenario) if scenario.federation.clusters > 1 else None
         self._head_of = Clusters(scenario).head_of
         self._up, self._down = payload.upload(scenario), payload.broadcast(scenario)
@@ -50,8 +51,6 @@ class Replies:
             )
         if act.models is not None and act.models.shape[1] != self._weights:
             raise MessageRejected("wrong-shape", f"models: expected {(rows, self._weights)}, got {act.models.shape}")
-        if act.memory and len(act.memory) > (most := max_memory(rows, self._scenario.uavs)):
-            raise MessageRejected("oversized", f"a memory of {len(act.memory)} bytes, at most {most}")
         if len(act.refused):
             self._check_refused(member, tick, act.refused)
         if len(act.lost) and not contains(member.uavs, act.lost).all():
@@ -91,7 +90,7 @@ class Replies:
         if kind == FrameKind.STATE:
             if said.dtype.kind == "f" and said.dtype != self._float:
                 raise MessageRejected("wrong-shape", f"payload: expected floats {self._float}, got {said.dtype}")
-            if not 0 < said.shape[1] <= MAX_BROADCAST_NUMBERS or frames.round >= MAX_BROADCASTS:
+            if not 0 < said.shape[1] <= self._most_said or frames.round >= MAX_BROADCASTS:
                 raise MessageRejected("wrong-shape", f"broadcast {frames.round} of {said.shape[1]} numbers")
         elif kind == FrameKind.RELAY:
             assert self._relay is not None
@@ -111,20 +110,6 @@ class Replies:
             return (FrameKind.STATE,)
         relays = (FrameKind.RELAY,) if self._relay is not None else ()
         return FrameKind.UPLOAD, FrameKind.STATE, *relays
-
-
-def limit(rows: int, scenario: Scenario) -> int:
-    """The most bytes an honest Act of a node with that many UAVs can have."""
-    declared = scenario.declared
-    numbers = state.AXES + len(declared.diagnostics) + declared.weights + 2 * declared.parameters
-    said = MAX_BROADCASTS * 8 * MAX_BROADCAST_NUMBERS
-    memory = max_memory(rows, scenario.uavs)
-    return _OVERHEAD_BYTES + 5 * scenario.uavs + max(1, rows) * (8 * numbers + said) + memory
-
-
-def max_memory(rows: int, uavs: int) -> int:
-    """The most bytes that a node with so many of the UAVs may remember; one without any, a leader, as much as all."""
-    return _OVERHEAD_BYTES + (MAX_MEMORY_BYTES * rows // uavs if rows else MAX_MEMORY_BYTES)
 
 
 def stray(frames: Frames, tick: int, rounds: Rounds, averaged: int) -> MessageRejected | None:

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm.ascending import contains
-from swarm.messages import FrameKind, Frames
-from worldsim.members import Member
+from meanflock.swarm.ascending import contains
+from meanflock.swarm.wire.messages import FrameKind, Frames
+from meanflock.worldsim.members import Member
 
 _AVERAGED = (FrameKind.UPLOAD, FrameKind.RELAY)  # these are kept until they are
 

@@ -3,12 +3,12 @@
 from collections.abc import Callable, Set
 from dataclasses import dataclass
 
-from channel.meter import Meter
-from worldsim.durations import Durations
-from worldsim.flight import Flight
-from worldsim.ledger import Ledger
-from worldsim.members import Members
-from worldsim.telemetry import Outbox
+from meanflock.channel.meter import Meter
+from meanflock.worldsim.counters import Counters
+from meanflock.worldsim.durations import Durations
+from meanflock.worldsim.flight import Flight
+from meanflock.worldsim.members import Members
+from meanflock.worldsim.telemetry import Outbox
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Instruments:
     mode: str
     flight: Flight
     meter: Meter
-    ledger: Ledger
+    counters: Counters
     members: Members
     listeners: Set[str]  # ground stations that are there
     outbox: Outbox

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm.election import elect
-from swarm.errors import MeanflockError
-from swarm.messages import Join
+from meanflock.swarm.election import elect
+from meanflock.swarm.errors import MeanflockError
+from meanflock.swarm.wire.messages import Join
 
 LEADER = "leader"
 MAX_LEADERS = 8  # living at once; a standby is cheap, but not free

@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-import kernels
-from swarm import state
-from swarm.scenario import Metrics
+from meanflock import kernels
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Metrics
 
 _MOST = 64  # colliding pairs there is room for at first
 

@@ -8,32 +8,35 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from channel.medium import NO_LINKS, Medium
-from swarm import __version__, codec, keys, state
-from swarm.bus import Bus
-from swarm.errors import BadInput, MessageRejected, RunFailed
-from swarm.messages import Act, Event, Finished, FrameKind, Frames, Stop
-from swarm.model import BEYOND_SENSE
-from swarm.rounds import Rounds
-from swarm.scenario import Scenario
-from worldsim import checkpoint, inbox
-from worldsim.barrier import Barrier
-from worldsim.checkpoint import Memories, Resumption
-from worldsim.commands import Commands
-from worldsim.door import Door
-from worldsim.durations import Durations
-from worldsim.faults import Script
-from worldsim.flight import Flight
-from worldsim.heads import Heads
-from worldsim.inbound import Replies
-from worldsim.instruments import Instruments
-from worldsim.ledger import Ledger
-from worldsim.members import LEADER, Member, Members
-from worldsim.schedule import Schedule
-from worldsim.speech import Speech
-from worldsim.summary import summary, weight_spread
-from worldsim.telemetry import Outbox, Rows
-from worldsim.waiting import Waiting
+from meanflock.channel.medium import NO_LINKS, Medium
+from meanflock.swarm import __version__, state
+from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
+from meanflock.swarm.model import BEYOND_SENSE
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import Bus
+from meanflock.swarm.rounds import Rounds
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Act, Event, Finished, FrameKind, Frames, Stop
+from meanflock.worldsim import checkpoint, inbox
+from meanflock.worldsim.admission import Admission
+from meanflock.worldsim.barrier import Barrier
+from meanflock.worldsim.checkpoint import Memories, Resumption
+from meanflock.worldsim.commands import Commands
+from meanflock.worldsim.counters import Counters
+from meanflock.worldsim.durations import Durations
+from meanflock.worldsim.faults import Script
+from meanflock.worldsim.flight import Flight
+from meanflock.worldsim.heads import Heads
+from meanflock.worldsim.inbound import Replies
+from meanflock.worldsim.instruments import Instruments
+from meanflock.worldsim.members import LEADER, Member, Members
+from meanflock.worldsim.merger import FrameMerger
+from meanflock.worldsim.pace import Pace
+from meanflock.worldsim.schedule import Schedule
+from meanflock.worldsim.summary import summary, weight_spread
+from meanflock.worldsim.telemetry import Outbox, Rows
+from meanflock.worldsim.waiting import Waiting
 
 REPORT_EVERY_TICKS = 10
 _BLOCK_ROWS, _BLOCK_STATES = 20, 2500  # of a block of telemetry: so many rows, or more of a small swarm
@@ -86,7 +89,7 @@ class World:
         rows = max(_BLOCK_ROWS, min(block_rows, _BLOCK_STATES // scenario.uavs)) if realtime is None else 2
         self._rows = Rows(self._fingerprint, scenario.uavs, rows, self._declared)
         self._outbox = Outbox(keeps=telemetry)
-        self._ledger = Ledger(refused)
+        self._counters = Counters(refused)
         self._ticks = Durations()
         self._uploads = inbox.Uploads(FrameKind.RELAY if scenario.federation.clusters > 1 else FrameKind.UPLOAD)
         self._heads = Heads(scenario)
@@ -106,13 +109,16 @@ class World:
         federated = self._declared.is_federated
         wanted = scenario.leaders(self.flight.tick) if federated else 0
         self._members = Members(scenario.uavs, wanted, standbys=federated, rows_at_most=rows_at_most)
-        members, barrier, ledger = self._members, self._barrier, self._ledger
-        self._door = Door(scenario, bus, run, members, self.flight, barrier, self._outbox, ledger, self._note, clock)
-        self._speech = Speech(self._rounds, ledger, self._door.drop, self._note)
-        self._door.resumed = resume
-        self._door.on_leader_lost = self._ask_leader
-        self._waiting = Waiting(barrier, self._door, ledger, self._schedule, barrier_s, self._wait, clock)
-        self.handle = self._door.handle  # one delivery; never raises for what the network sent
+        members, barrier, counters = self._members, self._barrier, self._counters
+        self._admission = Admission(
+            scenario, bus, run, members, self.flight, barrier, self._outbox, counters, self._note, clock
+        )
+        self._merger = FrameMerger(self._rounds, counters, self._admission.drop, self._note)
+        self._admission.resumed = resume
+        self._admission.on_leader_lost = self._ask_leader
+        pace = Pace(scenario.pace, self._note)
+        self._waiting = Waiting(barrier, self._admission, counters, self._schedule, barrier_s, pace, self._wait, clock)
+        self.handle = self._admission.handle  # one delivery; never raises for what the network sent
 
     # -- the run ------------------------------------------------------------------------------------------------
 
@@ -123,10 +129,10 @@ class World:
             RunFailed: not in time; the message says who is missing.
         """
         end = self._clock() + timeout_s
-        while not self._members.complete or len(self._door.listeners) < self._stations:
-            if self._door.unfit:
+        while not self._members.complete or len(self._admission.listeners) < self._stations:
+            if self._admission.unfit:
                 self.stop("a node cannot take part")
-                raise BadInput(self._door.unfit[0])
+                raise BadInput(self._admission.unfit[0])
             if cancelled():
                 self.stop("interrupted")
                 raise RunFailed(f"interrupted while waiting for {self._missing()}")
@@ -138,14 +144,16 @@ class World:
         again = "" if self._resumed is None else f" and go on from tick {self.flight.tick}"
         self._note("resumed" if again else "joined", nodes + again)
 
-    def fly(self) -> Iterator[int]:
-        """The flight; yields the number of every tick flown, so that the caller can stop in between."""
+    def fly(self, cancelled: Callable[[], bool] = lambda: False) -> Iterator[int]:
+        """The flight; yields the number of every tick flown, so that the caller can stop in between. `cancelled` is
+        asked while it stands still because every agent is lost; RunFailed is raised where none comes back.
+        """
         self._started = self._clock()
-        self._door.flying = True
+        self._admission.flying = True
         self._leads = leader.name if (leader := self._members.lead()) is not None else None
         if self._resumed is None:
-            self._rows.add(self.flight, self.air, self._commands, NO_LINKS, self._ledger)
-        while not self.flight.over:
+            self._rows.add(self.flight, self.air, self._commands, NO_LINKS, self._counters)
+        while self._has_agents(cancelled) and not self.flight.over:
             began = self._clock()
             if self._schedule is not None:
                 self._schedule.begin(began)
@@ -159,17 +167,30 @@ class World:
         self._note("finished", f"{record['arrived']} of {self._scenario.uavs} arrived")
         self._outbox.add(self._rows.take())
         self._outbox.add(finished := Finished(self._fingerprint, self._rows.block, msgspec.json.encode(record)))
-        self._door.closed = True
-        self.stop("finished")
-        end = self._clock() + linger_s
-        # What is on its way when a session closes may never arrive, so all of it is waited for, the summary too.
-        back = self._stations > 0 and self.flight.over  # a recorder that was killed may be on its way back
-        while (self._door.listeners or back) and not self._outbox.empty and self._clock() < end:
-            self._publish()
-            self._wait(0.1)
+        self._leave("finished", linger_s)
         if not self._outbox.empty:
             self._put(keys.telemetry(self._run), finished)
         return record
+
+    def _has_agents(self, cancelled: Callable[[], bool]) -> bool:
+        try:
+            return self._waiting.for_an_agent(cancelled)
+        except RunFailed as error:
+            self._note("failed", str(error))
+            self._outbox.add(self._rows.take())
+            self._leave(str(error), linger_s=5.0)
+            raise
+
+    def _leave(self, why: str, linger_s: float) -> None:
+        """Everyone is told; what is left of the telemetry is handed over."""
+        self._admission.closed = True
+        self.stop(why)
+        end = self._clock() + linger_s
+        # What is on its way when a session closes may never arrive, so all of it is waited for, the summary too.
+        back = self._stations > 0 and self.flight.over  # a recorder that was killed may be on its way back
+        while (self._admission.listeners or back) and not self._outbox.empty and self._clock() < end:
+            self._publish()
+            self._wait(0.1)
 
     def stop(self, reason: str) -> None:
         """Sends every node home."""
@@ -177,14 +198,14 @@ class World:
             self._put(keys.sense(self._run, member.name), Stop(self._fingerprint, reason))
 
     def _missing(self) -> str:
-        absent = self._stations - len(self._door.listeners)
+        absent = self._stations - len(self._admission.listeners)
         return ", ".join(filter(None, [self._members.missing(), f"{absent} ground station" if absent > 0 else ""]))
 
     def _tick(self) -> None:
         tick = self.flight.tick
         # 1. What must be kept is kept, who never came is given up, what the script says goes wrong.
         self._keep()
-        self._door.expire(self._barrier_s)
+        self._admission.expire(self._barrier_s)
         self._play(tick)
         # 2. Ask: every node gets its own states and what its radios received.
         reporting = tick % REPORT_EVERY_TICKS == 0
@@ -205,7 +226,7 @@ class World:
             self._report(tick, whole)
         if self._rows.full:
             self._outbox.add(self._rows.take())
-        self._rows.add(self.flight, self.air, self._commands, links, self._ledger)
+        self._rows.add(self.flight, self.air, self._commands, links, self._counters)
         self._publish()
 
     # -- step 1 -------------------------------------------------------------------------------------------------
@@ -222,10 +243,10 @@ class World:
         lost = self.flight.lost
         for member in self._members.present if len(killed) else ():
             if np.isin(member.uavs, killed).any() and lost[member.uavs].all():
-                self._door.dismiss(member, "killed by the fault script")
+                self._admission.dismiss(member, "killed by the fault script")
         for _ in range(self._script.leaders_lost(tick)):
             if (leader := self._members.lead()) is not None:
-                self._door.dismiss(leader, "killed by the fault script")
+                self._admission.dismiss(leader, "killed by the fault script")
                 self._note("lost", f"{leader.name}: killed by the fault script")
         self._awake = ~lost & ~self._script.paused(tick)
 
@@ -284,7 +305,7 @@ class World:
         numbers = {name: act.commands for name, act in acts.items() if len(act.commands)}
         if len(insane := self._commands.store(asked, numbers, awake)):
             self.flight.lose(insane, "diverged", "an answer beyond all bounds")
-        frames = self._speech.of(self.flight.tick, self._barrier.spoken, self._awake, self.air.meter)
+        frames = self._merger.of(self.flight.tick, self._barrier.spoken, self._awake, self.air.meter)
         if number := self._rounds.closes(self.flight.tick):
             self._uploads.close(number)
         if self.flight.any_lost:
@@ -304,15 +325,15 @@ class World:
             return set()
         if member.role != LEADER and not self._rounds.relays(act.tick):
             return set(act.refused.tolist())
-        self._ledger.uploads_refused += len(act.refused)
+        self._counters.uploads_refused += len(act.refused)
         self._note("refused", f"uploads of UAV {', '.join(map(str, act.refused))} were not averaged")
         return set()
 
     def _disbelieve(self, uavs: set[int]) -> None:
         """Counts, once a tick however many nodes say so, UAVs whose states are not believed; names each once."""
-        self._ledger.states_refused += len(uavs)
-        if new := sorted(uavs - self._ledger.disbelieved):
-            self._ledger.disbelieved |= uavs
+        self._counters.states_refused += len(uavs)
+        if new := sorted(uavs - self._counters.disbelieved):
+            self._counters.disbelieved |= uavs
             self._note("refused", f"states of UAV {', '.join(map(str, new))} were not believed: no UAV can be so")
 
     # -- step 6 -------------------------------------------------------------------------------------------------
@@ -328,9 +349,12 @@ class World:
             sane = (np.abs(models) < BEYOND_SENSE).all(axis=-1)  # NaN is below nothing
             if (counted := sane & alive).any():
                 leader = self._scenario.federation.leader
-                self._ledger.spread = weight_spread(models if counted.all() else models[counted])
-                self._rows.report(tick, np.where(sane[leader], models[leader], 0.0), self._ledger.spread)
-        if whole and self._awake[~self.flight.lost].all():
+                self._counters.spread = weight_spread(models if counted.all() else models[counted])
+                self._rows.report(tick, np.where(sane[leader], models[leader], 0.0), self._counters.spread)
+        settled = not self._admission.unattended.any_since(
+            self._barrier_s
+        )  # what ends the whole run may take one by one
+        if whole and settled and self._awake[~self.flight.lost].all():
             self._memories = self._remembered()
 
     def _remembered(self) -> Memories | None:
@@ -340,9 +364,9 @@ class World:
             member = self._barrier.asked[name]
             if member.rows and act.memory:
                 try:
-                    memories.take(member, codec.decode_record(act.memory))
+                    memories.take(member, control.decode_record(act.memory))
                 except MessageRejected as error:
-                    self._door.drop(error, f"the memory of {name}")
+                    self._admission.drop(error, f"the memory of {name}")
         return memories if memories.complete(~self.flight.lost) else None
 
     def _keep(self) -> None:
@@ -358,7 +382,7 @@ class World:
                 "block": self._rows.block,
                 "flight": self.flight.snapshot(),
                 "air": self.air.snapshot(),
-                "ledger": self._ledger.snapshot(self._wall_s()),
+                "counters": self._counters.snapshot(self._wall_s()),
                 "uploads": self._uploads.snapshot(),
                 "heads": self._heads.snapshot(),
                 "commands": self._commands.accelerations,
@@ -380,7 +404,7 @@ class World:
         try:
             self.flight.restore(kept["flight"], resume.history)
             self.air.restore(kept["air"])
-            self._ledger.restore(kept["ledger"])
+            self._counters.restore(kept["counters"])
             self._uploads.restore(kept["uploads"])
             self._heads.restore(kept["heads"])
             self._commands.accelerations[...] = kept["commands"]
@@ -400,13 +424,13 @@ class World:
         self._rows.note(Event(self.flight.tick, kind, text))
 
     def _put(self, key: str, message: Any) -> None:
-        self._bus.put(key, codec.encode(message))
+        self._bus.put(key, control.encode(message))
 
     def _wall_s(self) -> float:
-        return self._ledger.wall_s + self._clock() - self._started
+        return self._counters.wall_s + self._clock() - self._started
 
     def _protocol(self) -> dict[str, Any]:
-        return self._ledger.summary(
+        return self._counters.summary(
             schedule=self._schedule,
             diagnostics=dict(zip(self._declared.diagnostics, self._commands.largest.tolist(), strict=True)),
             blocks_dropped=self._outbox.dropped,
@@ -420,10 +444,10 @@ class World:
     @property
     def instruments(self) -> Instruments:
         """What can be read of the run at any moment."""
-        meter, ledger, listeners = self.air.meter, self._ledger, self._door.listeners
+        meter, counters, listeners = self.air.meter, self._counters, self._admission.listeners
         members, outbox, waits, ticks = self._members, self._outbox, self._waiting.took, self._ticks
         return Instruments(
-            self._run, self._mode, self.flight, meter, ledger, members, listeners, outbox, waits, ticks, self._wall_s
+            self._run, self._mode, self.flight, meter, counters, members, listeners, outbox, waits, ticks, self._wall_s
         )
 
     @property

@@ -5,10 +5,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm import plugins, state
-from swarm.errors import RunFailed
-from swarm.scenario import Scenario
-from worldsim.vehicles.base import Hidden, Vehicle
+from meanflock.swarm import plugins, state
+from meanflock.swarm.errors import RunFailed
+from meanflock.swarm.scenario import Scenario
+from meanflock.worldsim.vehicles.base import Hidden, Vehicle
 
 BOUND = 1e9  # a million kilometres or km/s: no metric is left worth having
 
@@ -62,7 +62,7 @@ class Physics:
             far = ~(np.abs(moved) < BOUND).all(axis=-1)  # NaN is below nothing
             sane = np.isfinite(acceleration).all(axis=-1)
             self._check_finite("states", moved[far & sane], np.flatnonzero(far & sane))
-            diverged = np.flatnonzero(far)
+            moved, diverged = moved.copy(), np.flatnonzero(far)
             moved[far] = states[far]
             moved[far, state.VELOCITY] = 0.0
             acceleration = np.where(far[:, None], 0.0, acceleration)

@@ -5,7 +5,7 @@ from array import array
 
 import numpy as np
 
-from swarm.errors import BadInput
+from meanflock.swarm.errors import BadInput
 
 
 def factor(text: str) -> float:

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import kernels
-from channel.meter import TRAFFIC, Meter
-from swarm import __version__
-from swarm.messages import FrameKind, Status
-from worldsim.flight import Flight
+from meanflock import kernels
+from meanflock.channel.meter import TRAFFIC, Meter
+from meanflock.swarm import __version__
+from meanflock.swarm.wire.messages import FrameKind, Status
+from meanflock.worldsim.flight import Flight
 
 SCHEMA = 1
 MAX_LINKS_LISTED = 1000

@@ -9,13 +9,13 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from channel.medium import Medium
-from swarm import codec
-from swarm.declared import Declared
-from swarm.messages import SWARM_COLUMNS, Event, Finished, FrameKind, Status, Telemetry
-from worldsim.commands import Commands
-from worldsim.flight import Flight
-from worldsim.ledger import Ledger
+from meanflock.channel.medium import Medium
+from meanflock.swarm.declared import Declared
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, Finished, FrameKind, Status, Telemetry
+from meanflock.worldsim.commands import Commands
+from meanflock.worldsim.counters import Counters
+from meanflock.worldsim.flight import Flight
 
 Floats = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ class Rows:
         air: Medium,
         commands: Commands,
         links: NDArray[np.int32],
-        ledger: Ledger,
+        counters: Counters,
     ) -> None:
         """One row: the flight as it is now, with the commands and diagnostics that led here."""
         k = self._filled
@@ -70,9 +70,9 @@ class Rows:
             flight.phi_c_distinct or 0.0,
             flight.collisions,
             flight.status.tobytes().count(_ARRIVED),
-            ledger.rounds,
-            ledger.held,
-            ledger.deadline_misses,
+            counters.rounds,
+            counters.held,
+            counters.deadline_misses,
         )
         if len(links) and flight.tick % STATE_LINKS_EVERY_TICKS:
             links = self._sample(links, outages > self._outages)
@@ -152,7 +152,7 @@ class Outbox:
         """Keeps a block until it is acknowledged, or until there are too many."""
         if not self._keeps:
             return
-        raw = codec.encode(block)
+        raw = control.encode(block)
         if isinstance(block, Telemetry) and block.checkpoint:
             self._checkpoint = block.block
         self._waiting.append((block.block, raw))

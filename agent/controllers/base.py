@@ -12,9 +12,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm.messages import NOBODY
-from swarm.scenario import Scenario
-from swarm.state import Plane, States
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import Plane, States
+from meanflock.swarm.wire.messages import NOBODY
 
 Memory: TypeAlias = dict[str, NDArray[Any]]
 Rows: TypeAlias = NDArray[np.intp]
@@ -75,6 +75,7 @@ class Controller:
     weights: int | None = None  # floats of what `report` returns; as many as `parameters` where left out
     diagnostics: tuple[str, ...] = ()
     period_ticks: int = 100  # between two rounds, where `federation.period` is not set
+    broadcast_numbers: int = 64  # that a UAV broadcasts in a tick at the most, in all its frames
     pairwise: bool = False  # whether a UAV remembers something of every other: memory then grows with N²
 
     def __init__(self, options: Any, scenario: Scenario) -> None:

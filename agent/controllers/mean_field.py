@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
-from agent.learner import Learner
-from kernels.weights import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, VALUE, VALUE_FEATURES
-from swarm import plausible
-from swarm.messages import NOBODY
-from swarm.scenario import Scenario
-from swarm.state import SIZE, States
+from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
+from meanflock.agent.learner import Learner
+from meanflock.kernels.weights import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, VALUE, VALUE_FEATURES
+from meanflock.swarm import plausible
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import SIZE, States
+from meanflock.swarm.wire.messages import NOBODY
 
 Floats = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.controllers.base import Controller, Memory, Received, Step
-from swarm import state
-from swarm.scenario import Scenario
+from meanflock.agent.controllers.base import Controller, Memory, Received, Step
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Scenario
 
 Floats = NDArray[np.float64]
 

@@ -3,13 +3,13 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from channel.base import Channel, Floats
-from channel.link import slots_needed
-from swarm.scenario import Scenario
+from meanflock.channel.base import Channel, Floats
+from meanflock.channel.link import slots_needed
+from meanflock.swarm.scenario import Scenario
 
 
 class Ideal(Channel):
-    """⌈bits / (θ W_o log₂(1 + η))⌉ slots a message, however far it goes and whatever D_M is."""
+    """No fading: every message takes ⌈bits / (θ W_o log₂(1 + η))⌉ slots, however far it goes and whatever D_M is."""
 
     name = "ideal"
 

@@ -6,15 +6,15 @@ The printed density writes I₀(zξ/χ²) for I₀(ζξ/χ²), and Rayleigh as �
 import numpy as np
 from numpy.typing import NDArray
 
-from channel import theory
-from channel.base import Channel, Floats
-from channel.link import slots_needed, squared_threshold
-from swarm.scenario import Scenario
+from meanflock.channel import theory
+from meanflock.channel.base import Channel, Floats
+from meanflock.channel.link import slots_needed, squared_threshold
+from meanflock.swarm.scenario import Scenario
 
 
 class Rice(Channel):
-    """Its constants are the keys of `[radio]`. A message is through after K slots whose SNR reaches η, or given up
-    after D_M."""
+    """Rician fading, slot by slot. A message is through after K slots whose SNR reaches η, or given up after D_M; the
+    constants are the keys of `[radio]`."""
 
     name = "rice"
 

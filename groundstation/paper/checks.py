@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from groundstation.paper import statistics
-from groundstation.paper.claims import Check
-from groundstation.paper.outcome import Outcome, Test, above, all_of, below, most_of, within
-from groundstation.paper.statistics import Estimate
-from groundstation.paper.turn import turn
-from groundstation.paper.view import COORDINATE, View, paired
+from meanflock.groundstation.paper import statistics
+from meanflock.groundstation.paper.claims import Check
+from meanflock.groundstation.paper.outcome import Outcome, Test, above, all_of, below, most_of, within
+from meanflock.groundstation.paper.statistics import Estimate
+from meanflock.groundstation.paper.turn import turn
+from meanflock.groundstation.paper.view import COORDINATE, View, paired
 
 Floats = NDArray[np.float64]
 Tests = Iterator[tuple[str, Test]]  # each with the place on the grid it belongs to

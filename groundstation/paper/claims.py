@@ -66,5 +66,5 @@ class Claim(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 def load() -> list[Claim]:
     """The claims in the order of the paper."""
-    text = files("groundstation.paper").joinpath("claims.toml").read_text(encoding="utf-8")
+    text = files("meanflock.groundstation.paper").joinpath("claims.toml").read_text(encoding="utf-8")
     return msgspec.convert(tomllib.loads(text)["claim"], list[Claim])

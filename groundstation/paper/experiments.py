@@ -16,11 +16,11 @@ import joblib
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from groundstation.paper.flown import Flown, fly
-from groundstation.paper.grid import EXPERIMENTS, Wanted, wanted
-from groundstation.paper.methods import Method
-from groundstation.paper.store import Results, Store, StoredRun, encode, stored, tables
-from swarm.errors import BadInput, MeanflockError, RunFailed
+from meanflock.groundstation.paper.flown import Flown, fly
+from meanflock.groundstation.paper.grid import EXPERIMENTS, Wanted, wanted
+from meanflock.groundstation.paper.methods import Method
+from meanflock.groundstation.paper.store import Results, Store, StoredRun, encode, stored, tables
+from meanflock.swarm.errors import BadInput, MeanflockError, RunFailed
 
 BACKENDS = ("loky", "dask")
 _ATTEMPTS = 2

@@ -5,13 +5,13 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from groundstation import plotstyle
-from groundstation.paper.figures_curves import residuals, six_panels
-from groundstation.paper.figures_grids import against_period, against_uavs, against_wind
-from groundstation.paper.figures_paths import offline, trajectories
-from groundstation.paper.store import Results
-from groundstation.paper.view import View
-from swarm.errors import BadInput
+from meanflock.groundstation import plotstyle
+from meanflock.groundstation.paper.figures_curves import residuals, six_panels
+from meanflock.groundstation.paper.figures_grids import against_period, against_uavs, against_wind
+from meanflock.groundstation.paper.figures_paths import offline, trajectories
+from meanflock.groundstation.paper.store import Results
+from meanflock.groundstation.paper.view import View
+from meanflock.swarm.errors import BadInput
 
 _GRID = "; mean over seeds with 95 % interval. Dotted in (d): the floor 1/N of φ_C."
 

@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy import stats
 
-from groundstation import plotstyle
-from groundstation.paper.figures_grids import COMPARED
-from groundstation.paper.view import Frame, View
-from groundstation.quantities import FIELDS
+from meanflock.groundstation import plotstyle
+from meanflock.groundstation.paper.figures_grids import COMPARED
+from meanflock.groundstation.paper.view import Frame, View
+from meanflock.groundstation.quantities import FIELDS
 
 Floats = NDArray[np.float64]
 

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from groundstation import plotstyle
-from groundstation.paper import statistics
-from groundstation.paper.view import COORDINATE, View
-from groundstation.quantities import FIELDS
+from meanflock.groundstation import plotstyle
+from meanflock.groundstation.paper import statistics
+from meanflock.groundstation.paper.view import COORDINATE, View
+from meanflock.groundstation.quantities import FIELDS
 
 CRITERIA = tuple(
     (metric, FIELDS[metric].remarked) for metric in ("energy_mean_J", "t_avg_censored_s", "phi_A_tavg", "phi_C_tavg")

@@ -12,14 +12,14 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
 
-from groundstation import plotstyle
-from groundstation.paper.figures_grids import COMPARED
-from groundstation.paper.traces import Trace, collisions, interaction_term, trace
-from groundstation.paper.view import View
-from kernels import weights
-from swarm import state
-from swarm.messages import Status
-from swarm.scenario import Scenario, load
+from meanflock.groundstation import plotstyle
+from meanflock.groundstation.paper.figures_grids import COMPARED
+from meanflock.groundstation.paper.traces import Trace, collisions, interaction_term, trace
+from meanflock.groundstation.paper.view import View
+from meanflock.kernels import weights
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire.messages import Status
 
 Floats = NDArray[np.float64]
 

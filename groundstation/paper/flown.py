@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from groundstation.engine import Engine
-from groundstation.paper.recorder import Recorder
-from groundstation.paper.series import Record
-from swarm.scenario import Scenario
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.paper.recorder import Recorder
+from meanflock.groundstation.paper.series import Record
+from meanflock.swarm.scenario import Scenario
 
 
 @dataclass(frozen=True)

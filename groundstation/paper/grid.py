@@ -10,8 +10,8 @@ import msgspec
 import numpy as np
 from scipy.stats import qmc
 
-from groundstation.paper.methods import Method
-from swarm.scenario import Scenario, load
+from meanflock.groundstation.paper.methods import Method
+from meanflock.swarm.scenario import Scenario, load
 
 LEARNING = (Method.HJB, Method.MFG, Method.MFGFL_H, Method.MFGFL_F, Method.MFGFL_HF)
 FEDERATED = (Method.MFGFL_H, Method.MFGFL_F, Method.MFGFL_HF)

@@ -8,13 +8,13 @@ import numpy as np
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
-from groundstation.engine import Engine
-from groundstation.paper import optimum, theory
-from groundstation.paper.methods import Method
-from groundstation.paper.view import keep_measured, load_measured
-from swarm import state
-from swarm.messages import Status, Telemetry
-from swarm.scenario import Scenario
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.paper import optimum, theory
+from meanflock.groundstation.paper.methods import Method
+from meanflock.groundstation.paper.view import keep_measured, load_measured
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import Status, Telemetry
 
 Floats = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm import state
-from swarm.scenario import Scenario
-from worldsim.vehicles.point_mass import PointMass
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Scenario
+from meanflock.worldsim.vehicles.point_mass import PointMass
 
 Floats = NDArray[np.float64]
 

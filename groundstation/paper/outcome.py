@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from groundstation.paper.statistics import Estimate
+from meanflock.groundstation.paper.statistics import Estimate
 
 
 class Outcome(enum.StrEnum):

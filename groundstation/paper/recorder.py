@@ -6,13 +6,13 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import NDArray
 
-from groundstation.engine import Engine
-from groundstation.paper.methods import Method
-from groundstation.paper.series import Record, Seen, Sums, Trace, scalars_of, series_of
-from kernels import weights
-from swarm.scenario import Scenario
-from worldsim.flight import LOST, Flight
-from worldsim.summary import weight_spread
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.paper.methods import Method
+from meanflock.groundstation.paper.series import Record, Seen, Sums, Trace, scalars_of, series_of
+from meanflock.kernels import weights
+from meanflock.swarm.scenario import Scenario
+from meanflock.worldsim.flight import LOST, Flight
+from meanflock.worldsim.summary import weight_spread
 
 Floats = NDArray[np.float64]
 

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from groundstation.paper import statistics, verdict
-from groundstation.paper.figures import FIGURES
-from groundstation.paper.outcome import show
-from groundstation.paper.sensitivity import Share, shares
-from groundstation.paper.store import Results
-from groundstation.paper.view import View
+from meanflock.groundstation.paper import statistics, verdict
+from meanflock.groundstation.paper.figures import FIGURES
+from meanflock.groundstation.paper.outcome import show
+from meanflock.groundstation.paper.sensitivity import Share, shares
+from meanflock.groundstation.paper.store import Results
+from meanflock.groundstation.paper.view import View
 
 VERDICTS = (verdict.REPRODUCED, verdict.NOT_REPRODUCED, verdict.UNDECIDED, verdict.NOT_TESTABLE)
 RULE = (
@@ -119,7 +119,7 @@ def diverged(view: View) -> Table:
 
 def readings() -> Table:
     """The paper's slips and gaps, and how they are read."""
-    text = files("groundstation.paper").joinpath("readings.toml").read_text(encoding="utf-8")
+    text = files("meanflock.groundstation.paper").joinpath("readings.toml").read_text(encoding="utf-8")
     items = tomllib.loads(text)["reading"]
     rows = [[item["topic"], item["printed"], item["reading"], item["where"]] for item in items]
     return ("what", "in the paper", "our reading", "where to change it"), rows
@@ -293,7 +293,7 @@ def _html_figure(name: str, path: Path) -> str:
 
 
 def _html(sections: Sequence[Section], records: Sequence[Mapping[str, Any]], drawn: Mapping[str, Path]) -> str:
-    css = files("groundstation.paper").joinpath("report.css").read_text(encoding="utf-8")
+    css = files("meanflock.groundstation.paper").joinpath("report.css").read_text(encoding="utf-8")
     tally = "".join(
         f"<span class='{name.replace(' ', '-')}'><b>{count}</b> {name}</span>"
         for name, count in counts(records).items()

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from groundstation.paper import claims
-from groundstation.paper.store import Results
-from groundstation.paper.verdict import NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, UNDECIDED, judge
-from groundstation.paper.view import View
+from meanflock.groundstation.paper import claims
+from meanflock.groundstation.paper.store import Results
+from meanflock.groundstation.paper.verdict import NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, UNDECIDED, judge
+from meanflock.groundstation.paper.view import View
 
 EXPERIMENTS = ("sensitivity", "random")
 

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from groundstation.paper.methods import Method
-from kernels import interaction
-from swarm import state
-from swarm.scenario import Scenario
-from worldsim.flight import LOST, Flight
+from meanflock.groundstation.paper.methods import Method
+from meanflock.kernels import interaction
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Scenario
+from meanflock.worldsim.flight import LOST, Flight
 
 Floats = NDArray[np.float64]
 Scalar = float | int | bool | None

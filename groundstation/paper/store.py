@@ -81,15 +81,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-import agent
-import channel
-import kernels
-import leader
-import swarm
-import worldsim
-from groundstation import durable
-from groundstation.paper.series import Record, Trace
-from swarm.errors import BadInput, RunFailed
+from meanflock import agent, channel, kernels, leader, swarm, worldsim
+from meanflock.groundstation import durable
+from meanflock.groundstation.paper.series import Record, Trace
+from meanflock.swarm.errors import BadInput, RunFailed
 
 DATA = "data"
 _MAGIC = b"meanflock job 1\n"

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from agent.tables import DENSITY_EXPONENTS, VALUE_EXPONENTS, scales, tables
-from groundstation.engine import Engine
-from kernels import features, fpk, hjb
-from kernels.weights import DENSITY, DENSITY_FEATURES, VALUE, VALUE_FEATURES
-from swarm import state
-from swarm.messages import Status
-from swarm.scenario import Scenario
-from worldsim.flight import Flight
+from meanflock.agent.tables import DENSITY_EXPONENTS, VALUE_EXPONENTS, scales, tables
+from meanflock.groundstation.engine import Engine
+from meanflock.kernels import features, fpk, hjb
+from meanflock.kernels.weights import DENSITY, DENSITY_FEATURES, VALUE, VALUE_FEATURES
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import Status
+from meanflock.worldsim.flight import Flight
 
 Floats = NDArray[np.float64]
 

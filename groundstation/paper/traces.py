@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from groundstation.paper.view import View
-from kernels import interaction
-from swarm import state
-from swarm.messages import Status
-from swarm.scenario import Scenario
+from meanflock.groundstation.paper.view import View
+from meanflock.kernels import interaction
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import Status
 
 Floats = NDArray[np.float64]
 

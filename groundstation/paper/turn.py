@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from groundstation.paper.view import View
-from swarm.scenario import Scenario
+from meanflock.groundstation.paper.view import View
+from meanflock.swarm.scenario import Scenario
 
 Floats = NDArray[np.float64]
 

@@ -12,12 +12,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from groundstation.paper import claims
-from groundstation.paper.checks import Findings, named, run_check
-from groundstation.paper.claims import Claim
-from groundstation.paper.outcome import Outcome, Test, all_of
-from groundstation.paper.store import Results
-from groundstation.paper.view import View
+from meanflock.groundstation.paper import claims
+from meanflock.groundstation.paper.checks import Findings, named, run_check
+from meanflock.groundstation.paper.claims import Claim
+from meanflock.groundstation.paper.outcome import Outcome, Test, all_of
+from meanflock.groundstation.paper.store import Results
+from meanflock.groundstation.paper.view import View
 
 REPRODUCED, NOT_REPRODUCED, UNDECIDED, NOT_TESTABLE = "reproduced", "not reproduced", "undecided", "not testable"
 VERDICTS = {

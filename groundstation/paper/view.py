@@ -11,8 +11,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from groundstation.paper.store import DATA, Results, version
-from swarm.errors import BadInput
+from meanflock.groundstation.paper.store import DATA, Results, version
+from meanflock.swarm.errors import BadInput
 
 Floats = NDArray[np.float64]
 

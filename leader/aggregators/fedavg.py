@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from leader.aggregators.base import Aggregator, Floats, State
-from swarm.mean import fedavg
+from meanflock.leader.aggregators.base import Aggregator, Floats, State
+from meanflock.swarm.mean import fedavg
 
 
 class FedAvg(Aggregator):

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from leader.aggregators.base import Aggregator, Floats, State
+from meanflock.leader.aggregators.base import Aggregator, Floats, State
 
 
 class Median(Aggregator):

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from leader.aggregators.base import Aggregator, Floats, State
-from leader.aggregators.suspects import suspects
+from meanflock.leader.aggregators.base import Aggregator, Floats, State
+from meanflock.leader.aggregators.suspects import suspects
 
 
 class TrimmedMean(Aggregator):

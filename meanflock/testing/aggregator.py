@@ -5,10 +5,10 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from leader.aggregators.base import Aggregator, State
+from meanflock.leader.aggregators.base import Aggregator, State
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.control import decode_record, encode_record
 from meanflock.testing.error import alike, copies, fail, make, same, with_other_randomness
-from swarm.codec import decode_record, encode_record
-from swarm.scenario import Scenario
 
 PARAMETERS, UAVS, ROUNDS = 12, 7, 5
 

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from meanflock.swarm.scenario import Scenario
 from meanflock.testing.error import fail, make, same, with_other_randomness
-from swarm.scenario import Scenario
 
 LINKS = 40
 BITS = (1, 128, 3456, 7872)

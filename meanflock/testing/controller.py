@@ -8,15 +8,15 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.controllers.base import Controller, Memory, Received, Step
-from agent.rows import checked_memory, checked_step, of_row
+from meanflock.agent.controllers.base import Controller, Memory, Received, Step
+from meanflock.agent.rows import checked_memory, checked_step, of_row
+from meanflock.swarm import declared as declarations
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import AXES, States
+from meanflock.swarm.wire.control import decode_record, encode_record
 from meanflock.testing.error import alike, copies, fail, make, same, with_other_randomness
-from swarm import declared as declarations
-from swarm.codec import decode_record, encode_record
-from swarm.errors import BadInput
-from swarm.scenario import Scenario
-from swarm.state import AXES, States
-from worldsim.formation import initial_states
+from meanflock.worldsim.formation import initial_states
 
 UAVS, TICKS = 6, 40
 LOST = 0.2  # share of the frames that the radio loses in the trial
@@ -201,9 +201,8 @@ class _Suite:
             fail(self._class, f"`step` with {len(own)} UAVs failed in tick {tick}: {_text(error)}", "mend it")
 
     def _checked(self, step: Step, before: Memory, rows: int) -> NDArray[np.float64]:
-        columns = AXES + len(self._declared.diagnostics)
         try:
-            commands = checked_step(step, before, rows, columns)
+            commands = checked_step(step, before, rows, self._declared)
         except Exception as error:
             fail(self._class, f"`step` returned what a flight cannot use: {_text(error)}", "return what is declared")
         if not np.isfinite(commands).all():
@@ -270,7 +269,7 @@ class _Suite:
 
 def _for(group: NDArray[np.intp], frames: Sequence[Received]) -> tuple[Received, ...]:
     """What the UAVs of a group receive, links renumbered to its rows."""
-    own = []
+    own: list[Received] = []
     for batch in frames:
         mine = batch.links[np.isin(batch.links[:, 1], group)]
         if len(mine):

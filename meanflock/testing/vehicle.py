@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.control import decode_record, encode_record
 from meanflock.testing.error import copies, fail, make, same, with_other_randomness
-from swarm.codec import decode_record, encode_record
-from swarm.scenario import Scenario
 
 UAVS, TICKS = 5, 30
 

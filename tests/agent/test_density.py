@@ -6,12 +6,12 @@ from itertools import product
 import numpy as np
 import pytest
 
-from agent import density as density_module
-from agent.learner import Learner
-from swarm import model
-from swarm.scenario import Scenario, load
-from swarm.seeds import generator
-from worldsim.formation import initial_states
+from meanflock.agent import density as density_module
+from meanflock.agent.learner import Learner
+from meanflock.swarm import model
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.seeds import generator
+from meanflock.worldsim.formation import initial_states
 
 EXPONENTS = np.array([row for row in product(range(5), repeat=4) if 1 <= sum(row) <= 4])
 SCALE = np.array([200.0, 200.0, 20.0, 20.0])

@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.feedback import Feedback
-from agent.node import Agent
-from swarm import codec
-from swarm.errors import BadInput
-from swarm.mean import fedavg
-from swarm.messages import FrameKind, Frames, Welcome
-from swarm.payload import Coding
+from meanflock.agent.feedback import Feedback
+from meanflock.agent.node import Agent
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.mean import fedavg
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import FrameKind, Frames, Welcome
+from meanflock.swarm.wire.payload import Coding
 from tests.agent.test_node import UAVS, flown, kept, models, sense, welcome
 from tests.methods import PARTS
 
@@ -144,7 +144,7 @@ def test_a_newcomer_with_residuals_goes_on_where_they_were_and_residuals_of_anot
     past = kept(Agent(fresh), 0)
 
     def with_past(residuals: np.ndarray) -> Welcome:
-        return msgspec.structs.replace(fresh, memory=codec.encode_record(past | {RESIDUALS: residuals}))
+        return msgspec.structs.replace(fresh, memory=control.encode_record(past | {RESIDUALS: residuals}))
 
     (seen, batch), *_ = uploads(Agent(with_past(owed)), 6)
     np.testing.assert_array_equal(batch.payload, Coding("int8", HF).encode(seen + owed))

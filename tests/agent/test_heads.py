@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from agent.heads import Heads
-from agent.node import Agent
-from swarm import scenario
-from swarm import tick as wire
-from swarm.errors import MessageRejected
-from swarm.mean import fedavg
-from swarm.messages import Act, FrameKind, Frames, Sense, Welcome
-from swarm.payload import Coding
-from swarm.scenario import Scenario, load
-from worldsim.formation import initial_states
+from meanflock.agent.heads import Heads
+from meanflock.agent.node import Agent
+from meanflock.swarm import scenario
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.mean import fedavg
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire import tick as wire
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Welcome
+from meanflock.swarm.wire.payload import Coding
+from meanflock.worldsim.formation import initial_states
 
 NOBODY = np.zeros(0, dtype=np.intp)
 OPENS, RELAYS = 10, 11  # of round 1

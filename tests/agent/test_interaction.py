@@ -5,13 +5,13 @@ from itertools import product
 
 import numpy as np
 import pytest
+from meanflock.swarm.methods import Method
 from scipy.stats import norm, qmc
-from swarm.methods import Method
 
-from agent.learner import Learner
-from swarm import model, state
-from swarm.scenario import Scenario, load
-from worldsim.formation import initial_states
+from meanflock.agent.learner import Learner
+from meanflock.swarm import model, state
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.worldsim.formation import initial_states
 
 EXPONENTS = np.array([row for row in product(range(5), repeat=4) if 1 <= sum(row) <= 4])  # σ_F, lexicographic
 NODES = np.array(

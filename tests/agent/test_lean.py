@@ -27,17 +27,17 @@ NEEDLESS = {
 # Through a round: what a tick, an upload or a report might load when it is first needed is loaded then.
 LIFE = """
 import sys
-import agent.__main__
+import meanflock.agent.__main__
 import numpy as np
-from agent.node import Agent
+from meanflock.agent.node import Agent
 from swarm import codec
-from swarm.messages import Sense, Welcome
+from meanflock.swarm.wire.messages import Sense, Welcome
 
 scenario = b'{"method": "METHOD", "uavs": 4, "federation": {"period": 2, "fraction": 1.0, "payload": "int8"}}'
 plan = np.arange(16, dtype="<f4").reshape(4, 4)
-agent = Agent(codec.decode(codec.encode(Welcome(1, "agent-1", (1,), 0, scenario, plan))))
+agent = Agent(control.decode(control.encode(Welcome(1, "agent-1", (1,), 0, scenario, plan))))
 acts = [agent.act(Sense(1, tick, plan[1:2].astype("<f8"), report=True, checkpoint=True)) for tick in range(5)]
-raw = [codec.encode(act) for act in acts]
+raw = [control.encode(act) for act in acts]
 assert sum(len(act.outbox) for act in acts) >= 2
 print(*(name for name, module in sys.modules.items() if module is not None))
 """
@@ -49,5 +49,5 @@ def test_an_agent_loads_nothing_it_does_not_need(method: str) -> None:
     lived = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert lived.returncode == 0, lived.stderr
     loaded = set(lived.stdout.split())
-    assert {"numpy", "zenoh", "swarm.scenario"} < loaded
+    assert {"numpy", "zenoh", "meanflock.swarm.scenario"} < loaded
     assert sorted(loaded & NEEDLESS) == []

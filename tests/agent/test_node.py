@@ -5,19 +5,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agent.node import Agent
-from kernels import weights
-from swarm import codec, keys, plugins, scenario, state
-from swarm import tick as wire
-from swarm.bus import Delivery, MemoryNetwork
-from swarm.codec import FLOAT_OF_BITS
-from swarm.errors import MessageRejected
-from swarm.messages import Act, FrameKind, Frames, Join, Ready, Sense, Stop, Welcome
-from swarm.rounds import Rounds
-from swarm.scenario import Scenario, load
-from swarm.spoke import Spoke
+from meanflock.agent.node import Agent
+from meanflock.kernels import weights
+from meanflock.swarm import plugins, scenario, state
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import Delivery, MemoryNetwork
+from meanflock.swarm.net.client import NodeClient
+from meanflock.swarm.rounds import Rounds
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire import tick as wire
+from meanflock.swarm.wire.control import FLOAT_OF_BITS
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Ready, Sense, Stop, Welcome
+from meanflock.worldsim.formation import initial_states
 from tests.methods import METHODS
-from worldsim.formation import initial_states
 
 RUN = "node-test"
 NUMBER = keys.fingerprint(RUN)
@@ -55,7 +57,7 @@ def models(act: Act) -> np.ndarray:
 
 def kept(agent: Agent, tick: int) -> dict[str, Any]:
     """What an agent replies to a request for all that it remembers."""
-    return codec.decode_record(agent.act(Sense(NUMBER, tick, states_at(tick), True, True)).memory)
+    return control.decode_record(agent.act(Sense(NUMBER, tick, states_at(tick), True, True)).memory)
 
 
 # -- federation ---------------------------------------------------------------------------------------------------
@@ -235,11 +237,11 @@ def test_a_sense_that_does_not_fit_is_rejected_and_nothing_has_changed(what: str
     assert wire.write_act(after) == wire.write_act(expected)
 
 
-# -- the spoke ----------------------------------------------------------------------------------------------------
+# -- the client ----------------------------------------------------------------------------------------------------
 
 
 class World:
-    """The other end of a spoke: welcomes whoever asks, and keeps what it is told."""
+    """The other end of a client: welcomes whoever asks, and keeps what it is told."""
 
     def __init__(self, of: Scenario) -> None:
         network = MemoryNetwork()
@@ -250,19 +252,19 @@ class World:
         self._bus.answer(keys.join(RUN))
         self._bus.subscribe(keys.act(RUN, "*"))
         endpoint = network.endpoint()
-        self.spoke = Spoke(endpoint, RUN)
-        endpoint.handler = self.spoke.handle
-        self.spoke.join(Join("agent", 3), Agent, timeout_s=1.0)
+        self.client = NodeClient(endpoint, RUN)
+        endpoint.handler = self.client.handle
+        self.client.join(Join("agent", 3), Agent, timeout_s=1.0)
 
     def ask(self, raw: bytes) -> None:
         self._bus.put(keys.sense(RUN, f"agent-{UAVS[0]}"), raw)
 
     def _handle(self, delivery: Delivery) -> None:
         if delivery.reply is not None:
-            delivery.reply(codec.encode(welcome(self._of)))
+            delivery.reply(control.encode(welcome(self._of)))
         else:
             self.raw.append(delivery.payload)
-            read = wire.read_act if delivery.payload[1:2] in wire.TYPES else codec.decode
+            read = wire.read_act if delivery.payload[1:2] in wire.TYPES else control.decode
             self.said.append(read(delivery.payload))
 
 
@@ -278,7 +280,7 @@ def test_the_same_sense_twice_gets_the_same_bytes_and_is_learned_once() -> None:
         world.ask(raw)
         assert world.raw[-1] == world.raw[-2] == wire.write_act(reference.act(sense(tick)))
     assert len(world.raw) == 1 + 6
-    assert not world.spoke.dropped
+    assert not world.client.dropped
 
 
 def test_what_is_old_foreign_or_broken_is_dropped_counted_and_never_answered() -> None:
@@ -294,8 +296,8 @@ def test_what_is_old_foreign_or_broken_is_dropped_counted_and_never_answered() -
     for raw in (
         wire.write_sense(sense(0)),
         wire.write_sense(Sense(NUMBER ^ 1, 2, states_at(2))),
-        codec.encode(Ready(NUMBER)),
-        codec.encode(Stop(NUMBER ^ 1, "not ours")),
+        control.encode(Ready(NUMBER)),
+        control.encode(Stop(NUMBER ^ 1, "not ours")),
         good[:-1],
         good + b"\0",
         b"",
@@ -305,7 +307,7 @@ def test_what_is_old_foreign_or_broken_is_dropped_counted_and_never_answered() -
     ):
         world.ask(raw)
     assert len(world.raw) == answers
-    assert world.spoke.dropped == {
+    assert world.client.dropped == {
         "stale": 1,
         "wrong-run": 2,
         "wrong-kind": 2,
@@ -315,11 +317,11 @@ def test_what_is_old_foreign_or_broken_is_dropped_counted_and_never_answered() -
     }
     world.ask(good)
     assert world.raw[-1] == wire.write_act(reference.act(sense(2)))
-    assert world.spoke.stopped is None
+    assert world.client.stopped is None
 
 
 def test_a_stop_of_this_run_ends_the_service() -> None:
     world = World(flown())
-    world.ask(codec.encode(Stop(NUMBER, "finished")))
-    assert world.spoke.stopped == "finished"
-    assert world.spoke.serve(lambda: False, lambda: False) == "finished"
+    world.ask(control.encode(Stop(NUMBER, "finished")))
+    assert world.client.stopped == "finished"
+    assert world.client.serve(lambda: False, lambda: False) == "finished"

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.controllers.offline import OpenLoopPlan, speeds
-from groundstation.engine import Engine
-from swarm import state
-from swarm.scenario import Scenario, load
-from worldsim.formation import initial_states
-from worldsim.vehicles.point_mass import PointMass
+from meanflock.agent.controllers.offline import OpenLoopPlan, speeds
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.worldsim.formation import initial_states
+from meanflock.worldsim.vehicles.point_mass import PointMass
 
 SPACING = "start.spacing=6"
 

@@ -6,13 +6,13 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from agent.controllers.base import Broadcast, Controller, Memory, Received, Step
-from groundstation.engine import Engine
-from swarm import plugins
-from swarm.errors import BadInput
-from swarm.messages import Status, Telemetry
-from swarm.scenario import Scenario, load
-from worldsim.checkpoint import Resumption
+from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm import plugins
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire.messages import Status, Telemetry
+from meanflock.worldsim.checkpoint import Resumption
 
 BAD, WHEN = 2, 7  # the UAV whose controller goes wrong, and the tick it does in
 UAVS = 5

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from swarm.methods import Method
+from meanflock.swarm.methods import Method
 
-from agent.learner import Learner, StepResult
-from swarm import state
-from swarm.scenario import Scenario, load
-from worldsim.formation import initial_states
+from meanflock.agent.learner import Learner, StepResult
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.worldsim.formation import initial_states
 
 TICKS = 4
 LEARNING = [method for method in Method if method.learns_value]

@@ -6,19 +6,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from channel.base import Channel
-from channel.fading.ideal import Ideal
-from channel.fading.rice import Rice
-from channel.medium import Medium
-from groundstation.engine import Engine
-from swarm import plugins, state
-from swarm.errors import BadInput, RunFailed
-from swarm.messages import FrameKind, Frames
-from swarm.scenario import Scenario, load
+from meanflock.channel.base import Channel
+from meanflock.channel.fading.ideal import Ideal
+from meanflock.channel.fading.rice import Rice
+from meanflock.channel.medium import Medium
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm import plugins, state
+from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire.messages import FrameKind, Frames
 
 DISK = '''
 import numpy as np
-from channel.base import Channel
+from meanflock.channel.base import Channel
 
 class Disk(Channel):
     """Everything gets through within a radius, in one slot; beyond it nothing does, in two."""
@@ -133,11 +133,8 @@ def test_a_summary_has_the_closed_forms_there_are(disk, model: str, unknown: boo
         ("np.where(near, 1, 2), near", "np.where(near, 1, 2), near * 1", "delivered: int64"),
         ("np.where(near, 1, 2), near", "near", "failed: ValueError"),
         ("        near =", "        raise OSError('no antenna')\n        near =", "failed: OSError: no antenna"),
-        (
-            "    def transmit",
-            "    def expected(self, d, b):\n        return np.nan, 1.0\n\n    def transmit",
-            "expected: ",
-        ),
+        ("class Options", "expected = lambda self, *given: (np.nan, 1.0)\n\n    class Options", "expected: "),
+        ("class Options", "expected = lambda self, *given: 'many'\n\n    class Options", "failed: ValueError"),
     ],
 )
 def test_a_wrong_channel_ends_the_run_and_says_what_is_wrong(disk, old: str, new: str, said: str) -> None:

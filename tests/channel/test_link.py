@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from channel import theory
-from channel.fading.ideal import Ideal
-from channel.fading.rice import Rice, squared_amplitude
-from channel.link import bits_per_slot, slots_needed, squared_threshold
-from swarm.scenario import Radio, Scenario, load
+from meanflock.channel import theory
+from meanflock.channel.fading.ideal import Ideal
+from meanflock.channel.fading.rice import Rice, squared_amplitude
+from meanflock.channel.link import bits_per_slot, slots_needed, squared_threshold
+from meanflock.swarm.scenario import Radio, Scenario, load
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "radio.json").read_text())
 RTOL = 1e-9

@@ -5,16 +5,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from swarm.methods import Method
+from meanflock.swarm.methods import Method
 
-from channel.medium import Medium
-from channel.meter import Meter
-from groundstation.engine import Engine
-from swarm import state
-from swarm.codec import FLOAT_OF_BITS
-from swarm.messages import FrameKind, Frames
-from swarm.rounds import Rounds
-from swarm.scenario import Scenario, load
+from meanflock.channel.medium import Medium
+from meanflock.channel.meter import Meter
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm import state
+from meanflock.swarm.rounds import Rounds
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire.control import FLOAT_OF_BITS
+from meanflock.swarm.wire.messages import FrameKind, Frames
 
 UAVS = 6
 TICKS = 240

@@ -12,18 +12,18 @@ from typing import Any
 
 import pytest
 
-from agent.node import Agent
-from groundstation.engine import Engine
-from groundstation.launch import free_endpoint
-from groundstation.results import past
-from leader.node import Leader
-from swarm import keys
-from swarm.bus import MemoryBus
-from swarm.messages import Event, Join, Telemetry
-from swarm.scenario import Scenario, load
-from swarm.spoke import Spoke
+from meanflock.agent.node import Agent
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch import free_endpoint
+from meanflock.groundstation.results import past
+from meanflock.leader.node import Leader
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import MemoryBus
+from meanflock.swarm.net.client import NodeClient
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire.messages import Event, Join, Telemetry
+from meanflock.worldsim.checkpoint import EVERY_TICKS
 from tests.polling import DEADLINE_S, until
-from worldsim.checkpoint import EVERY_TICKS
 
 RUN = "faults"
 SETTINGS = ("uavs=3", "seed=7", "stop=duration", "federation.period=40", "method=mfgfl-h")
@@ -33,7 +33,7 @@ ENDLESS = (*SETTINGS, "duration=100000")
 @pytest.fixture(autouse=True)
 def frequent_checkpoints(monkeypatch: pytest.MonkeyPatch) -> None:
     """As in a swarm of processes, so that short flights have some."""
-    monkeypatch.setattr("groundstation.engine._CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
+    monkeypatch.setattr("meanflock.groundstation.engine._CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
 
 
 def scenario(*settings: str, method: str = "mfgfl-h") -> Scenario:
@@ -83,11 +83,11 @@ class Lab:
         """The node is gone, and its token with it."""
         self.bus_of(name).close()
 
-    def agent(self, rows: int = 1) -> Spoke:
+    def agent(self, rows: int = 1) -> NodeClient:
         """Another agent asks to take part."""
         return self.engine.join(Join("agent", rows), Agent)
 
-    def leader(self) -> Spoke:
+    def leader(self) -> NodeClient:
         """Another leader asks to take part."""
         return self.engine.join(Join("leader", 0), Leader)
 
@@ -111,8 +111,8 @@ class Processes:
     def world(self, *flags: str, settings: tuple[str, ...] = ()) -> "subprocess.Popen[str]":
         return self.start("worldsim", *flags, *(word for setting in settings for word in ("--set", setting)))
 
-    def station(self, out: Path, *flags: str) -> "subprocess.Popen[str]":
-        return self.start("groundstation", "--out", str(out), "--rerun", "", *flags)
+    def station(self, out: Path, *flags: str, base: tuple[str, ...] | None = None) -> "subprocess.Popen[str]":
+        return self.start("groundstation", "--out", str(out), "--rerun", "", *flags, base=base)
 
     def close(self) -> None:
         for process in self._started:
@@ -200,7 +200,7 @@ class Flight:
         self.station.send_signal(number)
         self.station.communicate(timeout=DEADLINE_S)
         kept, agent = self.rows(), self.agents[0]
-        self.station = self.processes.station(self.out, "--resume", "latest")
+        self.station = self.processes.station(self.out, "--resume", "latest", "--wait", "5")
 
         def records() -> bool:
             agent.send_signal(signal.SIGCONT)

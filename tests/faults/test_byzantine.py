@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from agent.byzantine import Byzantine
-from leader.aggregators.suspects import suspects
-from swarm import mean, plugins
-from swarm.mean import ABSURD, refuse, stacked
-from swarm.scenario import load
+from meanflock.agent.byzantine import Byzantine
+from meanflock.leader.aggregators.suspects import suspects
+from meanflock.swarm import mean, plugins
+from meanflock.swarm.mean import ABSURD, refuse, stacked
+from meanflock.swarm.scenario import load
 from tests.faults.conftest import Lab, scenario
 
 QUICK = settings(max_examples=60, deadline=None, database=None)

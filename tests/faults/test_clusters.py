@@ -8,21 +8,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.heads import Heads
-from channel.medium import Medium
-from groundstation.engine import Engine
-from groundstation.resume import back
-from leader.node import Leader
-from swarm import scenario as scenarios
-from swarm.clusters import Clusters
-from swarm.mean import fedavg
-from swarm.messages import FrameKind, Frames, Sense, Welcome
-from swarm.rounds import Rounds
-from swarm.scenario import Scenario, load
-from swarm.spoke import Spoke
+from meanflock.agent.heads import Heads
+from meanflock.channel.medium import Medium
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.resume import back
+from meanflock.leader.node import Leader
+from meanflock.swarm import scenario as scenarios
+from meanflock.swarm.clusters import Clusters
+from meanflock.swarm.mean import fedavg
+from meanflock.swarm.net.client import NodeClient
+from meanflock.swarm.rounds import Rounds
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire.messages import FrameKind, Frames, Sense, Welcome
+from meanflock.worldsim.formation import initial_states
 from tests.faults.conftest import Lab, scenario
 from tests.faults.test_resume import LATER, dead, flight, resumed, steady
-from worldsim.formation import initial_states
 
 FLOATS, PERIOD = 108, 20
 CLEAR = ("radio.bits_per_float=64", "radio.target_snr_db=60")  # nothing is lost, nothing rounded
@@ -306,7 +306,7 @@ def test_a_node_that_takes_a_head_over_between_the_hops_hears_what_its_predecess
 
     other.world.air.send = listen  # type: ignore[method-assign, assignment]
 
-    def again() -> Spoke:
+    def again() -> NodeClient:
         other.kill("agent-4")
         return other.agent()
 
@@ -337,7 +337,7 @@ def test_a_run_resumed_at_any_tick_of_a_round_ends_as_it_would_have(
     slow = ("radio.coherence_time_s=0.05", "radio.target_snr_db=76")
     of = load(None, [f"uavs={9}", "federation.clusters=3", LATER, 'stop="duration"', "federation.period=20", *slow])
     expected = flight(tmp_path / "whole", of)
-    monkeypatch.setattr("worldsim.node.REPORT_EVERY_TICKS", 1)
+    monkeypatch.setattr("meanflock.worldsim.node.REPORT_EVERY_TICKS", 1)
     init = Engine.__init__
 
     def often(engine: Engine, *given_: Any, **named: Any) -> None:

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarm.election import elect
-from swarm.messages import FrameKind, Frames
+from meanflock.swarm.election import elect
+from meanflock.swarm.wire.messages import FrameKind, Frames
 from tests.faults.conftest import Lab, scenario
 
 NAMES = st.sets(st.sampled_from(["leader", "leader.2", "leader.3", "leader.10", "b"]))
@@ -104,8 +104,8 @@ def test_a_leader_that_averages_a_round_again_is_not_heard() -> None:
     slow = scenario("uavs=3", "radio.coherence_time_s=0.1", "radio.target_snr_db=76")  # rounds are open for some ticks
     honest = Lab(slow).fly()
     lab = Lab(slow)
-    spoke = lab.bus_of("leader").handler.__self__  # type: ignore[union-attr]
-    act, said = spoke._node.act, []
+    client = lab.bus_of("leader").handler.__self__  # type: ignore[union-attr]
+    act, said = client._node.act, []
 
     def again(sense):  # type: ignore[no-untyped-def]
         answer = act(sense)
@@ -116,7 +116,7 @@ def test_a_leader_that_averages_a_round_again_is_not_heard() -> None:
             answer = type(answer)(answer.run, answer.tick, answer.commands, outbox=(old,))
         return answer
 
-    spoke._node.act = again
+    client._node.act = again
     summary = lab.fly()
     assert summary["dropped_messages"] == {"duplicate": 1}
     assert summary["trajectory_sha256"] == honest["trajectory_sha256"]
@@ -133,7 +133,7 @@ def test_uploads_spread_over_several_ticks_all_reach_whoever_leads_when_the_roun
 
 
 def test_what_a_leader_has_heard_it_does_not_hear_again_and_a_new_one_hears_all() -> None:
-    from worldsim.inbox import Uploads
+    from meanflock.worldsim.inbox import Uploads
 
     def batch(number: int, uav: int) -> Frames:
         links = np.array([[0, 0]], dtype=np.int32)

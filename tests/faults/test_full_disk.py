@@ -13,11 +13,11 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from groundstation import durable
-from groundstation.results import RunFolder, past
-from groundstation.viewer import verify
-from swarm import scenario as scenarios
-from swarm.errors import BadInput, RunFailed
+from meanflock.groundstation import durable
+from meanflock.groundstation.results import RunFolder, past
+from meanflock.groundstation.viewer import verify
+from meanflock.swarm import scenario as scenarios
+from meanflock.swarm.errors import BadInput, RunFailed
 from tests.faults.conftest import Lab, Processes, scenario, spool_bytes
 from tests.polling import DEADLINE_S, until
 
@@ -72,7 +72,7 @@ def test_a_run_whose_disk_fills_up_fails_with_a_verdict_and_is_resumed_to_the_en
 ) -> None:
     recorded = disk.limit is None
     flags = ["--in-process", "--quiet", "--record" if recorded else "--no-record"]
-    command = [sys.executable, "-m", "groundstation.cli"]
+    command = [sys.executable, "-m", "meanflock.groundstation.cli"]
     settings = [word for setting in SETTINGS for word in ("--set", setting)]
     failed = subprocess.run(
         [*command, "run", "--out", str(disk.path), *flags, *settings],
@@ -136,13 +136,13 @@ def test_a_ground_station_whose_disk_is_full_ends_and_the_flight_goes_on(disk: D
 def test_of_a_block_that_does_not_fit_nothing_is_kept(
     what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("groundstation.engine._BLOCK_ROWS", 20)
+    monkeypatch.setattr("meanflock.groundstation.engine._BLOCK_ROWS", 20)
     lab = Lab(scenario())
     lab.fly()
     folder = RunFolder(tmp_path, "run", scenario())
     for block in lab.told.blocks[:3]:
         folder.write(block)
-    folder._aside.wait()
+    folder._background.wait()
     rows = whole(tmp_path / "run")
     fits = iter({"events": (), "head": (1,), "rows": (1, 1), "checkpoint": ()}[what])
     write = durable.write
@@ -161,7 +161,7 @@ def test_of_a_block_that_does_not_fit_nothing_is_kept(
         for block in lab.told.blocks[3 : lab.told.blocks.index(failing) + 1]:
             folder.write(block)
         rows = whole(tmp_path / "run")
-        until(lambda: folder._aside._doing is not None and folder._aside._doing.done(), "the checkpoint")
+        until(lambda: folder._background._doing is not None and folder._background._doing.done(), "the checkpoint")
     for _ in range(2):
         with pytest.raises(RunFailed, match="meanflock resume"):
             folder.write(failing)
@@ -177,7 +177,7 @@ def test_a_disk_that_is_full_beforehand_is_bad_input_and_nothing_is_left(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("groundstation.results.Spool", full)
+    monkeypatch.setattr("meanflock.groundstation.results.Spool", full)
     with pytest.raises(BadInput, match="No space left"):
         RunFolder(tmp_path, "run", scenario())
     assert list(tmp_path.iterdir()) == []

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarm import tick
-from swarm.messages import Act, FrameKind, Frames
+from meanflock.swarm.wire import tick
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from tests.faults.conftest import Lab, scenario
 from tests.swarm.test_codec import read
 
@@ -27,8 +27,8 @@ def poisoned(act: Act, value: float) -> bytes:
 
 def hostile(lab: Lab, name: str, say: Callable[[Act, Callable[[bytes], None]], None]) -> None:
     """From now on what a node says in a round's tick is `say`'s to decide; it is given the honest act and the bus."""
-    spoke: Any = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
-    put = spoke._bus.put
+    client: Any = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
+    put = client._bus.put
 
     def speak(key: str, raw: bytes) -> None:
         act = read(raw)
@@ -37,7 +37,7 @@ def hostile(lab: Lab, name: str, say: Callable[[Act, Callable[[bytes], None]], N
         else:
             put(key, raw)
 
-    spoke._bus.put = speak
+    client._bus.put = speak
 
 
 def swarm(rule: str, *extra: str) -> Lab:
@@ -106,8 +106,8 @@ def test_nobody_can_take_the_uploads_of_all_to_another_round() -> None:
 
 def test_an_upload_between_rounds_is_not_kept() -> None:
     lab = swarm("fedavg")
-    spoke: Any = lab.bus_of("agent-2").handler.__self__  # type: ignore[union-attr]
-    put = spoke._bus.put
+    client: Any = lab.bus_of("agent-2").handler.__self__  # type: ignore[union-attr]
+    put = client._bus.put
     model = np.zeros((1, 108), np.float32)
 
     def always(key: str, raw: bytes) -> None:
@@ -117,7 +117,7 @@ def test_an_upload_between_rounds_is_not_kept() -> None:
             raw = tick.write_act(Act(act.run, act.tick, act.commands, outbox=(extra,), models=act.models))
         put(key, raw)
 
-    spoke._bus.put = always
+    client._bus.put = always
     summary = lab.fly()
     assert summary["dropped_messages"]["wrong-round"] == 120 - ROUNDS
     assert not lab.world._uploads._kept

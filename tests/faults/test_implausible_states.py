@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.controllers import mean_field
-from agent.node import Agent
-from groundstation import engine as rooms
-from groundstation.engine import Engine
-from swarm import plausible
-from swarm.messages import Act, FrameKind, Frames, Sense, Telemetry
-from swarm.scenario import Scenario, load
+from meanflock.agent.controllers import mean_field
+from meanflock.agent.node import Agent
+from meanflock.groundstation import engine as rooms
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm import plausible
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Telemetry
 
 LIAR = 3
 Lie = Callable[[np.ndarray], np.ndarray]

@@ -7,9 +7,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from swarm import tick
-from swarm.messages import Act, FrameKind, Frames
-from swarm.rounds import Rounds
+from meanflock.swarm.rounds import Rounds
+from meanflock.swarm.wire import tick
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from tests.faults.conftest import Lab
 from tests.faults.test_clusters import CLEAR, FLOATS, PERIOD, globals_of, swarm
 from tests.swarm.test_codec import read
@@ -17,8 +17,8 @@ from tests.swarm.test_codec import read
 
 def saying(lab: Lab, name: str, change: Callable[[Frames], Frames | None], kind: FrameKind) -> None:
     """From now on a node says `change` of its frames of a kind, before or instead of them."""
-    spoke: Any = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
-    put = spoke._bus.put
+    client: Any = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
+    put = client._bus.put
 
     def speak(key: str, raw: bytes) -> None:
         act = read(raw)
@@ -26,7 +26,7 @@ def saying(lab: Lab, name: str, change: Callable[[Frames], Frames | None], kind:
             put(key, tick.write_act(Act(act.run, act.tick, act.commands, outbox=(change(found[0]),))))  # type: ignore[arg-type]
         put(key, raw)
 
-    spoke._bus.put = speak
+    client._bus.put = speak
 
 
 def counted(frames: Frames, count: float) -> Frames:
@@ -66,8 +66,8 @@ def test_relays_are_for_heads_rounds_and_scenarios_that_have_them() -> None:
     model = np.ones((1, FLOATS + 1), np.float32)
 
     def extra(lab: Lab, name: str, uav: int) -> dict[str, Any]:
-        spoke: Any = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
-        put = spoke._bus.put
+        client: Any = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
+        put = client._bus.put
 
         def speak(key: str, raw: bytes) -> None:
             act = read(raw)
@@ -76,7 +76,7 @@ def test_relays_are_for_heads_rounds_and_scenarios_that_have_them() -> None:
                 put(key, tick.write_act(Act(act.run, act.tick, act.commands, outbox=(said,), models=act.models)))
             put(key, raw)
 
-        spoke._bus.put = speak
+        client._bus.put = speak
         summary: dict[str, Any] = lab.fly()["dropped_messages"]
         return summary
 
@@ -90,8 +90,8 @@ def test_relays_are_for_heads_rounds_and_scenarios_that_have_them() -> None:
 )
 def test_a_node_refuses_uploads_of_its_own_cluster_once_and_when_it_averages(when: int, refused: tuple[int]) -> None:
     lab = Lab(swarm(), uavs_per_node=1)
-    spoke: Any = lab.bus_of("agent-4").handler.__self__  # type: ignore[union-attr]
-    put = spoke._bus.put
+    client: Any = lab.bus_of("agent-4").handler.__self__  # type: ignore[union-attr]
+    put = client._bus.put
 
     def speak(key: str, raw: bytes) -> None:
         act = read(raw)
@@ -99,7 +99,7 @@ def test_a_node_refuses_uploads_of_its_own_cluster_once_and_when_it_averages(whe
             put(key, tick.write_act(Act(act.run, act.tick, act.commands, refused=np.array(refused))))
         put(key, raw)
 
-    spoke._bus.put = speak
+    client._bus.put = speak
     summary = lab.fly()
     assert (summary["dropped_messages"], summary["uploads_refused"]) == ({"wrong-shape": 1}, 0)
     assert summary["states_refused"] == 0
@@ -107,8 +107,8 @@ def test_a_node_refuses_uploads_of_its_own_cluster_once_and_when_it_averages(whe
 
 def test_when_no_head_averages_what_a_node_refuses_are_states_of_others() -> None:
     lab = Lab(swarm(), uavs_per_node=1)
-    spoke: Any = lab.bus_of("agent-4").handler.__self__  # type: ignore[union-attr]
-    put = spoke._bus.put
+    client: Any = lab.bus_of("agent-4").handler.__self__  # type: ignore[union-attr]
+    put = client._bus.put
 
     def speak(key: str, raw: bytes) -> None:
         act = read(raw)
@@ -116,7 +116,7 @@ def test_when_no_head_averages_what_a_node_refuses_are_states_of_others() -> Non
             raw = tick.write_act(msgspec.structs.replace(act, refused=np.array([5])))
         put(key, raw)
 
-    spoke._bus.put = speak
+    client._bus.put = speak
     summary = lab.fly()
     assert (summary["dropped_messages"], summary["uploads_refused"], summary["states_refused"]) == ({}, 0, 1)
 
@@ -130,8 +130,8 @@ def test_who_takes_no_part_in_a_round_is_not_heard_in_it(clusters: int) -> None:
     idle = [number for number in range(1, 6) if 11 not in Rounds(of).participants(number)]
     assert idle
     assert takes_part
-    spoke: Any = lab.bus_of("agent-11").handler.__self__  # type: ignore[union-attr]
-    put = spoke._bus.put
+    client: Any = lab.bus_of("agent-11").handler.__self__  # type: ignore[union-attr]
+    put = client._bus.put
 
     def speak(key: str, raw: bytes) -> None:
         act = read(raw)
@@ -141,7 +141,7 @@ def test_who_takes_no_part_in_a_round_is_not_heard_in_it(clusters: int) -> None:
             raw = tick.write_act(Act(act.run, act.tick, act.commands, outbox=(said,), models=act.models))
         put(key, raw)
 
-    spoke._bus.put = speak
+    client._bus.put = speak
     summary = lab.fly()
     assert summary["dropped_messages"] == {"wrong-round": len(idle)}
     assert summary["trajectory_sha256"] == expected["trajectory_sha256"]
@@ -152,8 +152,8 @@ def test_a_head_that_lies_speaks_for_its_cluster_and_no_more() -> None:
     lab = Lab(swarm("federation.fraction=1.0", *CLEAR), uavs_per_node=1)
     hostile_relay = np.full(FLOATS, 7.0)
     heard: list[np.ndarray] = []
-    spoke: Any = lab.bus_of("agent-4").handler.__self__  # type: ignore[union-attr]
-    put, send = spoke._bus.put, lab.world.air.send
+    client: Any = lab.bus_of("agent-4").handler.__self__  # type: ignore[union-attr]
+    put, send = client._bus.put, lab.world.air.send
 
     def speak(key: str, raw: bytes) -> None:
         act = read(raw)
@@ -167,7 +167,7 @@ def test_a_head_that_lies_speaks_for_its_cluster_and_no_more() -> None:
         heard.extend(batch.payload[0] for batch in frames if batch.kind == FrameKind.GLOBAL and batch.round == 1)
         return send(tick, frames, *rest)
 
-    spoke._bus.put, lab.world.air.send = speak, listen  # type: ignore[method-assign, assignment]
+    client._bus.put, lab.world.air.send = speak, listen  # type: ignore[method-assign, assignment]
     lab.fly()
     honest = globals_of(swarm("federation.fraction=1.0", *CLEAR))[0]
     moved = heard[0] - honest

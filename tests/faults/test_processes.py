@@ -2,12 +2,9 @@
 
 import json
 import os
-import select
 import signal
-import socket
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,12 +13,13 @@ import psutil
 import pyarrow.parquet as pq
 import pytest
 
-from groundstation.launch import free_endpoint
-from groundstation.recorded import recorded
-from swarm import keys
-from swarm import scenario as scenarios
-from swarm.session import ZenohBus
+from meanflock.groundstation.launch import free_endpoint
+from meanflock.groundstation.recorded import recorded
+from meanflock.swarm import scenario as scenarios
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.session import ZenohBus
 from tests.faults.conftest import SETTINGS, Flight, Lab, Processes, ends_by_itself, events_in, spool_bytes, summary_of
+from tests.faults.wire import Wire
 from tests.polling import DEADLINE_S, LINK_SURE_S, until
 
 pytestmark = pytest.mark.processes
@@ -59,9 +57,9 @@ def test_a_frozen_agent_stalls_the_others_one_deadline_and_goes_home_when_it_wak
     frozen.send_signal(signal.SIGCONT)
     slept_s = time.monotonic() - since
     _, err = frozen.communicate(timeout=DEADLINE_S)
-    if frozen.returncode != 0:  # it slept through its lease, and takes its closed link for a world that is gone
+    if frozen.returncode != 0:  # it slept through its lease, comes back, and finds its place taken
         assert slept_s >= LINK_SURE_S
-        assert "is gone" in err
+        assert "every UAV of this run has its agent already" in err
     endless.flying()
 
 
@@ -90,64 +88,7 @@ def test_after_all_that_nobody_is_missing_and_everyone_goes_home(endless: Flight
         ends_by_itself(process)
 
 
-class Wire:
-    """A TCP relay that can be cut: nothing passes, and neither side is told."""
-
-    def __init__(self, endpoint: str) -> None:
-        self._to = ("127.0.0.1", int(endpoint.rpartition(":")[2]))
-        self._server = socket.create_server(("127.0.0.1", 0))
-        self.endpoint = f"tcp/127.0.0.1:{self._server.getsockname()[1]}"
-        self._pairs: dict[socket.socket, socket.socket] = {}
-        self._open = threading.Event()
-        self._open.set()
-        self._over = False
-        self._thread = threading.Thread(target=self._relay, daemon=True)
-        self._thread.start()
-
-    def cut(self) -> None:
-        self._open.clear()
-
-    def heal(self) -> None:
-        self._open.set()
-
-    def close(self) -> None:
-        self._over = True
-        self._open.set()
-        self._thread.join()
-        for end in (self._server, *self._pairs):
-            end.close()
-
-    def _relay(self) -> None:
-        while not self._over:
-            self._open.wait()
-            for ready in select.select([self._server, *self._pairs], [], [], 0.05)[0]:
-                if not self._open.is_set():
-                    break
-                if ready is self._server:
-                    near = self._server.accept()[0]
-                    try:
-                        far = socket.create_connection(self._to, 5.0)
-                    except OSError:
-                        near.close()
-                        continue
-                    self._pairs.update({near: far, far: near})
-                elif ready in self._pairs:
-                    self._pass(ready)
-
-    def _pass(self, ready: socket.socket) -> None:
-        other = self._pairs[ready]
-        try:
-            if data := ready.recv(1 << 16):
-                other.sendall(data)
-                return
-        except OSError:
-            pass
-        for end in (ready, other):
-            self._pairs.pop(end, None)
-            end.close()
-
-
-def test_an_agent_cut_off_from_the_world_is_lost_when_its_lease_ends_though_the_barrier_would_wait(
+def test_an_agent_cut_off_is_lost_when_its_lease_ends_though_the_barrier_would_wait_and_comes_back_when_it_can(
     processes: Processes, tmp_path: Path
 ) -> None:
     wire = Wire(processes.base[1])
@@ -162,9 +103,49 @@ def test_an_agent_cut_off_from_the_world_is_lost_when_its_lease_ends_though_the_
         assert "liveliness" in lost["text"]
         flight.flying()
         wire.heal()
-        _, err = far.communicate(timeout=DEADLINE_S)
-        assert far.returncode == 0 or "is gone" in err  # whose lease ends first: told that it is lost, or sees no world
-        assert flight.end()["lost"] == 1
+        assert flight.event("rejoined")["uavs"] == [2]
+        flight.flying()
+        summary = flight.end()
+        assert (summary["lost"], summary["nodes_lost"]) == (0, 1)
+        ends_by_itself(far)
+    finally:
+        wire.close()
+
+
+def test_an_agent_and_a_leader_whose_connections_are_reset_come_back_and_end_only_when_the_world_is_gone(
+    processes: Processes, tmp_path: Path
+) -> None:
+    wire = Wire(processes.base[1])
+    try:
+        flight = Flight(processes, tmp_path, agents=2, leaders=0)
+        base = ("--endpoint", wire.endpoint, *processes.base[2:])
+        patience = ("--wait", "12")
+        far = [processes.start("agent", "--uav", "2", *patience, base=base)]
+        far.append(processes.start("leader", *patience, base=base))
+        flight.flying()
+        for times in (1, 2):
+            wire.reset()
+            flight.event("lost", 2 * times)
+            wire.heal()
+            flight.event("rejoined", 2 * times)
+            flight.flying()
+        back = [event for folder in tmp_path.glob("*") for event in events_in(folder) if event["kind"] == "rejoined"]
+        assert sorted(event["text"] for event in back) == [
+            "agent-2.2 rejoined with UAV 2",
+            "agent-2.3 rejoined with UAV 2",
+            "leader.2 stands by",
+            "leader.3 stands by",
+        ]
+        assert [process.poll() for process in far] == [None, None]
+        flight.world.kill()
+        since = time.monotonic()
+        for process in far:
+            _, err = process.communicate(timeout=DEADLINE_S)
+            assert process.returncode == 1
+            assert err.splitlines()[-1].startswith(f"error: the world of run {processes.base[3]!r} is gone; ")
+        assert time.monotonic() - since < 30.0
+        flight.agents[0].send_signal(signal.SIGTERM)  # it would wait for a minute
+        ends_by_itself(flight.agents[0])
     finally:
         wire.close()
 
@@ -219,9 +200,56 @@ def test_a_killed_ground_station_that_is_started_again_leaves_no_gap_in_rows_and
     assert summary["telemetry_blocks_dropped"] == 0
 
 
+def test_a_frozen_agent_that_wakes_takes_its_own_place_again_if_nobody_has_it(
+    processes: Processes, tmp_path: Path
+) -> None:
+    flight = Flight(processes, tmp_path, barrier_s=1.0)
+    flight.flying()
+    flight.agents[1].send_signal(signal.SIGSTOP)
+    lost = flight.event("lost")
+    flight.agents[1].send_signal(signal.SIGCONT)
+    assert flight.event("rejoined")["uavs"] == lost["uavs"] == [1]
+    flight.flying()
+    assert flight.agents[1].poll() is None
+    flight.end()
+    ends_by_itself(flight.agents[1])
+
+
+def test_a_station_whose_connection_is_reset_comes_back_and_leaves_no_gap(processes: Processes, tmp_path: Path) -> None:
+    wire = Wire(processes.base[1])
+    try:
+        base = ("--endpoint", wire.endpoint, *processes.base[2:])
+        world = processes.world("--stations", "1", settings=(*SETTINGS, "duration=300"))
+        processes.start("agent", "--rows", "3")
+        processes.start("leader")
+        station = processes.station(tmp_path, base=base)
+        for _ in range(2):
+            rows = spool_bytes(tmp_path)
+            until(lambda rows=rows: spool_bytes(tmp_path) > rows + 5_000, "telemetry")
+            wire.reset()
+            wire.heal()
+        summary = summary_of(world)
+        ends_by_itself(station)
+        (folder,) = tmp_path.iterdir()
+        assert pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist() == list(range(3001))
+        assert json.loads((folder / "summary.json").read_text()) == summary
+    finally:
+        wire.close()
+
+
 def test_a_frozen_agent_does_not_make_the_command_fail(tmp_path: Path) -> None:
     settings = [word for setting in (*SETTINGS, "duration=100") for word in ("--set", setting)]
-    run = ["-m", "groundstation.cli", "run", "--out", str(tmp_path), "--no-record", "--quiet", "--json", *settings]
+    run = [
+        "-m",
+        "meanflock.groundstation.cli",
+        "run",
+        "--out",
+        str(tmp_path),
+        "--no-record",
+        "--quiet",
+        "--json",
+        *settings,
+    ]
     command = subprocess.Popen(
         [sys.executable, *run, "--endpoint", free_endpoint()],
         stdout=subprocess.PIPE,

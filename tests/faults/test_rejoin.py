@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from agent.node import Agent
-from swarm import codec, keys
-from swarm.bus import Delivery
-from swarm.errors import BusError
-from swarm.messages import Act, Join, Ready, Status, Stop
+from meanflock.agent.node import Agent
+from meanflock.swarm.errors import BusError
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import Delivery
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Act, Join, Ready, Status, Stop
 from tests.faults.conftest import RUN, Lab, scenario
 
 NUMBER = keys.fingerprint(RUN)
@@ -62,9 +63,9 @@ def test_a_fresh_mind_knows_the_mission_plan_and_takes_the_next_global_model_fro
     minds: dict[str, np.ndarray] = {}
 
     def mind(name: str) -> np.ndarray:
-        spoke = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
-        assert isinstance(spoke._node, Agent)
-        return spoke._node.models[0].copy()
+        client = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
+        assert isinstance(client._node, Agent)
+        return client._node.models[0].copy()
 
     def before() -> None:
         minds["old"] = mind("agent-0")
@@ -87,7 +88,7 @@ def test_a_fresh_mind_knows_the_mission_plan_and_takes_the_next_global_model_fro
 def test_the_old_process_that_comes_back_is_refused_and_told_to_go_home_and_its_successor_is_not() -> None:
     lab = Lab(scenario(), uavs_per_node=1)
     old = lab.bus_of("agent-1")
-    spoke = old.handler.__self__  # type: ignore[union-attr]
+    client = old.handler.__self__  # type: ignore[union-attr]
     heard = []
 
     def freeze() -> None:
@@ -95,37 +96,37 @@ def test_the_old_process_that_comes_back_is_refused_and_told_to_go_home_and_its_
         lab.world.handle(Delivery("gone", keys.alive(RUN, "agent", "agent-1")))
 
     def thaw() -> None:
-        spoke.stopped = None
-        old.handler = spoke.handle
-        before = lab.world._ledger.drops.copy()
-        old.put(keys.act(RUN, "agent-1"), codec.encode(Act(NUMBER, 60, np.zeros((1, 5)))))
-        assert lab.world._ledger.drops - before == {"unknown-node": 1}
-        assert "lost" in (spoke.stopped or "")
-        spoke.stopped = None
-        old.put(keys.act(RUN, "agent-1"), codec.encode(Ready(NUMBER)))
-        assert "lost" in (spoke.stopped or "")
-        spoke.stopped = None
+        client.stopped = None
+        old.handler = client.handle
+        before = lab.world._counters.drops.copy()
+        old.put(keys.act(RUN, "agent-1"), control.encode(Act(NUMBER, 60, np.zeros((1, 5)))))
+        assert lab.world._counters.drops - before == {"unknown-node": 1}
+        assert "lost" in (client.stopped or "")
+        client.stopped = None
+        old.put(keys.act(RUN, "agent-1"), control.encode(Ready(NUMBER)))
+        assert "lost" in (client.stopped or "")
+        client.stopped = None
         lab.world.handle(Delivery("alive", keys.alive(RUN, "agent", "agent-1")))
-        assert "lost" in (spoke.stopped or "")
+        assert "lost" in (client.stopped or "")
 
     successor = {}
-    summary = lab.fly({20: freeze, 40: lambda: successor.update(spoke=lab.agent()), 60: thaw})
-    assert isinstance(codec.decode(heard[0].payload), Stop)
-    assert not [d for d in heard if not isinstance(codec.decode(d.payload), Stop)]
+    summary = lab.fly({20: freeze, 40: lambda: successor.update(client=lab.agent()), 60: thaw})
+    assert isinstance(control.decode(heard[0].payload), Stop)
+    assert not [d for d in heard if not isinstance(control.decode(d.payload), Stop)]
     assert summary["lost"] == 0
-    assert successor["spoke"].stopped == "finished"
+    assert successor["client"].stopped == "finished"
 
 
 def test_a_node_that_was_admitted_and_never_became_ready_frees_its_place_for_another() -> None:
     clock = [0.0]
     lab = Lab(scenario(), uavs_per_node=1)
-    lab.world._door._clock = lambda: clock[0]
+    lab.world._admission._clock = lambda: clock[0]
 
     def half() -> None:
         answers: list[bytes] = []
-        raw = codec.encode(Join("agent", 1))
+        raw = control.encode(Join("agent", 1))
         lab.world.handle(Delivery("question", keys.join(RUN, "agent"), raw, answers.append))
-        assert codec.decode(answers[0]).node == "agent-5.2"  # type: ignore[union-attr]
+        assert control.decode(answers[0]).node == "agent-5.2"  # type: ignore[union-attr]
 
     def patience_ends() -> None:
         clock[0] += 11.0
@@ -140,25 +141,25 @@ def test_who_was_admitted_and_is_ready_only_after_the_flight_is_sent_home_all_th
     late = lab.engine.network.endpoint()
 
     def half() -> None:
-        raw = codec.encode(Join("agent", 1))
+        raw = control.encode(Join("agent", 1))
         lab.world.handle(Delivery("question", keys.join(RUN, "agent"), raw, lambda answer: None))
 
     lab.fly({10: lambda: lab.kill("agent-5"), 100: half})
     late.subscribe(keys.sense(RUN, "agent-5.2"))  # only now: what the world said at the end it has not heard
-    late.put(keys.act(RUN, "agent-5.2"), codec.encode(Ready(NUMBER)))
+    late.put(keys.act(RUN, "agent-5.2"), control.encode(Ready(NUMBER)))
     heard = late.receive(0.0)
     assert heard is not None
-    stop = codec.decode(heard.payload)
+    stop = control.decode(heard.payload)
     assert isinstance(stop, Stop)
     assert (stop.run, stop.reason) == (NUMBER, "finished")
 
 
 def test_who_is_lost_before_take_off_is_missing_and_another_takes_the_place() -> None:
-    from agent.node import Agent
-    from leader.node import Leader
-    from swarm.bus import MemoryNetwork
-    from swarm.spoke import Spoke
-    from worldsim.node import World
+    from meanflock.agent.node import Agent
+    from meanflock.leader.node import Leader
+    from meanflock.swarm.net.bus import MemoryNetwork
+    from meanflock.swarm.net.client import NodeClient
+    from meanflock.worldsim.node import World
 
     network = MemoryNetwork()
     hub = network.endpoint()
@@ -166,9 +167,9 @@ def test_who_is_lost_before_take_off_is_missing_and_another_takes_the_place() ->
     hub.handler = world.handle
     for request, make in ((Join("agent", 1), Agent), (Join("leader", 0), Leader), (Join("agent", 1), Agent)):
         bus = network.endpoint()
-        spoke = Spoke(bus, RUN)
-        bus.handler = spoke.handle
-        spoke.join(request, make, 1.0)  # type: ignore[arg-type]
+        client = NodeClient(bus, RUN)
+        bus.handler = client.handle
+        client.join(request, make, 1.0)  # type: ignore[arg-type]
         if request.role == "leader":
             assert "every UAV" not in world._missing()
         elif not world._members.complete:
@@ -181,8 +182,7 @@ def test_who_is_lost_before_take_off_is_missing_and_another_takes_the_place() ->
     assert world.finish(0.0)["lost"] == 0
 
 
-def test_two_nodes_lost_in_the_last_tick_that_anyone_flies_do_not_hold_up_the_end() -> None:
-    """Both miss the same barrier, and losing the first already ends a mission that waits for arrivals only."""
+def test_two_nodes_lost_at_the_same_barrier_do_not_hold_up_the_end_of_a_mission_that_waits_for_arrivals() -> None:
     lab = Lab(scenario("uavs=2", "stop=arrival", "federation.period=1000"), uavs_per_node=1)
     times = iter(range(10**9))
     lab.world._waiting._clock = lambda: float(next(times))
@@ -195,5 +195,6 @@ def test_two_nodes_lost_in_the_last_tick_that_anyone_flies_do_not_hold_up_the_en
             bus.subscribe(key)
 
     lab.world._waiting._receive = lambda timeout_s: None
-    summary = lab.fly({5: deaf})
-    assert (summary["lost"], summary["ticks"]) == (2, 6)
+    with pytest.raises(RunFailed, match="every agent is lost"):
+        lab.fly({5: deaf})
+    assert lab.told.kinds("lost", "failed", "finished") == [(5, "lost"), (5, "lost"), (6, "failed")]

@@ -12,16 +12,16 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from groundstation.cli import main
-from groundstation.engine import Engine
-from groundstation.recorded import recorded
-from groundstation.results import CHECKPOINT, RunFolder
-from groundstation.resume import back
-from groundstation.series import states_of
-from groundstation.viewer import verify
-from swarm import scenario as scenarios
-from swarm.errors import BadInput
-from swarm.scenario import Scenario
+from meanflock.groundstation.cli import main
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.recorded import recorded
+from meanflock.groundstation.results import CHECKPOINT, RunFolder
+from meanflock.groundstation.resume import back
+from meanflock.groundstation.series import states_of
+from meanflock.groundstation.viewer import verify
+from meanflock.swarm import scenario as scenarios
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario
 from tests.faults.conftest import Lab, scenario
 from tests.methods import METHODS
 from tests.polling import DEADLINE_S, until
@@ -43,7 +43,7 @@ def flight(out: Path, flown: Scenario, dies_at: int | None = None, rows: int | N
     engine = Engine(flown, "run", sinks=[folder], uavs_per_node=rows)
     for tick in engine.fly():
         if tick == dies_at:
-            folder._aside.wait()  # a checkpoint is written beside the flight
+            folder._background.wait()  # a checkpoint is written beside the flight
             folder._spool = None  # type: ignore[assignment]  # as after kill -9: nothing is completed
             folder._events.close()
             raise Died
@@ -142,7 +142,7 @@ def test_a_run_can_die_and_be_resumed_again_and_again(tmp_path: Path) -> None:
         for tick in engine.fly():
             if tick == dies_at:
                 break
-        again._aside.wait()
+        again._background.wait()
         again._spool = None  # type: ignore[assignment]
         again._events.close()
     assert back(folder).start.tick == 301

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from groundstation.cli import main
-from groundstation.run import Options, fly
-from swarm import scenario as scenarios
-from swarm.errors import BadInput
-from swarm.messages import FrameKind
-from swarm.scenario import Scenario, load
+from meanflock.groundstation.cli import main
+from meanflock.groundstation.run import Options, fly
+from meanflock.swarm import scenario as scenarios
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire.messages import FrameKind
 from tests.faults.conftest import Lab, scenario
 from tests.methods import METHODS
 
@@ -70,9 +70,9 @@ def test_a_script_without_faults_is_no_script_and_changes_no_hash() -> None:
 
 def test_a_killed_uav_falls_silent_and_flies_on_without_command_and_its_process_goes_home() -> None:
     lab = Lab(flown('{kind="kill", tick=30, uavs=[1, 2]}'), uavs_per_node=1)
-    spoke = lab.bus_of("agent-1").handler.__self__  # type: ignore[union-attr]
+    client = lab.bus_of("agent-1").handler.__self__  # type: ignore[union-attr]
     summary = lab.fly({35: lambda: lab.agent()})  # a new process may take over
-    assert "killed" in spoke.stopped
+    assert "killed" in client.stopped
     assert summary["lost"] == 1
     assert summary["nodes_lost"] == 0
     assert lab.told.kinds("lost", "rejoined") == [(30, "lost"), (35, "rejoined")]

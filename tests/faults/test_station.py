@@ -7,14 +7,14 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-import worldsim.telemetry
-from groundstation.engine import Engine
-from groundstation.results import RunFolder, past
-from groundstation.station import Station
-from swarm import codec
-from swarm.bus import Delivery
-from swarm.errors import BadInput
-from swarm.messages import Finished
+from meanflock import worldsim
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.results import RunFolder, past
+from meanflock.groundstation.station import Station
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.net.bus import Delivery
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Finished
 from tests.faults.conftest import RUN, Lab, Told, scenario
 
 
@@ -78,7 +78,7 @@ def test_a_folder_taken_up_again_holds_every_row_and_event_once(orderly: bool, t
                 with folder:
                     pass
             else:
-                folder._aside.wait()
+                folder._background.wait()
                 folder._events.write(b'{"half')
                 folder._events.close()
                 folder._spool = None  # type: ignore[assignment]
@@ -106,7 +106,7 @@ def test_the_world_does_not_leave_before_its_summary_has_arrived() -> None:
     late: list[Delivery] = []
 
     def slowly(delivery: Delivery) -> None:
-        if delivery.kind == "message" and isinstance(codec.decode(delivery.payload), Finished):
+        if delivery.kind == "message" and isinstance(control.decode(delivery.payload), Finished):
             late.append(delivery)
         else:
             station.handle(delivery)

@@ -12,17 +12,18 @@ from typing import Any
 import numpy as np
 import psutil
 
-from groundstation.engine import Engine
-from groundstation.recording import Recorder
-from groundstation.results import RunFolder
-from groundstation.station import Station
-from leader.node import Leader
-from swarm import codec, keys, tick
-from swarm.bus import Delivery, MemoryNetwork
-from swarm.errors import MessageRejected
-from swarm.messages import Act, Event, Finished, Join, Ready, Received, Refusal, Sense, Stop, Telemetry
-from swarm.scenario import Scenario, load
-from swarm.spoke import Spoke
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.recording import Recorder
+from meanflock.groundstation.results import RunFolder
+from meanflock.groundstation.station import Station
+from meanflock.leader.node import Leader
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import Delivery, MemoryNetwork
+from meanflock.swarm.net.client import NodeClient
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire import control, tick
+from meanflock.swarm.wire.messages import Act, Event, Finished, Join, Ready, Received, Refusal, Sense, Stop, Telemetry
 from tests.fuzz.mutation import Mutator
 from tests.swarm.test_codec import read
 
@@ -67,7 +68,7 @@ def recorded(flown: Scenario) -> tuple[list[bytes], dict[str, Any]]:
         Join("station", 0),
         Stop(NUMBER, "x"),
     ]
-    corpus = [*kept.values(), *map(codec.encode, own), *(path.read_bytes() for path in sorted(GOLDEN.glob("*.bin")))]
+    corpus = [*kept.values(), *map(control.encode, own), *(path.read_bytes() for path in sorted(GOLDEN.glob("*.bin")))]
     return corpus, summary
 
 
@@ -88,13 +89,13 @@ class Siege:
         self._engine = Engine(self._flown, RUN, uavs_per_node=ROWS, leaders=2)
         self._world = self._engine.world
         self._spokes = [bus.handler.__self__ for bus in self._engine.network.endpoints if self._is_spoke(bus.handler)]
-        self._kept: dict[int, Any] = {}  # of a spoke's node, a twin that may be spoiled
+        self._kept: dict[int, Any] = {}  # of a client's node, a twin that may be spoiled
         self._turn, self._ambushed = 0, -1
         self._answers: list[bytes] = []
 
     @staticmethod
     def _is_spoke(handler: Any) -> bool:
-        return isinstance(getattr(handler, "__self__", None), Spoke)
+        return isinstance(getattr(handler, "__self__", None), NodeClient)
 
     def fly(self) -> dict[str, Any]:
         """The flight, to its end; its summary.
@@ -120,8 +121,8 @@ class Siege:
 
     def _ambush(self) -> None:
         """From now on, half of the messages come while the world waits for answers."""
-        spoke = self._spokes[1]
-        bus = next(b for b in self._engine.network.endpoints if b.handler == spoke.handle)
+        client = self._spokes[1]
+        bus = next(b for b in self._engine.network.endpoints if b.handler == client.handle)
         ((key, reply),) = bus._subscriptions.items()
 
         def first_the_attack(key: str, raw: bytes) -> bool:
@@ -172,13 +173,13 @@ class Siege:
                     return
                 delivery = Delivery("message", keys.act(RUN, name), raw)
         self.thrown["world"] += 1
-        before = self._world.instruments.ledger.drops.total()
+        before = self._world.instruments.counters.drops.total()
         self._world.handle(delivery)
-        dropped = self._world.instruments.ledger.drops.total() - before
+        dropped = self._world.instruments.counters.drops.total() - before
         if dropped != 1 and not (dropped == 0 and isinstance(message, HARMLESS)):
             raise Broken(f"{dropped} drops counted for {type(message).__name__} under {delivery.key}: {raw.hex()}")
         for answer in self._answers:
-            codec.decode(answer)
+            control.decode(answer)
         self._answers.clear()
 
     def _is_its_word(self, name: str, raw: bytes, message: Any) -> bool:
@@ -200,28 +201,28 @@ class Siege:
 
     def _at_node(self, raw: bytes, message: Any) -> None:
         """What nobody but the world could have said is shown to a twin; the node itself hears everything else."""
-        spoke = self._spokes[self._turn // 4 % len(self._spokes)]
+        client = self._spokes[self._turn // 4 % len(self._spokes)]
         if isinstance(message, Stop) and message.run == NUMBER:
             self.outcome["not thrown: the world's own word"] += 1
             return
-        if isinstance(message, Sense) and message.run == NUMBER and message.tick > spoke._last_tick:
-            if id(spoke) not in self._kept:
-                self._kept[id(spoke)] = copy.deepcopy(spoke._node, _whole(spoke._node))
+        if isinstance(message, Sense) and message.run == NUMBER and message.tick > client._last_tick:
+            if id(client) not in self._kept:
+                self._kept[id(client)] = copy.deepcopy(client._node, _whole(client._node))
             try:
-                act = tick.read_act(tick.write_act(self._kept[id(spoke)].act(message)))
+                act = tick.read_act(tick.write_act(self._kept[id(client)].act(message)))
             except MessageRejected:
                 pass  # thrown at the node, too
             else:
                 if not np.isfinite(act.commands).all():
                     raise Broken(f"answered with {act}: {raw.hex()}")
                 self.outcome["not thrown: the world's own word"] += 1
-                del self._kept[id(spoke)]
+                del self._kept[id(client)]
                 return
-        self.thrown["leader" if isinstance(spoke._node, Leader) else "agent"] += 1
-        before = spoke.dropped.total()
-        spoke.handle(Delivery("message", keys.sense(RUN, "x"), raw))
-        again = isinstance(message, Sense) and message.run == NUMBER and message.tick == spoke._last_tick
-        if spoke.dropped.total() - before != (0 if again else 1):
+        self.thrown["leader" if isinstance(client._node, Leader) else "agent"] += 1
+        before = client.dropped.total()
+        client.handle(Delivery("message", keys.sense(RUN, "x"), raw))
+        again = isinstance(message, Sense) and message.run == NUMBER and message.tick == client._last_tick
+        if client.dropped.total() - before != (0 if again else 1):
             raise Broken(f"a node let in {type(message).__name__}: {raw.hex()}")
 
     # -- the ground station ---------------------------------------------------------------------------------------
@@ -258,10 +259,10 @@ class Insider:
     def fly(self) -> dict[str, Any]:
         """The flight, to its end; its summary, as JSON can hold it."""
         engine = Engine(scenario(self._clusters), RUN, uavs_per_node=1, leaders=1)
-        spoke = next(
+        client = next(
             b.handler.__self__ for b in engine.network.endpoints if keys.sense(RUN, self._who) in b._subscriptions
         )
-        bus, barrier = spoke._bus, engine.world._barrier
+        bus, barrier = client._bus, engine.world._barrier
         put = bus.put
 
         def possessed(key: str, raw: bytes) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import rerun as rr
 
-from groundstation.cli import main
+from meanflock.groundstation.cli import main
 
 
 @pytest.fixture

@@ -7,17 +7,17 @@ from unittest.mock import patch
 import numpy as np
 from rerun.chunk import RrdReader
 
-from groundstation import blueprint as look
-from groundstation import recording
-from groundstation.recording import Recorder
-from groundstation.reported import Reported
-from swarm.messages import SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
-from swarm.scenario import Scenario
+from meanflock.groundstation import blueprint as look
+from meanflock.groundstation import panels, recording
+from meanflock.groundstation.recording import Recorder
+from meanflock.groundstation.reported import Reported
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
 
 ROUND_TICKS = 100
 DIAGNOSTICS = ("hjb_residual", "fpk_residual", "phi_G")  # of the paper's scenario, which is the default
 WEIGHTS = 246
-HJB = look.diagnostic("hjb_residual")
+HJB = panels.diagnostic("hjb_residual")
 COLLISIONS = ((120, (3, 4)), (121, (5, 6)), (333, (0, 24)))  # tick, pair
 
 
@@ -98,7 +98,7 @@ def column(path: Path, entity: str, name: str) -> tuple[np.ndarray, list[Any]]:
     return np.array([tick for tick, _ in rows]), [value for _, value in rows]
 
 
-def scalars(path: Path, plot: look.Plot | str) -> tuple[np.ndarray, np.ndarray]:
+def scalars(path: Path, plot: panels.Plot | str) -> tuple[np.ndarray, np.ndarray]:
     entity = plot if isinstance(plot, str) else plot.entity
     ticks, values = column(path, entity, "Scalars:scalars")
     return ticks, np.array(values)

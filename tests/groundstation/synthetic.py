@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from groundstation.paper.store import COORDINATES, Results
+from meanflock.groundstation.paper.store import COORDINATES, Results
 
 COLUMNS = {"uavs": 25, "period": None, "sigma": 0.1, "setting": "", "trained": False}
 

@@ -4,11 +4,11 @@ import threading
 
 import pytest
 
-from groundstation.aside import Aside
+from meanflock.groundstation.background import BackgroundWorker
 
 
 def test_work_is_done_in_order_in_another_thread_and_none_is_left() -> None:
-    aside, done = Aside("test"), []
+    aside, done = BackgroundWorker("test"), []
     for number in range(20):
         aside.do(lambda number=number: done.append((number, threading.current_thread())))
     aside.close()
@@ -17,7 +17,7 @@ def test_work_is_done_in_order_in_another_thread_and_none_is_left() -> None:
 
 
 def test_the_next_work_waits_for_the_one_before() -> None:
-    aside, go, begun = Aside("test"), threading.Event(), threading.Event()
+    aside, go, begun = BackgroundWorker("test"), threading.Event(), threading.Event()
     aside.do(go.wait)
     second = threading.Thread(target=lambda: (aside.do(lambda: None), begun.set()))
     second.start()
@@ -34,7 +34,7 @@ def fail() -> None:
 
 @pytest.mark.parametrize("asked", ["do", "wait", "close"])
 def test_what_it_raised_is_raised_once_by_whatever_is_asked_next(asked: str) -> None:
-    aside = Aside("test")
+    aside = BackgroundWorker("test")
     aside.look()
     aside.do(fail)
     with pytest.raises(OSError, match="No space"):
@@ -44,7 +44,7 @@ def test_what_it_raised_is_raised_once_by_whatever_is_asked_next(asked: str) -> 
 
 
 def test_a_look_does_not_wait() -> None:
-    aside, go = Aside("test"), threading.Event()
+    aside, go = BackgroundWorker("test"), threading.Event()
 
     def waits_and_fails() -> None:
         go.wait()

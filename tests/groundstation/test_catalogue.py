@@ -1,5 +1,6 @@
 """Plug-ins for people: what is installed, what its options are, and what of a run says which flew."""
 
+import ast
 import json
 import sys
 from collections.abc import Iterator
@@ -8,14 +9,14 @@ from typing import Any
 
 import pytest
 
-from groundstation import catalogue
-from groundstation.engine import Engine
-from groundstation.flown_plugins import FOLDER
-from groundstation.results import RunFolder
-from swarm import plugins
-from swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput
-from swarm.plugins import Plugin
-from swarm.scenario import load
+from meanflock.groundstation import catalogue
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.flown_plugins import FOLDER
+from meanflock.groundstation.results import RunFolder
+from meanflock.swarm import plugins
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput
+from meanflock.swarm.plugins import Plugin
+from meanflock.swarm.scenario import load
 
 SPRING = Path(__file__).parents[2] / "examples" / "spring.py"
 FLIGHT = ("--in-process", "--no-record", "--quiet", "--json", "--out", "runs")
@@ -23,7 +24,7 @@ MINE = '''
 """What is in this file."""
 from typing import Annotated, Literal
 from msgspec import Meta
-from agent.controllers.base import Controller, Options
+from meanflock.agent.controllers.base import Controller, Options
 
 class Mine(Controller):
     """Hovers.
@@ -136,7 +137,7 @@ def test_a_run_keeps_the_file_that_flew_and_goes_on_with_it_once_that_is_named(r
     for tick in Engine(flown, "run", sinks=[folder]).fly():
         if tick == 130:
             break
-    folder._aside.wait()  # as after kill -9, nothing is completed
+    folder._background.wait()  # as after kill -9, nothing is completed
     folder._spool = None  # type: ignore[assignment]
     folder._events.close()
     copy = folder.path / FOLDER / "spring.py"
@@ -172,3 +173,12 @@ def test_a_file_that_was_changed_since_it_was_loaded_is_refused_and_nothing_is_w
     with pytest.raises(BadInput, match=r"mine\.py: No such file"):
         RunFolder(tmp_path / "out", "run", flown)
     assert not (tmp_path / "out").exists()
+
+
+def test_no_file_of_the_ground_station_asks_which_method_it_is() -> None:
+    """All but the looks of methods in plots, and the verb that names the experiments of the paper."""
+    ground = Path(__file__).parents[2] / "groundstation"
+    built_in = set(plugins.names("controller"))
+    for path in set(ground.glob("*.py")) - {ground / "plotstyle.py", ground / "cli_study.py"}:
+        words = {node.value for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Constant)}
+        assert not words & built_in, path

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from groundstation.paper import claims, statistics
-from groundstation.paper.checks import Findings, run_check
-from groundstation.paper.claims import Check, Claim
-from groundstation.paper.outcome import Outcome
-from groundstation.paper.verdict import NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, UNDECIDED, evaluate, judge
-from groundstation.paper.view import View
+from meanflock.groundstation.paper import claims, statistics
+from meanflock.groundstation.paper.checks import Findings, run_check
+from meanflock.groundstation.paper.claims import Check, Claim
+from meanflock.groundstation.paper.outcome import Outcome
+from meanflock.groundstation.paper.verdict import NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, UNDECIDED, evaluate, judge
+from meanflock.groundstation.paper.view import View
 from tests.groundstation.synthetic import gridded, noisy, results, row
 
 HF, H, F, HJB = "mfgfl-hf", "mfgfl-h", "mfgfl-f", "hjb"

@@ -10,15 +10,22 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-import worldsim.kernel
 
-from groundstation import display, viewer
-from groundstation.engine import Engine
-from groundstation.recorded import recorded
-from groundstation.recording import Recorder, verify
-from groundstation.results import RunFolder
-from swarm import scenario
-from swarm.errors import EXIT_BAD_INPUT, EXIT_CODE_HELP, EXIT_DONE, EXIT_RUN_FAILED, MeanflockError, RunFailed
+from meanflock import worldsim
+from meanflock.groundstation import display, viewer
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.recorded import recorded
+from meanflock.groundstation.recording import Recorder, verify
+from meanflock.groundstation.results import RunFolder
+from meanflock.swarm import scenario
+from meanflock.swarm.errors import (
+    EXIT_BAD_INPUT,
+    EXIT_CODE_HELP,
+    EXIT_DONE,
+    EXIT_RUN_FAILED,
+    MeanflockError,
+    RunFailed,
+)
 from tests.polling import DEADLINE_S
 
 QUICK = ("run", "--in-process", "--no-record", "--quiet", "--uavs", "3", "--duration", "2")
@@ -174,7 +181,7 @@ def test_view_of_a_killed_run_opens_its_recording_filled_from_its_time_series(ru
     recorder.close()
     with (folder.path / "recording.rrd").open("r+b") as file:
         file.truncate(file.seek(0, os.SEEK_END) - 100)
-    folder._aside.wait()
+    folder._background.wait()
     folder._spool = None  # type: ignore[assignment]
     folder._events.close()
     opened: list[Path] = []
@@ -256,7 +263,7 @@ def test_a_display_is_one_at_which_somebody_listens(tmp_path, monkeypatch) -> No
 def test_a_viewer_that_ends_with_an_error_is_a_failure(run, monkeypatch, flown) -> None:
     monkeypatch.setattr(display, "check", lambda _: None)
     monkeypatch.setattr(viewer, "_program", lambda: ["false"])
-    monkeypatch.setattr("groundstation.cli_look._complete", lambda *_: None)
+    monkeypatch.setattr("meanflock.groundstation.cli_look._complete", lambda *_: None)
     code, _, err = run("view", str(flown))
     assert code == EXIT_RUN_FAILED
     assert "the viewer ended with 1" in err
@@ -306,7 +313,7 @@ def test_no_line_of_the_list_of_commands_is_cut_off_at_80_columns(run, monkeypat
 
 
 def test_the_module_has_the_verbs_the_command_has(run) -> None:
-    command = [sys.executable, "-m", "groundstation.cli", "--help"]
+    command = [sys.executable, "-m", "meanflock.groundstation.cli", "--help"]
     told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=DEADLINE_S).stdout
     for verb in ("run", "view", "picture", "compare", "sweep", "plot"):
         assert f"\n  {verb} " in told

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.paper.experiments import run_grid
-from groundstation.paper.grid import Point, Wanted
-from groundstation.paper.report import write_report
-from groundstation.paper.verdict import evaluate
-from swarm.errors import BadInput
-from swarm.scenario import load
+from meanflock.groundstation.paper.experiments import run_grid
+from meanflock.groundstation.paper.grid import Point, Wanted
+from meanflock.groundstation.paper.report import write_report
+from meanflock.groundstation.paper.verdict import evaluate
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import load
 
 distributed = pytest.importorskip("distributed", reason="dask is not installed")
 pytestmark = pytest.mark.processes

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-import kernels
-from groundstation import certs, doctor
-from groundstation.cli import main
-from groundstation.doctor import Finding
+from meanflock import kernels
+from meanflock.groundstation import certs, doctor
+from meanflock.groundstation.cli import main
+from meanflock.groundstation.doctor import Finding
 
 NOT_RUNNING = "Cannot connect to the Docker daemon at unix:///var/run/docker.sock. Is the docker daemon running?"
 DENIED = "permission denied while trying to connect to the Docker daemon socket at unix:///var/run/docker.sock"

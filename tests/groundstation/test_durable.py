@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from groundstation import durable
-from groundstation.cli import main
-from groundstation.engine import Engine
-from groundstation.results import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, RunFolder
-from groundstation.resume import back
-from swarm import scenario as scenarios
+from meanflock.groundstation import durable
+from meanflock.groundstation.cli import main
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.results import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, RunFolder
+from meanflock.groundstation.resume import back
+from meanflock.swarm import scenario as scenarios
 from tests.polling import DEADLINE_S
 
 SETTINGS = ("uavs=3", "seed=7", "duration=30", "stop=duration", "federation.period=40")
@@ -59,7 +59,7 @@ def test_rows_and_events_are_on_the_disk_before_the_checkpoint_and_that_before_i
 
     monkeypatch.setattr(os, "fsync", synced)
     monkeypatch.setattr(os, "replace", renamed)
-    monkeypatch.setattr("groundstation.engine._CHECKPOINT_TICKS_AT_MOST", 100)  # as in a swarm of processes
+    monkeypatch.setattr("meanflock.groundstation.engine._CHECKPOINT_TICKS_AT_MOST", 100)  # as in a swarm of processes
     flown = scenarios.load(None, SETTINGS)
     folder = RunFolder(tmp_path, "run", flown)
     engine = Engine(flown, "run", sinks=[folder])
@@ -85,7 +85,7 @@ def test_rows_and_events_are_on_the_disk_before_the_checkpoint_and_that_before_i
 KILLED = """
 import os, signal, sys
 from groundstation import engine
-from groundstation.cli import main
+from meanflock.groundstation.cli import main
 
 engine._CHECKPOINT_TICKS_AT_MOST = 100  # as in a swarm of processes
 

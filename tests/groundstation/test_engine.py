@@ -1,18 +1,24 @@
 """One process or many: the same scenario and seed fly the same trajectory, and who is lost costs nobody else."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 
-from channel.theory import slot_success
-from groundstation.engine import Engine
-from groundstation.paper.methods import Method
-from swarm import codec, keys
-from swarm.bus import Delivery
-from swarm.messages import Finished, Telemetry
-from swarm.scenario import Scenario, load
+from meanflock.channel.theory import slot_success
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.paper.methods import Method
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import Delivery
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Finished, Telemetry
+from tests.polling import DEADLINE_S
 
 RUN = "engine-test"
 NUMBER = keys.fingerprint(RUN)
@@ -170,13 +176,13 @@ def test_an_observer_sees_take_off_and_every_tick_and_nobody_listens() -> None:
 def test_without_a_listener_no_block_is_encoded_and_the_flight_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     flown = scenario("mfgfl-h", "duration=25")
     told = fly(flown, sinks=[Kept()])
-    encode, kinds = codec.encode, set()
+    encode, kinds = control.encode, set()
 
     def listed(message: Any) -> bytes:
         kinds.add(type(message))
         return encode(message)
 
-    monkeypatch.setattr(codec, "encode", listed)
+    monkeypatch.setattr(control, "encode", listed)
     untold = fly(flown)
     assert steady(told) == steady(untold)
     assert kinds
@@ -229,3 +235,14 @@ def test_a_checkpoint_is_worth_about_as_much_flight_whatever_the_swarm(
 ) -> None:
     flown = load(None, [f"uavs={uavs}", "duration=1"], method="offline")
     assert Engine(flown, RUN, sinks=[Kept()], realtime=realtime).world._checkpoint_every == ticks
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are counted as Linux lists them")
+@pytest.mark.parametrize(
+    "module", ["meanflock.groundstation.engine", "meanflock.groundstation.study", "meanflock.groundstation.paper.flown"]
+)
+def test_whoever_flies_holds_blas_to_one_thread(module: str) -> None:
+    count = f"import os, {module}; print(len(os.listdir('/proc/self/task')))"
+    env = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    done = subprocess.run([sys.executable, "-c", count], capture_output=True, text=True, env=env, timeout=DEADLINE_S)
+    assert done.stdout.strip() == "1", done.stderr

@@ -13,13 +13,13 @@ from typing import Any
 import psutil
 import pytest
 
-from groundstation.paper import experiments, grid, store
-from groundstation.paper.experiments import run_grid, to_do
-from groundstation.paper.grid import EXPERIMENTS, Point, Wanted
-from groundstation.paper.series import SERIES
-from groundstation.paper.store import COORDINATES, Results, Store
-from swarm.errors import BadInput, RunFailed
-from swarm.scenario import load
+from meanflock.groundstation.paper import experiments, grid, store
+from meanflock.groundstation.paper.experiments import run_grid, to_do
+from meanflock.groundstation.paper.grid import EXPERIMENTS, Point, Wanted
+from meanflock.groundstation.paper.series import SERIES
+from meanflock.groundstation.paper.store import COORDINATES, Results, Store
+from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.scenario import load
 from tests.polling import DEADLINE_S, until
 
 
@@ -204,7 +204,7 @@ def test_a_killed_worker_costs_a_second_try(tmp_path: Path, monkeypatch: pytest.
         import os
         import signal
 
-        from groundstation.paper import experiments
+        from meanflock.groundstation.paper import experiments
 
         try:
             os.close(os.open(marker, os.O_CREAT | os.O_EXCL))
@@ -224,7 +224,7 @@ def test_a_run_that_always_dies_ends_the_grid(tmp_path: Path, monkeypatch: pytes
         import os
         import signal
 
-        from groundstation.paper import experiments
+        from meanflock.groundstation.paper import experiments
 
         if run.scenario.method == "hjb":
             os.kill(os.getpid(), signal.SIGKILL)
@@ -280,7 +280,7 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
 @pytest.mark.processes
 def test_ctrl_c_ends_the_grid_and_its_workers(tmp_path: Path) -> None:
     code = (
-        "import sys; from pathlib import Path; from groundstation.paper.experiments import run_grid\n"
+        "import sys; from pathlib import Path; from meanflock.groundstation.paper.experiments import run_grid\n"
         f"run_grid(Path({str(tmp_path)!r}), 1, {{'s0'}}, jobs=2)"
     )
     grid_process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, start_new_session=True)

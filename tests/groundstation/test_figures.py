@@ -9,18 +9,18 @@ import pyarrow as pa
 import pytest
 from matplotlib.figure import Figure
 
-from groundstation import plots, plotstyle
-from groundstation.paper import figures, report
-from groundstation.paper.figures_curves import Bundle, bundle
-from groundstation.paper.grid import COMPARED, FEDERATED, PERIODS, SIGMAS, UAVS
-from groundstation.paper.methods import Method
-from groundstation.paper.store import Results
-from groundstation.paper.traces import Trace, collisions
-from groundstation.paper.verdict import evaluate
-from groundstation.paper.view import Frame, View, keep_measured, load_measured
-from groundstation.run import Options, fly
-from swarm.errors import BadInput
-from swarm.scenario import load
+from meanflock.groundstation import plots, plotstyle
+from meanflock.groundstation.paper import figures, report
+from meanflock.groundstation.paper.figures_curves import Bundle, bundle
+from meanflock.groundstation.paper.grid import COMPARED, FEDERATED, PERIODS, SIGMAS, UAVS
+from meanflock.groundstation.paper.methods import Method
+from meanflock.groundstation.paper.store import Results
+from meanflock.groundstation.paper.traces import Trace, collisions
+from meanflock.groundstation.paper.verdict import evaluate
+from meanflock.groundstation.paper.view import Frame, View, keep_measured, load_measured
+from meanflock.groundstation.run import Options, fly
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import load
 from tests.groundstation.synthetic import results, row
 
 METRICS = ("energy_mean_J", "t_avg_censored_s", "phi_A_tavg", "phi_C_tavg")
@@ -238,7 +238,7 @@ def test_measured_numbers_are_kept_and_found_while_they_fit(tmp_path: Path, monk
     keep_measured(tmp_path, {"x": [1.0, 2.0]}, [1, 2], 60.0)
     assert load_measured(tmp_path) == load_measured(tmp_path, [1, 2], 60.0) == {"x": [1.0, 2.0]}
     assert load_measured(tmp_path, [1, 2, 3]) == {}
-    monkeypatch.setattr("groundstation.paper.view.version", lambda: "other code")
+    monkeypatch.setattr("meanflock.groundstation.paper.view.version", lambda: "other code")
     assert load_measured(tmp_path) == {}
     (tmp_path / "data" / "theory.json").write_text("{")
     with pytest.raises(BadInput, match=r"theory\.json"):

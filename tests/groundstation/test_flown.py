@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from groundstation.engine import Engine
-from groundstation.paper import experiments
-from groundstation.paper.flown import fly
-from groundstation.paper.methods import Method
-from groundstation.paper.series import SERIES
-from swarm.scenario import Scenario, load
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.paper import experiments
+from meanflock.groundstation.paper.flown import fly
+from meanflock.groundstation.paper.methods import Method
+from meanflock.groundstation.paper.series import SERIES
+from meanflock.swarm.scenario import Scenario, load
 
 RTOL = 1e-9
 # What the grid kept of the paper's scenario, seed 1, 60 s, while its runs were flown by an engine of their own: scalars

@@ -4,21 +4,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from groundstation.engine import Engine
-from swarm import codec, keys
-from swarm.bus import Delivery
-from swarm.messages import (
-    Act,
-    FrameKind,
-    Frames,
-    Join,
-    Ready,
-    Received,
-    Refusal,
-    Sense,
-    Stop,
-)
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import Delivery
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Ready, Received, Refusal, Sense, Stop
 from tests.groundstation.test_engine import INT8, NUMBER, RUN, Kept, fly, scenario, steady
 
 
@@ -46,7 +40,7 @@ def spoiled(value: float) -> np.ndarray:
 
 def hostile(tick: int) -> list[tuple[str, bytes, str]]:
     """[node, bytes, reason] of what someone might send between the ticks; agent-0 holds UAVs 0 and 1."""
-    good = codec.encode(act(tick))
+    good = control.encode(act(tick))
     short = np.zeros((2, 245), dtype=np.float32)
     acts: list[tuple[Act, str]] = [
         (act(tick), "duplicate"),  # the node was not asked, or has answered
@@ -77,7 +71,7 @@ def hostile(tick: int) -> list[tuple[str, bytes, str]]:
     ]
     empty = batch(source=np.zeros(0, dtype=np.int32), payload=np.zeros((0, 246), dtype=np.float32))
     acts.append((act(tick, outbox=(empty,)), "wrong-shape"))
-    from_agent = [("agent-0", codec.encode(message), reason) for message, reason in acts]
+    from_agent = [("agent-0", control.encode(message), reason) for message, reason in acts]
     return [
         *from_agent,
         ("agent-0", good[:-1], "malformed"),
@@ -85,16 +79,16 @@ def hostile(tick: int) -> list[tuple[str, bytes, str]]:
         ("agent-0", b"", "malformed"),
         ("agent-0", good + b"\0", "malformed"),
         ("agent-0", bytes(100_000), "oversized"),
-        ("agent-0", codec.encode(act(tick, report=np.zeros((99, 246)))), "oversized"),
-        ("agent-0", codec.encode(Stop(NUMBER, "go home")), "wrong-kind"),
-        ("agent-0", codec.encode(Sense(NUMBER, tick, np.zeros((2, 4)), False)), "wrong-kind"),
-        ("agent-0", codec.encode(Join("agent", 1)), "wrong-kind"),
-        ("agent-0", codec.encode(Ready(NUMBER ^ 1)), "wrong-kind"),
+        ("agent-0", control.encode(act(tick, report=np.zeros((99, 246)))), "oversized"),
+        ("agent-0", control.encode(Stop(NUMBER, "go home")), "wrong-kind"),
+        ("agent-0", control.encode(Sense(NUMBER, tick, np.zeros((2, 4)), False)), "wrong-kind"),
+        ("agent-0", control.encode(Join("agent", 1)), "wrong-kind"),
+        ("agent-0", control.encode(Ready(NUMBER ^ 1)), "wrong-kind"),
         ("agent-1", good, "unknown-node"),  # UAV 1 has no node of its own
         ("agent-99", good, "unknown-node"),
         ("world", good, "unknown-node"),
-        ("*", good, "unknown-node"),
-        ("leader", codec.encode(act(tick, rows=0)), "duplicate"),
+        ("*", good, "wrong-key"),
+        ("leader", control.encode(act(tick, rows=0)), "duplicate"),
         ("leader", good, "wrong-shape"),
     ]
 
@@ -108,9 +102,9 @@ def test_hostile_messages_are_dropped_counted_by_reason_and_change_nothing() -> 
         if tick % 7:
             continue
         for node, raw, reason in hostile(tick):
-            before = engine.world._ledger.drops.copy()
+            before = engine.world._counters.drops.copy()
             engine.world.handle(Delivery("message", keys.act(RUN, node), raw))
-            found = engine.world._ledger.drops - before
+            found = engine.world._counters.drops - before
             assert found == {reason: 1}, (node, reason, found)
             expected[reason] = expected.get(reason, 0) + 1
     summary = engine.world.finish()
@@ -137,9 +131,9 @@ def test_hostile_bytes_in_place_of_a_model_are_dropped_and_change_nothing() -> N
         acts += [(act(tick, residuals=told), reason) for told, reason in residuals]
         acts.append((act(tick, outbox=(batch(payload=good),), residuals=np.zeros((2, 246))), "duplicate"))  # else well
         for message, reason in acts if tick % 7 == 0 else ():
-            before = engine.world.instruments.ledger.drops.copy()
-            engine.world.handle(Delivery("message", keys.act(RUN, "agent-0"), codec.encode(message)))
-            assert engine.world.instruments.ledger.drops - before == {reason: 1}
+            before = engine.world.instruments.counters.drops.copy()
+            engine.world.handle(Delivery("message", keys.act(RUN, "agent-0"), control.encode(message)))
+            assert engine.world.instruments.counters.drops - before == {reason: 1}
     assert steady(engine.world.finish()) == steady(honest)
 
 
@@ -161,9 +155,9 @@ def test_hostile_questions_and_receipts_are_dropped_too() -> None:
     for tick in engine.fly():
         if tick > 3:
             continue
-        for raw in (b"", b"\xc1", bytes(300), codec.encode(Ready(NUMBER))):
+        for raw in (b"", b"\xc1", bytes(300), control.encode(Ready(NUMBER))):
             engine.world.handle(Delivery("question", keys.join(RUN), raw, replies.append))
-        for raw in (b"", bytes(65), codec.encode(Received(NUMBER ^ 1, 5)), codec.encode(Ready(NUMBER))):
+        for raw in (b"", bytes(65), control.encode(Received(NUMBER ^ 1, 5)), control.encode(Ready(NUMBER))):
             engine.world.handle(Delivery("message", keys.received(RUN), raw))
     assert not replies
     summary = engine.world.finish()
@@ -186,8 +180,8 @@ def test_hostile_questions_and_receipts_are_dropped_too() -> None:
 def test_who_comes_late_or_is_nobody_is_refused_in_words(join: Join) -> None:
     engine, replies = Engine(scenario("mfg", "duration=2"), RUN), []
     key = keys.join(RUN, keys.asker(join.role, join.uav))
-    engine.world.handle(Delivery("question", key, codec.encode(join), replies.append))
-    (answer,) = (codec.decode(raw) for raw in replies)
+    engine.world.handle(Delivery("question", key, control.encode(join), replies.append))
+    (answer,) = (control.decode(raw) for raw in replies)
     assert isinstance(answer, Refusal)
     assert answer.reason
     assert answer.for_now == ("its agent already" in answer.reason)  # it may be lost; the rest will not change
@@ -196,9 +190,9 @@ def test_who_comes_late_or_is_nobody_is_refused_in_words(join: Join) -> None:
 def test_who_asks_under_the_name_of_another_is_dropped_without_an_answer() -> None:
     engine, replies = Engine(scenario("mfg", "duration=2"), RUN), []
     for name, join in (("agent-1", Join("agent", 1, 2)), ("agent", Join("leader", 0)), ("x", Join("agent", 1))):
-        engine.world.handle(Delivery("question", keys.join(RUN, name), codec.encode(join), replies.append))
+        engine.world.handle(Delivery("question", keys.join(RUN, name), control.encode(join), replies.append))
     assert not replies
-    assert engine.world._ledger.drops == {"wrong-name": 3}
+    assert engine.world._counters.drops == {"wrong-name": 3}
 
 
 # -- finite, well-formed and absurd -------------------------------------------------------------------------------
@@ -214,9 +208,9 @@ class Forger:
 
     def put(self, key: str, payload: bytes) -> None:
         if key == keys.sense(RUN, "agent-0"):
-            sense = codec.decode(payload)
+            sense = control.decode(payload)
             if isinstance(sense, Sense) and sense.tick == self._tick:
-                forged = codec.encode(act(self._tick, **self._changes))
+                forged = control.encode(act(self._tick, **self._changes))
                 self._world.handle(Delivery("message", keys.act(RUN, "agent-0"), forged))
                 return
         self._put(key, payload)
@@ -247,3 +241,73 @@ def test_an_absurd_number_from_one_node_costs_neither_the_others_nor_the_recordi
     assert engine.station.summary is not None
     assert engine.station.missed_blocks == 0
     assert sum(len(block.states) for block in kept.blocks) == 61
+
+
+HOSTILE_KEYS = [
+    "",
+    "/",
+    "**",
+    "*",
+    "x",
+    f"{keys.ROOT}/**",
+    f"{keys.ROOT}/{RUN}/**",
+    f"{keys.ROOT}/{RUN}/node",
+    f"{keys.ROOT}/{RUN}/node//act",
+    f"{keys.ROOT}/{RUN}/node/*/act",
+    f"{keys.ROOT}/{RUN}/node/$*/act",
+    f"{keys.ROOT}/{RUN}/node/agent-1/**",
+    f"{keys.ROOT}/{RUN}/node/agent-1/act\n",
+    f"{keys.ROOT}/{RUN}/node/agent-1\x1b[2J/act",
+    f"{keys.ROOT}/{RUN}/node/agent-1\nlost agent-2/act",
+    f"{keys.ROOT}/{RUN}/node/\u202eagent-1/act",
+    f"{keys.ROOT}/{RUN}/alive",
+    f"{keys.ROOT}/{RUN}/alive/agent/\x1b]0;x\x07",
+    f"{keys.ROOT}/{RUN}/alive/**",
+    "a/" * 20_000,
+]
+
+
+def test_no_key_raises_or_is_shown_as_it_came(caplog: pytest.LogCaptureFixture) -> None:
+    flown = scenario("mfg", "duration=2")
+    honest, kept = fly(flown), Kept()
+    engine, replies = Engine(flown, RUN, sinks=[kept]), []
+    question = control.encode(Join("agent", 1))
+    for tick in engine.fly():
+        if tick != 4:
+            continue
+        for key in HOSTILE_KEYS:
+            for delivery in (
+                Delivery("message", key, b"x"),
+                Delivery("question", key, question, replies.append),
+                Delivery("alive", key),
+                Delivery("gone", key),
+                Delivery("oversized", key, size=10**9),
+            ):
+                before = engine.world.instruments.counters.drops.total()
+                engine.world.handle(delivery)
+                assert engine.world.instruments.counters.drops.total() == before + 1, delivery
+    summary = engine.world.finish()
+    assert summary["dropped_messages"] == {"wrong-key": 4 * len(HOSTILE_KEYS), "oversized": len(HOSTILE_KEYS)}
+    assert not replies
+    texts = [event.text for block in kept.blocks for event in block.events]
+    said = [record.getMessage() for record in caplog.records] + [str(vars(record)["peer"]) for record in caplog.records]
+    assert len(texts) >= 100
+    assert all(text.isprintable() and len(text) < 1000 for text in (*texts, *said))
+    assert steady(summary) == steady(honest)
+
+
+@given(st.text() | st.from_regex(rf"{keys.ROOT}/{RUN}/(node|alive)/.*/.*"))
+def test_whatever_the_key_the_world_reads_it_as_a_nodes_or_drops_it(key: str) -> None:
+    for read in (keys.node_of, keys.presence_of):
+        found: Any
+        try:
+            found = read(key)
+        except MessageRejected as error:
+            found = error
+        if isinstance(found, MessageRejected):
+            assert found.reason == "wrong-key"
+            assert str(found).isprintable()
+        else:
+            assert "".join(found).isascii()
+            assert "".join(found).isprintable()
+            assert not set("".join(found)) & set("*/$ ")

@@ -5,8 +5,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from groundstation import doctor, memory
-from groundstation.memory import MEGABYTE, available_mb, needed_mb
+from meanflock.groundstation import doctor, memory
+from meanflock.groundstation.memory import MEGABYTE, available_mb, needed_mb
 
 MACHINE = psutil.virtual_memory().total // MEGABYTE
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from groundstation.engine import Engine
-from groundstation.progress import FlightProgress, summary_table
-from swarm.messages import SWARM_COLUMNS, Telemetry
-from swarm.scenario import load
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.progress import FlightProgress, summary_table
+from meanflock.swarm.scenario import load
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Telemetry
 from tests.groundstation.recordings import flight
 
 FLOWN = load(None, ["uavs=2", "method=mfg", "duration=1", 'stop="duration"'])
@@ -41,7 +41,7 @@ def test_commands_that_are_held_are_in_the_line_and_in_the_table() -> None:
     for tick in engine.fly():
         if tick == 3:
             assert "held" not in line.line
-            engine.world.instruments.ledger.late(1234)
+            engine.world.instruments.counters.late(1234)
     table = shown(engine)
     assert "held 1234 in 1 late ticks" in line.line
     assert "1,234" in table

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from groundstation.paper import claims, report
-from groundstation.paper.outcome import Outcome
-from groundstation.paper.verdict import NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, UNDECIDED
+from meanflock.groundstation.paper import claims, report
+from meanflock.groundstation.paper.outcome import Outcome
+from meanflock.groundstation.paper.verdict import NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, UNDECIDED
 
 ROOT = Path(__file__).parents[2]
 RECORDS: list[dict[str, Any]] = json.loads((ROOT / "docs/results/claims.json").read_text(encoding="utf-8"))

@@ -7,23 +7,23 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from groundstation import blueprint as look
-from groundstation import plots, plotstyle, quantities
-from groundstation.paper import figures_grids
-from groundstation.progress import summary_table
-from groundstation.quantities import FIELDS, Quantity
-from groundstation.reported import Reported
-from groundstation.results import TIMESERIES
-from groundstation.run import Options, fly
-from groundstation.series import block_of
-from swarm.messages import SWARM_COLUMNS
-from swarm.scenario import load
+from meanflock.groundstation import panels, plots, plotstyle, quantities
+from meanflock.groundstation.paper import figures_grids
+from meanflock.groundstation.progress import summary_table
+from meanflock.groundstation.quantities import FIELDS, Quantity
+from meanflock.groundstation.reported import Reported
+from meanflock.groundstation.results import TIMESERIES
+from meanflock.groundstation.run import Options, fly
+from meanflock.groundstation.series import block_of
+from meanflock.swarm.scenario import load
+from meanflock.swarm.wire.messages import SWARM_COLUMNS
 from tests.groundstation.recordings import DIAGNOSTICS
 
 ROOT = Path(__file__).parents[2]
@@ -86,20 +86,20 @@ def test_the_summarys_table_uses_them(runs: dict[str, Path]) -> None:
 
 def test_the_plots_of_a_recording_use_them() -> None:
     for plot, quantity in (
-        (look.ENERGY, quantities.ENERGY),
-        (look.SPEED, quantities.SPEED),
-        (look.BITS, quantities.PAYLOAD),
-        (look.ALIGNMENT, quantities.ALIGNMENT),
-        (look.RISK, quantities.RISK_PRINTED),
-        (look.FAILURES, quantities.OUTAGES),
-        (look.FAILURES, quantities.COLLISIONS),
-        (look.diagnostic("hjb_residual"), quantities.HJB_RESIDUAL),
-        (look.diagnostic("fpk_residual"), quantities.FPK_RESIDUAL),
-        (look.diagnostic("phi_G"), quantities.INTERACTION),
-        (look.SPREAD, quantities.SPREAD),
+        (panels.ENERGY, quantities.ENERGY),
+        (panels.SPEED, quantities.SPEED),
+        (panels.BITS, quantities.PAYLOAD),
+        (panels.ALIGNMENT, quantities.ALIGNMENT),
+        (panels.RISK, quantities.RISK_PRINTED),
+        (panels.FAILURES, quantities.OUTAGES),
+        (panels.FAILURES, quantities.COLLISIONS),
+        (panels.diagnostic("hjb_residual"), quantities.HJB_RESIDUAL),
+        (panels.diagnostic("fpk_residual"), quantities.FPK_RESIDUAL),
+        (panels.diagnostic("phi_G"), quantities.INTERACTION),
+        (panels.SPREAD, quantities.SPREAD),
     ):
         assert quantity.name in plot.title
-    assert look.ALIGNMENT.title == "alignment φ_A, m/s, lower is better"
+    assert panels.ALIGNMENT.title == "alignment φ_A, m/s, lower is better"
 
 
 def test_plots_use_them(runs: dict[str, Path]) -> None:
@@ -166,6 +166,10 @@ def test_a_run_is_plotted_where_its_controller_is_not_installed(of_a_stranger: P
         "spread of the models",
     ]
     assert panels["tension: mean, max, min"].get_ylabel() == "tension"
+    (mean,) = panels["tension: mean, max, min"].lines
+    reported = np.isfinite(np.asarray(mean.get_ydata(), dtype=float))
+    assert reported[1:].all()
+    assert not reported[0]  # at take-off nothing was reported yet
     assert plain(made["paths"].axes[0].get_title(loc="left")).startswith("nobody-has-it, seed 1: ")
     assert len(made["paths"].axes) == 2  # φ_G is there, whoever reports it
 

@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from groundstation import blueprint as look
-from groundstation.recording import Recorder, verify
-from groundstation.recording import recorded as recorded_of
-from groundstation.reported import Reported
-from swarm import state
-from swarm.errors import BadInput
-from swarm.messages import SWARM_COLUMNS, FrameKind, Telemetry
-from swarm.scenario import Federation, Scenario
+from meanflock.groundstation import blueprint as look
+from meanflock.groundstation import palette, panels
+from meanflock.groundstation.recorded import recorded as recorded_of
+from meanflock.groundstation.recording import Recorder, verify
+from meanflock.groundstation.reported import Reported
+from meanflock.swarm import state
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Federation, Scenario
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, FrameKind, Telemetry
 from tests.groundstation.recordings import COLLISIONS, HJB, ROUND_TICKS, WEIGHTS, column, flight, record, scalars
 
 pytestmark = pytest.mark.usefixtures("strict")
@@ -70,18 +71,18 @@ def test_plots_hold_the_telemetrys_numbers(recorded: tuple[Path, list[Telemetry]
     path, blocks = recorded
     swarm = {name: np.concatenate([b.swarm for b in blocks])[:, i] for i, name in enumerate(SWARM_COLUMNS)}
     energy = np.concatenate([block.energy for block in blocks])
-    ticks, values = scalars(path, look.ENERGY)
+    ticks, values = scalars(path, panels.ENERGY)
     np.testing.assert_array_equal(ticks, np.arange(600))
     np.testing.assert_allclose(values, np.stack([energy.mean(1), energy.min(1), energy.max(1)], axis=-1))
     for plot, names, unit in (
-        (look.BITS, ("uplink_bits", "relay_bits", "broadcast_bits", "state_bits"), 1e6),
-        (look.ALIGNMENT, ("phi_A",), 1),
-        (look.RISK, ("phi_C", "phi_C_distinct"), 1),
-        (look.FAILURES, ("outages", "collisions"), 1),
+        (panels.BITS, ("uplink_bits", "relay_bits", "broadcast_bits", "state_bits"), 1e6),
+        (panels.ALIGNMENT, ("phi_A",), 1),
+        (panels.RISK, ("phi_C", "phi_C_distinct"), 1),
+        (panels.FAILURES, ("outages", "collisions"), 1),
     ):
         _, values = scalars(path, plot)
         np.testing.assert_allclose(values, np.stack([swarm[name] for name in names], axis=-1) / unit)
-    ticks, values = scalars(path, look.WEIGHTS)
+    ticks, values = scalars(path, panels.WEIGHTS)
     np.testing.assert_array_equal(ticks, np.arange(0, 600, 20))
     drawn = Reported((), WEIGHTS).drawn
     assert len(drawn) == 60
@@ -105,16 +106,16 @@ def test_a_collision_is_a_star_a_mark_and_a_line_of_the_log(recorded: tuple[Path
     for (tick, pair), star in zip(COLLISIONS, strips, strict=True):
         corners = np.array(star)[0, :-1]
         np.testing.assert_allclose(corners.mean(axis=0), states[tick, pair, :2].mean(axis=0), atol=1e-3)
-    hit_ticks, risks = scalars(path, look.HITS)
+    hit_ticks, risks = scalars(path, panels.HITS)
     np.testing.assert_array_equal(hit_ticks, ticks)
-    np.testing.assert_array_equal(risks, scalars(path, look.RISK)[1][ticks, :1])
+    np.testing.assert_array_equal(risks, scalars(path, panels.RISK)[1][ticks, :1])
     _, texts = column(path, look.EVENTS, "TextLog:text")
     _, levels = column(path, look.EVENTS, "TextLog:level")
     log = [(text[0], level[0]) for text, level in zip(texts, levels, strict=True)]
     assert log.count(("collision: too near", "ERROR")) == len(COLLISIONS)
     _, colors = column(path, look.EVENTS, "TextLog:color")
     shades = {text[0]: color for text, color in zip(texts, colors, strict=True)}
-    assert shades["collision: too near"] == [look.COLLISION]
+    assert shades["collision: too near"] == [palette.COLLISION]
     assert ("lost: UAV 7 is silent", "ERROR") in log
     assert ("round 1 averaged", "INFO") in log
 
@@ -126,7 +127,7 @@ def test_links_are_green_where_delivered_and_red_in_outage(recorded: tuple[Path,
     _, colors = column(path, look.MODEL_LINKS, "LineStrips2D:colors")
     np.testing.assert_array_equal(ticks, np.arange(ROUND_TICKS, 600, ROUND_TICKS))
     sources = np.arange(1, 24)
-    expected = np.where(sources % 5 == 0, look.RED, look.GREEN)
+    expected = np.where(sources % 5 == 0, palette.RED, palette.GREEN)
     for tick, ends, shown in zip(ticks, strips, colors, strict=True):
         np.testing.assert_array_equal(np.array(ends)[:, 0], states[tick, sources, :2].astype(np.float32))
         np.testing.assert_array_equal(np.array(ends)[:, 1], states[tick, [0] * 23, :2].astype(np.float32))
@@ -149,7 +150,7 @@ def test_a_round_whose_uploads_are_all_in_outage_is_a_graph_without_edges(tmp_pa
     _, colors = column(path, look.ROUND, "GraphNodes:colors")
     assert ticks.tolist() == [last]
     assert edges == [[]]
-    assert colors == [[look.WHITE, look.RED, look.RED, look.RED]]
+    assert colors == [[palette.WHITE, palette.RED, palette.RED, palette.RED]]
     assert verify(path) is None
 
 
@@ -164,7 +165,7 @@ def test_a_round_of_clusters_is_a_tree(tmp_path: Path) -> None:
     _, colors = column(path, look.ROUND, "GraphNodes:colors")
     assert ticks.tolist() == [2, 3]
     assert [len(of_tick) for of_tick in edges] == [20 - 1, 20 - 1 + 4 - 1]
-    expected = [look.WHITE, look.GREEN, look.GREEN, look.RED, look.RED]
+    expected = [palette.WHITE, palette.GREEN, palette.GREEN, palette.RED, palette.RED]
     assert [colors[1][uav] for uav in (0, 5, 6, 7, 10)] == expected
     ticks, strips = column(path, look.MODEL_LINKS, "LineStrips2D:strips")
     assert (ticks.tolist(), [len(lines) for lines in strips]) == ([2, 3], [20, 4])
@@ -190,7 +191,7 @@ def test_rows_that_come_one_by_one_are_recorded_the_same(tmp_path: Path) -> None
         (look.UAVS, "Points2D:positions"),
         (look.TRAILS, "LineStrips2D:strips"),
         (look.LANES, "StateChange:state"),
-        (look.ENERGY.entity, "Scalars:scalars"),
+        (panels.ENERGY.entity, "Scalars:scalars"),
     ):
         ticks, rows = column(whole, entity, name)
         single_ticks, single_rows = column(single, entity, name)
@@ -223,11 +224,13 @@ def test_a_large_swarm_is_recorded_coarsely(tmp_path: Path) -> None:
     np.testing.assert_array_equal(ticks, np.arange(0, 60, 5))
     assert len(positions[0]) == 300
     assert not len(column(path, look.LANES, "StateChange:state")[0])
-    assert len(scalars(path, look.ENERGY)[0]) == 60
+    assert len(scalars(path, panels.ENERGY)[0]) == 60
 
 
 def test_the_colours_of_phi_g_end_where_the_legend_says() -> None:
-    below, low, high, above = look.phi_g_colors(np.array([0.0, look.PHI_G_LOW, look.PHI_G_HIGH, 1e9], dtype="f4"))
+    below, low, high, above = palette.phi_g_colors(
+        np.array([0.0, palette.PHI_G_LOW, palette.PHI_G_HIGH, 1e9], dtype="f4")
+    )
     assert below == low
     assert high == above == 0xFDE725FF
     assert low != high
@@ -294,13 +297,14 @@ def test_diagnostics_of_ones_own_are_drawn_under_their_names(tmp_path: Path) -> 
     path = tmp_path / "recording.rrd"
     blocks = of_a_stranger(path, ("tension", "phi_G"), 0)
     values = np.concatenate([block.diagnostics for block in blocks])[..., 0].astype(np.float64)
-    plot = look.diagnostic("tension")
+    plot = panels.diagnostic("tension")
     assert plot.title == "tension: mean, min, max"
     ticks, lines = scalars(path, plot)
-    np.testing.assert_array_equal(ticks, np.arange(60))
+    np.testing.assert_array_equal(ticks, np.arange(1, 60))  # at take-off nothing was reported yet
+    values = values[1:]
     np.testing.assert_allclose(lines, np.stack([values.mean(1), values.min(1), values.max(1)], axis=-1))
-    assert look.diagnostic("phi_G").entity in entities(path)  # a name we know, and its look, whoever reports it
-    assert not {look.WEIGHTS, look.SPREAD.entity, look.diagnostic("hjb_residual").entity} & entities(path)
+    assert panels.diagnostic("phi_G").entity in entities(path)  # a name we know, and its look, whoever reports it
+    assert not {panels.WEIGHTS, panels.SPREAD.entity, panels.diagnostic("hjb_residual").entity} & entities(path)
 
 
 def test_trails_have_the_colours_of_phi_g_where_it_is_reported_else_of_speed(tmp_path: Path) -> None:
@@ -314,10 +318,10 @@ def test_trails_have_the_colours_of_phi_g_where_it_is_reported_else_of_speed(tmp
         states = np.concatenate([block.states for block in blocks])
         _, colors = column(path, look.UAVS, "Points2D:colors")
         if entity == "speed":
-            np.testing.assert_array_equal(colors, look.speed_colors(state.speed(states)))
+            np.testing.assert_array_equal(colors, palette.speed_colors(state.speed(states)))
         else:
             phi = np.concatenate([block.diagnostics for block in blocks])[..., 1]
-            np.testing.assert_array_equal(colors, look.phi_g_colors(phi))
+            np.testing.assert_array_equal(colors, palette.phi_g_colors(phi))
         said = [static(path, f"map/legend/{entity}/{end}", "Points2D:labels") for end in ("low", "high")]
         assert said == [[end] for end in ends]
         assert not {"map/legend/speed", "map/legend/phi_G"} - {f"map/legend/{entity}"} & entities(path)
@@ -326,10 +330,10 @@ def test_trails_have_the_colours_of_phi_g_where_it_is_reported_else_of_speed(tmp
 def test_a_model_of_any_size_is_drawn_with_a_title_that_says_what_of_it(tmp_path: Path) -> None:
     path = tmp_path / "recording.rrd"
     of_a_stranger(path, (), 3)
-    assert scalars(path, look.WEIGHTS)[1].shape == (3, 3)
-    assert scalars(path, look.SPREAD)[1].shape == (3, 1)
-    assert look.weights_title(0, Reported((), 3)) == "what UAV 0 has learned: all 3 weights"
-    assert look.weights_title(2, Reported((), 1000)) == "what UAV 2 has learned: 60 of 1000 weights"
+    assert scalars(path, panels.WEIGHTS)[1].shape == (3, 3)
+    assert scalars(path, panels.SPREAD)[1].shape == (3, 1)
+    assert panels.weights_title(0, Reported((), 3)) == "what UAV 0 has learned: all 3 weights"
+    assert panels.weights_title(2, Reported((), 1000)) == "what UAV 2 has learned: 60 of 1000 weights"
     for weights in (0, 1, 2, 59, 60, 61, 1_000_000):
         drawn = Reported((), weights).drawn
         assert len(drawn) == min(weights, 60) == len(set(drawn.tolist()))

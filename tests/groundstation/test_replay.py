@@ -6,16 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from groundstation import blueprint as look
-from groundstation import engine
-from groundstation.recorded import Recorded, recorded
-from groundstation.recording import Recorder
-from groundstation.replay import complete, missing
-from groundstation.results import EVENTS, RunFolder, past, recover
-from groundstation.run import Desk, Options
-from groundstation.viewer import verify
-from swarm.errors import BadInput
-from swarm.messages import Telemetry
+from meanflock.groundstation import blueprint as look
+from meanflock.groundstation import engine, panels
+from meanflock.groundstation.recorded import Recorded, recorded
+from meanflock.groundstation.recording import Recorder
+from meanflock.groundstation.replay import complete, missing
+from meanflock.groundstation.results import EVENTS, RunFolder, past, recover
+from meanflock.groundstation.run import Options, Outputs
+from meanflock.groundstation.viewer import verify
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.wire.messages import Telemetry
 from tests.faults.conftest import Lab, scenario
 from tests.groundstation.recordings import DIAGNOSTICS, column
 
@@ -41,7 +41,7 @@ def kept(out: Path, blocks: list[Telemetry]) -> Path:
     folder = RunFolder(out, "run", FLOWN)
     for block in blocks:
         folder.write(block)
-    folder._aside.wait()
+    folder._background.wait()
     folder._spool = None  # type: ignore[assignment]
     folder._events.close()
     return folder.path
@@ -73,11 +73,11 @@ Contents = dict[str, tuple[list[int], list[Any]]]
 EVERYTHING = (
     (look.UAVS, "Points2D:positions"),
     (look.VELOCITY, "Arrows2D:vectors"),
-    (look.ENERGY.entity, "Scalars:scalars"),
-    (look.BITS.entity, "Scalars:scalars"),
-    *((look.diagnostic(name).entity, "Scalars:scalars") for name in DIAGNOSTICS),
-    (look.WEIGHTS, "Scalars:scalars"),
-    (look.SPREAD.entity, "Scalars:scalars"),
+    (panels.ENERGY.entity, "Scalars:scalars"),
+    (panels.BITS.entity, "Scalars:scalars"),
+    *((panels.diagnostic(name).entity, "Scalars:scalars") for name in DIAGNOSTICS),
+    (panels.WEIGHTS, "Scalars:scalars"),
+    (panels.SPREAD.entity, "Scalars:scalars"),
     (look.EVENTS, "TextLog:text"),
 )
 
@@ -136,7 +136,7 @@ def test_a_recorder_that_goes_on_begins_with_what_was_not_recorded(
     folder = kept(tmp_path, blocks[:9])
     if sent is not None:  # else nobody recorded before
         killed(folder / "recording.rrd", blocks[:9], sent, monkeypatch)
-    with Desk(FLOWN, "run", Options(out=tmp_path, quiet=True), past(folder)) as desk:
+    with Outputs(FLOWN, "run", Options(out=tmp_path, quiet=True), past(folder)) as desk:
         for block in blocks[9:]:
             for sink in desk.sinks:
                 sink.write(block)
@@ -174,3 +174,14 @@ def test_rows_and_events_that_are_none_of_this_flight_are_bad_input(blocks: list
         (folder / EVENTS).write_bytes(nonsense.ljust(size))
         with pytest.raises(BadInput, match="damaged"):
             list(missing(folder, so_far, NOTHING, 6))
+
+
+def test_a_recording_is_completed_where_the_controller_is_not_installed(
+    blocks: list[Telemetry], whole: Contents, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = kept(tmp_path, blocks)
+    killed(folder / "recording.rrd", blocks, 6, monkeypatch)
+    path = folder / "scenario.toml"
+    path.write_text(path.read_text().replace('method = "mfgfl-h"', 'method = "nobody-has-it"'))
+    complete(folder)
+    assert contents(folder / "recording.rrd") == whole

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from groundstation.paper.sensitivity import shares
+from meanflock.groundstation.paper.sensitivity import shares
 from tests.groundstation import synthetic
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from groundstation.series import block_of, rows_of, schema, unbroken
-from groundstation.spool import Spool, spooled
-from swarm.messages import Telemetry
-from tests.groundstation.recordings import flight
+from meanflock.groundstation.series import block_of, rows_of, schema, unbroken
+from meanflock.groundstation.spool import Spool, spooled
+from meanflock.swarm.wire.messages import Telemetry
+from tests.groundstation.recordings import DIAGNOSTICS, flight
 
 BLOCKS = flight(uavs=3, ticks=60)
 
@@ -65,7 +65,7 @@ def test_a_block_that_does_not_fit_itself_is_no_block(tmp_path: Path) -> None:
 
 
 def test_rows_are_blocks_again_cut_where_ticks_are_missing() -> None:
-    rows = pa.Table.from_batches([bare(block) for block in (BLOCKS[0], BLOCKS[2])], schema())
+    rows = pa.Table.from_batches([bare(block) for block in (BLOCKS[0], BLOCKS[2])], schema(DIAGNOSTICS))
     pieces = list(unbroken(rows, 15))
     assert [piece["tick"].to_pylist() for piece in pieces] == [
         [*range(15)],
@@ -74,4 +74,4 @@ def test_rows_are_blocks_again_cut_where_ticks_are_missing() -> None:
         [*range(50, 60)],
     ]
     again = [bare(block_of(piece, 7)) for piece in pieces]
-    assert pa.Table.from_batches(again, schema()).equals(rows)
+    assert pa.Table.from_batches(again, schema(DIAGNOSTICS)).equals(rows)

@@ -13,12 +13,12 @@ import psutil
 import pytest
 from rich.console import Console
 
-from groundstation import study
-from groundstation.means import WIDTH, Means
-from groundstation.paper.store import Store
-from groundstation.swept import Swept
-from swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput
-from swarm.scenario import Scenario, load
+from meanflock.groundstation import study
+from meanflock.groundstation.means import WIDTH, Means
+from meanflock.groundstation.paper.store import Store
+from meanflock.groundstation.swept import Swept
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput
+from meanflock.swarm.scenario import Scenario, load
 from tests.polling import DEADLINE_S, until
 
 QUICK = ("--duration", "3", "--jobs", "1", "--quiet", "--out", "out")
@@ -225,7 +225,7 @@ def test_ctrl_c_ends_a_sweep_and_its_workers_and_a_repeat_goes_on(tmp_path: Path
     command = [
         sys.executable,
         "-c",
-        "from groundstation.cli import main; main()",
+        "from meanflock.groundstation.cli import main; main()",
         "sweep",
         "wind.sigma=0.1,0.2,0.3",
         "--methods",

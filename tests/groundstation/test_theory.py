@@ -7,26 +7,22 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from meanflock.agent.basis import DensityBasis, Powers
+from meanflock.agent.fpk import FpkLearner
+from meanflock.agent.hjb import HjbLearner, HjbResult, local_cost
 from scipy import integrate, linalg, optimize
 
-from agent.tables import tables
-from groundstation.paper import optimum, theory
-from groundstation.paper.measure import LONG_S, filter_moments, long_flight, measure, measured
-from groundstation.paper.view import keep_measured
-from kernels import features, fpk, hjb
-from kernels.hjb import local_cost
-from swarm import state
-from swarm.scenario import Scenario, load
-from worldsim.vehicles.point_mass import PointMass
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.paper import optimum, theory
+from meanflock.groundstation.paper.measure import LONG_S, filter_moments, long_flight, measure, measured
+from meanflock.groundstation.paper.view import keep_measured
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.worldsim import dynamics
 
 
 def scenario(*settings: str, **options: Any) -> Scenario:
     return load(None, settings, **{"method": "mfg", **options})
-
-
-def moved(flown: Scenario, states: np.ndarray, command: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """One tick of the world's own dynamics."""
-    return PointMass(PointMass.Options(), flown).step(states, {}, command, noise)[0]
 
 
 # -- the density learner as an LMS filter ------------------------------------------------------------
@@ -44,15 +40,15 @@ def test_gradient_is_the_one_the_learner_steps_along() -> None:
     draw = np.random.default_rng(2)
     states, actions = draw.normal(size=(6, 4)) * [100, 100, 5, 5], draw.normal(size=(6, 2))
     curvature, weights = draw.normal(size=6), draw.normal(size=(6, 2, 69))
-    t = tables(plain)
-    pairs = features.pairs(t, features.powers(t, states))
-    flat = weights.reshape(6, -1)
-    sigma = features.terms(t, pairs)[:, 1:]
-    stepped, residual = fpk.step(t, flat, states, pairs, sigma, hjb.drift(t, states, actions), curvature)
+    learner = FpkLearner(plain)
+    pairs = learner.basis.pairs(Powers(plain.learner)(states))
+    drift = actions - plain.wind.drag * (states[:, 2:] - np.array(plain.wind.mean))
+    stepped = learner.step(weights, states, pairs, learner.basis.terms(pairs)[:, 1:], drift, curvature)
     g = theory.fpk_gradients(plain, states, actions, curvature)
+    flat = weights.reshape(6, -1)
     error = (g * flat).sum(axis=-1)
-    assert residual == pytest.approx(error)
-    assert stepped == pytest.approx(flat - plain.learner.mu_f * error[:, None] * g)
+    assert stepped.residual == pytest.approx(error)
+    assert stepped.weights.reshape(6, -1) == pytest.approx(flat - plain.learner.mu_f * error[:, None] * g)
 
 
 def test_mean_of_the_weights_decays_as_the_recursion_says() -> None:
@@ -130,18 +126,22 @@ def test_long_flight_says_what_left_every_bound(method: str) -> None:
     assert LONG_S > 1000
 
 
-def test_long_flights_need_no_radio() -> None:
-    with pytest.raises(ValueError, match="radio"):
-        theory.fly_long(scenario(method="mfgfl-hf"), 10.0)
+@pytest.mark.parametrize("method", ["hjb", "mfgfl-hf"])
+def test_the_radio_of_long_flights_loses_nothing(method: str) -> None:
+    far = scenario("start.spacing=200", "federation.period=20", method=method, uavs=4)
+    radio = Engine(theory.clear(far, 20.0), "clear").complete()["radio"]
+    assert radio["outages"] == 0
+    assert radio["sent"] == 199 * 4 * 3 if method == "hjb" else radio["sent"] > 0
 
 
 # -- the control law where the problem is linear-quadratic ------------------------------------------------------------
 
 
-def ask(plain: Scenario, weights: np.ndarray, states: np.ndarray) -> hjb.ValueStep:
+def ask(plain: Scenario, weights: np.ndarray, states: np.ndarray) -> HjbResult:
     """What the learner's own step says at `states` with the same weights for all."""
-    t, rows = tables(plain), len(states)
-    return hjb.step(t, np.tile(weights.reshape(-1), (rows, 1)), states, features.powers(t, states), np.zeros(rows))
+    learner = HjbLearner(plain)
+    rows = len(states)
+    return learner.step(np.repeat(weights[None], rows, axis=0), states, Powers(plain.learner)(states), np.zeros(rows))
 
 
 def test_regulator_action_and_residual_are_exact() -> None:
@@ -184,7 +184,7 @@ def test_cruise_speed_is_where_the_dynamics_settle_under_the_law() -> None:
     states = np.array([1e6, 0.0, 0.0, 0.0])
     for _ in range(400):
         law = -(2 * cruise.q * states[state.VX] + cruise.p) / (2 * plain.cost.c3)
-        states = moved(plain, states, np.array([law, 0.0]), np.zeros(2))
+        states = dynamics.step(plain, states, np.array([law, 0.0]), np.zeros(2))
     assert states[state.VX] == pytest.approx(cruise.speed)
 
 
@@ -214,7 +214,7 @@ def test_gaussian_follows_the_simulated_cloud() -> None:
     start_mean, start_std = np.array([5.0, -3.0, 1.0, 0.0]), np.array([1.0, 2.0, 0.5, 0.2])
     cloud = start_mean + start_std * draw.standard_normal((20000, 4))
     for _ in range(200):
-        cloud = moved(fine, cloud, -cloud @ gain.T, draw.standard_normal((20000, 2)))
+        cloud = dynamics.step(fine, cloud, -cloud @ gain.T, draw.standard_normal((20000, 2)))
 
     def moments(_: float, y: np.ndarray) -> np.ndarray:
         covariance = y[4:].reshape(4, 4)
@@ -242,8 +242,8 @@ def test_operator_misses_a_gaussian_that_is_not_stationary() -> None:
     _, covariance = theory.stationary(flow)
     weights = theory.gaussian_weights(plain, 2 * covariance)
     assert abs(theory.operator_residual(plain, flow, weights, np.zeros((1, 4)))[0]) > 0.1
-    t = tables(plain)
-    assert features.terms(t, features.pairs(t, features.powers(t, np.zeros((1, 4))))).shape == (1, 70)
+    basis = DensityBasis(plain.learner, plain.wind.sigma)
+    assert basis.terms(basis.pairs(Powers(plain.learner)(np.zeros((1, 4))))).shape == (1, 70)
 
 
 # -- the best flight ------------------------------------------------------------
@@ -273,7 +273,7 @@ def test_best_flight_obeys_the_worlds_dynamics_and_costs_what_it_says() -> None:
     best = optimum.best_flight(plain, START, 400)
     states = [START]
     for command in best.accelerations:
-        states.append(moved(plain, states[-1], command, np.zeros(2)))
+        states.append(dynamics.step(plain, states[-1], command, np.zeros(2)))
     assert np.array(states) == pytest.approx(best.states, abs=1e-9)
     assert float(optimum.flight_cost(plain, np.array(states), best.accelerations)) == pytest.approx(best.cost)
 
@@ -285,7 +285,7 @@ def test_no_disturbed_flight_is_cheaper() -> None:
         smooth = size * np.cumsum(draw.standard_normal((300, 2)), axis=0) / 17
         states = [START]
         for command in best.accelerations + smooth:
-            states.append(moved(plain, states[-1], command, np.zeros(2)))
+            states.append(dynamics.step(plain, states[-1], command, np.zeros(2)))
         assert optimum.flight_cost(plain, np.array(states), best.accelerations + smooth) > best.cost
 
 

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from groundstation import blueprint as look
-from groundstation import viewer
-from groundstation.recording import Recorder, repair, verify
-from groundstation.screenshot import MISSING_GRAPHICS, screenshot
-from swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput, RunFailed
-from swarm.scenario import Scenario
+from meanflock.groundstation import blueprint as look
+from meanflock.groundstation import viewer
+from meanflock.groundstation.recording import Recorder, repair, verify
+from meanflock.groundstation.screenshot import MISSING_GRAPHICS, screenshot
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput, RunFailed
+from meanflock.swarm.scenario import Scenario
 from tests.groundstation.recordings import column, flight, record
 from tests.polling import DEADLINE_S, until
 
@@ -147,7 +147,7 @@ def test_a_picture_is_of_the_second_asked_for_or_of_the_last(run, tmp_path: Path
 @pytest.mark.processes
 def test_a_browser_is_served_a_page_and_the_recording_until_ctrl_c(tmp_path: Path) -> None:
     record(tmp_path / "recording.rrd", flight(ticks=60))
-    code = "from groundstation.cli import main; main()"
+    code = "from meanflock.groundstation.cli import main; main()"
     command = [sys.executable, "-c", code, "view", str(tmp_path / "recording.rrd"), "--web"]
     serving = subprocess.Popen(command, stdout=subprocess.PIPE, cwd=Path(__file__).parents[2], text=True)
     late = tmp_path / "late.rrd"

@@ -50,7 +50,7 @@ class Command:
         self.out, self._spawn = out, spawn
 
     def start(self, *flags: str) -> "subprocess.Popen[str]":
-        return self._spawn("groundstation.cli", "run", "--out", str(self.out), *flags)
+        return self._spawn("meanflock.groundstation.cli", "run", "--out", str(self.out), *flags)
 
     def summary(self, *flags: str) -> dict[str, Any]:
         """Runs to the end and returns what `--json` printed, which must be all of stdout."""

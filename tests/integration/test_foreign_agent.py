@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.engine import Engine
-from swarm import plugins
-from swarm.scenario import load
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm import plugins
+from meanflock.swarm.scenario import load
 from tests.integration.conftest import Spawn
 from tests.polling import DEADLINE_S
 

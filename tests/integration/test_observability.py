@@ -15,14 +15,14 @@ import psutil
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from groundstation.cli import main
-from groundstation.engine import Engine
-from groundstation.launch import free_endpoint
-from groundstation.results import CHECKPOINT
-from groundstation.resume import back
-from groundstation.station import Station
-from swarm.scenario import load
-from swarm.session import ZenohBus
+from meanflock.groundstation.cli import main
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch import free_endpoint
+from meanflock.groundstation.results import CHECKPOINT
+from meanflock.groundstation.resume import back
+from meanflock.groundstation.station import Station
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.scenario import load
 from tests.integration.conftest import Command, Spawn, processes_of
 from tests.polling import DEADLINE_S, until
 
@@ -124,7 +124,7 @@ def test_a_run_that_goes_on_can_be_read_and_says_everything_in_json(command: Com
     dead.communicate()
     begin = back(command.folder).start.tick
     flags = ("--metrics", "0", "--log-format", "json", "--no-record", "--json")
-    process = spawn("groundstation.cli", "resume", str(command.folder), *flags)
+    process = spawn("meanflock.groundstation.cli", "resume", str(command.folder), *flags)
     assert process.stderr is not None
     first = process.stderr.readline()
     url = told_url(iter([first]))

@@ -9,14 +9,14 @@ from typing import Any
 
 import pytest
 
-import kernels
+from meanflock import kernels
 from tests.polling import DEADLINE_S
 
 ROOT = Path(__file__).parents[2]
 FLY = """
 import json, sys
-from groundstation.engine import Engine
-from swarm.scenario import load
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm.scenario import load
 engine = Engine(load(None, sys.argv[2:], method=sys.argv[1]), "backend")
 for _ in engine.fly():
     pass

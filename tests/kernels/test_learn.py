@@ -8,15 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from swarm.methods import Method
+from meanflock.swarm.methods import Method
 
-from agent.learner import Learner
-from agent.tables import tables
-from kernels import reference
-from kernels.tables import Tables, packed
-from swarm import model, state
-from swarm.scenario import load
-from worldsim.formation import initial_states
+from meanflock.agent.learner import Learner
+from meanflock.agent.tables import tables
+from meanflock.kernels import reference
+from meanflock.kernels.tables import Tables, packed
+from meanflock.swarm import model, state
+from meanflock.swarm.scenario import load
+from meanflock.worldsim.formation import initial_states
 
 LANES = 8  # as many rows as any machine steps at once, or more
 SCENARIO = load(None, ["uavs=9"], method="mfg")
@@ -46,7 +46,7 @@ def flying(around: str, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray |
 @pytest.mark.parametrize("around", AROUND)
 @pytest.mark.parametrize("rows", [*range(2 * LANES + 2), 25, 130])
 def test_a_flight_of_one_form_is_that_of_the_other(around: str, rows: int) -> None:
-    compiled = pytest.importorskip("kernels.compiled")
+    compiled = pytest.importorskip("meanflock.kernels.compiled")
     weights, states, of = flying(around, rows)
     states[:1] = 0.0  # r = 0, where the local cost is undefined
     prepared, numbers = compiled.prepare(TABLES), np.empty((rows, 5))
@@ -68,7 +68,7 @@ any_number = st.floats(allow_nan=True, allow_infinity=True, width=64)
 def test_numbers_beyond_all_bounds_are_treated_alike(
     weights: np.ndarray, states: np.ndarray, known: np.ndarray
 ) -> None:
-    compiled = pytest.importorskip("kernels.compiled")
+    compiled = pytest.importorskip("meanflock.kernels.compiled")
     for around in (None, known, known[:, 0, 0].copy()):
         assert tick(compiled, weights, states, around) == tick(reference, weights, states, around)
 
@@ -146,7 +146,7 @@ READ_ONLY.flags.writeable = False
     ],
 )
 def test_what_does_not_fit_is_refused_before_anything_is_written(name: str, wrong: Any, said: str) -> None:
-    native = pytest.importorskip("kernels._native")
+    native = pytest.importorskip("meanflock.kernels._native")
     good: dict[str, Any] = {"tables": native.tables(*packed(TABLES)), **arguments()}
     with pytest.raises((TypeError, ValueError, BufferError), match=said):
         native.learn(*(good | {name: wrong}).values())
@@ -155,7 +155,7 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(name: str, wron
 
 
 def test_arrays_may_begin_anywhere() -> None:
-    compiled = pytest.importorskip("kernels.compiled")
+    compiled = pytest.importorskip("meanflock.kernels.compiled")
 
     def odd(array: np.ndarray) -> np.ndarray:
         return np.frombuffer(bytearray(b"." + array.tobytes()), dtype=array.dtype, offset=1).reshape(array.shape)
@@ -173,7 +173,7 @@ SPLIT = Tables._fields.index("value_first")
 @pytest.mark.parametrize("field", Tables._fields[SPLIT:])
 @pytest.mark.parametrize("bad", [-1, 10_000, -(2**31), 2**31 - 1])
 def test_no_index_of_the_tables_points_outside(field: str, bad: int) -> None:
-    native = pytest.importorskip("kernels._native")
+    native = pytest.importorskip("meanflock.kernels._native")
     for place in (0, -1):
         changed = np.array(getattr(TABLES, field))
         changed[place] = bad
@@ -183,7 +183,7 @@ def test_no_index_of_the_tables_points_outside(field: str, bad: int) -> None:
 
 @pytest.mark.parametrize("what", ["shorter", "longer", "other"])
 def test_tables_of_another_size_are_refused(what: str) -> None:
-    native = pytest.importorskip("kernels._native")
+    native = pytest.importorskip("meanflock.kernels._native")
     for place, array in enumerate(both := packed(TABLES)):
         wrong = {"shorter": array[:-1], "longer": np.append(array, array[:1]), "other": array.astype(np.int64)}[what]
         with pytest.raises(ValueError, match="expected"):

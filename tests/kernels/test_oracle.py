@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agent.tables import DENSITY_EXPONENTS, VALUE_EXPONENTS, tables
-from kernels import Tables, features, fpk, hjb
-from swarm import model, state
-from swarm.scenario import load
+from meanflock.agent.tables import DENSITY_EXPONENTS, VALUE_EXPONENTS, tables
+from meanflock.kernels import Tables, features, fpk, hjb
+from meanflock.swarm import model, state
+from meanflock.swarm.scenario import load
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "learner.json").read_text())
 CASES = range(len(ORACLE["cases"]))

@@ -11,8 +11,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from kernels.reference import FEW
-from swarm import state
+from meanflock.kernels.reference import FEW
+from meanflock.swarm import state
 
 both_forms = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 
@@ -59,8 +59,8 @@ def test_pairs_are_those_of_the_matrix(
 @pytest.mark.parametrize("uavs", [0, 1, 2, 5, 25, FEW - 1, FEW, FEW + 1, 333])
 @pytest.mark.parametrize("spread", [300.0, 3.0, 0.03])  # nobody is near, some are, all are
 def test_both_forms_give_the_same_bits(uavs: int, spread: float) -> None:
-    compiled = pytest.importorskip("kernels.compiled")
-    from kernels import reference
+    compiled = pytest.importorskip("meanflock.kernels.compiled")
+    from meanflock.kernels import reference
 
     draw = np.random.default_rng(uavs)
     states = draw.normal(size=(uavs, state.SIZE)) * [spread, spread, 1.0, 1e-9] + [150.0, 100.0, 12.0, -7.0]
@@ -115,13 +115,13 @@ READ_ONLY.flags.writeable = False
     ],
 )
 def test_what_does_not_fit_is_refused(states: Any, found: Any, said: str) -> None:
-    native = pytest.importorskip("kernels._native")
+    native = pytest.importorskip("meanflock.kernels._native")
     with pytest.raises((TypeError, ValueError, BufferError), match=said):
         native.pairs(states, 1.0, 1.0, found)
 
 
 def test_arrays_may_begin_anywhere() -> None:
-    native = pytest.importorskip("kernels._native")
+    native = pytest.importorskip("meanflock.kernels._native")
     states = np.random.default_rng(1).normal(size=(5, state.SIZE))
     odd = np.frombuffer(b"." + states.tobytes(), dtype=np.float64, offset=1).reshape(5, state.SIZE)
     found, room = np.zeros((10, 2), dtype=np.intp), bytearray(161)

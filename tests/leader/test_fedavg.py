@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarm import mean
-from swarm.mean import stacked
+from meanflock.swarm import mean
+from meanflock.swarm.mean import stacked
 
 
 def fedavg(models: dict[int, np.ndarray]) -> np.ndarray:

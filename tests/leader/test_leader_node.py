@@ -3,15 +3,17 @@
 import numpy as np
 import pytest
 
-from leader.node import Leader
-from swarm import codec, keys, scenario
-from swarm import tick as wire
-from swarm.errors import MessageRejected
-from swarm.messages import Act, FrameKind, Frames, Sense, Welcome
-from swarm.payload import Coding
-from swarm.rounds import Rounds
-from swarm.scenario import Scenario, load
-from worldsim.formation import initial_states
+from meanflock.leader.node import Leader
+from meanflock.swarm import scenario
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.net import keys
+from meanflock.swarm.rounds import Rounds
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire import tick as wire
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Welcome
+from meanflock.swarm.wire.payload import Coding
+from meanflock.worldsim.formation import initial_states
 
 RUN = keys.fingerprint("leader-test")
 PERIOD = 10
@@ -119,7 +121,7 @@ def test_an_upload_of_another_round_is_not_averaged_into_this_one() -> None:
 @pytest.mark.parametrize("bits", [16, 64])
 def test_models_travel_at_the_radio_s_width(bits: int) -> None:
     of = flown(f"radio.bits_per_float={bits}")
-    node, dtype = leader(of), codec.FLOAT_OF_BITS[bits]
+    node, dtype = leader(of), control.FLOAT_OF_BITS[bits]
     batch = upload([0, 1])
     wide = Frames(batch.kind, 1, batch.source, batch.payload.astype(dtype), batch.links)
     assert node.act(sense(closing(of, 1), wide)).outbox[0].payload.dtype == dtype

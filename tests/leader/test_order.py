@@ -6,11 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from leader.node import Leader
-from swarm import keys, scenario
-from swarm.messages import FrameKind, Frames, Sense, Welcome
-from swarm.scenario import Scenario, load
-from worldsim.formation import initial_states
+from meanflock.leader.node import Leader
+from meanflock.swarm import scenario
+from meanflock.swarm.net import keys
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire.messages import FrameKind, Frames, Sense, Welcome
+from meanflock.worldsim.formation import initial_states
 
 RUN = keys.fingerprint("order")
 UAVS, FLOATS, OPENS, CLOSES = 8, 108, 10, 14

@@ -6,14 +6,14 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from groundstation.engine import Engine
-from leader.aggregators.base import Aggregator, State
-from swarm import plugins
-from swarm.errors import BadInput
-from swarm.mean import fedavg
-from swarm.messages import Telemetry
-from swarm.scenario import Scenario, load
-from worldsim.checkpoint import Resumption
+from meanflock.groundstation.engine import Engine
+from meanflock.leader.aggregators.base import Aggregator, State
+from meanflock.swarm import plugins
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.mean import fedavg
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire.messages import Telemetry
+from meanflock.worldsim.checkpoint import Resumption
 
 FLOATS = 108
 

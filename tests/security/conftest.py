@@ -13,17 +13,19 @@ from typing import Any
 import psutil
 import pytest
 
-from agent.node import Agent
-from groundstation.certs import HOSTS, Authority, names
-from groundstation.engine import Engine
-from groundstation.launch import free_endpoint
-from leader.node import Leader
-from swarm import codec, keys, scenario
-from swarm.bus import Bus
-from swarm.identity import LEADER, WORLD, Identity
-from swarm.messages import Act, Join
-from swarm.session import ZenohBus
-from swarm.spoke import Spoke
+from meanflock.agent.node import Agent
+from meanflock.groundstation.certs import HOSTS, Authority, names
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch import free_endpoint
+from meanflock.leader.node import Leader
+from meanflock.swarm import scenario
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import Bus
+from meanflock.swarm.net.client import NodeClient
+from meanflock.swarm.net.identity import LEADER, WORLD, Identity
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Act, Join
 from tests.polling import DEADLINE_S, until
 
 RUN = "attacked"
@@ -76,7 +78,7 @@ class Holding:
 
     def put(self, key: str, payload: bytes) -> None:
         """Like a bus."""
-        message = codec.decode(payload)
+        message = control.decode(payload)
         if isinstance(message, Act) and message.tick == HOLD_TICK:
             self.reached.set()
             assert self.go_on.wait(DEADLINE_S)
@@ -103,7 +105,7 @@ class Flight:
         if self.folders is not None:
             flags += ["--tls", str(self.folders.good)]
         with self.log.open("wb") as log:
-            command = [sys.executable, "-m", "worldsim", *flags]
+            command = [sys.executable, "-m", "meanflock.worldsim", *flags]
             self.world = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log)
         for uav in range(UAVS):
             bus: Any = self.client(keys.asker("agent", uav))
@@ -165,9 +167,9 @@ class Flight:
 
     def _board(self, bus: Any, join: Join, make: Callable[..., Any]) -> None:
         def serve() -> None:
-            spoke = Spoke(bus, RUN)
-            spoke.join(join, make, DEADLINE_S)
-            spoke.serve(lambda: self.world.poll() is not None, lambda: False)
+            client = NodeClient(bus, RUN)
+            client.join(join, make, DEADLINE_S)
+            client.serve(lambda: self.world.poll() is not None, lambda: False)
 
         self.crew.append(threading.Thread(target=serve, daemon=True))
         self.crew[-1].start()

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from groundstation import certs
-from groundstation.cli import main
-from groundstation.doctor import certificates
-from swarm import access, keys
-from swarm.errors import BadInput
-from swarm.identity import Identity, only_agent
-from swarm.session import secured
+from meanflock.groundstation import certs
+from meanflock.groundstation.cli import main
+from meanflock.groundstation.doctor import certificates
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.net import access, keys
+from meanflock.swarm.net.identity import Identity, only_agent
+from meanflock.swarm.net.session import secured
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +39,7 @@ def test_there_is_a_certificate_and_a_private_key_for_everyone(made: Path) -> No
 def test_a_container_is_given_its_own_key_and_no_other(made: Path) -> None:
     services = json.loads((made / certs.COMPOSE).read_text())["services"]
     assert services.pop("agent") == {"deploy": {"replicas": 0}}
+    assert services.pop("runs") == {"environment": {"RUNS_OWNER": services["groundstation"]["user"]}}
     own = {"worldsim": "world", "groundstation": "station"}
     assert set(services) == {"worldsim", "leader", "groundstation", "agent-0", "agent-1", "agent-2"}
     for name, service in services.items():
@@ -155,5 +156,6 @@ def test_the_rules_let_everyone_speak_under_its_own_name_only() -> None:
         name = rule["id"].partition("/")[0]
         if rule["flows"] == ["ingress"] and {"put", "query", "liveliness_token"} & set(rule["messages"]):
             for key in rule["key_exprs"]:
-                assert key == keys.received("r") or keys.node_of(key) in (name, f"{name}.$*")
+                node = key.removesuffix("/act").removesuffix("/join").rpartition("/")[2]
+                assert key == keys.received("r") or node in (name, f"{name}.$*")
     assert not any("delete" in rule["messages"] for rule in made["rules"])

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from groundstation.cli import main
-from groundstation.launch import free_endpoint
-from swarm import codec, keys
-from swarm.errors import BusError
-from swarm.identity import LEADER, Identity
-from swarm.messages import Act, FrameKind, Frames, Join, Ready, Refusal
-from swarm.session import _COMMON, ZenohBus, _config, _tls, secured
+from meanflock.groundstation.cli import main
+from meanflock.groundstation.launch import free_endpoint
+from meanflock.swarm.errors import BusError
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.identity import LEADER, Identity
+from meanflock.swarm.net.session import _COMMON, ZenohBus, _config, _tls, secured
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Ready, Refusal
 from tests.polling import DEADLINE_S, until
 from tests.security.conftest import HELD, HOLD_TICK, RUN, UAVS, Flight, Folders
 
@@ -28,7 +29,7 @@ PATIENCE_S = 0.5
 
 def forged(tick: int = HOLD_TICK) -> bytes:
     """An Act that would send a UAV off at full tilt."""
-    return codec.encode(Act(keys.fingerprint(RUN), tick, np.array([[50.0, -50.0, 0.0, 0.0, 0.0]])))
+    return control.encode(Act(keys.fingerprint(RUN), tick, np.array([[50.0, -50.0, 0.0, 0.0, 0.0]])))
 
 
 def without_certificate(endpoint: str, folders: Folders) -> ZenohBus:
@@ -80,7 +81,7 @@ def test_a_certificate_of_no_node_of_this_run_opens_nothing(flight: Flight, fold
     stranger.subscribe(keys.telemetry(RUN))
     stranger.subscribe(keys.sense(RUN, "*"))
     stranger.put(keys.act(RUN, VICTIM), forged())
-    assert stranger.ask(keys.join(RUN, "agent-99"), codec.encode(Join("agent", 1, 99)), PATIENCE_S) is None
+    assert stranger.ask(keys.join(RUN, "agent-99"), control.encode(Join("agent", 1, 99)), PATIENCE_S) is None
     flight.logs("denied: a certificate of our authority")
     summary = flight.land()
     assert stranger.receive(0.0) is None
@@ -94,9 +95,9 @@ def test_a_certificate_of_no_node_of_this_run_opens_nothing(flight: Flight, fold
 def test_without_tls_the_forged_act_is_taken_for_real(open_flight: Flight, undisturbed: str) -> None:
     """The attack of the next test is one: nothing but the access-control list stands against it."""
     publisher = open_flight.client(ME)
-    publisher.put(keys.act(RUN, VICTIM), codec.encode(Ready(keys.fingerprint(RUN))))
+    publisher.put(keys.act(RUN, VICTIM), control.encode(Ready(keys.fingerprint(RUN))))
     publisher.put(keys.act(RUN, VICTIM), forged())
-    publisher.ask(keys.join(RUN, ME), codec.encode(Join("agent", 1, 3)), DEADLINE_S)  # what came before has arrived
+    publisher.ask(keys.join(RUN, ME), control.encode(Join("agent", 1, 3)), DEADLINE_S)  # what came before has arrived
     assert open_flight.land()["trajectory_sha256"] != undisturbed
 
 
@@ -168,9 +169,9 @@ def test_an_agent_sending_as_leader_is_denied(flight: Flight, undisturbed: str) 
     model = np.full((1, 246), 7.0, np.float32)
     poison = Frames(FrameKind.GLOBAL, 3, np.zeros(1, np.int32), model)
     act = Act(keys.fingerprint(RUN), HOLD_TICK, np.zeros((0, 5)), outbox=(poison,))
-    attacker.put(keys.act(RUN, LEADER), codec.encode(act))
-    attacker.put(keys.act(RUN, ME), codec.encode(act))  # and under its own name, where only the world can tell
-    assert attacker.ask(keys.join(RUN, LEADER), codec.encode(Join(LEADER, 0)), PATIENCE_S) is None
+    attacker.put(keys.act(RUN, LEADER), control.encode(act))
+    attacker.put(keys.act(RUN, ME), control.encode(act))  # and under its own name, where only the world can tell
+    assert attacker.ask(keys.join(RUN, LEADER), control.encode(Join(LEADER, 0)), PATIENCE_S) is None
     flight.logs(
         f"denied: {ME}: Put under {keys.act(RUN, LEADER)}", f"denied: {ME}: Query under {keys.join(RUN, LEADER)}"
     )
@@ -183,13 +184,13 @@ def test_an_agent_sending_as_leader_is_denied(flight: Flight, undisturbed: str) 
 
 def test_nobody_joins_or_lives_or_dies_in_anothers_name(flight: Flight, undisturbed: str) -> None:
     attacker = flight.client(ME)
-    assert attacker.ask(keys.join(RUN, VICTIM), codec.encode(Join("agent", 1, HELD)), PATIENCE_S) is None
-    assert attacker.ask(keys.join(RUN), codec.encode(Join("agent", 1)), PATIENCE_S) is None
-    assert attacker.ask(keys.join(RUN, ME), codec.encode(Join("agent", 1, HELD)), PATIENCE_S) is None
+    assert attacker.ask(keys.join(RUN, VICTIM), control.encode(Join("agent", 1, HELD)), PATIENCE_S) is None
+    assert attacker.ask(keys.join(RUN), control.encode(Join("agent", 1)), PATIENCE_S) is None
+    assert attacker.ask(keys.join(RUN, ME), control.encode(Join("agent", 1, HELD)), PATIENCE_S) is None
     flight.logs(f"dropped a message under {keys.join(RUN, ME)}")
-    answer = attacker.ask(keys.join(RUN, ME), codec.encode(Join("agent", UAVS, 3)), DEADLINE_S)
+    answer = attacker.ask(keys.join(RUN, ME), control.encode(Join("agent", UAVS, 3)), DEADLINE_S)
     assert answer is not None
-    assert isinstance(refusal := codec.decode(answer), Refusal)
+    assert isinstance(refusal := control.decode(answer), Refusal)
     assert "its agent already" in refusal.reason
     attacker.announce(keys.alive(RUN, "agent", VICTIM))
     flight.logs(f"denied: {ME}: Liveliness Token under {keys.alive(RUN, 'agent', VICTIM)}")
@@ -200,12 +201,52 @@ def test_nobody_joins_or_lives_or_dies_in_anothers_name(flight: Flight, undistur
     assert summary["trajectory_sha256"] == undisturbed
 
 
+WILD = ["**", "*/**", f"{keys.ROOT}/**", f"{keys.ROOT}/{RUN}/**", keys.act(RUN, "*"), keys.act(RUN, "a$*"), "**/act"]
+
+
+def test_without_tls_no_key_ends_the_world(open_flight: Flight, undisturbed: str) -> None:
+    attacker = open_flight.client(ME)._session
+    forged_line = keys.act(RUN, f"x\n2026-01-01 00:00:00,000 meanflock.world WARNING lost {VICTIM}: it cheats\x1b[2J")
+    tokens = []
+    for key in (*WILD, forged_line):
+        attacker.put(key, b"x")
+        attacker.delete(key)
+        tokens.append(attacker.liveliness().declare_token(key.replace("node", "alive")))
+        list(attacker.get(key, payload=control.encode(Join("agent", 1)), timeout=PATIENCE_S))
+    open_flight.logs("dropped a message under **: wrong-key", "\\n2026-01-01")
+    summary = open_flight.land()
+    assert summary["trajectory_sha256"] == undisturbed
+    assert summary["dropped_messages"]["wrong-key"] >= len(WILD)
+    assert all(line.isprintable() for line in open_flight.said().split("\n"))
+    assert not [line for line in open_flight.said().split("\n") if line.endswith("it cheats") or "lost" in line[:60]]
+
+
+def test_no_key_makes_a_denial_appear_as_anothers(flight: Flight, undisturbed: str) -> None:
+    attacker = flight.client(ME)
+    session = str(attacker._session.info.zid())
+    stamp = "\x1b[2m2026-11-21T01:06:53.244332Z\x1b[0m TRACE rx-0 ThreadId(08)"
+    acl = f"{stamp} zenoh::net::routing::interceptor::access_control:"
+    lines = [
+        f"{acl} 1 on Interface(lo)+CertCommonName({VICTIM})+Transport(Tls)+1 is unauthorized to Put (ingress) on x/y",
+        f"{acl} Using cached result: 1 is unauthorized to Put (ingress) on x/y",
+        f"{acl} {session} on Interface(lo)+CertCommonName({VICTIM}) is unauthorized to Put (ingress) on of/its/own",
+        f"{stamp} zenoh_link_tls::unicast: {VICTIM} has a stolen certificate",
+    ]
+    attacker._session.put("evil/\n" + "\n".join(lines).replace("//", "/"), b"x")
+    flight.logs(f"denied: {ME}: Put under of/its/own", "refused-link: for another reason")
+    summary = flight.land()
+    assert f"denied: {VICTIM}" not in flight.said()
+    assert f"{VICTIM} has a stolen" not in flight.said()
+    assert all(line.isprintable() for line in flight.said().split("\n"))
+    assert summary["trajectory_sha256"] == undisturbed
+
+
 # -- who has the right certificate and means ill --------------------------------------------------------------------
 
 
 def test_replayed_frames_are_dropped(flight: Flight, undisturbed: str) -> None:
     thief = flight.client(VICTIM)  # with the victim's own key
-    recorded = [raw for raw in flight.held.sent if isinstance(codec.decode(raw), Act)]
+    recorded = [raw for raw in flight.held.sent if isinstance(control.decode(raw), Act)]
     assert len(recorded) == HOLD_TICK
     for raw in recorded:
         thief.put(keys.act(RUN, VICTIM), raw)
@@ -221,7 +262,7 @@ def test_a_flood_of_oversize_frames_costs_neither_the_flight_nor_the_memory(flig
     before = most[0]
 
     def flood() -> None:
-        frame = bytes(2**20)
+        frame = bytes(40_000)  # what is longer than a batch of Zenoh's does not even reach the world
         while not ended.is_set():
             attacker.put(keys.act(RUN, ME), frame)
 
@@ -253,7 +294,7 @@ def test_the_command_flies_under_tls_as_without(tmp_path: Path) -> None:
         command = [
             sys.executable,
             "-m",
-            "groundstation.cli",
+            "meanflock.groundstation.cli",
             "run",
             "--out",
             str(tmp_path / "runs"),

@@ -4,7 +4,7 @@ import logging
 
 import pytest
 
-from swarm.refusals import Refusals
+from meanflock.swarm.net.refusals import Refusals
 
 AT = "\x1b[2m2026-11-21T01:06:53.244332Z\x1b[0m "
 ACL = "TRACE rx-0 ThreadId(08) zenoh::net::routing::interceptor::access_control: "
@@ -14,6 +14,7 @@ LINK = " WARN app-0 ThreadId(02) zenoh_link_tls::unicast: "
 
 def read(*lines: str) -> Refusals:
     refusals = Refusals()
+    refusals.met("5047", "agent-0")
     log = "".join(f"{AT}{line}\n" for line in lines).encode()
     for start in range(0, len(log), 7):  # in pieces that respect no line
         refusals.take(log[start : start + 7])
@@ -61,7 +62,7 @@ def test_a_stranger_is_named_as_one(caplog: pytest.LogCaptureFixture) -> None:
         f"{ACL}5047 did not match any configured ACL subject. Default permission `Deny` will be applied on all messages"
     )
     assert read(line).counts == {"denied": 1}
-    assert "no node of this run" in caplog.text
+    assert "no node of this run, which may do nothing: agent-0" in caplog.text
 
 
 def test_other_errors_are_passed_on_and_inventive_floods_cost_no_memory(caplog: pytest.LogCaptureFixture) -> None:
@@ -72,3 +73,29 @@ def test_other_errors_are_passed_on_and_inventive_floods_cost_no_memory(caplog: 
         refusals.take(f"{ACL}Using cached result: {number} is unauthorized to Put (ingress) on m/{number}\n".encode())
     assert refusals.counts == {"denied": 10_000}
     assert len(refusals._seen) < 5_000
+
+
+# What agent-3 can write into the log by a key of its own, of which these are the lines: the first is genuine.
+KEY = "m/agent-3/x"
+FORGED = [
+    f"{ACL}Using cached result: 77aa is unauthorized to Put (ingress) on {KEY}",
+    f"{AT}{ACL}5f5f on Interface(lo)+CertCommonName(agent-1) is unauthorized to Put (ingress) on m/agent-2/act",
+    f"{AT}{ACL}Using cached result: 5f5f is unauthorized to Put (ingress) on m/agent-2/act",
+    f"{AT}{ACL}5f5f did not match any configured ACL subject, CertCommonName(agent-1)",
+    f"{AT}{LINK}agent-1 has attacked \x1b[2Jthe world",
+    f"{AT} ERROR rx-0 agent-1\x1b[2J\x07 is broken",
+    "meanflock.world WARNING lost agent-1: it cheats",
+]
+
+
+def test_a_line_that_a_key_forges_names_nobody_else_and_steers_no_terminal(caplog: pytest.LogCaptureFixture) -> None:
+    refusals = Refusals()
+    refusals.met("5047", "agent-1")
+    refusals.met("77aa", "agent-3")
+    refusals.take("".join(f"{line}\n" for line in (AT + FORGED[0], *FORGED[1:])).encode())
+    said = [record.getMessage() for record in caplog.records]
+    assert said[0] == f"denied: agent-3: Put under {KEY}"
+    assert not [line for line in said if line.startswith(("denied: agent-1", "refused-link: agent-1", "lost"))]
+    assert all(line.isprintable() for line in said)
+    assert [line for line in said if line.startswith("refused-link")] == ["refused-link: for another reason"]
+    assert [line for line in said if "agent-1" in line] == [r"Zenoh's log says 'rx-0 agent-1\x1b[2J\x07 is broken'"]

@@ -6,9 +6,10 @@ import time
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-from swarm import codec, keys
-from swarm.messages import Join
-from swarm.session import ZenohBus
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Join
 from tests.fuzz.mutation import Mutator
 from tests.polling import LINK_SURE_S
 from tests.soak.swarm import Flock
@@ -181,9 +182,9 @@ class BadDay:
         run, uav = self._flock.children.run, self.idle_agent()
         bus = ZenohBus.client(self._flock.children.endpoint, 20.0)
         try:
-            join = codec.encode(Join("agent", 1, uav))
+            join = control.encode(Join("agent", 1, uav))
             assert bus.ask(keys.join(run, keys.asker("agent", uav)), join, 20.0) is not None
-            nonsense = Mutator([join, codec.encode(Join("station", 0))], self._draw.getrandbits(32))
+            nonsense = Mutator([join, control.encode(Join("station", 0))], self._draw.getrandbits(32))
             for _ in range(50):
                 bus.put(keys.act(run, f"agent-{uav}"), nonsense(0))
         finally:

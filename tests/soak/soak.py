@@ -14,10 +14,10 @@ from typing import Any
 import psutil
 import pyarrow.parquet as pq
 
-from groundstation.results import CHECKPOINT
-from groundstation.series import states_of
-from groundstation.viewer import verify
-from swarm.rounds import Rounds
+from meanflock.groundstation.results import CHECKPOINT
+from meanflock.groundstation.series import states_of
+from meanflock.groundstation.viewer import verify
+from meanflock.swarm.rounds import Rounds
 from tests.polling import DEADLINE_S
 from tests.soak.mishaps import BadDay, Mishap, Wait
 from tests.soak.swarm import BARRIER_S, Flock

@@ -9,10 +9,11 @@ import psutil
 from rich.console import Console
 
 from benchmarks.processes import Children
-from swarm import codec, keys
-from swarm.errors import BusError
-from swarm.messages import Finished, Telemetry
-from swarm.session import ZenohBus
+from meanflock.swarm.errors import BusError
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Finished, Telemetry
 
 JOIN_S = 180.0
 TICKS = 30
@@ -47,7 +48,7 @@ def main() -> int:
                 if delivery.kind == "alive":
                     tokens.add(delivery.key)
                     joined_s.append(time.monotonic() - started)
-                elif isinstance(message := codec.decode(delivery.payload), Finished):
+                elif isinstance(message := control.decode(delivery.payload), Finished):
                     summary = message.summary
                 elif isinstance(message, Telemetry) and not first_tick_s:
                     first_tick_s = time.monotonic() - started

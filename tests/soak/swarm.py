@@ -9,11 +9,12 @@ from pathlib import Path
 import psutil
 
 from benchmarks.processes import Children
-from swarm import codec, keys
-from swarm.errors import BusError, MessageRejected
-from swarm.messages import Event, Finished, Telemetry
-from swarm.scenario import Scenario, load
-from swarm.session import ZenohBus
+from meanflock.swarm.errors import BusError, MessageRejected
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Event, Finished, Telemetry
 
 BARRIER_S = 6.0
 PERIOD = 40  # ticks between rounds
@@ -48,7 +49,7 @@ class Flock:
         self.tokens: set[str] = set()  # of agents, leaders and the station, by name
         self._next_block = 0
         file = self.children.folder / "scenario.toml"
-        from groundstation.results import to_toml
+        from meanflock.groundstation.results import to_toml
 
         file.write_text(to_toml(self.scenario), encoding="utf-8")
         self.world = self.children.start(
@@ -97,7 +98,7 @@ class Flock:
 
     def _hear(self, raw: bytes) -> None:
         try:
-            message = codec.decode(raw)
+            message = control.decode(raw)
         except MessageRejected:
             return
         if isinstance(message, Finished):

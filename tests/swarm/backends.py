@@ -4,7 +4,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-from kernels import reference, wire
+from meanflock.kernels import reference, wire
 
 
 class Backend(NamedTuple):
@@ -17,7 +17,7 @@ class Backend(NamedTuple):
 REFERENCE = Backend(wire.read, wire.write)
 BACKENDS: dict[str, Backend] = {"NumPy": Backend(reference.read, reference.write)}
 with suppress(ImportError):  # where there was no C compiler
-    from kernels import compiled
+    from meanflock.kernels import compiled
 
     BACKENDS["compiled"] = Backend(compiled.read, compiled.write)
 

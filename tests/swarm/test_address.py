@@ -4,8 +4,8 @@ import socket
 
 import pytest
 
-from swarm.address import Address
-from swarm.errors import BadInput
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.net.address import Address
 
 
 @pytest.mark.parametrize(

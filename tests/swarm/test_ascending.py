@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm.ascending import contains
+from meanflock.swarm.ascending import contains
 
 NUMBERS = st.lists(st.integers(-50, 50), max_size=30)
 

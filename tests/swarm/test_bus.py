@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from swarm.bus import Bus, Delivery, MemoryNetwork, matches
-from swarm.errors import BadInput, BusError
-from swarm.session import ZenohBus
+from meanflock.swarm.errors import BadInput, BusError
+from meanflock.swarm.net.bus import Bus, Delivery, MemoryNetwork, matches
+from meanflock.swarm.net.session import ZenohBus
 from tests.polling import DEADLINE_S, until
 
 Open = Callable[[], Bus]

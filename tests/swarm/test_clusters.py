@@ -6,13 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from swarm.clusters import Clusters
-from swarm.errors import BadInput, MessageRejected
-from swarm.mean import fedavg, pooled, relayed
-from swarm.messages import FrameKind
-from swarm.relay import Relay
-from swarm.rounds import Rounds
-from swarm.scenario import Scenario, load
+from meanflock.swarm.clusters import Clusters
+from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.mean import fedavg, pooled, relayed
+from meanflock.swarm.rounds import Rounds
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire.messages import FrameKind
+from meanflock.swarm.wire.relay import Relay
 
 QUICK = settings(max_examples=100, deadline=None, database=None)
 

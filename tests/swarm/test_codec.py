@@ -17,10 +17,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from kernels.wire import SENSE
-from swarm import codec, tick
-from swarm.errors import MessageRejected
-from swarm.messages import (
+from meanflock.kernels.wire import SENSE
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.wire import control, tick
+from meanflock.swarm.wire.messages import (
     Act,
     Event,
     Finished,
@@ -120,7 +120,7 @@ def test_every_message_survives_the_wire_and_its_arrays_arrive_read_only(kind: t
     @QUICK
     @given(of_message(kind))
     def check(message: Any) -> None:
-        received = codec.decode(codec.encode(message))
+        received = control.decode(control.encode(message))
         same(received, message)
         for array in arrays_in(received):
             assert not array.flags.writeable
@@ -131,7 +131,7 @@ def test_every_message_survives_the_wire_and_its_arrays_arrive_read_only(kind: t
 def test_an_array_that_is_no_contiguous_block_travels_as_its_values() -> None:
     table = np.arange(24.0).reshape(4, 6)
     for view in (table[:, 1:3], table.T, table[::-2]):
-        np.testing.assert_array_equal(codec.decode(codec.encode(carrying(view))).initial_states, view)  # type: ignore[union-attr]
+        np.testing.assert_array_equal(control.decode(control.encode(carrying(view))).initial_states, view)  # type: ignore[union-attr]
 
 
 def carrying(array: np.ndarray) -> Welcome:
@@ -142,7 +142,7 @@ def carrying(array: np.ndarray) -> Welcome:
 @QUICK
 @given(st.dictionaries(st.text(max_size=5), st.one_of(arrays(), st.binary(max_size=9), st.integers(-9, 9), st.none())))
 def test_a_record_is_read_as_it_was_written(record: dict[str, Any]) -> None:
-    read = codec.decode_record(codec.encode_record(record))
+    read = control.decode_record(control.encode_record(record))
     assert set(read) == set(record)
     for name, value in record.items():
         same(read[name], value)
@@ -151,25 +151,25 @@ def test_a_record_is_read_as_it_was_written(record: dict[str, Any]) -> None:
 @pytest.mark.parametrize("other", [[], "record", 3, {3: 4}, None])
 def test_what_is_no_record_is_rejected(other: Any) -> None:
     with pytest.raises(MessageRejected, match=r"^malformed"):
-        codec.decode_record(msgpack.packb(other))
+        control.decode_record(msgpack.packb(other))
 
 
 @pytest.mark.parametrize("dtype", ["f2", "f4", "f8"])
 def test_the_largest_number_is_finite_and_what_is_beyond_it_is_not(dtype: str) -> None:
     array = np.full((2, 3), np.finfo(dtype).max, dtype=dtype)
-    assert codec.finite(array)
-    assert codec.finite(array[:0])
+    assert control.finite(array)
+    assert control.finite(array[:0])
     for bad in (np.nan, np.inf, -np.inf):
         array[1, 1] = bad
-        assert not codec.finite(array)
+        assert not control.finite(array)
         array[0, 0] = -np.inf
-        assert not codec.finite(array)
+        assert not control.finite(array)
 
 
 @pytest.mark.parametrize("dtype", [">f8", "<u8", "c16", "O", "S3"])
 def test_an_array_of_a_dtype_that_does_not_travel_cannot_be_sent(dtype: str) -> None:
     with pytest.raises(KeyError):
-        codec.encode(carrying(np.zeros((1, 4)).astype(dtype)))
+        control.encode(carrying(np.zeros((1, 4)).astype(dtype)))
 
 
 # -- golden bytes -------------------------------------------------------------------------------------------------
@@ -192,7 +192,7 @@ EXAMPLES: dict[str, Any] = {
         tick=70000,
         scenario=b'{"uavs":301}',
         initial_states=numbers("<f4", 3, 4) + 0.25,
-        memory=codec.encode_record({"weights": numbers("<f8", 3, 2) / 9, "uav": numbers("<i8", 3)}),
+        memory=control.encode_record({"weights": numbers("<f8", 3, 2) / 9, "uav": numbers("<i8", 3)}),
         plugins=(("controller", "spring", "sha256 0123"), ("aggregator", "fedavg", "meanflock 1.0")),
     ),
     "refusal": Refusal("every UAV of this run has its agent already – größer"),
@@ -205,7 +205,7 @@ EXAMPLES: dict[str, Any] = {
         lost=np.array([6], dtype="<i4"),
         refused=np.array([1, 300], dtype="<i4"),
         models=numbers("<f8", 2, 246) / 9,
-        memory=codec.encode_record({"weights": numbers("<f8", 2, 3)}),
+        memory=control.encode_record({"weights": numbers("<f8", 2, 3)}),
         outbox=(FRAMES,),
     ),
     "stop": Stop(0xDEADBEEF, "finished"),
@@ -238,13 +238,13 @@ def written(message: Any) -> bytes:
     """The bytes of any message."""
     if isinstance(message, Sense):
         return tick.write_sense(message)
-    return tick.write_act(message) if isinstance(message, Act) else codec.encode(message)
+    return tick.write_act(message) if isinstance(message, Act) else control.encode(message)
 
 
 def read(raw: bytes) -> Any:
     """Any message."""
     if raw[1:2] not in tick.TYPES:
-        return codec.decode(raw)
+        return control.decode(raw)
     return tick.read_sense(raw) if raw[1] == SENSE else tick.read_act(raw)
 
 

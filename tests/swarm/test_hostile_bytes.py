@@ -10,9 +10,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from swarm import codec
-from swarm.errors import MessageRejected
-from swarm.messages import Finished, Ready, Received, Welcome
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Finished, Ready, Received, Welcome
 from tests.swarm.test_codec import DTYPES, EXAMPLES, OF_A_TICK, RAW, TYPES, arrays_in, carrying, same
 
 CONTROL = sorted(set(EXAMPLES) - set(OF_A_TICK))
@@ -23,7 +23,7 @@ MANY = settings(max_examples=2000, deadline=None, database=None, suppress_health
 def decode_or_reject(raw: bytes) -> None:
     """The one promise to everyone who sends us bytes."""
     try:
-        message = codec.decode(raw)
+        message = control.decode(raw)
     except MessageRejected as rejected:
         if rejected.reason not in REASONS:
             raise
@@ -32,7 +32,7 @@ def decode_or_reject(raw: bytes) -> None:
     for array in arrays_in(message):
         assert np.isfinite(array).all()
         assert not array.flags.writeable
-    same(codec.decode(codec.encode(message)), message)
+    same(control.decode(control.encode(message)), message)
 
 
 @st.composite
@@ -73,17 +73,17 @@ def test_a_message_cut_off_anywhere_or_followed_by_anything_is_malformed(name: s
     raw = RAW[name]
     for end in itertools.chain(range(min(len(raw), 300)), range(max(0, len(raw) - 50), len(raw))):
         with pytest.raises(MessageRejected, match=r"^malformed|^wrong-shape"):
-            codec.decode(raw[:end])
+            control.decode(raw[:end])
     with pytest.raises(MessageRejected, match=r"^malformed"):
-        codec.decode(raw + b"\0")
+        control.decode(raw + b"\0")
     with pytest.raises(MessageRejected, match=r"^malformed"):
-        codec.decode(raw + raw)
+        control.decode(raw + raw)
 
 
 def test_nesting_without_end_is_malformed() -> None:
     for opener in (b"\x91", b"\x81\xa1a"):
         with pytest.raises(MessageRejected, match=r"^malformed"):
-            codec.decode(opener * 100_000)
+            control.decode(opener * 100_000)
 
 
 def test_a_field_too_many_or_of_another_type_is_malformed() -> None:
@@ -101,7 +101,7 @@ def test_a_field_too_many_or_of_another_type_is_malformed() -> None:
         "ready",
     ):
         with pytest.raises(MessageRejected, match=r"^malformed"):
-            codec.decode(msgpack.packb(wrong))
+            control.decode(msgpack.packb(wrong))
 
 
 def message_with(array: bytes, extension: int = 1) -> bytes:
@@ -137,7 +137,7 @@ HOSTILE_ARRAYS = {
 @pytest.mark.parametrize("name", HOSTILE_ARRAYS)
 def test_an_array_whose_header_lies_is_rejected(name: str) -> None:
     with pytest.raises(MessageRejected, match=r"^malformed|^wrong-shape"):
-        codec.decode(message_with(HOSTILE_ARRAYS[name]))
+        control.decode(message_with(HOSTILE_ARRAYS[name]))
 
 
 @pytest.mark.parametrize("shape", [(0, MAX), (0, MAX, MAX), (MAX, 0, MAX), (MAX, MAX, 0), (0, 2**31, 2**31)])
@@ -158,10 +158,10 @@ def test_any_header_is_an_array_or_is_rejected(kind: int, shape: list[int], buff
 
 def test_only_our_own_extension_is_read() -> None:
     honest = header(F8, (1, 4)) + bytes(32)
-    assert isinstance(codec.decode(message_with(honest)), Welcome)
+    assert isinstance(control.decode(message_with(honest)), Welcome)
     for extension in (0, 2, 127, -1, -128):
         with pytest.raises(MessageRejected, match=r"^malformed"):
-            codec.decode(message_with(honest, extension))
+            control.decode(message_with(honest, extension))
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -170,36 +170,36 @@ def test_a_number_that_is_not_finite_is_named_so(dtype: str, bad: float) -> None
     table = np.zeros((3, 4), dtype=dtype)
     table[2, 3] = bad
     with pytest.raises(MessageRejected) as caught:
-        codec.decode(codec.encode(carrying(table)))
+        control.decode(control.encode(carrying(table)))
     assert caught.value.reason == "non-finite"
 
 
 def test_bytes_beyond_the_limit_are_oversized_and_are_not_even_parsed() -> None:
     with pytest.raises(MessageRejected) as caught:
-        codec.decode(b"\xc1" * 101, limit=100)
+        control.decode(b"\xc1" * 101, limit=100)
     assert caught.value.reason == "oversized"
     with pytest.raises(MessageRejected) as caught:
-        codec.decode(bytes(codec.MAX_BYTES + 1))
+        control.decode(bytes(control.MAX_BYTES + 1))
     assert caught.value.reason == "oversized"
     raw = RAW["ready"]
-    assert isinstance(codec.decode(raw, limit=len(raw)), Ready)
+    assert isinstance(control.decode(raw, limit=len(raw)), Ready)
 
 
 def test_another_kind_and_another_run_are_named_so() -> None:
-    raw = codec.encode(Received(7, 1))
-    assert codec.decode_as(Received, raw, 7).block == 1
+    raw = control.encode(Received(7, 1))
+    assert control.decode_as(Received, raw, 7).block == 1
     with pytest.raises(MessageRejected) as caught:
-        codec.decode_as(Finished, raw, 7)
+        control.decode_as(Finished, raw, 7)
     assert caught.value.reason == "wrong-kind"
     with pytest.raises(MessageRejected) as caught:
-        codec.decode_as(Received, raw, 8)
+        control.decode_as(Received, raw, 8)
     assert caught.value.reason == "wrong-run"
 
 
 def test_a_shape_or_dtype_that_was_not_expected_is_named_with_what_came() -> None:
     table = np.zeros((3, 4))
-    assert codec.expect("states", table, (3, 4), np.float64) is table
-    assert codec.expect("states", table, (None, 4), np.float64) is table
+    assert control.expect("states", table, (3, 4), np.float64) is table
+    assert control.expect("states", table, (None, 4), np.float64) is table
     for shape, dtype in (
         ((2, 4), np.float64),
         ((3,), np.float64),
@@ -208,5 +208,5 @@ def test_a_shape_or_dtype_that_was_not_expected_is_named_with_what_came() -> Non
         ((), np.float64),
     ):
         with pytest.raises(MessageRejected, match=r"states: expected .*, got \(3, 4\) float64") as caught:
-            codec.expect("states", table, shape, dtype)
+            control.expect("states", table, shape, dtype)
         assert caught.value.reason == "wrong-shape"

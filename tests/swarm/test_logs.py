@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.engine import Engine
-from swarm import keys, logs
-from swarm.errors import BadInput
-from swarm.refusals import Refusals
-from swarm.scenario import load
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm import logs
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.refusals import Refusals
+from meanflock.swarm.scenario import load
 
 RUN = "logged"
 
@@ -43,6 +44,24 @@ def test_whatever_is_said_it_is_one_line_and_comes_back_as_it_was(text: str, ext
     assert read.pop("time").endswith("+00:00")
     said = {"level": "WARNING", "logger": "meanflock.test", "message": text, "run": text, "node": "world"}
     assert read == said | extra
+
+
+@given(st.text())
+def test_a_line_of_text_is_one_line_that_steers_no_terminal(text: str) -> None:
+    line = logs.TextLines().format(record("%s", text))
+    assert line.isprintable()
+    if text.isprintable():
+        assert line.endswith(f" meanflock.test WARNING {text}")
+
+
+def test_no_line_of_a_traceback_looks_like_one_of_the_log() -> None:
+    try:
+        raise ValueError("broken\n2026-01-01 meanflock.world WARNING lost agent-1\x1b[2J")
+    except ValueError:
+        failed = logging.LogRecord("x", logging.ERROR, __file__, 1, "failed", (), sys.exc_info())
+    first, *rest = logs.TextLines().format(failed).split("\n")
+    assert first.endswith("x ERROR failed")
+    assert all(line.startswith("    ") and line.isprintable() for line in rest)
 
 
 def test_an_exception_is_a_field_of_its_line() -> None:

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from channel.link import slots_needed
-from swarm import payload
-from swarm.errors import MessageRejected
-from swarm.payload import COARSEST, FINEST, STEPS, Coding
-from swarm.scenario import Radio, load
+from meanflock.channel.link import slots_needed
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.scenario import Radio, load
+from meanflock.swarm.wire import payload
+from meanflock.swarm.wire.payload import COARSEST, FINEST, STEPS, Coding
 from tests.methods import FEDERATED, METHODS, PARTS
 
 QUICK = settings(max_examples=100, deadline=None, database=None)

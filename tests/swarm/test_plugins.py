@@ -11,19 +11,20 @@ import msgspec
 import numpy as np
 import pytest
 
-from agent.controllers.base import Controller
-from groundstation.engine import Engine
-from swarm import plugins, scenario, spoke
-from swarm.errors import EXIT_BAD_INPUT, BadInput
-from swarm.messages import Refusal
-from swarm.plugins import Plugin
-from swarm.scenario import load
+from meanflock.agent.controllers.base import Controller
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm import plugins, scenario
+from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput
+from meanflock.swarm.net import client
+from meanflock.swarm.plugins import Plugin
+from meanflock.swarm.scenario import load
+from meanflock.swarm.wire.messages import Refusal
 
 ROOT = Path(__file__).parents[2]
 SPRING = ROOT / "examples" / "spring.py"
 GOOD = """
 import numpy as np
-from agent.controllers.base import Controller, Step
+from meanflock.agent.controllers.base import Controller, Step
 
 class Mine(Controller):
     name = "mine"
@@ -108,9 +109,9 @@ def test_two_packages_of_one_name_are_refused_with_both_packages(monkeypatch: py
     ("reference", "text"),
     [
         ("nothing_of_the_kind:Mine", "ModuleNotFoundError"),
-        ("swarm.plugins:Nobody", "AttributeError"),
-        ("swarm.plugins:find", "is a function; it must be a class"),
-        ("swarm.plugins:Plugin", "lacks `init` and `step`"),
+        ("meanflock.swarm.plugins:Nobody", "AttributeError"),
+        ("meanflock.swarm.plugins:find", "is a function; it must be a class"),
+        ("meanflock.swarm.plugins:Plugin", "lacks `init` and `step`"),
     ],
 )
 def test_a_package_whose_entry_point_is_of_no_use_is_named(
@@ -186,15 +187,15 @@ def test_a_node_on_a_host_without_the_plugin_or_with_another_is_refused_and_the_
     class ElsewherePlugins:
         GROUPS, find = plugins.GROUPS, staticmethod(elsewhere)
 
-    monkeypatch.setattr(spoke, "plugins", ElsewherePlugins)
-    monkeypatch.setattr(spoke.platform, "node", lambda: "far-away")
-    encode = spoke.codec.encode
+    monkeypatch.setattr(client, "plugins", ElsewherePlugins)
+    monkeypatch.setattr(client.platform, "node", lambda: "far-away")
+    encode = client.codec.encode
 
     def overheard(message: Any) -> bytes:
         said.append(message)
         return encode(message)
 
-    monkeypatch.setattr(spoke.codec, "encode", overheard)
+    monkeypatch.setattr(client.codec, "encode", overheard)
     with pytest.raises(BadInput, match=r"agent-0 on host far-away: controller 'lent' is "):
         Engine(load(None, ["uavs=2"], method="lent"), "hosts")
     assert any(isinstance(message, Refusal) and "far-away" in message.reason for message in said)

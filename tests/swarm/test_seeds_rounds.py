@@ -5,13 +5,13 @@ import itertools
 import numpy as np
 import pytest
 
-from agent.controllers.mean_field import MeanField
-from kernels import weights
-from swarm import plugins
-from swarm.messages import FrameKind
-from swarm.rounds import Rounds
-from swarm.scenario import Scenario, load
-from swarm.seeds import STREAMS, generator
+from meanflock.agent.controllers.mean_field import MeanField
+from meanflock.kernels import weights
+from meanflock.swarm import plugins
+from meanflock.swarm.rounds import Rounds
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.seeds import STREAMS, generator
+from meanflock.swarm.wire.messages import FrameKind
 from tests.methods import FEDERATED, LEARNING, METHODS
 
 

@@ -7,14 +7,16 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from swarm import codec, keys, scenario, tick
-from swarm.bus import Bus, MemoryNetwork
-from swarm.errors import BusError
-from swarm.messages import Act, Event, Join, Message, Refusal, Sense, Welcome
-from swarm.spoke import Spoke
+from meanflock.swarm import scenario
+from meanflock.swarm.errors import BusError
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import Bus, MemoryNetwork
+from meanflock.swarm.net.client import NodeClient
+from meanflock.swarm.wire import control, tick
+from meanflock.swarm.wire.messages import Act, Event, Join, Message, Refusal, Sense, Welcome
 from tests.swarm.test_bus import DEADLINE_S, Open, network  # noqa: F401  # a fixture
 
-RUN = "spoke"
+RUN = "client"
 TAKEN = Refusal("UAV 3 has its agent already", for_now=True)
 NEVER = Refusal("UAV 9: this run has UAVs 0 to 3")
 WELCOME = Welcome(keys.fingerprint(RUN), "agent-3", (3,), 0, b"{}", np.zeros((4, 4), np.float32))
@@ -40,7 +42,7 @@ class Door:
             if delivery is not None and delivery.reply is not None:
                 answer = self._answers[min(self.asked, len(self._answers) - 1)]
                 self.asked += 1  # before who asks can go on
-                delivery.reply(codec.encode(answer))
+                delivery.reply(control.encode(answer))
 
 
 class Deaf:
@@ -76,68 +78,68 @@ def asked(number: int) -> bytes:
 
 
 @pytest.fixture
-def opens(network: Open) -> Iterator[Callable[..., tuple[Door, Spoke]]]:  # noqa: F811
+def opens(network: Open) -> Iterator[Callable[..., tuple[Door, NodeClient]]]:  # noqa: F811
     """A world that gives these answers, and somebody to ask it."""
     doors: list[Door] = []
 
-    def open_one(*answers: Message) -> tuple[Door, Spoke]:
+    def open_one(*answers: Message) -> tuple[Door, NodeClient]:
         doors.append(Door(network(), answers))
-        return doors[-1], Spoke(network(), RUN)
+        return doors[-1], NodeClient(network(), RUN)
 
     yield open_one
     for door in doors:
         door.close()
 
 
-def join(spoke: Spoke, timeout_s: float, cancelled: Callable[[], bool] = lambda: False) -> Welcome:
-    return spoke.join(Join("agent", 1, 3), lambda welcome: Deaf(), timeout_s, cancelled)
+def join(client: NodeClient, timeout_s: float, cancelled: Callable[[], bool] = lambda: False) -> Welcome:
+    return client.join(Join("agent", 1, 3), lambda welcome: Deaf(), timeout_s, cancelled)
 
 
-def count_asks(spoke: Spoke, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def count_asks(client: NodeClient, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The keys it asks under, one an attempt; what a door on a loaded machine hears may be late."""
     asks: list[str] = []
-    ask = spoke._bus.ask
+    ask = client._bus.ask
 
     def counted(key: str, payload: bytes, timeout_s: float) -> bytes | None:
         asks.append(key)
         return ask(key, payload, timeout_s)
 
-    monkeypatch.setattr(spoke._bus, "ask", counted)
+    monkeypatch.setattr(client._bus, "ask", counted)
     return asks
 
 
-def test_who_is_refused_for_now_asks_again_until_it_is_let_in(opens: Callable[..., tuple[Door, Spoke]]) -> None:
-    door, spoke = opens(TAKEN, TAKEN, WELCOME)
-    assert join(spoke, DEADLINE_S).uavs == (3,)
+def test_who_is_refused_for_now_asks_again_until_it_is_let_in(opens: Callable[..., tuple[Door, NodeClient]]) -> None:
+    door, client = opens(TAKEN, TAKEN, WELCOME)
+    assert join(client, DEADLINE_S).uavs == (3,)
     assert door.asked >= 3
 
 
 def test_who_is_refused_for_now_gives_up_when_its_time_is_up_and_says_why(
-    opens: Callable[..., tuple[Door, Spoke]],
+    opens: Callable[..., tuple[Door, NodeClient]],
 ) -> None:
-    door, spoke = opens(TAKEN)
+    door, client = opens(TAKEN)
     with pytest.raises(BusError, match="refused: UAV 3 has its agent already"):
-        join(spoke, 0.6)
+        join(client, 0.6)
     assert door.asked >= 2
 
 
 def test_who_is_refused_for_good_does_not_ask_again(
-    opens: Callable[..., tuple[Door, Spoke]], monkeypatch: pytest.MonkeyPatch
+    opens: Callable[..., tuple[Door, NodeClient]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _, spoke = opens(NEVER)
-    asks = count_asks(spoke, monkeypatch)
+    _, client = opens(NEVER)
+    asks = count_asks(client, monkeypatch)
     with pytest.raises(BusError, match="refused: UAV 9"):
-        join(spoke, DEADLINE_S)
+        join(client, DEADLINE_S)
     assert len(asks) == 1
 
 
 def test_who_is_interrupted_while_it_is_refused_asks_no_more(
-    opens: Callable[..., tuple[Door, Spoke]], monkeypatch: pytest.MonkeyPatch
+    opens: Callable[..., tuple[Door, NodeClient]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _, spoke = opens(TAKEN)
-    asks = count_asks(spoke, monkeypatch)
+    _, client = opens(TAKEN)
+    asks = count_asks(client, monkeypatch)
     with pytest.raises(BusError, match=r"interrupted .*UAV 3"):
-        join(spoke, DEADLINE_S, cancelled=lambda: len(asks) >= 2)
+        join(client, DEADLINE_S, cancelled=lambda: len(asks) >= 2)
     assert len(asks) == 2
 
 
@@ -151,17 +153,17 @@ def test_a_join_whose_answer_is_lost_is_repeated_with_the_same_token(monkeypatch
 
     def ask(_key: str, raw: bytes, _timeout_s: float) -> bytes | None:
         asked.append(raw)
-        return codec.encode(welcome) if len(asked) == 3 else None
+        return control.encode(welcome) if len(asked) == 3 else None
 
     tokens = set()
     for _ in range(2):
         asked.clear()
         bus = wire.endpoint()
         monkeypatch.setattr(bus, "ask", ask)
-        assert Spoke(bus, RUN).join(Join("agent", 1), lambda welcome: Deaf(), timeout_s=60.0).node == "agent-0"
+        assert NodeClient(bus, RUN).join(Join("agent", 1), lambda welcome: Deaf(), timeout_s=60.0).node == "agent-0"
         assert len(asked) == 3
         assert len(set(asked)) == 1
-        join = codec.decode(asked[0])
+        join = control.decode(asked[0])
         assert isinstance(join, Join)
         tokens.add(join.token)
     assert len(tokens - {0}) == 2  # every node its own
@@ -170,20 +172,20 @@ def test_a_join_whose_answer_is_lost_is_repeated_with_the_same_token(monkeypatch
 def test_a_world_that_never_answers_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     bus = MemoryNetwork().endpoint()
     monkeypatch.setattr(bus, "ask", lambda *_: None)
-    with pytest.raises(BusError, match="no world of run 'spoke'"):
-        Spoke(bus, RUN).join(Join("agent", 1), lambda welcome: Deaf(), timeout_s=0.0)
+    with pytest.raises(BusError, match="no world of run 'client'"):
+        NodeClient(bus, RUN).join(Join("agent", 1), lambda welcome: Deaf(), timeout_s=0.0)
 
 
 def test_a_tick_is_answered_in_the_thread_that_asks_and_never_beside_another(monkeypatch: pytest.MonkeyPatch) -> None:
     wire, node = MemoryNetwork(), Slow()
     world, bus = wire.endpoint(), wire.endpoint()
     world.subscribe(keys.act(RUN, "*"))
-    monkeypatch.setattr(bus, "ask", lambda *_: codec.encode(WELCOME))
-    spoke = Spoke(bus, RUN)
-    spoke.join(Join("agent", 1, 3), lambda welcome: node, DEADLINE_S)
+    monkeypatch.setattr(bus, "ask", lambda *_: control.encode(WELCOME))
+    client = NodeClient(bus, RUN)
+    client.join(Join("agent", 1, 3), lambda welcome: node, DEADLINE_S)
     assert world.receive(0.0) is not None  # it is ready
     over, here = threading.Event(), threading.get_ident()
-    loop = threading.Thread(target=spoke.serve, args=(over.is_set, lambda: False))
+    loop = threading.Thread(target=client.serve, args=(over.is_set, lambda: False))
     other = threading.Thread(target=world.put, args=(keys.sense(RUN, WELCOME.node), asked(1)))
     loop.start()
     try:
@@ -212,9 +214,9 @@ def test_what_a_node_complains_of_reaches_the_world_once_and_before_its_answer(
     wire, node = MemoryNetwork(), Slow()
     world, bus = wire.endpoint(), wire.endpoint()
     world.subscribe(keys.act(RUN, "*"))
-    monkeypatch.setattr(bus, "ask", lambda *_: codec.encode(WELCOME))
-    spoke = Spoke(bus, RUN)
-    spoke.join(Join("agent", 1, 3), lambda welcome: node, DEADLINE_S)
+    monkeypatch.setattr(bus, "ask", lambda *_: control.encode(WELCOME))
+    client = NodeClient(bus, RUN)
+    client.join(Join("agent", 1, 3), lambda welcome: node, DEADLINE_S)
     node.complaints.append("the controller of UAV 3 has failed")
     for number in (0, 2):
         world.put(keys.sense(RUN, WELCOME.node), asked(number))
@@ -222,7 +224,7 @@ def test_what_a_node_complains_of_reaches_the_world_once_and_before_its_answer(
     assert said is not None
     assert first is not None
     assert second is not None
-    event = codec.decode(said.payload)
+    event = control.decode(said.payload)
     assert isinstance(event, Event)
     assert (event.tick, event.text) == (0, "the controller of UAV 3 has failed")
     assert [tick.read_act(answer.payload).tick for answer in (first, second)] == [0, 2]

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from swarm import state
+from meanflock.swarm import state
 
 numbers = st.one_of(st.sampled_from([0.0, -0.0, 1.0, -1e-320, 1e300]), st.floats(allow_nan=False, width=64))
 

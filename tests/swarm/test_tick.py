@@ -12,12 +12,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-import kernels
-from kernels.wire import ACT, DTYPES, FIRST, SENSE
-from swarm import payload, tick
-from swarm.errors import MessageRejected
-from swarm.messages import Act, FrameKind, Frames, Sense
-from swarm.scenario import load
+from meanflock import kernels
+from meanflock.kernels.wire import ACT, DTYPES, FIRST, SENSE
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.scenario import load
+from meanflock.swarm.wire import payload, tick
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense
 from tests.swarm.backends import BACKENDS, REFERENCE, Backend, outcome
 from tests.swarm.test_codec import EXAMPLES, GOLDEN, OF_A_TICK, RAW, arrays_in, same
 

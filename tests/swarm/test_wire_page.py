@@ -12,10 +12,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from kernels.wire import DTYPES, FIRST
-from swarm import codec, keys, tick
-from swarm.errors import MessageRejected
-from swarm.messages import Act, Event, FrameKind, Frames, Join, Ready, Refusal, Sense, Stop, Welcome
+from meanflock.kernels.wire import DTYPES, FIRST
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.net import keys
+from meanflock.swarm.wire import control, tick
+from meanflock.swarm.wire.messages import Act, Event, FrameKind, Frames, Join, Ready, Refusal, Sense, Stop, Welcome
 from tests.swarm.backends import REFERENCE
 
 PAGE = Path(__file__).parents[2] / "docs" / "wire.md"
@@ -127,7 +128,7 @@ def test_the_page_s_example_of_an_array_is_one() -> None:
     ).groups()  # type: ignore[union-attr]
     raw = bytes.fromhex(head + numbers)
     message = msgspec.msgpack.encode(["welcome", 1, "agent-0", [0], 0, b"{}", msgspec.msgpack.Ext(1, raw)])
-    welcome = codec.decode(message)
+    welcome = control.decode(message)
     assert isinstance(welcome, Welcome)
     np.testing.assert_array_equal(welcome.initial_states, np.array([[1.5, -2.0]], "<f4"))
 
@@ -144,10 +145,10 @@ def test_the_page_s_fingerprint_is_that_of_the_run() -> None:
 
 
 def test_fields_with_a_default_may_be_left_out_from_the_end() -> None:
-    join = codec.decode(msgspec.msgpack.encode(["join", "agent", 1]))
+    join = control.decode(msgspec.msgpack.encode(["join", "agent", 1]))
     assert isinstance(join, Join)
     assert (join.role, join.rows, join.uav, join.token) == ("agent", 1, -1, 0)
-    assert isinstance(codec.decode(msgspec.msgpack.encode(["event", 3, "agent", "a word"])), Event)
+    assert isinstance(control.decode(msgspec.msgpack.encode(["event", 3, "agent", "a word"])), Event)
 
 
 if __name__ == "__main__":

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agent.controllers.base import Broadcast, Controller, Memory, Received, Step
+from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
+from meanflock.swarm import plugins
 from meanflock.testing import ConformanceError, check_controller
-from swarm import plugins
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

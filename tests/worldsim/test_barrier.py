@@ -6,15 +6,16 @@ import threading
 import numpy as np
 import pytest
 
-from swarm import codec, keys, tick
-from swarm.bus import Bus, MemoryNetwork
-from swarm.errors import MessageRejected
-from swarm.messages import Act, FrameKind, Frames, Ready, Sense
-from swarm.scenario import Scenario, load
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import Bus, MemoryNetwork
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire import control, tick
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Ready, Sense
+from meanflock.worldsim.barrier import Barrier
+from meanflock.worldsim.inbound import Replies
+from meanflock.worldsim.members import Member
 from tests.polling import DEADLINE_S
-from worldsim.barrier import Barrier
-from worldsim.inbound import Replies
-from worldsim.members import Member
 
 RUN = "fence"
 FINGERPRINT = keys.fingerprint(RUN)
@@ -107,7 +108,7 @@ def test_a_reply_counts_once(models: np.ndarray | None) -> None:
         (reply(models=MODELS[:, 1:]), "wrong-shape"),
         (tick.write_act(Act(FINGERPRINT, TICK, np.full((2, 5), np.inf))), "non-finite"),
         (tick.write_act(Act(FINGERPRINT, TICK, np.full((2, 5), np.nan))), "non-finite"),
-        (codec.encode(Ready(FINGERPRINT)), "malformed"),
+        (control.encode(Ready(FINGERPRINT)), "malformed"),
         (b"", "malformed"),
     ],
 )

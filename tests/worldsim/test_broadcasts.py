@@ -5,15 +5,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarm import tick
-from swarm.codec import FLOAT_OF_BITS
-from swarm.declared import MAX_BROADCAST_NUMBERS, MAX_BROADCASTS
-from swarm.errors import MessageRejected
-from swarm.messages import Act, FrameKind, Frames
-from swarm.scenario import Scenario, load
+from meanflock.swarm.declared import MAX_BROADCAST_NUMBERS, MAX_BROADCASTS
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire import tick
+from meanflock.swarm.wire.control import FLOAT_OF_BITS
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames
+from meanflock.worldsim.inbound import Replies
+from meanflock.worldsim.members import Member
 from tests.swarm.test_codec import same
-from worldsim.inbound import Replies
-from worldsim.members import Member
 
 RUN, TICK = 0xC0FFEE42, 20
 QUICK = settings(max_examples=300, deadline=None, database=None)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from swarm.model import BEYOND_SENSE
-from worldsim.commands import Commands
-from worldsim.members import Member
+from meanflock.swarm.model import BEYOND_SENSE
+from meanflock.worldsim.commands import Commands
+from meanflock.worldsim.members import Member
 
 UAVS = 5
 EVERYONE = {

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarm import state
-from swarm.scenario import Scenario, load
-from worldsim.vehicles.point_mass import PointMass
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.worldsim.vehicles.point_mass import PointMass
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "wind.json").read_text())
 ROWS = 4000

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarm import state
-from swarm.scenario import load
-from worldsim.vehicles.point_mass import PointMass
+from meanflock.swarm import state
+from meanflock.swarm.scenario import load
+from meanflock.worldsim.vehicles.point_mass import PointMass
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "power.json").read_text())
 VEHICLE = load(None).vehicle

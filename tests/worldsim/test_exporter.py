@@ -10,15 +10,15 @@ from typing import Any
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from groundstation.engine import Engine
-from swarm import keys
-from swarm.address import Address
-from swarm.errors import BadInput
-from swarm.messages import Telemetry
-from swarm.scenario import Scenario, load
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.address import Address
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire.messages import Telemetry
+from meanflock.worldsim.durations import BOUNDS_S, Durations
+from meanflock.worldsim.exporter import exported
 from tests.polling import DEADLINE_S
-from worldsim.durations import BOUNDS_S, Durations
-from worldsim.exporter import exported
 
 RUN = "watched"
 ANY = Address("127.0.0.1", 0)

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarm import state
-from swarm.messages import Status
-from swarm.scenario import load
-from worldsim.flight import Flight
-from worldsim.summary import flight_summary
-from worldsim.vehicles.point_mass import PointMass
+from meanflock.swarm import state
+from meanflock.swarm.scenario import load
+from meanflock.swarm.wire.messages import Status
+from meanflock.worldsim.flight import Flight
+from meanflock.worldsim.summary import flight_summary
+from meanflock.worldsim.vehicles.point_mass import PointMass
 
 
 def power(speed: np.ndarray) -> np.ndarray:

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from swarm import state
-from swarm.scenario import load
-from worldsim.formation import initial_states
+from meanflock.swarm import state
+from meanflock.swarm.scenario import load
+from meanflock.worldsim.formation import initial_states
 
 
 @pytest.mark.parametrize("uavs", [1, 2, 3, 4, 7, 9, 24, 25, 26, 200])

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from swarm.messages import Join
-from worldsim.members import JoinRefused, Members
+from meanflock.swarm.wire.messages import Join
+from meanflock.worldsim.members import JoinRefused, Members
 
 
 def test_who_asks_again_without_having_heard_the_answer_is_told_the_same() -> None:

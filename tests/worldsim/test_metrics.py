@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from kernels.interaction import empirical
-from swarm import state
-from swarm.scenario import load
-from worldsim.flight import Flight
-from worldsim.metrics import pairs
+from meanflock.kernels.interaction import empirical
+from meanflock.swarm import state
+from meanflock.swarm.scenario import load
+from meanflock.worldsim.flight import Flight
+from meanflock.worldsim.metrics import pairs
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "metrics.json").read_text())
 METRICS = load(None).metrics

@@ -1,20 +1,20 @@
 """Real time on a clock of the test's own: who is late is held and counted, and the ticks say how late they began."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
 
-from agent.node import Agent
-from groundstation.engine import Engine
-from swarm import keys
-from swarm.bus import Delivery, MemoryBus, MemoryNetwork, Offer
-from swarm.errors import BadInput
-from swarm.messages import SWARM_COLUMNS, Join, Telemetry
-from swarm.scenario import load
-from swarm.spoke import Spoke
-from worldsim.node import World
-from worldsim.schedule import Schedule, factor
+from meanflock.agent.node import Agent
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import Delivery, MemoryBus, MemoryNetwork, Offer
+from meanflock.swarm.net.client import NodeClient
+from meanflock.swarm.scenario import load
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Join, Telemetry
+from meanflock.worldsim.node import World
+from meanflock.worldsim.schedule import Schedule, factor
 
 RUN = "late"
 TICK_S = 0.05  # dt = 0.1 s, twice as fast as the wall clock
@@ -53,19 +53,18 @@ class SlowBus(MemoryBus):
 
 
 class Flight:
-    """Two UAVs on two nodes, 20 ticks in real time, or in lockstep."""
+    """Two UAVs or so, each on a node of its own, 20 ticks or so in real time, or in lockstep."""
 
-    def __init__(self, realtime: float | None = 2.0) -> None:
+    def __init__(self, realtime: float | None = 2.0, settings: Sequence[str] = (), uavs: int = 2) -> None:
         network = MemoryNetwork()
         self.bus = SlowBus(network)
-        settings = ["uavs=2", "method=mfg", "duration=2", 'stop="duration"']
-        flown = load(None, settings)
+        flown = load(None, [f"uavs={uavs}", "method=mfg", "duration=2", 'stop="duration"', *settings])
         self.world = self.bus.world = World(flown, self.bus, RUN, realtime=realtime, clock=lambda: self.bus.now)
-        for _ in range(2):
+        for _ in range(uavs):
             endpoint = network.endpoint()
-            spoke = Spoke(endpoint, RUN)
-            endpoint.handler = spoke.handle
-            spoke.join(Join("agent", 1), Agent, timeout_s=1.0)
+            client = NodeClient(endpoint, RUN)
+            endpoint.handler = client.handle
+            client.join(Join("agent", 1), Agent, timeout_s=1.0)
         self.world.gather(10.0)
         self.commands: list[np.ndarray] = []
 
@@ -155,10 +154,10 @@ def test_telemetry_says_how_many_are_held_while_it_flies() -> None:
 
     flown = load(None, ["uavs=2", "method=mfg", "duration=1", 'stop="duration"'])
     engine = Engine(flown, RUN, sinks=[Keep()], realtime=100.0)
-    ledger = engine.world.instruments.ledger
+    counters = engine.world.instruments.counters
     for tick in engine.fly():
         if tick == 5:
-            ledger.late(3)
+            counters.late(3)
     summary = engine.world.finish()
     columns = np.concatenate([block.swarm for block in told])[:, -2:]
     assert SWARM_COLUMNS[-2:] == ("held_commands", "deadline_misses")

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from groundstation.engine import Engine
-from swarm.messages import FrameKind, Telemetry
-from swarm.scenario import load
-from worldsim.telemetry import STATE_LINKS_EVERY_TICKS
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm.scenario import load
+from meanflock.swarm.wire.messages import FrameKind, Telemetry
+from meanflock.worldsim.telemetry import STATE_LINKS_EVERY_TICKS
 
 
 class Told:

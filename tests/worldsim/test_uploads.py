@@ -7,18 +7,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from channel.meter import Meter
-from swarm import payload
-from swarm import tick as wire
-from swarm.errors import MessageRejected
-from swarm.messages import Act, FrameKind, Frames
-from swarm.rounds import Rounds
-from swarm.scenario import Scenario, load
+from meanflock.channel.meter import Meter
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.rounds import Rounds
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire import payload
+from meanflock.swarm.wire import tick as wire
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames
+from meanflock.worldsim.counters import Counters
+from meanflock.worldsim.inbound import Replies
+from meanflock.worldsim.members import Member
+from meanflock.worldsim.merger import FrameMerger
 from tests.swarm.test_codec import same
-from worldsim.inbound import Replies
-from worldsim.ledger import Ledger
-from worldsim.members import Member
-from worldsim.speech import Speech
 
 RUN, TICK = 0xC0FFEE42, 20
 QUICK = settings(max_examples=200, deadline=None, database=None)
@@ -106,17 +106,19 @@ def test_scales_beyond_all_bounds_are_refused() -> None:
 
 
 class Air:
-    """Speech with what it drops, notes and bills kept."""
+    """FrameMerger with what it drops, notes and bills kept."""
 
     def __init__(self, of: Scenario) -> None:
         self.dropped: list[str] = []
-        self.ledger, self.meter = Ledger(), Meter(of.radio, of.uavs)
-        self._speech = Speech(Rounds(of), self.ledger, lambda error, where: self.dropped.append(where), lambda *_: None)
+        self.counters, self.meter = Counters(), Meter(of.radio, of.uavs)
+        self._merger = FrameMerger(
+            Rounds(of), self.counters, lambda error, where: self.dropped.append(where), lambda *_: None
+        )
 
     def say(self, *batches: Frames, asleep: tuple[int, ...] = (), tick: int = TICK) -> list[Frames]:
         awake = np.ones(8, dtype=bool)
         awake[list(asleep)] = False
-        return self._speech.of(tick, batches, awake, self.meter)
+        return self._merger.of(tick, batches, awake, self.meter)
 
     @property
     def billed(self) -> int:
@@ -159,7 +161,7 @@ def test_a_second_global_model_of_a_round_is_not_broadcast() -> None:
     air = Air(of)
     (said,) = air.say(one, one, tick=TICK + 1)
     assert len(said.source) == 1
-    assert air.ledger.rounds == 1
+    assert air.counters.rounds == 1
     assert len(air.dropped) == 1
 
 

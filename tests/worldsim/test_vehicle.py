@@ -6,18 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from groundstation.engine import Engine
-from swarm import plugins
-from swarm.errors import BadInput, RunFailed
-from swarm.scenario import Scenario, load
-from worldsim.checkpoint import Resumption
-from worldsim.flight import Flight
-from worldsim.vehicles.point_mass import PointMass
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm import plugins
+from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.worldsim.checkpoint import Resumption
+from meanflock.worldsim.flight import Flight
+from meanflock.worldsim.vehicles.point_mass import PointMass
 
 GLIDER = '''
 import msgspec
 import numpy as np
-from worldsim.vehicles.base import Vehicle
+from meanflock.worldsim.vehicles.base import Vehicle
 
 class Glider(Vehicle):
     """Its battery drains, and an empty one does not accelerate."""

@@ -2,13 +2,14 @@
 
 import numpy as np
 
-from swarm import keys
-from swarm.bus import MemoryNetwork
-from swarm.scenario import load
-from worldsim.barrier import Barrier
-from worldsim.inbound import Replies
-from worldsim.members import Member
-from worldsim.waiting import Waiting
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import MemoryNetwork
+from meanflock.swarm.scenario import load
+from meanflock.worldsim.barrier import Barrier
+from meanflock.worldsim.inbound import Replies
+from meanflock.worldsim.members import Member
+from meanflock.worldsim.pace import Pace
+from meanflock.worldsim.waiting import Waiting
 
 
 def losses(steps: list[float]) -> int:
@@ -18,7 +19,7 @@ def losses(steps: list[float]) -> int:
     barrier.open(0, reporting=False)
     barrier.ask(Member("agent-0", "agent", np.arange(1)), np.zeros((1, 4)))
 
-    class Door:
+    class Admission:
         def lose(self, member: Member, why: str) -> None:
             barrier.forget(member.name)
 
@@ -27,7 +28,8 @@ def losses(steps: list[float]) -> int:
         now += steps[looks] if looks < len(steps) else timeout_s
         looks += 1
 
-    Waiting(barrier, Door(), None, None, 2.0, receive, lambda: now).for_answers()  # type: ignore[arg-type]
+    pace = Pace(load(None).pace, lambda kind, text: None)
+    Waiting(barrier, Admission(), None, None, 2.0, pace, receive, lambda: now).for_answers()  # type: ignore[arg-type]
     return looks
 
 

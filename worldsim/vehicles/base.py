@@ -1,12 +1,12 @@
-"""The vehicle door: how UAVs move under acceleration, wind and noise, and what it costs them."""
+"""The vehicle admission: how UAVs move under acceleration, wind and noise, and what it costs them."""
 
 from typing import ClassVar
 
 import msgspec
 from numpy.typing import NDArray
 
-from swarm import state
-from swarm.scenario import Scenario
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Scenario
 
 Hidden = dict[str, NDArray]  # each (N, …)
 
@@ -18,7 +18,7 @@ class Vehicle:
     that a UAV is besides its state [x, y, vx, vy] (m, m/s) lies in `hidden`, which is kept in checkpoints, not in self.
     """
 
-    door: ClassVar = "vehicle"
+    admission: ClassVar = "vehicle"
     name: ClassVar[str] = ""
 
     class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

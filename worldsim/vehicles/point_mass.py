@@ -4,13 +4,14 @@ import math
 
 import numpy as np
 
-from swarm import state
-from swarm.scenario import Scenario
-from worldsim.vehicles.base import Hidden, Vehicle
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Scenario
+from meanflock.worldsim.vehicles.base import Hidden, Vehicle
 
 
 class PointMass(Vehicle):
-    """Its constants are the keys of `[vehicle]` and `[wind]`."""
+    """A point mass in an Ornstein–Uhlenbeck wind, with the power of a rotary wing. The constants are the keys of
+    `[vehicle]` and `[wind]`."""
 
     name = "point-mass"
 

@@ -1,0 +1,69 @@
+"""Writes data.md, the data dictionary, from what the code knows of its columns, fields and events."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from meanflock.groundstation import columns, dictionary
+
+PAGE = Path(__file__).with_suffix(".md")
+_KNOWN = ("hjb_residual", "fpk_residual", "phi_G")  # diagnostics of the built-in controllers
+
+
+def page() -> str:
+    """The whole page."""
+    lines = [
+        "# Data: what a run leaves, column by column",
+        "",
+        "Written by `python docs/data.py`; a test holds it to the code. Unit 1: a number without one.",
+        "",
+        "## timeseries.parquet",
+        "",
+        "A row a tick, the first that of take-off. *Each*: a list with an entry a UAV, in the order of their numbers.",
+        "*Cumulative*: counted, summed or averaged since take-off. The same is in the file, as metadata of its columns",
+        "(`description`, `unit`, `cumulative`, and `values` of the status):",
+        '`pyarrow.parquet.read_schema(path).field("energy_J").metadata`.',
+        "",
+        *_table(("column", "unit", "", "cumulative", "what"), map(_row, columns.BEFORE)),
+        "",
+        "Then a column for every diagnostic that the controller declares, under its name. `offline` declares none,",
+        "`hjb` all of these but `fpk_residual`, the other learners all of them.",
+        "",
+        *_table(("column", "unit", "", "cumulative", "what"), (_row(columns.diagnostic(name)) for name in _KNOWN)),
+        "",
+        "The rest is the same for all:",
+        "",
+        *_table(("column", "unit", "", "cumulative", "what"), map(_row, columns.AFTER)),
+        "",
+        f"Numbers of `status`: {columns.status_names()}.",
+        "",
+        "## summary.json",
+        "",
+        "One object. A dot leads into an object within it, `*` stands for any name. What is unknown is `null`, not 0.",
+        "",
+        *_table(("field", "unit", "what"), ((f"`{key}`", unit, about) for key, unit, about in dictionary.SUMMARY)),
+        "",
+        "## events.jsonl",
+        "",
+        "A line an event, an object with",
+        "",
+        *_table(("field", "what"), ((f"`{name}`", about) for name, about in dictionary.EVENT.items())),
+        "",
+        "Kinds:",
+        "",
+        *_table(("kind", "what"), ((f"`{kind}`", about) for kind, about in dictionary.EVENTS.items())),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _row(column: columns.Column) -> tuple[str, ...]:
+    each = "each" if str(column.type).startswith("list") and column.name != "leader_model" else ""
+    return f"`{column.name}`", column.unit, each, "yes" if column.cumulative else "", column.about
+
+
+def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> list[str]:
+    cells = [head, ("---",) * len(head), *rows]
+    return [f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |" for row in cells]
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

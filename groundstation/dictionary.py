@@ -1,0 +1,111 @@
+"""Every field of `summary.json` and every kind of event of `events.jsonl`: what docs/data.md is made of."""
+
+from typing import NamedTuple
+
+
+class Field(NamedTuple):
+    """A field by its dotted key, `*` for any name. unit: `1` for a number without one, empty for what is none."""
+
+    key: str
+    unit: str
+    about: str
+
+
+_OBSERVED = (
+    ("sent", "messages", "sent over links, a broadcast once a receiver"),
+    ("delivered", "messages", "delivered"),
+    ("outages", "messages", "given up"),
+    ("outage_rate", "1", "outages / sent"),
+    ("outage_rate_theory", "1", "its closed form at the distances flown"),
+    ("latency_slots_mean", "slots", "mean latency of what was delivered"),
+    ("latency_slots_mean_theory", "slots", "its closed form at the distances flown"),
+)
+_OF_TRAFFIC = "of a kind of traffic: uplink, relay, broadcast or state"
+
+SUMMARY = (
+    Field("schema", "1", "version of this record"),
+    Field("run_id", "", "name of the run"),
+    Field("version", "", "version of meanflock"),
+    Field("scenario_sha256", "", "hash of the resolved scenario; equal for equal scenarios"),
+    Field("method", "", "name of the controller"),
+    Field("uavs", "UAVs", "number of UAVs"),
+    Field("seed", "1", "seed of all randomness"),
+    Field("mode", "", "`processes`, or `in-process` where all nodes were in one"),
+    Field("backend", "", "which form of the kernels the world had: `compiled` or `numpy`"),
+    Field("wall_time_s", "s", "how long the flight took"),
+    Field("real_time_factor", "1", "simulated seconds a second"),
+    Field("ticks", "ticks", "ticks flown"),
+    Field("sim_time_s", "s", "simulated time flown"),
+    Field("arrived", "UAVs", "UAVs that arrived"),
+    Field("lost", "UAVs", "UAVs that are lost at the end"),
+    Field("t_avg_s", "s", "mean travel time of the UAVs that arrived"),
+    Field("t_max_s", "s", "longest travel time of the UAVs that arrived"),
+    Field("energy_mean_J", "J", "energy until own arrival, or the end: mean of the UAVs"),
+    Field("energy_std_J", "J", "the same: standard deviation"),
+    Field("energy_end_mean_J", "J", "energy until the end of the flight: mean of the UAVs"),
+    Field("energy_end_std_J", "J", "the same: standard deviation"),
+    Field("phi_A", "m/s", "alignment φ_A: mean difference of velocities, lower is better"),
+    Field("phi_C", "1", "collision risk φ_C as printed, with self-pairs"),
+    Field("phi_C_distinct", "1", "collision risk φ_C: share of distinct pairs nearer than r_C"),
+    Field("collisions", "pairs", "pairs that came nearer than r_coll while both were on the way, each once"),
+    Field("speed_max_m_s", "m/s", "highest speed of any UAV on the way"),
+    Field("speed_mean_m_s", "m/s", "mean speed on the way"),
+    Field("distance_mean_m", "m", "distance flown until own arrival: mean of the UAVs"),
+    Field("trajectory_sha256", "", "hash of the states of all ticks; equal for equal flights"),
+    Field("payload_bits.*", "bit", f"payload {_OF_TRAFFIC}, once a transmission; and `total`"),
+    Field("wire_bytes", "bytes", "encoded frames as they crossed the bus on the way to the radio"),
+    *(Field(f"radio.{name}", unit, f"messages: {about}") for name, unit, about in _OBSERVED),
+    Field("radio.airtime_s", "s", "time transmissions took"),
+    Field("radio.traffic.*.transmissions", "frames", f"transmissions {_OF_TRAFFIC}"),
+    Field("radio.traffic.*.payload_bits", "bit", "their payload, once a transmission"),
+    Field("radio.traffic.*.wire_bytes", "bytes", "their encoded frames"),
+    Field("radio.traffic.*.airtime_s", "s", "time they took"),
+    *(Field(f"radio.traffic.*.{name}", unit, f"their messages: {about}") for name, unit, about in _OBSERVED),
+    Field("radio.links_used", "links", "pairs of UAVs, with direction, that any message was sent between"),
+    Field("radio.links", "", "of each `[source, target, sent, outages]`; null where there are more than 1000"),
+    Field("rounds", "1", "rounds averaged and broadcast"),
+    Field("diagnostics_max.*", "", "largest size of each diagnostic the controller reports, in its unit"),
+    Field("hjb_residual_max", "m/s", "largest HJB residual |e_H|; null where the controller reports none"),
+    Field("fpk_residual_max", "1/s", "largest FPK residual |e_F|; null where the controller reports none"),
+    Field("weight_spread_final", "1", "RMS distance of what the UAVs have learned from its mean, at the last report"),
+    Field("nodes_lost", "nodes", "nodes lost in flight"),
+    Field("nodes_rejoined", "nodes", "nodes admitted in flight, in the place of a lost one or as a standby"),
+    Field("uploads_refused", "models", "uploads that were not averaged because they could not be used"),
+    Field("states_refused", "states", "received states that were not believed, each sender once a tick"),
+    Field("dropped_messages.*", "messages", "not let in, by reason"),
+    Field("held_commands", "commands", "commands held over because they came late; null in lockstep"),
+    Field("realtime", "", "null in lockstep"),
+    Field("realtime.factor", "1", "how many times faster than the wall clock ticks were due"),
+    Field("realtime.deadline_misses", "ticks", "ticks in which any command came late"),
+    Field("realtime.tick_start_jitter_ms.mean", "ms", "how long after its time a tick began: mean"),
+    Field("realtime.tick_start_jitter_ms.p99", "ms", "the same: 99th percentile"),
+    Field("realtime.tick_start_jitter_ms.max", "ms", "the same: maximum"),
+    Field("telemetry_blocks_dropped", "blocks", "blocks of rows the ground station did not get"),
+)
+
+EVENT = {  # fields of a line
+    "tick": "number of the tick",
+    "sim_time_s": "its simulated time, s",
+    "kind": "one of those below",
+    "text": "what happened, in words",
+    "uavs": "numbers of the UAVs it is about, if of any",
+}
+EVENTS = {  # kinds
+    "joined": "all nodes are there, the flight begins",
+    "resumed": "the flight goes on from a checkpoint",
+    "round": "a round was averaged and broadcast",
+    "void": "a round, or the part of a cluster in it, came to nothing",
+    "leader": "another leader takes over; or what a leader says of itself, when it fails",
+    "agent": "what an agent says of itself, when it fails",
+    "refused": "uploads were not averaged, or states not believed (told once); the summary counts all",
+    "dropped": "a message was not let in (the first of them); the summary counts all, by reason",
+    "slow": "a node answers late, tick after tick, and is lost if it goes on",
+    "lost": "a node or its UAVs are lost",
+    "diverged": "UAVs are lost because their numbers or their controller failed",
+    "rejoined": "UAVs that were lost have an agent again, or a standby leader is there",
+    "arrived": "UAVs arrived",
+    "collision": "two UAVs came nearer than r_coll while both were on the way",
+    "fault": "the fault script begins or ends something",
+    "failed": "every agent was lost and none came back: the flight ends here",
+    "finished": "the flight is over",
+}

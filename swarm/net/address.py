@@ -1,0 +1,48 @@
+"""Where a process listens for something that is not the bus: a host and a port, loopback unless told otherwise."""
+
+import socket
+from typing import NamedTuple
+
+from meanflock.swarm.errors import BadInput
+
+LOOPBACK = "127.0.0.1"
+
+
+class Address(NamedTuple):
+    """A host and a port; port 0 is any that is free."""
+
+    host: str
+    port: int
+
+    @classmethod
+    def parse(cls, flag: str, text: str) -> "Address":
+        """`[HOST:]PORT`, as somebody gave it to `flag`.
+
+        Raises:
+            BadInput: it is not.
+        """
+        host, colon, port = text.rpartition(":")
+        if not (port.isascii() and port.isdigit() and int(port) < 2**16) or (colon and not host):
+            raise BadInput(f"{flag} {text}: write it as PORT or HOST:PORT, for example {flag}={LOOPBACK}:9464")
+        return cls(host.strip("[]") or LOOPBACK, int(port))
+
+    def free(self, flag: str) -> "Address":
+        """Itself, if nobody listens there; port 0 becomes one that is free.
+
+        Raises:
+            BadInput: somebody does, or this machine is not there.
+        """
+        family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
+        try:
+            with socket.create_server((self.host, self.port), family=family) as server:
+                return Address(self.host, server.getsockname()[1])
+        except OSError as error:
+            raise self.refused(flag, error) from error
+
+    def refused(self, flag: str, error: OSError) -> BadInput:
+        """What to say where it cannot be listened on."""
+        why = str(error.strerror).partition(" (while ")[0]  # the address stands there already
+        return BadInput(f"{flag} {self}: {why}; choose a free port of this machine, or 0 for any")
+
+    def __str__(self) -> str:
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"

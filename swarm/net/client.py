@@ -1,0 +1,199 @@
+"""A node's side of the protocol, the same for agents and leader: join, answer every Sense with an Act, go home."""
+
+import logging
+import os
+import platform
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from typing import Protocol
+
+import msgspec
+
+from meanflock.swarm import plugins
+from meanflock.swarm.errors import BadInput, BusError, MessageRejected, Refused, WorldGone
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import Bus, Delivery
+from meanflock.swarm.wire import control, tick
+from meanflock.swarm.wire.messages import Act, Event, Join, Message, Ready, Refusal, Sense, Stop, Welcome
+
+log = logging.getLogger("meanflock.node")
+
+_READY_AGAIN_S = 0.2  # until the first Sense: what is put right after a declaration can get lost
+_ASK_TIMEOUT_S = 2.0
+_GONE = "the world is gone"
+_REFUSED_AGAIN_S = 0.25  # a predecessor that was killed is missed within milliseconds, a frozen one at the barrier
+_MAX_DROP_LINES = 100  # in the log; the counter goes on
+
+
+class Node(Protocol):
+    """Agent or leader."""
+
+    complaints: list[str]  # what the world should hear of; whoever passes it on empties it
+
+    def act(self, sense: Sense) -> Act:
+        """Replies to a Sense, or raises MessageRejected and has not changed."""
+
+
+class NodeClient:
+    """One node on the bus."""
+
+    def __init__(self, bus: Bus, run: str) -> None:
+        self._bus, self._run = bus, run
+        self._fingerprint = keys.fingerprint(run)
+        self._node: Node | None = None
+        self._last_tick = -1
+        self._last_act = b""
+        self._busy = threading.RLock()  # the node is asked by one thread at a time; again by the same, on a memory bus
+        self.stopped: str | None = None  # why the world sent everyone home
+        self.dropped: Counter[str] = Counter()
+
+    def join(
+        self,
+        request: Join,
+        make: Callable[[Welcome], Node],
+        timeout_s: float,
+        cancelled: Callable[[], bool] = lambda: False,
+    ) -> Welcome:
+        """Asks until a world lets it in, builds the node, and listens. `cancelled` is asked between two questions.
+
+        Who comes before its predecessor is missed is refused for now, and asks again.
+
+        Raises:
+            Refused: the world did not let it in.
+            BusError: no world answered in time.
+        """
+        request = msgspec.structs.replace(request, token=int.from_bytes(os.urandom(7), "little"))
+        welcome = self._ask(request, timeout_s, cancelled)
+        if not isinstance(welcome, Welcome) or welcome.run != self._fingerprint:
+            raise BusError(f"the world of run {self._run!r} answered with {type(welcome).__name__}")
+        self._speak = keys.act(self._run, welcome.node)
+        try:
+            _check_plugins(welcome, request.role)
+            self._node = make(welcome)
+        except BadInput as error:  # said here and there: whoever watches the world need not look on this host
+            why = f"{welcome.node} on host {platform.node()}: {error}"
+            self._bus.put(self._speak, control.encode(Refusal(why)))
+            raise BadInput(why) from error
+        self._bus.subscribe(keys.sense(self._run, welcome.node), self._at_once)
+        self._bus.watch(keys.alive(self._run, "world", "world"))
+        self._bus.announce(keys.alive(self._run, request.role, welcome.node))
+        self._ready()
+        return welcome
+
+    def serve(self, cancelled: Callable[[], bool], abandoned: Callable[[], bool]) -> str:
+        """Answers until the world says stop, and returns why.
+
+        `cancelled` is asked after every delivery, `abandoned` only when there is nothing to do.
+
+        Raises:
+            WorldGone: the session with the world ended without a word.
+        """
+        while self.stopped is None:
+            if cancelled():
+                return "interrupted"
+            delivery = self._bus.receive(_READY_AGAIN_S)
+            if delivery is not None:
+                self.handle(delivery)
+            elif abandoned():
+                return "the launcher is gone"
+            elif self._last_tick < 0:
+                self._ready()
+        if self.stopped == _GONE:
+            raise WorldGone(f"the world of run {self._run!r} is gone; `meanflock resume` goes on with its run")
+        return self.stopped
+
+    def handle(self, delivery: Delivery) -> None:
+        """One delivery. What does not fit is dropped, counted and logged; the node is as it was."""
+        if delivery.kind == "gone":
+            self.stopped = _GONE
+        elif delivery.kind == "message":
+            with self._busy:
+                self._take(delivery.key, delivery.payload)
+
+    def _take(self, key: str, raw: bytes) -> None:
+        """One message, while nobody else asks the node."""
+        try:
+            if raw[1:2] not in tick.TYPES:
+                self._control(control.decode(raw))
+                return
+            sense = tick.read_sense(raw)
+            if sense.run != self._fingerprint:
+                raise MessageRejected("wrong-run", f"run {sense.run:#x}, this is {self._fingerprint:#x}")
+            if sense.tick < self._last_tick:
+                raise MessageRejected("stale", f"tick {sense.tick} after {self._last_tick}")
+            if sense.tick > self._last_tick:
+                assert self._node is not None
+                self._last_act = tick.write_act(self._node.act(sense))
+                self._last_tick = sense.tick
+                if self._node.complaints:
+                    self._complain(self._node.complaints)
+            # The same tick again: the world has not received the reply. It gets the same one; nothing is learned twice.
+            self._bus.put(self._speak, self._last_act)
+        except MessageRejected as error:
+            self.dropped[error.reason] += 1
+            if self.dropped.total() <= _MAX_DROP_LINES:
+                about = {"tick": self._last_tick, "reason": error.reason}
+                log.warning("dropped a message under %s: %s", key, error, extra=about)
+
+    def _ask(self, request: Join, timeout_s: float, cancelled: Callable[[], bool]) -> Message:
+        """The first answer of a world that is not a refusal for now."""
+        question, raw = keys.join(self._run, keys.asker(request.role, request.uav)), control.encode(request)
+        failure = BusError(f"no world of run {self._run!r} answered within {timeout_s:.0f} s")
+        end = time.monotonic() + timeout_s
+        while True:
+            if (answer := self._bus.ask(question, raw, _ASK_TIMEOUT_S)) is not None:
+                message = control.decode(answer)
+                if not isinstance(message, Refusal):
+                    return message
+                failure = Refused(f"the world refused: {message.reason}")
+                if not message.for_now:
+                    raise failure
+                log.info("refused for now: %s", message.reason)
+            if cancelled():
+                raise BusError(f"interrupted while asking to take part: {failure}")
+            if (left := end - time.monotonic()) <= 0:
+                raise failure
+            if answer is not None:
+                time.sleep(min(_REFUSED_AGAIN_S, left))
+
+    def _at_once(self, key: str, raw: bytes) -> bool:
+        """Replies to a Sense in the thread that brings it, unless the node is at work: a hand-over to another thread
+        costs as much as the reply."""
+        if raw[1:2] not in tick.TYPES or not self._busy.acquire(False):
+            return False
+        try:
+            self._take(key, raw)
+            return True
+        finally:
+            self._busy.release()
+
+    def _control(self, message: Message) -> None:
+        if not isinstance(message, Stop):
+            raise MessageRejected("wrong-kind", f"{type(message).__name__}, expected Sense or Stop")
+        if message.run != self._fingerprint:
+            raise MessageRejected("wrong-run", f"run {message.run:#x}, this is {self._fingerprint:#x}")
+        self.stopped = message.reason
+
+    def _complain(self, complaints: list[str]) -> None:
+        """Tells the world what went wrong here."""
+        for text in complaints:
+            self._bus.put(self._speak, control.encode(Event(self._last_tick, "failed", text)))
+        complaints.clear()
+
+    def _ready(self) -> None:
+        self._bus.put(self._speak, control.encode(Ready(self._fingerprint)))
+
+
+def _check_plugins(welcome: Welcome, role: str) -> None:
+    """Whether this host has the plug-ins of the world that a node needs: the controller, and a leader the rule, too.
+
+    Raises:
+        BadInput: one is missing, or another version of it is here.
+    """
+    for door, name, fingerprint in welcome.plugins:
+        if door == "controller" or (door == "aggregator" and role == "leader"):
+            here = plugins.find(door, name)
+            if here.fingerprint != fingerprint:
+                raise BadInput(f"{door} {name!r} is of {here.fingerprint} here, and of {fingerprint} with the world")

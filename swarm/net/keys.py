@@ -1,0 +1,89 @@
+"""Every Zenoh key expression, once. A node publishes under its own name only, so access control can hold it to that."""
+
+import re
+import zlib
+from functools import lru_cache
+
+from meanflock.swarm.errors import BadInput, MessageRejected
+
+ROOT = "meanflock"
+_RUN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+_NAME = _RUN_NAME.pattern  # of a role or a node, too
+_OF_A_NODE = re.compile(rf"{ROOT}/{_NAME}/(?:node/({_NAME})/(?:join|act|sense)|alive/{_NAME}/({_NAME}))")
+_OF_A_TOKEN = re.compile(rf"{ROOT}/{_NAME}/alive/({_NAME})/({_NAME})")
+
+
+def check_run(run: str) -> str:
+    """`run` itself, if it can be part of a key.
+
+    Raises:
+        BadInput: it cannot.
+    """
+    if not _RUN_NAME.fullmatch(run):
+        raise BadInput(f"run name {run!r}: use up to 64 letters, digits, '.', '_' or '-'")
+    return run
+
+
+def fingerprint(run: str) -> int:
+    """A 32-bit number that every message of a run carries."""
+    return zlib.crc32(run.encode())
+
+
+def asker(role: str, uav: int = -1) -> str:
+    """The name a node asks to take part under: its own, or its role where it leaves the choice to the world."""
+    return f"{role}-{uav}" if uav >= 0 else role
+
+
+def join(run: str, name: str = "*") -> str:
+    """Queryable of the world: a node asks to take part, under the name `asker` gives it."""
+    return f"{ROOT}/{run}/node/{name}/join"
+
+
+@lru_cache(maxsize=4096)  # asked for in every tick
+def sense(run: str, node: str) -> str:
+    """World → node."""
+    return f"{ROOT}/{run}/node/{node}/sense"
+
+
+@lru_cache(maxsize=4096)  # likewise
+def act(run: str, node: str) -> str:
+    """Node → world; `*` for all nodes."""
+    return f"{ROOT}/{run}/node/{node}/act"
+
+
+def telemetry(run: str) -> str:
+    """World → listeners."""
+    return f"{ROOT}/{run}/telemetry"
+
+
+def received(run: str) -> str:
+    """The recording listener → world."""
+    return f"{ROOT}/{run}/received"
+
+
+def alive(run: str, role: str, node: str) -> str:
+    """Liveliness token of a node; `*` for all."""
+    return f"{ROOT}/{run}/alive/{role}/{node}"
+
+
+@lru_cache(maxsize=4096)  # asked for in every tick; a key that is none is not kept
+def node_of(key: str) -> str:
+    """The node a key of `join`, `act`, `sense` or `alive` belongs to.
+
+    Raises:
+        MessageRejected: `wrong-key`: it is none of these. Whoever publishes chooses the key, wildcards included.
+    """
+    if (of := _OF_A_NODE.fullmatch(key)) is None:
+        raise MessageRejected("wrong-key", key)
+    return of[1] or of[2]
+
+
+def presence_of(key: str) -> tuple[str, str]:
+    """Role and name in the key of a liveliness token.
+
+    Raises:
+        MessageRejected: `wrong-key`: it is none.
+    """
+    if (of := _OF_A_TOKEN.fullmatch(key)) is None:
+        raise MessageRejected("wrong-key", key)
+    return of[1], of[2]

@@ -1,0 +1,349 @@
+"""The bus over Zenoh; the only file that imports zenoh.
+
+The world is the router and everyone else a client: no router binary, no multicast, loopback unless told otherwise.
+Settings were chosen by measurement, see docs/performance.md.
+"""
+
+import logging
+import os
+import queue
+import threading
+import time
+from collections.abc import Mapping
+from typing import Any
+
+# The runtime reads this once, when zenoh is loaded. One thread a task: the hand-over between threads is what a
+# small message costs. `rx` and `tx` must never share a pool: the router can then wait for itself for ever.
+os.environ.setdefault(
+    "ZENOH_RUNTIME",
+    "(acc:(handover:app),net:(handover:app),tx:(handover:app),app:(worker_threads:1),rx:(worker_threads:1))",
+)
+
+import msgspec
+import zenoh
+
+from meanflock.swarm.errors import BadInput, BusError
+from meanflock.swarm.net.access import NOBODY
+from meanflock.swarm.net.bus import Delivery, Offer, Quota, Quotas
+from meanflock.swarm.net.identity import LEADER, Identity
+from meanflock.swarm.net.links import Links
+from meanflock.swarm.net.refusals import FILTER, Refusals
+from meanflock.swarm.wire.control import MAX_BYTES
+
+log = logging.getLogger("meanflock.bus")
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+
+_LEASE_MS = 10_000
+_COMMON: Mapping[str, Any] = {
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/enabled": False,
+    "scouting/delay": 0,
+    # Stamps are of the wall clock, and a router that sees it jump has a complaint for every message.
+    "timestamping/enabled": False,
+    # Shared memory is on by default from 3 KiB and can drop messages without a word.
+    "transport/shared_memory/enabled": False,
+    "transport/link/tx/lease": _LEASE_MS,
+    "transport/link/rx/max_message_size": MAX_BYTES,
+    # What is received is read into as much fresh memory as a batch may take. Of the default of 64 KiB, cleared for each
+    # small message, the caches keep nothing else.
+    "transport/link/tx/batch_size": 8192,
+    "transport/link/tx/queue/congestion_control/block/wait_before_close": 5_000_000,  # µs, below the lease
+}
+_ASK_AGAIN_S = 0.05
+_BACKLOG_MESSAGES = 256  # an honest node has two or three under way
+_BACKLOG_LARGEST = 4  # so many messages as long as they may be
+_BATCH_BYTES = 2**16  # what comes in one piece is taken in whatever its length; beyond, a limit is kept on the way
+_KEY_BYTES = 1024  # a message on the way is longer by its key and the like
+_SESSIONS = 4  # of one certificate: a node that comes back may have left some behind that are not missed yet
+_LEADER_SESSIONS = 12  # one certificate for the leader and its standbys
+_RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
+
+
+def _config(settings: Mapping[str, Any]) -> zenoh.Config:
+    config = zenoh.Config()
+    for path, value in settings.items():
+        config.insert_json5(path, msgspec.json.encode(value).decode())
+    return config
+
+
+class ZenohBus:
+    """A `Bus` over one Zenoh session."""
+
+    def __init__(
+        self,
+        config: zenoh.Config,
+        log_filter: str = "error",
+        quotas: Quotas | None = None,
+        refusals: Refusals | None = None,
+    ) -> None:
+        """Use `router` or `client`. `quotas`: no sender may have more than a backlog of messages waiting, none of them
+        longer than its quota says.
+        """
+        zenoh.init_log_from_env_or(log_filter)
+        try:
+            self._session = zenoh.open(config)
+        except zenoh.ZError as error:
+            said = str(error).split(" at /")[0]  # without the place in the library's source
+            raise BusError(f"cannot open a Zenoh session: {said}") from error
+        self._queue: queue.SimpleQueue[tuple[Delivery, str]] = queue.SimpleQueue()  # and whose, where that counts
+        self._quotas, self._refusals = quotas, refusals
+        self._waiting: dict[str, tuple[int, int]] = {}  # messages and their bytes, by sender
+        self._counting = threading.Lock()
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._declared: list[Any] = []
+        self._closing = threading.Lock()
+        self._closed = False
+
+    @classmethod
+    def router(
+        cls,
+        endpoint: str = DEFAULT_ENDPOINT,
+        identity: Identity | None = None,
+        access: Mapping[str, Any] | None = None,
+        refusals: Refusals | None = None,
+        quotas: Quotas | None = None,
+        largest: int = MAX_BYTES,
+        nodes: int = 1000,
+    ) -> "ZenohBus":
+        """The world's side: listens on `endpoint` and relays between the clients.
+
+        With an `identity`, every link is mutual TLS, and `access` says who may do what (`access.rules`; without it
+        nobody may do anything). What comes in faster than it is received waits, up to a backlog for each sender; what
+        goes beyond is dropped and counted in `refusals`, so the flood of one costs neither memory nor the messages of
+        another. `quotas`: who the senders are, and how long their messages may be; without it each key is a sender.
+        `largest`: the longest message of anyone, bytes: what is longer is dropped while it arrives. `nodes`: how many
+        clients to expect.
+
+        Raises:
+            BadInput: the port is taken, the endpoint cannot be listened on, or a certificate cannot be used.
+            BusError: the session cannot be opened for another reason.
+        """
+        endpoint = secured(endpoint, identity)
+        check_free(endpoint)
+        settings = {
+            **_COMMON,
+            "mode": "router",
+            "listen/endpoints": [endpoint],
+            # Each link keeps up to 16 messages that have not arrived whole, one a priority and reliability.
+            "transport/link/rx/max_message_size": min(max(_BATCH_BYTES, largest + _KEY_BYTES), MAX_BYTES),
+            "transport/unicast/max_sessions": 2 * nodes + 64,
+        }
+        log_filter = "error"
+        if identity is not None:
+            settings |= _tls(identity, "listen")
+            settings["access_control"] = access or NOBODY
+            if refusals is not None:
+                log_filter = FILTER
+        bus = cls(_config(settings), log_filter, quotas or _a_key_a_sender, refusals)
+        if identity is not None:
+            bus._limit_links(Links(_sessions, refusals))
+        return bus
+
+    @classmethod
+    def client(
+        cls, endpoint: str = DEFAULT_ENDPOINT, timeout_s: float = 30.0, identity: Identity | None = None
+    ) -> "ZenohBus":
+        """Everyone else's side: connects to the world, waiting up to `timeout_s` for it to come up.
+
+        Raises:
+            BadInput: a certificate cannot be used.
+            BusError: no world answered in time, or it refused the certificate: it does not say which.
+        """
+        settings = {
+            **_COMMON,
+            "mode": "client",
+            "connect/endpoints": [secured(endpoint, identity)],
+            "connect/timeout_ms": int(timeout_s * 1000),
+            "connect/exit_on_failure": True,
+            "connect/retry": _RETRY,
+        }
+        if identity is not None:
+            settings |= _tls(identity, "connect")
+        try:
+            return cls(_config(settings))
+        except BusError as error:
+            if identity is None:
+                raise
+            raise BusError(f"{error}; the world is not there, or refuses {identity.certificate}") from error
+
+    def put(self, key: str, payload: bytes) -> None:
+        publisher = self._publishers.get(key)
+        if publisher is None:
+            publisher = self._session.declare_publisher(
+                key,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                reliability=zenoh.Reliability.RELIABLE,
+                express=True,
+            )
+            self._publishers[key] = publisher
+        publisher.put(payload)
+
+    def subscribe(self, key: str, offer: Offer | None = None) -> None:
+        only = None if "*" in key else key
+
+        def receive(sample: zenoh.Sample) -> None:
+            name, payload = only or str(sample.key_expr), sample.payload
+            size, quota = len(payload), None if self._quotas is None else self._quotas(name)
+            if quota is not None and size > quota.largest:
+                self._keep(Delivery("oversized", name, size=size), quota)
+                return
+            try:
+                if offer is not None and offer(name, payload.to_bytes()):
+                    return
+            except Exception:  # in Zenoh's thread nobody else would hear of it
+                if not self._closed:
+                    log.exception("the message under %s was not taken", name)
+            if self._has_room(name, size, quota):
+                self._put(Delivery("message", name, payload.to_bytes()), quota)
+
+        self._declared.append(self._session.declare_subscriber(key, receive))
+
+    def answer(self, key: str) -> None:
+        def receive(query: zenoh.Query) -> None:
+            name, payload = str(query.key_expr), query.payload
+            size, quota = len(payload or b""), None if self._quotas is None else self._quotas(name)
+            if quota is not None and size > quota.largest:
+                self._keep(Delivery("oversized", name, size=size), quota)
+                return
+
+            def reply(answer: bytes) -> None:
+                with query:
+                    query.reply(query.key_expr, answer)
+
+            if self._has_room(name, size, quota):
+                self._put(Delivery("question", name, payload.to_bytes() if payload else b"", reply), quota)
+
+        self._declared.append(self._session.declare_queryable(key, receive))
+
+    def ask(self, key: str, payload: bytes, timeout_s: float) -> bytes | None:
+        # Zenoh says at once that nobody offers answers; the world may be about to.
+        end = time.monotonic() + timeout_s
+        while (left := end - time.monotonic()) > 0:
+            for reply in self._session.get(key, payload=payload, timeout=left):
+                if reply.ok is not None:
+                    return reply.ok.payload.to_bytes()
+            time.sleep(min(_ASK_AGAIN_S, max(0.0, end - time.monotonic())))
+        return None
+
+    def announce(self, key: str) -> None:
+        self._declared.append(self._session.liveliness().declare_token(key))
+
+    def watch(self, key: str) -> None:
+        def receive(sample: zenoh.Sample) -> None:
+            kind = "alive" if sample.kind == zenoh.SampleKind.PUT else "gone"
+            name = str(sample.key_expr)
+            self._keep(Delivery(kind, name), None if self._quotas is None else self._quotas(name))  # type: ignore[arg-type]
+
+        self._declared.append(self._session.liveliness().declare_subscriber(key, receive, history=True))
+
+    def receive(self, timeout_s: float) -> Delivery | None:
+        try:
+            delivery, owner = self._queue.get(timeout=timeout_s)
+        except queue.Empty:
+            return None
+        if self._quotas is not None:
+            with self._counting:
+                count, size = self._waiting[owner]
+                if count > 1:
+                    self._waiting[owner] = (count - 1, size - len(delivery.payload))
+                else:
+                    del self._waiting[owner]
+        return delivery
+
+    def _keep(self, delivery: Delivery, quota: Quota | None) -> None:
+        if self._has_room(delivery.key, len(delivery.payload), quota):
+            self._put(delivery, quota)
+
+    def _put(self, delivery: Delivery, quota: Quota | None) -> None:
+        self._queue.put((delivery, "" if quota is None else quota.owner))
+
+    def _has_room(self, key: str, more: int, quota: Quota | None) -> bool:
+        """Whether one more message of that many bytes may wait; then it is counted in."""
+        if quota is None:
+            return True
+        with self._counting:
+            count, size = self._waiting.get(quota.owner, (0, 0))
+            most = max(_BATCH_BYTES, _BACKLOG_LARGEST * quota.largest)
+            if fits := count < _BACKLOG_MESSAGES and size + more <= most:
+                self._waiting[quota.owner] = (count + 1, size + more)
+        if not fits and self._refusals is not None:
+            self._refusals.count("backlog", key)
+        return fits
+
+    def _limit_links(self, links: Links) -> None:
+        def changed(event: zenoh.LinkEvent) -> None:
+            name, locator = event.link.auth_identifier or "", str(event.link.dst)
+            if event.kind == zenoh.SampleKind.PUT:
+                links.opened(name, str(event.link.zid), locator)
+            else:
+                links.closed(name, locator)
+
+        self._declared.append(self._session.info.declare_link_events_listener(changed, history=True))
+
+    def close(self) -> None:
+        with self._closing:
+            if self._closed:
+                return
+            self._closed = True
+        try:
+            self._session.close()
+        except zenoh.ZError as error:  # a link on which nothing gets through any more
+            log.warning("the session was left open: %s", str(error).split(" at /")[0])
+
+
+def _a_key_a_sender(key: str) -> Quota:
+    return Quota(key, MAX_BYTES // _BACKLOG_LARGEST)
+
+
+def _sessions(name: str) -> int:
+    """How many sessions may be open at once with the certificate of that name."""
+    return _LEADER_SESSIONS if name == LEADER else _SESSIONS
+
+
+def secured(endpoint: str, identity: Identity | None) -> str:
+    """`endpoint` over TLS for who has an identity; so nobody has to say it twice.
+
+    Raises:
+        BadInput: it cannot be.
+    """
+    protocol, _, address = endpoint.partition("/")
+    if identity is None:
+        if protocol in ("tls", "quic"):
+            raise BadInput(f"endpoint {endpoint}: needs certificates, name their folder: --tls DIR")
+        return endpoint
+    if protocol not in ("tcp", "tls"):
+        raise BadInput(f"endpoint {endpoint}: with --tls it must be tls/HOST:PORT")
+    return f"tls/{address}"
+
+
+def _tls(identity: Identity, side: str) -> dict[str, Any]:
+    """Mutual TLS and nothing else; `side`: "listen" or "connect"."""
+    identity.check()
+    return {
+        "transport/link/protocols": ["tls"],
+        "transport/link/tls/root_ca_certificate": str(identity.authority),
+        "transport/link/tls/enable_mtls": True,
+        f"transport/link/tls/{side}_certificate": str(identity.certificate),
+        f"transport/link/tls/{side}_private_key": str(identity.key),
+    }
+
+
+def check_free(endpoint: str) -> None:
+    """Says which port is taken before Zenoh says that something failed.
+
+    Raises:
+        BadInput: `endpoint` cannot be listened on.
+    """
+    import socket  # only here: clients leave sockets to Zenoh
+
+    _, slash, address = endpoint.partition("/")
+    host, _, port = address.rpartition(":")
+    if not slash or not host or not (port.isascii() and port.isdigit() and int(port) < 2**16):
+        raise BadInput(f"endpoint {endpoint}: write it as tcp/HOST:PORT, for example {DEFAULT_ENDPOINT}")
+    try:
+        with socket.create_server((host.strip("[]"), int(port))):
+            pass
+    except OSError as error:
+        reason = error.strerror or error
+        raise BadInput(f"endpoint {endpoint}: {reason}; choose a free one, for example {DEFAULT_ENDPOINT}") from error

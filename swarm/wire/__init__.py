@@ -1,0 +1,1 @@
+"""Everything that is said between processes, and how it is written."""

@@ -1,0 +1,163 @@
+"""Control messages and records ⇄ MessagePack. Whatever comes from the network is hostile until this module and `expect`
+let it through; the messages of a tick have a layout of their own, see `swarm.tick`.
+
+An array travels as a msgpack extension: dtype code, number of axes, axes as 32-bit counts, then its little-endian
+buffer. Nothing is ever unpickled; a decoded array is a read-only view of the received bytes.
+"""
+
+import functools
+import math
+import struct
+from typing import Any, TypeVar
+
+import msgpack
+import msgspec
+import numpy as np
+
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.wire.messages import Message
+
+MAX_BYTES = 64 * 2**20  # no message of a swarm within the scenario's bounds comes near
+
+_ARRAY = 1  # the extension code
+_DTYPES = tuple(np.dtype(name) for name in ("<f2", "<f4", "<f8", "<i4", "u1", "<i2", "i1", "<i8", "?"))
+_CODE = {dtype: code for code, dtype in enumerate(_DTYPES)}
+MAX_AXES = 4
+TRAVELS = frozenset(_DTYPES)  # dtypes an array can have
+
+FLOAT_OF_BITS = {16: _DTYPES[0], 32: _DTYPES[1], 64: _DTYPES[2]}  # Radio.bits_per_float → dtype
+
+M = TypeVar("M")
+
+
+@functools.lru_cache(maxsize=256)  # a run knows a dozen; what is malformed is not kept
+def _layout(head: bytes) -> tuple[np.dtype, tuple[int, ...], int]:
+    """dtype, shape and bytes of an array, as the head of its extension says."""
+    kind, axes = head[0], head[1]
+    if kind >= len(_DTYPES) or axes > MAX_AXES or len(head) < 2 + 4 * axes:
+        raise MessageRejected("malformed", f"array header ({kind}, {axes})")
+    shape = struct.unpack_from(f"<{axes}I", head, 2)
+    return _DTYPES[kind], shape, math.prod(shape) * _DTYPES[kind].itemsize
+
+
+def _unpack(code: int, data: memoryview) -> np.ndarray:
+    if code != _ARRAY or len(data) < 2:
+        raise MessageRejected("malformed", f"extension {code} of {len(data)} bytes")
+    start = 2 + 4 * data[1]
+    dtype, shape, size = _layout(bytes(data[:start]))
+    if len(data) - start != size:
+        raise MessageRejected("wrong-shape", f"array {shape} {dtype} in {len(data) - start} bytes")
+    try:
+        array: np.ndarray = np.ndarray(shape, dtype, data, start)
+    except ValueError as error:  # an empty array whose other axes are beyond what NumPy can address
+        raise MessageRejected("wrong-shape", f"array {shape} {dtype}: {error}") from error
+    if dtype.kind == "f" and not finite(array):
+        raise MessageRejected("non-finite", f"array {shape} {dtype}")
+    return array
+
+
+def _plain(value: Any) -> Any:
+    """What msgpack does not know: an array, or a message in a message."""
+    if isinstance(value, np.ndarray):
+        head = struct.pack(f"<BB{value.ndim}I", _CODE[value.dtype], value.ndim, *value.shape)
+        return msgpack.ExtType(_ARRAY, head + value.tobytes())
+    if isinstance(value, msgspec.Struct):
+        return [value.__struct_config__.tag, *msgspec.structs.astuple(value)]
+    raise TypeError(f"a message cannot carry {type(value).__name__}")
+
+
+def _unpacked(raw: bytes) -> Any:
+    """What MessagePack says, nothing in it longer than all of it.
+
+    Raises:
+        MessageRejected: `malformed`, `wrong-shape` or `non-finite`.
+    """
+    most = len(raw)
+    try:
+        return msgpack.unpackb(
+            raw,
+            ext_hook=_unpack,
+            strict_map_key=True,
+            max_str_len=most,
+            max_bin_len=most,
+            max_ext_len=most,
+            max_array_len=most,
+            max_map_len=most,
+        )
+    except (ValueError, UnicodeDecodeError, RecursionError, OverflowError) as error:  # of msgpack all are ValueErrors
+        raise MessageRejected("malformed", str(error) or type(error).__name__) from error
+
+
+def encode(message: Message) -> bytes:
+    """The bytes of a control message.
+
+    Raises:
+        KeyError: an array of a dtype that does not travel.
+    """
+    return bytes(msgpack.packb(message, default=_plain))
+
+
+def decode(raw: bytes, limit: int = MAX_BYTES) -> Message:
+    """The control message in `raw`, its arrays consistent with their headers and finite.
+
+    Raises:
+        MessageRejected: `oversized`, `malformed`, `wrong-shape` or `non-finite`.
+    """
+    if len(raw) > limit:
+        raise MessageRejected("oversized", f"{len(raw)} bytes, at most {limit} expected")
+    try:
+        return msgspec.convert(_unpacked(raw), Message)
+    except (msgspec.ValidationError, RecursionError) as error:
+        raise MessageRejected("malformed", str(error)) from error
+
+
+def encode_record(record: dict[str, Any]) -> bytes:
+    """The bytes of something that is kept rather than sent: plain values and arrays under names."""
+    return bytes(msgpack.packb(record, default=_plain))
+
+
+def decode_record(raw: bytes) -> dict[str, Any]:
+    """What `encode_record` wrote, its arrays consistent with their headers and finite.
+
+    Raises:
+        MessageRejected: like `decode`.
+    """
+    record = _unpacked(raw)
+    if not isinstance(record, dict) or not all(isinstance(name, str) for name in record):
+        raise MessageRejected("malformed", f"{type(record).__name__}, expected values under names")
+    return record
+
+
+def decode_as(kind: type[M], raw: bytes, run: int, limit: int = MAX_BYTES) -> M:
+    """Like `decode`, for a message that must be of one kind and of this run.
+
+    Raises:
+        MessageRejected: also `wrong-kind` and `wrong-run`.
+    """
+    message = decode(raw, limit)
+    if not isinstance(message, kind):
+        raise MessageRejected("wrong-kind", f"{type(message).__name__}, expected {kind.__name__}")
+    got = getattr(message, "run", None)
+    if got != run:
+        raise MessageRejected("wrong-run", f"run {got}, this is {run}")
+    return message
+
+
+def finite(array: np.ndarray) -> bool:
+    """Whether all of its floats are."""
+    return bool(np.isfinite(array).all())
+
+
+def expect(name: str, array: np.ndarray, shape: tuple[int | None, ...], dtype: Any) -> np.ndarray:
+    """`array` itself, if its dtype and shape (None: any) are these.
+
+    Raises:
+        MessageRejected: `wrong-shape`; the message names the array, what was expected and what came.
+    """
+    if array.shape == shape and array.dtype == dtype:
+        return array
+    fits = array.dtype == dtype and len(array.shape) == len(shape)
+    if not fits or any(want is not None and want != got for want, got in zip(shape, array.shape, strict=True)):
+        wanted = f"{tuple('any' if n is None else n for n in shape)} {np.dtype(dtype)}"
+        raise MessageRejected("wrong-shape", f"{name}: expected {wanted}, got {array.shape} {array.dtype}")
+    return array

@@ -1,0 +1,160 @@
+"""The two messages of a tick ⇄ bytes of the fixed layout (`kernels.wire`); the one place where both are known.
+
+What `kernels.read` lets through is well-formed, consistent in its sizes and finite; that it is of this run, this tick
+and this sender is for who receives it to say.
+"""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from meanflock import kernels
+from meanflock.kernels.wire import ACT, DTYPES, FIRST, SENSE, Batch
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.wire.messages import NOBODY, Act, FrameKind, Frames, Sense
+
+REPORT, CHECKPOINT = 1, 2  # flags of a Sense
+TYPES = (bytes([SENSE]), bytes([ACT]))  # second byte of a message of a tick; a control message has a text there
+
+_DTYPES = tuple(np.dtype(name) for name in DTYPES)
+_CODE = {dtype: code for code, dtype in enumerate(_DTYPES)}
+_KINDS = tuple(FrameKind)
+_FLOAT, _INT = np.dtype("<f8"), np.dtype("<i4")
+
+
+def read_sense(raw: bytes) -> Sense:
+    """The Sense in `raw`; its arrays are views of it.
+
+    Raises:
+        MessageRejected: `malformed`, `wrong-shape`, `non-finite` or `wrong-kind`.
+    """
+    try:
+        kind, run, tick, flags, rows, columns, tables, batches = kernels.read(raw)
+    except ValueError as error:
+        raise _rejected(error) from error
+    if kind != SENSE:
+        raise MessageRejected("wrong-kind", "an Act, expected a Sense")
+    if flags & ~(REPORT | CHECKPOINT):
+        raise MessageRejected("malformed", f"flags {flags:#x} of a Sense")
+    memory, size = tables
+    states = np.ndarray((rows, columns), _FLOAT, raw, FIRST)
+    if not (flags or batches or size):
+        return Sense(run, tick, states)
+    inbox = frames_in(raw, batches) if batches else ()
+    return Sense(run, tick, states, bool(flags & REPORT), bool(flags & CHECKPOINT), inbox, raw[memory : memory + size])
+
+
+def read_act(raw: bytes) -> Act:
+    """The Act in `raw`; its arrays are views of it.
+
+    Raises:
+        MessageRejected: `malformed`, `wrong-shape`, `non-finite` or `wrong-kind`.
+    """
+    try:
+        kind, run, tick, flags, rows, columns, tables, batches = kernels.read(raw)
+    except ValueError as error:
+        raise _rejected(error) from error
+    if kind != ACT:
+        raise MessageRejected("wrong-kind", "a Sense, expected an Act")
+    if flags:
+        raise MessageRejected("malformed", f"flags {flags:#x} of an Act")
+    lost, lost_size, refused, refused_size, models, models_size, memory, memory_size = tables
+    width, left = divmod(models_size // 8, rows) if rows else (0, models_size)
+    if left:
+        raise MessageRejected("wrong-shape", f"{models_size} bytes of models of {rows} UAVs")
+    return Act(
+        run,
+        tick,
+        np.ndarray((rows, columns), _FLOAT, raw, FIRST),
+        np.ndarray(lost_size // 4, _INT, raw, lost) if lost_size else NOBODY,
+        np.ndarray(refused_size // 4, _INT, raw, refused) if refused_size else NOBODY,
+        np.ndarray((rows, width), _FLOAT, raw, models) if models_size else None,
+        raw[memory : memory + memory_size],
+        frames_in(raw, batches) if batches else (),
+    )
+
+
+def write_sense(sense: Sense) -> bytes:
+    """The bytes of a Sense."""
+    states, flags = sense.states, REPORT * sense.report | CHECKPOINT * sense.checkpoint
+    rows, columns = states.shape
+    return kernels.write(
+        SENSE,
+        sense.run,
+        sense.tick,
+        flags,
+        rows,
+        columns,
+        _plain(states),
+        (sense.memory,),
+        frames_out(sense.inbox) if sense.inbox else (),
+    )
+
+
+def write_act(act: Act) -> bytes:
+    """The bytes of an Act."""
+    rows, columns = act.commands.shape
+    models = b"" if act.models is None else _plain(act.models)
+    tables = np.ascontiguousarray(act.lost, _INT), np.ascontiguousarray(act.refused, _INT), models, act.memory
+    outbox = frames_out(act.outbox) if act.outbox else ()
+    commands = np.ascontiguousarray(act.commands, _FLOAT)
+    return kernels.write(ACT, act.run, act.tick, 0, rows, columns, commands, tables, outbox)
+
+
+def frames_in(raw: bytes, batches: Iterable[Batch]) -> tuple[Frames, ...]:
+    """The batches of a message that was taken apart.
+
+    Raises:
+        MessageRejected: `wrong-kind`: one of no kind there is.
+    """
+    frames = []
+    for kind, number, code, width, sources, source, payload, links, link in batches:
+        if kind >= len(_KINDS):
+            raise MessageRejected("wrong-kind", f"frames of kind {kind}")
+        frames.append(
+            Frames(
+                _KINDS[kind],
+                number,
+                np.ndarray(sources, _INT, raw, source),
+                np.ndarray((sources, width), _DTYPES[code], raw, payload),
+                np.ndarray((links, 2), _INT, raw, link) if links else None,
+            )
+        )
+    return tuple(frames)
+
+
+def frames_out(frames: Iterable[Frames]) -> list[tuple[int, int, int, int, Any, Any, Any]]:
+    """Batches as `kernels.write` takes them."""
+    return [
+        (
+            int(batch.kind),
+            batch.round,
+            _CODE[batch.payload.dtype],
+            batch.payload.shape[1],
+            _plain(batch.source, _INT),
+            np.ascontiguousarray(batch.payload),
+            b"" if batch.links is None else _plain(batch.links, _INT),
+        )
+        for batch in frames
+    ]
+
+
+def _rejected(error: ValueError) -> MessageRejected:
+    """What `kernels.read` refused, by its reason."""
+    reason, _, detail = str(error).partition(": ")
+    return MessageRejected(reason, detail)
+
+
+def bytes_of_batch(frames: Frames) -> int:
+    """What a batch without links takes in a message."""
+    return _BATCH_BYTES + frames.source.size * _INT.itemsize + frames.payload.nbytes
+
+
+def _plain(array: np.ndarray, dtype: np.dtype = _FLOAT) -> np.ndarray:
+    return np.ascontiguousarray(array, dtype=dtype)
+
+
+_BATCH_BYTES = len(kernels.write(SENSE, 0, 0, 0, 0, 0, b"", (b"",), [(0, 0, 0, 0, b"", b"", b"")])) - len(
+    kernels.write(SENSE, 0, 0, 0, 0, 0, b"", (b"",))
+)

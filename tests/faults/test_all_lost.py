@@ -1,0 +1,104 @@
+"""A flight that loses every agent stands still until one is back, and fails, to be resumed from before, if none is."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from meanflock.groundstation.results import RunFolder
+from meanflock.groundstation.resume import back
+from meanflock.swarm.errors import RunFailed
+from tests.faults.conftest import Lab, scenario
+
+EVERY = 'faults=[{kind="kill", tick=60, uavs=[0, 1, 2, 3, 4, 5]}]'
+
+
+class Patient(Lab):
+    """A lab whose world waits on a clock that goes on by half a second each time it waits."""
+
+    def __init__(self, *settings: str, **options: Any) -> None:
+        super().__init__(scenario(*settings), **options)
+        self.now = 0.0
+        self.waits = 0
+        self.while_waiting: dict[int, Callable[[], Any]] = {}
+        self.world._waiting._clock = self.world._admission._clock = lambda: self.now
+        self.world._waiting._receive = self._wait
+
+    def _wait(self, timeout_s: float) -> None:
+        self.now += 0.5
+        self.waits += 1
+        self.while_waiting.get(self.waits, lambda: None)()
+
+    def kill_all(self) -> None:
+        for member in list(self.world._members.present):
+            if member.role == "agent":
+                self.kill(member.name)
+
+
+def test_a_flight_without_agents_stands_still_until_the_first_is_back() -> None:
+    lab = Patient("uavs=3", uavs_per_node=1)
+    lab.while_waiting = dict.fromkeys((5, 6), lab.agent)
+    summary = lab.fly({40: lab.kill_all})
+    assert lab.waits == 5
+    assert [event.text.split(":")[0] for event in lab.told.events if event.kind == "lost"] == [
+        "agent-0",
+        "agent-1",
+        "agent-2",
+    ]
+    assert lab.told.kinds("lost", "rejoined") == [(40, "lost")] * 3 + [(40, "rejoined")]
+    assert (summary["ticks"], summary["lost"]) == (120, 2)
+    assert (summary["nodes_lost"], summary["nodes_rejoined"]) == (3, 1)
+
+
+def test_where_nobody_comes_back_the_flight_fails_after_the_time_of_a_barrier_and_says_so() -> None:
+    lab = Patient()
+    with pytest.raises(RunFailed, match="every agent is lost, and none came back within 10 s"):
+        lab.fly({40: lab.kill_all})
+    assert 10.0 < lab.now <= 11.0
+    assert lab.told.kinds("failed", "finished") == [(40, "failed")]
+    assert lab.world.flight.tick == 40
+
+
+def test_who_interrupts_a_flight_that_stands_still_need_not_wait() -> None:
+    lab = Patient()
+    ticks = []
+    for tick in lab.world.fly(lambda: lab.waits >= 2):
+        ticks.append(tick)
+        if tick == 40:
+            lab.kill_all()
+    assert (ticks[-1], lab.waits) == (40, 2)
+
+
+def test_a_script_that_kills_everyone_is_flown_as_it_is_written() -> None:
+    summary = Patient(EVERY, uavs_per_node=2).fly()
+    assert (summary["ticks"], summary["lost"], summary["nodes_lost"]) == (120, 6, 0)
+
+
+@pytest.mark.parametrize("together", [True, False])
+def test_the_last_checkpoint_of_a_run_that_falls_apart_is_of_before(together: bool, tmp_path: Path) -> None:
+    """All agents at once, or one after the other on both sides of the tick of a checkpoint."""
+    lab = Patient("duration=35", uavs_per_node=1)
+    expected = Lab(scenario("duration=35")).fly()
+    falls = {195 + 2 * uav: lambda uav=uav: lab.kill(f"agent-{uav}") for uav in range(6)}
+    folder = RunFolder(tmp_path, "run", scenario("duration=35"))
+    lab.engine.station._sinks = [folder]
+    with pytest.raises(RunFailed), folder:
+        lab.fly({198: lab.kill_all} if together else falls)
+    kept = back(tmp_path / "run")
+    assert kept.start.tick == 101
+    going_on = Lab(kept.scenario, resume=kept.start)
+    summary = going_on.fly()
+    assert summary["trajectory_sha256"] == expected["trajectory_sha256"]
+    assert (summary["lost"], summary["nodes_lost"]) == (0, 0)
+
+
+def test_a_loss_for_good_delays_checkpoints_no_longer_than_a_barrier(tmp_path: Path) -> None:
+    lab = Patient("duration=45", uavs_per_node=1)
+
+    def later() -> None:
+        lab.now += 11.0
+
+    lab.fly({150: lambda: lab.kill("agent-4"), 250: later})
+    kept = [block.first_tick + len(block.states) for block in lab.told.blocks if block.checkpoint]
+    assert kept == [2, 102, 302, 402]

@@ -1,0 +1,194 @@
+"""Run folders that were damaged: whoever opens one gets a verdict in a line, not other numbers and not a traceback."""
+
+import json
+import resource
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from meanflock.groundstation import recording
+from meanflock.groundstation.cli import main
+from meanflock.groundstation.results import CHECKPOINT, EVENTS, RECORDING, read_checkpoint
+from meanflock.groundstation.viewer import verify
+from meanflock.swarm.errors import BadInput
+from tests.faults.conftest import scenario
+from tests.faults.test_resume import LATER, dead, resumed
+from tests.polling import DEADLINE_S
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run that was killed after its third checkpoint."""
+    return dead(tmp_path_factory.mktemp("killed"), scenario(LATER, method="mfg"), 250)
+
+
+@pytest.fixture
+def folder(killed: Path, tmp_path: Path) -> Path:
+    """A copy of it."""
+    return Path(shutil.copytree(killed, tmp_path / "run"))
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run that was recorded to its end."""
+    out = tmp_path_factory.mktemp("flown")
+    short = ("--uavs", "3", "--duration", "15", "--set", "metrics.collision_radius=2", "--seed", "3")
+    assert main(["run", "--in-process", "--quiet", "--json", "--out", str(out), *short]) == 0
+    (made,) = out.iterdir()
+    return made
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+def verdict(capsys: pytest.CaptureFixture[str]) -> str:
+    """The one line on standard error."""
+    said = capsys.readouterr().err.strip()
+    assert said.startswith("error: "), said
+    assert "\n" not in said
+    return said
+
+
+def test_a_flipped_bit_of_a_checkpoint_is_noticed_wherever_it_is(folder: Path) -> None:
+    path = folder / CHECKPOINT
+    whole = path.read_bytes()
+    read_checkpoint(folder)
+    for place in {*range(0, len(whole), 61), *range(80), *range(len(whole) - 80, len(whole))}:
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 1 << place % 8]) + whole[place + 1 :])
+        with pytest.raises(BadInput, match=r"checkpoint\.msgpack: damaged"):
+            read_checkpoint(folder)
+
+
+@pytest.mark.parametrize("damage", ["flipped", "cut", "empty", "not a record"])
+def test_a_damaged_checkpoint_is_a_verdict_and_nothing_changes(
+    damage: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = folder / CHECKPOINT
+    whole = bytearray(path.read_bytes())
+    whole[len(whole) // 2] ^= 0x10
+    path.write_bytes({"flipped": bytes(whole), "cut": whole[:-7], "empty": b"", "not a record": b"\x93\1\2\3"}[damage])
+    before = contents(folder)
+    assert main(["resume", str(folder), "--in-process", "--quiet"]) == 2
+    assert "meanflock run" in verdict(capsys)
+    assert contents(folder) == before
+
+
+@pytest.mark.parametrize("damage", ["missing", "empty", "cut"])
+def test_a_run_whose_events_are_gone_is_not_resumed_with_others(
+    damage: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = folder / EVENTS
+    kept = path.read_bytes()
+    path.unlink() if damage == "missing" else path.write_bytes(kept[:-1] if damage == "cut" else b"")
+    before = contents(folder)
+    assert main(["resume", str(folder), "--in-process", "--quiet"]) == 2
+    assert EVENTS in verdict(capsys)
+    assert contents(folder) == before
+    path.write_bytes(kept)
+    assert resumed(folder)["ticks"] == 350
+
+
+@pytest.mark.parametrize(
+    "content", [None, b"", b"\0\0\0\n[1]\n{}\n", b'{"tick": 9999, "kind": "collision", "uavs": [77]}\n']
+)
+def test_a_plot_without_events_counts_the_collisions_all_the_same(
+    content: bytes | None, flown: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = Path(shutil.copytree(flown, tmp_path / "run"))
+    collisions = json.loads((folder / "summary.json").read_text())["collisions"]
+    assert collisions > 0
+    (folder / EVENTS).unlink() if content is None else (folder / EVENTS).write_bytes(content)
+    assert main(["plot", str(folder)]) == 0
+    assert f"0 of {collisions} collisions" in caplog.text
+    assert f"collisions: {collisions}" in (folder / "plots" / "paths.svg").read_text()
+
+
+@pytest.fixture
+def shown(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """What was opened in a viewer, which is none here."""
+    opened: list[Path] = []
+    monkeypatch.setattr(recording, "open_viewer", opened.append)
+    return opened
+
+
+@pytest.mark.parametrize("size", [0, 10, 1000, 5000, 20_000])
+def test_a_recording_cut_off_early_is_made_anew_from_the_time_series(
+    size: int, flown: Path, tmp_path: Path, shown: list[Path]
+) -> None:
+    folder = Path(shutil.copytree(flown, tmp_path / "run"))
+    path = folder / RECORDING
+    path.write_bytes(path.read_bytes()[:size])
+    assert main(["view", str(folder)]) == 0
+    assert shown == [path]
+    assert verify(path) is None
+    assert recording.recorded([path]).ticks.tolist() == list(range(151))
+
+
+@pytest.mark.parametrize("size", [0, 10, 1000])
+def test_a_recording_alone_of_which_nothing_can_be_read_is_a_verdict_and_left_as_it_was(
+    size: int, flown: Path, tmp_path: Path, shown: list[Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / RECORDING
+    path.write_bytes((flown / RECORDING).read_bytes()[:size])
+    before = path.read_bytes()
+    assert main(["view", str(path)]) == 1
+    assert str(path) in verdict(capsys)
+    assert path.read_bytes() == before
+    assert not shown
+
+
+@pytest.mark.parametrize("content", [None, b""])
+def test_a_recording_that_cannot_be_completed_without_events_is_a_verdict(
+    content: bytes | None, flown: Path, tmp_path: Path, shown: list[Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = Path(shutil.copytree(flown, tmp_path / "run"))
+    (folder / RECORDING).write_bytes((folder / RECORDING).read_bytes()[:200_000])
+    (folder / EVENTS).unlink() if content is None else (folder / EVENTS).write_bytes(content)
+    before = contents(folder)
+    assert main(["view", str(folder)]) == 2
+    assert f"meanflock view {folder / RECORDING}" in verdict(capsys)
+    assert contents(folder) == before
+    assert main(["view", str(folder / RECORDING)]) == 0  # as it says
+    assert shown == [folder / RECORDING]
+
+
+@pytest.mark.parametrize("command", ["plot", "view"])
+def test_a_full_disk_is_a_verdict_and_leaves_nothing_half_written(command: str, folder: Path) -> None:
+    before = contents(folder)
+    (folder / RECORDING).write_bytes(b"")
+    program = (
+        f"import sys; from meanflock.groundstation.cli import main; sys.exit(main([{command!r}, {str(folder)!r}]))"
+    )
+    limit = 20_000  # bytes a file may have; a time series has more
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE_S,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.strip().count("\n") == 0
+    assert "make room" in done.stderr
+    assert contents(folder) == before | {RECORDING: b""}
+
+
+def test_a_picture_is_whole_or_not_there(flown: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(flown, tmp_path / "run"))
+    program = f"import sys; from meanflock.groundstation.cli import main; sys.exit(main(['plot', {str(folder)!r}]))"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE_S,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.strip().count("\n") == 0
+    assert not list((folder / "plots").iterdir())

@@ -1,0 +1,152 @@
+"""The data dictionary: the page, the metadata and what runs leave say the same."""
+
+import ast
+import importlib.util
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from meanflock.groundstation import columns, dictionary, inbound, recording
+from meanflock.groundstation.results import EVENTS, SUMMARY, TIMESERIES, RunFolder
+from meanflock.groundstation.run import Options, fly
+from meanflock.groundstation.series import diagnostics_in
+from meanflock.swarm import plugins
+from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.scenario import load
+from meanflock.swarm.wire.messages import Status
+from tests.groundstation.recordings import flight
+
+ROOT = Path(__file__).parents[2]
+FAULTS = [{"kind": "kill", "tick": 20, "uavs": [1]}, {"kind": "leader-loss", "tick": 250}]
+CLASH = """
+from meanflock.agent.controllers.base import Controller
+class Clash(Controller):
+    name = "clash"
+    diagnostics = ("load", "status")
+    def init(self, uavs, plan):
+        return {}
+    def step(self, memory, tick, own, received):
+        raise NotImplementedError
+"""
+
+
+@pytest.fixture(scope="module", params=["offline", "hjb", "mfgfl-hf"])
+def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a short flight with faults, in real time where it learns most."""
+    flown = load(None, method=request.param, uavs=4, duration=30.0, faults=FAULTS)
+    realtime = 200.0 if request.param == "mfgfl-hf" else None
+    out = tmp_path_factory.mktemp("runs")
+    return fly(flown, Options(out=out, in_process=True, record=False, quiet=True, realtime=realtime)).folder
+
+
+def test_the_page_is_that_of_the_code() -> None:
+    spec = importlib.util.spec_from_file_location("data", ROOT / "docs" / "data.py")
+    assert spec is not None
+    assert spec.loader is not None
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    assert script.PAGE.read_text(encoding="utf-8") == script.page(), "run `python docs/data.py`"
+
+
+def test_every_column_says_what_it_is_in_the_file_itself(run: Path) -> None:
+    schema = pq.read_schema(run / TIMESERIES)
+    described = columns.columns(diagnostics_in(schema))
+    assert schema.names == [column.name for column in described]
+    for column in described:
+        told = {key.decode(): value.decode() for key, value in schema.field(column.name).metadata.items()}
+        assert told["description"] == column.about
+        assert told["unit"] == column.unit
+        assert told["cumulative"] == ("true" if column.cumulative else "false")
+        assert schema.field(column.name).type == column.type
+    values = schema.field("status").metadata[b"values"].decode()
+    assert values == ", ".join(f"{status.value} {status.name.lower()}" for status in Status)
+
+
+def test_what_is_cumulative_of_a_count_never_falls(run: Path) -> None:
+    rows = pq.read_table(run / TIMESERIES)
+    averaged = {"phi_A", "phi_C", "phi_C_distinct"}
+    for column in columns.columns(diagnostics_in(rows.schema)):
+        if column.cumulative and column.name not in averaged:
+            values = rows[column.name].to_pylist()
+            assert (np.diff(np.array(values), axis=0) >= 0).all(), column.name
+
+
+def test_a_diagnostic_that_only_its_controller_knows_has_its_name() -> None:
+    column = columns.diagnostic("tension")
+    assert (column.name, column.unit, column.cumulative) == ("tension", "", False)
+    assert column.about.startswith("what the controller reports as tension, of each UAV")
+
+
+def flat(record: dict[str, Any], prefix: str = "") -> Iterator[str]:
+    for key, value in record.items():
+        if isinstance(value, dict) and (value or prefix + key in ("diagnostics_max", "dropped_messages")):
+            yield from flat(value, f"{prefix}{key}.") if value else [f"{prefix}{key}.*"]
+        else:
+            yield prefix + key
+
+
+def described(key: str, known: set[str]) -> str | None:
+    """The entry of the table that speaks of a field."""
+    parts = key.split(".")
+    wild = [
+        ".".join("*" if place == hidden else part for place, part in enumerate(parts)) for hidden in range(len(parts))
+    ]
+    return next((name for name in (key, *wild) if name in known), None)
+
+
+def test_every_field_of_the_summary_is_described_and_every_described_field_is_there(run: Path) -> None:
+    summary = json.loads((run / SUMMARY).read_text())
+    known = {field.key for field in dictionary.SUMMARY}
+    assert len(known) == len(dictionary.SUMMARY)
+    found = {key: described(key, known) for key in flat(summary)}
+    assert not [key for key, entry in found.items() if entry is None]
+    of_realtime = {key for key in known if key.startswith("realtime")}
+    absent = of_realtime - {"realtime"} if summary["realtime"] is None else {"realtime"}
+    assert known - set(found.values()) == absent
+
+
+def kinds() -> set[str]:
+    """Every kind of event that the world can note, as its code has them."""
+    found = set()
+    for path in (ROOT / "worldsim").glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            called = getattr(node.func, "attr", getattr(node.func, "id", "")) if isinstance(node, ast.Call) else ""
+            place = {"_note": 0, "_event": 0, "lose": 1, "Event": 1}.get(called)
+            if place is None or len(node.args) <= place:  # type: ignore[attr-defined]
+                continue
+            said = node.args[place]  # type: ignore[attr-defined]
+            if called == "lose" and len(node.args) < 3:  # type: ignore[attr-defined]
+                continue  # of a node: what is noted is elsewhere
+            choices = [said.body, said.orelse] if isinstance(said, ast.IfExp) else [said]
+            found |= {choice.value for choice in choices if isinstance(choice, ast.Constant)}
+    return found
+
+
+def test_every_kind_of_event_is_described(run: Path) -> None:
+    of_roles = {"agent", "leader"}  # a node's own words are noted under its role
+    assert kinds() | of_roles == set(dictionary.EVENTS)
+    told = [json.loads(line) for line in (run / EVENTS).read_text().splitlines()]
+    assert {"joined", "fault", "lost", "finished"} <= {event["kind"] for event in told} <= set(dictionary.EVENTS)
+    assert all(set(event) == set(dictionary.EVENT) for event in told)
+    assert set(recording._LEVELS) <= set(dictionary.EVENTS)
+
+
+def test_a_diagnostic_called_as_a_column_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
+    (tmp_path / "clash.py").write_text(CLASH)
+    plugins.load_file(tmp_path / "clash.py")
+    with pytest.raises(
+        BadInput, match="controller 'clash': `diagnostics` status: the time series has columns of that name"
+    ):
+        RunFolder(tmp_path / "out", "run", load(None, method="clash"))
+    assert not (tmp_path / "out").exists()
+    (block,) = flight(uavs=2, ticks=20)
+    inbound.check(block, 2)
+    for names in (("status", "b", "c"), ("b", "b", "c"), ("not a name", "b", "c")):
+        with pytest.raises(MessageRejected, match="diagnostics"):
+            inbound.check(msgspec.structs.replace(block, diagnostic_names=names), 2)

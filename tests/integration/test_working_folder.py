@@ -1,0 +1,50 @@
+"""What lies in the working folder is the user's, whatever its name: no process of ours runs it."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.polling import DEADLINE_S
+
+pytestmark = pytest.mark.processes
+
+PACKAGES = ("agent", "channel", "groundstation", "leader", "swarm", "worldsim")
+LIBRARIES = ("joblib", "msgspec", "numpy", "zenoh")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A working folder with files and folders of all our names, each of which leaves a trace where it is run."""
+    trace = f"open({str(tmp_path / 'ran')!r}, 'a').write(__name__ + '\\n')\nraise SystemExit('not ours')\n"
+    working = tmp_path / "working"
+    for name in PACKAGES:
+        (working / name).mkdir(parents=True)
+        for file in ("__init__.py", "__main__.py"):
+            (working / name / file).write_text(trace)
+    for name in (*PACKAGES, *LIBRARIES):
+        (working / f"{name}.py").write_text(trace)
+    return working
+
+
+@pytest.mark.parametrize(
+    "flags",
+    [
+        ("run", "--uavs", "2", "--duration", "3", "--json", "--quiet", "--no-record"),
+        ("run", "--uavs", "2", "--uavs-per-process", "2", "--duration", "3", "--json", "--quiet", "--no-record"),
+        ("sweep", "uavs=2,3", "--seeds", "2", "--duration", "3", "--jobs", "2"),
+    ],
+    ids=["run", "run of two in one", "sweep"],
+)
+def test_a_run_takes_nothing_from_the_working_folder(flags: tuple[str, ...], folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    as_the_script_does = ["-P", "-c", "from meanflock.groundstation.cli import main; main()"]
+    command = [sys.executable, *as_the_script_does, *flags, "--out", str(out)]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=DEADLINE_S)
+    assert not (tmp_path / "ran").exists(), (tmp_path / "ran").read_text()
+    assert done.returncode == 0, done.stderr
+    assert out.exists()
+    if "--json" in flags:
+        assert json.loads(done.stdout)["ticks"] == 30

@@ -1,0 +1,241 @@
+"""The admission of the world: who comes, who goes, who comes back, and whether what they say is let in."""
+
+import logging
+from collections.abc import Callable
+
+import numpy as np
+
+from meanflock.swarm import scenario
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import Bus, Delivery
+from meanflock.swarm.printable import printable
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import LOST, Event, Join, Message, Ready, Received, Refusal, Stop, Welcome
+from meanflock.swarm.wire.tick import TYPES
+from meanflock.worldsim.barrier import Barrier
+from meanflock.worldsim.checkpoint import Resumption
+from meanflock.worldsim.counters import Counters
+from meanflock.worldsim.flight import Flight
+from meanflock.worldsim.limits import Limits
+from meanflock.worldsim.members import LEADER, JoinRefused, Member, Members
+from meanflock.worldsim.quotas import JOIN_BYTES, RECEIVED_BYTES
+from meanflock.worldsim.telemetry import Outbox
+from meanflock.worldsim.unattended import Unattended
+
+log = logging.getLogger("meanflock.world")
+
+STATION = "station"
+MAX_DROP_EVENTS = 100  # the counters go on
+_OF_REPEATS = ("duplicate", "stale")  # what a second answer to a question that was put twice is, in its tick or after
+
+Note = Callable[[str, str], None]  # kind and text of an event
+
+
+class Admission:
+    """Takes every delivery of the world's bus; the members and the listeners of a run are its own."""
+
+    def __init__(
+        self,
+        flown: Scenario,
+        bus: Bus,
+        run: str,
+        members: Members,
+        flight: Flight,
+        barrier: Barrier,
+        outbox: Outbox,
+        counters: Counters,
+        note: Note,
+        clock: Callable[[], float],
+    ) -> None:
+        self.members = members
+        self.listeners: set[str] = set()
+        self.flying = False  # from the first tick on; before it, who is lost is merely missing
+        self.closed = False  # after the last: who leaves is not lost
+        self.resumed: Resumption | None = None  # whose memory is handed out until then
+        self.unfit: list[str] = []  # why nodes that were welcome cannot take part, after all
+        self.unattended = Unattended(lambda: self._clock())
+        self.on_leader_lost: Callable[[], None] = lambda: None  # one that was asked in this tick
+        self._scenario, self._bus, self._run = flown, bus, run
+        self._fingerprint, self._received = keys.fingerprint(run), keys.received(run)
+        self._float = control.FLOAT_OF_BITS[flown.radio.bits_per_float]
+        self._plan = flight.states.astype(self._float)
+        self._plugins, self._limits = flown.plugins(), Limits(flown)
+        self._flight, self._barrier, self._outbox, self._counters = flight, barrier, outbox, counters
+        self._note, self._clock = note, clock
+        bus.subscribe(keys.act(run, "*"), barrier.offer)
+        bus.subscribe(self._received)
+        bus.watch(keys.alive(run, "*", "*"))
+        bus.answer(keys.join(run))
+
+    def handle(self, delivery: Delivery) -> None:
+        """One delivery, whatever it is. Never raises for what the network sent."""
+        try:
+            if delivery.kind == "message" and delivery.key == self._received:
+                received = control.decode_as(Received, delivery.payload, self._fingerprint, limit=RECEIVED_BYTES)
+                self._outbox.acknowledge(received.block)
+            elif delivery.kind == "message":
+                self._hear(keys.node_of(delivery.key), delivery.payload)
+            elif delivery.kind == "question":
+                self._answer(delivery)
+            elif delivery.kind == "oversized":
+                raise MessageRejected("oversized", f"{delivery.size} bytes")
+            else:
+                self._presence(delivery)
+        except MessageRejected as error:
+            self.drop(error, delivery.key)
+
+    def drop(self, error: MessageRejected, where: str) -> None:
+        """Counts something that was not let in."""
+        self._counters.drops[error.reason] += 1
+        if self._counters.drops.total() <= MAX_DROP_EVENTS:  # a flood fills neither log nor record
+            about = {"tick": self._flight.tick, "peer": _peer(where), "reason": error.reason}
+            where = printable(where)
+            log.warning("dropped a message under %s: %s", where, error, extra=about)
+            self._note("dropped", f"{where}: {error}")
+
+    def lose(self, member: Member, why: str) -> None:
+        """A node is gone, or as good as gone: nobody waits for it any more, and if it still hears, it goes home."""
+        if self.closed:
+            self.members.lose(member)  # gone home
+        if member.lost:
+            return
+        about = {"tick": self._flight.tick, "peer": member.name, "uavs": member.uavs.tolist(), "reason": why}
+        log.warning("lost %s: %s", member.name, why, extra=about)
+        self._counters.nodes_lost += self.flying
+        self.dismiss(member, f"{LOST}{why}")
+        if len(member.uavs) and self.flying:
+            self.unattended.lose(member.uavs)
+            self._flight.lose(member.uavs, "lost", f"{member.name}: {why}")
+        else:
+            self._note("lost", f"{member.name}: {why}")
+
+    def dismiss(self, member: Member, why: str) -> None:
+        """Sends a node home; its UAVs are free for another."""
+        self.members.lose(member)
+        self._stop(member.name, why)
+        if self._barrier.forget(member.name) and member.role == LEADER:
+            self.on_leader_lost()
+
+    def expire(self, patience_s: float) -> None:
+        """Loses who was admitted during the flight and never became ready: nobody else could have its UAVs."""
+        for member in self.members.present:
+            if not member.ready and self._clock() - member.since_s > patience_s:
+                self.lose(member, f"not ready after {patience_s:.0f} s")
+
+    # -- messages -----------------------------------------------------------------------------------------------
+
+    def _hear(self, name: str, raw: bytes) -> None:
+        member = self.members.get(name)
+        if member is None:
+            raise MessageRejected("unknown-node", name)
+        if member.lost:
+            self._stop(name, f"{LOST}nobody waits for this node any more")
+            raise MessageRejected("unknown-node", f"{name}, which was lost")
+        try:
+            if len(raw) > (most := self._limits.act(member.rows)):
+                raise MessageRejected("oversized", f"{len(raw)} bytes, at most {most} expected")
+            if raw[1:2] in TYPES:
+                self._barrier.take(member, raw)
+            else:
+                self._control(member, control.decode(raw))
+        except MessageRejected as error:
+            if error.reason not in _OF_REPEATS or not self._barrier.is_repeat(name):
+                raise
+
+    def _control(self, member: Member, message: Message) -> None:
+        """What a node says beside its replies."""
+        if getattr(message, "run", self._fingerprint) != self._fingerprint:
+            raise MessageRejected("wrong-run", f"run {message.run:#x}, this is {self._fingerprint:#x}")  # type: ignore[union-attr]
+        if isinstance(message, Ready):
+            self._welcome(member)
+        elif isinstance(message, Event):
+            self._note(member.role, f"{member.name}: {printable(message.text)}")
+        elif isinstance(message, Refusal):
+            self.unfit.append(printable(message.reason))
+            self.lose(member, printable(message.reason))
+        else:
+            raise MessageRejected("wrong-kind", f"{type(message).__name__} from a node")
+
+    def _welcome(self, member: Member) -> None:
+        if self.closed:  # it was not there yet when all others were sent home
+            self._stop(member.name, "finished")
+            return
+        if member.ready:
+            return
+        member.ready = True
+        self._counters.nodes_rejoined += self.flying
+        self.unattended.attend(member.uavs)
+        if self.flying and member.role == LEADER:
+            self._note("rejoined", f"{member.name} stands by")
+        elif self.flying:
+            self._flight.rejoin(member.uavs, member.name)
+
+    # -- questions ----------------------------------------------------------------------------------------------
+
+    def _answer(self, delivery: Delivery) -> None:
+        assert delivery.reply is not None
+        join = control.decode(delivery.payload, limit=JOIN_BYTES)
+        if not isinstance(join, Join):
+            raise MessageRejected("wrong-kind", f"{type(join).__name__} as a question")
+        if keys.node_of(delivery.key) != (asker := keys.asker(join.role, join.uav)):
+            raise MessageRejected("wrong-name", f"a Join of {asker}")
+        if self.closed:
+            delivery.reply(control.encode(Refusal("the flight is over")))
+            return
+        name, uavs = STATION, np.zeros(0, dtype=np.intp)  # a ground station only asks what is flown
+        if join.role != STATION:
+            try:
+                member = self.members.admit(join, self._clock())
+            except JoinRefused as error:
+                delivery.reply(control.encode(Refusal(str(error), error.for_now)))
+                return
+            name, uavs = member.name, member.uavs
+            about = {"tick": self._flight.tick, "peer": name, "uavs": uavs.tolist()}
+            log.info("%s joined with UAVs %s", name, uavs.tolist(), extra=about)
+        past = self.resumed if not self.flying and len(uavs) else None
+        delivery.reply(
+            control.encode(
+                Welcome(
+                    run=self._fingerprint,
+                    node=name,
+                    uavs=tuple(uavs.tolist()),
+                    tick=self._flight.tick,
+                    scenario=scenario.encode(self._scenario),
+                    initial_states=self._plan,
+                    memory=b"" if past is None else past.memory(uavs),
+                    plugins=self._plugins,
+                )
+            )
+        )
+
+    # -- liveliness ---------------------------------------------------------------------------------------------
+
+    def _presence(self, delivery: Delivery) -> None:
+        role, name = keys.presence_of(delivery.key)
+        if role == STATION:
+            if delivery.kind == "alive":
+                self.listeners.add(name)
+                self._outbox.rewind()
+            else:
+                self.listeners.discard(name)
+            return
+        member = self.members.get(name)
+        if member is None:
+            return
+        if delivery.kind == "gone":
+            self.lose(member, "its liveliness token vanished")
+        elif member.lost:
+            self._stop(name, f"{LOST}nobody waits for this node any more")
+
+    def _stop(self, name: str, why: str) -> None:
+        self._bus.put(keys.sense(self._run, name), control.encode(Stop(self._fingerprint, why)))
+
+
+def _peer(where: str) -> str:
+    """The node a key or a text names, or the text itself where it is no key of a node."""
+    try:
+        return keys.node_of(where)
+    except MessageRejected:
+        return printable(where)

@@ -1,0 +1,94 @@
+"""What the world counts of the protocol: rounds, losses, drops, residuals. The flight and the radio keep their own."""
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+from meanflock.worldsim.schedule import Schedule
+
+_SCALARS = (
+    "rounds",
+    "averaged",
+    "held",
+    "deadline_misses",
+    "nodes_lost",
+    "nodes_rejoined",
+    "uploads_refused",
+    "states_refused",
+    "wall_s",
+)
+
+
+class Counters:
+    """The counters of one run, from take-off on, however often it was resumed."""
+
+    def __init__(self, refused: Counter[str] | None = None) -> None:
+        """`refused`: what the router keeps from the world, counted by whoever reads its log."""
+        self._refused = refused if refused is not None else Counter()
+        self.rounds = 0  # averaged and broadcast
+        self.averaged = 0  # the last of them by number: none is averaged twice
+        self.held = 0  # commands held over in real time
+        self.deadline_misses = 0  # ticks with at least one of them
+        self.nodes_lost = 0
+        self.nodes_rejoined = 0  # admitted in flight: in the place of one that was lost, or as a standby
+        self.uploads_refused = 0
+        self.states_refused = 0  # received states that were not believed, a tick and a UAV that sent them
+        self.disbelieved: set[int] = set()  # the UAVs that sent them
+        self.wall_s = 0.0  # flown before the run was resumed, s
+        self.spread: float | None = None
+        self.drops: Counter[str] = Counter()
+
+    def late(self, commands: int) -> None:
+        """Takes note of the commands that did not come in time in a tick of a flight in real time."""
+        self.held += commands
+        self.deadline_misses += commands > 0
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """What was not let in, by the world and by its router, by reason. Whole, whichever thread asks."""
+        return self.drops.copy() + self._refused.copy()
+
+    def snapshot(self, wall_s: float) -> dict[str, Any]:
+        """All of it, for `restore`."""
+        scalars = {name: getattr(self, name) for name in _SCALARS}
+        return {
+            **scalars,
+            "wall_s": wall_s,
+            "spread": self.spread,
+            "drops": dict(self.drops),
+            "disbelieved": sorted(self.disbelieved),
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Goes on with the counts of a snapshot."""
+        for name in _SCALARS:
+            setattr(self, name, type(getattr(self, name))(snapshot[name]))
+        self.spread = snapshot["spread"]
+        self.drops = Counter(snapshot["drops"])
+        self.disbelieved = set(snapshot["disbelieved"])
+
+    def summary(
+        self, *, schedule: Schedule | None, diagnostics: Mapping[str, float], blocks_dropped: int
+    ) -> dict[str, Any]:
+        """Its part of the summary; `schedule`: of a flight in real time. `diagnostics`: the largest |value| of each."""
+        return {
+            "rounds": self.rounds,
+            "diagnostics_max": dict(diagnostics),
+            "hjb_residual_max": diagnostics.get("hjb_residual"),
+            "fpk_residual_max": diagnostics.get("fpk_residual"),
+            "weight_spread_final": self.spread,
+            "nodes_lost": self.nodes_lost,
+            "nodes_rejoined": self.nodes_rejoined,
+            "uploads_refused": self.uploads_refused,
+            "states_refused": self.states_refused,
+            "dropped_messages": dict(self.dropped),
+            "held_commands": None if schedule is None else self.held,
+            "realtime": None
+            if schedule is None
+            else {
+                "factor": schedule.factor,
+                "deadline_misses": self.deadline_misses,
+                "tick_start_jitter_ms": schedule.jitter_ms(),
+            },
+            "telemetry_blocks_dropped": blocks_dropped,
+        }

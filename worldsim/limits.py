@@ -1,0 +1,40 @@
+"""How long a message to the world may be: as long as the scenario and its plug-ins let an honest one become."""
+
+import numpy as np
+
+from meanflock.swarm import plugins, state
+from meanflock.swarm.declared import MAX_BROADCASTS, controller
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire import control
+from meanflock.worldsim.formation import initial_states
+
+_OVERHEAD_BYTES = 1024
+_FRAME_BYTES = 64  # of a batch, around its numbers
+_NUMBER_BYTES = 8
+
+
+class Limits:
+    """The longest Acts of a scenario. What a controller remembers is measured on one UAV, for all have arrays alike."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        """Raises BadInput where the controller or the aggregation rule cannot begin."""
+        declared, federation, uavs = scenario.declared, scenario.federation, scenario.uavs
+        try:
+            memory = controller(scenario).init(np.arange(1), initial_states(scenario))
+            state_of_rule = plugins.create("aggregator", federation.aggregation, federation.options, scenario).init(
+                declared.parameters
+            )
+        except BadInput:
+            raise
+        except Exception as error:
+            raise BadInput(f"controller {scenario.method!r} failed in `init`: {plugins.last_line(error)}") from error
+        numbers = state.AXES + len(declared.diagnostics) + declared.weights + declared.broadcast_numbers
+        numbers += 2 * declared.parameters + MAX_BROADCASTS  # an upload and what rounding took from it; names
+        self._row = _NUMBER_BYTES * numbers + len(control.encode_record(memory))
+        self._fixed = _OVERHEAD_BYTES + _FRAME_BYTES * MAX_BROADCASTS + 8 * uavs  # and the UAVs it refuses or loses
+        self._leader = _NUMBER_BYTES * declared.parameters + len(control.encode_record(state_of_rule))
+
+    def act(self, rows: int) -> int:
+        """The most bytes of an Act of a node with so many UAVs; of the leader, with none."""
+        return self._fixed + (self._row * rows if rows else self._leader)
