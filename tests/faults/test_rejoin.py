@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from meanflock.agent.node import Agent
-from meanflock.swarm.errors import BusError
+from meanflock.swarm.errors import BusError, RunFailed
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.wire import control
