@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[2]
 
 # Not `hashlib`, `random`, `inspect`, `platform`: NumPy insists.
 NEEDLESS = {
-    *("_hashlib", "_ssl", "ssl", "ctypes", "_ctypes", "typing_extensions"),  # kept out by agent/lean.py
+    *("_hashlib", "_ssl", "ssl", "ctypes", "_ctypes", "typing_extensions"),  # kept out by agent/blocklist.py
     *(
         "dataclasses",
         "importlib.resources",
@@ -30,7 +30,7 @@ import sys
 import meanflock.agent.__main__
 import numpy as np
 from meanflock.agent.node import Agent
-from swarm import codec
+from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Sense, Welcome
 
 scenario = b'{"method": "METHOD", "uavs": 4, "federation": {"period": 2, "fraction": 1.0, "payload": "int8"}}'

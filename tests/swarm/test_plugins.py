@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
+import meanflock as mf
 from meanflock.agent.controllers.base import Controller
 from meanflock.groundstation.engine import Engine
 from meanflock.swarm import plugins, scenario
@@ -96,6 +97,14 @@ def test_two_of_one_name_are_refused_with_both_places(tmp_path: Path) -> None:
     assert str(first) in str(caught.value)
     assert str(second) in str(caught.value)
     assert plugins.load_file(first)  # the same again is the same
+
+
+@pytest.mark.parametrize("base", ["Controller", "Aggregator", "Channel", "Vehicle"])
+def test_a_class_derived_from_each_of_the_four_base_classes_is_found_by_its_name(base: str) -> None:
+    mine = type("Mine", (getattr(mf, base),), {"name": "mine"})
+    plugin = plugins.register(mine)
+    assert plugins.load(plugin.door, "mine") is mine
+    assert plugin.door == base.lower()
 
 
 def test_two_packages_of_one_name_are_refused_with_both_packages(monkeypatch: pytest.MonkeyPatch) -> None:
