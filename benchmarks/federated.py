@@ -43,8 +43,8 @@ def run(effort: Effort, say: Say) -> Outcome:
         bare = FloorWorld(floor.endpoint, floor.run, [*names, "leader"])
         try:
             world = World(flown, bus, swarm.run)
-            swarm.start("leader")
-            swarm.start("agent", "--count", str(UAVS))
+            swarm.start("meanflock.leader")
+            swarm.start("meanflock.agent", "--count", str(UAVS))
             floor.start("benchmarks.lockstep_floor", "--count", str(UAVS))
             floor.start("benchmarks.lockstep_floor", "--node", "leader")
             world.gather(60.0)
