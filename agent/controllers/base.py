@@ -65,7 +65,7 @@ class Step(msgspec.Struct, frozen=True, eq=False):
 
 
 class Controller:
-    """Base class of controllers; override `step`, `init` where it remembers anything, and declare what is not the default."""
+    """Base class of controllers: override `step`, and `init` if it remembers anything; declare what is not default."""
 
     door: ClassVar[Literal["controller"]] = "controller"
     name: ClassVar[str] = ""  # what `method` says
