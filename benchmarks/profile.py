@@ -39,19 +39,15 @@ LEARNER: list[Part] = [
     ("meanflock.swarm.net.client:NodeClient.handle", "agent: protocol"),
 ]
 CODEC: list[Part] = [
-    *(
-        (f"meanflock.swarm.wire.tick:{name}", "codec")
-        for name in ("read_sense", "read_act", "write_sense", "write_act")
-    ),
-    *((f"meanflock.swarm.wire.control:{name}", "codec") for name in ("encode", "decode")),
+    (f"meanflock.swarm.wire.tick:{name}", "codec") for name in ("read_sense", "read_act", "write_sense", "write_act")
 ]
 WORLD: list[Part] = [
     ("meanflock.worldsim.node:World._tick", "world, the rest of the tick"),
     ("meanflock.worldsim.node:World._ask", "address and fill inboxes"),
     ("meanflock.worldsim.barrier:Barrier.ask", "address and fill inboxes"),
     ("meanflock.worldsim.waiting:Waiting.for_answers", "barrier, the loop"),
-    ("meanflock.worldsim.admission:Admission.handle", "take in answers: admission"),
-    ("meanflock.worldsim.inbound:Replies.read", "take in answers: checks"),
+    ("meanflock.worldsim.admission:Admission.handle", "take in replies"),
+    ("meanflock.worldsim.inbound:Replies.read", "read and check answers"),
     ("meanflock.worldsim.node:World._collect", "collect commands and frames"),
     ("meanflock.worldsim.node:World._play", "fault script"),
     ("meanflock.worldsim.node:World._keep", "checkpoints"),
@@ -63,7 +59,7 @@ WORLD: list[Part] = [
     ("meanflock.groundstation.station:Station.handle", "telemetry"),
     ("meanflock.channel.medium:Medium.send", "channel"),
     ("meanflock.channel.medium:Medium.due", "channel"),
-    ("meanflock.worldsim.flight:Flight.advance", "flight: wind, hash, accumulators"),
+    ("meanflock.worldsim.flight:Flight.advance", "flight: wind, hash, records"),
     ("meanflock.worldsim.physics:Physics.__call__", "flight: motion, energy"),
     ("meanflock.worldsim.flight:pairs", "flight: metrics of all pairs"),
 ]
@@ -197,10 +193,10 @@ def _networked(effort: Effort) -> dict[str, Any]:
                 [*CODEC, *WORLD, *ZENOH_BUS, ("meanflock.swarm.net.session:ZenohBus.receive", "wait for answers")]
             )
             world = World(flown, bus, children.run, stations=1)
-            children.start("meanflock.groundstation", "--out", str(out), "--rerun", "")
-            children.start("meanflock.leader")
+            children.start("groundstation", "--out", str(out), "--rerun", "")
+            children.start("leader")
             children.start("benchmarks.profile", "--report", str(report), "--ticks", str(ticks))
-            children.start("meanflock.agent", "--count", str(UAVS - 1))
+            children.start("agent", "--count", str(UAVS - 1))
             world.gather(60.0)
             flight = world.fly()
             for _ in range(20):

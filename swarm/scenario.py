@@ -58,7 +58,7 @@ class Wind(_Table, frozen=True):
 
     sigma: Annotated[float, Meta(ge=0, description="σ_wind, diffusion of velocity, m/s/√s")] = 0.1
     mean: Annotated[tuple[float, float], Meta(description="v_o, mean wind, m/s")] = (1.0, -1.0)
-    drag: Annotated[float, Meta(ge=0, description="c0, 1/s")] = 0.1
+    drag: Annotated[float, Meta(ge=0, description="c0, drag towards the mean wind, 1/s")] = 0.1
 
 
 class Cost(_Table, frozen=True):
@@ -95,7 +95,7 @@ class Density(_Table, frozen=True):
 
 
 class Offline(_Table, frozen=True):
-    """What the program of the offline method may ask of the craft, over ground."""
+    """What the open-loop plan of the offline method may ask of the craft, over ground."""
 
     speed_max: Annotated[float, Meta(ge=0.1, description="limit on ‖v‖, m/s")] = 15.0
     acceleration_max: Annotated[float, Meta(ge=0.01, description="limit on ‖dv/dt‖, m/s²")] = 3.0
@@ -104,21 +104,23 @@ class Offline(_Table, frozen=True):
 class Federation(_Table, frozen=True):
     """The rounds."""
 
-    period: Annotated[int, Meta(ge=1, description="n0, ticks between rounds; unset: 100, 200 for HF")] | None = None
+    period: (
+        Annotated[int, Meta(ge=1, description="n0, ticks between rounds; unset: as the controller declares")] | None
+    ) = None
     fraction: Annotated[float, Meta(gt=0, le=1, description="N_h / N, share of UAVs that upload")] = 0.8
     leader: Annotated[int, Meta(ge=0, description="h, the UAV that averages")] = 0
     state_period: Annotated[int, Meta(ge=0, description="n_s, ticks between state shares of mfg; 0: once")] = 0
     aggregation: Annotated[
         str, Meta(description="how the leader makes one model of many; `meanflock plugins` lists the rules")
     ] = "fedavg"
-    options: Annotated[dict[str, Any], Meta(description="options of that rule")] = {}
+    options: Annotated[dict[str, Any], Meta(description="options of that rule")] = msgspec.field(default_factory=dict)
     tolerance: Annotated[
         float, Meta(ge=0, lt=0.5, description="share of uploads trimmed-mean and krum assume to be false")
     ] = 0.25
     byzantine_fraction: Annotated[float, Meta(ge=0, le=1, description="share of UAVs whose uploads are false")] = 0.0
     byzantine_kind: Annotated[
         Literal["huge", "sign-flip", "boost", "noise"],
-        Meta(description="what a false upload is, see agent/byzantine.py"),
+        Meta(description="what a false upload is"),
     ] = "sign-flip"
     payload: Annotated[Payload, Meta(description="how uploads are written; unset: as the radio's floats")] | None = None
     broadcast_payload: (
@@ -133,50 +135,62 @@ class Federation(_Table, frozen=True):
 class Radio(_Table, frozen=True):
     """The Rician FDMA link and its accounting."""
 
-    tx_power_dbm: Annotated[float, Meta(ge=-300, le=300, description="P_o, dBm")] = 20.0
-    bandwidth_hz: Annotated[float, Meta(ge=1, le=1e15, description="W_o a link, Hz")] = 2e6
-    noise_psd_dbm_hz: Annotated[float, Meta(ge=-300, le=300, description="σ_n, dBm/Hz")] = -110.0
-    path_loss_exponent: Annotated[float, Meta(ge=0, description="α")] = 0.0
+    tx_power_dbm: Annotated[float, Meta(ge=-300, le=300, description="P_o, power of a transmitter, dBm")] = 20.0
+    bandwidth_hz: Annotated[float, Meta(ge=1, le=1e15, description="W_o, bandwidth of a link, Hz")] = 2e6
+    noise_psd_dbm_hz: Annotated[
+        float, Meta(ge=-300, le=300, description="σ_n, power density of the noise, dBm/Hz")
+    ] = -110.0
+    path_loss_exponent: Annotated[float, Meta(ge=0, description="α, exponent of the path loss")] = 0.0
     rice_xi: Annotated[float, Meta(ge=0, description="ξ, strength of the line of sight")] = 6.649
     rice_chi: Annotated[float, Meta(gt=0, description="χ, strength of the scattered paths")] = 1.347
     fading: Annotated[Literal["amplitude", "power"], Meta(description="SNR ∝ z, as printed, or ∝ z²")] = "amplitude"
-    target_snr_db: Annotated[float, Meta(ge=-300, le=300, description="η, dB")] = 75.0
-    coherence_time_s: Annotated[float, Meta(ge=1e-9, le=1e3, description="θ, a slot, s")] = 5e-5
-    latency_threshold_slots: Annotated[int, Meta(ge=1, le=1_000_000, description="D_M, slots")] = 8
+    target_snr_db: Annotated[
+        float, Meta(ge=-300, le=300, description="η, SNR below which a slot carries nothing, dB")
+    ] = 75.0
+    coherence_time_s: Annotated[float, Meta(ge=1e-9, le=1e3, description="θ, length of a slot, s")] = 5e-5
+    latency_threshold_slots: Annotated[
+        int, Meta(ge=1, le=1_000_000, description="D_M, slots after which a message is lost")
+    ] = 8
     bits_per_float: Annotated[Literal[16, 32, 64], Meta(description="width of a float on the radio")] = 32
     range_m: Annotated[float, Meta(gt=0, description="how far a broadcast of a UAV reaches, m")] = 100.0
     plausible_speed: Annotated[
         float, Meta(gt=0, description="a received state that is faster, or too far away for it, is not believed, m/s")
     ] = 100.0
     model: Annotated[str, Meta(description="the channel, see `meanflock plugins`")] = "rice"
-    options: Annotated[dict[str, Any], Meta(description="what the channel takes besides these keys")] = {}
+    options: Annotated[dict[str, Any], Meta(description="what the channel takes besides these keys")] = msgspec.field(
+        default_factory=dict
+    )
 
 
 class Vehicle(_Table, frozen=True):
     """Which vehicle flies, and the constants of the rotary-wing power model, as printed: a craft of a few grams."""
 
     model: Annotated[str, Meta(description="the vehicle, see `meanflock plugins`")] = "point-mass"
-    options: Annotated[dict[str, Any], Meta(description="what the vehicle takes besides these keys")] = {}
-    blade_power: Annotated[float, Meta(ge=0, description="λ0, W")] = 0.0049
-    induced_power: Annotated[float, Meta(ge=0, description="λ1, W")] = 0.0887
-    parasite_drag: Annotated[float, Meta(ge=0, description="λ2, W s³/m³")] = 0.0092
-    tip_speed: Annotated[float, Meta(gt=0, description="ω_tip, m/s")] = 15.0
-    induced_velocity: Annotated[float, Meta(gt=0, description="χ_o, m/s")] = 1.612
+    options: Annotated[dict[str, Any], Meta(description="what the vehicle takes besides these keys")] = msgspec.field(
+        default_factory=dict
+    )
+    blade_power: Annotated[float, Meta(ge=0, description="λ0, profile power of the blades, W")] = 0.0049
+    induced_power: Annotated[float, Meta(ge=0, description="λ1, induced power in hover, W")] = 0.0887
+    parasite_drag: Annotated[float, Meta(ge=0, description="λ2, parasite drag, W s³/m³")] = 0.0092
+    tip_speed: Annotated[float, Meta(gt=0, description="ω_tip, speed of the blades' tips, m/s")] = 15.0
+    induced_velocity: Annotated[float, Meta(gt=0, description="χ_o, induced velocity in hover, m/s")] = 1.612
 
 
 class Metrics(_Table, frozen=True):
     """Radii of the collision metrics."""
 
-    collision_radius: Annotated[float, Meta(gt=0, description="r_coll, m")] = 0.1
-    hazard_radius: Annotated[float, Meta(gt=0, description="r_C, m")] = math.sqrt(2.0) / 2.0
+    collision_radius: Annotated[float, Meta(gt=0, description="r_coll, nearer than this is a collision, m")] = 0.1
+    hazard_radius: Annotated[float, Meta(gt=0, description="r_C, nearer than this is a risk, m")] = math.sqrt(2.0) / 2.0
 
 
 class Scenario(_Table, frozen=True, dict=True):
     """Everything a run depends on. Immutable; equal scenarios and seeds fly equal trajectories."""
 
     method: Annotated[str, Meta(description="the controller of the UAVs; `meanflock plugins` lists them")] = "mfgfl-hf"
-    controller: Annotated[dict[str, Any], Meta(description="options of that controller")] = {}
-    uavs: Annotated[int, Meta(ge=1, le=100_000, description="N")] = 25
+    controller: Annotated[dict[str, Any], Meta(description="options of that controller")] = msgspec.field(
+        default_factory=dict
+    )
+    uavs: Annotated[int, Meta(ge=1, le=100_000, description="N, how many UAVs fly")] = 25
     seed: Annotated[int, Meta(ge=0, le=2**62, description="source of all randomness")] = 1
     dt: Annotated[float, Meta(ge=1e-6, le=1e3, description="a tick, s")] = 0.1
     duration: Annotated[float, Meta(gt=0, description="the run ends at the latest now, s")] = 300.0
@@ -195,7 +209,7 @@ class Scenario(_Table, frozen=True, dict=True):
     vehicle: Vehicle = field(default_factory=Vehicle)
     metrics: Metrics = field(default_factory=Metrics)
     pace: Pace = field(default_factory=Pace)
-    faults: Annotated[tuple[Fault, ...], Meta(description="the fault script, see swarm/faults.py")] = ()
+    faults: Annotated[tuple[Fault, ...], Meta(description="the fault script")] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -363,7 +377,7 @@ def load(path: Path | None, settings: Iterable[str] = (), **options: Any) -> Sce
         BadInput: unreadable file, bad TOML, unknown key, wrong type or value out of range; the message names
             the file or setting, the key and the bound.
     """
-    table: dict[str, Any] = {}
+    table: dict[str, Any] = msgspec.field(default_factory=dict)
     where = "scenario"
     if path is not None:
         where = str(path)

@@ -215,12 +215,19 @@ def test_images_start_from_the_one_base_image() -> None:
 
 
 def test_every_package_enters_the_images() -> None:
+<<<<<<< HEAD
     packages = {"meanflock"} | {path.name for path in (ROOT / "meanflock").iterdir() if path.is_symlink()}
     assert len(packages) == 8
+=======
+    rooms = {path.name for path in (ROOT / "meanflock").iterdir() if path.is_symlink()}
+    for room in rooms:  # a link out of the build's folder would lead nowhere
+        assert (ROOT / "meanflock" / room).readlink() == Path("..", room)
+        assert (ROOT / room / "__init__.py").is_file()
+>>>>>>> core
     copied = set(re.findall(r"^COPY (\w+) \1$", (ROOT / "Dockerfile").read_text(), re.MULTILINE))
     admitted = set(re.findall(r"^!(\w+)$", (ROOT / ".dockerignore").read_text(), re.MULTILINE))
-    assert copied == packages
-    assert packages <= admitted
+    assert copied == {"meanflock", *rooms}
+    assert copied <= admitted
 
 
 @pytest.fixture(scope="module")
@@ -241,7 +248,7 @@ def compose() -> dict[str, Any]:
             "--format",
             "json",
         ],
-        env={**ours, "MEANFLOCK_UAVS": "7", "MEANFLOCK_SET": "seed=3"},
+        env={**ours, "MEANFLOCK_UAVS": "7", "MEANFLOCK_SET": "seed=3", "MEANFLOCK_PLUGINS": "/plugins/spring.py"},
         capture_output=True,
         text=True,
         check=True,
@@ -255,7 +262,7 @@ MOMENTARY = {"runs", "completed"}  # services that do one thing and end
 
 def test_compose_has_the_four_rooms_as_services(compose: dict[str, Any]) -> None:
     assert {name: service["command"] for name, service in compose.items() if name not in MOMENTARY} == {
-        room: [room] for room in ("worldsim", "leader", "agent", "groundstation")
+        room: [f"meanflock.{room}"] for room in ("worldsim", "leader", "agent", "groundstation")
     }
     assert compose.keys() >= MOMENTARY
     for service in compose.values():
@@ -268,6 +275,13 @@ def test_compose_gives_one_number_to_agents_and_world(compose: dict[str, Any]) -
     assert compose["worldsim"]["environment"]["MEANFLOCK_SET"] == "uavs=7 seed=3"
     rooms = [service for name, service in compose.items() if name not in MOMENTARY]
     assert len({service["environment"]["MEANFLOCK_RUN"] for service in rooms}) == 1
+
+
+def test_compose_gives_all_rooms_the_plug_ins(compose: dict[str, Any]) -> None:
+    for room in compose.keys() - MOMENTARY:
+        assert compose[room]["environment"]["MEANFLOCK_PLUGINS"] == "/plugins/spring.py"
+        (mounted,) = (volume for volume in compose[room]["volumes"] if volume["target"] == "/plugins")
+        assert (mounted["source"], mounted["read_only"]) == (str(ROOT / "examples"), True)
 
 
 def test_compose_services_can_do_no_more_than_they_must(compose: dict[str, Any]) -> None:

@@ -23,37 +23,33 @@ class Limits:
     def __init__(self, scenario: Scenario) -> None:
         """Raises BadInput where the controller or the aggregation rule cannot begin."""
         declared, federation, uavs = scenario.declared, scenario.federation, scenario.uavs
-        flying = controller(scenario)
-        rule = plugins.create("aggregator", federation.aggregation, federation.options, scenario)
-        plan = initial_states(scenario)
-        memory = _recorded(
-            f"controller {scenario.method!r}", "memory", lambda: flying.init(np.arange(1), plan), " with UAV 0"
+        flyer = controller(scenario)
+        memory = _record(
+            f"controller {scenario.method!r} failed in `init` with UAV 0",
+            lambda: flyer.init(np.arange(1), initial_states(scenario)),
         )
-        kept = _recorded(f"aggregator {federation.aggregation!r}", "state", lambda: rule.init(declared.parameters))
+        rule = plugins.create("aggregator", federation.aggregation, federation.options, scenario)
+        state_of_rule = _record(
+            f"aggregator {federation.aggregation!r} failed in `init`", lambda: rule.init(declared.parameters)
+        )
         numbers = state.AXES + len(declared.diagnostics) + declared.weights + declared.broadcast_numbers
         numbers += 2 * declared.parameters + MAX_BROADCASTS  # an upload and what rounding took from it; names
-        self._row = _NUMBER_BYTES * numbers + memory
+        self._row = _NUMBER_BYTES * numbers + len(memory)
         self._fixed = _OVERHEAD_BYTES + _FRAME_BYTES * MAX_BROADCASTS + 8 * uavs  # and the UAVs it refuses or loses
-        self._leader = _NUMBER_BYTES * declared.parameters + kept
+        self._leader = _NUMBER_BYTES * declared.parameters + len(state_of_rule)
 
     def act(self, rows: int) -> int:
         """The most bytes of an Act of a node with so many UAVs; of the leader, with none."""
         return self._fixed + (self._row * rows if rows else self._leader)
 
 
-def _recorded(who: str, what: str, init: Callable[[], Any], whose: str = "") -> int:
-    """Bytes of what a plug-in remembers before it begins: its memory or state, `what`.
-
-    Raises:
-        BadInput: its `init` failed, or returns what cannot be kept.
-    """
+def _record(failure: str, begin: Callable[[], dict[str, Any]]) -> bytes:
+    """What a plug-in remembers at first, as a record; BadInput where it cannot begin, or that cannot be kept."""
     try:
-        begun = init()
-        if not isinstance(begun, dict):
-            raise TypeError(f"the {what} is a {type(begun).__name__}; expected a dict of arrays")
-        for name, array in begun.items():
-            if not isinstance(array, np.ndarray) or array.dtype not in control.TRAVELS:
-                raise TypeError(f"{what}[{name!r}] is no array of numbers that can be kept in a checkpoint")
-        return len(control.encode_record(begun))
+        memory = begin()
     except Exception as error:
-        raise BadInput(f"{who} failed in `init`{whose}: {plugins.last_line(error)}") from error
+        raise BadInput(f"{failure}: {plugins.last_line(error)}") from error
+    try:
+        return control.encode_record(memory)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise BadInput(f"{failure}: it remembers what is no array of numbers: {error}") from error

@@ -13,10 +13,12 @@ import psutil
 import pytest
 from rich.console import Console
 
+import meanflock as mf
 from meanflock.groundstation import study
 from meanflock.groundstation.means import WIDTH, Means
 from meanflock.groundstation.paper.store import Store
 from meanflock.groundstation.swept import Swept
+from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput
 from meanflock.swarm.scenario import Scenario, load
 from tests.polling import DEADLINE_S, until
@@ -247,3 +249,39 @@ def test_ctrl_c_ends_a_sweep_and_its_workers_and_a_repeat_goes_on(tmp_path: Path
     assert (done.returncode, done.stderr) == (EXIT_DONE, b"")
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
     assert len(flown(tmp_path)) == 24
+
+
+# -- plug-ins of one's own --------------------------------------------------------------------------------------------
+
+MINE = """
+import meanflock as mf
+
+class Mine(mf.Controller):
+    name = "{}"
+
+    def step(self, memory, tick, own, received):
+        return mf.Step(memory, own[:, :2] * {})
+"""
+
+
+@pytest.mark.processes
+def test_a_plugin_that_changed_or_came_later_is_flown_as_it_is_now(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Workers live on between two studies, and `out` keeps what an earlier form of the file flew."""
+    monkeypatch.setattr(plugins, "_files", dict(plugins._files))
+    monkeypatch.setenv(plugins.FILES, "")
+
+    def energy(name: str, push: float) -> list[float]:
+        (tmp_path / f"{name}.py").write_text(MINE.format(name, push), encoding="utf-8")
+        out = tmp_path / "out"
+        return [
+            row["energy_mean_J"]
+            for row in mf.compare(
+                [name], plugin=tmp_path / f"{name}.py", seeds=2, jobs=2, out=out, uavs=2, duration=2.0
+            )
+        ]
+
+    first = energy("one", -0.01)
+    assert energy("other", -0.02) != first
+    assert energy("one", -0.02) == energy("other", -0.02) != first
