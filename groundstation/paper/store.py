@@ -362,10 +362,6 @@ def _unpack(trace: StoredTrace) -> Iterator[tuple[str, dict[str, pa.Array]]]:
     )
     times = np.frombuffer(trace.weight_t_s, "<f8")
     weights = np.frombuffer(trace.weights, "<f4")
-<<<<<<< HEAD
-    offsets = len(weights) // max(1, len(times)) * np.arange(len(times) + 1, dtype=np.int32)  # none where none learns
-=======
     width = len(weights) // len(times)
     offsets = np.arange(len(times) + 1, dtype=np.int32) * np.int32(width)  # 0 wide: a method that learns nothing
->>>>>>> core
     yield "weights", {"t_s": pa.array(times), "model": pa.ListArray.from_arrays(offsets, weights)}
