@@ -15,7 +15,7 @@ from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import AXES, States
 from meanflock.swarm.wire.control import decode_record, encode_record
-from meanflock.testing.error import alike, copies, fail, make, same, with_other_randomness
+from meanflock.testing.error import alike, copies, fail, make, same, text_of, with_other_randomness
 from meanflock.worldsim.formation import initial_states
 
 UAVS, TICKS = 6, 40
@@ -190,7 +190,7 @@ class _Suite:
         except Exception as error:
             fail(
                 self._class,
-                f"`init` with {len(uavs)} UAVs failed: {_text(error)}",
+                f"`init` with {len(uavs)} UAVs failed: {text_of(error)}",
                 "return a dict of arrays, a row a UAV",
             )
 
@@ -198,13 +198,13 @@ class _Suite:
         try:
             return made.step(memory, tick, own, received)
         except Exception as error:
-            fail(self._class, f"`step` with {len(own)} UAVs failed in tick {tick}: {_text(error)}", "mend it")
+            fail(self._class, f"`step` with {len(own)} UAVs failed in tick {tick}: {text_of(error)}", "mend it")
 
     def _checked(self, step: Step, before: Memory, rows: int) -> NDArray[np.float64]:
         try:
             commands = checked_step(step, before, rows, self._declared)
         except Exception as error:
-            fail(self._class, f"`step` returned what a flight cannot use: {_text(error)}", "return what is declared")
+            fail(self._class, f"`step` returned what a flight cannot use: {text_of(error)}", "return what is declared")
         if not np.isfinite(commands).all():
             fail(self._class, "`step` returned a number that is not finite", "guard divisions, roots and empty sums")
         return commands
@@ -298,7 +298,3 @@ def _difference(one: Trial, other: Trial) -> int | None:
             if not same(source, also) or not same(payload, its):
                 return tick
     return TICKS if alike(one.memory, other.memory) or not same(one.models, other.models) else None
-
-
-def _text(error: Exception) -> str:
-    return f"{type(error).__name__}: {error}"
