@@ -377,7 +377,7 @@ def load(path: Path | None, settings: Iterable[str] = (), **options: Any) -> Sce
         BadInput: unreadable file, bad TOML, unknown key, wrong type or value out of range; the message names
             the file or setting, the key and the bound.
     """
-    table: dict[str, Any] = msgspec.field(default_factory=dict)
+    table: dict[str, Any] = {}
     where = "scenario"
     if path is not None:
         where = str(path)
