@@ -113,7 +113,7 @@ class Federation(_Table, frozen=True):
     aggregation: Annotated[
         str, Meta(description="how the leader makes one model of many; `meanflock plugins` lists the rules")
     ] = "fedavg"
-    options: Annotated[dict[str, Any], Meta(description="options of that rule")] = msgspec.field(default_factory=dict)
+    options: Annotated[dict[str, Any], Meta(description="options of that rule")] = field(default_factory=dict)
     tolerance: Annotated[
         float, Meta(ge=0, lt=0.5, description="share of uploads trimmed-mean and krum assume to be false")
     ] = 0.25
@@ -157,7 +157,7 @@ class Radio(_Table, frozen=True):
         float, Meta(gt=0, description="a received state that is faster, or too far away for it, is not believed, m/s")
     ] = 100.0
     model: Annotated[str, Meta(description="the channel, see `meanflock plugins`")] = "rice"
-    options: Annotated[dict[str, Any], Meta(description="what the channel takes besides these keys")] = msgspec.field(
+    options: Annotated[dict[str, Any], Meta(description="what the channel takes besides these keys")] = field(
         default_factory=dict
     )
 
@@ -166,7 +166,7 @@ class Vehicle(_Table, frozen=True):
     """Which vehicle flies, and the constants of the rotary-wing power model, as printed: a craft of a few grams."""
 
     model: Annotated[str, Meta(description="the vehicle, see `meanflock plugins`")] = "point-mass"
-    options: Annotated[dict[str, Any], Meta(description="what the vehicle takes besides these keys")] = msgspec.field(
+    options: Annotated[dict[str, Any], Meta(description="what the vehicle takes besides these keys")] = field(
         default_factory=dict
     )
     blade_power: Annotated[float, Meta(ge=0, description="λ0, profile power of the blades, W")] = 0.0049
@@ -187,9 +187,7 @@ class Scenario(_Table, frozen=True, dict=True):
     """Everything a run depends on. Immutable; equal scenarios and seeds fly equal trajectories."""
 
     method: Annotated[str, Meta(description="the controller of the UAVs; `meanflock plugins` lists them")] = "mfgfl-hf"
-    controller: Annotated[dict[str, Any], Meta(description="options of that controller")] = msgspec.field(
-        default_factory=dict
-    )
+    controller: Annotated[dict[str, Any], Meta(description="options of that controller")] = field(default_factory=dict)
     uavs: Annotated[int, Meta(ge=1, le=100_000, description="N, how many UAVs fly")] = 25
     seed: Annotated[int, Meta(ge=0, le=2**62, description="source of all randomness")] = 1
     dt: Annotated[float, Meta(ge=1e-6, le=1e3, description="a tick, s")] = 0.1
