@@ -104,14 +104,16 @@ class Offline(_Table, frozen=True):
 class Federation(_Table, frozen=True):
     """The rounds."""
 
-    period: Annotated[int, Meta(ge=1, description="n0, ticks between rounds; unset: 100, 200 for HF")] | None = None
+    period: (
+        Annotated[int, Meta(ge=1, description="n0, ticks between rounds; unset: as the controller declares")] | None
+    ) = None
     fraction: Annotated[float, Meta(gt=0, le=1, description="N_h / N, share of UAVs that upload")] = 0.8
     leader: Annotated[int, Meta(ge=0, description="h, the UAV that averages")] = 0
     state_period: Annotated[int, Meta(ge=0, description="n_s, ticks between state shares of mfg; 0: once")] = 0
     aggregation: Annotated[
         str, Meta(description="how the leader makes one model of many; `meanflock plugins` lists the rules")
     ] = "fedavg"
-    options: Annotated[dict[str, Any], Meta(description="options of that rule")] = {}
+    options: Annotated[dict[str, Any], Meta(description="options of that rule")] = msgspec.field(default_factory=dict)
     tolerance: Annotated[
         float, Meta(ge=0, lt=0.5, description="share of uploads trimmed-mean and krum assume to be false")
     ] = 0.25
@@ -155,14 +157,18 @@ class Radio(_Table, frozen=True):
         float, Meta(gt=0, description="a received state that is faster, or too far away for it, is not believed, m/s")
     ] = 100.0
     model: Annotated[str, Meta(description="the channel, see `meanflock plugins`")] = "rice"
-    options: Annotated[dict[str, Any], Meta(description="what the channel takes besides these keys")] = {}
+    options: Annotated[dict[str, Any], Meta(description="what the channel takes besides these keys")] = msgspec.field(
+        default_factory=dict
+    )
 
 
 class Vehicle(_Table, frozen=True):
     """Which vehicle flies, and the constants of the rotary-wing power model, as printed: a craft of a few grams."""
 
     model: Annotated[str, Meta(description="the vehicle, see `meanflock plugins`")] = "point-mass"
-    options: Annotated[dict[str, Any], Meta(description="what the vehicle takes besides these keys")] = {}
+    options: Annotated[dict[str, Any], Meta(description="what the vehicle takes besides these keys")] = msgspec.field(
+        default_factory=dict
+    )
     blade_power: Annotated[float, Meta(ge=0, description="λ0, profile power of the blades, W")] = 0.0049
     induced_power: Annotated[float, Meta(ge=0, description="λ1, induced power in hover, W")] = 0.0887
     parasite_drag: Annotated[float, Meta(ge=0, description="λ2, parasite drag, W s³/m³")] = 0.0092
@@ -181,7 +187,9 @@ class Scenario(_Table, frozen=True, dict=True):
     """Everything a run depends on. Immutable; equal scenarios and seeds fly equal trajectories."""
 
     method: Annotated[str, Meta(description="the controller of the UAVs; `meanflock plugins` lists them")] = "mfgfl-hf"
-    controller: Annotated[dict[str, Any], Meta(description="options of that controller")] = {}
+    controller: Annotated[dict[str, Any], Meta(description="options of that controller")] = msgspec.field(
+        default_factory=dict
+    )
     uavs: Annotated[int, Meta(ge=1, le=100_000, description="N, how many UAVs fly")] = 25
     seed: Annotated[int, Meta(ge=0, le=2**62, description="source of all randomness")] = 1
     dt: Annotated[float, Meta(ge=1e-6, le=1e3, description="a tick, s")] = 0.1
@@ -369,7 +377,7 @@ def load(path: Path | None, settings: Iterable[str] = (), **options: Any) -> Sce
         BadInput: unreadable file, bad TOML, unknown key, wrong type or value out of range; the message names
             the file or setting, the key and the bound.
     """
-    table: dict[str, Any] = {}
+    table: dict[str, Any] = msgspec.field(default_factory=dict)
     where = "scenario"
     if path is not None:
         where = str(path)

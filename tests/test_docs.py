@@ -13,7 +13,6 @@ import click
 import pytest
 
 import meanflock as mf
-from meanflock.groundstation import cli_look, cli_plugins, cli_study  # noqa: F401  # they join their verbs to the group
 from meanflock.groundstation.cli import cli, main
 
 ROOT = Path(__file__).parents[1]

@@ -7,15 +7,15 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from meanflock.agent.basis import DensityBasis, Powers
-from meanflock.agent.fpk import FpkLearner
-from meanflock.agent.hjb import HjbLearner, HjbResult, local_cost
 from scipy import integrate, linalg, optimize
 
+from meanflock.agent.tables import tables
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.paper import optimum, theory
 from meanflock.groundstation.paper.measure import LONG_S, filter_moments, long_flight, measure, measured
 from meanflock.groundstation.paper.view import keep_measured
+from meanflock.kernels import features, fpk, hjb
+from meanflock.kernels.hjb import local_cost
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.worldsim import dynamics
@@ -39,16 +39,15 @@ def test_gradient_is_the_one_the_learner_steps_along() -> None:
     plain = scenario()
     draw = np.random.default_rng(2)
     states, actions = draw.normal(size=(6, 4)) * [100, 100, 5, 5], draw.normal(size=(6, 2))
-    curvature, weights = draw.normal(size=6), draw.normal(size=(6, 2, 69))
-    learner = FpkLearner(plain)
-    pairs = learner.basis.pairs(Powers(plain.learner)(states))
+    curvature, weights = draw.normal(size=6), draw.normal(size=(6, 138))
+    t = tables(plain)
+    pairs = features.pairs(t, features.powers(t, states))
     drift = actions - plain.wind.drag * (states[:, 2:] - np.array(plain.wind.mean))
-    stepped = learner.step(weights, states, pairs, learner.basis.terms(pairs)[:, 1:], drift, curvature)
+    stepped, residual = fpk.step(t, weights, states, pairs, features.terms(t, pairs)[:, 1:], drift, curvature)
     g = theory.fpk_gradients(plain, states, actions, curvature)
-    flat = weights.reshape(6, -1)
-    error = (g * flat).sum(axis=-1)
-    assert stepped.residual == pytest.approx(error)
-    assert stepped.weights.reshape(6, -1) == pytest.approx(flat - plain.learner.mu_f * error[:, None] * g)
+    error = (g * weights).sum(axis=-1)
+    assert residual == pytest.approx(error)
+    assert stepped == pytest.approx(weights - plain.learner.mu_f * error[:, None] * g)
 
 
 def test_mean_of_the_weights_decays_as_the_recursion_says() -> None:
@@ -137,11 +136,11 @@ def test_the_radio_of_long_flights_loses_nothing(method: str) -> None:
 # -- the control law where the problem is linear-quadratic ------------------------------------------------------------
 
 
-def ask(plain: Scenario, weights: np.ndarray, states: np.ndarray) -> HjbResult:
+def ask(plain: Scenario, weights: np.ndarray, states: np.ndarray) -> hjb.ValueStep:
     """What the learner's own step says at `states` with the same weights for all."""
-    learner = HjbLearner(plain)
-    rows = len(states)
-    return learner.step(np.repeat(weights[None], rows, axis=0), states, Powers(plain.learner)(states), np.zeros(rows))
+    t, rows = tables(plain), len(states)
+    flat = np.repeat(weights.reshape(1, -1), rows, axis=0)
+    return hjb.step(t, flat, states, features.powers(t, states), np.zeros(rows))
 
 
 def test_regulator_action_and_residual_are_exact() -> None:
@@ -242,8 +241,8 @@ def test_operator_misses_a_gaussian_that_is_not_stationary() -> None:
     _, covariance = theory.stationary(flow)
     weights = theory.gaussian_weights(plain, 2 * covariance)
     assert abs(theory.operator_residual(plain, flow, weights, np.zeros((1, 4)))[0]) > 0.1
-    basis = DensityBasis(plain.learner, plain.wind.sigma)
-    assert basis.terms(basis.pairs(Powers(plain.learner)(np.zeros((1, 4))))).shape == (1, 70)
+    t = tables(plain)
+    assert features.terms(t, features.pairs(t, features.powers(t, np.zeros((1, 4))))).shape == (1, 70)
 
 
 # -- the best flight ------------------------------------------------------------

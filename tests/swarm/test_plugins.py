@@ -198,13 +198,13 @@ def test_a_node_on_a_host_without_the_plugin_or_with_another_is_refused_and_the_
 
     monkeypatch.setattr(client, "plugins", ElsewherePlugins)
     monkeypatch.setattr(client.platform, "node", lambda: "far-away")
-    encode = client.codec.encode
+    encode = client.control.encode
 
     def overheard(message: Any) -> bytes:
         said.append(message)
         return encode(message)
 
-    monkeypatch.setattr(client.codec, "encode", overheard)
+    monkeypatch.setattr(client.control, "encode", overheard)
     with pytest.raises(BadInput, match=r"agent-0 on host far-away: controller 'lent' is "):
         Engine(load(None, ["uavs=2"], method="lent"), "hosts")
     assert any(isinstance(message, Refusal) and "far-away" in message.reason for message in said)
@@ -213,7 +213,7 @@ def test_a_node_on_a_host_without_the_plugin_or_with_another_is_refused_and_the_
 def test_a_world_one_of_whose_nodes_lacks_the_plugin_does_not_take_off_and_says_which_host() -> None:
     engine = Engine(load(None, ["uavs=2"], method="hjb"), "hosts")
     world = engine.world
-    world._door.unfit.append("agent-1 on host far-away: controller 'lent' is not installed here")
+    world._admission.unfit.append("agent-1 on host far-away: controller 'lent' is not installed here")
     world._members._by_name["agent-0"].ready = False
     with pytest.raises(BadInput, match="host far-away"):
         world.gather(0.0)
