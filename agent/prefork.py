@@ -44,14 +44,14 @@ def fork(count: int) -> int:
             restarts.started(number)
             pid = os.fork()
             if pid == 0:
-                _become_a_sibling(pipe)
+                _become_a_process(pipe)
                 return number
             living[pid] = number
         due = _await_deaths(living, restarts, interrupted)
     raise SystemExit(EXIT_DONE)
 
 
-def _become_a_sibling(pipe: tuple[int, int] | None) -> None:
+def _become_a_process(pipe: tuple[int, int] | None) -> None:
     if pipe is not None:
         listening, hold = pipe
         os.close(hold)

@@ -275,9 +275,9 @@ class Recorder:
         colors = np.full(uavs, palette.GREY, dtype=np.uint32)
         colors[sent[:, 1]] = np.where(sent[:, 4] < 0, palette.RED, palette.GREEN)
         colors[leader] = palette.WHITE
-        heard = sent[(sent[:, 4] >= 0) & (sent[:, 1] != sent[:, 2])]
+        delivered = sent[(sent[:, 4] >= 0) & (sent[:, 1] != sent[:, 2])]
         kind = rr.components.GraphEdgeBatch._ARROW_DATATYPE
-        ends = [self._names.take(pa.array(column)) for column in heard[:, 1:3].T]
+        ends = [self._names.take(pa.array(column)) for column in delivered[:, 1:3].T]
         edges = rr.components.GraphEdgeBatch(pa.StructArray.from_arrays(ends, fields=list(kind)))
         parts = (_NODE_COLORS, rr.components.ColorBatch(colors)), (_EDGES, edges)
         self._send(look.ROUND, at, self._nodes, _cut(1, *parts))

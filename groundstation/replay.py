@@ -56,13 +56,13 @@ def missing(folder: Path, kept: Past, there: Recorded, uavs: int) -> Iterator[Te
         BadInput: the rows or events are not those of a flight of so many UAVs.
     """
     rows = kept.rows.filter(pc.invert(pc.is_in(kept.rows["tick"], pa.array(there.ticks, pa.int32()))))
-    told = [event for event in _events(folder, kept) if (event.tick, line(event)) not in there.lines]
+    left = [event for event in _events(folder, kept) if (event.tick, line(event)) not in there.lines]
     try:
         pieces = list(unbroken(rows, _BLOCK_TICKS))
         for number, piece in enumerate(pieces):
             up_to = piece["tick"][-1].as_py() if number + 1 < len(pieces) else math.inf
-            now = tuple(event for event in told if event.tick <= up_to)
-            told = [event for event in told if event.tick > up_to]
+            now = tuple(event for event in left if event.tick <= up_to)
+            left = [event for event in left if event.tick > up_to]
             yield inbound.check(block_of(piece, number, now), uavs)
     except (MessageRejected, ValueError, TypeError, KeyError) as error:
         raise BadInput(f"{folder}: time series or events are damaged ({error})") from error

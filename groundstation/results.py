@@ -107,14 +107,14 @@ class RunFolder:
         """
         if self._full:
             raise RunFailed(self._holds("no more is kept"))
-        told = os.fstat(self._events.fileno()).st_size
+        size = os.fstat(self._events.fileno()).st_size
         try:
             self._background.look()  # where there was no room for a checkpoint, there is none for what comes
             self._append(block)
         except OSError as error:
             self._full = True
             with suppress(OSError):
-                os.ftruncate(self._events.fileno(), told)
+                os.ftruncate(self._events.fileno(), size)
             raise RunFailed(self._holds(_reason(error))) from error
         if len(block.states):
             last = self.last_tick = block.first_tick + len(block.states) - 1

@@ -31,7 +31,7 @@ class Trial(NamedTuple):
     """What a controller did in every tick of a trial: commands (M, 2 + K), broadcasts, and its last memory."""
 
     commands: list[NDArray[np.float64]]
-    spoken: list[list[tuple[NDArray[np.intp], NDArray[Any]]]]
+    sent: list[list[tuple[NDArray[np.intp], NDArray[Any]]]]
     memory: Memory
     models: NDArray[np.float64]
 
@@ -215,15 +215,14 @@ class _Suite:
         memories = [self._init(one, group) for one, group in zip(made, groups, strict=True)]
         own, columns = self._plan.copy(), AXES + len(self._declared.diagnostics)
         frames: list[Received] = []
-        commands, spoken = [], []
+        commands, sent = [], []
         for tick in range(TICKS):
             said: dict[int, list[tuple[NDArray[np.intp], NDArray[Any]]]] = {}
             now = np.zeros((len(own), columns))
             for k, group in enumerate(groups):
                 if afresh:
                     made[k], memories[k] = self._make(), _read_back(memories[k])
-                heard = _for(group, frames)
-                step = self._stepped(made[k], memories[k], tick, own[group], heard)
+                step = self._stepped(made[k], memories[k], tick, own[group], _for(group, frames))
                 now[group] = self._checked(step, memories[k], len(group))
                 memories[k] = step.memory
                 for number, broadcast in enumerate(step.broadcasts):
@@ -236,13 +235,13 @@ class _Suite:
                 if (received := self._frames(number, source, payload, self._arrives[tick])) is not None
             ]
             commands.append(now)
-            spoken.append(joined)
+            sent.append(joined)
             own = self._moved(own, now[:, :AXES], tick)
         memory = {name: np.concatenate([one[name] for one in memories]) for name in memories[0]}
         models = np.zeros((len(own), 0))
         if self._declared.parameters:
             models = np.concatenate([one.get(kept) for one, kept in zip(made, memories, strict=True)])
-        return Trial(commands, spoken, memory, models)
+        return Trial(commands, sent, memory, models)
 
     def _moved(self, own: States, acceleration: NDArray[np.float64], tick: int) -> States:
         dt = self._scenario.dt
@@ -293,9 +292,9 @@ def _read_back(memory: Memory) -> Memory:
 def _difference(one: Trial, other: Trial) -> int | None:
     """The first tick in which two trials differ."""
     for tick in range(TICKS):
-        if not same(one.commands[tick], other.commands[tick]) or len(one.spoken[tick]) != len(other.spoken[tick]):
+        if not same(one.commands[tick], other.commands[tick]) or len(one.sent[tick]) != len(other.sent[tick]):
             return tick
-        for (source, payload), (also, its) in zip(one.spoken[tick], other.spoken[tick], strict=True):
+        for (source, payload), (also, its) in zip(one.sent[tick], other.sent[tick], strict=True):
             if not same(source, also) or not same(payload, its):
                 return tick
     return TICKS if alike(one.memory, other.memory) or not same(one.models, other.models) else None
