@@ -76,7 +76,7 @@ several UAVs in one process are so much cheaper than as many processes.
 
 - Zenoh's `lowlatency` transport: faster, but messages from 50 kB on vanish, and a put to a frozen subscriber blocks.
 - Zenoh's shared memory: it dropped messages silently and left segments behind.
-- Smaller queues of Zenoh, one queue for all priorities, no batching; fewer arenas of `malloc`, trimming its heap: nothing.
+- Smaller queues of Zenoh, one for all priorities, no batching; fewer arenas of `malloc`, trimming its heap: nothing.
 - Zenoh's callbacks without a thread between: a tenth more CPU.
 - Agents pinned to cores; kernel tables shared between agents: nothing.
 - Asking for the next tick before the last one is reported: nothing, since both cores are busy anyway.
