@@ -15,6 +15,7 @@ import pytest
 
 import meanflock as mf
 from meanflock.groundstation.cli import cli, main
+from meanflock.swarm import __version__
 from meanflock.testing import check_controller
 
 ROOT = Path(__file__).parents[1]
@@ -120,6 +121,10 @@ def test_pages_speak_in_words_of_the_field(page: Path) -> None:
     if page.name == "performance.md":
         return  # names of parts come from the record of the benchmarks
     assert not re.findall(PRIVATE, page.read_text(encoding="utf-8"), flags=re.I)
+
+
+def test_the_citation_is_of_this_version() -> None:
+    assert f"\nversion: {__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
 
 
 def test_the_controller_on_the_first_page_conforms() -> None:
