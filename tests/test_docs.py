@@ -15,13 +15,20 @@ import pytest
 
 import meanflock as mf
 from meanflock.groundstation.cli import cli, main
-from meanflock.swarm import __version__
+from meanflock.swarm import __version__, plugins
 from meanflock.testing import check_controller
 
 ROOT = Path(__file__).parents[1]
 CLI = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
 EXECUTED = ["first-flight", "your-controller", "your-aggregation"]  # whole, each in a folder of its own
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+@pytest.fixture(autouse=True)
+def _no_plugin_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A command that names a file registers what is in it, here and for every process started later."""
+    monkeypatch.setattr(plugins, "_files", dict(plugins._files))
+    monkeypatch.setenv(plugins.FILES, "")
 
 
 def commands(text: str) -> list[str]:
