@@ -28,21 +28,23 @@ def commands(text: str) -> list[str]:
 
 
 def run_of_page(page: Path, folder: Path) -> tuple[str, str]:
-    """Does what a page says, in a folder: writes its files, types its commands, and runs its Python as one script.
+    """Does what a page says, in a folder: files are written, commands typed, and then its Python is run as one script.
 
     A block of Python that begins with a comment `# NAME.py` is a file. Returns what the script printed, and what the
-    comments behind its calls of `print` say it does.
+    comments behind its calls of `print` and the blocks of text say it does.
     """
     env = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     script, expected = "", []
     for language, code in re.findall(
-        r"^```(python|sh)\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.M | re.S
+        r"^```(python|sh|text)\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.M | re.S
     ):
         if language == "sh":
             done = subprocess.run(
                 ["bash", "-ec", code], cwd=folder, env=env, capture_output=True, text=True, timeout=280
             )
             assert done.returncode == 0, f"{code}\n{done.stdout}\n{done.stderr}"
+        elif language == "text":
+            expected += code.splitlines()
         elif name := re.match(r"# (\w+\.py)\n\n?", code):
             (folder / name[1]).write_text(code[name.end() :], encoding="utf-8")
         else:

@@ -18,7 +18,12 @@ from meanflock.kernels import features, fpk, hjb
 from meanflock.kernels.hjb import local_cost
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.worldsim import dynamics
+from meanflock.worldsim.vehicles.point_mass import PointMass
+
+
+def moved(flown: Scenario, states: np.ndarray, command: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """One tick of the point mass."""
+    return PointMass(PointMass.Options(), flown).step(states, {}, command, noise)[0]
 
 
 def scenario(*settings: str, **options: Any) -> Scenario:
@@ -183,7 +188,7 @@ def test_cruise_speed_is_where_the_dynamics_settle_under_the_law() -> None:
     states = np.array([1e6, 0.0, 0.0, 0.0])
     for _ in range(400):
         law = -(2 * cruise.q * states[state.VX] + cruise.p) / (2 * plain.cost.c3)
-        states = dynamics.step(plain, states, np.array([law, 0.0]), np.zeros(2))
+        states = moved(plain, states, np.array([law, 0.0]), np.zeros(2))
     assert states[state.VX] == pytest.approx(cruise.speed)
 
 
@@ -213,7 +218,7 @@ def test_gaussian_follows_the_simulated_cloud() -> None:
     start_mean, start_std = np.array([5.0, -3.0, 1.0, 0.0]), np.array([1.0, 2.0, 0.5, 0.2])
     cloud = start_mean + start_std * draw.standard_normal((20000, 4))
     for _ in range(200):
-        cloud = dynamics.step(fine, cloud, -cloud @ gain.T, draw.standard_normal((20000, 2)))
+        cloud = moved(fine, cloud, -cloud @ gain.T, draw.standard_normal((20000, 2)))
 
     def moments(_: float, y: np.ndarray) -> np.ndarray:
         covariance = y[4:].reshape(4, 4)
@@ -272,7 +277,7 @@ def test_best_flight_obeys_the_worlds_dynamics_and_costs_what_it_says() -> None:
     best = optimum.best_flight(plain, START, 400)
     states = [START]
     for command in best.accelerations:
-        states.append(dynamics.step(plain, states[-1], command, np.zeros(2)))
+        states.append(moved(plain, states[-1], command, np.zeros(2)))
     assert np.array(states) == pytest.approx(best.states, abs=1e-9)
     assert float(optimum.flight_cost(plain, np.array(states), best.accelerations)) == pytest.approx(best.cost)
 
@@ -284,7 +289,7 @@ def test_no_disturbed_flight_is_cheaper() -> None:
         smooth = size * np.cumsum(draw.standard_normal((300, 2)), axis=0) / 17
         states = [START]
         for command in best.accelerations + smooth:
-            states.append(dynamics.step(plain, states[-1], command, np.zeros(2)))
+            states.append(moved(plain, states[-1], command, np.zeros(2)))
         assert optimum.flight_cost(plain, np.array(states), best.accelerations + smooth) > best.cost
 
 

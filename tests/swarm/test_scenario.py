@@ -316,7 +316,7 @@ def test_payloads_left_out_are_the_radio_s_floats_written_out_and_leave_no_trace
     federation = left_out.resolved().federation
     assert (federation.payload, federation.broadcast_payload) == (f"float{bits}", f"float{bits}")
     table = msgspec.to_builtins(left_out.resolved())  # as the first version wrote it
-    for later in scenario._LATER:
+    for later in scenario.LATER:
         part, _, key = later.rpartition(".")
         del (table[part] if part else table)[key]
     first = hashlib.sha256(msgspec.json.encode(table, order="sorted")).hexdigest()
