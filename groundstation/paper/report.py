@@ -16,7 +16,7 @@ from meanflock.groundstation.paper import statistics, verdict
 from meanflock.groundstation.paper.figures import FIGURES
 from meanflock.groundstation.paper.outcome import show
 from meanflock.groundstation.paper.sensitivity import Share, shares
-from meanflock.groundstation.paper.store import Results
+from meanflock.groundstation.paper.tables import Results
 from meanflock.groundstation.paper.view import View
 
 VERDICTS = (verdict.REPRODUCED, verdict.NOT_REPRODUCED, verdict.UNDECIDED, verdict.NOT_TESTABLE)

@@ -13,9 +13,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from meanflock.groundstation import columns, dictionary, inbound, recording_events
-from meanflock.groundstation.results import EVENTS, SUMMARY, TIMESERIES, RunFolder
+from meanflock.groundstation.results import EVENTS, SUMMARY, RunFolder
 from meanflock.groundstation.run import Options, fly
 from meanflock.groundstation.series import diagnostics_in
+from meanflock.groundstation.timeseries_file import TIMESERIES
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.scenario import load
