@@ -95,7 +95,7 @@ class Agent:
         refused: list[int] = []
         if self._federated and (number := self._rounds.opens(tick)):
             outbox += self._uploads(number, asleep)
-        if self._relays and self._rounds.relays(tick):
+        if averages := self._relays and self._rounds.relays(tick) > 0:
             silent = self._failed if asleep is None else self._failed | asleep
             relays, refused = self._heads.relay(tick, self.uavs[controller.or_broken(silent)])
             outbox += relays
@@ -122,7 +122,7 @@ class Agent:
             tick,
             commands,
             self._names[self._failed],
-            np.union1d(np.array(refused, np.int32), step.refused),
+            np.array(refused, np.int32) if averages else np.union1d(NOBODY, step.refused),  # uploads, or else states
             learned,
             self._kept() if sense.checkpoint else b"",
             tuple(outbox),

@@ -89,9 +89,9 @@ def _swarm() -> tuple[float, list[tuple[float, float]]]:
     with Children("weigh") as children:
         start = time.perf_counter()
         flags = ("--set", "stop=duration", "--set", "duration=3600", "--set", f"uavs={AGENTS}")
-        world = children.start("worldsim", "--stations", "1", *flags)
-        children.start("leader")
-        agents = children.start("agent", "--count", str(AGENTS))  # as `meanflock run` starts them
+        world = children.start("meanflock.worldsim", "--stations", "1", *flags)
+        children.start("meanflock.leader")
+        agents = children.start("meanflock.agent", "--count", str(AGENTS))  # as `meanflock run` starts them
         bus = connected(children)
         try:
             bus.subscribe(keys.sense(children.run, "*"))
@@ -155,7 +155,7 @@ def _join_agent() -> float:
         bus = ZenohBus.router(children.endpoint)
         try:
             world = World(scenario.load(None, method="mfg", uavs=1), bus, children.run)
-            seconds = _seconds(lambda: (children.start("agent"), world.gather(_DEADLINE_S)))
+            seconds = _seconds(lambda: (children.start("meanflock.agent"), world.gather(_DEADLINE_S)))
             world.stop("weighed")
             children.wait(2.0)
         finally:

@@ -8,7 +8,6 @@ from benchmarks import sizes
 from benchmarks.figure import Effort, Figure, Outcome, Say
 from benchmarks.lockstep_floor import FloorWorld
 from benchmarks.processes import Children
-from meanflock.groundstation.paper.methods import Method
 from meanflock.swarm import scenario
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.wire.messages import FrameKind
@@ -26,7 +25,7 @@ PERIOD = 25
 ROUND_TICKS = 3
 TARGET_MS = 10.0
 CHUNK = 2 * PERIOD  # a round at PERIOD and one at 2 PERIOD, which is also a tick of reports and is left out
-_HF = Method.MFGFL_HF
+_HF = "mfgfl-hf"
 
 
 def run(effort: Effort, say: Say) -> Outcome:
@@ -44,8 +43,8 @@ def run(effort: Effort, say: Say) -> Outcome:
         bare = FloorWorld(floor.endpoint, floor.run, [*names, "leader"])
         try:
             world = World(flown, bus, swarm.run)
-            swarm.start("leader")
-            swarm.start("agent", "--count", str(UAVS))
+            swarm.start("meanflock.leader")
+            swarm.start("meanflock.agent", "--count", str(UAVS))
             floor.start("benchmarks.lockstep_floor", "--count", str(UAVS))
             floor.start("benchmarks.lockstep_floor", "--node", "leader")
             world.gather(60.0)

@@ -11,9 +11,10 @@ from meanflock import kernels
 from meanflock.agent.learner import Learner
 from meanflock.agent.tables import tables
 from meanflock.groundstation.engine import Engine
+from meanflock.kernels import reference
+from meanflock.kernels.weights import NUMBERS
 from meanflock.swarm import scenario, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.wire.messages import OUTCOME_FLOATS
 from meanflock.worldsim.formation import initial_states
 
 TITLE = "The swarm in one process"
@@ -38,11 +39,11 @@ def learner_step(method: str, uavs: int, backend: ModuleType = kernels) -> Calla
     """One step of the learner on so many rows, from the same weights every time."""
     flown: Scenario = scenario.load(None, method=method, uavs=uavs)
     plan = initial_states(flown)
-    weights, of = Learner(flown).init(uavs, plan), backend.prepare(tables(flown))
+    weights, of = Learner(flown, learns_density=method != "hjb").init(uavs, plan), backend.prepare(tables(flown))
     states = plan.copy()
     states[:, state.VELOCITY] = np.array(flown.wind.mean)
-    known = None if flown.method.learns_density else np.repeat(plan[None], uavs, axis=0)
-    stepped, numbers = np.empty_like(weights), np.empty((uavs, OUTCOME_FLOATS))
+    known = np.repeat(plan[None], uavs, axis=0) if method == "hjb" else None
+    stepped, numbers = np.empty_like(weights), np.empty((uavs, NUMBERS))
     return lambda: backend.learn(of, states, weights, known, stepped, numbers)
 
 
@@ -51,7 +52,7 @@ def run(effort: Effort, say: Say) -> Outcome:
     say("take-off")
     flights = {method: flight(method, UAVS).fly() for method in ("mfgfl-hf", "hjb")}
     steps = {method: learner_step(method, UAVS) for method in flights}
-    in_numpy = learner_step("mfgfl-hf", UAVS, kernels.reference)
+    in_numpy = learner_step("mfgfl-hf", UAVS, reference)
     bare, calls = learner_operations(UAVS), learner_operations(1)
     for ticks in flights.values():
         per_tick_ms(ticks, CHUNK)

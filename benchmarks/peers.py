@@ -16,9 +16,9 @@ from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_m
 from benchmarks.in_process import flight, learner_step
 from benchmarks.peer.environment import Environment
 from meanflock.groundstation.engine import Engine
+from meanflock.kernels.weights import MODEL_FLOATS
 from meanflock.swarm import scenario
 from meanflock.swarm.mean import fedavg
-from meanflock.swarm.model import MODEL_FLOATS
 
 TITLE = "Peers"
 ABOUT = (
@@ -54,7 +54,7 @@ def _tick(method: str, uavs: int) -> Measure:
 
 def _fedavg(models: int) -> Measure:
     draw = np.random.default_rng(1)
-    return partial(per_call_ms, partial(fedavg, {uav: draw.random(MODEL_FLOATS) for uav in range(models)}))
+    return partial(per_call_ms, partial(fedavg, draw.random((models, MODEL_FLOATS))))
 
 
 def _round(uavs: int) -> Measure:

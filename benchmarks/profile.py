@@ -21,7 +21,7 @@ from meanflock.swarm.net import keys
 from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.process import orphaned
-from meanflock.swarm.wire.messages import Join
+from meanflock.swarm.wire.messages import Act, Join, Sense
 
 TITLE = "Where a tick goes"
 ABOUT = (
@@ -33,21 +33,21 @@ UAVS = 25
 Part = tuple[str, str]  # "module:name" or "module:Class.name", label
 
 LEARNER: list[Part] = [
-    ("kernels:learn", "the learners' kernel"),
+    ("meanflock.kernels:learn", "the learners' kernel"),
     ("meanflock.agent.learner:Learner.step", "learner, the rest"),
     ("meanflock.agent.node:Agent.act", "agent: inbox, outbox, checks"),
     ("meanflock.swarm.net.client:NodeClient.handle", "agent: protocol"),
 ]
 CODEC: list[Part] = [
-    (f"meanflock.swarm.wire.control:{name}", "codec") for name in ("encode", "decode", "encode_frames")
+    (f"meanflock.swarm.wire.tick:{name}", "codec") for name in ("read_sense", "read_act", "write_sense", "write_act")
 ]
 WORLD: list[Part] = [
     ("meanflock.worldsim.node:World._tick", "world, the rest of the tick"),
     ("meanflock.worldsim.node:World._ask", "address and fill inboxes"),
     ("meanflock.worldsim.barrier:Barrier.ask", "address and fill inboxes"),
     ("meanflock.worldsim.waiting:Waiting.for_answers", "barrier, the loop"),
-    ("meanflock.worldsim.admission:Door.handle", "take in answers: dispatch"),
-    ("meanflock.worldsim.inbound:check", "take in answers: all others"),
+    ("meanflock.worldsim.admission:Admission.handle", "take in replies"),
+    ("meanflock.worldsim.inbound:Replies.read", "read and check answers"),
     ("meanflock.worldsim.node:World._collect", "collect commands and frames"),
     ("meanflock.worldsim.node:World._play", "fault script"),
     ("meanflock.worldsim.node:World._keep", "checkpoints"),
@@ -59,7 +59,7 @@ WORLD: list[Part] = [
     ("meanflock.groundstation.station:Station.handle", "telemetry"),
     ("meanflock.channel.medium:Medium.send", "channel"),
     ("meanflock.channel.medium:Medium.due", "channel"),
-    ("meanflock.worldsim.flight:Flight.advance", "flight: wind, hash, books"),
+    ("meanflock.worldsim.flight:Flight.advance", "flight: wind, hash, records"),
     ("meanflock.worldsim.physics:Physics.__call__", "flight: motion, energy"),
     ("meanflock.worldsim.flight:pairs", "flight: metrics of all pairs"),
 ]
@@ -226,8 +226,9 @@ class _Weighed(Agent):
     stopwatch: Stopwatch
     first, last, report = 20, 0, Path()
 
-    def reflex(self, raw: bytes, tick: int) -> bytes | None:
-        """As any agent, which is asked for its reflex in every tick; at the last it writes what it found."""
+    def act(self, sense: Sense) -> Act:
+        """As any agent; at the last tick it writes what it found."""
+        tick = sense.tick
         if tick == self.first:
             self.stopwatch.clear()
             self._before = _used()
@@ -242,7 +243,7 @@ class _Weighed(Agent):
             absent = self.stopwatch.absent
             found = {"cpu_us": total, "switches": switches / ticks, "parts": rows, "absent": absent}
             self.report.write_text(json.dumps(found), encoding="utf-8")
-        return super().reflex(raw, tick)
+        return super().act(sense)
 
 
 def _used() -> tuple[int, int, int]:

@@ -106,10 +106,10 @@ def _networked(effort: Effort, say: Say) -> list[float]:
         try:
             buses[0].announce(keys.alive(watched.run, "world", "world"))
             worlds = World(flown, buses[0], watched.run, stations=1), World(flown, buses[1], alone.run)
-            watched.start("groundstation", "--out", str(watched.folder / "runs"), "--rerun", "")
+            watched.start("meanflock.groundstation", "--out", str(watched.folder / "runs"), "--rerun", "")
             for children, world in zip((watched, alone), worlds, strict=True):
-                children.start("leader")
-                children.start("agent", "--count", str(UAVS))
+                children.start("meanflock.leader")
+                children.start("meanflock.agent", "--count", str(UAVS))
                 world.gather(60.0)
             flights = [world.fly() for world in worlds]
             for repeat in range(effort.of(9, 2) + 1):

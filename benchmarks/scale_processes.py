@@ -72,8 +72,8 @@ def _swarm(agents: int, ticks: int) -> tuple[list[float], float, float]:
         world = children.start(
             "worldsim", "--stations", "1", "--set", "stop=duration", "--set", "duration=1e5", "--set", f"uavs={agents}"
         )
-        children.start("leader")
-        forked = children.start("agent", "--count", str(agents))
+        children.start("meanflock.leader")
+        forked = children.start("meanflock.agent", "--count", str(agents))
         bus = connected(children)
         try:
             watch = Stopwatch()

@@ -17,10 +17,9 @@ from scipy.optimize import nnls
 from benchmarks import sizes, store
 from benchmarks.machine import BUSY_LOAD, ROOT
 from meanflock.channel.link import slots_needed
-from meanflock.groundstation.paper.methods import Method
-from meanflock.swarm import model, scenario, state
+from meanflock.kernels.weights import MODEL_FLOATS
+from meanflock.swarm import scenario, state
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import DIAGNOSTICS
 
 Floats = NDArray[np.float64]
 
@@ -81,17 +80,17 @@ def samples_of(record: dict[str, Any]) -> Floats:
 def sizes_table(record: dict[str, Any]) -> list[str]:
     """Bytes of one UAV."""
     f4, f8 = 4, 8
-    row = f8 * state.SIZE + f4 * state.AXES + f4 * len(DIAGNOSTICS) + 1 + f4
+    row = f8 * state.SIZE + f4 * state.AXES + f4 * len(sizes.declared("mfgfl-hf").diagnostics) + 1 + f4
     pss = [figure for figure in record["races"]["scale_processes"]["figures"] if figure["name"].startswith("PSS of")]
     each = [figure["median"] / int(figure["name"].split()[2]) for figure in pss]
-    upload = sizes.of(sizes.act((sizes.upload(Method.MFGFL_HF),))) - sizes.of(sizes.act())
+    upload = sizes.of(sizes.act((sizes.upload("mfgfl-hf"),))) - sizes.of(sizes.act())
     return [
         "| one UAV | bytes |",
         "|---|---:|",
         f"| asked and answered, a tick, a process each | {sizes.of(sizes.sense())} + {sizes.of(sizes.act())} |",
         f"| telemetry, a tick | {row} |",
-        f"| its model, mfgfl-hf: payload, on the bus | {model.MODEL_FLOATS * f4}, {upload} |",
-        f"| its mind, in memory | {model.MODEL_FLOATS * f8} |",
+        f"| its model, mfgfl-hf: payload, on the bus | {MODEL_FLOATS * f4}, {upload} |",
+        f"| what it has learned, in memory | {MODEL_FLOATS * f8} |",
         f"| its process, shared pages counted once (PSS) | {min(each):.0f}–{max(each):.0f} MiB |",
     ]
 
@@ -99,7 +98,7 @@ def sizes_table(record: dict[str, Any]) -> list[str]:
 def future_table(fitted: Fit) -> list[str]:
     """What 10⁴ and 10⁶ UAVs would ask of today's design."""
     flown = scenario.load(None)
-    radio, hf_floats = flown.radio, model.shared_floats(Method.MFGFL_HF)
+    radio, hf_floats = flown.radio, sizes.declared("mfgfl-hf").parameters
     bits = hf_floats * radio.bits_per_float
     slots = slots_needed(radio, bits)
     spectrum = 100e6

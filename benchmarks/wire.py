@@ -4,10 +4,11 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+import msgpack
+
 from benchmarks import sizes
 from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms
-from meanflock.groundstation.paper.methods import Method
-from meanflock.swarm.wire import control
+from meanflock.swarm.wire import tick
 from meanflock.swarm.wire.messages import Act, Frames, Sense
 
 TITLE = "Bytes and codec"
@@ -22,7 +23,7 @@ PAYLOAD_TARGET = 1.10
 def run(effort: Effort, say: Say) -> Outcome:
     """Sizes for H, F and HF, then times."""
     outcome = Outcome()
-    for method in (Method.MFGFL_H, Method.MFGFL_F, Method.MFGFL_HF):
+    for method in ("mfgfl-h", "mfgfl-f", "mfgfl-hf"):
         frames = sizes.upload(method)
         wire = sizes.of(sizes.act((frames,))) - sizes.of(sizes.act())
         payload = Figure(f"payload of an upload, {method}", "B", [float(frames.payload.nbytes)], "neither")
@@ -31,7 +32,7 @@ def run(effort: Effort, say: Say) -> Outcome:
     messages: dict[str, Sense | Act] = {
         "Sense": sizes.sense(),
         "Act": sizes.act(),
-        "Act with a model": sizes.act((sizes.upload(Method.MFGFL_HF),)),
+        "Act with a model": sizes.act((sizes.upload("mfgfl-hf"),)),
     }
     for name, message in messages.items():
         say(name)
@@ -41,21 +42,16 @@ def run(effort: Effort, say: Say) -> Outcome:
 
 def _times(name: str, message: Sense | Act, effort: Effort) -> list[Figure]:
     count, repeats = effort.of(2000, 200), effort.of(15, 5)
-    raw = control.encode(message)
+    write: Callable[[Any], bytes] = tick.write_sense if isinstance(message, Sense) else tick.write_act
+    read: Callable[[bytes], Any] = tick.read_sense if isinstance(message, Sense) else tick.read_act
+    raw, plain = write(message), _plain(message)
     work: dict[str, Callable[[], Any]] = {
-        "encode": partial(control.encode, message),
-        "decode": partial(control.decode, raw),
+        "encode": partial(write, message),
+        "decode": partial(read, raw),
+        "pack": partial(msgpack.packb, plain),
+        "unpack": partial(msgpack.unpackb, msgpack.packb(plain)),
     }
-    try:
-        import msgpack
-    except ImportError:
-        msgpack = None
-    else:
-        packed = msgpack.packb(_plain(message))
-        work |= {"pack": partial(msgpack.packb, _plain(message)), "unpack": partial(msgpack.unpackb, packed)}
     us = in_turns(repeats, {key: lambda call=call: 1e3 * per_call_ms(call, count) for key, call in work.items()})
-    if msgpack is None:
-        return [Figure(f"{key}, {name}", "µs", us[key]) for key in ("encode", "decode")]
     pack, unpack = (Figure(f"msgpack {key}, {name}", "µs", us[key]) for key in ("pack", "unpack"))
     encode = Figure(f"encode, {name}", "µs", us["encode"], floor=pack)
     return [encode, pack, Figure(f"decode, {name}", "µs", us["decode"], floor=unpack), unpack]

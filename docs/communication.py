@@ -11,13 +11,15 @@ from msgspec import structs
 from meanflock.agent.feedback import Feedback
 from meanflock.channel.link import slots_needed
 from meanflock.groundstation.engine import Engine
-from meanflock.swarm import model, scenario
+from meanflock.swarm import scenario
+from meanflock.swarm.declared import controller
 from meanflock.swarm.mean import fedavg
 from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.wire import control, payload
-from meanflock.swarm.wire.messages import OUTCOME_FLOATS, Act, FrameKind, Frames
+from meanflock.swarm.wire import payload
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from meanflock.swarm.wire.payload import Coding
+from meanflock.swarm.wire.tick import write_act
 
 PAGE = Path(__file__).with_suffix(".md")
 METHODS = ("mfgfl-hf", "mfgfl-h", "mfgfl-f")
@@ -77,8 +79,8 @@ def transmissions() -> list[str]:
             coding = payload.upload(of)
             coded = coding.encode(np.full((1, coding.floats), 1.5))
             sent = Frames(FrameKind.UPLOAD, 5, np.zeros(1, np.int32), coded)
-            bare = Act(2**32, 1000, np.ones((1, OUTCOME_FLOATS)))
-            wire = len(control.encode(structs.replace(bare, outbox=(sent,)))) - len(control.encode(bare))
+            bare = Act(2**31, 1000, np.ones((1, 2 + len(of.declared.diagnostics))))
+            wire = len(write_act(structs.replace(bare, outbox=(sent,)))) - len(write_act(bare))
             slots = slots_needed(of.radio, coding.bits)
             lines.append(f"| `{method}` | {name} | {coding.bits:,} | {slots} | {wire / coded.nbytes:.3f} |")
     return lines
@@ -122,14 +124,17 @@ def rounding(seeds: range) -> list[str]:
         heard = [uploads(scenario.load(None, (*CLEAR, f"seed={seed}"), method=method)) for seed in seeds]
         for name in ("float16", "int8"):
             for kept in (False, True):
-                off = np.mean([distances(of, Coding(name, of.method), kept, rounds) for rounds in heard], axis=0)  # type: ignore[arg-type]
+                off = np.mean(
+                    [distances(of, Coding(name, of.declared.parts), kept, rounds) for rounds in heard], axis=0
+                )  # type: ignore[arg-type]
                 lines.append(f"| `{method}` | {name} | {'yes' if kept else 'no'} | {off[0]:.1e} | {off[1]:.1e} |")
     return lines
 
 
 def uploads(flown: Scenario) -> list[Frames]:
     """Every round's uploads of one flight: the participants' models as they are when it opens, in double precision."""
-    rounds, shared, sent = Rounds(flown), model.shared(flown.method), []
+    rounds, sent = Rounds(flown), []
+    shared = controller(flown).shared  # of the weights, what the method shares
 
     def look(engine: Engine) -> None:
         flight = engine.world.flight
@@ -147,10 +152,7 @@ def distances(flown: Scenario, coding: Coding, kept: bool, rounds: list[Frames])
     off, meant = [], []
     for batch in rounds:
         rows = batch.source.astype(np.intp)
-        means = [
-            fedavg(dict(zip(rows.tolist(), models, strict=True)))
-            for models in (coding.decode(feedback.encode(rows, batch.payload)), batch.payload)
-        ]
+        means = [fedavg(models) for models in (coding.decode(feedback.encode(rows, batch.payload)), batch.payload)]
         off.append(means[0] - means[1])
         meant.append(means[1])
     norm = np.linalg.norm

@@ -5,18 +5,15 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from meanflock.agent.controllers.base import Broadcast, Controller, Options, Step
+import meanflock as mf
 
 
-class Spring(Controller):
+class Spring(mf.Controller):
     name = "spring"
 
-    class Options(Options, frozen=True):
+    class Options(mf.Options, frozen=True):
         stiffness: Annotated[float, Meta(gt=0, description="pull, 1/s²")] = 0.02
         damping: Annotated[float, Meta(gt=0, description="1/s")] = 0.3
-
-    def init(self, uavs, plan):
-        return {}
 
     def step(self, memory, tick, own, received):
         acceleration = -self.options.stiffness * own[:, :2] - self.options.damping * own[:, 2:]
@@ -24,4 +21,4 @@ class Spring(Controller):
             sent, row = frames.links.T
             apart = own[row, :2] - frames.payload[sent, :2]
             np.add.at(acceleration, row, apart / (1.0 + (apart**2).sum(axis=1, keepdims=True)) ** 2)
-        return Step(memory, acceleration, broadcasts=[Broadcast(own)])
+        return mf.Step(memory, acceleration, broadcasts=[mf.Broadcast(own)])

@@ -1,17 +1,16 @@
-"""Verbs that look at a run: view, picture."""
+"""Commands that look at a run: view, picture, plot."""
 
 from pathlib import Path
 
 import click
 
-from meanflock.groundstation.cli import cli
 from meanflock.groundstation.results import RECORDING, alone, completed
 from meanflock.swarm.errors import BadInput
 
 _run = click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
 
 
-@cli.command()
+@click.command()
 @_run
 @click.option("--web", is_flag=True, help="For a browser, at the address it prints; needs no display.")
 def view(folder: Path, web: bool) -> None:
@@ -38,7 +37,7 @@ def view(folder: Path, web: bool) -> None:
     viewer.attend(shown)
 
 
-@cli.command()
+@click.command()
 @_run
 @click.option("--at", "at_s", type=float, metavar="SECONDS", help="Of the flight.  [default: its end]")
 @click.option("-o", "--output", "png", required=True, type=click.Path(path_type=Path), metavar="FILE.png")
@@ -60,6 +59,26 @@ def picture(folder: Path, at_s: float | None, png: Path, size: str) -> None:
     _complete(folder, path)
     screenshot(path, png, at_s, wanted)
     click.echo(str(png))
+
+
+@click.command()
+@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+def plot(folder: Path) -> None:
+    """Plot a finished run's paths and curves.
+
+    As PNG and SVG, in RUN/plots.
+
+    \b
+    Example: meanflock plot runs/20261121-101500-mfgfl-hf-s7
+    """
+    from meanflock.groundstation import plots
+
+    if not folder.is_dir():
+        raise BadInput(f"{folder}: no such run; name the folder of one")
+    with alone(folder):
+        completed(folder)
+    for path in plots.write(plots.plot_run(folder), folder / "plots"):
+        click.echo(str(path))
 
 
 def _recording(folder: Path) -> Path:

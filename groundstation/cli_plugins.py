@@ -1,16 +1,16 @@
-"""The verb that lists what is installed: plugins."""
+"""The command that lists what is installed: plugins."""
 
 import json
 import shutil
 
 import click
 
-from meanflock.groundstation.cli import cli, scenario_arguments
+from meanflock.groundstation.cli_arguments import scenario_arguments
 
 _NARROW, _WIDE = 80, 110  # columns
 
 
-@cli.command("plugins")
+@click.command("plugins")
 @scenario_arguments("plugin")
 @click.option("--json", "as_json", is_flag=True, help="As one JSON array.")
 def plugins_command(as_json: bool) -> None:

@@ -1,4 +1,4 @@
-"""Verbs that fly many times: compare, sweep, plot, paper."""
+"""Commands that fly many times: compare, sweep, paper."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from meanflock.groundstation.cli import cli, scenario_arguments
+from meanflock.groundstation.cli_arguments import scenario_arguments
 from meanflock.groundstation.doctor import tell_if_slow
 from meanflock.groundstation.durable import check_folder
 from meanflock.swarm import scenario
@@ -69,7 +69,7 @@ def _report(paths: list[Path]) -> None:
         click.echo(str(path))
 
 
-@cli.command()
+@click.command()
 @click.argument("methods", nargs=-1, required=True, metavar="METHOD…")
 @click.option("--scenario", "file", type=click.Path(path_type=Path), metavar="SCENARIO.toml")
 @scenario_arguments("uavs", "seed", "duration", "settings", "plugin")
@@ -98,7 +98,7 @@ def compare(
     _report(plots.write({"compare": plots.plot_compare({method: runs for (method,), runs in flown.items()})}, out))
 
 
-@cli.command()
+@click.command()
 @click.argument("swept", metavar="KEY=V1,V2,…")
 @click.option("--methods", metavar="M1,M2,…", help="[default: the scenario's]")
 @click.option("--scenario", "file", type=click.Path(path_type=Path), metavar="SCENARIO.toml")
@@ -192,27 +192,7 @@ def _show(
     _report([out / "runs.jsonl", means.write_csv(out / f"{what}.csv")])
 
 
-@cli.command()
-@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
-def plot(folder: Path) -> None:
-    """Plot a finished run's paths and curves.
-
-    As PNG and SVG, in RUN/plots.
-
-    \b
-    Example: meanflock plot runs/20261121-101500-mfgfl-hf-s7
-    """
-    from meanflock.groundstation import plots
-    from meanflock.groundstation.results import alone, completed
-
-    if not folder.is_dir():
-        raise BadInput(f"{folder}: no such run; name the folder of one")
-    with alone(folder):
-        completed(folder)
-    _report(plots.write(plots.plot_run(folder), folder / "plots"))
-
-
-@cli.command()
+@click.command()
 @click.option(
     "--seeds", type=click.IntRange(1), default=30, show_default=True, metavar="K", help="A point; 2: a quick look."
 )

@@ -58,7 +58,7 @@ def fly_all(
     progress(done, total)
     try:
         parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
-        for raw in parallel(delayed(_fly)(flown, os.getpid()) for flown in missing):
+        for raw in parallel(delayed(_fly)(flown, os.getpid(), plugins.files()) for flown in missing):
             store.add(raw)
             runs = decode(raw)
             finished |= {run.key: run.scalars for run in runs}
@@ -76,14 +76,21 @@ def _kept(done: int, total: int, store: Store) -> str:
 
 
 def key_of(flown: Scenario) -> str:
-    """The name of a run in the store, where the paper's grid may keep its own."""
-    return f"study:{flown.sha256()}"
+    """The name of a run in the store, where the paper's grid may keep its own; another if a plug-in's code changed."""
+    own = (plugins.find(door, name) for door, name, _ in flown.plugins())
+    return ":".join(["study", flown.sha256(), *(_contents(plugin) for plugin in own if plugins.is_file(plugin))])
 
 
-def _fly(flown: Scenario, parent: int) -> bytes:
-    """Flies one run; the content of its file."""
+def _contents(plugin: plugins.Plugin) -> str:
+    if plugin.source != plugins.HERE:
+        return plugin.fingerprint
+    return f"{os.getpid()} {id(plugins.load(plugin.door, plugin.name))}"  # a class of this process
+
+
+def _fly(flown: Scenario, parent: int, files: Sequence[tuple[str, str]]) -> bytes:
+    """Flies one run; the content of its file. files: the plug-ins of `parent`, for a process of an earlier call."""
     if os.getpid() != parent:
-        plugins.load_of_environment()
+        plugins.hold(files)
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the parent decides
     summary = Engine(flown, f"{flown.method}-s{flown.seed}").complete()

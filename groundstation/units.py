@@ -33,6 +33,7 @@ UNITS = {
     "radio.latency_threshold_slots": "slots",
     "radio.bits_per_float": "bit",
     "radio.range_m": "m",
+    "radio.plausible_speed": "m/s",
     "vehicle.blade_power": "W",
     "vehicle.induced_power": "W",
     "vehicle.parasite_drag": "W s³/m³",
@@ -40,6 +41,7 @@ UNITS = {
     "vehicle.induced_velocity": "m/s",
     "metrics.collision_radius": "m",
     "metrics.hazard_radius": "m",
+    "pace.slow_s": "s",
 }
 
 

@@ -1,3 +1,3 @@
-"""What every process of the swarm agreed on beforehand: state layout, scenario, messages, bus. No physics, no learning."""
+"""What every process of the swarm has in common: states, scenario, messages, bus. No physics, no learning."""
 
 __version__ = "0.1.0"

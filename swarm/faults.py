@@ -79,7 +79,7 @@ class Kill(_OfSome, frozen=True, kw_only=True, tag="kill"):
 
 
 class Pause(_OfSome, frozen=True, kw_only=True, tag="pause"):
-    """UAVs hold their last command, hear nothing, say nothing and learn nothing, as a frozen computer would."""
+    """UAVs hold their last command, receive, send and learn nothing, as a frozen computer would."""
 
     duration_s: Duration
 

@@ -1,7 +1,7 @@
 """BLAS is held to one thread: every matrix here is small, and twenty-five agents share the cores.
 
-Imported first by what starts a process of ours, before NumPy, and by nothing else: whoever flies from Python decides this
-for himself. No result depends on it.
+Imported by what starts a process of ours, before NumPy, and by nothing else: whoever flies from Python decides this
+themselves. No result depends on it.
 """
 
 import os

@@ -33,6 +33,7 @@ NEEDED: dict[Door, tuple[str, ...]] = {  # what a class must have; the rest has 
     "channel": ("transmit",),
     "vehicle": ("step", "power"),
 }
+HERE = "this process"  # the source of a class that is in no file
 FILES = "MEANFLOCK_PLUGINS"  # a variable: the files a process registers when it starts, as PATH separates them
 
 
@@ -183,8 +184,8 @@ def register(made: type) -> Plugin:
         raise BadInput(
             f"{door} {name!r} is installed already, of {_packaged()[door, name][0].source}; give yours another name"
         )
-    plugin = Plugin(door, name, "this process", made.__qualname__, "this process")
-    _files[door, name] = plugin, _checked(door, name, made, "this process")
+    plugin = Plugin(door, name, HERE, made.__qualname__, HERE)
+    _files[door, name] = plugin, _checked(door, name, made, HERE)
     return plugin
 
 
@@ -210,6 +211,23 @@ def load_files(paths: Iterable[Path | str]) -> None:
     if given:
         before = [part for part in os.environ.get(FILES, "").split(os.pathsep) if part]
         os.environ[FILES] = os.pathsep.join(dict.fromkeys([*before, *map(str, given)]))
+
+
+def files() -> tuple[tuple[str, str], ...]:
+    """Path and fingerprint of every file that is registered here, for a process that works for this one."""
+    return tuple({plugin.source: plugin.fingerprint for plugin, _ in _files.values() if plugin.source != HERE}.items())
+
+
+def hold(wanted: Iterable[tuple[str, str]]) -> None:
+    """Registers the files another process has, those again whose contents are no longer what they were.
+
+    Raises:
+        BadInput: like `load_file`.
+    """
+    held = {(plugin.source, plugin.fingerprint) for plugin, _ in _files.values()}
+    for path, contents in wanted:
+        if (path, contents) not in held:
+            load_file(Path(path))
 
 
 def load_of_environment() -> None:

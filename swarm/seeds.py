@@ -13,6 +13,7 @@ STREAMS = (
     "participants",  # which UAVs upload in a round; every process draws the same set
     "density-fit",  # sample points of the fit of the initial density; every UAV draws the same
     "byzantine",  # which UAVs upload falsehoods, and the noise they add
+    "controller",  # for controllers that draw: by an index of their own, such as tick × N + UAV
 )
 
 

@@ -1,14 +1,18 @@
 """The documentation is executed: what it says to type works, and what can be typed is in it."""
 
 import importlib.util
+import os
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
+from types import ModuleType
 
 import click
 import pytest
 
-from meanflock.groundstation import cli_look, cli_plugins, cli_study  # noqa: F401  # they join their verbs to the group
+import meanflock as mf
 from meanflock.groundstation.cli import cli, main
 
 ROOT = Path(__file__).parents[1]
@@ -21,6 +25,35 @@ def commands(text: str) -> list[str]:
     boxes = re.findall(r"^```sh\n(.*?)^```", text, flags=re.M | re.S)
     lines = [line.split("#")[0].strip() for box in boxes for line in box.splitlines()]
     return [line.removeprefix(".venv/bin/") for line in lines if re.match(r"(\.venv/bin/)?meanflock ", line)]
+
+
+def run_of_page(page: Path, folder: Path) -> tuple[str, str]:
+    """Does what a page says, in a folder: files are written, commands typed, and then its Python is run as one script.
+
+    A block of Python that begins with a comment `# NAME.py` is a file. Returns what the script printed, and what the
+    comments behind its calls of `print` and the blocks of text say it does.
+    """
+    env = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    script, expected = "", []
+    for language, code in re.findall(
+        r"^```(python|sh|text)\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.M | re.S
+    ):
+        if language == "sh":
+            done = subprocess.run(
+                ["bash", "-ec", code], cwd=folder, env=env, capture_output=True, text=True, timeout=280
+            )
+            assert done.returncode == 0, f"{code}\n{done.stdout}\n{done.stderr}"
+        elif language == "text":
+            expected += code.splitlines()
+        elif name := re.match(r"# (\w+\.py)\n\n?", code):
+            (folder / name[1]).write_text(code[name.end() :], encoding="utf-8")
+        else:
+            script += code
+            expected += re.findall(r"^\s*print\(.*\)  # (.*)$", code, flags=re.M)
+    (folder / "page.py").write_text(script, encoding="utf-8")
+    done = subprocess.run([sys.executable, "page.py"], cwd=folder, env=env, capture_output=True, text=True, timeout=280)
+    assert done.returncode == 0, done.stderr
+    return done.stdout, "".join(f"{line}\n" for line in expected)
 
 
 def verbs(group: click.Group, prefix: str = "") -> dict[str, click.Command]:
@@ -38,6 +71,16 @@ def verbs(group: click.Group, prefix: str = "") -> dict[str, click.Command]:
 def test_every_command_of_the_reference_works(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(shlex.split(line)[1:]) == 0
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("name", ["first-flight", "your-controller", "your-aggregation"])
+def test_every_block_of_code_of_a_page_runs_and_prints_what_the_page_says(name: str, tmp_path: Path) -> None:
+    printed, expected = run_of_page(ROOT / "docs" / f"{name}.md", tmp_path)
+    assert printed == expected
+    for file in tmp_path.glob("*.py"):  # what a page grows is what lies among the examples
+        if (example := ROOT / "examples" / file.name).exists():
+            assert file.read_text(encoding="utf-8") == example.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -65,10 +108,28 @@ def test_every_link_between_pages_leads_somewhere(page: Path) -> None:
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
-def test_the_sizes_of_payloads_on_the_page_are_those_of_today() -> None:
-    spec = importlib.util.spec_from_file_location("communication", ROOT / "docs" / "communication.py")
+def script_of(page: str) -> ModuleType:
+    """The program that writes a page, imported."""
+    spec = importlib.util.spec_from_file_location(page, ROOT / "docs" / f"{page}.py")
     assert spec is not None
     assert spec.loader is not None
     script = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(script)
+    return script
+
+
+@pytest.mark.parametrize("page", ["api", "keys"])
+def test_a_reference_is_that_of_the_code(page: str) -> None:
+    script = script_of(page)
+    assert script.PAGE.read_text(encoding="utf-8") == script.page(), f"run `python docs/{page}.py`"
+
+
+def test_every_key_of_a_scenario_has_a_reason_and_every_name_of_the_python_door_an_entry() -> None:
+    keys, api = script_of("keys"), script_of("api")
+    assert set(keys.KEYS) == set(keys.keys())
+    assert {name for _, names in api.SECTIONS.values() for name in names} == set(mf.__all__)
+
+
+def test_the_sizes_of_payloads_on_the_page_are_those_of_today() -> None:
+    script = script_of("communication")
     assert "\n".join(script.transmissions()) in script.PAGE.read_text(encoding="utf-8")

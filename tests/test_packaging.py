@@ -90,7 +90,7 @@ def test_constraints_cover_every_transitive_dependency() -> None:
 
 def test_a_process_of_the_swarm_stays_small() -> None:
     base = closure(direct(PROJECT["dependencies"]))
-    assert base == {"eclipse-zenoh", "msgspec", "numpy"}
+    assert base == {"eclipse-zenoh", "msgpack", "msgspec", "numpy"}
     world = closure(direct(PROJECT["dependencies"], EXTRAS["world"]))
     assert world == base | {"prometheus-client", "scipy"}
 
@@ -131,7 +131,7 @@ def everything(path: Path) -> str:
 
 def test_the_shipped_scenarios_are_in_the_wheel_and_in_the_checkout() -> None:
     setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
-    assert "swarm*" in setuptools["packages"]["find"]["include"]  # and so swarm.scenarios
+    assert setuptools["packages"]["find"]["include"] == ["meanflock*"]  # and so meanflock.swarm.scenarios
     packed = {
         path.name
         for pattern in setuptools["package-data"]["meanflock.swarm.scenarios"]
@@ -215,12 +215,14 @@ def test_images_start_from_the_one_base_image() -> None:
 
 
 def test_every_package_enters_the_images() -> None:
-    find = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]["find"]
-    packages = {pattern.rstrip("*") for pattern in find["include"]}
+    rooms = {path.name for path in (ROOT / "meanflock").iterdir() if path.is_symlink()}
+    for room in rooms:  # a link out of the build's folder would lead nowhere
+        assert (ROOT / "meanflock" / room).readlink() == Path("..", room)
+        assert (ROOT / room / "__init__.py").is_file()
     copied = set(re.findall(r"^COPY (\w+) \1$", (ROOT / "Dockerfile").read_text(), re.MULTILINE))
     admitted = set(re.findall(r"^!(\w+)$", (ROOT / ".dockerignore").read_text(), re.MULTILINE))
-    assert copied == packages
-    assert packages <= admitted
+    assert copied == {"meanflock", *rooms}
+    assert copied <= admitted
 
 
 @pytest.fixture(scope="module")
@@ -241,7 +243,7 @@ def compose() -> dict[str, Any]:
             "--format",
             "json",
         ],
-        env={**ours, "MEANFLOCK_UAVS": "7", "MEANFLOCK_SET": "seed=3"},
+        env={**ours, "MEANFLOCK_UAVS": "7", "MEANFLOCK_SET": "seed=3", "MEANFLOCK_PLUGINS": "/plugins/spring.py"},
         capture_output=True,
         text=True,
         check=True,
@@ -255,7 +257,7 @@ MOMENTARY = {"runs", "completed"}  # services that do one thing and end
 
 def test_compose_has_the_four_rooms_as_services(compose: dict[str, Any]) -> None:
     assert {name: service["command"] for name, service in compose.items() if name not in MOMENTARY} == {
-        room: [room] for room in ("worldsim", "leader", "agent", "groundstation")
+        room: [f"meanflock.{room}"] for room in ("worldsim", "leader", "agent", "groundstation")
     }
     assert compose.keys() >= MOMENTARY
     for service in compose.values():
@@ -268,6 +270,13 @@ def test_compose_gives_one_number_to_agents_and_world(compose: dict[str, Any]) -
     assert compose["worldsim"]["environment"]["MEANFLOCK_SET"] == "uavs=7 seed=3"
     rooms = [service for name, service in compose.items() if name not in MOMENTARY]
     assert len({service["environment"]["MEANFLOCK_RUN"] for service in rooms}) == 1
+
+
+def test_compose_gives_all_rooms_the_plug_ins(compose: dict[str, Any]) -> None:
+    for room in compose.keys() - MOMENTARY:
+        assert compose[room]["environment"]["MEANFLOCK_PLUGINS"] == "/plugins/spring.py"
+        (mounted,) = (volume for volume in compose[room]["volumes"] if volume["target"] == "/plugins")
+        assert (mounted["source"], mounted["read_only"]) == (str(ROOT / "examples"), True)
 
 
 def test_compose_services_can_do_no_more_than_they_must(compose: dict[str, Any]) -> None:

@@ -109,7 +109,7 @@ def test_nobody_outside_the_kernels_knows_which_form_runs() -> None:
 
 
 def test_one_file_imports_zenoh() -> None:
-    assert users_of("zenoh") == {"swarm/session.py"}
+    assert users_of("zenoh") == {"swarm/net/session.py"}
 
 
 def test_rerun_stays_with_the_recorder_and_what_it_shows() -> None:

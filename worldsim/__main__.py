@@ -1,4 +1,4 @@
-"""`python -m meanflock.worldsim`: the world and channel emulator, which is also the router of the bus. Prints the summary."""
+"""`python -m meanflock.worldsim`: the world and channel emulator, and the router of the bus. Prints the summary."""
 
 import json
 import os

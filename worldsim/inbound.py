@@ -52,18 +52,26 @@ class Replies:
         if act.models is not None and act.models.shape[1] != self._weights:
             raise MessageRejected("wrong-shape", f"models: expected {(rows, self._weights)}, got {act.models.shape}")
         if len(act.refused):
-            self._check_refused(act.refused)
+            self._check_refused(member, tick, act.refused)
         if len(act.lost) and not contains(member.uavs, act.lost).all():
             raise MessageRejected("wrong-shape", "lost names UAVs of another node")
         if act.outbox:
             self._check_outbox(member, act.outbox)
         return act
 
-    def _check_refused(self, refused: NDArray[np.int32]) -> None:
-        """A leader may refuse uploads, an agent those of clusters it heads and whatever it received of others."""
-        everyone = ((refused >= 0) & (refused < self._scenario.uavs)).all()
-        if len(np.unique(refused)) < len(refused) or not everyone:
+    def _check_refused(self, member: Member, tick: int, refused: NDArray[np.int32]) -> None:
+        """A leader may refuse uploads; an agent uploads to its heads in the tick in which these average, and else
+        whatever it received of others."""
+        uavs = self._scenario.uavs
+        if len(np.unique(refused)) < len(refused) or not ((refused >= 0) & (refused < uavs)).all():
             raise MessageRejected("wrong-shape", "refused names UAVs that are not there, or one twice")
+        if member.role == LEADER:
+            return
+        if self._rounds.relays(tick):
+            if not contains(member.uavs, self._head_of[refused]).all():
+                raise MessageRejected("wrong-shape", "refused names UAVs of other clusters")
+        elif member.rows == 1 and contains(member.uavs, refused).any():
+            raise MessageRejected("wrong-shape", "refused names the node's own UAV")
 
     def _check_outbox(self, member: Member, outbox: tuple[Frames, ...]) -> None:
         if len(outbox) > 1:

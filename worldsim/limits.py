@@ -1,5 +1,8 @@
 """How long a message to the world may be: as long as the scenario and its plug-ins let an honest one become."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from meanflock.swarm import plugins, state
@@ -20,21 +23,33 @@ class Limits:
     def __init__(self, scenario: Scenario) -> None:
         """Raises BadInput where the controller or the aggregation rule cannot begin."""
         declared, federation, uavs = scenario.declared, scenario.federation, scenario.uavs
-        try:
-            memory = controller(scenario).init(np.arange(1), initial_states(scenario))
-            state_of_rule = plugins.create("aggregator", federation.aggregation, federation.options, scenario).init(
-                declared.parameters
-            )
-        except BadInput:
-            raise
-        except Exception as error:
-            raise BadInput(f"controller {scenario.method!r} failed in `init`: {plugins.last_line(error)}") from error
+        flyer = controller(scenario)
+        memory = _record(
+            f"controller {scenario.method!r} failed in `init` with UAV 0",
+            lambda: flyer.init(np.arange(1), initial_states(scenario)),
+        )
+        rule = plugins.create("aggregator", federation.aggregation, federation.options, scenario)
+        state_of_rule = _record(
+            f"aggregator {federation.aggregation!r} failed in `init`", lambda: rule.init(declared.parameters)
+        )
         numbers = state.AXES + len(declared.diagnostics) + declared.weights + declared.broadcast_numbers
         numbers += 2 * declared.parameters + MAX_BROADCASTS  # an upload and what rounding took from it; names
-        self._row = _NUMBER_BYTES * numbers + len(control.encode_record(memory))
+        self._row = _NUMBER_BYTES * numbers + len(memory)
         self._fixed = _OVERHEAD_BYTES + _FRAME_BYTES * MAX_BROADCASTS + 8 * uavs  # and the UAVs it refuses or loses
-        self._leader = _NUMBER_BYTES * declared.parameters + len(control.encode_record(state_of_rule))
+        self._leader = _NUMBER_BYTES * declared.parameters + len(state_of_rule)
 
     def act(self, rows: int) -> int:
         """The most bytes of an Act of a node with so many UAVs; of the leader, with none."""
         return self._fixed + (self._row * rows if rows else self._leader)
+
+
+def _record(failure: str, begin: Callable[[], dict[str, Any]]) -> bytes:
+    """What a plug-in remembers at first, as a record; BadInput where it cannot begin, or that cannot be kept."""
+    try:
+        memory = begin()
+    except Exception as error:
+        raise BadInput(f"{failure}: {plugins.last_line(error)}") from error
+    try:
+        return control.encode_record(memory)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise BadInput(f"{failure}: it remembers what is no array of numbers: {error}") from error

@@ -65,7 +65,7 @@ class Step(msgspec.Struct, frozen=True, eq=False):
 
 
 class Controller:
-    """Base class of controllers; override `init` and `step`, and declare what is not the default."""
+    """Base class of controllers: override `step`, and `init` if it remembers anything; declare what is not default."""
 
     door: ClassVar[Literal["controller"]] = "controller"
     name: ClassVar[str] = ""  # what `method` says
@@ -83,12 +83,12 @@ class Controller:
         self.options, self.scenario = options, scenario
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
-        """The memory of a node's rows at take-off.
+        """The memory of a node's rows at take-off; by default none.
 
         Args:
             uavs: (M,) the numbers of its UAVs, ascending. plan: (N, 4) everyone's initial state, known to all.
         """
-        raise NotImplementedError
+        return {}
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         """One tick. The arrays of `memory` are not written to; those returned are this tick's own.

@@ -23,7 +23,7 @@ LOST = 0.2  # share of the frames that the radio loses in the trial
 
 _ROWS = "compute every row from that row of `own` and `memory`, and from the frames linked to it in `received`, alone"
 _MEMORY = "keep all that one tick leaves to the next in the arrays of the memory you return"
-_RANDOM = "draw from swarm.seeds.generator with the scenario's seed and the number of the UAV"
+_RANDOM = 'draw from mf.seeds.generator(seed, "controller", index), the index made of the tick and the UAV\'s number'
 _PURE = "return new arrays; copy before you write"
 
 

@@ -25,7 +25,7 @@ def check_vehicle(vehicle: type, options: dict[str, Any] | None = None, scenario
     def flown_by(seed: int, rows: slice = slice(None), afresh: bool = False) -> list[np.ndarray]:
         def run() -> list[np.ndarray]:
             made, states, trace = make(vehicle, options or {}, flown), start[rows].copy(), []
-            hidden = made.init(np.arange(UAVS)[rows])
+            hidden = made.init(len(states))
             for push, noise in zip(pushes[:, rows], noises[:, rows], strict=True):
                 if afresh:
                     made = make(vehicle, options or {}, flown)

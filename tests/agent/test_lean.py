@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[2]
 
 # Not `hashlib`, `random`, `inspect`, `platform`: NumPy insists.
 NEEDLESS = {
-    *("_hashlib", "_ssl", "ssl", "ctypes", "_ctypes", "typing_extensions"),  # kept out by agent/lean.py
+    *("_hashlib", "_ssl", "ssl", "ctypes", "_ctypes", "typing_extensions"),  # kept out by agent/blocklist.py
     *(
         "dataclasses",
         "importlib.resources",
@@ -30,14 +30,14 @@ import sys
 import meanflock.agent.__main__
 import numpy as np
 from meanflock.agent.node import Agent
-from swarm import codec
+from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Sense, Welcome
 
 scenario = b'{"method": "METHOD", "uavs": 4, "federation": {"period": 2, "fraction": 1.0, "payload": "int8"}}'
 plan = np.arange(16, dtype="<f4").reshape(4, 4)
 agent = Agent(control.decode(control.encode(Welcome(1, "agent-1", (1,), 0, scenario, plan))))
-acts = [agent.act(Sense(1, tick, plan[1:2].astype("<f8"), report=True, checkpoint=True)) for tick in range(5)]
-raw = [control.encode(act) for act in acts]
+acts = [agent.act(Sense(1, now, plan[1:2].astype("<f8"), report=True, checkpoint=True)) for now in range(5)]
+raw = [tick.write_act(act) for act in acts]
 assert sum(len(act.outbox) for act in acts) >= 2
 print(*(name for name, module in sys.modules.items() if module is not None))
 """

@@ -145,30 +145,21 @@ ENDLESS = "seed=7 duration=100000 stop=duration"
 SHORT = ["seed=7", "duration=30", "federation.period=50"]
 
 
-@pytest.fixture(scope="module")
-def alone(tmp_path_factory: pytest.TempPathFactory) -> str:
+def flown_alone(out: Path, *arguments: str) -> str:
     """The trajectory of `SHORT` in one process, with the arithmetic the containers choose, whatever is set here."""
-    settings = [word for setting in (*SHORT, f"uavs={UAVS}") for word in ("--set", setting)]
-    line = [
-        sys.executable,
-        "-m",
-        "meanflock.groundstation.cli",
-        "run",
-        "--in-process",
-        "--no-record",
-        "--json",
-        "--quiet",
-    ]
+    line = [sys.executable, "-m", "meanflock", "run", "--in-process", "--no-record", "--json", "--quiet"]
+    line += [word for setting in (*SHORT, f"uavs={UAVS}") for word in ("--set", setting)]
     env = {name: value for name, value in os.environ.items() if not name.startswith("OPENBLAS")}
     done = subprocess.run(
-        [*line, "--out", str(tmp_path_factory.mktemp("alone")), *settings],
-        env=env,
-        capture_output=True,
-        text=True,
-        timeout=60,
+        [*line, *arguments, "--out", str(out)], env=env, capture_output=True, text=True, timeout=60, cwd=REPOSITORY
     )
     assert done.returncode == 0, done.stderr
     return str(json.loads(done.stdout)["trajectory_sha256"])
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return flown_alone(tmp_path_factory.mktemp("alone"))
 
 
 def test_containers_fly_the_trajectory_of_one_process_and_leave_the_run_folder(compose: Compose, alone: str) -> None:
@@ -179,6 +170,16 @@ def test_containers_fly_the_trajectory_of_one_process_and_leave_the_run_folder(c
     assert {"scenario.toml", "summary.json", "timeseries.parquet", "events.jsonl", "recording.rrd"} == {
         path.name for path in folder.iterdir()
     }
+    for index in range(1, UAVS + 1):
+        assert compose.ended(compose.container("agent", index)) == 0
+
+
+def test_a_controller_in_a_mounted_file_flies_in_containers_as_in_one_process(compose: Compose, tmp_path: Path) -> None:
+    compose.up(" ".join([*SHORT, "method=spring"]), MEANFLOCK_PLUGINS="/plugins/spring.py")
+    summary = compose.finished()
+    expected = flown_alone(tmp_path / "alone", "--plugin", "examples/spring.py", "--method", "spring")
+    assert summary["trajectory_sha256"] == expected
+    assert (summary["method"], summary["lost"]) == ("spring", 0)
     for index in range(1, UAVS + 1):
         assert compose.ended(compose.container("agent", index)) == 0
 
@@ -200,7 +201,7 @@ def test_under_tls_every_container_has_its_own_key_and_a_foreign_certificate_is_
     mounts = {"ca.pem": good, f"{agents[-1]}.pem": foreign, f"{agents[-1]}.key": foreign}
     line = ["run", "--rm", "--network", f"{compose.name}_swarm", "--user", str(USER)]
     line += [word for file, folder in mounts.items() for word in ("-v", f"{folder / file}:/certs/{file}:ro")]
-    line += ["meanflock-agent:local", "agent", "--endpoint", "tls/worldsim:7447", "--run", compose.name]
+    line += ["meanflock-agent:local", "meanflock.agent", "--endpoint", "tls/worldsim:7447", "--run", compose.name]
     line += ["--tls", "/certs", "--wait", "3"]
     intruder = subprocess.run(["docker", *line], capture_output=True, text=True, timeout=DEADLINE_S)
     assert intruder.returncode == 1, intruder.stderr

@@ -102,7 +102,7 @@ class Processes:
     def start(
         self, module: str, *flags: str, base: tuple[str, ...] | None = None, env: dict[str, str] | None = None
     ) -> "subprocess.Popen[str]":
-        line = [sys.executable, "-m", module, *(self.base if base is None else base), *flags]
+        line = [sys.executable, "-m", f"meanflock.{module}", *(self.base if base is None else base), *flags]
         pipe = subprocess.PIPE
         process = subprocess.Popen(line, stdout=pipe, stderr=pipe, text=True, env={**os.environ, **(env or {})})
         self._started.append(process)

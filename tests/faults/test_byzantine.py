@@ -7,15 +7,34 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from meanflock.leader.aggregate import krum, median, rule, suspects, trimmed_mean
 
 from meanflock.agent.byzantine import Byzantine
-from meanflock.swarm.mean import ABSURD, fedavg, refuse
+from meanflock.leader.aggregators.suspects import suspects
+from meanflock.swarm import mean, plugins
+from meanflock.swarm.mean import ABSURD, refuse, stacked
 from meanflock.swarm.scenario import load
 from tests.faults.conftest import Lab, scenario
 
 QUICK = settings(max_examples=60, deadline=None, database=None)
 Rule = Callable[[dict[int, np.ndarray]], np.ndarray]
+
+
+def rule(name: str, tolerance: float) -> Rule:
+    """A rule of ours, of models by UAV."""
+    made = plugins.create("aggregator", name, {}, load(None, [f"federation.tolerance={tolerance}"]))
+
+    def of(arrived: dict[int, np.ndarray]) -> np.ndarray:
+        state, model = made.step(made.init(0), stacked(arrived), np.array(sorted(arrived)), 1)
+        assert not state
+        return np.asarray(model)
+
+    return of
+
+
+def fedavg(arrived: dict[int, np.ndarray]) -> np.ndarray:
+    return mean.fedavg(stacked(arrived))
+
+
 ROBUST: dict[str, Rule] = {name: rule(name, 0.25) for name in ("median", "trimmed-mean", "krum")}
 NUMBERS = st.floats(-1e6, 1e6, allow_nan=False)
 TABLES = st.tuples(st.integers(1, 9), st.integers(1, 4)).flatmap(lambda s: hnp.arrays(np.float64, s, elements=NUMBERS))
@@ -86,11 +105,11 @@ def test_robust_rules_of_equal_models_are_that_model_and_of_one_are_it() -> None
 
 def test_the_rules_are_what_they_are_called() -> None:
     rows = np.array([[1.0, 5.0], [2.0, 4.0], [9.0, -7.0], [3.0, 3.0]])
-    np.testing.assert_array_equal(median(models(rows)), [2.5, 3.5])
-    np.testing.assert_array_equal(median(models(rows[:3])), [2.0, 4.0])
-    np.testing.assert_array_equal(trimmed_mean(models(rows), 0.25), [2.5, 3.5])
-    np.testing.assert_array_equal(trimmed_mean(models(rows), 0.0), rows.mean(axis=0))
-    np.testing.assert_array_equal(krum(models(rows), 0.25), [1.0, 5.0])  # as near as [3, 3] to [2, 4]: the smaller one
+    np.testing.assert_array_equal(rule("median", 0.25)(models(rows)), [2.5, 3.5])
+    np.testing.assert_array_equal(rule("median", 0.25)(models(rows[:3])), [2.0, 4.0])
+    np.testing.assert_array_equal(rule("trimmed-mean", 0.25)(models(rows)), [2.5, 3.5])
+    np.testing.assert_array_equal(rule("trimmed-mean", 0.0)(models(rows)), rows.mean(axis=0))
+    np.testing.assert_array_equal(rule("krum", 0.25)(models(rows)), [1.0, 5.0])  # as near as [3, 3]: the smaller
     assert [suspects(n, 0.2) for n in (1, 2, 3, 5, 10, 20)] == [0, 0, 1, 1, 2, 4]
 
 

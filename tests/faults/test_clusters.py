@@ -67,7 +67,7 @@ def one_round(of: Scenario, models: np.ndarray) -> tuple[np.ndarray | None, list
             for f in due
             if f.kind == kind
         )
-        act = leader.act(Sense(0, tick, np.zeros((0, 4)), False, heard))
+        act = leader.act(Sense(0, tick, np.zeros((0, 4)), inbox=heard))
         if rounds.closes(tick):
             break
     lost, silent = (set(links[links[:, 4] < 0, 1].tolist()) for links in (uploads, relays))
@@ -117,7 +117,7 @@ def test_whatever_is_lost_the_mean_is_that_of_the_models_that_got_through_both_l
     mean, through, _ = one_round(of, models)
     assert (mean is None) == (not through)
     if mean is not None:
-        np.testing.assert_allclose(mean, fedavg({uav: models[uav] for uav in through}), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(mean, fedavg(models[through]), rtol=0, atol=1e-12)
 
 
 def test_with_outages_some_models_are_lost_on_the_first_hop_and_some_on_the_second() -> None:

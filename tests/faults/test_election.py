@@ -113,7 +113,7 @@ def test_a_leader_that_averages_a_round_again_is_not_heard() -> None:
         if sense.tick == 61:
             assert not answer.outbox
             old = said[-1]
-            answer = type(answer)(answer.run, answer.tick, answer.outcome, outbox=(old,))
+            answer = type(answer)(answer.run, answer.tick, answer.commands, outbox=(old,))
         return answer
 
     client._node.act = again

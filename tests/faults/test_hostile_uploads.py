@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from meanflock.swarm.wire import control
+from meanflock.swarm.wire import tick
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from tests.faults.conftest import Lab, scenario
+from tests.swarm.test_codec import read
 
 RULES = ("fedavg", "median", "trimmed-mean", "krum")
 ROUNDS = 5  # of the flight, opened in ticks 20, 40 …
@@ -16,7 +17,7 @@ ROUNDS = 5  # of the flight, opened in ticks 20, 40 …
 
 def poisoned(act: Act, value: float) -> bytes:
     """The act with one weight of its upload replaced, as bytes the encoder of an honest node would not have made."""
-    raw = control.encode(act)
+    raw = tick.write_act(act)
     (upload,) = act.outbox
     weights = upload.payload.copy()
     at = raw.index(weights.tobytes())
@@ -30,7 +31,7 @@ def hostile(lab: Lab, name: str, say: Callable[[Act, Callable[[bytes], None]], N
     put = client._bus.put
 
     def speak(key: str, raw: bytes) -> None:
-        act = control.decode(raw)
+        act = read(raw)
         if isinstance(act, Act) and any(frames.kind == FrameKind.UPLOAD for frames in act.outbox):
             say(act, lambda raw: put(key, raw))
         else:
@@ -52,7 +53,7 @@ def test_weights_that_are_no_numbers_are_dropped_and_counted_and_the_flight_is_a
 
     def say(act: Act, put: Callable[[bytes], None]) -> None:
         put(poisoned(act, value))
-        put(control.encode(act))
+        put(tick.write_act(act))
 
     hostile(lab, "agent-3", say)
     summary = lab.fly()
@@ -85,15 +86,15 @@ def test_nobody_can_take_the_uploads_of_all_to_another_round() -> None:
     """Frames of a kind go on the air together, those of UAV 0 first: its word for the round was everybody's."""
     alone = swarm("fedavg", "federation.leader=5")
     hostile(
-        alone, "agent-0", lambda act, put: put(control.encode(Act(act.run, act.tick, act.outcome, report=act.report)))
+        alone, "agent-0", lambda act, put: put(tick.write_act(Act(act.run, act.tick, act.commands, models=act.models)))
     )
     silent = alone.fly()
     lab = swarm("fedavg", "federation.leader=5")
 
     def elsewhere(act: Act, put: Callable[[bytes], None]) -> None:
         (upload,) = act.outbox
-        stray = Frames(upload.kind, 2**40, upload.source, upload.payload)
-        put(control.encode(Act(act.run, act.tick, act.outcome, outbox=(stray,), report=act.report)))
+        stray = Frames(upload.kind, 2**31, upload.source, upload.payload)
+        put(tick.write_act(Act(act.run, act.tick, act.commands, outbox=(stray,), models=act.models)))
 
     hostile(lab, "agent-0", elsewhere)
     summary = lab.fly()
@@ -110,10 +111,10 @@ def test_an_upload_between_rounds_is_not_kept() -> None:
     model = np.zeros((1, 108), np.float32)
 
     def always(key: str, raw: bytes) -> None:
-        act = control.decode(raw)
+        act = read(raw)
         if isinstance(act, Act) and not act.outbox:
             extra = Frames(FrameKind.UPLOAD, act.tick + 1, np.array([2], np.int32), model)
-            raw = control.encode(Act(act.run, act.tick, act.outcome, outbox=(extra,), report=act.report))
+            raw = tick.write_act(Act(act.run, act.tick, act.commands, outbox=(extra,), models=act.models))
         put(key, raw)
 
     client._bus.put = always

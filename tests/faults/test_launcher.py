@@ -50,7 +50,7 @@ class Launched:
 
     def of(self, module: str) -> psutil.Process:
         """The process of a module that the launcher itself has started."""
-        (found,) = (p for p in psutil.Process(self.process.pid).children() if module in p.cmdline())
+        (found,) = (p for p in psutil.Process(self.process.pid).children() if f"meanflock.{module}" in p.cmdline())
         return found
 
     def agents(self) -> list[psutil.Process]:

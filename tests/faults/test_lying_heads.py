@@ -3,14 +3,16 @@
 from collections.abc import Callable
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
 from meanflock.swarm.rounds import Rounds
-from meanflock.swarm.wire import control
+from meanflock.swarm.wire import tick
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from tests.faults.conftest import Lab
 from tests.faults.test_clusters import CLEAR, FLOATS, PERIOD, globals_of, swarm
+from tests.swarm.test_codec import read
 
 
 def saying(lab: Lab, name: str, change: Callable[[Frames], Frames | None], kind: FrameKind) -> None:
@@ -19,9 +21,9 @@ def saying(lab: Lab, name: str, change: Callable[[Frames], Frames | None], kind:
     put = client._bus.put
 
     def speak(key: str, raw: bytes) -> None:
-        act = control.decode(raw)
+        act = read(raw)
         if isinstance(act, Act) and (found := [frames for frames in act.outbox if frames.kind == kind]):
-            put(key, control.encode(Act(act.run, act.tick, act.outcome, outbox=(change(found[0]),))))  # type: ignore[arg-type]
+            put(key, tick.write_act(Act(act.run, act.tick, act.commands, outbox=(change(found[0]),))))  # type: ignore[arg-type]
         put(key, raw)
 
     client._bus.put = speak
@@ -68,10 +70,10 @@ def test_relays_are_for_heads_rounds_and_scenarios_that_have_them() -> None:
         put = client._bus.put
 
         def speak(key: str, raw: bytes) -> None:
-            act = control.decode(raw)
+            act = read(raw)
             if isinstance(act, Act) and act.tick == 30:
                 said = Frames(FrameKind.RELAY, 1, np.array([uav], np.int32), model)
-                put(key, control.encode(Act(act.run, act.tick, act.outcome, outbox=(said,), report=act.report)))
+                put(key, tick.write_act(Act(act.run, act.tick, act.commands, outbox=(said,), models=act.models)))
             put(key, raw)
 
         client._bus.put = speak
@@ -83,21 +85,40 @@ def test_relays_are_for_heads_rounds_and_scenarios_that_have_them() -> None:
     assert extra(Lab(swarm(clusters=1), uavs_per_node=1), "agent-0", 0) == {"wrong-kind": 1}
 
 
-@pytest.mark.parametrize(("tick", "refused"), [(21, (0,)), (21, (5, 5)), (21, (12,)), (20, (5,)), (30, (4,))], ids=str)
-def test_a_node_refuses_uploads_of_its_own_cluster_once_and_when_it_averages(tick: int, refused: tuple[int]) -> None:
+@pytest.mark.parametrize(
+    ("when", "refused"), [(21, (0,)), (21, (5, 5)), (21, (12,)), (20, (5, 5)), (30, (4,))], ids=str
+)
+def test_a_node_refuses_uploads_of_its_own_cluster_once_and_when_it_averages(when: int, refused: tuple[int]) -> None:
     lab = Lab(swarm(), uavs_per_node=1)
     client: Any = lab.bus_of("agent-4").handler.__self__  # type: ignore[union-attr]
     put = client._bus.put
 
     def speak(key: str, raw: bytes) -> None:
-        act = control.decode(raw)
-        if isinstance(act, Act) and act.tick == tick:
-            put(key, control.encode(Act(act.run, act.tick, act.outcome, refused=refused)))
+        act = read(raw)
+        if isinstance(act, Act) and act.tick == when:
+            put(key, tick.write_act(Act(act.run, act.tick, act.commands, refused=np.array(refused))))
         put(key, raw)
 
     client._bus.put = speak
     summary = lab.fly()
     assert (summary["dropped_messages"], summary["uploads_refused"]) == ({"wrong-shape": 1}, 0)
+    assert summary["states_refused"] == 0
+
+
+def test_when_no_head_averages_what_a_node_refuses_are_states_of_others() -> None:
+    lab = Lab(swarm(), uavs_per_node=1)
+    client: Any = lab.bus_of("agent-4").handler.__self__  # type: ignore[union-attr]
+    put = client._bus.put
+
+    def speak(key: str, raw: bytes) -> None:
+        act = read(raw)
+        if isinstance(act, Act) and act.tick == PERIOD:
+            raw = tick.write_act(msgspec.structs.replace(act, refused=np.array([5])))
+        put(key, raw)
+
+    client._bus.put = speak
+    summary = lab.fly()
+    assert (summary["dropped_messages"], summary["uploads_refused"], summary["states_refused"]) == ({}, 0, 1)
 
 
 @pytest.mark.parametrize("clusters", [1, 3])
@@ -113,11 +134,11 @@ def test_who_takes_no_part_in_a_round_is_not_heard_in_it(clusters: int) -> None:
     put = client._bus.put
 
     def speak(key: str, raw: bytes) -> None:
-        act = control.decode(raw)
+        act = read(raw)
         if isinstance(act, Act) and act.tick % PERIOD == 0 and act.tick // PERIOD in idle:
             model = np.full((1, FLOATS), 5.0, np.float32)
             said = Frames(FrameKind.UPLOAD, act.tick // PERIOD, np.array([11], np.int32), model)
-            raw = control.encode(Act(act.run, act.tick, act.outcome, outbox=(said,), report=act.report))
+            raw = tick.write_act(Act(act.run, act.tick, act.commands, outbox=(said,), models=act.models))
         put(key, raw)
 
     client._bus.put = speak
@@ -135,11 +156,11 @@ def test_a_head_that_lies_speaks_for_its_cluster_and_no_more() -> None:
     put, send = client._bus.put, lab.world.air.send
 
     def speak(key: str, raw: bytes) -> None:
-        act = control.decode(raw)
+        act = read(raw)
         if isinstance(act, Act) and act.tick == PERIOD + 1:
             payload = np.append(hostile_relay, 4.0)[None]
             said = Frames(FrameKind.RELAY, 1, np.array([4], np.int32), payload)
-            raw = control.encode(Act(act.run, act.tick, act.outcome, outbox=(said,), report=act.report))
+            raw = tick.write_act(Act(act.run, act.tick, act.commands, outbox=(said,), models=act.models))
         put(key, raw)
 
     def listen(tick: int, frames: list[Frames], *rest: Any) -> Any:

@@ -259,7 +259,7 @@ def test_a_frozen_agent_does_not_make_the_command_fail(tmp_path: Path) -> None:
     )
     until(lambda: spool_bytes(tmp_path) > 5_000, "telemetry")
     family = psutil.Process(command.pid).children(recursive=True)
-    frozen = next(p for p in family if "agent" in p.cmdline() and not p.children())
+    frozen = next(p for p in family if "meanflock.agent" in p.cmdline() and not p.children())
     frozen.suspend()
     out, err = command.communicate(timeout=DEADLINE_S)
     assert command.returncode == 0, err

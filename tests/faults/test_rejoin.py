@@ -65,7 +65,7 @@ def test_a_fresh_mind_knows_the_mission_plan_and_takes_the_next_global_model_fro
     def mind(name: str) -> np.ndarray:
         client = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
         assert isinstance(client._node, Agent)
-        return client._node._weights[0]
+        return client._node.models[0].copy()
 
     def before() -> None:
         minds["old"] = mind("agent-0")
@@ -190,8 +190,9 @@ def test_two_nodes_lost_at_the_same_barrier_do_not_hold_up_the_end_of_a_mission_
     def deaf() -> None:
         for name in ("agent-0", "agent-1"):
             bus = lab.bus_of(name)
-            bus.handler.__self__._node.reflex = lambda raw, tick: None  # type: ignore[union-attr]
             bus.handler = lambda delivery: None
+            (key,) = bus._subscriptions
+            bus.subscribe(key)
 
     lab.world._waiting._receive = lambda timeout_s: None
     with pytest.raises(RunFailed, match="every agent is lost"):

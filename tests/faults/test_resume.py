@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from meanflock.swarm.methods import Method
 
 from meanflock.groundstation.cli import main
 from meanflock.groundstation.engine import Engine
@@ -24,6 +23,7 @@ from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 from tests.faults.conftest import Lab, scenario
+from tests.methods import METHODS
 from tests.polling import DEADLINE_S, until
 
 LATER = "duration=35"  # checkpoints in ticks 1, 101, 201 and 301
@@ -73,7 +73,7 @@ def events(folder: Path, *without: str) -> list[Any]:
     return [event for event in told if event["kind"] not in without]
 
 
-@pytest.mark.parametrize("method", Method)
+@pytest.mark.parametrize("method", METHODS)
 def test_every_method_resumes_bit_identically_and_leaves_no_gap_and_no_duplicate(method: str, tmp_path: Path) -> None:
     flown = scenario(LATER, "radio.target_snr_db=76", "radio.coherence_time_s=0.03", method=method)
     expected = flight(tmp_path / "whole", flown)
@@ -124,7 +124,7 @@ def test_residuals_of_rounded_uploads_are_remembered_across_a_resume(broadcast: 
     flown = scenario(LATER, "radio.target_snr_db=76", "radio.coherence_time_s=0.03", *payload)
     expected = flight(tmp_path / "whole", flown)
     folder = dead(tmp_path / "dead", flown, 287, rows=2)
-    kept = back(folder).start.checkpoint["minds"]["residuals"]
+    kept = back(folder).start.checkpoint["memory"]["meanflock.residuals"]
     assert kept.shape == (6, 108)
     assert np.abs(kept).max() > 0
     got = resumed(folder, "--uavs-per-process", "4")
@@ -283,7 +283,7 @@ def test_a_watch_that_cannot_be_kept_is_bad_input_and_the_run_can_still_be_resum
 # -- with processes -----------------------------------------------------------------------------------------------
 
 LONG = ("uavs=4", "seed=7", "duration=120", "stop=duration", "federation.period=40")
-COMMAND = [sys.executable, "-m", "meanflock.groundstation.cli"]
+COMMAND = [sys.executable, "-m", "groundstation.cli"]
 
 
 def start(out: Path, *flags: str) -> "subprocess.Popen[str]":

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from meanflock.swarm.methods import Method
 
 from meanflock.groundstation.cli import main
 from meanflock.groundstation.run import Options, fly
@@ -18,6 +17,7 @@ from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind
 from tests.faults.conftest import Lab, scenario
+from tests.methods import METHODS
 
 SCRIPT = Path(__file__).parents[2] / "scenarios" / "faults.toml"
 CLEAR = ("federation.fraction=1.0", "radio.target_snr_db=70")  # no outage but those of the script
@@ -40,11 +40,11 @@ def steady(summary: dict[str, Any]) -> dict[str, Any]:
     return {**{k: v for k, v in summary.items() if k not in volatile}, "radio": radio}
 
 
-@pytest.mark.parametrize("method", Method)
-def test_every_script_flies_the_same_however_the_swarm_is_cut_into_nodes(method: Method) -> None:
-    of = scenario(EVERYTHING, method=str(method))
-    if method is Method.MFG:
-        of = scenario(EVERYTHING, "federation.state_period=15", method=str(method))
+@pytest.mark.parametrize("method", METHODS)
+def test_every_script_flies_the_same_however_the_swarm_is_cut_into_nodes(method: str) -> None:
+    of = scenario(EVERYTHING, method=method)
+    if method == "mfg":
+        of = scenario(EVERYTHING, "federation.state_period=15", method=method)
     runs = [Lab(of, uavs_per_node=rows) for rows in (1, 4, None)]
     summaries = [steady(run.fly()) for run in runs]
     assert summaries[0] == summaries[1] == summaries[2]
@@ -88,7 +88,7 @@ def test_a_paused_uav_holds_its_last_command_and_learns_nothing_and_then_goes_on
     lab = Lab(flown('{kind="pause", tick=30, duration_s=1.0, uavs=[3]}'))
     agent = lab.bus_of("agent-0").handler.__self__._node  # type: ignore[union-attr]
     minds = {}
-    hold = {tick: (lambda tick=tick: minds.update({tick: agent._weights})) for tick in (30, 31, 40, 41)}
+    hold = {tick: (lambda tick=tick: minds.update({tick: agent.models.copy()})) for tick in (30, 31, 40, 41)}
     lab.fly(hold)
     commands = np.concatenate([block.accelerations for block in lab.told.blocks])
     assert (commands[31:41, 3] == commands[30, 3]).all()

@@ -11,7 +11,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from meanflock import worldsim
+from meanflock import kernels
 from meanflock.groundstation import display, viewer
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.recorded import recorded
@@ -144,11 +144,12 @@ def test_the_run_folder_is_named_however_quiet(run, tmp_path, flags) -> None:
 def test_a_run_without_compiled_kernels_says_that_it_is_slow(run, monkeypatch, verb) -> None:
     flags = ("--uavs", "2", "--duration", "1", "--quiet")
     assert "kernels" not in run(*verb, *flags)[2]
-    monkeypatch.setattr(worldsim.kernel, "is_compiled", lambda: False)
+    monkeypatch.setattr(kernels, "BACKEND", "numpy")
+    monkeypatch.delenv("MEANFLOCK_PURE", raising=False)
     code, _, err = run(*verb, *flags)
     assert code == EXIT_DONE
     (said,) = [line for line in err.splitlines() if "kernels" in line]
-    assert re.match(r"warning: kernels not compiled, the world's: .* slower; install a C compiler", said)
+    assert re.match(r"warning: kernels not compiled: NumPy's, .* slower; install a C compiler", said)
 
 
 def test_show_prints_a_scenario_that_loads_as_the_same(run, tmp_path) -> None:

@@ -84,7 +84,7 @@ def test_rows_and_events_are_on_the_disk_before_the_checkpoint_and_that_before_i
 
 KILLED = """
 import os, signal, sys
-from groundstation import engine
+from meanflock.groundstation import engine
 from meanflock.groundstation.cli import main
 
 engine._CHECKPOINT_TICKS_AT_MOST = 100  # as in a swarm of processes

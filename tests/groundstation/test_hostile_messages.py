@@ -13,11 +13,12 @@ from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Ready, Received, Refusal, Sense, Stop
-from tests.groundstation.test_engine import INT8, NUMBER, RUN, Kept, fly, scenario, steady
+from meanflock.swarm.wire.tick import TYPES, read_sense, write_act, write_sense
+from tests.groundstation.test_engine import INT8, NUMBER, RUN, UAVS, Kept, fly, scenario, steady
 
 
 def act(tick: int, rows: int = 2, **changes: Any) -> Act:
-    fields: dict[str, Any] = {"run": NUMBER, "tick": tick, "outcome": np.full((rows, 5), 3.0), **changes}
+    fields: dict[str, Any] = {"run": NUMBER, "tick": tick, "commands": np.full((rows, 5), 3.0), **changes}
     return Act(**fields)
 
 
@@ -33,62 +34,77 @@ def batch(**changes: Any) -> Frames:
 
 
 def spoiled(value: float) -> np.ndarray:
-    outcome = np.zeros((2, 5))
-    outcome[1, 1] = value
-    return outcome
+    commands = np.zeros((2, 5))
+    commands[1, 1] = value
+    return commands
+
+
+def uavs(*numbers: int) -> np.ndarray:
+    return np.array(numbers, dtype=np.int32)
+
+
+def wrong_size(raw: bytes) -> bytes:
+    """A message whose head says one row more than it has."""
+    rows = len(act(0).commands)
+    at = raw.index(b"\xce" + rows.to_bytes(4, "big"), 12)  # behind run and tick
+    return raw[: at + 1] + (rows + 1).to_bytes(4, "big") + raw[at + 5 :]
 
 
 def hostile(tick: int) -> list[tuple[str, bytes, str]]:
-    """[node, bytes, reason] of what someone might send between the ticks; agent-0 holds UAVs 0 and 1."""
-    good = control.encode(act(tick))
+    """[node, bytes, reason] of what someone might send after a tick; agent-0 holds UAVs 0 and 1."""
+    good = write_act(act(tick))
     short = np.zeros((2, 245), dtype=np.float32)
     acts: list[tuple[Act, str]] = [
         (act(tick), "duplicate"),  # the node was not asked, or has answered
         (act(tick - 1), "stale"),
         (act(tick + 1), "stale"),
-        (act(2**63), "stale"),
-        (act(-1), "stale"),
+        (act(2**32 - 1), "stale"),
         (act(tick, run=NUMBER ^ 1), "wrong-run"),
-        (act(tick, outcome=spoiled(np.nan)), "non-finite"),
-        (act(tick, outcome=spoiled(-np.inf)), "non-finite"),
+        (act(tick, commands=spoiled(np.nan)), "non-finite"),
+        (act(tick, commands=spoiled(-np.inf)), "non-finite"),
         (act(tick, rows=3), "wrong-shape"),
-        (act(tick, outcome=np.zeros((2, 5), dtype=np.float32)), "wrong-shape"),
-        (act(tick, outcome=np.zeros(())), "wrong-shape"),
-        (act(tick, report=np.zeros((2, 245))), "wrong-shape"),
-        (act(tick, diverged=(2,)), "wrong-shape"),
-        (act(tick, diverged=(2**64 - 1,)), "wrong-shape"),
-        (act(tick, diverged=(-1, 2**63)), "wrong-shape"),
+        (act(tick, commands=np.zeros((2, 4))), "wrong-shape"),
+        (act(tick, commands=np.zeros((0, 5))), "wrong-shape"),
+        (act(tick, models=np.zeros((2, 245))), "wrong-shape"),
+        (act(tick, models=np.full((2, 246), np.inf)), "non-finite"),
+        (act(tick, lost=uavs(2)), "wrong-shape"),
+        (act(tick, lost=uavs(2**31 - 1)), "wrong-shape"),
+        (act(tick, lost=uavs(-1, 0)), "wrong-shape"),
+        (act(tick, refused=uavs(-1)), "wrong-shape"),
+        (act(tick, refused=uavs(3, 3)), "wrong-shape"),
+        (act(tick, refused=uavs(UAVS)), "wrong-shape"),
         (act(tick, outbox=(batch(), batch())), "wrong-shape"),
         (act(tick, outbox=(batch(kind=FrameKind.GLOBAL),)), "wrong-kind"),
         (act(tick, outbox=(batch(payload=short),)), "wrong-shape"),
         (act(tick, outbox=(batch(source=np.array([0, 2], dtype=np.int32)),)), "wrong-shape"),
         (act(tick, outbox=(batch(source=np.array([1, 0], dtype=np.int32)),)), "wrong-shape"),
         (act(tick, outbox=(batch(source=np.array([0, 0], dtype=np.int32)),)), "wrong-shape"),
-        (act(tick, outbox=(batch(source=np.array(0, dtype=np.int32)),)), "wrong-shape"),
-        (act(tick, outbox=(batch(source=np.array([0.0, 1.0])),)), "wrong-shape"),
-        (act(tick, outbox=(batch(payload=np.array(0, dtype=np.float32)),)), "wrong-shape"),
+        (act(tick, outbox=(batch(source=uavs(-1, 0)),)), "wrong-shape"),
+        (act(tick, outbox=(batch(payload=np.zeros((2, 246))),)), "wrong-shape"),
+        (act(tick, outbox=(batch(payload=np.zeros((2, 246), dtype=np.int8)),)), "wrong-shape"),
         (act(tick, outbox=(batch(links=np.zeros((1, 2), dtype=np.int32)),)), "wrong-shape"),
     ]
     empty = batch(source=np.zeros(0, dtype=np.int32), payload=np.zeros((0, 246), dtype=np.float32))
     acts.append((act(tick, outbox=(empty,)), "wrong-shape"))
-    from_agent = [("agent-0", control.encode(message), reason) for message, reason in acts]
+    from_agent = [("agent-0", write_act(message), reason) for message, reason in acts]
     return [
         *from_agent,
         ("agent-0", good[:-1], "malformed"),
         ("agent-0", good[:3], "malformed"),
         ("agent-0", b"", "malformed"),
+        ("agent-0", wrong_size(good), "wrong-shape"),
         ("agent-0", good + b"\0", "malformed"),
         ("agent-0", bytes(100_000), "oversized"),
-        ("agent-0", control.encode(act(tick, report=np.zeros((99, 246)))), "oversized"),
+        ("agent-0", write_act(act(tick, rows=99, models=np.zeros((99, 246)))), "oversized"),
         ("agent-0", control.encode(Stop(NUMBER, "go home")), "wrong-kind"),
-        ("agent-0", control.encode(Sense(NUMBER, tick, np.zeros((2, 4)), False)), "wrong-kind"),
+        ("agent-0", write_sense(Sense(NUMBER, tick, np.zeros((2, 4)))), "wrong-kind"),
         ("agent-0", control.encode(Join("agent", 1)), "wrong-kind"),
-        ("agent-0", control.encode(Ready(NUMBER ^ 1)), "wrong-kind"),
+        ("agent-0", control.encode(Ready(NUMBER ^ 1)), "wrong-run"),
         ("agent-1", good, "unknown-node"),  # UAV 1 has no node of its own
         ("agent-99", good, "unknown-node"),
         ("world", good, "unknown-node"),
         ("*", good, "wrong-key"),
-        ("leader", control.encode(act(tick, rows=0)), "duplicate"),
+        ("leader", write_act(act(tick, rows=0)), "duplicate"),
         ("leader", good, "wrong-shape"),
     ]
 
@@ -101,7 +117,7 @@ def test_hostile_messages_are_dropped_counted_by_reason_and_change_nothing() -> 
     for tick in engine.fly():
         if tick % 7:
             continue
-        for node, raw, reason in hostile(tick):
+        for node, raw, reason in hostile(tick - 1):
             before = engine.world._counters.drops.copy()
             engine.world.handle(Delivery("message", keys.act(RUN, node), raw))
             found = engine.world._counters.drops - before
@@ -124,15 +140,13 @@ def test_hostile_bytes_in_place_of_a_model_are_dropped_and_change_nothing() -> N
     no_scale[0, 246:250] = 0
     payloads = [(good[:, :-1], "wrong-shape"), (good.astype("<f4"), "wrong-shape"), (beyond, "non-finite")]
     payloads += [(no_scale, "non-finite"), (np.zeros((2, 246), dtype="<f4"), "wrong-shape")]
-    residuals = [(np.zeros((2, 245)), "wrong-shape"), (np.zeros((3, 246)), "wrong-shape")]
-    residuals += [(np.full((2, 246), np.nan), "non-finite"), (np.zeros((2, 246), dtype="<f4"), "wrong-shape")]
     for tick in engine.fly():
-        acts = [(act(tick, outbox=(batch(payload=sent),)), reason) for sent, reason in payloads]
-        acts += [(act(tick, residuals=told), reason) for told, reason in residuals]
-        acts.append((act(tick, outbox=(batch(payload=good),), residuals=np.zeros((2, 246))), "duplicate"))  # else well
+        asked = tick - 1
+        acts = [(act(asked, outbox=(batch(payload=sent),)), reason) for sent, reason in payloads]
+        acts.append((act(asked, outbox=(batch(payload=good),)), "duplicate"))  # else well
         for message, reason in acts if tick % 7 == 0 else ():
             before = engine.world.instruments.counters.drops.copy()
-            engine.world.handle(Delivery("message", keys.act(RUN, "agent-0"), control.encode(message)))
+            engine.world.handle(Delivery("message", keys.act(RUN, "agent-0"), write_act(message)))
             assert engine.world.instruments.counters.drops - before == {reason: 1}
     assert steady(engine.world.finish()) == steady(honest)
 
@@ -207,21 +221,20 @@ class Forger:
         engine.world._bus.put = self.put  # type: ignore[method-assign]
 
     def put(self, key: str, payload: bytes) -> None:
-        if key == keys.sense(RUN, "agent-0"):
-            sense = control.decode(payload)
-            if isinstance(sense, Sense) and sense.tick == self._tick:
-                forged = control.encode(act(self._tick, **self._changes))
-                self._world.handle(Delivery("message", keys.act(RUN, "agent-0"), forged))
-                return
+        asked = key == keys.sense(RUN, "agent-0") and payload[1:2] in TYPES
+        if asked and read_sense(payload).tick == self._tick:
+            forged = write_act(act(self._tick, **self._changes))
+            self._world.handle(Delivery("message", keys.act(RUN, "agent-0"), forged))
+            return
         self._put(key, payload)
 
 
 ABSURD: dict[str, dict[str, Any]] = {
-    "acceleration": {"outcome": np.array([[1e300, 0, 0, 0, 0], [0, 0, 0, 0, 0]])},
-    "residual": {"outcome": np.array([[0, 0, 1e300, 0, 0], [0, 0, 0, 0, 0]])},
-    "interaction": {"outcome": np.array([[0, 0, 0, 0, 1e39], [0, 0, 0, 0, 0]])},
-    "report": {"outcome": np.zeros((2, 5)), "report": np.full((2, 246), 1e300)},
-    "report beyond a float": {"outcome": np.zeros((2, 5)), "report": np.full((2, 246), 1e39)},
+    "acceleration": {"commands": np.array([[1e300, 0, 0, 0, 0], [0, 0, 0, 0, 0]])},
+    "residual": {"commands": np.array([[0, 0, 1e300, 0, 0], [0, 0, 0, 0, 0]])},
+    "interaction": {"commands": np.array([[0, 0, 0, 0, 1e39], [0, 0, 0, 0, 0]])},
+    "report": {"commands": np.zeros((2, 5)), "models": np.full((2, 246), 1e300)},
+    "report beyond a float": {"commands": np.zeros((2, 5)), "models": np.full((2, 246), 1e39)},
 }
 
 

@@ -13,10 +13,12 @@ import psutil
 import pytest
 from rich.console import Console
 
+import meanflock as mf
 from meanflock.groundstation import study
 from meanflock.groundstation.means import WIDTH, Means
 from meanflock.groundstation.paper.store import Store
 from meanflock.groundstation.swept import Swept
+from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput
 from meanflock.swarm.scenario import Scenario, load
 from tests.polling import DEADLINE_S, until
@@ -78,7 +80,6 @@ def test_the_method_of_a_scenario_file_is_the_one_that_is_swept(run, tmp_path) -
         (("wind.sigma=0.1",), "two values or more"),
         (("wind.sgima=0.1,0.2",), "sgima"),
         (("wind.sigma=0.1,0.2", "--jobs", "0"), "--jobs 0"),
-        (("wind.sigma=0.1,0.2", "--set", "federation.aggregation=median", "--jobs", "1"), "fedavg"),
     ],
 )
 def test_what_cannot_be_swept_is_refused_before_anything_is_written(run, tmp_path, arguments, says) -> None:
@@ -185,12 +186,12 @@ def test_what_is_finished_is_never_flown_twice(run, tmp_path, monkeypatch) -> No
     before = flown(tmp_path / "out")
     tried: list[Any] = []
     fly = study._fly
-    monkeypatch.setattr(study, "_fly", lambda flights, parent: tried.append(flights) or fly(flights, parent))
+    monkeypatch.setattr(study, "_fly", lambda one, parent: tried.append(one) or fly(one, parent))
     assert run("sweep", "wind.sigma=0.1,0.2", "--methods", "mfg", *flags)[0] == EXIT_DONE
     assert tried == []
     assert flown(tmp_path / "out") == before
     assert run("sweep", "wind.sigma=0.1,0.3", "--methods", "mfg", *flags)[0] == EXIT_DONE
-    assert [[one.wind.sigma for one in flights] for flights in tried] == [[0.3, 0.3]]
+    assert [one.wind.sigma for one in tried] == [0.3, 0.3]
 
 
 def test_an_interrupted_study_keeps_what_is_finished_and_goes_on(tmp_path: Path, monkeypatch) -> None:
@@ -208,11 +209,11 @@ def test_an_interrupted_study_keeps_what_is_finished_and_goes_on(tmp_path: Path,
 
     with monkeypatch.context() as patch:
         patch.setattr(Store, "add", interrupted)
-        with pytest.raises(Exception, match=r"2 of 6 runs are kept .*repeat the command"):
+        with pytest.raises(Exception, match=r"1 of 6 runs are kept .*repeat the command"):
             study.fly_all(points, 1, lambda *_: None, Store(tmp_path / "part"))
     told: list[tuple[int, int]] = []
     again = study.fly_all(points, 1, lambda done, total: told.append((done, total)), Store(tmp_path / "part"))
-    assert told == [(2, 6), (4, 6), (6, 6)]
+    assert told == [(done, 6) for done in range(1, 7)]
 
     def hashes(flown: dict[Any, study.Summaries]) -> dict[Any, list[str]]:
         return {point: [one["trajectory_sha256"] for one in runs] for point, runs in flown.items()}
@@ -248,3 +249,39 @@ def test_ctrl_c_ends_a_sweep_and_its_workers_and_a_repeat_goes_on(tmp_path: Path
     assert (done.returncode, done.stderr) == (EXIT_DONE, b"")
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
     assert len(flown(tmp_path)) == 24
+
+
+# -- plug-ins of one's own --------------------------------------------------------------------------------------------
+
+MINE = """
+import meanflock as mf
+
+class Mine(mf.Controller):
+    name = "{}"
+
+    def step(self, memory, tick, own, received):
+        return mf.Step(memory, own[:, :2] * {})
+"""
+
+
+@pytest.mark.processes
+def test_a_plugin_that_changed_or_came_later_is_flown_as_it_is_now(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Workers live on between two studies, and `out` keeps what an earlier form of the file flew."""
+    monkeypatch.setattr(plugins, "_files", dict(plugins._files))
+    monkeypatch.setenv(plugins.FILES, "")
+
+    def energy(name: str, push: float) -> list[float]:
+        (tmp_path / f"{name}.py").write_text(MINE.format(name, push), encoding="utf-8")
+        out = tmp_path / "out"
+        return [
+            row["energy_mean_J"]
+            for row in mf.compare(
+                [name], plugin=tmp_path / f"{name}.py", seeds=2, jobs=2, out=out, uavs=2, duration=2.0
+            )
+        ]
+
+    first = energy("one", -0.01)
+    assert energy("other", -0.02) != first
+    assert energy("one", -0.02) == energy("other", -0.02) != first

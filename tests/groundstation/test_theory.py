@@ -7,18 +7,23 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from meanflock.agent.basis import DensityBasis, Powers
-from meanflock.agent.fpk import FpkLearner
-from meanflock.agent.hjb import HjbLearner, HjbResult, local_cost
 from scipy import integrate, linalg, optimize
 
+from meanflock.agent.tables import tables
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.paper import optimum, theory
 from meanflock.groundstation.paper.measure import LONG_S, filter_moments, long_flight, measure, measured
 from meanflock.groundstation.paper.view import keep_measured
+from meanflock.kernels import features, fpk, hjb
+from meanflock.kernels.hjb import local_cost
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.worldsim import dynamics
+from meanflock.worldsim.vehicles.point_mass import PointMass
+
+
+def moved(flown: Scenario, states: np.ndarray, command: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """One tick of the point mass."""
+    return PointMass(PointMass.Options(), flown).step(states, {}, command, noise)[0]
 
 
 def scenario(*settings: str, **options: Any) -> Scenario:
@@ -39,16 +44,15 @@ def test_gradient_is_the_one_the_learner_steps_along() -> None:
     plain = scenario()
     draw = np.random.default_rng(2)
     states, actions = draw.normal(size=(6, 4)) * [100, 100, 5, 5], draw.normal(size=(6, 2))
-    curvature, weights = draw.normal(size=6), draw.normal(size=(6, 2, 69))
-    learner = FpkLearner(plain)
-    pairs = learner.basis.pairs(Powers(plain.learner)(states))
+    curvature, weights = draw.normal(size=6), draw.normal(size=(6, 138))
+    t = tables(plain)
+    pairs = features.pairs(t, features.powers(t, states))
     drift = actions - plain.wind.drag * (states[:, 2:] - np.array(plain.wind.mean))
-    stepped = learner.step(weights, states, pairs, learner.basis.terms(pairs)[:, 1:], drift, curvature)
+    stepped, residual = fpk.step(t, weights, states, pairs, features.terms(t, pairs)[:, 1:], drift, curvature)
     g = theory.fpk_gradients(plain, states, actions, curvature)
-    flat = weights.reshape(6, -1)
-    error = (g * flat).sum(axis=-1)
-    assert stepped.residual == pytest.approx(error)
-    assert stepped.weights.reshape(6, -1) == pytest.approx(flat - plain.learner.mu_f * error[:, None] * g)
+    error = (g * weights).sum(axis=-1)
+    assert residual == pytest.approx(error)
+    assert stepped == pytest.approx(weights - plain.learner.mu_f * error[:, None] * g)
 
 
 def test_mean_of_the_weights_decays_as_the_recursion_says() -> None:
@@ -137,11 +141,11 @@ def test_the_radio_of_long_flights_loses_nothing(method: str) -> None:
 # -- the control law where the problem is linear-quadratic ------------------------------------------------------------
 
 
-def ask(plain: Scenario, weights: np.ndarray, states: np.ndarray) -> HjbResult:
+def ask(plain: Scenario, weights: np.ndarray, states: np.ndarray) -> hjb.ValueStep:
     """What the learner's own step says at `states` with the same weights for all."""
-    learner = HjbLearner(plain)
-    rows = len(states)
-    return learner.step(np.repeat(weights[None], rows, axis=0), states, Powers(plain.learner)(states), np.zeros(rows))
+    t, rows = tables(plain), len(states)
+    flat = np.repeat(weights.reshape(1, -1), rows, axis=0)
+    return hjb.step(t, flat, states, features.powers(t, states), np.zeros(rows))
 
 
 def test_regulator_action_and_residual_are_exact() -> None:
@@ -184,7 +188,7 @@ def test_cruise_speed_is_where_the_dynamics_settle_under_the_law() -> None:
     states = np.array([1e6, 0.0, 0.0, 0.0])
     for _ in range(400):
         law = -(2 * cruise.q * states[state.VX] + cruise.p) / (2 * plain.cost.c3)
-        states = dynamics.step(plain, states, np.array([law, 0.0]), np.zeros(2))
+        states = moved(plain, states, np.array([law, 0.0]), np.zeros(2))
     assert states[state.VX] == pytest.approx(cruise.speed)
 
 
@@ -214,7 +218,7 @@ def test_gaussian_follows_the_simulated_cloud() -> None:
     start_mean, start_std = np.array([5.0, -3.0, 1.0, 0.0]), np.array([1.0, 2.0, 0.5, 0.2])
     cloud = start_mean + start_std * draw.standard_normal((20000, 4))
     for _ in range(200):
-        cloud = dynamics.step(fine, cloud, -cloud @ gain.T, draw.standard_normal((20000, 2)))
+        cloud = moved(fine, cloud, -cloud @ gain.T, draw.standard_normal((20000, 2)))
 
     def moments(_: float, y: np.ndarray) -> np.ndarray:
         covariance = y[4:].reshape(4, 4)
@@ -242,8 +246,8 @@ def test_operator_misses_a_gaussian_that_is_not_stationary() -> None:
     _, covariance = theory.stationary(flow)
     weights = theory.gaussian_weights(plain, 2 * covariance)
     assert abs(theory.operator_residual(plain, flow, weights, np.zeros((1, 4)))[0]) > 0.1
-    basis = DensityBasis(plain.learner, plain.wind.sigma)
-    assert basis.terms(basis.pairs(Powers(plain.learner)(np.zeros((1, 4))))).shape == (1, 70)
+    t = tables(plain)
+    assert features.terms(t, features.pairs(t, features.powers(t, np.zeros((1, 4))))).shape == (1, 70)
 
 
 # -- the best flight ------------------------------------------------------------
@@ -273,7 +277,7 @@ def test_best_flight_obeys_the_worlds_dynamics_and_costs_what_it_says() -> None:
     best = optimum.best_flight(plain, START, 400)
     states = [START]
     for command in best.accelerations:
-        states.append(dynamics.step(plain, states[-1], command, np.zeros(2)))
+        states.append(moved(plain, states[-1], command, np.zeros(2)))
     assert np.array(states) == pytest.approx(best.states, abs=1e-9)
     assert float(optimum.flight_cost(plain, np.array(states), best.accelerations)) == pytest.approx(best.cost)
 
@@ -285,7 +289,7 @@ def test_no_disturbed_flight_is_cheaper() -> None:
         smooth = size * np.cumsum(draw.standard_normal((300, 2)), axis=0) / 17
         states = [START]
         for command in best.accelerations + smooth:
-            states.append(dynamics.step(plain, states[-1], command, np.zeros(2)))
+            states.append(moved(plain, states[-1], command, np.zeros(2)))
         assert optimum.flight_cost(plain, np.array(states), best.accelerations + smooth) > best.cost
 
 

@@ -50,7 +50,7 @@ def told_url(stream: Iterable[str]) -> str:
 def world(spawn: Spawn, *flags: str) -> tuple["subprocess.Popen[str]", tuple[str, ...]]:
     base = ("--endpoint", free_endpoint(), "--run", "watched")
     sets = (word for setting in SETTINGS for word in ("--set", setting))
-    return spawn("worldsim", *base, *sets, *flags), base
+    return spawn("meanflock.worldsim", *base, *sets, *flags), base
 
 
 def listening(pid: int) -> set[int]:
@@ -63,8 +63,8 @@ def listening(pid: int) -> set[int]:
 
 def test_a_scrape_of_a_real_run_is_its_summary(spawn: Spawn, command: Command) -> None:
     flown, base = world(spawn, "--metrics", "0", "--stations", "1")
-    spawn("leader", *base)
-    spawn("agent", *base, "--rows", "3")
+    spawn("meanflock.leader", *base)
+    spawn("meanflock.agent", *base, "--rows", "3")
     assert flown.stderr is not None
     url = told_url(flown.stderr)
 
@@ -193,7 +193,7 @@ def test_every_line_of_a_run_is_an_object_that_says_who_and_when(
 
 def test_a_process_that_fails_says_so_in_one_line(spawn: Spawn) -> None:
     base = ("--endpoint", free_endpoint(), "--run", "nobody", "--wait", "1", "--log-format", "json")
-    started = {module: spawn(module, *base) for module in ("agent", "leader", "groundstation")}
+    started = {module: spawn(f"meanflock.{module}", *base) for module in ("agent", "leader", "groundstation")}
     for module, process in started.items():
         _, err = process.communicate(timeout=DEADLINE_S)
         assert process.returncode == 1
@@ -222,8 +222,8 @@ def test_real_time_is_kept_and_what_was_late_is_counted(command: Command) -> Non
 def test_an_agent_that_is_stopped_for_a_moment_is_late_and_not_lost(spawn: Spawn) -> None:
     endless = ("--set", "duration=100000", "--set", "stop=duration")
     flown, base = world(spawn, *endless, "--realtime", "10", "--metrics", "0")
-    spawn("leader", *base)
-    agents = [spawn("agent", *base) for _ in range(3)]
+    spawn("meanflock.leader", *base)
+    agents = [spawn("meanflock.agent", *base) for _ in range(3)]
     assert flown.stderr is not None
     url = told_url(flown.stderr)
     count = lambda name: scrape(url)[f"meanflock_{name}_total", frozenset()]  # noqa: E731

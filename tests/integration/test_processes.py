@@ -8,7 +8,6 @@ from pathlib import Path
 import psutil
 import pyarrow.parquet as pq
 import pytest
-from meanflock.swarm.methods import Method
 
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.launch import free_endpoint
@@ -17,6 +16,7 @@ from meanflock.groundstation.resume import back
 from meanflock.groundstation.viewer import verify
 from meanflock.swarm.scenario import load
 from tests.integration.conftest import Command, Spawn, processes_of
+from tests.methods import METHODS
 from tests.polling import DEADLINE_S, until
 
 pytestmark = pytest.mark.processes
@@ -25,7 +25,7 @@ SHORT = ("--uavs", "4", "--seed", "7", "--duration", "30", "--set", "federation.
 ENDLESS = ("--uavs", "4", "--duration", "100000", "--set", "stop=duration", "--json", "--quiet")
 
 
-@pytest.mark.parametrize("method", list(Method))
+@pytest.mark.parametrize("method", METHODS)
 def test_every_method_flies_the_same_run_in_one_process_in_two_and_in_four(method: str, command: Command) -> None:
     flags = ("--method", method, "--no-record", *SHORT)
     alone = command.summary("--in-process", *flags)
@@ -82,10 +82,14 @@ def test_a_finished_run_leaves_all_five_files_and_reruns_bit_identically(command
 
 def test_processes_started_by_hand_in_any_order_find_each_other(command: Command, spawn: Spawn) -> None:
     base = ("--endpoint", free_endpoint(), "--run", "by-hand")
-    others = [spawn("agent", *base), spawn("agent", *base, "--rows", "2"), spawn("leader", *base)]
+    others = [
+        spawn("meanflock.agent", *base),
+        spawn("meanflock.agent", *base, "--rows", "2"),
+        spawn("meanflock.leader", *base),
+    ]
     settings = ("uavs=4", "seed=7", "duration=30", "federation.period=40")
-    world = spawn("worldsim", *base, *(flag for setting in settings for flag in ("--set", setting)))
-    others.append(spawn("agent", *base))
+    world = spawn("meanflock.worldsim", *base, *(flag for setting in settings for flag in ("--set", setting)))
+    others.append(spawn("meanflock.agent", *base))
     out, err = world.communicate(timeout=DEADLINE_S)
     assert world.returncode == 0, err
     for process in others:
@@ -97,10 +101,10 @@ def test_processes_started_by_hand_in_any_order_find_each_other(command: Command
 
 def test_a_station_of_its_own_records_a_swarm_it_did_not_start(tmp_path: Path, spawn: Spawn) -> None:
     base = ("--endpoint", free_endpoint(), "--run", "watched")
-    station = spawn("groundstation", *base, "--out", str(tmp_path), "--rerun", "")
+    station = spawn("meanflock.groundstation", *base, "--out", str(tmp_path), "--rerun", "")
     flags = ("--set", "uavs=2", "--set", "method=mfg", "--set", "duration=20", "--stations", "1")
-    world = spawn("worldsim", *base, *flags)
-    agent = spawn("agent", *base, "--rows", "2")
+    world = spawn("meanflock.worldsim", *base, *flags)
+    agent = spawn("meanflock.agent", *base, "--rows", "2")
     out, _ = world.communicate(timeout=DEADLINE_S)
     told, err = station.communicate(timeout=DEADLINE_S)
     assert agent.wait(DEADLINE_S) == 0
@@ -145,7 +149,7 @@ def way_on(folder: Path) -> str:
 def test_a_killed_world_ends_the_run_with_its_name_and_leaves_no_orphan(command: Command) -> None:
     process = command.start("--no-record", *ENDLESS)
     run = command.flying()
-    next(p for p in processes_of(run) if "worldsim" in p.cmdline()).kill()
+    next(p for p in processes_of(run) if "meanflock.worldsim" in p.cmdline()).kill()
     _, err = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 1
     assert err.startswith("error: world was killed by SIGKILL")
@@ -165,7 +169,7 @@ def test_a_run_whose_world_was_killed_is_whole_so_far_and_is_resumed_to_the_end_
     until((command.folder / CHECKPOINT).exists, "a checkpoint")  # which is written beside the flight
     until(lambda: read_checkpoint(command.folder)["tick"] >= 100, "a checkpoint of minds that have learned")
     run = command.folder.name
-    next(p for p in processes_of(run) if "worldsim" in p.cmdline()).kill()
+    next(p for p in processes_of(run) if "meanflock.worldsim" in p.cmdline()).kill()
     out, err = process.communicate(timeout=DEADLINE_S)
     assert (process.returncode, out) == (1, "")
     assert err.startswith("error: world was killed by SIGKILL")
@@ -185,9 +189,9 @@ def test_a_run_whose_world_was_killed_is_whole_so_far_and_is_resumed_to_the_end_
 def test_agents_forked_by_hand_fly_and_leave_when_they_are_told_to(spawn: Spawn) -> None:
     base = ("--endpoint", free_endpoint(), "--run", "three-of-one")
     flags = ("--set", "uavs=6", "--set", "method=mfg", "--set", "stop=duration", "--set", "duration=100000")
-    world = spawn("worldsim", *base, *flags)
-    agents = spawn("agent", *base, "--count", "3", "--rows", "2")
-    spawn("leader", *base)
+    world = spawn("meanflock.worldsim", *base, *flags)
+    agents = spawn("meanflock.agent", *base, "--count", "3", "--rows", "2")
+    spawn("meanflock.leader", *base)
     until(lambda: len(processes_of("three-of-one")) == 6, "world, leader, three agents and who waits for them")
     frozen = psutil.Process(agents.pid).children()[1]
     frozen.suspend()  # and is woken up to hear it
@@ -201,7 +205,7 @@ def test_agents_forked_by_hand_fly_and_leave_when_they_are_told_to(spawn: Spawn)
 
 @pytest.mark.parametrize("flags", [("--count", "0"), ("--count", "2", "--tls", "certs")])
 def test_a_count_that_cannot_be_is_refused(flags: tuple[str, ...], spawn: Spawn) -> None:
-    agent = spawn("agent", *flags)
+    agent = spawn("meanflock.agent", *flags)
     _, err = agent.communicate(timeout=DEADLINE_S)
     assert agent.returncode == 2
     assert err.startswith("error: --count")

@@ -11,22 +11,21 @@ from tests.polling import DEADLINE_S
 
 pytestmark = pytest.mark.processes
 
-PACKAGES = ("agent", "channel", "groundstation", "leader", "swarm", "worldsim")
+PACKAGES = ("agent", "channel", "groundstation", "kernels", "leader", "meanflock", "swarm", "worldsim")
 LIBRARIES = ("joblib", "msgspec", "numpy", "zenoh")
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """A working folder with files and folders of all our names, each of which leaves a trace where it is run."""
-    trace = f"open({str(tmp_path / 'ran')!r}, 'a').write(__name__ + '\\n')\nraise SystemExit('not ours')\n"
-    working = tmp_path / "working"
+def hostile(below: Path) -> tuple[Path, Path]:
+    """A working folder with files and folders of all our names, and where each leaves a trace if it is run."""
+    working, ran = below / "working", below / "ran"
+    trace = f"open({str(ran)!r}, 'a').write(__name__ + '\\n')\nraise SystemExit('not ours')\n"
     for name in PACKAGES:
         (working / name).mkdir(parents=True)
         for file in ("__init__.py", "__main__.py"):
             (working / name / file).write_text(trace)
     for name in (*PACKAGES, *LIBRARIES):
         (working / f"{name}.py").write_text(trace)
-    return working
+    return working, ran
 
 
 @pytest.mark.parametrize(
@@ -38,12 +37,13 @@ def folder(tmp_path: Path) -> Path:
     ],
     ids=["run", "run of two in one", "sweep"],
 )
-def test_a_run_takes_nothing_from_the_working_folder(flags: tuple[str, ...], folder: Path, tmp_path: Path) -> None:
+def test_a_run_takes_nothing_from_the_working_folder(flags: tuple[str, ...], tmp_path: Path) -> None:
+    working, ran = hostile(tmp_path)
     out = tmp_path / "out"
     as_the_script_does = ["-P", "-c", "from meanflock.groundstation.cli import main; main()"]
     command = [sys.executable, *as_the_script_does, *flags, "--out", str(out)]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=DEADLINE_S)
-    assert not (tmp_path / "ran").exists(), (tmp_path / "ran").read_text()
+    done = subprocess.run(command, cwd=working, capture_output=True, text=True, timeout=DEADLINE_S)
+    assert not ran.exists(), ran.read_text()
     assert done.returncode == 0, done.stderr
     assert out.exists()
     if "--json" in flags:

@@ -13,7 +13,7 @@ import pytest
 def backend(request: pytest.FixtureRequest) -> ModuleType:
     """`kernels.compiled`, which must be there where a compiler is, or `kernels.reference`."""
     try:
-        return importlib.import_module(f"kernels.{request.param}")
+        return importlib.import_module(f"meanflock.kernels.{request.param}")
     except ImportError:
         headers = Path(sysconfig.get_path("include"), "Python.h")
         assert shutil.which("cc") is None or not headers.exists()

@@ -35,14 +35,14 @@ def python(code: str, *arguments: str, pure: str) -> str:
 def test_a_variable_chooses_numpy_and_nothing_else_does(pure: str) -> None:
     native = kernels.BACKEND == "compiled" or pure == "1"
     expected = "numpy" if pure == "1" else "compiled" if native else "numpy"
-    assert python("import kernels; print(kernels.BACKEND)", pure=pure).strip() == expected
+    assert python("from meanflock import kernels; print(kernels.BACKEND)", pure=pure).strip() == expected
 
 
 def test_both_forms_have_the_same_names() -> None:
-    names = {"BACKEND", "learn", "pairs", "prepare"}
+    names = {"BACKEND", "learn", "pairs", "prepare", "read", "write"}
     assert set(kernels.__all__) - {"Tables"} == names
     for module in ("compiled", "reference"):
-        code = f"import kernels.{module} as m; print(*sorted({names!r} & set(vars(m))))"
+        code = f"import meanflock.kernels.{module} as m; print(*sorted({names!r} & set(vars(m))))"
         if module == "compiled" and kernels.BACKEND != "compiled":
             continue
         assert set(python(code, pure="1").split()) == names

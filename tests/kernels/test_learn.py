@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from meanflock.swarm.methods import Method
 
 from meanflock.agent.learner import Learner
 from meanflock.agent.tables import tables
 from meanflock.kernels import reference
+from meanflock.kernels import weights as layout
 from meanflock.kernels.tables import Tables, packed
-from meanflock.swarm import model, state
+from meanflock.swarm import state
 from meanflock.swarm.scenario import load
 from meanflock.worldsim.formation import initial_states
 
@@ -37,7 +37,7 @@ def tick(backend: ModuleType, weights: np.ndarray, states: np.ndarray, around: n
 def flying(around: str, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Rows as different as those of a swarm on its way."""
     draw = np.random.default_rng(rows)
-    weights = Learner(SCENARIO).init(rows, initial_states(SCENARIO)) + draw.normal(0, 0.1, (rows, model.MODEL_FLOATS))
+    weights = Learner(SCENARIO).init(rows, initial_states(SCENARIO)) + draw.normal(0, 0.1, (rows, layout.MODEL_FLOATS))
     states = draw.uniform([-50, -50, -8, -8], [180, 130, 8, 8], (rows, state.SIZE))
     known = draw.normal(0, 30, (rows, 300, state.SIZE))
     return weights, states, {"density": None, "known": known, "given": draw.uniform(0, 9, rows)}[around]
@@ -61,7 +61,7 @@ any_number = st.floats(allow_nan=True, allow_infinity=True, width=64)
 
 @settings(max_examples=60, deadline=None)
 @given(
-    arrays(np.float64, (3, model.MODEL_FLOATS), elements=any_number),
+    arrays(np.float64, (3, layout.MODEL_FLOATS), elements=any_number),
     arrays(np.float64, (3, 4), elements=any_number),
     arrays(np.float64, (3, 9, 4), elements=any_number),
 )
@@ -99,7 +99,7 @@ def test_a_row_is_the_same_in_any_company_and_nothing_is_read_or_written_beyond_
     alone = [tick(backend, weights[k], states[k], None if of is None else of[k])[0] for k in each]
     for array in (states, weights, *([] if of is None else [of])):
         array[rows:] = np.nan
-    stepped, numbers = np.full((2 * LANES + 2, model.MODEL_FLOATS), 7.0), np.full((2 * LANES + 2, 5), 7.0)
+    stepped, numbers = np.full((2 * LANES + 2, layout.MODEL_FLOATS), 7.0), np.full((2 * LANES + 2, 5), 7.0)
     part = None if of is None else of[:rows]
     backend.learn(backend.prepare(TABLES), states[:rows], weights[:rows], part, stepped[:rows], numbers[:rows])
     assert [row.tobytes() for row in np.concatenate([stepped, numbers], axis=-1)[:rows]] == alone
@@ -193,9 +193,9 @@ def test_tables_of_another_size_are_refused(what: str) -> None:
 def test_an_exponent_of_the_interaction_is_not_lost() -> None:
     """β ≠ 1: the agent says what φ_G is, whichever form computes the rest."""
     draw = np.random.default_rng(3)
-    learner = Learner(load(None, ["uavs=4", "cost.beta=0.5"], method=str(Method.HJB)))
+    learner = Learner(load(None, ["uavs=4", "cost.beta=0.5"], method="hjb"), learns_density=False)
     states, known = draw.normal(0, 5, (2, 4)), draw.normal(0, 5, (2, 4, 4))
     apart = known - states[:, None]
     kernel = (apart[..., 2:] ** 2).sum(axis=-1) / np.sqrt(1 + (apart[..., :2] ** 2).sum(axis=-1))
-    found = learner.step(learner.init(2, known[0]), states, known).numbers[:, 4]
-    np.testing.assert_allclose(found, kernel.mean(axis=-1), rtol=1e-12)
+    _, numbers = learner.step(learner.init(2, known[0]), states, known)
+    np.testing.assert_allclose(numbers[:, 4], kernel.mean(axis=-1), rtol=1e-12)

@@ -10,7 +10,8 @@ import pytest
 
 from meanflock.agent.tables import DENSITY_EXPONENTS, VALUE_EXPONENTS, tables
 from meanflock.kernels import Tables, features, fpk, hjb
-from meanflock.swarm import model, state
+from meanflock.kernels import weights as layout
+from meanflock.swarm import state
 from meanflock.swarm.scenario import load
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "learner.json").read_text())
@@ -90,7 +91,7 @@ def test_a_tick_of_either_form_under_the_oracle_s_interaction(t: Tables, backend
     close(stepped[:, 54:108], "w_H1_next")
     np.testing.assert_array_equal(numbers[:, 3], 0.0)
     np.testing.assert_array_equal(numbers[:, 4], rows("phi_G"))
-    np.testing.assert_array_equal(stepped[:, model.DENSITY], models[:, model.DENSITY])
+    np.testing.assert_array_equal(stepped[:, layout.DENSITY], models[:, layout.DENSITY])
     assert largest == np.abs(numbers).max()
 
 

@@ -24,7 +24,7 @@ from meanflock.swarm.net.bus import Bus
 from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.net.identity import LEADER, WORLD, Identity
 from meanflock.swarm.net.session import ZenohBus
-from meanflock.swarm.wire import control
+from meanflock.swarm.wire import tick
 from meanflock.swarm.wire.messages import Act, Join
 from tests.polling import DEADLINE_S, until
 
@@ -68,6 +68,11 @@ def undisturbed() -> str:
     return str(engine.world.finish()["trajectory_sha256"])
 
 
+def act_in(raw: bytes) -> Act | None:
+    """What an agent does in a tick; None for a control message."""
+    return tick.read_act(raw) if raw[1:2] in tick.TYPES else None
+
+
 class Holding:
     """A bus that keeps what is put, and stands still before the answer to one tick is out."""
 
@@ -78,8 +83,8 @@ class Holding:
 
     def put(self, key: str, payload: bytes) -> None:
         """Like a bus."""
-        message = control.decode(payload)
-        if isinstance(message, Act) and message.tick == HOLD_TICK:
+        act = act_in(payload)
+        if act is not None and act.tick == HOLD_TICK:
             self.reached.set()
             assert self.go_on.wait(DEADLINE_S)
         self.sent.append(payload)

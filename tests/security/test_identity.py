@@ -16,10 +16,10 @@ from meanflock.swarm.errors import BusError
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.identity import LEADER, Identity
 from meanflock.swarm.net.session import _COMMON, ZenohBus, _config, _tls, secured
-from meanflock.swarm.wire import control
+from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Ready, Refusal
 from tests.polling import DEADLINE_S, until
-from tests.security.conftest import HELD, HOLD_TICK, RUN, UAVS, Flight, Folders
+from tests.security.conftest import HELD, HOLD_TICK, RUN, UAVS, Flight, Folders, act_in
 
 pytestmark = pytest.mark.processes
 
@@ -27,9 +27,9 @@ ME, VICTIM = "agent-3", f"agent-{HELD}"
 PATIENCE_S = 0.5
 
 
-def forged(tick: int = HOLD_TICK) -> bytes:
+def forged() -> bytes:
     """An Act that would send a UAV off at full tilt."""
-    return control.encode(Act(keys.fingerprint(RUN), tick, np.array([[50.0, -50.0, 0.0, 0.0, 0.0]])))
+    return tick.write_act(Act(keys.fingerprint(RUN), HOLD_TICK, np.array([[50.0, -50.0, 0.0, 0.0, 0.0]])))
 
 
 def without_certificate(endpoint: str, folders: Folders) -> ZenohBus:
@@ -169,8 +169,8 @@ def test_an_agent_sending_as_leader_is_denied(flight: Flight, undisturbed: str) 
     model = np.full((1, 246), 7.0, np.float32)
     poison = Frames(FrameKind.GLOBAL, 3, np.zeros(1, np.int32), model)
     act = Act(keys.fingerprint(RUN), HOLD_TICK, np.zeros((0, 5)), outbox=(poison,))
-    attacker.put(keys.act(RUN, LEADER), control.encode(act))
-    attacker.put(keys.act(RUN, ME), control.encode(act))  # and under its own name, where only the world can tell
+    attacker.put(keys.act(RUN, LEADER), tick.write_act(act))
+    attacker.put(keys.act(RUN, ME), tick.write_act(act))  # and under its own name, where only the world can tell
     assert attacker.ask(keys.join(RUN, LEADER), control.encode(Join(LEADER, 0)), PATIENCE_S) is None
     flight.logs(
         f"denied: {ME}: Put under {keys.act(RUN, LEADER)}", f"denied: {ME}: Query under {keys.join(RUN, LEADER)}"
@@ -246,11 +246,11 @@ def test_no_key_makes_a_denial_appear_as_anothers(flight: Flight, undisturbed: s
 
 def test_replayed_frames_are_dropped(flight: Flight, undisturbed: str) -> None:
     thief = flight.client(VICTIM)  # with the victim's own key
-    recorded = [raw for raw in flight.held.sent if isinstance(control.decode(raw), Act)]
+    recorded = [raw for raw in flight.held.sent if act_in(raw) is not None]
     assert len(recorded) == HOLD_TICK
     for raw in recorded:
         thief.put(keys.act(RUN, VICTIM), raw)
-    flight.logs(f"answer to tick {HOLD_TICK - 1} in tick {HOLD_TICK}")
+    flight.logs(f"reply to tick {HOLD_TICK - 1} in tick {HOLD_TICK}")
     summary = flight.land()
     assert summary["dropped_messages"]["stale"] >= HOLD_TICK
     assert summary["trajectory_sha256"] == undisturbed

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
+import meanflock as mf
 from meanflock.agent.controllers.base import Controller
 from meanflock.groundstation.engine import Engine
 from meanflock.swarm import plugins, scenario
@@ -96,6 +97,14 @@ def test_two_of_one_name_are_refused_with_both_places(tmp_path: Path) -> None:
     assert str(first) in str(caught.value)
     assert str(second) in str(caught.value)
     assert plugins.load_file(first)  # the same again is the same
+
+
+@pytest.mark.parametrize("base", ["Controller", "Aggregator", "Channel", "Vehicle"])
+def test_a_class_derived_from_each_of_the_four_base_classes_is_found_by_its_name(base: str) -> None:
+    mine = type("Mine", (getattr(mf, base),), {"name": "mine"})
+    plugin = plugins.register(mine)
+    assert plugins.load(plugin.door, "mine") is mine
+    assert plugin.door == base.lower()
 
 
 def test_two_packages_of_one_name_are_refused_with_both_packages(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -189,13 +198,13 @@ def test_a_node_on_a_host_without_the_plugin_or_with_another_is_refused_and_the_
 
     monkeypatch.setattr(client, "plugins", ElsewherePlugins)
     monkeypatch.setattr(client.platform, "node", lambda: "far-away")
-    encode = client.codec.encode
+    encode = client.control.encode
 
     def overheard(message: Any) -> bytes:
         said.append(message)
         return encode(message)
 
-    monkeypatch.setattr(client.codec, "encode", overheard)
+    monkeypatch.setattr(client.control, "encode", overheard)
     with pytest.raises(BadInput, match=r"agent-0 on host far-away: controller 'lent' is "):
         Engine(load(None, ["uavs=2"], method="lent"), "hosts")
     assert any(isinstance(message, Refusal) and "far-away" in message.reason for message in said)
@@ -204,7 +213,7 @@ def test_a_node_on_a_host_without_the_plugin_or_with_another_is_refused_and_the_
 def test_a_world_one_of_whose_nodes_lacks_the_plugin_does_not_take_off_and_says_which_host() -> None:
     engine = Engine(load(None, ["uavs=2"], method="hjb"), "hosts")
     world = engine.world
-    world._door.unfit.append("agent-1 on host far-away: controller 'lent' is not installed here")
+    world._admission.unfit.append("agent-1 on host far-away: controller 'lent' is not installed here")
     world._members._by_name["agent-0"].ready = False
     with pytest.raises(BadInput, match="host far-away"):
         world.gather(0.0)

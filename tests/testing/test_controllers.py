@@ -1,6 +1,7 @@
 """The suite for controllers lets ours and a stranger's through, and says of every kind of wrong one what to mend."""
 
 import random
+import re
 import runpy
 import time
 from collections.abc import Sequence
@@ -12,7 +13,7 @@ import pytest
 
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
 from meanflock.swarm import plugins
-from meanflock.testing import ConformanceError, check_controller
+from meanflock.testing import ConformanceError, check_aggregator, check_controller
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -22,8 +23,19 @@ def test_every_controller_of_ours_conforms(name: str) -> None:
     check_controller(plugins.load("controller", name))
 
 
-def test_the_example_conforms() -> None:
-    check_controller(runpy.run_path(str(EXAMPLES / "spring.py"))["Spring"], {"stiffness": 0.05})
+@pytest.mark.parametrize(("file", "name"), [("spring.py", "Spring"), ("trim.py", "Trim")])
+def test_the_examples_conform(file: str, name: str) -> None:
+    check_controller(runpy.run_path(str(EXAMPLES / file))[name], {"stiffness": 0.05})
+
+
+def test_the_example_of_a_rule_conforms() -> None:
+    check_aggregator(runpy.run_path(str(EXAMPLES / "momentum.py"))["Momentum"], {"beta": 0.9})
+
+
+def test_the_first_example_is_short_and_imports_the_python_door_alone() -> None:
+    text = (EXAMPLES / "spring.py").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 25
+    assert re.findall(r"^(?:import|from) (\w+)", text, flags=re.M) == ["typing", "numpy", "msgspec", "meanflock"]
 
 
 class Good(Controller):

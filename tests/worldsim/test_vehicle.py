@@ -1,4 +1,4 @@
-"""The vehicle admission: the point mass keeps the contract, others fly by it, and a wrong one ends the run and says why."""
+"""The vehicle door: the point mass keeps the contract, others fly by it, and a wrong one ends the run and says why."""
 
 from copy import deepcopy
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The vehicle admission: how UAVs move under acceleration, wind and noise, and what it costs them."""
+"""The vehicle door: how UAVs move under acceleration, wind and noise, and what it costs them."""
 
 from typing import ClassVar
 
@@ -18,7 +18,7 @@ class Vehicle:
     that a UAV is besides its state [x, y, vx, vy] (m, m/s) lies in `hidden`, which is kept in checkpoints, not in self.
     """
 
-    admission: ClassVar = "vehicle"
+    door: ClassVar = "vehicle"
     name: ClassVar[str] = ""
 
     class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -1,0 +1,139 @@
+"""Writes api.md, the reference of the Python door, from signatures and docstrings."""
+
+import ast
+import inspect
+import itertools
+import re
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import meanflock as mf
+from meanflock import testing
+
+PAGE = Path(__file__).with_suffix(".md")
+WIDTH = 100  # of a signature in one line
+
+SECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "Fly": ("A flight in this process; see [first flight](first-flight.md).", ("fly", "open", "Run", "Scenario")),
+    "Study": ("Many flights, over processes; a table of means.", ("compare", "sweep", "Comparison")),
+    "A controller": (
+        "See [your controller](your-controller.md).",
+        ("Controller", "Options", "Received", "Broadcast", "Step"),
+    ),
+    "An aggregation rule": ("See [your aggregation rule](your-aggregation.md).", ("Aggregator",)),
+    "A channel": ("What becomes of a message on a link.", ("Channel",)),
+    "A vehicle": ("How a UAV moves, and what that costs.", ("Vehicle",)),
+    "What is installed": ("", ("plugins", "register", "Plugin")),
+    "Randomness": ("For whatever a controller of yours draws.", ("seeds",)),
+    "Errors": ("", ("MeanflockError", "BadInput", "RunFailed")),
+}
+MEMBERS = {"Scenario": ("period_ticks", "participants", "max_ticks", "sha256"), "Plugin": ()}  # where not all are shown
+
+
+def page() -> str:
+    """The whole page."""
+    lines = [
+        "# The Python door",
+        "",
+        "Written by `python docs/api.py` from signatures and docstrings; a test holds it to the code. Everything here",
+        "is a name of `meanflock`, by custom `import meanflock as mf`, and loaded when it is first used;",
+        "`meanflock.testing` is imported by itself. Shapes: N UAVs of the swarm, M rows of a node, T ticks.",
+    ]
+    for title, (about, names) in SECTIONS.items():
+        lines += ["", f"## {title}", *(["", about] if about else [])]
+        for name in names:
+            lines += _entry(f"mf.{name}", getattr(mf, name), MEMBERS.get(name))
+    lines += ["", "## meanflock.testing", "", *_prose(inspect.getdoc(testing) or "")]
+    for name in sorted(testing.__all__, key=lambda name: (name[0].isupper(), name)):
+        lines += _entry(f"testing.{name}", getattr(testing, name), None)
+    return "\n".join(lines) + "\n"
+
+
+def _entry(name: str, of: Any, members: tuple[str, ...] | None) -> Iterator[str]:
+    yield from ("", f"### {name}", "")
+    if isinstance(of, ModuleType):
+        yield from _prose(inspect.getdoc(of) or "")
+        for one, function in inspect.getmembers(of, inspect.isfunction):
+            if function.__module__ == of.__name__ and not one.startswith("_"):
+                yield from ("", *_function(f"{name}.{one}", function))
+    elif inspect.isclass(of):
+        yield from _class(of, members)
+    else:
+        yield from _function(name, of)
+
+
+def _class(of: type, members: tuple[str, ...] | None) -> Iterator[str]:
+    yield from _prose(inspect.getdoc(of) or "")
+    source = textwrap.dedent(inspect.getsource(of)).splitlines()
+    body = ast.parse("\n".join(source)).body[0].body  # type: ignore[attr-defined]
+    fields = [source[node.lineno - 1].strip() for node in body if isinstance(node, ast.AnnAssign)]
+    fields = [field for field in fields if not field.startswith("door:")]
+    if fields and members is None:
+        yield from ("", "```python", *fields, "```")
+    for node in body:
+        if isinstance(node, ast.FunctionDef) and _is_shown(node, members):
+            yield from ("", *_method(node))
+
+
+def _is_shown(node: ast.FunctionDef, members: tuple[str, ...] | None) -> bool:
+    if members is not None:
+        return node.name in members
+    return ast.get_docstring(node) is not None and (not node.name.startswith("_") or node.name == "__init__")
+
+
+def _function(name: str, function: Any) -> Iterator[str]:
+    node = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
+    assert isinstance(node, ast.FunctionDef)
+    yield from ("```python", *_signature(name, node), "```", "")
+    yield from _prose(ast.get_docstring(node) or "")
+
+
+def _method(node: ast.FunctionDef) -> Iterator[str]:
+    if any(isinstance(one, ast.Name | ast.Attribute) and "property" in ast.unparse(one) for one in node.decorator_list):
+        yield from ("```python", f"{node.name}: {ast.unparse(node.returns) if node.returns else 'Any'}", "```", "")
+    else:
+        node.args.args = node.args.args[1:]  # without self
+        yield from ("```python", *_signature(node.name, node), "```", "")
+    yield from _prose(ast.get_docstring(node) or "")
+
+
+def _signature(name: str, node: ast.FunctionDef) -> list[str]:
+    returns = f" -> {ast.unparse(node.returns)}" if node.returns is not None and node.name != "__init__" else ""
+    line = f"{name}({ast.unparse(node.args)}){returns}"
+    if len(line) <= WIDTH:
+        return [line]
+    parts = re.split(r", (?=[*\w]+(?::|=|,|$)|\*,)", ast.unparse(node.args))
+    return [f"{name}(", *(f"    {part}," for part in parts), f"){returns}"]
+
+
+def _prose(docstring: str) -> list[str]:
+    """A docstring as Markdown: its sections in bold, its indented parts as code."""
+    lines: list[str] = []
+    for part in docstring.split("\n\n"):
+        head, _, rest = part.partition("\n")
+        if head in ("Args:", "Returns:", "Raises:", "Yields:"):
+            lines += [f"*{head[:-1]}*:", "", *_items(rest, least=1), ""]
+        elif all(line.startswith("    ") for line in part.splitlines()):
+            again = lines[-2:] == ["```", ""]  # blank lines of one piece of code
+            lines = [*lines[:-2], ""] if again else [*lines, "```python"]
+            lines += [*textwrap.dedent(part).splitlines(), "```", ""]
+        else:
+            lines += [*_items(part), ""]
+    return lines[:-1]
+
+
+def _items(text: str, least: int = 2) -> list[str]:
+    """A list where a text goes by `name: meaning. name: meaning.`, with so many at least; else a paragraph."""
+    text = " ".join(text.split())
+    starts = [match.start(1) for match in re.finditer(r"(?:^|(?<=[.?]\s))(?!None)(\w+): ", text)]
+    if len(starts) < least or starts[0]:
+        return [text]
+    parts = [text[one:other].strip() for one, other in itertools.pairwise([*starts, len(text)])]
+    return [f"- `{name}`: {about}" for name, _, about in (part.partition(": ") for part in parts)]
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

@@ -1,0 +1,73 @@
+"""Arguments that several commands take: what a scenario is made of, and what a flight tells."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from meanflock.swarm import logs, plugins
+
+_METHODS = " | ".join(plugins.names("controller"))
+
+
+def _register(_context: click.Context, _parameter: click.Parameter, files: tuple[Path, ...]) -> None:
+    plugins.load_files(files)
+
+
+_OF_A_SCENARIO = {
+    "file": click.argument("file", metavar="[SCENARIO.toml]", required=False, type=click.Path(path_type=Path)),
+    "method": click.option("--method", metavar="NAME", help=f"{_METHODS}"),
+    "uavs": click.option("--uavs", type=int, metavar="N", help="Number of UAVs."),
+    "seed": click.option("--seed", type=int, metavar="S", help="Seed of all randomness."),
+    "duration": click.option("--duration", type=float, metavar="SECONDS", help="The run ends at the latest then."),
+    "settings": click.option(
+        "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Any scenario key, e.g. wind.sigma=0.2."
+    ),
+    "plugin": click.option(
+        "--plugin",
+        multiple=True,
+        type=click.Path(path_type=Path),
+        metavar="FILE.py",
+        callback=_register,
+        expose_value=False,
+        is_eager=True,  # before anything asks for what is in it
+        help="A file with a controller, an aggregation rule, a channel or a vehicle of yours, repeatable.",
+    ),
+}
+
+
+def scenario_arguments(*names: str) -> Callable[[Any], Any]:
+    """Adds the arguments a scenario is made of; all of them, or those named."""
+
+    def decorate(command: Any) -> Any:
+        for name in reversed(names or tuple(_OF_A_SCENARIO)):
+            command = _OF_A_SCENARIO[name](command)
+        return command
+
+    return decorate
+
+
+_TOLD = (
+    click.option(
+        "--metrics",
+        envvar="MEANFLOCK_METRICS",
+        metavar="[HOST:]PORT",
+        help="Where Prometheus can read the run; 0 for any free port.",
+    ),
+    click.option(
+        "--log-format",
+        type=click.Choice((logs.TEXT, logs.JSON)),
+        envvar="MEANFLOCK_LOG_FORMAT",
+        help="Pass on the logs of all processes, on stderr; with json it has nothing else.",
+    ),
+    click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object, nothing else."),
+    click.option("--quiet", is_flag=True, help="No progress bar."),
+)
+
+
+def telling(command: Any) -> Any:
+    """Adds what a flight tells, and to whom."""
+    for option in reversed(_TOLD):
+        command = option(command)
+    return command

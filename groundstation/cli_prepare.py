@@ -1,0 +1,97 @@
+"""Commands for before a flight: doctor, certs, scenario."""
+
+import json
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from meanflock.groundstation import catalogue
+from meanflock.groundstation import doctor as checks
+from meanflock.groundstation.cli_arguments import scenario_arguments
+from meanflock.groundstation.results import to_toml
+from meanflock.swarm import __version__, scenario
+from meanflock.swarm.errors import EXIT_RUN_FAILED
+
+
+@click.command()
+@click.option("--uavs", type=click.IntRange(1), default=25, show_default=True, metavar="N")
+@click.option("--uavs-per-process", type=click.IntRange(1), default=1, show_default=True, metavar="M")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("runs"), show_default=True, metavar="DIR")
+@click.option("--tls", type=click.Path(path_type=Path), metavar="DIR", help="Also look at these certificates.")
+def doctor(uavs: int, uavs_per_process: int, out: Path, tls: Path | None) -> None:
+    """Say what would fail here before it does.
+
+    What this machine has, beside what a run of N UAVs needs. Exit code 1 if anything would fail.
+
+    \b
+    Example: meanflock doctor --uavs 64
+    """
+    findings = checks.examine(uavs, uavs_per_process, out, tls)
+    table = Table("what", "verdict", "found", "mend", title=f"meanflock {__version__}")
+    colours = {"ok": "green", "warning": "yellow", "fails": "red"}
+    for finding in findings:
+        colour = colours[finding.verdict]
+        table.add_row(finding.what, f"[{colour}]{finding.verdict}[/]", finding.found, finding.mend)
+    Console().print(table)
+    if any(finding.verdict == "fails" for finding in findings):
+        raise SystemExit(EXIT_RUN_FAILED)
+
+
+@click.group("certs")
+def certs_group() -> None:
+    """Make certificates: who is who on the network. See docs/security.md."""
+
+
+@certs_group.command("init")
+@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@click.option("--uavs", type=click.IntRange(1, 10_000), default=25, show_default=True, metavar="N")
+@click.option("--days", type=click.IntRange(1, 3650), default=90, show_default=True, help="They expire after that.")
+@click.option("--host", "hosts", multiple=True, metavar="NAME", help="Another name or address of the world's machine.")
+def certs_init(folder: Path, uavs: int, days: int, hosts: tuple[str, ...]) -> None:
+    """Make DIR with an authority and one certificate each for the world, leader, station and N agents.
+
+    \b
+    Example: meanflock certs init out/certs --uavs 4
+    """
+    from meanflock.groundstation import certs
+
+    written = certs.init(folder, uavs, days, hosts)
+    click.echo(
+        f"{folder}: {len(written)} files, valid for {days} days; keep the keys, and above all ca.key, to yourself"
+    )
+
+
+@click.group("scenario")
+def scenario_group() -> None:
+    """Look at scenarios."""
+
+
+@scenario_group.command()
+@scenario_arguments()
+def show(
+    file: Path | None,
+    method: str | None,
+    uavs: int | None,
+    seed: int | None,
+    duration: float | None,
+    settings: tuple[str, ...],
+) -> None:
+    """Print a scenario, resolved, as TOML that can be flown again.
+
+    \b
+    Example: meanflock scenario show --method hjb > my.toml
+    """
+    click.echo(to_toml(scenario.load(file, settings, method=method, uavs=uavs, seed=seed, duration=duration)), nl=False)
+
+
+@scenario_group.command()
+@scenario_arguments("method", "plugin")
+def schema(method: str | None) -> None:
+    """Print the JSON schema of scenario files: every key with its unit and bounds, and the options of a controller.
+
+    \b
+    Example: meanflock scenario schema --method mfgfl-hf
+    """
+    click.echo(json.dumps(catalogue.schema(method), indent=1))

@@ -1,0 +1,190 @@
+"""A scenario: all of its tables, what they must not say together, and what follows from them."""
+
+from functools import cached_property
+from typing import Annotated, Any, Literal, cast
+
+import msgspec
+from msgspec import Meta, field
+
+from meanflock.swarm import clusters
+from meanflock.swarm.declared import Declared, declared
+from meanflock.swarm.faults import Fault, LeaderLoss
+from meanflock.swarm.pace import Pace
+from meanflock.swarm.plugins import Door, find
+from meanflock.swarm.scenario.tables import (
+    Cost,
+    Density,
+    Destination,
+    Federation,
+    Learner,
+    Metrics,
+    Offline,
+    Payload,
+    Radio,
+    Start,
+    Vehicle,
+    Wind,
+)
+from meanflock.swarm.table import Table as _Table
+
+# Keys that came later count in the hash only where they differ from their default: older runs keep their hash.
+LATER = (
+    "faults",
+    "federation.aggregation",
+    "federation.tolerance",
+    "federation.byzantine_fraction",
+    "federation.byzantine_kind",
+    "federation.payload",
+    "federation.broadcast_payload",
+    "federation.error_feedback",
+    "federation.clusters",
+    "federation.options",
+    "controller",
+    "radio.plausible_speed",
+    *("radio.model", "radio.options", "vehicle.model", "vehicle.options"),
+    "pace",
+)
+
+_PAYLOAD_BITS: dict[Payload, int] = {"float64": 64, "float32": 32, "float16": 16, "int8": 8}  # a weight
+
+
+class Scenario(_Table, frozen=True, dict=True):
+    """Everything a run depends on. Immutable; equal scenarios and seeds fly equal trajectories."""
+
+    method: Annotated[str, Meta(description="the controller of the UAVs; `meanflock plugins` lists them")] = "mfgfl-hf"
+    controller: Annotated[dict[str, Any], Meta(description="options of that controller")] = msgspec.field(
+        default_factory=dict
+    )
+    uavs: Annotated[int, Meta(ge=1, le=100_000, description="N, how many UAVs fly")] = 25
+    seed: Annotated[int, Meta(ge=0, le=2**62, description="source of all randomness")] = 1
+    dt: Annotated[float, Meta(ge=1e-6, le=1e3, description="a tick, s")] = 0.1
+    duration: Annotated[float, Meta(gt=0, description="the run ends at the latest now, s")] = 300.0
+    stop: Annotated[Literal["arrival", "duration"], Meta(description="end when all have arrived, or at `duration`")] = (
+        "arrival"
+    )
+    start: Start = field(default_factory=Start)
+    destination: Destination = field(default_factory=Destination)
+    wind: Wind = field(default_factory=Wind)
+    cost: Cost = field(default_factory=Cost)
+    learner: Learner = field(default_factory=Learner)
+    density: Density = field(default_factory=Density)
+    offline: Offline = field(default_factory=Offline)
+    federation: Federation = field(default_factory=Federation)
+    radio: Radio = field(default_factory=Radio)
+    vehicle: Vehicle = field(default_factory=Vehicle)
+    metrics: Metrics = field(default_factory=Metrics)
+    pace: Pace = field(default_factory=Pace)
+    faults: Annotated[tuple[Fault, ...], Meta(description="the fault script")] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.federation.leader >= self.uavs:
+            raise ValueError(
+                f"`federation.leader` is {self.federation.leader}, but the UAVs are 0…{self.uavs - 1}; name one of them"
+            )
+        if self.duration < self.dt:
+            raise ValueError(f"`duration` {self.duration} s is shorter than one tick, `dt` {self.dt} s")
+        if self.dt * self.wind.drag >= 2:
+            raise ValueError(f"`dt` {self.dt} s is unstable with `wind.drag` {self.wind.drag} 1/s; keep dt·drag < 2")
+        for key in ("payload", "broadcast_payload"):
+            wanted, radio_bits = getattr(self.federation, key), self.radio.bits_per_float
+            if wanted is not None and _PAYLOAD_BITS[wanted] > radio_bits:
+                raise ValueError(
+                    f"`federation.{key}` {wanted} is wider than a float of the radio, `radio.bits_per_float` "
+                    f"{radio_bits}; take a narrower payload or a wider float"
+                )
+        clusters.check(self)
+        for number, fault in enumerate(self.faults):
+            if any(uav >= self.uavs for uav in getattr(fault, "uavs", ())):
+                raise ValueError(f"`faults[{number}].uavs` names UAV {max(fault.uavs)} of 0…{self.uavs - 1}")  # type: ignore[union-attr]
+
+    @cached_property
+    def declared(self) -> Declared:
+        """What its controller declares.
+
+        Raises:
+            BadInput: the controller is not installed here, or its options do not fit.
+        """
+        return declared(self)
+
+    @property
+    def period_ticks(self) -> int:
+        """n0: the scenario's, or the controller's own."""
+        return self.federation.period or self.declared.period_ticks
+
+    @property
+    def participants(self) -> int:
+        """N_h, at least one."""
+        return max(1, round(self.federation.fraction * self.uavs))
+
+    @property
+    def upload_payload(self) -> Payload:
+        """How uploads are written."""
+        return self.federation.payload or self._radio_payload
+
+    @property
+    def broadcast_payload(self) -> Payload:
+        """How the global model is written."""
+        return self.federation.broadcast_payload or self._radio_payload
+
+    @property
+    def keeps_residuals(self) -> bool:
+        """Whether every UAV keeps what rounding took from its last upload: where that is narrower than a float."""
+        narrower = _PAYLOAD_BITS[self.upload_payload] < self.radio.bits_per_float
+        return self.declared.is_federated and self.federation.error_feedback and narrower
+
+    @property
+    def _radio_payload(self) -> Payload:
+        return cast(Payload, f"float{self.radio.bits_per_float}")
+
+    @property
+    def max_ticks(self) -> int:
+        """Ticks until `duration`."""
+        return max(1, round(self.duration / self.dt))
+
+    def plugins(self) -> tuple[tuple[Door, str, str], ...]:
+        """Door, name and fingerprint of every plug-in it needs.
+
+        Raises:
+            BadInput: one is not installed here.
+        """
+        wanted: tuple[tuple[Door, str], ...] = (
+            ("controller", self.method),
+            ("aggregator", self.federation.aggregation),
+            ("channel", self.radio.model),
+            ("vehicle", self.vehicle.model),
+        )
+        return tuple((door, name, find(door, name).fingerprint) for door, name in wanted)
+
+    def leaders(self, tick: int = 0) -> int:
+        """Leader nodes that should be there in a tick: one, and a standby for every loss the fault script has one
+        for, without those lost before; 0 or 1 where there are no rounds."""
+        losses = [fault for fault in self.faults if isinstance(fault, LeaderLoss)]
+        started = 1 + sum(fault.standby for fault in losses)
+        left = max(0, started - sum(fault.begins(self.dt) < tick for fault in losses))
+        return left if self.declared.is_federated else min(left, 1)
+
+    def resolved(self) -> "Scenario":
+        """The same scenario with what depends on the method written out."""
+        federation = msgspec.structs.replace(
+            self.federation,
+            period=self.period_ticks,
+            payload=self.upload_payload,
+            broadcast_payload=self.broadcast_payload,
+        )
+        return msgspec.structs.replace(self, federation=federation)
+
+    def sha256(self) -> str:
+        """Hash of the resolved scenario; equal scenarios have equal hashes however they were written."""
+        plain = Scenario(radio=Radio(bits_per_float=self.radio.bits_per_float))  # payloads go by it
+        table, default = (msgspec.to_builtins(one.resolved()) for one in (self, plain))
+        for path in LATER:
+            *parents, key = path.split(".")
+            part, standard = table, default
+            for parent in parents:
+                part, standard = part[parent], standard[parent]
+            if part[key] == standard[key]:
+                del part[key]
+        import hashlib  # only here: it loads OpenSSL, and an agent never asks
+
+        return hashlib.sha256(msgspec.json.encode(table, order="sorted")).hexdigest()

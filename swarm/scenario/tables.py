@@ -1,0 +1,157 @@
+"""The tables of a scenario: every number with its unit, its bounds and the paper's value as default."""
+
+import math
+from typing import Annotated, Any, Literal, TypeAlias
+
+import msgspec
+from msgspec import Meta, field
+
+from meanflock.swarm.table import Table as _Table
+
+Payload: TypeAlias = Literal[
+    "float64", "float32", "float16", "int8"
+]  # how a model is written, see swarm/wire/payload.py
+
+
+class Start(_Table, frozen=True):
+    """Where the swarm takes off: a square grid at rest."""
+
+    centre: Annotated[tuple[float, float], Meta(description="centre of the grid, m")] = (150.0, 100.0)
+    spacing: Annotated[float, Meta(gt=0, description="distance of neighbours, m")] = math.sqrt(2.0)
+    height: Annotated[float, Meta(gt=0, description="constant altitude h, m")] = 40.0
+
+
+class Destination(_Table, frozen=True):
+    """Where it goes: the origin."""
+
+    radius: Annotated[float, Meta(gt=0, description="s_dest: arrived when ‖s‖ ≤ this, m and m/s")] = 5.0
+
+
+class Wind(_Table, frozen=True):
+    """The Ornstein–Uhlenbeck wind."""
+
+    sigma: Annotated[float, Meta(ge=0, description="σ_wind, diffusion of velocity, m/s/√s")] = 0.1
+    mean: Annotated[tuple[float, float], Meta(description="v_o, mean wind, m/s")] = (1.0, -1.0)
+    drag: Annotated[float, Meta(ge=0, description="c0, drag towards the mean wind, 1/s")] = 0.1
+
+
+class Cost(_Table, frozen=True):
+    """The running cost φ_L + c2 φ_G + c3 ‖a‖²."""
+
+    c1: Annotated[float, Meta(ge=0, description="weight of ‖v‖², s²/m²")] = 0.015
+    c2: Annotated[float, Meta(ge=0, description="weight of φ_G")] = 0.015
+    c3: Annotated[float, Meta(gt=0, description="weight of ‖a‖², s⁴/m²")] = 0.005
+    epsilon: Annotated[float, Meta(gt=0, description="ε of the interaction kernel, m²")] = 1.0
+    beta: Annotated[float, Meta(ge=0, description="β, exponent of the interaction kernel")] = 1.0
+
+
+class Learner(_Table, frozen=True):
+    """The two networks."""
+
+    mu_h: Annotated[float, Meta(gt=0, description="μ_H, step size of the value learner")] = 0.01
+    mu_f: Annotated[float, Meta(gt=0, description="μ_F, step size of the density learner")] = 0.01
+    c_h: Annotated[float, Meta(ge=0, description="c_H, weight of the regulariser")] = 0.5
+    kappa: Annotated[float, Meta(gt=-1, lt=1, description="κ, position–velocity term of L_s, 1/s")] = 0.01
+    position_scale: Annotated[float, Meta(gt=0, description="L_r, features see x / L_r, m")] = 200.0
+    velocity_scale: Annotated[float, Meta(gt=0, description="L_v, features see v / L_v, m/s")] = 20.0
+
+
+class Density(_Table, frozen=True):
+    """The fit of m̂ at t = 0 and the quadrature of φ_G."""
+
+    position_bandwidth: Annotated[float, Meta(gt=0, description="std of a mixture component, m")] = 3.0
+    velocity_bandwidth: Annotated[float, Meta(gt=0, description="std of a mixture component, m/s")] = 0.7
+    near_samples: Annotated[int, Meta(ge=1, le=100_000, description="fit samples near the swarm")] = 1000
+    box_samples: Annotated[int, Meta(ge=1, le=100_000, description="fit samples in the whole box ±L")] = 1000
+    ridge: Annotated[float, Meta(gt=0, description="ridge of the fit, relative to the sample count")] = 1e-6
+    node_position_std: Annotated[float, Meta(gt=0, description="spread of quadrature nodes, m")] = 5.0
+    node_velocity_std: Annotated[float, Meta(gt=0, description="spread of quadrature nodes, m/s")] = 1.5
+
+
+class Offline(_Table, frozen=True):
+    """What the open-loop plan of the offline method may ask of the craft, over ground."""
+
+    speed_max: Annotated[float, Meta(ge=0.1, description="limit on ‖v‖, m/s")] = 15.0
+    acceleration_max: Annotated[float, Meta(ge=0.01, description="limit on ‖dv/dt‖, m/s²")] = 3.0
+
+
+class Federation(_Table, frozen=True):
+    """The rounds."""
+
+    period: (
+        Annotated[int, Meta(ge=1, description="n0, ticks between rounds; unset: as the controller declares")] | None
+    ) = None
+    fraction: Annotated[float, Meta(gt=0, le=1, description="N_h / N, share of UAVs that upload")] = 0.8
+    leader: Annotated[int, Meta(ge=0, description="h, the UAV that averages")] = 0
+    state_period: Annotated[int, Meta(ge=0, description="n_s, ticks between state shares of mfg; 0: once")] = 0
+    aggregation: Annotated[
+        str, Meta(description="how the leader makes one model of many; `meanflock plugins` lists the rules")
+    ] = "fedavg"
+    options: Annotated[dict[str, Any], Meta(description="options of that rule")] = field(default_factory=dict)
+    tolerance: Annotated[
+        float, Meta(ge=0, lt=0.5, description="share of uploads trimmed-mean and krum assume to be false")
+    ] = 0.25
+    byzantine_fraction: Annotated[float, Meta(ge=0, le=1, description="share of UAVs whose uploads are false")] = 0.0
+    byzantine_kind: Annotated[
+        Literal["huge", "sign-flip", "boost", "noise"],
+        Meta(description="what a false upload is"),
+    ] = "sign-flip"
+    payload: Annotated[Payload, Meta(description="how uploads are written; unset: as the radio's floats")] | None = None
+    broadcast_payload: (
+        Annotated[Payload, Meta(description="how the global model is written; unset: as the radio's floats")] | None
+    ) = None
+    error_feedback: Annotated[
+        bool, Meta(description="what rounding to a narrower payload takes from an upload is added to the UAV's next")
+    ] = True
+    clusters: Annotated[int, Meta(ge=1, description="K, clusters whose heads average for the leader; 1: none do")] = 1
+
+
+class Radio(_Table, frozen=True):
+    """The Rician FDMA link and its accounting."""
+
+    tx_power_dbm: Annotated[float, Meta(ge=-300, le=300, description="P_o, power of a transmitter, dBm")] = 20.0
+    bandwidth_hz: Annotated[float, Meta(ge=1, le=1e15, description="W_o, bandwidth of a link, Hz")] = 2e6
+    noise_psd_dbm_hz: Annotated[
+        float, Meta(ge=-300, le=300, description="σ_n, power density of the noise, dBm/Hz")
+    ] = -110.0
+    path_loss_exponent: Annotated[float, Meta(ge=0, description="α, exponent of the path loss")] = 0.0
+    rice_xi: Annotated[float, Meta(ge=0, description="ξ, strength of the line of sight")] = 6.649
+    rice_chi: Annotated[float, Meta(gt=0, description="χ, strength of the scattered paths")] = 1.347
+    fading: Annotated[Literal["amplitude", "power"], Meta(description="SNR ∝ z, as printed, or ∝ z²")] = "amplitude"
+    target_snr_db: Annotated[
+        float, Meta(ge=-300, le=300, description="η, SNR below which a slot carries nothing, dB")
+    ] = 75.0
+    coherence_time_s: Annotated[float, Meta(ge=1e-9, le=1e3, description="θ, length of a slot, s")] = 5e-5
+    latency_threshold_slots: Annotated[
+        int, Meta(ge=1, le=1_000_000, description="D_M, slots after which a message is lost")
+    ] = 8
+    bits_per_float: Annotated[Literal[16, 32, 64], Meta(description="width of a float on the radio")] = 32
+    range_m: Annotated[float, Meta(gt=0, description="how far a broadcast of a UAV reaches, m")] = 100.0
+    plausible_speed: Annotated[
+        float, Meta(gt=0, description="a received state that is faster, or too far away for it, is not believed, m/s")
+    ] = 100.0
+    model: Annotated[str, Meta(description="the channel, see `meanflock plugins`")] = "rice"
+    options: Annotated[dict[str, Any], Meta(description="what the channel takes besides these keys")] = msgspec.field(
+        default_factory=dict
+    )
+
+
+class Vehicle(_Table, frozen=True):
+    """Which vehicle flies, and the constants of the rotary-wing power model, as printed: a craft of a few grams."""
+
+    model: Annotated[str, Meta(description="the vehicle, see `meanflock plugins`")] = "point-mass"
+    options: Annotated[dict[str, Any], Meta(description="what the vehicle takes besides these keys")] = msgspec.field(
+        default_factory=dict
+    )
+    blade_power: Annotated[float, Meta(ge=0, description="λ0, profile power of the blades, W")] = 0.0049
+    induced_power: Annotated[float, Meta(ge=0, description="λ1, induced power in hover, W")] = 0.0887
+    parasite_drag: Annotated[float, Meta(ge=0, description="λ2, parasite drag, W s³/m³")] = 0.0092
+    tip_speed: Annotated[float, Meta(gt=0, description="ω_tip, speed of the blades' tips, m/s")] = 15.0
+    induced_velocity: Annotated[float, Meta(gt=0, description="χ_o, induced velocity in hover, m/s")] = 1.612
+
+
+class Metrics(_Table, frozen=True):
+    """Radii of the collision metrics."""
+
+    collision_radius: Annotated[float, Meta(gt=0, description="r_coll, nearer than this is a collision, m")] = 0.1
+    hazard_radius: Annotated[float, Meta(gt=0, description="r_C, nearer than this is a risk, m")] = math.sqrt(2.0) / 2.0
