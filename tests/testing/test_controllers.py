@@ -158,8 +158,8 @@ class WrongMemory(Good):
     ("wrong", "says"),
     [
         (SeesAnotherRow, "beside others in one process than alone.*every row"),
-        (DrawsItsOwn, "a second time.*swarm.seeds"),
-        (DrawsFromNumPy, "a second time.*swarm.seeds"),
+        (DrawsItsOwn, "a second time.*mf.seeds"),
+        (DrawsFromNumPy, "a second time.*mf.seeds"),
         (RemembersElsewhere, "checkpoint differs.*memory you return"),
         (WrongAcceleration, r"acceleration has shape \(\d, 3\); expected \(\d, 2\)"),
         (NoDiagnostics, "no diagnostics"),
