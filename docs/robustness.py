@@ -183,8 +183,7 @@ position with a false velocity, in every tick; the paper's scenario, seeds 1 to 
 
 A velocity above `radio.plausible_speed`, or a position that nobody can have come to at that speed, is not believed: the
 UAV stays where it was last believed to be. A lie below the bound is believed. At 99 m/s it hurries the others and
-breaks
-nothing here; a bound nearer to what the craft can fly leaves less room for lies, and less for other scenarios.
+breaks nothing here; a bound nearer to what the craft can fly leaves less room for lies, and less for other scenarios.
 
 ## What this does not show
 

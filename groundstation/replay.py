@@ -16,8 +16,9 @@ from meanflock.groundstation import inbound
 from meanflock.groundstation.recorded import Recorded, line, recorded
 from meanflock.groundstation.recording import Recorder
 from meanflock.groundstation.reported import Reported
-from meanflock.groundstation.results import EVENTS, RECORDING, SCENARIO, Past, past
+from meanflock.groundstation.results import EVENTS, RECORDING, SCENARIO
 from meanflock.groundstation.series import block_of, unbroken
+from meanflock.groundstation.timeseries_file import Past, past
 from meanflock.groundstation.viewer import Continued, repair, verify
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput, MessageRejected

@@ -11,9 +11,10 @@ from meanflock.groundstation import doctor
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.launch import Swarm
 from meanflock.groundstation.progress import FlightProgress
-from meanflock.groundstation.results import CHECKPOINT, RECORDING, SCENARIO, Past, RunFolder, to_toml
+from meanflock.groundstation.results import CHECKPOINT, RECORDING, SCENARIO, RunFolder, to_toml
 from meanflock.groundstation.resume import Back
 from meanflock.groundstation.station import Sink, Station
+from meanflock.groundstation.timeseries_file import Past
 from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput, BusError, RunFailed
 from meanflock.swarm.net.address import Address

@@ -35,7 +35,10 @@ CORE_MODULES = [path for path in MODULES if path.relative_to(ROOT).parts[0] in C
 PRIVATE = re.compile(r"(^|_)(minds?|chorus|reflex|spoken|told|heard|siblings?|brought|overhear\w*)(_|$)|^_?plain[A-Z]")
 RERUN = {
     f"groundstation/{name}.py"
-    for name in ("recording", "screenshot", "viewer", "blueprint", "legend", "disturbances", "recorded")
+    for name in (
+        *("recording", "recording_columns", "recording_map", "recording_links", "recording_events", "disturbances"),
+        *("blueprint", "legend", "screenshot", "viewer", "recorded"),
+    )
 }
 LEGACY_RANDOM = {"default_rng", "Generator", "SeedSequence", "BitGenerator", "PCG64"}  # the rest of np.random is global
 
@@ -194,7 +197,12 @@ def test_one_file_imports_zenoh() -> None:
 
 def test_rerun_stays_with_the_recorder_and_what_it_shows() -> None:
     assert "groundstation/recording.py" in users_of("rerun", "rerun_sdk")
-    assert users_of("rerun", "rerun_sdk") <= RERUN
+    assert users_of("rerun", "rerun_sdk") == RERUN
+
+
+def test_one_file_sends_the_flight_to_rerun() -> None:
+    senders = {name_of(path) for path in MODULES if "rr.send_columns(" in path.read_text(encoding="utf-8")}
+    assert senders == {"groundstation/recording.py"}
 
 
 def test_what_only_a_person_needs_stays_at_the_ground_station() -> None:

@@ -22,23 +22,3 @@ class Method(enum.StrEnum):
     def learns_density(self) -> bool:
         """Runs the FPK learner."""
         return self not in (Method.HJB, Method.OFFLINE)
-
-    @property
-    def shares_value(self) -> bool:
-        """Uploads ŵ_H0 and ŵ_H1."""
-        return self in (Method.MFGFL_H, Method.MFGFL_HF)
-
-    @property
-    def shares_density(self) -> bool:
-        """Uploads ŵ_F0 and ŵ_F1."""
-        return self in (Method.MFGFL_F, Method.MFGFL_HF)
-
-    @property
-    def is_federated(self) -> bool:
-        """Has rounds."""
-        return self.shares_value or self.shares_density
-
-    @property
-    def default_period_ticks(self) -> int:
-        """n0 of the paper: 200 ticks where both models travel, 100 otherwise."""
-        return 200 if self is Method.MFGFL_HF else 100

@@ -4,7 +4,7 @@ import math
 from typing import Annotated, Any, Literal, TypeAlias
 
 import msgspec
-from msgspec import Meta
+from msgspec import Meta, field
 
 from meanflock.swarm.table import Table as _Table
 
@@ -87,7 +87,7 @@ class Federation(_Table, frozen=True):
     aggregation: Annotated[
         str, Meta(description="how the leader makes one model of many; `meanflock plugins` lists the rules")
     ] = "fedavg"
-    options: Annotated[dict[str, Any], Meta(description="options of that rule")] = msgspec.field(default_factory=dict)
+    options: Annotated[dict[str, Any], Meta(description="options of that rule")] = field(default_factory=dict)
     tolerance: Annotated[
         float, Meta(ge=0, lt=0.5, description="share of uploads trimmed-mean and krum assume to be false")
     ] = 0.25

@@ -154,7 +154,7 @@ def test_a_run_can_die_and_be_resumed_again_and_again(tmp_path: Path) -> None:
 def test_a_spool_cut_off_in_the_middle_of_a_block_is_resumed_all_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("groundstation.engine._BLOCK_ROWS", 20)  # so that there are some since the checkpoint
+    monkeypatch.setattr("meanflock.groundstation.engine._BLOCK_ROWS", 20)  # so that there are some since the checkpoint
     flown = scenario(LATER)
     expected = flight(tmp_path / "whole", flown)
     folder = dead(tmp_path / "dead", flown, 250)

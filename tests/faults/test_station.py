@@ -9,8 +9,9 @@ import pytest
 
 from meanflock import worldsim
 from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.results import RunFolder, past
+from meanflock.groundstation.results import RunFolder
 from meanflock.groundstation.station import Station
+from meanflock.groundstation.timeseries_file import past
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.wire import control

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from meanflock.swarm.declared import MAX_BROADCAST_NUMBERS, MAX_BROADCASTS
+from meanflock.swarm.declared import MAX_BROADCASTS
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire import tick
@@ -19,6 +19,7 @@ RUN, TICK = 0xC0FFEE42, 20
 QUICK = settings(max_examples=300, deadline=None, database=None)
 FLOAT = FLOAT_OF_BITS[32]
 INTEGERS = ("i1", "u1", "<i2", "<i4")
+MOST = load(None, method="hjb").declared.broadcast_numbers  # a row broadcasts in a tick
 LEADER = Member("leader", "leader", np.zeros(0, np.intp))
 
 
@@ -55,7 +56,7 @@ def test_states_are_let_in_as_they_were_written(bits: int, report: bool, uavs: t
 
 def test_several_frames_of_any_width_and_type_from_some_of_the_rows_are_let_in() -> None:
     words = [batch(3, 5, dtype=name, width=width, number=width) for width, name in enumerate(INTEGERS, 1)]
-    words += [batch(2, width=MAX_BROADCAST_NUMBERS), batch(2, 5, number=MAX_BROADCASTS - 1)]
+    words += [batch(2, width=MOST), batch(2, 5, number=MAX_BROADCASTS - 1)]
     given_ = act(2, 3, 5, outbox=tuple(words))
     same(read(tick.write_act(given_), member(2, 3, 5)), given_)
     silent = act(2, 3, 5, outbox=())
@@ -74,7 +75,7 @@ REFUSED = {
     "descending": ((batch(5, 3),), "wrong-shape"),
     "of nobody": ((batch(),), "wrong-shape"),
     "of no numbers": ((batch(3, width=0),), "wrong-shape"),
-    "too wide": ((batch(3, width=MAX_BROADCAST_NUMBERS + 1),), "wrong-shape"),
+    "too wide": ((batch(3, width=MOST + 1),), "wrong-shape"),
     "too many": ((batch(3, number=MAX_BROADCASTS),), "wrong-shape"),
     "a number twice": ((batch(3), batch(5)), "wrong-shape"),
     "wider floats than the radio's": ((batch(3, dtype="<f8"),), "wrong-shape"),
