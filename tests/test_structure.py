@@ -259,8 +259,7 @@ def test_a_process_of_the_swarm_loads_only_what_it_needs(module: str) -> None:
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)
 def test_a_module_is_short_enough_to_read(path: Path) -> None:
-    most = 300 if path in CORE_MODULES or path in DOOR else 400
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= most
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 300
 
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)

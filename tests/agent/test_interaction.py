@@ -5,17 +5,20 @@ from itertools import product
 
 import numpy as np
 import pytest
-from meanflock.swarm.methods import Method
 from scipy.stats import norm, qmc
 
 from meanflock.agent.learner import Learner
-from meanflock.swarm import model, state
+from meanflock.kernels import weights as layout
+from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.worldsim.formation import initial_states
 
 EXPONENTS = np.array([row for row in product(range(5), repeat=4) if 1 <= sum(row) <= 4])  # σ_F, lexicographic
 NODES = np.array(
-    [[float(cell) for cell in line.split(",")] for line in (files("agent") / "nodes.csv").read_text().splitlines()]
+    [
+        [float(cell) for cell in line.split(",")]
+        for line in (files("meanflock.agent") / "nodes.csv").read_text().splitlines()
+    ]
 )
 
 
@@ -25,7 +28,7 @@ def scenario(*settings: str) -> Scenario:
 
 def density_weights(weights: np.ndarray) -> np.ndarray:
     """ŵ_F0, `(M, 69)`."""
-    return weights[:, model.DENSITY][:, : model.DENSITY_FEATURES]
+    return weights[:, layout.DENSITY][:, : layout.DENSITY_FEATURES]
 
 
 def direct(flown: Scenario, weights: np.ndarray, at: np.ndarray) -> float:
@@ -70,7 +73,7 @@ def test_the_quadrature_is_the_density_evaluated_at_every_node(settings: tuple[s
     states[0] = 0.0
     for _ in range(3):
         expected = [direct(flown, w, s) for w, s in zip(density_weights(weights), states, strict=True)]
-        weights, numbers, _ = learner.step(weights, states, None)
+        weights, numbers = learner.step(weights, states, None)
         np.testing.assert_allclose(numbers[:, 4], expected, rtol=1e-9, atol=1e-12)
         states = states + draw.normal(0, 1, states.shape)
     assert np.ptp(expected) > 0
@@ -78,10 +81,10 @@ def test_the_quadrature_is_the_density_evaluated_at_every_node(settings: tuple[s
 
 def test_a_density_that_is_nowhere_positive_is_no_interaction() -> None:
     flown = scenario()
-    empty = Learner(load(None, ["uavs=9", "method=hjb"])).init(3, initial_states(flown))
+    empty = Learner(load(None, ["uavs=9", "method=hjb"]), learns_density=False).init(3, initial_states(flown))
     assert not density_weights(empty).any()
-    outcome = Learner(flown).step(empty, np.ones((3, 4)), None)
-    np.testing.assert_array_equal(outcome.numbers[:, 4], np.zeros(3))
+    _, numbers = Learner(flown).step(empty, np.ones((3, 4)), None)
+    np.testing.assert_array_equal(numbers[:, 4], np.zeros(3))
 
 
 def test_phi_g_is_never_negative_and_never_beyond_the_largest_kernel() -> None:
@@ -89,7 +92,7 @@ def test_phi_g_is_never_negative_and_never_beyond_the_largest_kernel() -> None:
     learner = Learner(flown)
     weights = learner.init(50, initial_states(flown))
     states = draw.uniform([-200, -200, -20, -20], [200, 200, 20, 20], (50, state.SIZE))
-    phi_g = learner.step(weights, states, None).numbers[:, 4]
+    phi_g = learner.step(weights, states, None)[1][:, 4]
     offsets = NODES * np.array([5.0, 5.0, 1.5, 1.5])
     kernel = (offsets[:, 2:] ** 2).sum(axis=1) / (1 + (offsets[:, :2] ** 2).sum(axis=1))
     assert (phi_g >= 0).all()
@@ -98,9 +101,9 @@ def test_phi_g_is_never_negative_and_never_beyond_the_largest_kernel() -> None:
 
 def test_with_hjb_phi_g_is_the_mean_over_what_a_uav_knows() -> None:
     draw = np.random.default_rng(3)
-    learner = Learner(load(None, ["uavs=4"], method=str(Method.HJB)))
+    learner = Learner(load(None, ["uavs=4"], method="hjb"), learns_density=False)
     states, known = draw.normal(0, 5, (2, 4)), draw.normal(0, 5, (2, 4, 4))
-    phi_g = learner.step(learner.init(2, known[0]), states, known).numbers[:, 4]
+    phi_g = learner.step(learner.init(2, known[0]), states, known)[1][:, 4]
     for row in range(2):
         apart = known[row] - states[row]
         kernel = (apart[:, 2:] ** 2).sum(axis=1) / (1 + (apart[:, :2] ** 2).sum(axis=1))
