@@ -8,7 +8,7 @@ import pytest
 
 from meanflock.agent import density as density_module
 from meanflock.agent.learner import Learner
-from meanflock.swarm import model
+from meanflock.kernels import weights as layout
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.seeds import generator
 from meanflock.worldsim.formation import initial_states
@@ -23,12 +23,12 @@ def scenario(*settings: str, method: str = "mfgfl-hf") -> Scenario:
 
 
 def fitted(flown: Scenario, rows: int = 1) -> np.ndarray:
-    return Learner(flown).init(rows, initial_states(flown))
+    return Learner(flown, learns_density=flown.method != "hjb").init(rows, initial_states(flown))
 
 
 def density(weights: np.ndarray) -> np.ndarray:
     """[ŵ_F0, ŵ_F1], `(M, 2, 69)`."""
-    return weights[:, model.DENSITY].reshape(-1, 2, model.DENSITY_FEATURES)
+    return weights[:, layout.DENSITY].reshape(-1, 2, layout.DENSITY_FEATURES)
 
 
 def value_at(weights: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -88,7 +88,7 @@ def test_every_uav_computes_the_same_bits_twice() -> None:
 
 def test_what_is_not_fitted_starts_at_zero() -> None:
     weights = fitted(scenario(), rows=2)
-    assert not weights[:, model.VALUE].any()
+    assert not weights[:, layout.VALUE].any()
     assert density(weights)[:, 0].any()
     assert not density(weights)[:, 1].any()
     assert not fitted(scenario(method="hjb"), rows=2).any()
@@ -107,10 +107,10 @@ def test_a_zero_start_never_learns_a_density() -> None:
     weights, learner = fitted(scenario(method="hjb"), rows=4), Learner(flown)
     draw = np.random.default_rng(3)
     for _ in range(20):
-        weights, numbers, _ = learner.step(weights, draw.uniform(-1, 1, (4, 4)) * SCALE / 2, None)
+        weights, numbers = learner.step(weights, draw.uniform(-1, 1, (4, 4)) * SCALE / 2, None)
         np.testing.assert_array_equal(numbers[:, 3], 0.0)
     assert not density(weights).any()
-    assert weights[:, model.VALUE].any()
+    assert weights[:, layout.VALUE].any()
 
 
 def test_a_fit_to_many_needs_no_room_for_all_pairs_of_them_and_gives_the_same_bits() -> None:
