@@ -23,7 +23,7 @@ from meanflock.groundstation.disturbances import Disturbances
 from meanflock.groundstation.lines import log_sizes, span
 from meanflock.groundstation.recorded import line
 from meanflock.groundstation.reported import PHI_G, Reported
-from meanflock.groundstation.viewer import listening_address, open_viewer, repair, verify
+from meanflock.groundstation.viewer import await_listener, listening_address, open_viewer, repair, verify
 from meanflock.swarm import state
 from meanflock.swarm.errors import RunFailed
 from meanflock.swarm.scenario import Scenario
@@ -118,6 +118,10 @@ class Recorder:
         self._index: tuple[rr.TimeColumn, ...] = ()
         self._stream: rr.RecordingStream | None = rr.RecordingStream(APPLICATION, recording_id=run_id)
         self._stream.set_sinks(*sinks, default_blueprint=look.blueprint(scenario, self._reported, serve is not None))
+        if (
+            serve is not None
+        ):  # the server starts in a thread of its own; a viewer that came before it would end at once
+            await_listener(host, port)
         self._stream.send_recording_name(run_id)
         look.log_static(self._stream, scenario, self._reported)
         legend.log(self._stream, scenario, self._reported)
