@@ -6,9 +6,7 @@ import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
 from meanflock.agent import blocklist  # noqa: F401  # first: what NumPy and msgspec shall not load
 from meanflock.agent.node import Agent
 from meanflock.agent.prefork import fork
-from meanflock.swarm import (
-    logs,
-)
+from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.attendance import take_part

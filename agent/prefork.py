@@ -15,8 +15,8 @@ import sys
 import time
 from logging import ERROR, WARNING
 
-from meanflock.swarm import logs
-from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED
+from meanflock.swarm import logs, plugins
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput
 from meanflock.swarm.net.restarts import Restarts
 from meanflock.swarm.process import CHILD, Interrupted, how_it_ended, orphaned
 
@@ -33,6 +33,7 @@ def fork(count: int) -> int:
     if count == 1:
         return 0
     pipe = None if os.environ.get(CHILD) == "1" else os.pipe()  # its writing end is ours: they notice our end
+    _load_what_each_would()
     gc.collect()
     gc.freeze()  # or the collector writes to all that is shared
     interrupted = Interrupted()  # a sibling will have its own; until it has, it hears nothing and is killed in the end
@@ -44,14 +45,24 @@ def fork(count: int) -> int:
             restarts.started(number)
             pid = os.fork()
             if pid == 0:
-                _become_a_sibling(pipe)
+                _become_a_process(pipe)
                 return number
             living[pid] = number
         due = _await_deaths(living, restarts, interrupted)
     raise SystemExit(EXIT_DONE)
 
 
-def _become_a_sibling(pipe: tuple[int, int] | None) -> None:
+def _load_what_each_would() -> None:
+    """Entry points, and the controllers that come with them in one package with this file. Others' are loaded by those
+    who are told to fly one: nobody knows what an import of them starts.
+    """
+    for plugin in plugins.installed():
+        if plugin.door == "controller" and plugin.reference.startswith("meanflock."):
+            with contextlib.suppress(BadInput):  # for who is told to fly it to say
+                plugins.load(plugin.door, plugin.name)
+
+
+def _become_a_process(pipe: tuple[int, int] | None) -> None:
     if pipe is not None:
         listening, hold = pipe
         os.close(hold)
@@ -62,7 +73,7 @@ def _become_a_sibling(pipe: tuple[int, int] | None) -> None:
 
 
 def _await_deaths(living: dict[int, int], restarts: Restarts, interrupted: Interrupted) -> list[int]:
-    """Waits for the prefork, which are `living` by process id; the numbers of those that are to be forked again.
+    """Waits for the siblings, which are `living` by process id; the numbers of those that are to be forked again.
 
     Raises:
         SystemExit: all have ended: 0 if they went home or were told to end, 1 if every last one died again and again,
@@ -91,7 +102,7 @@ def _await_deaths(living: dict[int, int], restarts: Restarts, interrupted: Inter
 
 
 def _end(living: dict[int, int]) -> None:
-    """Ends all prefork: first asked, then killed."""
+    """Ends all siblings: first asked, then killed."""
     asked = time.monotonic()
     _signal(living, signal.SIGTERM)
     _signal(living, signal.SIGCONT)  # one that is frozen hears nothing
