@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.swarm.ascending import contains, distinct
 from meanflock.swarm.clusters import Clusters
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.mean import refuse, relayed
@@ -20,7 +21,7 @@ class Heads:
 
     def __init__(self, scenario: Scenario, uavs: NDArray[np.intp]) -> None:
         clusters = Clusters(scenario)
-        self._heads = np.intersect1d(clusters.heads, uavs) if scenario.federation.clusters > 1 else uavs[:0]
+        self._heads = uavs[contains(distinct(clusters.heads), uavs)] if scenario.federation.clusters > 1 else uavs[:0]
         self._head_of = clusters.head_of
         self._rounds = Rounds(scenario)
         self._up, self._relay = payload.upload(scenario), Relay(scenario)
@@ -54,7 +55,7 @@ class Heads:
         if not number:
             return [], []
         relays, refused = {}, list[int]()
-        for head in np.setdiff1d(self._heads, silent).tolist():
+        for head in self._heads[~contains(distinct(silent), self._heads)].tolist():
             models, bad = refuse(self._arrived.get((number, head), {}))
             refused += bad
             if models:

@@ -12,7 +12,7 @@ from meanflock.agent.guarded import Guarded
 from meanflock.agent.heads import Heads
 from meanflock.agent.rows import picked
 from meanflock.swarm import faults, state
-from meanflock.swarm.ascending import contains
+from meanflock.swarm.ascending import contains, distinct
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.model import BEYOND_SENSE
@@ -118,7 +118,7 @@ class Agent:
             tick,
             commands,
             self._names[self._failed],
-            np.array(refused, np.int32) if averages else np.union1d(NOBODY, step.refused),  # uploads, or else states
+            np.array(refused, np.int32) if averages else distinct(step.refused).astype(np.int32),  # uploads, or states
             learned,
             self._kept() if sense.checkpoint else b"",
             tuple(outbox),

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
+from meanflock.swarm.ascending import distinct
 from meanflock.swarm.declared import MAX_BROADCASTS, Declared
 from meanflock.swarm.state import AXES
 from meanflock.swarm.wire.control import MAX_AXES, TRAVELS
@@ -187,7 +188,7 @@ def each_alone(
         commands[:, :AXES],
         commands[:, AXES:],
         broadcasts,
-        np.unique(np.concatenate([none, *refused])).astype(np.int32),
+        distinct(np.concatenate([none, *refused])).astype(np.int32),
     ), commands
 
 

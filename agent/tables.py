@@ -57,7 +57,7 @@ def scales(learner: Learner) -> Floats:
 
 def standard_nodes() -> Floats:
     """The 64 scrambled-Sobol points of the standard normal in four dimensions, `(64, 4)`; a fixed table."""
-    text = Path(__file__).with_name("nodes.csv").read_text(encoding="ascii")
+    text = Path(__file__).with_name("nodes.csv").read_text(encoding="utf-8")
     return np.array([[float(cell) for cell in line.split(",")] for line in text.splitlines()])
 
 

@@ -25,7 +25,7 @@ from meanflock.groundstation.recording_links import LinkRows
 from meanflock.groundstation.recording_map import Trails, uav_colors, uav_rows
 from meanflock.groundstation.recording_plots import plot_rows, report_rows
 from meanflock.groundstation.reported import Reported
-from meanflock.groundstation.viewer import listening_address
+from meanflock.groundstation.viewer import await_listener, listening_address
 from meanflock.swarm import state
 from meanflock.swarm.errors import RunFailed
 from meanflock.swarm.scenario import Scenario
@@ -89,6 +89,10 @@ class Recorder:
         self._index: tuple[rr.TimeColumn, ...] = ()
         self._stream: rr.RecordingStream | None = rr.RecordingStream(APPLICATION, recording_id=run_id)
         self._stream.set_sinks(*sinks, default_blueprint=look.blueprint(scenario, self._reported, serve is not None))
+        if (
+            serve is not None
+        ):  # the server starts in a thread of its own; a viewer that came before it would end at once
+            await_listener(host, port)
         self._stream.send_recording_name(run_id)
         look.log_static(self._stream, scenario, self._reported)
         legend.log(self._stream, scenario, self._reported)

@@ -49,7 +49,7 @@ class LinkRows:
                 yield self._graph(last[:1, 0].astype(np.int64))
 
     def _graph(self, at: Ticks) -> Sent:
-        """The last round as a graph: who was delivered (green), who was not (red), who was not asked (grey)."""
+        """The last round as a graph: who got through (green), who did not (red), who was not asked (grey)."""
         sent = self._round
         colors = np.full(self._uavs, palette.GREY, dtype=np.uint32)
         colors[sent[:, 1]] = np.where(sent[:, 4] < 0, palette.RED, palette.GREEN)

@@ -19,6 +19,8 @@ from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.process import Interrupted
 
 LOOPBACK = "127.0.0.1"
+LISTEN_S = 60.0  # until a server that has been started listens, on a machine that is busy
+_ASK_AGAIN_S = 0.02
 
 log = logging.getLogger("meanflock.viewer")
 
@@ -119,14 +121,10 @@ def serve_web(path: Path) -> tuple["subprocess.Popen[bytes]", str]:
     (_, data), (_, page) = listening_address(LOOPBACK, 0), listening_address(LOOPBACK, 0)
     ports = ["--bind", LOOPBACK, "--port", str(data), "--web-viewer-port", str(page)]
     server = subprocess.Popen([*_program(), str(path), "--serve-web", *ports], env=_environment())
-    while server.poll() is None:
-        try:
-            socket.create_connection((LOOPBACK, page), timeout=1.0).close()
-            break
-        except OSError:
-            time.sleep(0.05)  # between two questions
-    else:
-        raise RunFailed(f"{path}: the web viewer ended with {server.returncode}")
+    while not (answers(LOOPBACK, page) and answers(LOOPBACK, data)):
+        if server.poll() is not None:
+            raise RunFailed(f"{path}: the web viewer ended with {server.returncode}")
+        time.sleep(_ASK_AGAIN_S)
     source = urllib.parse.quote(f"rerun+http://{LOOPBACK}:{data}/proxy", safe="")
     return server, f"http://{LOOPBACK}:{page}?url={source}"
 
@@ -189,6 +187,28 @@ def listening_address(host: str, port: int) -> tuple[str, int]:
     except (OSError, OverflowError) as error:
         reason = getattr(error, "strerror", None) or error
         raise BadInput(f"cannot serve the recording on {host}:{port}: {reason}; choose another port, or 0") from error
+
+
+def answers(host: str, port: int) -> bool:
+    """Whether somebody listens there; 0.0.0.0 and :: are this machine."""
+    try:
+        socket.create_connection(({"0.0.0.0": LOOPBACK, "::": "::1"}.get(host, host), port), timeout=1.0).close()
+    except OSError:
+        return False
+    return True
+
+
+def await_listener(host: str, port: int, timeout_s: float = LISTEN_S) -> None:
+    """Waits until somebody listens on `host`:`port`.
+
+    Raises:
+        RunFailed: nobody does within `timeout_s`.
+    """
+    end = time.monotonic() + timeout_s
+    while not answers(host, port):
+        if time.monotonic() > end:
+            raise RunFailed(f"nobody serves the recording on {host}:{port} after {timeout_s:g} s; choose another port")
+        time.sleep(_ASK_AGAIN_S)
 
 
 def _run(*arguments: str) -> "subprocess.CompletedProcess[str]":

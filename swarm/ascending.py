@@ -13,3 +13,11 @@ def contains(ascending: NDArray[Any], numbers: NDArray[Any]) -> NDArray[np.bool_
     place = ascending.searchsorted(numbers)
     found: NDArray[np.bool_] = ascending.take(place, mode="clip") == numbers
     return found
+
+
+def distinct(numbers: NDArray[Any]) -> NDArray[Any]:
+    """Each of `numbers` once, in ascending order; `np.unique` loads NumPy's masked arrays to say the same."""
+    ascending = np.sort(numbers, axis=None)
+    first = np.ones(len(ascending), dtype=bool)
+    np.not_equal(ascending[1:], ascending[:-1], out=first[1:])
+    return ascending[first]

@@ -120,6 +120,12 @@ def test_every_flag_of_a_process_is_in_the_reference(room: str) -> None:
         assert f"`{flag}`" in section, flag
 
 
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=lambda page: page.name)
+def test_every_file_of_ours_that_a_page_names_is_there(page: Path) -> None:
+    for name in re.findall(r"`(\w[\w.-]*/[\w./-]+\.(?:py|c|h|toml|md|csv))`", page.read_text(encoding="utf-8")):
+        assert (ROOT / name).exists(), f"{page.name}: {name}"
+
+
 PRIVATE = r"\b(minds?|chorus|reflex(es)?|siblings?|ledgers?|hearsay|spoken|plain ticks?|by their bytes)\b"
 
 

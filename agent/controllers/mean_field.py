@@ -14,6 +14,7 @@ from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Rece
 from meanflock.agent.learner import Learner
 from meanflock.kernels.weights import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, VALUE, VALUE_FEATURES
 from meanflock.swarm import plausible
+from meanflock.swarm.ascending import distinct
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import SIZE, States
 from meanflock.swarm.wire.messages import NOBODY
@@ -90,8 +91,8 @@ class MeanField(Controller):
                 sent, row = sent[sane[sent]], row[sane[sent]]
             known[row, frames.source[sent]] = frames.payload[sent]
             fresh.append(row)
-        rows = np.unique(np.concatenate(fresh)) if fresh else np.zeros(0, dtype=np.intp)
-        return known, rows, np.unique(np.concatenate(refused)).astype(np.int32) if refused else NOBODY
+        rows = distinct(np.concatenate(fresh)) if fresh else np.zeros(0, dtype=np.intp)
+        return known, rows, distinct(np.concatenate(refused)).astype(np.int32) if refused else NOBODY
 
 
 class Hjb(MeanField):

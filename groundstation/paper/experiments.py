@@ -25,6 +25,7 @@ from meanflock.groundstation.paper.tables import Results, tables
 from meanflock.swarm.errors import BadInput, MeanflockError, RunFailed
 
 BACKENDS = ("loky", "dask")
+SCHEDULER_TIMEOUT = "10s"
 _ATTEMPTS = 2
 _COST = {Method.HJB: (130.0, 4.0), Method.OFFLINE: (80.0, 0.2)}  # µs a tick, and more a UAV; of all others:
 _COST_OF_OTHERS = 50.0, 2.0
@@ -233,7 +234,7 @@ def _backend(backend: str, scheduler: str | None) -> Iterator[None]:
     except ImportError as error:
         raise BadInput("--backend dask: not installed; pip install 'meanflock[dask]'") from error
     try:
-        client = client_of(scheduler, timeout="10s")
+        client = client_of(scheduler, timeout=SCHEDULER_TIMEOUT)
     except (OSError, ValueError) as error:
         raise BadInput(f"--scheduler {scheduler}: {error}") from error
     with client, joblib.parallel_config(backend="dask"):

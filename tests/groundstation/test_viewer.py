@@ -6,6 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import urllib.parse
 import urllib.request
 from pathlib import Path
@@ -37,12 +38,29 @@ def test_a_late_viewer_gets_the_history(tmp_path: Path) -> None:
         recorder.flush()
         listener = save_live(recorder.live_url, late)
         try:
-            until(lambda: len(ticks_so_far(late)) == 60, "the whole history at the late viewer")
+            until(
+                lambda: listener.poll() is not None or len(ticks_so_far(late)) == 60, "the history at the late viewer"
+            )
+            assert listener.poll() is None, "it ended by itself"
         finally:
             listener.terminate()
             listener.wait(DEADLINE_S)
     assert verify(tmp_path / "own.rrd") is None
     np.testing.assert_array_equal(ticks_so_far(late), np.arange(60))
+
+
+def test_a_server_is_waited_for_until_it_listens() -> None:
+    with socket.socket() as late:
+        late.bind(("127.0.0.1", 0))  # and does not listen: who connects is refused
+        host, port = late.getsockname()
+        with pytest.raises(RunFailed, match=f"nobody serves the recording on {host}:{port}"):
+            viewer.await_listener(host, port, timeout_s=0.1)
+        waiting = threading.Thread(target=viewer.await_listener, args=("0.0.0.0", port), daemon=True)
+        waiting.start()
+        assert waiting.is_alive()
+        late.listen()
+        waiting.join(DEADLINE_S)
+        assert not waiting.is_alive()
 
 
 LONG = 2400  # ticks: more than one batch
@@ -161,7 +179,8 @@ def test_a_browser_is_served_a_page_and_the_recording_until_ctrl_c(tmp_path: Pat
         (source,) = urllib.parse.parse_qs(url.query)["url"]
         listener = save_live(source, late)
         try:
-            until(lambda: len(ticks_so_far(late)) == 60, "the recording at the browser")
+            until(lambda: listener.poll() is not None or len(ticks_so_far(late)) == 60, "the recording at the browser")
+            assert listener.poll() is None, "it ended by itself"
         finally:
             listener.terminate()
             listener.wait(DEADLINE_S)

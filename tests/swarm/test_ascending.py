@@ -1,10 +1,10 @@
-"""Who is among whom: what NumPy's `isin` says."""
+"""Who is among whom, and who there is: what NumPy's `isin` and `unique` say."""
 
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meanflock.swarm.ascending import contains
+from meanflock.swarm.ascending import contains, distinct
 
 NUMBERS = st.lists(st.integers(-50, 50), max_size=30)
 
@@ -13,3 +13,11 @@ NUMBERS = st.lists(st.integers(-50, 50), max_size=30)
 def test_it_is_what_numpy_finds(known: list[int], asked: list[int]) -> None:
     ascending, numbers = np.unique(np.array(known, dtype=np.intp)), np.array(asked, dtype=np.int32)
     np.testing.assert_array_equal(contains(ascending, numbers), np.isin(numbers, ascending))
+
+
+@given(NUMBERS)
+def test_each_is_there_once(asked: list[int]) -> None:
+    numbers = np.array(asked, dtype=np.int32)
+    found = distinct(numbers)
+    np.testing.assert_array_equal(found, np.unique(numbers))
+    assert found.dtype == numbers.dtype
