@@ -59,11 +59,7 @@ class Agent:
         self._controller = Guarded(self._scenario, self.uavs, self.complaints)
         self._memory = self._controller.init(plan.astype(np.float64))
         if welcome.memory:
-            try:
-                self._restore(decode_record(welcome.memory))
-            except MessageRejected as error:
-                uavs = ", ".join(map(str, self.uavs))
-                raise BadInput(f"what UAV {uavs} had in memory does not fit this controller: {error}") from error
+            self._resume(welcome.memory)
 
     @property
     def models(self) -> Floats:
@@ -222,6 +218,14 @@ class Agent:
         if size * self._scenario.uavs > MAX_MEMORY_BYTES * len(self.uavs):
             return b""
         return encode_record({name: np.ascontiguousarray(array) for name, array in kept.items()})
+
+    def _resume(self, record: bytes) -> None:
+        """Goes on with what its rows had in memory; BadInput where that does not fit."""
+        try:
+            self._restore(decode_record(record))
+        except MessageRejected as error:
+            uavs = ", ".join(map(str, self.uavs))
+            raise BadInput(f"what UAV {uavs} had in memory does not fit this controller: {error}") from error
 
     def _restore(self, kept: Memory) -> None:
         """Goes on with a record of `_kept`.

@@ -45,7 +45,7 @@ def fork(count: int) -> int:
             restarts.started(number)
             pid = os.fork()
             if pid == 0:
-                _become_a_sibling(pipe)
+                _become_a_process(pipe)
                 return number
             living[pid] = number
         due = _await_deaths(living, restarts, interrupted)
@@ -62,7 +62,7 @@ def _load_what_each_would() -> None:
                 plugins.load(plugin.door, plugin.name)
 
 
-def _become_a_sibling(pipe: tuple[int, int] | None) -> None:
+def _become_a_process(pipe: tuple[int, int] | None) -> None:
     if pipe is not None:
         listening, hold = pipe
         os.close(hold)

@@ -9,7 +9,8 @@ from benchmarks.figure import Effort, Figure, Outcome, Say, per_call_ms
 from benchmarks.processes import Children
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.recording import Recorder
-from meanflock.groundstation.results import RECORDING, TIMESERIES, RunFolder
+from meanflock.groundstation.results import RECORDING, RunFolder
+from meanflock.groundstation.timeseries_file import TIMESERIES
 from meanflock.swarm import scenario
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.session import ZenohBus

@@ -19,7 +19,7 @@ from meanflock.channel.meter import Meter
 from meanflock.swarm import plugins, state
 from meanflock.swarm.clusters import Clusters
 from meanflock.swarm.errors import RunFailed
-from meanflock.swarm.rounds import delivery_ticks
+from meanflock.swarm.hops import delivery_ticks
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator, random_state, set_random_state
 from meanflock.swarm.wire.messages import FrameKind, Frames

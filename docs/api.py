@@ -118,7 +118,7 @@ def _prose(docstring: str) -> list[str]:
             lines += [f"*{head[:-1]}*:", "", *_items(rest, least=1), ""]
         elif all(line.startswith("    ") for line in part.splitlines()):
             again = lines[-2:] == ["```", ""]  # blank lines of one piece of code
-            lines = [*lines[:-2], ""] if again else [*lines, "```python"]
+            lines = [*lines[:-2], "", ""] if again else [*lines, "```python"]
             lines += [*textwrap.dedent(part).splitlines(), "```", ""]
         else:
             lines += [*_items(part), ""]

@@ -40,8 +40,8 @@ def main() -> None:
     jobs = Parallel(n_jobs=asked.jobs, verbose=5)
     measured = iter(jobs(delayed(measure)(of) for seeds in flown.values() for of in seeds))
     lines = [
-        "| radio | N | K | heard by UAV h | up, kbit | airtime, ms | busiest receiver, ms | lost, % | in the mean, % "
-        "| ticks |",
+        "| radio | N | K | received by UAV h | up, kbit | airtime, ms | busiest receiver, ms | lost, % "
+        "| in the mean, % | ticks |",
         f"|{'---|' * 10}",
     ]
     for (radio, uavs, count), seeds in flown.items():

@@ -147,7 +147,7 @@ def uploads(flown: Scenario) -> list[Frames]:
 
 
 def distances(flown: Scenario, coding: Coding, kept: bool, rounds: list[Frames]) -> tuple[float, float]:
-    """‖mean of what is heard − mean of what was meant‖ / ‖mean of what was meant‖: of a round, and of all together."""
+    """‖mean received − mean meant‖ / ‖mean meant‖: of a round, and of all together."""
     feedback = Feedback(coding, flown.uavs, kept=kept)
     off, meant = [], []
     for batch in rounds:

@@ -19,7 +19,7 @@ KEYS: dict[str, tuple[str, str]] = {
     "seed": (OURS, "every number gives another flight; equal ones give equal flights"),
     "dt": (PRINTED, "Euler–Maruyama: velocity first, then position with the new velocity"),
     "duration": (OURS, "where methods are compared, a UAV that never arrives counts with it"),
-    "stop": (OURS, "what happens after the last arrival matters to few questions; `duration` flies on"),
+    "stop": (OURS, "few questions are about what follows the last arrival; `duration` flies on"),
     "faults": (OURS, "none"),
     "start.centre": (PRINTED, ""),
     "start.spacing": (PRINTED, "√2 m; at rest, rows filled in order, which it leaves open"),

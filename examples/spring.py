@@ -1,4 +1,4 @@
-"""A controller in a file: every UAV is pulled to the destination by a damped spring, and keeps off those it hears."""
+"""A controller in a file: every UAV is pulled to the destination by a damped spring, and keeps off its neighbours."""
 
 from typing import Annotated
 

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
-from meanflock.groundstation.results import SCENARIO, SUMMARY, Past, RunFolder, past
+from meanflock.groundstation.results import SCENARIO, SUMMARY, RunFolder
 from meanflock.groundstation.run import Options, Outputs, unused
 from meanflock.groundstation.station import Station
+from meanflock.groundstation.timeseries_file import Past, past
 from meanflock.swarm import (
     logs,
     scenario,

@@ -1,7 +1,7 @@
 """How a recording opens in Rerun: the fixed parts of every entity and the arrangement of the views.
 
-`recording.py` and `disturbances.py` fill the entities named here, `legend.py` draws what of the map stays where it is;
-the plots are in `panels.py`, the colours in `palette.py`.
+`recording_*.py` and `disturbances.py` fill the entities named here, `legend.py` draws what of the map stays where it
+is; the plots are in `panels.py`, the colours in `palette.py`.
 The map is in metres with the goal at the origin and y up.
 """
 

@@ -97,8 +97,8 @@ def text(entries: list[Entry], width: int) -> str:
             lines += _wrapped(f"{entry.plugin.name}  ({entry.plugin.source})", _INDENT, width)
             lines += _wrapped(f"cannot be used: {entry.fault}" if entry.fault else entry.about, _ABOUT, width)
             for option in entry.options:
-                told = "; ".join(filter(None, (f"{option.kind} {option.bounds}".strip(), option.about)))
-                lines += _wrapped(f"- {option.name} = {option.value}  {told}", _ABOUT, width)
+                described = "; ".join(filter(None, (f"{option.kind} {option.bounds}".strip(), option.about)))
+                lines += _wrapped(f"- {option.name} = {option.value}  {described}", _ABOUT, width)
     return "\n".join(lines)
 
 

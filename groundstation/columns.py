@@ -30,10 +30,10 @@ class Column(NamedTuple):
     @property
     def field(self) -> pa.Field:
         """The column as Arrow has it, with what is to be known of it as metadata."""
-        told = {"description": self.about, "unit": self.unit, "cumulative": str(self.cumulative).lower()}
+        metadata = {"description": self.about, "unit": self.unit, "cumulative": str(self.cumulative).lower()}
         if self.name == "status":
-            told["values"] = status_names()
-        return pa.field(self.name, self.type, metadata=told)
+            metadata["values"] = status_names()
+        return pa.field(self.name, self.type, metadata=metadata)
 
 
 BEFORE = (

@@ -1,4 +1,4 @@
-"""What the map shows of faults: frozen and cut-off UAVs, jammed areas and links, gusts; and the heads of clusters.
+"""What a recording shows of faults: on the map and in the lanes of UAVs; and the heads of clusters.
 
 The faults of a script are known beforehand, so a recording needs no more than the ticks and where the UAVs are.
 """
@@ -14,16 +14,15 @@ from numpy.typing import NDArray
 from meanflock.groundstation import blueprint as look
 from meanflock.groundstation import palette
 from meanflock.groundstation.legend import circle
+from meanflock.groundstation.recording_columns import Sent, Ticks
 from meanflock.swarm.clusters import Clusters
 from meanflock.swarm.faults import Gust, Jam, Partition, Pause
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import POSITION, States
 from meanflock.worldsim.faults import Script, words
 
-Ticks = NDArray[np.int64]
 Lasting = Pause | Partition | Jam | Gust
 Part = tuple[rr.ComponentDescriptor, Any]  # and the batch that takes a list of values
-Sent = tuple[str, Ticks, list[rr.ComponentColumn]]  # entity, ticks (R,), columns of R rows
 
 _POINTS: Part = (rr.Points2D.descriptor_positions(), rr.components.Position2DBatch)
 _POINT_COLORS: Part = (rr.Points2D.descriptor_colors(), rr.components.ColorBatch)
@@ -72,10 +71,21 @@ class Disturbances:
         self._faults = [fault for fault in scenario.faults if isinstance(fault, Lasting)]
         self._heads = Clusters(scenario).heads if scenario.federation.clusters > 1 else np.zeros(0, dtype=np.intp)
         self._shown: list[Lasting] | None = None  # what the last row shows; None: not known
+        self._lanes: NDArray[np.uint8] = np.full(scenario.uavs, 255, dtype=np.uint8)  # none known yet
         low, high = look.box(scenario)
         self._words_at = [float(0.45 * low[0] + 0.55 * high[0]), float(high[1])]
 
-    def lanes(self, ticks: Ticks, status: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def lanes(self, ticks: Ticks, status: NDArray[np.uint8]) -> Iterator[Sent]:
+        """What the lanes of all UAVs read, at those of ticks (T,) where one changes, `status` being (T, N)."""
+        lanes = self._lanes_at(ticks, status)
+        changed = (np.concatenate([self._lanes[None], lanes[:-1]]) != lanes).any(axis=1)
+        self._lanes = lanes[-1].copy()
+        if changed.any():
+            texts = [look.lane(uav, look.Lane(int(now))) for row in lanes[changed] for uav, now in enumerate(row)]
+            counts = np.full(int(changed.sum()), len(self._lanes))
+            yield look.LANES, ticks[changed], [*rr.StateChange.columns(state=texts).partition(counts)]
+
+    def _lanes_at(self, ticks: Ticks, status: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """`look.Lane` of every UAV, (T, N): its status, or what keeps it from flying as it would."""
         lanes = status.copy()
         for fault in self._faults:

@@ -17,7 +17,7 @@ import psutil
 from meanflock import kernels
 from meanflock.groundstation.memory import MEGABYTE, available_mb, needed_mb
 from meanflock.swarm import logs
-from meanflock.swarm.net.session import DEFAULT_ENDPOINT
+from meanflock.swarm.net.endpoint import DEFAULT_ENDPOINT
 
 THREADS = 8  # of a process of the swarm: measured 6, and 9 in the world
 PACKAGES = (

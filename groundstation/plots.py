@@ -24,8 +24,9 @@ from meanflock.groundstation.curves import MAX_POINTS, Curves, grid, line
 from meanflock.groundstation.paper import statistics
 from meanflock.groundstation.quantities import FIELDS
 from meanflock.groundstation.reported import PHI_G
-from meanflock.groundstation.results import EVENTS, SCENARIO, TIMESERIES
+from meanflock.groundstation.results import EVENTS, SCENARIO
 from meanflock.groundstation.series import diagnostics_in
+from meanflock.groundstation.timeseries_file import TIMESERIES
 from meanflock.groundstation.units import with_unit
 from meanflock.swarm import toml
 from meanflock.swarm.errors import BadInput

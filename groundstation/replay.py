@@ -16,8 +16,9 @@ from meanflock.groundstation import inbound
 from meanflock.groundstation.recorded import Recorded, line, recorded
 from meanflock.groundstation.recording import Recorder
 from meanflock.groundstation.reported import Reported
-from meanflock.groundstation.results import EVENTS, RECORDING, SCENARIO, Past, past
+from meanflock.groundstation.results import EVENTS, RECORDING, SCENARIO
 from meanflock.groundstation.series import block_of, unbroken
+from meanflock.groundstation.timeseries_file import Past, past
 from meanflock.groundstation.viewer import Continued, repair, verify
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput, MessageRejected
@@ -56,13 +57,13 @@ def missing(folder: Path, kept: Past, there: Recorded, uavs: int) -> Iterator[Te
         BadInput: the rows or events are not those of a flight of so many UAVs.
     """
     rows = kept.rows.filter(pc.invert(pc.is_in(kept.rows["tick"], pa.array(there.ticks, pa.int32()))))
-    told = [event for event in _events(folder, kept) if (event.tick, line(event)) not in there.lines]
+    left = [event for event in _events(folder, kept) if (event.tick, line(event)) not in there.lines]
     try:
         pieces = list(unbroken(rows, _BLOCK_TICKS))
         for number, piece in enumerate(pieces):
             up_to = piece["tick"][-1].as_py() if number + 1 < len(pieces) else math.inf
-            now = tuple(event for event in told if event.tick <= up_to)
-            told = [event for event in told if event.tick > up_to]
+            now = tuple(event for event in left if event.tick <= up_to)
+            left = [event for event in left if event.tick > up_to]
             yield inbound.check(block_of(piece, number, now), uavs)
     except (MessageRejected, ValueError, TypeError, KeyError) as error:
         raise BadInput(f"{folder}: time series or events are damaged ({error})") from error

@@ -7,40 +7,25 @@ import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import IO, Any
 
-import pyarrow as pa
-import pyarrow.parquet as pq
 import tomli_w
 
 from meanflock.groundstation import columns, durable, flown_plugins
 from meanflock.groundstation.background import BackgroundWorker
-from meanflock.groundstation.series import block_of, rows_of, schema, unbroken
-from meanflock.groundstation.spool import Spool, spooled
+from meanflock.groundstation.series import block_of, unbroken
+from meanflock.groundstation.spool import Spool
+from meanflock.groundstation.timeseries_file import SPOOL, Past, recover
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Status, Telemetry
 
-SCENARIO, SUMMARY, TIMESERIES = "scenario.toml", "summary.json", "timeseries.parquet"
-EVENTS, RECORDING = "events.jsonl", "recording.rrd"
+SCENARIO, SUMMARY, EVENTS, RECORDING = "scenario.toml", "summary.json", "events.jsonl", "recording.rrd"
 CHECKPOINT = "checkpoint.msgpack"  # only while the run is not finished
-_MARK_BLOCK, _MARK_EVENTS = "meanflock.block", "meanflock.events_bytes"
-_SPOOL = ".telemetry"
 _PAST_STATES = 50_000  # of rows that are spooled once more, in one block
-
-
-@dataclass(frozen=True)
-class Past:
-    """What a run folder holds of a flight that is to go on: rows of ticks 0…n, and up to where its events belong."""
-
-    rows: pa.Table
-    next_block: int  # the first block of telemetry it does not hold
-    events_bytes: int
 
 
 class RunFolder:
@@ -77,7 +62,7 @@ class RunFolder:
         self._over, self._resumed, self._full = False, past is not None, False
         self.last_tick = -1
         self._background = BackgroundWorker("checkpoints")  # they wait for the disk
-        spool = self.path / _SPOOL
+        spool = self.path / SPOOL
         part = spool.with_suffix(".part")
         try:
             self._spool = Spool(part, flown.dt)
@@ -107,14 +92,14 @@ class RunFolder:
         """
         if self._full:
             raise RunFailed(self._holds("no more is kept"))
-        told = os.fstat(self._events.fileno()).st_size
+        size = os.fstat(self._events.fileno()).st_size
         try:
             self._background.look()  # where there was no room for a checkpoint, there is none for what comes
             self._append(block)
         except OSError as error:
             self._full = True
             with suppress(OSError):
-                os.ftruncate(self._events.fileno(), told)
+                os.ftruncate(self._events.fileno(), size)
             raise RunFailed(self._holds(_reason(error))) from error
         if len(block.states):
             last = self.last_tick = block.first_tick + len(block.states) - 1
@@ -233,69 +218,6 @@ def completed(folder: Path) -> None:
         recover(folder)
     except OSError as error:
         raise RunFailed(f"{folder}: {_reason(error)}; make room, then give the command again") from error
-
-
-def recover(folder: Path) -> None:
-    """Turns what a run has spooled, to its end or to where it was killed, into `timeseries.parquet`."""
-    spool = folder / _SPOOL
-    if not spool.exists():
-        return
-    part = folder / f".{TIMESERIES}"
-    try:
-        _to_parquet(spool, part)
-        durable.move(part, folder / TIMESERIES)
-    except OSError:
-        part.unlink(missing_ok=True)
-        raise
-    durable.remove(spool)
-
-
-def _to_parquet(spool: Path, path: Path) -> None:
-    rows = _rows_of(spool)
-    first = next(rows, None)
-    columns = schema(()) if first is None else first[0].schema
-    with pq.ParquetWriter(path, columns, compression="zstd") as writer:
-        gathered = []
-        last: dict[str, str] = {}
-        for batch, mark in () if first is None else chain((first,), rows):
-            gathered.append(batch)
-            last = mark
-            if len(gathered) == 50:
-                writer.write_table(pa.Table.from_batches(gathered, columns))
-                gathered = []
-        if gathered:
-            writer.write_table(pa.Table.from_batches(gathered, columns))
-        writer.add_key_value_metadata(last)
-
-
-def past(folder: Path, tick: int | None = None) -> Past:
-    """What a folder holds: all of it, or up to the checkpoint of a tick.
-
-    Raises:
-        BadInput: there is no time series, or it has a gap before the tick.
-    """
-    try:
-        if (folder / _SPOOL).exists():
-            read = list(_rows_of(folder / _SPOOL))
-            batches = [batch for batch, _ in read]
-            rows = pa.Table.from_batches(batches, batches[0].schema if batches else schema(()))
-            mark = read[-1][1] if read else {}
-        else:
-            rows = pq.read_table(folder / TIMESERIES)
-            mark = {k.decode(): v.decode() for k, v in (pq.read_metadata(folder / TIMESERIES).metadata or {}).items()}
-    except (OSError, pa.ArrowInvalid) as error:
-        raise BadInput(f"{folder}: no time series to go on from ({error})") from error
-    if tick is not None:
-        rows = rows.slice(0, tick + 1)
-        if rows["tick"].to_pylist() != list(range(tick + 1)):
-            raise BadInput(f"{folder / TIMESERIES}: rows before tick {tick} are missing; the run cannot be resumed")
-    return Past(rows, int(mark.get(_MARK_BLOCK, -1)) + 1, int(mark.get(_MARK_EVENTS, 0)))
-
-
-def _rows_of(spool: Path) -> Iterator[tuple[pa.RecordBatch, dict[str, str]]]:
-    """The rows of every block, with what is to be known of the folder that ends with it."""
-    for block, events_bytes, dt in spooled(spool):
-        yield rows_of(block, dt), {_MARK_BLOCK: str(block.block), _MARK_EVENTS: str(events_bytes)}
 
 
 def read_checkpoint(folder: Path) -> dict[str, Any]:

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from meanflock.groundstation import flown_plugins
-from meanflock.groundstation.results import CHECKPOINT, SCENARIO, SUMMARY, Past, past, read_checkpoint
+from meanflock.groundstation.results import CHECKPOINT, SCENARIO, SUMMARY, read_checkpoint
 from meanflock.groundstation.series import states_of
+from meanflock.groundstation.timeseries_file import Past, past
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import keys

@@ -11,14 +11,16 @@ from meanflock.groundstation import doctor
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.launch import Swarm
 from meanflock.groundstation.progress import FlightProgress
-from meanflock.groundstation.results import CHECKPOINT, RECORDING, SCENARIO, Past, RunFolder, to_toml
+from meanflock.groundstation.results import CHECKPOINT, RECORDING, SCENARIO, RunFolder, to_toml
 from meanflock.groundstation.resume import Back
 from meanflock.groundstation.station import Sink, Station
+from meanflock.groundstation.timeseries_file import Past
 from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput, BusError, RunFailed
 from meanflock.swarm.net.address import Address
+from meanflock.swarm.net.endpoint import check_free
 from meanflock.swarm.net.identity import STATION
-from meanflock.swarm.net.session import ZenohBus, check_free
+from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.process import Interrupted
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.checkpoint import Resumption
@@ -233,18 +235,18 @@ def _connect(swarm: Swarm, interrupted: Interrupted) -> ZenohBus:
 
 
 def _listen(bus: ZenohBus, station: Station, swarm: Swarm, interrupted: Interrupted, folder: RunFolder) -> None:
-    told = checked = ended = 0.0
+    asked = checked = ended = 0.0
     while station.summary is None:
         delivery = bus.receive(0.05)
         if delivery is not None:
             station.handle(delivery)
         now = time.monotonic()
-        if interrupted and not told:
-            told = now
+        if interrupted and not asked:
+            asked = now
             swarm.interrupt()
-        if told and now - told > _LAST_WORDS_S:
+        if asked and now - asked > _LAST_WORDS_S:
             raise RunFailed("interrupted; the world did not answer any more")
-        if not told and now - checked > 0.1:
+        if not asked and now - checked > 0.1:
             checked = now
             swarm.check()
         if delivery is None and swarm.world_ended:  # nothing can come any more but what is on its way

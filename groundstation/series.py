@@ -52,9 +52,9 @@ def rows_of(block: Telemetry, dt: float) -> pa.RecordBatch:
 
 def block_of(rows: pa.Table, number: int, events: tuple[Event, ...] = ()) -> Telemetry:
     """Rows of ticks that follow each other as a block; links and checkpoint are not in them."""
-    told = rows.filter(pc.is_valid(rows["leader_model"]))
+    reported = rows.filter(pc.is_valid(rows["leader_model"]))
     none = np.zeros(len(rows))  # of what a run of before did not count
-    reports = told["leader_model"].to_pylist()
+    reports = reported["leader_model"].to_pylist()
     names = diagnostics_in(rows.schema)
     return Telemetry(
         run=0,
@@ -69,9 +69,9 @@ def block_of(rows: pa.Table, number: int, events: tuple[Event, ...] = ()) -> Tel
             [rows[name].to_numpy() if name in rows.column_names else none for name in SWARM_COLUMNS], axis=-1
         ),
         links=np.zeros((0, 5), dtype=np.int32),
-        report_ticks=told["tick"].to_numpy(),
+        report_ticks=reported["tick"].to_numpy(),
         reports=np.array(reports, dtype=np.float32).reshape(len(reports), -1 if reports else 0),
-        spread=told["weight_spread"].to_numpy(),
+        spread=reported["weight_spread"].to_numpy(),
         events=events,
         diagnostic_names=names,
     )

@@ -18,7 +18,8 @@ from joblib import Parallel, delayed
 
 from meanflock.groundstation import durable
 from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.paper.store import Store, StoredRun, decode, encode
+from meanflock.groundstation.paper.job_file import StoredRun, decode, encode
+from meanflock.groundstation.paper.store import Store
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import RunFailed
 from meanflock.swarm.scenario import Scenario

@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.kernels import features
+from meanflock.kernels import features, state
 from meanflock.kernels.tables import Floats, Tables
-from meanflock.swarm import state
 
 
 class ValueStep(NamedTuple):

@@ -6,8 +6,8 @@ a quadrature of m̂ over nodes that travel with the UAV.
 
 import numpy as np
 
+from meanflock.kernels import state
 from meanflock.kernels.tables import Floats, Tables
-from meanflock.swarm import state
 
 _ROWS_AT_ONCE = 64  # 36 KB each, while they are summed
 

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.kernels import features, fpk, hjb, interaction
+from meanflock.kernels import features, fpk, hjb, interaction, state
 from meanflock.kernels.tables import Floats, Tables
 from meanflock.kernels.weights import DENSITY, DENSITY_FEATURES, VALUE
 from meanflock.kernels.wire import read, write
-from meanflock.swarm import state
 
 __all__ = ["BACKEND", "learn", "pairs", "prepare", "read", "write"]
 

@@ -22,7 +22,7 @@ class Comparison:
     """What a study found; iterate over it for a row a point.
 
     A row has what tells the points apart, `n` (flights), `uavs`, and of every metric the mean under its name and the
-    ends of its 95 % interval under `…_low` and `…_high`; None where nobody knows. Means over UAVs count one that never
+    ends of its 95 % interval under `…_low` and `…_high`; None where unknown. Means over UAVs count one that never
     arrived with the duration.
     """
 

@@ -11,8 +11,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from meanflock.groundstation.results import EVENTS, RECORDING, SCENARIO, SUMMARY, TIMESERIES, alone, recover
+from meanflock.groundstation.results import EVENTS, RECORDING, SCENARIO, SUMMARY, alone
 from meanflock.groundstation.series import rows_of, states_of
+from meanflock.groundstation.timeseries_file import TIMESERIES, recover
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario

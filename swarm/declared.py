@@ -1,20 +1,29 @@
 """What a controller declares of itself: everything the swarm needs to know of a method it has never heard of."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import msgspec
 
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
 
-if TYPE_CHECKING:
-    from meanflock.swarm.scenario import Scenario
-
 MAX_PARAMETERS = 1_000_000  # floats of a model: 8 MB, and no radio carries it
 MAX_DIAGNOSTICS = 100  # columns of a message are counted in one byte
 MAX_BROADCASTS = 16  # of a controller in a tick
 MAX_BROADCAST_NUMBERS = 4096  # of a UAV in a tick
 MAX_MEMORY_BYTES = 24 * 2**20  # of all UAVs together; a flight of more goes on without checkpoints
+
+
+class Asking(Protocol):
+    """What of a scenario names its controller."""
+
+    @property
+    def method(self) -> str:
+        """Its name."""
+
+    @property
+    def controller(self) -> dict[str, Any]:
+        """Its options."""
 
 
 class Declared(msgspec.Struct, frozen=True):
@@ -43,7 +52,7 @@ class Declared(msgspec.Struct, frozen=True):
         return self.parameters > 0
 
 
-def controller(scenario: "Scenario") -> Any:
+def controller(scenario: Asking) -> Any:
     """A new instance of a scenario's controller.
 
     Raises:
@@ -52,7 +61,7 @@ def controller(scenario: "Scenario") -> Any:
     return plugins.create("controller", scenario.method, scenario.controller, scenario)
 
 
-def declared(scenario: "Scenario") -> Declared:
+def declared(scenario: Asking) -> Declared:
     """What a scenario's controller declares.
 
     Raises:

@@ -67,7 +67,7 @@ def _packaged() -> dict[tuple[Door, str], tuple[Plugin, ...]]:
 
 
 def installed() -> list[Plugin]:
-    """All there are, by door and name."""
+    """All plug-ins there are, by kind and name."""
     packaged = [plugin for plugins in _packaged().values() for plugin in plugins]
     doors = list(GROUPS)
     return sorted(

@@ -12,8 +12,8 @@ from typing import NoReturn
 
 from meanflock.swarm import logs, plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_RUN_FAILED, MeanflockError
+from meanflock.swarm.net.endpoint import DEFAULT_ENDPOINT
 from meanflock.swarm.net.identity import Identity
-from meanflock.swarm.net.session import DEFAULT_ENDPOINT
 
 CHILD = "MEANFLOCK_CHILD"  # a variable: "1" where whoever started this process holds its standard input open
 

@@ -1,28 +1,13 @@
 """When a federated round happens and who takes part: known to all beforehand, so no invitation is paid for."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm.ascending import contains
+from meanflock.swarm.hops import HOPS, delivery_ticks
+from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator
 from meanflock.swarm.wire.messages import FrameKind
-
-if TYPE_CHECKING:
-    from meanflock.swarm.scenario import Scenario
-
-HOPS = 2  # of a model where there are clusters: to the head, and on to the leader
-
-
-def delivery_ticks(scenario: "Scenario", slots: NDArray[np.int64]) -> NDArray[np.intp]:
-    """Ticks until a message that took so many slots is delivered: max(1, ⌈slots θ/dt⌉), same shape.
-
-    A quotient that is a whole number but for rounding counts as that number.
-    """
-    ticks = slots * scenario.radio.coherence_time_s / scenario.dt
-    return np.maximum(1, np.ceil(ticks * (1.0 - 1e-9))).astype(np.intp)
-
 
 _DRAWN_AT_ONCE = 8  # rounds: the first draw of a process among many finds nothing in the caches, the others do
 _DRAWN_AHEAD, _UAVS_AHEAD = 128, 2**16  # rounds, and UAVs in them, at most: some 5 ms and half a MiB
@@ -31,7 +16,7 @@ _DRAWN_AHEAD, _UAVS_AHEAD = 128, 2**16  # rounds, and UAVs in them, at most: som
 class Rounds:
     """The calendar of the rounds k = 1, 2 … of a scenario; without rounds for methods that share no model."""
 
-    def __init__(self, scenario: "Scenario", uavs: NDArray[np.intp] | None = None) -> None:
+    def __init__(self, scenario: Scenario, uavs: NDArray[np.intp] | None = None) -> None:
         """`uavs`: whose rows are wanted, ascending; None for nobody's."""
         self._scenario = scenario
         self._uavs = np.zeros(0, dtype=np.intp) if uavs is None else uavs

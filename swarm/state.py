@@ -1,41 +1,35 @@
-"""The only definition of a UAV's state: s = [x, y, vx, vy], metres and m/s, origin at the destination.
+"""The state of a UAV, as all rooms name it; `kernels/state.py` defines it, for what is compiled needs it first."""
 
-Every array of states has shape `(..., 4)`; leading axes are free. Index with the names below, never with numbers.
-"""
+from meanflock.kernels.state import (
+    AXES,
+    POSITION,
+    SIZE,
+    VELOCITY,
+    VX,
+    VY,
+    Plane,
+    Rows,
+    States,
+    X,
+    Y,
+    dot,
+    norm,
+    speed,
+)
 
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
-
-SIZE = 4
-X, Y, VX, VY = range(SIZE)
-POSITION = slice(0, 2)  # r, metres
-VELOCITY = slice(2, 4)  # v, m/s
-AXES = 2  # the plane of flight: x and y
-
-States: TypeAlias = NDArray[np.float64]  # (..., 4)
-Plane: TypeAlias = NDArray[np.float64]  # (..., 2): an acceleration, a velocity, a position
-Rows: TypeAlias = NDArray[np.float64]  # (...,): one number a UAV
-
-
-def dot(first: NDArray[np.float64], second: NDArray[np.float64]) -> Rows:
-    """Inner product over the last axis, `(...,)`.
-
-    Products first, then NumPy's pairwise sum: its order is the same on every machine and for any number of rows,
-    which that of a BLAS is not.
-    """
-    products: Rows = first * second
-    if products.shape[-1] == AXES:  # quicker than to have it summed, which begins at zero: hence no −0
-        return products[..., 0] + products[..., 1] + 0.0
-    return np.add.reduce(products, axis=-1)
-
-
-def speed(states: States) -> Rows:
-    """‖v‖ in m/s, shape `(...,)`."""
-    return np.sqrt(states[..., VX] * states[..., VX] + states[..., VY] * states[..., VY])
-
-
-def norm(states: States) -> Rows:
-    """‖s‖ as the paper prints it, mixing metres and m/s, shape `(...,)`; the destination test uses it."""
-    return np.sqrt(dot(states, states))
+__all__ = [
+    "AXES",
+    "POSITION",
+    "SIZE",
+    "VELOCITY",
+    "VX",
+    "VY",
+    "Plane",
+    "Rows",
+    "States",
+    "X",
+    "Y",
+    "dot",
+    "norm",
+    "speed",
+]

@@ -8,16 +8,27 @@ import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import click
 import pytest
 
 import meanflock as mf
 from meanflock.groundstation.cli import cli, main
+from meanflock.swarm import __version__, plugins
+from meanflock.testing import check_controller
 
 ROOT = Path(__file__).parents[1]
 CLI = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
+EXECUTED = ["first-flight", "your-controller", "your-aggregation"]  # whole, each in a folder of its own
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+@pytest.fixture(autouse=True)
+def _no_plugin_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A command that names a file registers what is in it, here and for every process started later."""
+    monkeypatch.setattr(plugins, "_files", dict(plugins._files))
+    monkeypatch.setenv(plugins.FILES, "")
 
 
 def commands(text: str) -> list[str]:
@@ -74,7 +85,7 @@ def test_every_command_of_the_reference_works(line: str, tmp_path: Path, monkeyp
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("name", ["first-flight", "your-controller", "your-aggregation"])
+@pytest.mark.parametrize("name", EXECUTED)
 def test_every_block_of_code_of_a_page_runs_and_prints_what_the_page_says(name: str, tmp_path: Path) -> None:
     printed, expected = run_of_page(ROOT / "docs" / f"{name}.md", tmp_path)
     assert printed == expected
@@ -83,8 +94,8 @@ def test_every_block_of_code_of_a_page_runs_and_prints_what_the_page_says(name: 
             assert file.read_text(encoding="utf-8") == example.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_every_command_of_every_page_is_one_that_exists(page: Path) -> None:
+@pytest.mark.parametrize("page", [page for page in PAGES if page.stem not in EXECUTED], ids=lambda page: page.name)
+def test_every_command_of_every_other_page_is_one_that_exists(page: Path) -> None:
     for line in commands(page.read_text(encoding="utf-8")):
         words = shlex.split(line.replace("<id>", "id").split(">")[0].split("|")[0])[1:]
         verb = next(v for v in sorted(verbs(cli), key=len, reverse=True) if words[: len(v.split())] == v.split())
@@ -92,13 +103,49 @@ def test_every_command_of_every_page_is_one_that_exists(page: Path) -> None:
         verbs(cli)[verb].make_context(verb, arguments, resilient_parsing=False)
 
 
-def test_every_verb_and_every_option_of_a_flight_is_in_the_reference() -> None:
+def test_every_verb_and_every_option_is_in_the_reference() -> None:
     for verb, command in verbs(cli).items():
         assert f"meanflock {verb}" in CLI or f"`{verb}`" in CLI, verb
-        if verb in ("run", "resume"):
-            for option in command.params:
-                if isinstance(option, click.Option):
-                    assert option.opts[0] in CLI, option.opts[0]
+        for option in command.params:
+            if isinstance(option, click.Option):
+                assert re.search(rf"{option.opts[-1]}\b", CLI), f"{verb} {option.opts[-1]}"
+
+
+@pytest.mark.parametrize("room", ["worldsim", "leader", "agent", "groundstation"])
+def test_every_flag_of_a_process_is_in_the_reference(room: str) -> None:
+    command = [sys.executable, "-m", f"meanflock.{room}", "--help"]
+    said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=True).stdout
+    section = CLI.partition("## The processes themselves")[2]
+    for flag in set(re.findall(r"^  (--[a-z-]+)", said, flags=re.M)):
+        assert f"`{flag}`" in section, flag
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=lambda page: page.name)
+def test_every_file_of_ours_that_a_page_names_is_there(page: Path) -> None:
+    for name in re.findall(r"`(\w[\w.-]*/[\w./-]+\.(?:py|c|h|toml|md|csv))`", page.read_text(encoding="utf-8")):
+        assert (ROOT / name).exists(), f"{page.name}: {name}"
+
+
+PRIVATE = r"\b(minds?|chorus|reflex(es)?|siblings?|ledgers?|hearsay|spoken|plain ticks?|by their bytes)\b"
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"], ids=lambda page: page.name)
+def test_pages_speak_in_words_of_the_field(page: Path) -> None:
+    if page.name == "performance.md":
+        return  # names of parts come from the record of the benchmarks
+    assert not re.findall(PRIVATE, page.read_text(encoding="utf-8"), flags=re.I)
+
+
+def test_the_citation_is_of_this_version() -> None:
+    assert f"\nversion: {__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+
+
+def test_the_controller_on_the_first_page_conforms() -> None:
+    code = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.M | re.S)[0]
+    names: dict[str, Any] = {}
+    exec(code, names)
+    check_controller(names["Spring"])
+    assert len(code.splitlines()) <= 20
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -117,7 +117,7 @@ class Barrier:
             return self.asked.pop(name, None) is not None
 
     @property
-    def spoken(self) -> list[Frames]:
+    def sent(self) -> list[Frames]:
         """What everyone sends by radio, in the order in which they were asked."""
         acts = self.acts
         return [batch for name in self.asked if name in acts for batch in acts[name].outbox]

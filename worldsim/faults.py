@@ -19,14 +19,14 @@ class Script:
 
     def events(self, tick: int) -> list[Event]:
         """What begins and what is over, one line each."""
-        told = []
+        found = []
         for fault in self._faults:
             uavs = getattr(fault, "uavs", ())
             if fault.begins(self._dt) == tick:
-                told.append(Event(tick, "fault", words(fault), uavs))
+                found.append(Event(tick, "fault", words(fault), uavs))
             if fault.ends(self._dt) == tick and hasattr(fault, "duration_s"):
-                told.append(Event(tick, "fault", f"{words(fault)} is over", uavs))
-        return told
+                found.append(Event(tick, "fault", f"{words(fault)} is over", uavs))
+        return found
 
     def killed(self, tick: int) -> NDArray[np.intp]:
         """UAVs that die at the beginning of a tick, ascending."""

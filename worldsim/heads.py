@@ -36,13 +36,13 @@ class Heads:
                         self._of[head].receive([only(batch, batch.links[batch.links[:, 1] == head])])
 
     @property
-    def told(self) -> bool:
+    def any_sent(self) -> bool:
         """Whether anything was sent to any of them in the round that is open."""
         return bool(self._sent_to)
 
     def read(self, member: Member) -> tuple[Frames, ...]:
         """What the heads a node holds have received and it has not heard yet."""
-        held = self._heads[contains(member.uavs, self._heads)].tolist() if self.told else []
+        held = self._heads[contains(member.uavs, self._heads)].tolist() if self.any_sent else []
         return tuple(frames for head in held for frames in self._of[head].read(member.name))
 
     def relayed(self, number: int, frames: Iterable[Frames], links: NDArray[np.int32]) -> Iterator[str]:

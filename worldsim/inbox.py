@@ -15,16 +15,16 @@ _AVERAGED = (FrameKind.UPLOAD, FrameKind.RELAY)  # these are kept until they are
 
 def of_agents(due: Iterable[Frames], awake: NDArray[np.bool_]) -> list[Frames]:
     """What is not kept for who averages, over links to UAVs that are `awake` (N,)."""
-    heard = [batch for batch in due if batch.kind not in _AVERAGED and batch.links is not None]
-    if heard and not awake.all():
-        heard = [only(batch, batch.links[awake[batch.links[:, 1]]]) for batch in heard if batch.links is not None]
-    return [batch for batch in heard if batch.links is not None and len(batch.links)]
+    arrived = [batch for batch in due if batch.kind not in _AVERAGED and batch.links is not None]
+    if arrived and not awake.all():
+        arrived = [only(batch, batch.links[awake[batch.links[:, 1]]]) for batch in arrived if batch.links is not None]
+    return [batch for batch in arrived if batch.links is not None and len(batch.links)]
 
 
-def of_agent(member: Member, heard: Iterable[Frames], uavs: int) -> tuple[Frames, ...]:
-    """Of what was heard by `uavs` UAVs, the links to an agent's, and the payloads they need."""
+def of_agent(member: Member, arrived: Iterable[Frames], uavs: int) -> tuple[Frames, ...]:
+    """Of what arrived at `uavs` UAVs, the links to an agent's, and the payloads they need."""
     own = []
-    for batch in heard:
+    for batch in arrived:
         assert batch.links is not None
         links, targets = batch.links, batch.links[:, 1]
         if member.rows < uavs:
@@ -41,7 +41,7 @@ class Uploads:
         """`kind`: of the frames it averages."""
         self._kind = kind
         self._kept: list[Frames] = []
-        self._told = 0  # of them, to whom:
+        self._seen = 0  # of them, to whom:
         self._reader: str | None = None
 
     def receive(self, due: Iterable[Frames]) -> None:
@@ -54,16 +54,16 @@ class Uploads:
     def read(self, reader: str) -> tuple[Frames, ...]:
         """What a node has not heard yet."""
         if reader != self._reader:
-            self._reader, self._told = reader, 0
-        unheard = tuple(self._kept[self._told :])
-        self._told = len(self._kept)
-        return unheard
+            self._reader, self._seen = reader, 0
+        unread = tuple(self._kept[self._seen :])
+        self._seen = len(self._kept)
+        return unread
 
     def close(self, number: int) -> None:
         """A round is over, averaged or void."""
-        heard = self._kept[: self._told]
+        seen = self._kept[: self._seen]
         self._kept = [frames for frames in self._kept if frames.round > number]
-        self._told = sum(frames.round > number for frames in heard)
+        self._seen = sum(frames.round > number for frames in seen)
 
     def snapshot(self) -> list[Any]:
         """What is kept; whoever averages after `restore` hears it all."""
@@ -72,7 +72,7 @@ class Uploads:
     def restore(self, snapshot: list[Any]) -> None:
         """Goes on with what a snapshot kept."""
         self._kept = [Frames(self._kind, *fields) for fields in snapshot]
-        self._told, self._reader = 0, None
+        self._seen, self._reader = 0, None
 
 
 def only(batch: Frames, links: NDArray[np.int32]) -> Frames:

@@ -28,10 +28,10 @@ class FrameMerger:
     ) -> None:
         self._rounds, self._counters, self._drop, self._note = rounds, counters, drop, note
 
-    def of(self, tick: int, spoken: Iterable[Frames], awake: NDArray[np.bool_], meter: Meter) -> list[Frames]:
-        """The frames of a tick; those `spoken` in order of their UAVs, `awake` (N,). Their bytes go on the bill."""
+    def of(self, tick: int, sent: Iterable[Frames], awake: NDArray[np.bool_], meter: Meter) -> list[Frames]:
+        """The frames of a tick; those `sent` in order of their UAVs, `awake` (N,). Their bytes go on the bill."""
         alike: dict[tuple[int, int, str, int], list[Frames]] = {}
-        for batch in spoken:
+        for batch in sent:
             broadcast = batch.round if batch.kind == FrameKind.STATE else 0
             form = batch.kind, broadcast, batch.payload.dtype.str, batch.payload.shape[1]
             alike.setdefault(form, []).append(batch)
@@ -40,24 +40,24 @@ class FrameMerger:
         return [frames for batches in ordered if (frames := self._joined(tick, batches, awake, meter))]
 
     def _joined(self, tick: int, batches: list[Frames], awake: NDArray[np.bool_], meter: Meter) -> Frames | None:
-        """All batches of a kind as one, without what is not heard."""
+        """All batches of a kind as one, without what may not be sent."""
         together = _join(batches)
-        if together is None or together.kind == FrameKind.GLOBAL or not self._is_heard(tick, together, awake):
-            batches = [heard for batch in batches if (heard := self._heard(tick, batch, awake)) is not None]
+        if together is None or together.kind == FrameKind.GLOBAL or not self._is_sound(tick, together, awake):
+            batches = [sound for batch in batches if (sound := self._sound_part(tick, batch, awake)) is not None]
             together = _join(batches)
         for batch in batches:
             meter.wire(batch.kind, bytes_of_batch(batch))
         return together
 
-    def _is_heard(self, tick: int, batch: Frames, awake: NDArray[np.bool_]) -> bool:
+    def _is_sound(self, tick: int, batch: Frames, awake: NDArray[np.bool_]) -> bool:
         """Whether all of a batch is."""
         stray = inbound.stray(batch, tick, self._rounds, self._counters.averaged)
         if stray is not None:
             return False
         return b"\0" not in awake.tobytes() or bool(awake[batch.source].all())  # as a rule everyone is
 
-    def _heard(self, tick: int, batch: Frames, awake: NDArray[np.bool_]) -> Frames | None:
-        """What of a batch goes on the air: the lost and the paused are silent, and only open rounds are spoken of."""
+    def _sound_part(self, tick: int, batch: Frames, awake: NDArray[np.bool_]) -> Frames | None:
+        """What of a batch goes on the air: not what the lost and the paused say, or what is of no open round."""
         if (stray := inbound.stray(batch, tick, self._rounds, self._counters.averaged)) is not None:
             self._drop(stray, f"frames of UAV {batch.source[0]}")
             return None

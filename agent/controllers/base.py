@@ -39,10 +39,10 @@ class Received(msgspec.Struct, frozen=True, eq=False):
 
 
 class Broadcast(msgspec.Struct, frozen=True, eq=False):
-    """What rows say to every UAV in range, one frame a row.
+    """What rows send to every UAV in range, one frame a row.
 
     payload: (S, W): float64, which travels as a float of the radio, or an array of int8, uint8, int16 or int32, which
-    travels as it is. rows: (S,) ascending, who speaks; None for all.
+    travels as it is. rows: (S,) ascending, who sends; None for all.
     """
 
     payload: NDArray[Any]
@@ -53,7 +53,7 @@ class Step(msgspec.Struct, frozen=True, eq=False):
     """What a tick came to.
 
     memory: after it. acceleration: (M, 2), m/s². diagnostics: (M, K), in the order in which they are declared.
-    broadcasts: what is said; their order in the tuple is the `number` others receive. refused: UAVs of whom something
+    broadcasts: what is sent; their order in the tuple is the `number` others receive. refused: UAVs of whom something
     received is not used, counted by the world.
     """
 

@@ -52,9 +52,9 @@ class MeanField(Controller):
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         weights, known, refused = memory["weights"], None, NOBODY
         if self.state_period:
-            known, heard, refused = self._hear(memory["known"], received)
-            if self.learns_density and len(heard):  # only rows that received something: another row is another UAV
-                weights = self.learner.refit(weights, heard, known)
+            known, fresh, refused = self._take_in(memory["known"], received)
+            if self.learns_density and len(fresh):  # only rows that received something: another row is another UAV
+                weights = self.learner.refit(weights, fresh, known)
             known[np.arange(len(own)), memory["uav"]] = own
             memory = memory | {"known": known}
         weights, numbers = self.learner.step(weights, own, known)
@@ -78,9 +78,9 @@ class MeanField(Controller):
     def report(self, memory: Memory) -> Floats:
         return memory["weights"]
 
-    def _hear(self, known: Floats, received: Sequence[Received]) -> tuple[Floats, Rows, NDArray[np.int32]]:
+    def _take_in(self, known: Floats, received: Sequence[Received]) -> tuple[Floats, Rows, NDArray[np.int32]]:
         """What rows know (M, N, 4) with the states received; which rows received any; and whose were not believed."""
-        known, heard, refused = known.copy(), [], []
+        known, fresh, refused = known.copy(), [], []
         for frames in received:
             if frames.number or frames.payload.shape[1] != SIZE or frames.payload.dtype.kind != "f":
                 continue  # not a state
@@ -90,8 +90,8 @@ class MeanField(Controller):
                 refused.append(frames.source[~sane])
                 sent, row = sent[sane[sent]], row[sane[sent]]
             known[row, frames.source[sent]] = frames.payload[sent]
-            heard.append(row)
-        rows = distinct(np.concatenate(heard)) if heard else np.zeros(0, dtype=np.intp)
+            fresh.append(row)
+        rows = distinct(np.concatenate(fresh)) if fresh else np.zeros(0, dtype=np.intp)
         return known, rows, distinct(np.concatenate(refused)).astype(np.int32) if refused else NOBODY
 
 

@@ -18,8 +18,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from meanflock.groundstation.paper.flown import Flown, fly
 from meanflock.groundstation.paper.grid import EXPERIMENTS, Wanted, wanted
+from meanflock.groundstation.paper.job_file import StoredRun, encode, stored
 from meanflock.groundstation.paper.methods import Method
-from meanflock.groundstation.paper.store import Results, Store, StoredRun, encode, stored, tables
+from meanflock.groundstation.paper.store import Store
+from meanflock.groundstation.paper.tables import Results, tables
 from meanflock.swarm.errors import BadInput, MeanflockError, RunFailed
 
 BACKENDS = ("loky", "dask")

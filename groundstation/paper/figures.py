@@ -9,7 +9,7 @@ from meanflock.groundstation import plotstyle
 from meanflock.groundstation.paper.figures_curves import residuals, six_panels
 from meanflock.groundstation.paper.figures_grids import against_period, against_uavs, against_wind
 from meanflock.groundstation.paper.figures_paths import offline, trajectories
-from meanflock.groundstation.paper.store import Results
+from meanflock.groundstation.paper.tables import Results
 from meanflock.groundstation.paper.view import View
 from meanflock.swarm.errors import BadInput
 

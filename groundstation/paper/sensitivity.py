@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from meanflock.groundstation.paper import claims
-from meanflock.groundstation.paper.store import Results
+from meanflock.groundstation.paper.tables import Results
 from meanflock.groundstation.paper.verdict import NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, UNDECIDED, judge
 from meanflock.groundstation.paper.view import View
 

@@ -16,7 +16,7 @@ from meanflock.groundstation.paper import claims
 from meanflock.groundstation.paper.checks import Findings, named, run_check
 from meanflock.groundstation.paper.claims import Claim
 from meanflock.groundstation.paper.outcome import Outcome, Test, all_of
-from meanflock.groundstation.paper.store import Results
+from meanflock.groundstation.paper.tables import Results
 from meanflock.groundstation.paper.view import View
 
 REPRODUCED, NOT_REPRODUCED, UNDECIDED, NOT_TESTABLE = "reproduced", "not reproduced", "undecided", "not testable"

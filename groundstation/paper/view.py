@@ -1,4 +1,4 @@
-"""The result tables as columns of numbers: select rows, read a metric by seed. See `store.py` for what is in them."""
+"""The result tables as columns of numbers: select rows, read a metric by seed. See `tables.py` for what is in them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from meanflock.groundstation.paper.store import DATA, Results, version
+from meanflock.groundstation.paper.code_version import version
+from meanflock.groundstation.paper.store import DATA
+from meanflock.groundstation.paper.tables import Results
 from meanflock.swarm.errors import BadInput
 
 Floats = NDArray[np.float64]

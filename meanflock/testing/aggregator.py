@@ -8,7 +8,7 @@ import numpy as np
 from meanflock.leader.aggregators.base import Aggregator, State
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.control import decode_record, encode_record
-from meanflock.testing.error import alike, copies, fail, make, same, with_other_randomness
+from meanflock.testing.error import alike, copies, fail, make, same, text_of, with_other_randomness
 
 PARAMETERS, UAVS, ROUNDS = 12, 7, 5
 
@@ -40,8 +40,8 @@ def check_aggregator(
                 try:
                     state, model = rule.step(state, models, uavs, number)
                 except Exception as error:
-                    text = f"{type(error).__name__}: {error}"
-                    fail(aggregator, f"`step` with {len(uavs)} models failed: {text}", "any number from one on must do")
+                    what = f"`step` with {len(uavs)} models failed: {text_of(error)}"
+                    fail(aggregator, what, "any number from one on must do")
                 if not all(same(one, other) for one, other in zip(before, given, strict=True)):
                     fail(
                         aggregator, "`step` writes to an array it was given", "return new arrays; copy before you write"

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from meanflock.swarm.scenario import Scenario
-from meanflock.testing.error import fail, make, same, with_other_randomness
+from meanflock.testing.error import fail, make, same, text_of, with_other_randomness
 
 LINKS = 40
 BITS = (1, 128, 3456, 7872)
@@ -19,18 +19,20 @@ def check_channel(channel: type, options: dict[str, Any] | None = None, scenario
     """
     flown = scenario or Scenario()
 
-    def sent(seed: int, draw: int) -> list[np.ndarray]:
+    def sent(seed: int, draw: int, afresh: bool = False) -> list[np.ndarray]:
         def run() -> list[np.ndarray]:
             made, rng, all_sent = make(channel, options or {}, flown), np.random.default_rng(draw), []
             for bits in BITS:
                 for links in (LINKS, 1, 0):
                     distance = np.linspace(1.0, 200.0, links)
                     given = distance.copy()
+                    if afresh:
+                        made = make(channel, options or {}, flown)
                     try:
                         slots, delivered = made.transmit(distance, bits, rng)
                     except Exception as error:
-                        text = f"{type(error).__name__}: {error}"
-                        fail(channel, f"`transmit` over {links} links failed: {text}", "any number of links must do")
+                        what = f"`transmit` over {links} links failed: {text_of(error)}"
+                        fail(channel, what, "any number of links must do")
                     if not same(given, distance):
                         fail(channel, "`transmit` writes to the distances", "copy before you write")
                     _check(channel, links, np.asarray(slots), np.asarray(delivered))
@@ -39,9 +41,13 @@ def check_channel(channel: type, options: dict[str, Any] | None = None, scenario
 
         return with_other_randomness(run, seed)
 
-    first, again = sent(1, 7), sent(2, 7)
-    if not all(same(one, other) for one, other in zip(first, again, strict=True)):
-        fail(channel, "the same messages came out otherwise a second time", "draw from the generator you are given")
+    first = sent(1, 7)
+    for again, what, mend in (
+        (sent(2, 7), "the same messages came out otherwise a second time", "draw from the generator you are given"),
+        (sent(1, 7, afresh=True), "messages of a channel made anew differ", "keep nothing between two calls"),
+    ):
+        if not all(same(one, other) for one, other in zip(first, again, strict=True)):
+            fail(channel, what, mend)
 
 
 def _check(channel: type, links: int, slots: np.ndarray, delivered: np.ndarray) -> None:

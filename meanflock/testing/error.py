@@ -20,6 +20,11 @@ def fail(of: type, what: str, mend: str) -> NoReturn:
     raise ConformanceError(f"{of.__name__}: {what}; {mend}")
 
 
+def text_of(error: Exception) -> str:
+    """An exception in a line."""
+    return f"{type(error).__name__}: {error}"
+
+
 def make(of: type, options: Mapping[str, Any], *context: Any) -> Any:
     """An instance with such options, as a flight makes it."""
     for attribute in ("name", "Options"):

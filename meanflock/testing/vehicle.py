@@ -6,7 +6,7 @@ import numpy as np
 
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.control import decode_record, encode_record
-from meanflock.testing.error import copies, fail, make, same, with_other_randomness
+from meanflock.testing.error import copies, fail, make, same, text_of, with_other_randomness
 
 UAVS, TICKS = 5, 30
 
@@ -26,14 +26,21 @@ def check_vehicle(vehicle: type, options: dict[str, Any] | None = None, scenario
         def run() -> list[np.ndarray]:
             made, states, trace = make(vehicle, options or {}, flown), start[rows].copy(), []
             hidden = made.init(len(states))
+            forms = _forms(hidden)
             for push, noise in zip(pushes[:, rows], noises[:, rows], strict=True):
                 if afresh:
                     made = make(vehicle, options or {}, flown)
                     hidden = {name: np.array(array) for name, array in decode_record(encode_record(hidden)).items()}
                 given = [states, push, noise, *hidden.values()]
                 before = copies(given)
-                states, hidden = made.step(states, hidden, push, noise)
-                power = made.power(states, hidden, push)
+                try:
+                    states, hidden = made.step(states, hidden, push, noise)
+                    power = made.power(states, hidden, push)
+                except Exception as error:
+                    what = f"`step` or `power` of {len(push)} UAVs failed: {text_of(error)}"
+                    fail(vehicle, what, "any number of UAVs must do")
+                if _forms(hidden) != forms:
+                    fail(vehicle, f"`hidden` becomes {_forms(hidden)}; `init` made {forms}", "keep names and shapes")
                 if not all(same(one, other) for one, other in zip(before, given, strict=True)):
                     fail(vehicle, "`step` writes to an array it was given", "return new arrays; copy before you write")
                 _check(vehicle, len(push), np.asarray(states), np.asarray(power))
@@ -58,6 +65,10 @@ def check_vehicle(vehicle: type, options: dict[str, Any] | None = None, scenario
         alone = flown_by(1, slice(row, row + 1))
         if not all(same(one[row : row + 1], other) for one, other in zip(together, alone, strict=True)):
             fail(vehicle, "a UAV moves otherwise beside others than alone", "compute every row from that row alone")
+
+
+def _forms(hidden: dict[str, np.ndarray]) -> dict[str, str]:
+    return {name: f"{np.shape(array)} {np.asarray(array).dtype}" for name, array in hidden.items()}
 
 
 def _check(vehicle: type, rows: int, states: np.ndarray, power: np.ndarray) -> None:

@@ -6,7 +6,6 @@ Settings were chosen by measurement, see docs/performance.md.
 
 import logging
 import os
-import queue
 import threading
 import time
 from collections.abc import Mapping
@@ -22,17 +21,17 @@ os.environ.setdefault(
 import msgspec
 import zenoh
 
-from meanflock.swarm.errors import BadInput, BusError
+from meanflock.swarm.errors import BusError
 from meanflock.swarm.net.access import NOBODY
+from meanflock.swarm.net.backlog import BATCH_BYTES, LARGEST, Backlog
 from meanflock.swarm.net.bus import Delivery, Offer, Quota, Quotas
+from meanflock.swarm.net.endpoint import DEFAULT_ENDPOINT, check_free, secured
 from meanflock.swarm.net.identity import LEADER, Identity
 from meanflock.swarm.net.links import Links
 from meanflock.swarm.net.refusals import FILTER, Refusals
 from meanflock.swarm.wire.control import MAX_BYTES
 
 log = logging.getLogger("meanflock.bus")
-
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
 _LEASE_MS = 10_000
 _COMMON: Mapping[str, Any] = {
@@ -51,9 +50,6 @@ _COMMON: Mapping[str, Any] = {
     "transport/link/tx/queue/congestion_control/block/wait_before_close": 5_000_000,  # µs, below the lease
 }
 _ASK_AGAIN_S = 0.05
-_BACKLOG_MESSAGES = 256  # an honest node has two or three under way
-_BACKLOG_LARGEST = 4  # so many messages as long as they may be
-_BATCH_BYTES = 2**16  # what comes in one piece is taken in whatever its length; beyond, a limit is kept on the way
 _KEY_BYTES = 1024  # a message on the way is longer by its key and the like
 _SESSIONS = 4  # of one certificate: a node that comes back may have left some behind that are not missed yet
 _LEADER_SESSIONS = 12  # one certificate for the leader and its standbys
@@ -86,10 +82,7 @@ class ZenohBus:
         except zenoh.ZError as error:
             said = str(error).split(" at /")[0]  # without the place in the library's source
             raise BusError(f"cannot open a Zenoh session: {said}") from error
-        self._queue: queue.SimpleQueue[tuple[Delivery, str]] = queue.SimpleQueue()  # and whose, where that counts
-        self._quotas, self._refusals = quotas, refusals
-        self._waiting: dict[str, tuple[int, int]] = {}  # messages and their bytes, by sender
-        self._counting = threading.Lock()
+        self._backlog = Backlog(quotas, refusals)
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._declared: list[Any] = []
         self._closing = threading.Lock()
@@ -126,7 +119,7 @@ class ZenohBus:
             "mode": "router",
             "listen/endpoints": [endpoint],
             # Each link keeps up to 16 messages that have not arrived whole, one a priority and reliability.
-            "transport/link/rx/max_message_size": min(max(_BATCH_BYTES, largest + _KEY_BYTES), MAX_BYTES),
+            "transport/link/rx/max_message_size": min(max(BATCH_BYTES, largest + _KEY_BYTES), MAX_BYTES),
             "transport/unicast/max_sessions": 2 * nodes + 64,
         }
         log_filter = "error"
@@ -184,9 +177,9 @@ class ZenohBus:
 
         def receive(sample: zenoh.Sample) -> None:
             name, payload = only or str(sample.key_expr), sample.payload
-            size, quota = len(payload), None if self._quotas is None else self._quotas(name)
+            size, quota = len(payload), self._backlog.quota(name)
             if quota is not None and size > quota.largest:
-                self._keep(Delivery("oversized", name, size=size), quota)
+                self._backlog.keep(Delivery("oversized", name, size=size), quota)
                 return
             try:
                 if offer is not None and offer(name, payload.to_bytes()):
@@ -194,25 +187,25 @@ class ZenohBus:
             except Exception:  # in Zenoh's thread nobody else would hear of it
                 if not self._closed:
                     log.exception("the message under %s was not taken", name)
-            if self._has_room(name, size, quota):
-                self._put(Delivery("message", name, payload.to_bytes()), quota)
+            if self._backlog.has_room(name, size, quota):
+                self._backlog.put(Delivery("message", name, payload.to_bytes()), quota)
 
         self._declared.append(self._session.declare_subscriber(key, receive))
 
     def answer(self, key: str) -> None:
         def receive(query: zenoh.Query) -> None:
             name, payload = str(query.key_expr), query.payload
-            size, quota = len(payload or b""), None if self._quotas is None else self._quotas(name)
+            size, quota = len(payload or b""), self._backlog.quota(name)
             if quota is not None and size > quota.largest:
-                self._keep(Delivery("oversized", name, size=size), quota)
+                self._backlog.keep(Delivery("oversized", name, size=size), quota)
                 return
 
             def reply(answer: bytes) -> None:
                 with query:
                     query.reply(query.key_expr, answer)
 
-            if self._has_room(name, size, quota):
-                self._put(Delivery("question", name, payload.to_bytes() if payload else b"", reply), quota)
+            if self._backlog.has_room(name, size, quota):
+                self._backlog.put(Delivery("question", name, payload.to_bytes() if payload else b"", reply), quota)
 
         self._declared.append(self._session.declare_queryable(key, receive))
 
@@ -233,43 +226,12 @@ class ZenohBus:
         def receive(sample: zenoh.Sample) -> None:
             kind = "alive" if sample.kind == zenoh.SampleKind.PUT else "gone"
             name = str(sample.key_expr)
-            self._keep(Delivery(kind, name), None if self._quotas is None else self._quotas(name))  # type: ignore[arg-type]
+            self._backlog.keep(Delivery(kind, name), self._backlog.quota(name))  # type: ignore[arg-type]
 
         self._declared.append(self._session.liveliness().declare_subscriber(key, receive, history=True))
 
     def receive(self, timeout_s: float) -> Delivery | None:
-        try:
-            delivery, owner = self._queue.get(timeout=timeout_s)
-        except queue.Empty:
-            return None
-        if self._quotas is not None:
-            with self._counting:
-                count, size = self._waiting[owner]
-                if count > 1:
-                    self._waiting[owner] = (count - 1, size - len(delivery.payload))
-                else:
-                    del self._waiting[owner]
-        return delivery
-
-    def _keep(self, delivery: Delivery, quota: Quota | None) -> None:
-        if self._has_room(delivery.key, len(delivery.payload), quota):
-            self._put(delivery, quota)
-
-    def _put(self, delivery: Delivery, quota: Quota | None) -> None:
-        self._queue.put((delivery, "" if quota is None else quota.owner))
-
-    def _has_room(self, key: str, more: int, quota: Quota | None) -> bool:
-        """Whether one more message of that many bytes may wait; then it is counted in."""
-        if quota is None:
-            return True
-        with self._counting:
-            count, size = self._waiting.get(quota.owner, (0, 0))
-            most = max(_BATCH_BYTES, _BACKLOG_LARGEST * quota.largest)
-            if fits := count < _BACKLOG_MESSAGES and size + more <= most:
-                self._waiting[quota.owner] = (count + 1, size + more)
-        if not fits and self._refusals is not None:
-            self._refusals.count("backlog", key)
-        return fits
+        return self._backlog.receive(timeout_s)
 
     def _limit_links(self, links: Links) -> None:
         def changed(event: zenoh.LinkEvent) -> None:
@@ -293,28 +255,12 @@ class ZenohBus:
 
 
 def _a_key_a_sender(key: str) -> Quota:
-    return Quota(key, MAX_BYTES // _BACKLOG_LARGEST)
+    return Quota(key, MAX_BYTES // LARGEST)
 
 
 def _sessions(name: str) -> int:
     """How many sessions may be open at once with the certificate of that name."""
     return _LEADER_SESSIONS if name == LEADER else _SESSIONS
-
-
-def secured(endpoint: str, identity: Identity | None) -> str:
-    """`endpoint` over TLS for who has an identity; so nobody has to say it twice.
-
-    Raises:
-        BadInput: it cannot be.
-    """
-    protocol, _, address = endpoint.partition("/")
-    if identity is None:
-        if protocol in ("tls", "quic"):
-            raise BadInput(f"endpoint {endpoint}: needs certificates, name their folder: --tls DIR")
-        return endpoint
-    if protocol not in ("tcp", "tls"):
-        raise BadInput(f"endpoint {endpoint}: with --tls it must be tls/HOST:PORT")
-    return f"tls/{address}"
 
 
 def _tls(identity: Identity, side: str) -> dict[str, Any]:
@@ -327,23 +273,3 @@ def _tls(identity: Identity, side: str) -> dict[str, Any]:
         f"transport/link/tls/{side}_certificate": str(identity.certificate),
         f"transport/link/tls/{side}_private_key": str(identity.key),
     }
-
-
-def check_free(endpoint: str) -> None:
-    """Says which port is taken before Zenoh says that something failed.
-
-    Raises:
-        BadInput: `endpoint` cannot be listened on.
-    """
-    import socket  # only here: clients leave sockets to Zenoh
-
-    _, slash, address = endpoint.partition("/")
-    host, _, port = address.rpartition(":")
-    if not slash or not host or not (port.isascii() and port.isdigit() and int(port) < 2**16):
-        raise BadInput(f"endpoint {endpoint}: write it as tcp/HOST:PORT, for example {DEFAULT_ENDPOINT}")
-    try:
-        with socket.create_server((host.strip("[]"), int(port))):
-            pass
-    except OSError as error:
-        reason = error.strerror or error
-        raise BadInput(f"endpoint {endpoint}: {reason}; choose a free one, for example {DEFAULT_ENDPOINT}") from error

@@ -4,11 +4,12 @@ from functools import cached_property
 from typing import Annotated, Any, Literal, cast
 
 import msgspec
+import numpy as np
 from msgspec import Meta, field
 
-from meanflock.swarm import clusters
 from meanflock.swarm.declared import Declared, declared
 from meanflock.swarm.faults import Fault, LeaderLoss
+from meanflock.swarm.hops import HOPS, delivery_ticks
 from meanflock.swarm.pace import Pace
 from meanflock.swarm.plugins import Door, find
 from meanflock.swarm.scenario.tables import (
@@ -26,6 +27,7 @@ from meanflock.swarm.scenario.tables import (
     Wind,
 )
 from meanflock.swarm.table import Table as _Table
+from meanflock.swarm.wire.control import FLOAT_OF_BITS
 
 # Keys that came later count in the hash only where they differ from their default: older runs keep their hash.
 LATER = (
@@ -93,10 +95,40 @@ class Scenario(_Table, frozen=True, dict=True):
                     f"`federation.{key}` {wanted} is wider than a float of the radio, `radio.bits_per_float` "
                     f"{radio_bits}; take a narrower payload or a wider float"
                 )
-        clusters.check(self)
+        self._check_clusters()
         for number, fault in enumerate(self.faults):
             if any(uav >= self.uavs for uav in getattr(fault, "uavs", ())):
                 raise ValueError(f"`faults[{number}].uavs` names UAV {max(fault.uavs)} of 0…{self.uavs - 1}")  # type: ignore[union-attr]
+
+    def _check_clusters(self) -> None:
+        """Raises ValueError where the heads of clusters cannot do what the rest of it asks."""
+        federation, count = self.federation, self.federation.clusters
+        if count == 1:
+            return
+        asked = f"`federation.clusters` is {count}, but"
+        if count > self.uavs:
+            raise ValueError(f"{asked} `uavs` is {self.uavs}; a cluster holds at least one")
+        if not self.declared.is_federated:
+            raise ValueError(
+                f"{asked} `method` {self.method} has no rounds; take one that shares a model, as mfgfl-hf does"
+            )
+        if federation.aggregation != "fedavg":
+            raise ValueError(
+                f"{asked} `federation.aggregation` {federation.aggregation} must see every upload, and heads send "
+                "means; take fedavg, or one cluster"
+            )
+        horizon = int(delivery_ticks(self, np.array(self.radio.latency_threshold_slots)))
+        if self.period_ticks <= HOPS * horizon:
+            raise ValueError(
+                f"{asked} `federation.period` {self.period_ticks} has no room for two hops of up to {horizon} ticks; "
+                f"take at least {HOPS * horizon + 1}"
+            )
+        exact = 2 ** (np.finfo(FLOAT_OF_BITS[self.radio.bits_per_float]).nmant + 1)
+        if (largest := -(-self.uavs // count)) > exact:
+            raise ValueError(
+                f"{asked} a cluster of {largest} UAVs is more than a {self.radio.bits_per_float}-bit float counts "
+                f"exactly, {exact}; take more clusters or wider floats"
+            )
 
     @cached_property
     def declared(self) -> Declared:

@@ -15,7 +15,7 @@ import pytest
 from meanflock.agent.node import Agent
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.launch import free_endpoint
-from meanflock.groundstation.results import past
+from meanflock.groundstation.timeseries_file import past
 from meanflock.leader.node import Leader
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import MemoryBus

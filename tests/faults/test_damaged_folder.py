@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from meanflock.groundstation import recording
+from meanflock.groundstation import viewer
 from meanflock.groundstation.cli import main
+from meanflock.groundstation.recorded import recorded
 from meanflock.groundstation.results import CHECKPOINT, EVENTS, RECORDING, read_checkpoint
 from meanflock.groundstation.viewer import verify
 from meanflock.swarm.errors import BadInput
@@ -111,7 +112,7 @@ def test_a_plot_without_events_counts_the_collisions_all_the_same(
 def shown(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     """What was opened in a viewer, which is none here."""
     opened: list[Path] = []
-    monkeypatch.setattr(recording, "open_viewer", opened.append)
+    monkeypatch.setattr(viewer, "open_viewer", opened.append)
     return opened
 
 
@@ -125,7 +126,7 @@ def test_a_recording_cut_off_early_is_made_anew_from_the_time_series(
     assert main(["view", str(folder)]) == 0
     assert shown == [path]
     assert verify(path) is None
-    assert recording.recorded([path]).ticks.tolist() == list(range(151))
+    assert recorded([path]).ticks.tolist() == list(range(151))
 
 
 @pytest.mark.parametrize("size", [0, 10, 1000])

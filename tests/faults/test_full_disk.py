@@ -14,7 +14,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from meanflock.groundstation import durable
-from meanflock.groundstation.results import RunFolder, past
+from meanflock.groundstation.results import RunFolder
+from meanflock.groundstation.timeseries_file import past
 from meanflock.groundstation.viewer import verify
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BadInput, RunFailed

@@ -9,8 +9,9 @@ import pytest
 
 from meanflock import worldsim
 from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.results import RunFolder, past
+from meanflock.groundstation.results import RunFolder
 from meanflock.groundstation.station import Station
+from meanflock.groundstation.timeseries_file import past
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.wire import control
@@ -40,7 +41,7 @@ def test_beyond_its_bound_the_world_gives_up_the_oldest_blocks_and_counts_them(m
     lab.engine.network.endpoints.remove(bus)
     most = 0
     for _ in lab.engine.fly():
-        most = max(most, lab.world._outbox._bytes)
+        most = max(most, lab.world._reporter.outbox._bytes)
     assert most <= 60_000
     told = Told()
     late = lab.engine.network.endpoint()

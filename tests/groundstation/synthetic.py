@@ -1,4 +1,4 @@
-"""Tables with known answers, in the columns of `groundstation/paper/store.py`."""
+"""Tables with known answers, in the columns of `groundstation/paper/tables.py`."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from meanflock.groundstation.paper.store import COORDINATES, Results
+from meanflock.groundstation.paper.tables import COORDINATES, Results
 
 COLUMNS = {"uavs": 25, "period": None, "sigma": 0.1, "setting": "", "trained": False}
 

@@ -15,8 +15,9 @@ from meanflock import kernels
 from meanflock.groundstation import display, viewer
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.recorded import recorded
-from meanflock.groundstation.recording import Recorder, verify
+from meanflock.groundstation.recording import Recorder
 from meanflock.groundstation.results import RunFolder
+from meanflock.groundstation.viewer import verify
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import (
     EXIT_BAD_INPUT,

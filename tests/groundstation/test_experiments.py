@@ -13,11 +13,12 @@ from typing import Any
 import psutil
 import pytest
 
-from meanflock.groundstation.paper import experiments, grid, store
+from meanflock.groundstation.paper import code_version, experiments, grid, job_file, store, tables
 from meanflock.groundstation.paper.experiments import run_grid, to_do
 from meanflock.groundstation.paper.grid import EXPERIMENTS, Point, Wanted
 from meanflock.groundstation.paper.series import SERIES
-from meanflock.groundstation.paper.store import COORDINATES, Results, Store
+from meanflock.groundstation.paper.store import Store
+from meanflock.groundstation.paper.tables import COORDINATES, Results
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.scenario import load
 from tests.polling import DEADLINE_S, until
@@ -72,7 +73,7 @@ def test_tables_are_those_the_docstring_promises(tmp_path: Path, executed: Count
     assert set(executed.values()) == {1}
     assert len(executed) == len(runs) - 2  # `uavs` shares its runs with `s0`
     assert results.runs.schema.names[: len(COORDINATES)] == COORDINATES.names
-    words = set((store.__doc__ or "").replace(",", " ").replace("(", " ").split())
+    words = set((tables.__doc__ or "").replace(",", " ").replace("(", " ").split())
     for name in ("t_avg_s", "key", "uplink_outage_rate", "phi_G_125", "value_norm_max", *SERIES, *COORDINATES.names):
         assert name in words, name
         assert name in {*results.runs.column_names, *results.series.column_names}, name
@@ -133,25 +134,25 @@ def test_results_of_other_code_are_flown_again(
     tmp_path: Path, executed: Counter[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fly(tmp_path)
-    monkeypatch.setattr(store, "version", lambda: "9.9.9+other")
+    monkeypatch.setattr(job_file, "version", lambda: "9.9.9+other")
     fly(tmp_path)
     assert set(executed.values()) == {2}
 
 
 def test_code_in_any_folder_of_a_room_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "folder").mkdir()
-    monkeypatch.setattr(store, "_ROOMS", (SimpleNamespace(__file__=str(tmp_path / "__init__.py")),))
+    monkeypatch.setattr(code_version, "_ROOMS", (SimpleNamespace(__file__=str(tmp_path / "__init__.py")),))
     versions = set()
     for source in ("a = 1", "a = 2"):
         (tmp_path / "folder" / "module.py").write_text(source)
-        versions.add(store.version.__wrapped__())
+        versions.add(code_version.version.__wrapped__())
     assert len(versions) == 2
 
 
 def test_words_are_not_code() -> None:
-    before = store._syntax('def f() -> int:\n    """One."""\n    return 1\n')
-    assert store._syntax('def f() -> int:\n    """Two words."""\n    # why\n    return 1\n') == before
-    assert store._syntax('def f() -> int:\n    """One."""\n    return 2\n') != before
+    before = code_version._syntax('def f() -> int:\n    """One."""\n    return 1\n')
+    assert code_version._syntax('def f() -> int:\n    """Two words."""\n    # why\n    return 1\n') == before
+    assert code_version._syntax('def f() -> int:\n    """One."""\n    return 2\n') != before
 
 
 def test_interrupted_and_taken_up_again(
@@ -247,8 +248,8 @@ def test_an_error_says_where(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_worker_with_other_code_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    raw = store.encode([])
-    monkeypatch.setattr(store, "version", lambda: "9.9.9+other")
+    raw = job_file.encode([])
+    monkeypatch.setattr(job_file, "version", lambda: "9.9.9+other")
     with pytest.raises(RunFailed, match="same code"):
         Store(tmp_path).add(raw)
 

@@ -14,7 +14,7 @@ from meanflock.groundstation.paper import figures, report
 from meanflock.groundstation.paper.figures_curves import Bundle, bundle
 from meanflock.groundstation.paper.grid import COMPARED, FEDERATED, PERIODS, SIGMAS, UAVS
 from meanflock.groundstation.paper.methods import Method
-from meanflock.groundstation.paper.store import Results
+from meanflock.groundstation.paper.tables import Results
 from meanflock.groundstation.paper.traces import Trace, collisions
 from meanflock.groundstation.paper.verdict import evaluate
 from meanflock.groundstation.paper.view import Frame, View, keep_measured, load_measured

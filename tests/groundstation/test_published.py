@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from meanflock.groundstation.paper import claims, report
+from meanflock.groundstation.paper import claims, report, report_claims
 from meanflock.groundstation.paper.outcome import Outcome
 from meanflock.groundstation.paper.verdict import NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, UNDECIDED
 
@@ -69,4 +69,4 @@ def test_the_table_and_the_rule_are_those_of_the_code() -> None:
     rows = dict(re.findall(r"^\| (C\d+) \|.*\| \*\*([a-z ]+)\*\* \|", REPRODUCTION, re.MULTILINE))
     assert rows == {record["id"]: record["verdict"] for record in RECORDS}
     assert Counter(rows.values()) == Counter({k: v for k, v in report.counts(RECORDS).items() if v})
-    assert report.RULE in REPRODUCTION
+    assert report_claims.RULE in REPRODUCTION

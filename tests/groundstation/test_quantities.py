@@ -19,9 +19,9 @@ from meanflock.groundstation.paper import figures_grids
 from meanflock.groundstation.progress import summary_table
 from meanflock.groundstation.quantities import FIELDS, Quantity
 from meanflock.groundstation.reported import Reported
-from meanflock.groundstation.results import TIMESERIES
 from meanflock.groundstation.run import Options, fly
 from meanflock.groundstation.series import block_of
+from meanflock.groundstation.timeseries_file import TIMESERIES
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import SWARM_COLUMNS
 from tests.groundstation.recordings import DIAGNOSTICS

@@ -11,8 +11,9 @@ from rerun.chunk import RrdReader
 from meanflock.groundstation import blueprint as look
 from meanflock.groundstation import palette, panels
 from meanflock.groundstation.recorded import recorded as recorded_of
-from meanflock.groundstation.recording import Recorder, verify
+from meanflock.groundstation.recording import Recorder
 from meanflock.groundstation.reported import Reported
+from meanflock.groundstation.viewer import verify
 from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Federation, Scenario

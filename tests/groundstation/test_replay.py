@@ -11,8 +11,9 @@ from meanflock.groundstation import engine, panels
 from meanflock.groundstation.recorded import Recorded, recorded
 from meanflock.groundstation.recording import Recorder
 from meanflock.groundstation.replay import complete, missing
-from meanflock.groundstation.results import EVENTS, RunFolder, past, recover
+from meanflock.groundstation.results import EVENTS, RunFolder
 from meanflock.groundstation.run import Options, Outputs
+from meanflock.groundstation.timeseries_file import past, recover
 from meanflock.groundstation.viewer import verify
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.wire.messages import Telemetry

@@ -186,7 +186,7 @@ def test_what_is_finished_is_never_flown_twice(run, tmp_path, monkeypatch) -> No
     before = flown(tmp_path / "out")
     tried: list[Any] = []
     fly = study._fly
-    monkeypatch.setattr(study, "_fly", lambda one, parent: tried.append(one) or fly(one, parent))
+    monkeypatch.setattr(study, "_fly", lambda one, *parent: tried.append(one) or fly(one, *parent))
     assert run("sweep", "wind.sigma=0.1,0.2", "--methods", "mfg", *flags)[0] == EXIT_DONE
     assert tried == []
     assert flown(tmp_path / "out") == before

@@ -16,8 +16,9 @@ import pytest
 
 from meanflock.groundstation import blueprint as look
 from meanflock.groundstation import viewer
-from meanflock.groundstation.recording import Recorder, repair, verify
+from meanflock.groundstation.recording import Recorder
 from meanflock.groundstation.screenshot import MISSING_GRAPHICS, screenshot
+from meanflock.groundstation.viewer import repair, verify
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput, RunFailed
 from meanflock.swarm.scenario import Scenario
 from tests.groundstation.recordings import column, flight, record

@@ -14,8 +14,9 @@ from meanflock.groundstation.cli import main
 from meanflock.groundstation.launch import free_endpoint
 from meanflock.swarm.errors import BusError
 from meanflock.swarm.net import keys
+from meanflock.swarm.net.endpoint import secured
 from meanflock.swarm.net.identity import LEADER, Identity
-from meanflock.swarm.net.session import _COMMON, ZenohBus, _config, _tls, secured
+from meanflock.swarm.net.session import _COMMON, ZenohBus, _config, _tls
 from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Ready, Refusal
 from tests.polling import DEADLINE_S, until

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import meanflock as mf
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
 from meanflock.swarm import plugins
 from meanflock.testing import ConformanceError, check_aggregator, check_controller
@@ -68,6 +69,20 @@ class Good(Controller):
 
 def test_a_good_one_conforms() -> None:
     check_controller(Good)
+
+
+class DrawsAsItShould(Good):
+    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        step = super().step(memory, tick, own, received)
+        index = tick * self.scenario.uavs + memory["uav"]
+        noise = [mf.seeds.generator(self.scenario.seed, "controller", int(k)).standard_normal(2) for k in index]
+        return Step(
+            step.memory, step.acceleration + np.reshape(noise, (len(own), 2)), step.diagnostics, step.broadcasts
+        )
+
+
+def test_one_that_draws_by_tick_and_uav_conforms() -> None:
+    check_controller(DrawsAsItShould)
 
 
 class SeesAnotherRow(Good):
@@ -158,8 +173,8 @@ class WrongMemory(Good):
     ("wrong", "says"),
     [
         (SeesAnotherRow, "beside others in one process than alone.*every row"),
-        (DrawsItsOwn, "a second time.*swarm.seeds"),
-        (DrawsFromNumPy, "a second time.*swarm.seeds"),
+        (DrawsItsOwn, "a second time.*mf.seeds"),
+        (DrawsFromNumPy, "a second time.*mf.seeds"),
         (RemembersElsewhere, "checkpoint differs.*memory you return"),
         (WrongAcceleration, r"acceleration has shape \(\d, 3\); expected \(\d, 2\)"),
         (NoDiagnostics, "no diagnostics"),

@@ -1,11 +1,11 @@
-"""The suite for vehicles lets ours and one with a hidden state through."""
+"""The suite for vehicles lets ours through, and says of every kind of wrong one what to mend."""
 
 import numpy as np
 import pytest
 
-import meanflock as mf
 from meanflock.swarm import plugins
-from meanflock.testing import check_vehicle
+from meanflock.testing import ConformanceError, check_vehicle
+from meanflock.worldsim.vehicles.base import Hidden, Vehicle
 
 
 @pytest.mark.parametrize("name", plugins.names("vehicle"))
@@ -13,27 +13,93 @@ def test_every_vehicle_of_ours_conforms(name: str) -> None:
     check_vehicle(plugins.load("vehicle", name))
 
 
-class Tiring(mf.Vehicle):
-    """A vehicle with a battery, whose `init` is given how many UAVs there are, as in a flight."""
+class Good(Vehicle):
+    """A point that lags behind its command, from which the wrong ones are made."""
 
-    name = "tiring"
+    name = "good"
 
-    def __init__(self, options: mf.Vehicle.Options, scenario: mf.Scenario) -> None:
-        self._dt = scenario.dt
+    def __init__(self, options, scenario):  # type: ignore[no-untyped-def]
+        self.dt = scenario.dt
 
-    def init(self, uavs: int) -> dict[str, np.ndarray]:
-        return {"charge": np.ones(uavs)}
+    def init(self, uavs: int) -> Hidden:
+        return {"thrust": np.zeros((uavs, 2))}
 
-    def step(
-        self, states: np.ndarray, hidden: dict[str, np.ndarray], acceleration: np.ndarray, noise: np.ndarray
-    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        velocity = states[:, 2:] + self._dt * hidden["charge"][:, None] * acceleration
-        moved = np.concatenate([states[:, :2] + self._dt * velocity, velocity], axis=-1)
-        return moved, {"charge": hidden["charge"] * 0.99}
+    def step(self, states, hidden, acceleration, noise):  # type: ignore[no-untyped-def]
+        thrust = 0.5 * hidden["thrust"] + 0.5 * acceleration
+        velocity = states[:, 2:] + self.dt * thrust + 0.01 * noise
+        return np.concatenate([states[:, :2] + self.dt * velocity, velocity], axis=-1), {"thrust": thrust}
 
-    def power(self, states: np.ndarray, hidden: dict[str, np.ndarray], acceleration: np.ndarray) -> np.ndarray:
-        return 1.0 + hidden["charge"]
+    def power(self, states, hidden, acceleration):  # type: ignore[no-untyped-def]
+        return 1.0 + hidden["thrust"][:, 0] ** 2
 
 
-def test_a_vehicle_with_a_hidden_state_conforms() -> None:
-    check_vehicle(Tiring)
+def test_a_good_one_conforms() -> None:
+    check_vehicle(Good)
+
+
+class SeesAnother(Good):
+    def step(self, states, hidden, acceleration, noise):  # type: ignore[no-untyped-def]
+        after, hidden = super().step(states, hidden, acceleration, noise)
+        return after - (1e-3 * after.mean(axis=0) if len(after) else 0.0), hidden
+
+
+class DrawsItsOwn(Good):
+    def step(self, states, hidden, acceleration, noise):  # type: ignore[no-untyped-def]
+        return super().step(states, hidden, acceleration, np.random.normal(size=noise.shape))  # noqa: NPY002  # wrong
+
+
+class KeepsItElsewhere(Good):
+    def step(self, states, hidden, acceleration, noise):  # type: ignore[no-untyped-def]
+        self.steps = getattr(self, "steps", 0) + 1
+        return super().step(states, hidden, acceleration * self.steps, noise)
+
+
+class WritesToTheStates(Good):
+    def step(self, states, hidden, acceleration, noise):  # type: ignore[no-untyped-def]
+        states[:, 2:] += self.dt * acceleration
+        return super().step(states, hidden, acceleration, noise)
+
+
+class OfAnotherShape(Good):
+    def power(self, states, hidden, acceleration):  # type: ignore[no-untyped-def]
+        return np.ones((len(states), 1))
+
+
+class NotFinite(Good):
+    def power(self, states, hidden, acceleration):  # type: ignore[no-untyped-def]
+        return np.full(len(states), np.inf)
+
+
+class Generates(Good):
+    def power(self, states, hidden, acceleration):  # type: ignore[no-untyped-def]
+        return -np.ones(len(states))
+
+
+class NeedsAUav(Good):
+    def power(self, states, hidden, acceleration):  # type: ignore[no-untyped-def]
+        return np.full(len(states), states[0, 0] ** 2)
+
+
+class ChangesItsForm(Good):
+    def step(self, states, hidden, acceleration, noise):  # type: ignore[no-untyped-def]
+        after, hidden = super().step(states, hidden, acceleration, noise)
+        return after, {"thrust": hidden["thrust"].astype(np.float32)}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says", "mend"),
+    [
+        (SeesAnother, "beside others than alone", "from that row alone"),
+        (DrawsItsOwn, "otherwise a second time", "all noise is in the argument"),
+        (KeepsItElsewhere, "from a checkpoint differs", "keep all you remember in `hidden`"),
+        (WritesToTheStates, "writes to an array", "copy before you write"),
+        (OfAnotherShape, r"power \(5, 1\) of 5 UAVs", "return states"),
+        (NotFinite, "not finite", "guard divisions"),
+        (Generates, "below zero", "in watts"),
+        (NeedsAUav, "of 0 UAVs failed: IndexError", "any number of UAVs must do"),
+        (ChangesItsForm, "`hidden` becomes", "keep names and shapes"),
+    ],
+)
+def test_a_wrong_one_is_told_what_to_mend(wrong: type[Vehicle], says: str, mend: str) -> None:
+    with pytest.raises(ConformanceError, match=rf"^{wrong.__name__}: .*{says}.*; .*{mend}"):
+        check_vehicle(wrong)

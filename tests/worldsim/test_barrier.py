@@ -176,7 +176,7 @@ def test_frames_are_in_the_order_in_which_nodes_were_asked_whoever_replies_first
     for uav in (2, 0, 1):
         said = Frames(FrameKind.STATE, 0, np.array([uav], np.int32), np.zeros((1, 4), np.float32))
         stand.barrier.take(crowd[uav], tick.write_act(Act(FINGERPRINT, TICK, COMMANDS[:1], outbox=(said,))))
-    assert [batch.source.tolist() for batch in stand.barrier.spoken] == [[0], [1], [2]]
+    assert [batch.source.tolist() for batch in stand.barrier.sent] == [[0], [1], [2]]
 
 
 def test_whoever_waits_wakes_however_replies_come_in_two_threads() -> None:

@@ -131,7 +131,7 @@ def test_telemetry_nobody_acknowledges_is_seen_waiting(engine: Engine, url: str)
     for _ in engine.fly():
         pass
     scraped = Scrape(url)
-    assert scraped("telemetry_blocks_unacknowledged") == len(engine.world._outbox._waiting) >= 2
+    assert scraped("telemetry_blocks_unacknowledged") == len(engine.world._reporter.outbox._waiting) >= 2
     assert scraped("telemetry_blocks_dropped_total") == 0
     assert scraped("nodes_alive", role="station") == 0
 

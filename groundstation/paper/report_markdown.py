@@ -1,0 +1,61 @@
+"""The report as Markdown."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from meanflock.groundstation.paper.figures import FIGURES
+from meanflock.groundstation.paper.report_claims import RULE, values
+from meanflock.groundstation.paper.report_sections import Section, Table
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("\n", " ")
+
+
+def _table(table: Table) -> list[str]:
+    header, rows = table
+    lines = [f"| {' | '.join(header)} |", f"|{'---|' * len(header)}"]
+    return lines + [f"| {' | '.join(map(_cell, row))} |" for row in rows]
+
+
+def _few(lines: list[str], most: int = 8) -> list[str]:
+    """The first lines, and how many more claims.json has."""
+    return lines if len(lines) <= most else [*lines[:most], f"… {len(lines) - most} more in claims.json"]
+
+
+def markdown(
+    sections: Sequence[Section],
+    records: Sequence[Mapping[str, Any]],
+    tally: Mapping[str, int],
+    drawn: Mapping[str, Path],
+    out: Path,
+) -> str:
+    """The text of the file.
+
+    Args:
+        records: of `verdict.evaluate`. tally: how many of them have each verdict. drawn: a picture for a figure's name.
+        out: the folder the file is for; pictures in it are linked from there.
+    """
+    seen = ", ".join(f"{count} {name}" for name, count in tally.items())
+    lines = ["# The paper's claims, checked", "", f"{len(records)} claims: {seen}.", "", "## The rule", "", RULE, ""]
+    lines += ["## Claims", ""]
+    rows = [
+        [
+            record["id"],
+            record["figure"],
+            f"{record['statement']} ({record['scenario']})",
+            f"{record['metric']}: {'; '.join(_few(values(record)))}",
+            f"**{record['verdict']}**",
+            record["reason"],
+        ]
+        for record in records
+    ]
+    lines += _table((("id", "figure", "claim", "measured", "verdict", "why"), rows))
+    lines += ["", "## Figures", ""]
+    for name, path in drawn.items():
+        where = path.relative_to(out) if path.is_relative_to(out) else path
+        lines += [f"![{name}]({where.as_posix()})", "", f"**Figure {name[3:]}.** {FIGURES[name][1]}", ""]
+    for heading, words, table in sections:
+        lines += [f"## {heading}", "", words, "", *_table(table), ""]
+    return "\n".join(lines)

@@ -1,0 +1,64 @@
+"""The lines of a recording's plots over time, out of telemetry."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.groundstation import panels
+from meanflock.groundstation.lines import log_sizes, span
+from meanflock.groundstation.recording_columns import Floats, Sent, Ticks, scalars
+from meanflock.groundstation.reported import Reported
+from meanflock.swarm import state
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Telemetry
+
+COLUMN = {name: index for index, name in enumerate(SWARM_COLUMNS)}
+
+
+def plot_rows(
+    ticks: Ticks,
+    states: state.States,
+    diagnostics: Floats,
+    swarm: NDArray[np.float64],
+    energy: Floats,
+    names: Sequence[str],
+) -> Iterator[Sent]:
+    """Scalars at ticks (T,), with `panels.LAST` as the last.
+
+    Args:
+        states: (T, N, 4). diagnostics: (T, N, K), called `names`. swarm: (T, columns), as in `SWARM_COLUMNS`.
+        energy: (T, N), J.
+    """
+
+    def columns(*names: str) -> NDArray[np.float64]:
+        return swarm[:, [COLUMN[name] for name in names]]
+
+    bits = columns("uplink_bits", "relay_bits", "broadcast_bits", "state_bits") / 1e6
+    yield from scalars(panels.SPEED.entity, ticks, span(state.speed(states)))
+    yield from scalars(panels.BITS.entity, ticks, bits)
+    yield from scalars(panels.ALIGNMENT.entity, ticks, columns("phi_A"))
+    yield from scalars(panels.RISK.entity, ticks, columns("phi_C", "phi_C_distinct"))
+    yield from scalars(panels.FAILURES.entity, ticks, columns("outages", "collisions"))
+    for number, name in enumerate(names):
+        yield from _diagnostic(panels.diagnostic(name), ticks, diagnostics[..., number])
+    yield from scalars(panels.LAST.entity, ticks, span(energy))
+
+
+def _diagnostic(plot: panels.Plot, ticks: Ticks, values: NDArray[Any]) -> Iterator[Sent]:
+    if plot.log10:
+        known, lines = log_sizes(values)
+        yield from scalars(plot.entity, ticks if known.all() else ticks[known], lines)
+    else:  # at take-off nothing was reported yet
+        flown = slice(int(ticks[0] == 0), None)
+        yield from scalars(plot.entity, ticks[flown], span(values[flown]))
+
+
+def report_rows(blocks: Sequence[Telemetry], reported: Reported) -> Iterator[Sent]:
+    """What the leader's UAV has learned and the spread of all models, where the world asked for them."""
+    if not reported.weights:
+        return
+    ticks = np.concatenate([block.report_ticks for block in blocks]).astype(np.int64)
+    reports = np.concatenate([block.reports for block in blocks])
+    yield from scalars(panels.WEIGHTS, ticks, reports[:, reported.drawn])
+    yield from scalars(panels.SPREAD.entity, ticks, np.concatenate([block.spread for block in blocks]))

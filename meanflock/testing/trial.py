@@ -1,0 +1,195 @@
+"""A trial flight of a controller: a swarm of points that it pushes, and a radio that loses some of their frames."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.agent.controllers.base import Controller, Memory, Received, Step
+from meanflock.agent.rows import checked_memory, checked_step, of_row
+from meanflock.swarm import declared as declarations
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import AXES, States
+from meanflock.swarm.wire.control import decode_record, encode_record
+from meanflock.testing.error import alike, fail, make, same, with_other_randomness
+from meanflock.worldsim.formation import initial_states
+
+TICKS = 40
+LOST = 0.2  # share of the frames that the radio loses in the trial
+
+
+class Trial(NamedTuple):
+    """What a controller did: commands (N, 2 + K) and broadcasts of every tick, and its memory and models at the end."""
+
+    commands: list[NDArray[np.float64]]
+    broadcasts: list[list[tuple[NDArray[np.intp], NDArray[Any]]]]
+    memory: Memory
+    models: NDArray[np.float64]
+
+    def differs(self, other: "Trial") -> int | None:
+        """The first tick in which two trials differ; `TICKS`: only in memory or models at the end; None: in nothing."""
+        for tick in range(TICKS):
+            if not same(self.commands[tick], other.commands[tick]) or len(self.broadcasts[tick]) != len(
+                other.broadcasts[tick]
+            ):
+                return tick
+            for (source, payload), (also, its) in zip(self.broadcasts[tick], other.broadcasts[tick], strict=True):
+                if not same(source, also) or not same(payload, its):
+                    return tick
+        return TICKS if alike(self.memory, other.memory) or not same(self.models, other.models) else None
+
+
+class PointSwarm:
+    """A small swarm of points under one controller class; whatever the class does wrong in it fails.
+
+    Attributes:
+        controller: the class. declared: what it declares. uavs: numbers of the UAVs, (N,). plan: states in which they
+            begin, (N, 4), m and m/s.
+    """
+
+    def __init__(self, controller: type[Controller], scenario: Scenario, options: dict[str, Any]) -> None:
+        self.controller, self._scenario, self._options = controller, scenario, options
+        self.plan = initial_states(scenario)
+        self.uavs = np.arange(scenario.uavs)
+        draw = np.random.default_rng(0)
+        self._shake = draw.standard_normal((TICKS, scenario.uavs, AXES))
+        self._arrives = draw.random((TICKS, scenario.uavs, scenario.uavs)) > LOST
+        made = self.make()
+        try:
+            # What a flight asks of the class, of this very instance.
+            self.declared = declarations.of(made, controller.name)
+        except BadInput as error:
+            fail(controller, str(error), "mend the declaration")
+
+    def make(self) -> Controller:
+        """An instance, as a flight makes it."""
+        made: Controller = make(self.controller, self._options, self._scenario)
+        return made
+
+    def init(self, made: Controller, uavs: NDArray[np.intp]) -> Memory:
+        """The memory of UAVs with numbers (M,), a row each."""
+        try:
+            return checked_memory(made.init(uavs, self.plan.copy()), len(uavs))
+        except Exception as error:
+            fail(
+                self.controller,
+                f"`init` with {len(uavs)} UAVs failed: {_words(error)}",
+                "return a dict of arrays, a row a UAV",
+            )
+
+    def step(self, made: Controller, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
+        """A step of UAVs in states `own`, (M, 4)."""
+        try:
+            return made.step(memory, tick, own, received)
+        except Exception as error:
+            fail(self.controller, f"`step` with {len(own)} UAVs failed in tick {tick}: {_words(error)}", "mend it")
+
+    def checked(self, step: Step, before: Memory, rows: int) -> NDArray[np.float64]:
+        """The commands of a step, (M, 2 + K), `before` being its memory of M rows: what is declared, and finite."""
+        try:
+            commands = checked_step(step, before, rows, self.declared)
+        except Exception as error:
+            fail(
+                self.controller, f"`step` returned what a flight cannot use: {_words(error)}", "return what is declared"
+            )
+        if not np.isfinite(commands).all():
+            fail(
+                self.controller, "`step` returned a number that is not finite", "guard divisions, roots and empty sums"
+            )
+        return commands
+
+    def trial(self, alone: bool = False, afresh: bool = False, seed: int = 1) -> Trial:
+        """A flight of all.
+
+        Args:
+            alone: with an instance for each UAV, else one for all. afresh: another instance in every tick, which knows
+                nothing but the memory, written and read back. seed: of the global generators of Python and NumPy.
+        """
+        groups = [np.array([uav]) for uav in self.uavs] if alone else [self.uavs]
+        return with_other_randomness(lambda: self._fly(groups, afresh), seed)
+
+    def received(self, step: Step, uavs: NDArray[np.intp], arrives: NDArray[np.bool_]) -> list[Received]:
+        """What UAVs (M,) broadcast in a step, as it reaches all others; arrives: (N, N), from source to target."""
+        sent = [
+            self._frames(number, uavs if one.rows is None else uavs[one.rows], np.array(one.payload), arrives)
+            for number, one in enumerate(step.broadcasts)
+        ]
+        return [frames for frames in sent if frames is not None]
+
+    def _fly(self, groups: Sequence[NDArray[np.intp]], afresh: bool) -> Trial:
+        """One instance a group of UAVs."""
+        made = [self.make() for _ in groups]
+        memories = [self.init(one, group) for one, group in zip(made, groups, strict=True)]
+        own, columns = self.plan.copy(), AXES + len(self.declared.diagnostics)
+        frames: list[Received] = []
+        commands, broadcasts = [], []
+        for tick in range(TICKS):
+            sent: dict[int, list[tuple[NDArray[np.intp], NDArray[Any]]]] = {}
+            now = np.zeros((len(own), columns))
+            for k, group in enumerate(groups):
+                if afresh:
+                    made[k], memories[k] = self.make(), _read_back(memories[k])
+                step = self.step(made[k], memories[k], tick, own[group], _for(group, frames))
+                now[group] = self.checked(step, memories[k], len(group))
+                memories[k] = step.memory
+                for number, broadcast in enumerate(step.broadcasts):
+                    rows = group if broadcast.rows is None else group[broadcast.rows]
+                    sent.setdefault(number, []).append((rows, np.array(broadcast.payload)))
+            joined = [_joined(sent[number]) for number in sorted(sent)]
+            frames = [
+                received
+                for number, (source, payload) in enumerate(joined)
+                if (received := self._frames(number, source, payload, self._arrives[tick])) is not None
+            ]
+            commands.append(now)
+            broadcasts.append(joined)
+            own = self._moved(own, now[:, :AXES], tick)
+        memory = {name: np.concatenate([one[name] for one in memories]) for name in memories[0]}
+        models = np.zeros((len(own), 0))
+        if self.declared.parameters:
+            models = np.concatenate([one.get(kept) for one, kept in zip(made, memories, strict=True)])
+        return Trial(commands, broadcasts, memory, models)
+
+    def _moved(self, own: States, acceleration: NDArray[np.float64], tick: int) -> States:
+        dt = self._scenario.dt
+        velocity = own[:, 2:] + dt * np.clip(acceleration, -50.0, 50.0) + 0.03 * self._shake[tick]
+        return np.concatenate([own[:, :2] + dt * velocity, velocity], axis=-1)
+
+    def _frames(
+        self, number: int, source: NDArray[np.intp], payload: NDArray[Any], arrives: NDArray[np.bool_]
+    ) -> Received | None:
+        """A broadcast as it reaches everyone but its sender, but for what is lost."""
+        if payload.dtype.kind == "f":
+            payload = payload.astype(np.float32).astype(np.float64)
+        reaches = arrives[source] & (source[:, None] != self.uavs)
+        links = np.stack(np.nonzero(reaches), axis=-1)
+        return Received(number, source, payload, links) if len(links) else None
+
+
+def _for(group: NDArray[np.intp], frames: Sequence[Received]) -> tuple[Received, ...]:
+    """What the UAVs of a group receive, links renumbered to its rows."""
+    own: list[Received] = []
+    for batch in frames:
+        mine = batch.links[np.isin(batch.links[:, 1], group)]
+        if len(mine):
+            links = np.stack([mine[:, 0], np.searchsorted(group, mine[:, 1])], axis=-1)
+            one = Received(batch.number, batch.source, batch.payload, links)
+            own += of_row((one,), 0) if len(group) == 1 else (one,)
+    return tuple(own)
+
+
+def _joined(sent: list[tuple[NDArray[np.intp], NDArray[Any]]]) -> tuple[NDArray[np.intp], NDArray[Any]]:
+    source, payload = np.concatenate([rows for rows, _ in sent]), np.concatenate([payload for _, payload in sent])
+    order = np.argsort(source, kind="stable")
+    return source[order], payload[order]
+
+
+def _read_back(memory: Memory) -> Memory:
+    kept = decode_record(encode_record({name: np.ascontiguousarray(array) for name, array in memory.items()}))
+    return {name: np.array(array) for name, array in kept.items()}
+
+
+def _words(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"

@@ -1,0 +1,174 @@
+"""`mf.fly` and `mf.open`: a flight from Python is the one the command flies, whoever calls it and wherever."""
+
+import json
+import os
+import signal
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import meanflock as mf
+from meanflock.groundstation.cli import main
+from meanflock.swarm import plugins
+
+SMALL: dict[str, Any] = {"uavs": 4, "seed": 3, "duration": 6.0}
+
+
+class Still(mf.Controller):
+    """Commands nothing."""
+
+    name = "still"
+
+    def init(self, uavs: np.ndarray, plan: np.ndarray) -> dict[str, np.ndarray]:
+        return {"uav": uavs.astype(np.int32)}
+
+    def step(self, memory: dict[str, np.ndarray], tick: int, own: np.ndarray, received: Any) -> mf.Step:
+        return mf.Step(memory, np.zeros((len(own), 2)))
+
+
+@pytest.fixture
+def registered() -> Any:
+    """What a test registers is gone after it."""
+    before = dict(plugins._files)
+    yield
+    plugins._files.clear()
+    plugins._files.update(before)
+
+
+def commanded(tmp_path: Path, capsys: pytest.CaptureFixture[str], *flags: str) -> dict[str, Any]:
+    """The summary the command prints of the same flight."""
+    line = ["run", "--in-process", "--no-record", "--json", "--quiet", "--out", str(tmp_path / "command"), *flags]
+    assert main([*line, "--uavs", "4", "--seed", "3", "--duration", "6"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_flight_is_that_of_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    expected = commanded(tmp_path, capsys, "--method", "hjb", "--set", "wind.sigma=0.2")
+    run = mf.fly("paper", method="hjb", **SMALL, **{"wind.sigma": 0.2})
+    assert run.summary["trajectory_sha256"] == expected["trajectory_sha256"]
+    assert run.scenario.wind.sigma == 0.2
+    assert run.states.shape == (61, 4, 4)
+    assert run.folder is None
+    assert run.recording is None
+    assert {"joined", "finished"} <= {event["kind"] for event in run.events}
+
+
+def test_any_thread_flies_and_no_signal_handler_is_touched() -> None:
+    handlers = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+    here = mf.fly(method="mfg", **SMALL).summary["trajectory_sha256"]
+    found: list[str] = []
+
+    def fly() -> None:
+        found.append(mf.fly(method="mfg", **SMALL).summary["trajectory_sha256"])
+
+    threads = [threading.Thread(target=fly) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == [here, here]
+    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == handlers
+
+
+def test_a_class_is_a_method(registered: None) -> None:
+    run = mf.fly(method=Still, **SMALL)
+    assert run.summary["method"] == "still"
+    assert mf.fly(method=Still, **SMALL).summary["trajectory_sha256"] == run.summary["trajectory_sha256"]
+    assert np.isfinite(run.states).all()
+    assert run.summary["arrived"] == 0
+
+
+def test_a_scenario_is_a_name_a_file_a_scenario_or_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text('method = "mfg"\nuavs = 4\nseed = 3\nduration = 6.0\n')
+    hashes = {
+        mf.fly(flown, **options).summary["trajectory_sha256"]
+        for flown, options in (
+            (path, {}),
+            (str(path), {}),
+            (mf.Scenario(method="mfg", uavs=4, seed=3, duration=6.0), {}),
+            ("paper", {"method": "mfg", **SMALL}),
+            (None, {"method": "mfg", **SMALL}),
+        )
+    }
+    assert len(hashes) == 1
+
+
+@pytest.mark.parametrize(
+    ("scenario", "options", "says"),
+    [
+        ("paper", {"wind.sgima": 1}, "sgima"),
+        ("paper", {"wind.sigma": -1}, "wind.sigma"),
+        ("paper", {"wind.sigma": object()}, "wind.sigma"),
+        ("paper", {"wind": 3}, "wind"),
+        ("paper", {"uavs": 0}, "uavs"),
+        ("paper", {"method": "nobody"}, "'nobody' is not installed here"),
+        ("paper", {"method": int}, "derive it from meanflock.Controller"),
+        ("paper", {"plugin": "nowhere.py"}, "nowhere.py"),
+        ("paper", {"record": True}, "out="),
+        ("nowhere.toml", {}, "nowhere.toml"),
+        ("no such scenario", {}, "no such scenario"),
+    ],
+)
+def test_bad_input_is_said_in_a_line_and_nothing_is_flown(
+    scenario: str, options: dict[str, Any], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("meanflock.flying.Engine", lambda *_, **__: pytest.fail("flown in vain"))
+    out = {} if "record" in options else {"out": "runs"}
+    with pytest.raises(mf.BadInput) as caught:
+        mf.fly(scenario, **out, **options)
+    assert says in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+    assert os.listdir(tmp_path) == []
+
+
+def test_progress_is_reported() -> None:
+    seen: list[tuple[int, int]] = []
+    mf.fly(method="mfg", uavs=1, duration=25.0, stop="duration", progress=lambda tick, most: seen.append((tick, most)))
+    assert seen == [(100, 250), (200, 250)]
+
+
+# -- what is left of it -----------------------------------------------------------------------------------------------
+
+
+def test_a_folder_is_opened_as_what_was_flown(tmp_path: Path) -> None:
+    run = mf.fly(method="mfgfl-h", out=tmp_path, **SMALL)
+    assert run.folder is not None
+    again = mf.open(run.folder)
+    assert again.summary == json.loads((run.folder / "summary.json").read_text()) == run.summary
+    assert again.scenario.sha256() == run.scenario.sha256()
+    np.testing.assert_array_equal(again.states, run.states)
+    assert again.events == run.events
+    assert again.frame().equals(run.frame())
+    assert again.recording is None
+
+
+def test_a_frame_is_a_row_a_tick() -> None:
+    run = mf.fly(method="mfg", **SMALL)
+    table = run.frame()
+    assert table["tick"].to_pylist() == list(range(61))
+    x_m = np.array(table["x_m"].to_pylist())
+    np.testing.assert_array_equal(x_m, run.states[:, :, 0])
+
+
+def test_a_recording_is_made_where_it_is_asked_for(tmp_path: Path) -> None:
+    run = mf.fly(method="mfg", out=tmp_path, record=True, **SMALL)
+    assert run.recording is not None
+    assert run.recording.stat().st_size > 0
+
+
+def test_what_cannot_be_opened_is_bad_input(tmp_path: Path) -> None:
+    with pytest.raises(mf.BadInput, match="no run"):
+        mf.open(tmp_path)
+    run = mf.fly(method="mfg", out=tmp_path, **SMALL)
+    assert run.folder is not None
+    (run.folder / "summary.json").write_text("{")
+    with pytest.raises(mf.BadInput, match="not JSON"):
+        mf.open(run.folder)
+    (run.folder / "summary.json").unlink()
+    with pytest.raises(mf.BadInput, match="has not finished"):
+        mf.open(run.folder)

@@ -1,0 +1,69 @@
+"""`import meanflock` loads nothing and changes nothing, and what lies in somebody's working folder harms nothing."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import meanflock as mf
+from tests.polling import DEADLINE_S
+
+ROOT = Path(__file__).parents[2]
+LOOK = """
+import json, os, signal, sys
+before = dict(os.environ), signal.getsignal(signal.SIGINT), set(sys.modules)
+import meanflock
+assert dict(os.environ) == before[0]
+assert signal.getsignal(signal.SIGINT) is before[1]
+loaded = set(sys.modules) - before[2]
+names = dir(meanflock)
+assert set(sys.modules) - before[2] == loaded
+print(json.dumps([sorted(name.split(".")[0] for name in loaded), names]))
+"""
+FLY = """
+import os
+before = dict(os.environ)
+import meanflock as mf
+run = mf.fly("paper", method="mfgfl-h", uavs=3, seed=3, duration=12, **{"federation.period": 20})
+assert dict(os.environ) == before
+print(run.summary["trajectory_sha256"])
+"""
+HOSTILE = "raise SystemExit('a file of somebody else was taken for ours')\n"
+
+
+def python(code: str, folder: Path) -> str:
+    """What code prints that is run in a folder, which is first on the path."""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, timeout=DEADLINE_S, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_importing_loads_nothing_and_changes_nothing(tmp_path: Path) -> None:
+    loaded, names = json.loads(python(LOOK, tmp_path))
+    assert not set(loaded) & {"numpy", "msgspec", "msgpack", "zenoh", "pyarrow", "rerun", "click", "joblib"}
+    assert [name for name in loaded if name == "meanflock"] == ["meanflock"]
+    assert {"fly", "open", "compare", "sweep", "Scenario", "Controller", "Aggregator", "Channel", "Vehicle"} <= set(
+        names
+    )
+
+
+def test_every_name_of_the_door_is_there() -> None:
+    for name in dir(mf):
+        assert getattr(mf, name) is not None
+
+
+def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
+    assert not hasattr(mf, "flie")
+
+
+def test_a_hostile_working_folder_harms_nothing(tmp_path: Path) -> None:
+    for name in ("agent.py", "leader.py", "channel.py", "worldsim.py", "kernels.py", "groundstation.py", "state.py"):
+        (tmp_path / name).write_text(HOSTILE)
+    for name in ("swarm", "testing"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text(HOSTILE)
+    clean = tmp_path / "clean"
+    clean.mkdir()
+    assert python(FLY, tmp_path) == python(FLY, clean) != ""

@@ -1,0 +1,97 @@
+"""The suite for aggregation rules lets ours through, and says of every kind of wrong one what to mend."""
+
+import numpy as np
+import pytest
+
+from meanflock.leader.aggregators.base import Aggregator, State
+from meanflock.swarm import plugins
+from meanflock.testing import ConformanceError, check_aggregator
+
+
+@pytest.mark.parametrize("name", plugins.names("aggregator"))
+def test_every_rule_of_ours_conforms(name: str) -> None:
+    check_aggregator(plugins.load("aggregator", name))
+
+
+class Good(Aggregator):
+    """The mean with momentum, from which the wrong ones are made."""
+
+    name = "good"
+
+    def init(self, parameters: int) -> State:
+        return {"last": np.zeros(parameters)}
+
+    def step(self, state: State, models: np.ndarray, uavs: np.ndarray, round_: int) -> tuple[State, np.ndarray]:
+        model = 0.5 * state["last"] + 0.5 * models.mean(axis=0)
+        return {"last": model}, model
+
+
+def test_a_good_one_conforms() -> None:
+    check_aggregator(Good)
+
+
+class DrawsItsOwn(Good):
+    def step(self, state, models, uavs, round_):  # type: ignore[no-untyped-def]
+        after, model = super().step(state, models, uavs, round_)
+        return after, model + np.random.normal(size=model.shape)  # noqa: NPY002  # that is what is wrong with it
+
+
+class KeepsItElsewhere(Good):
+    def step(self, state, models, uavs, round_):  # type: ignore[no-untyped-def]
+        self.rounds = getattr(self, "rounds", 0) + 1
+        after, model = super().step(state, models, uavs, round_)
+        return after, model * self.rounds
+
+
+class WritesToTheModels(Good):
+    def step(self, state, models, uavs, round_):  # type: ignore[no-untyped-def]
+        models *= 2.0
+        return super().step(state, models, uavs, round_)
+
+
+class WritesToTheState(Good):
+    def step(self, state, models, uavs, round_):  # type: ignore[no-untyped-def]
+        state["last"] += 1.0
+        return super().step(state, models, uavs, round_)
+
+
+class OfAnotherShape(Good):
+    def step(self, state, models, uavs, round_):  # type: ignore[no-untyped-def]
+        return state, models[0, :-1]
+
+
+class NotFinite(Good):
+    def step(self, state, models, uavs, round_):  # type: ignore[no-untyped-def]
+        return state, models.mean(axis=0) * np.nan
+
+
+class NeedsThree(Good):
+    def step(self, state, models, uavs, round_):  # type: ignore[no-untyped-def]
+        return state, models[2]
+
+
+class Nameless(Good):
+    name = ""
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says", "mend"),
+    [
+        (DrawsItsOwn, "otherwise a second time", "draw nothing from global generators"),
+        (KeepsItElsewhere, "from a checkpoint differ", "keep all you remember in the state"),
+        (WritesToTheModels, "writes to an array", "copy before you write"),
+        (WritesToTheState, "writes to an array", "copy before you write"),
+        (OfAnotherShape, r"a model of shape \(11,\), expected \(12,\)", "return one model"),
+        (NotFinite, "not finite", "guard divisions"),
+        (NeedsThree, "failed: IndexError", "any number from one on must do"),
+        (Nameless, "no `name`", "give it a name"),
+    ],
+)
+def test_a_wrong_one_is_told_what_to_mend(wrong: type[Aggregator], says: str, mend: str) -> None:
+    with pytest.raises(ConformanceError, match=rf"^{wrong.__name__}: .*{says}.*; .*{mend}"):
+        check_aggregator(wrong)
+
+
+def test_options_that_do_not_fit_are_said() -> None:
+    with pytest.raises(ConformanceError, match=r"its options .* do not fit"):
+        check_aggregator(Good, {"momentum": 0.5})
