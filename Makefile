@@ -28,7 +28,8 @@ help: ## List the targets
 run: $(VENV)/.ground ## Fly the paper's scenario: 25 UAV processes, leader and world (ARGS="--method mfg --uavs 50")
 	@$(BIN)/meanflock run $(ARGS)
 
-# What starts whole swarms comes second and alone, so that its deadlines do not compete with the unit tests for the cores.
+# What starts whole swarms comes second, so that its deadlines do not compete with the unit tests for the cores; mostly it
+# waits, so two files go at once, each whole on one worker: their swarms are shared by the tests of a file.
 # "No test selected" (status 5) is a failure, unless ARGS did the selecting.
 test: $(VENV)/.dev ## Run all tests but those of the containers (ARGS="-k rician")
 	@status=0; \
@@ -36,8 +37,8 @@ test: $(VENV)/.dev ## Run all tests but those of the containers (ARGS="-k rician
 	$(PYTEST) -n $(WORKERS) --dist loadgroup -m "not processes" --ignore=tests/compose $(ARGS) || status=$$?; \
 	[ $$status -ne 5 ] || [ -z '$(subst ','\'',$(ARGS))' ] || status=0; \
 	if grep -rqs --include='*.py' --exclude-dir=compose 'mark\.processes' tests; then \
-		echo "== tests that start real processes, one at a time"; \
-		second=0; $(PYTEST) -m processes --ignore=tests/compose $(ARGS) || second=$$?; \
+		echo "== tests that start real processes, on $(WORKERS) workers"; \
+		second=0; $(PYTEST) -n $(WORKERS) --dist loadfile -m processes --ignore=tests/compose $(ARGS) || second=$$?; \
 		[ $$second -ne 5 ] || [ -z '$(subst ','\'',$(ARGS))' ] || second=0; \
 		[ $$status -ne 0 ] || status=$$second; \
 	fi; \
