@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
+from threading import Thread
 from types import TracebackType
 
 import numpy as np
@@ -36,6 +37,7 @@ BATCH_TICKS = 500  # rows sent at once; a few at a time, a recording is mostly h
 _BATCH_STATES, _BATCH_TICKS_AT_MOST = 50_000, 2000  # more of a small swarm
 BATCH_WALL_S = 0.5  # ... but a live viewer waits no longer than this
 FILE_WALL_S = 2.0  # ... and who is killed leaves no more than this to be replayed
+CLOSE_WALL_S = 10.0  # all is written by then: what is left is the footer
 LARGE_SWARM_STRIDE = 5  # a large swarm's positions are recorded every this many ticks
 
 
@@ -168,7 +170,16 @@ class Recorder:
         finally:
             stream, self._stream = self._stream, None
             if stream is not None:
-                stream.disconnect()
+                self._disconnect(stream)
+
+    def _disconnect(self, stream: rr.RecordingStream) -> None:
+        """Rerun waits without end for a thread of its own that a full disk has ended; we wait for it in another one."""
+        closing = Thread(target=stream.disconnect, daemon=True)
+        closing.start()
+        closing.join(CLOSE_WALL_S)
+        if closing.is_alive():
+            rr.unregister_shutdown()  # it would wait, too, when the process ends
+            raise RunFailed(f"{self._path}: incomplete: not closed within {CLOSE_WALL_S:.0f} s; is the disk full?")
 
     def _send(self, sent: Iterable[Sent]) -> None:
         for entity, ticks, columns in sent:
