@@ -1,6 +1,7 @@
 """Run folders that were damaged: whoever opens one gets a verdict in a line, not other numbers and not a traceback."""
 
 import json
+import os
 import resource
 import shutil
 import subprocess
@@ -18,6 +19,8 @@ from meanflock.swarm.errors import BadInput
 from tests.faults.conftest import scenario
 from tests.faults.test_resume import LATER, dead, resumed
 from tests.polling import DEADLINE_S
+
+A_DISPLAY = "WAYLAND_SOCKET", "3"  # as if there were one: nothing is opened on it
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +115,9 @@ def test_a_plot_without_events_counts_the_collisions_all_the_same(
 def shown(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     """What was opened in a viewer, which is none here."""
     opened: list[Path] = []
+    monkeypatch.setenv(*A_DISPLAY)
     monkeypatch.setattr(viewer, "open_viewer", opened.append)
+    monkeypatch.setattr(viewer, "attend", lambda _shown: None)
     return opened
 
 
@@ -170,6 +175,7 @@ def test_a_full_disk_is_a_verdict_and_leaves_nothing_half_written(command: str, 
         capture_output=True,
         text=True,
         timeout=DEADLINE_S,
+        env=os.environ | dict([A_DISPLAY]),
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
     )
     assert done.returncode == 1
