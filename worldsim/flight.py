@@ -122,7 +122,7 @@ class Flight:
             self._event(kind, f"{why}: UAV {', '.join(map(str, uavs))} lost", uavs)
 
     def rejoin(self, uavs: NDArray[np.intp], who: str) -> None:
-        """UAVs that were lost have a mind again; who had arrived has arrived still."""
+        """UAVs that were lost have a controller again; who had arrived has arrived still."""
         uavs = uavs[self.status[uavs] == LOST]
         if len(uavs):
             self.status[uavs] = np.where(self.arrival_tick[uavs] >= 0, ARRIVED, FLYING)

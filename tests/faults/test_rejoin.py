@@ -58,29 +58,29 @@ def test_a_uav_that_had_arrived_has_arrived_still_after_its_agent_came_back() ->
     assert summary["arrived"] == 6
 
 
-def test_a_fresh_mind_knows_the_mission_plan_and_takes_the_next_global_model_from_the_radio() -> None:
+def test_an_agent_that_rejoins_knows_the_mission_plan_and_takes_the_next_global_model_from_the_radio() -> None:
     lab = Lab(scenario(), uavs_per_node=1)
-    minds: dict[str, np.ndarray] = {}
+    weights_at: dict[str, np.ndarray] = {}
 
-    def mind(name: str) -> np.ndarray:
+    def weights_of(name: str) -> np.ndarray:
         client = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
         assert isinstance(client._node, Agent)
         return client._node.models[0].copy()
 
     def before() -> None:
-        minds["old"] = mind("agent-0")
+        weights_at["old"] = weights_of("agent-0")
         lab.agent()
-        minds["fresh"] = mind("agent-2.2")
+        weights_at["fresh"] = weights_of("agent-2.2")
 
     apart = {}
 
     def compare(tick: int) -> None:
-        apart[tick] = float(np.abs(mind("agent-0")[:108] - mind("agent-2.2")[:108]).max())
+        apart[tick] = float(np.abs(weights_of("agent-0")[:108] - weights_of("agent-2.2")[:108]).max())
 
     lab.fly({25: lambda: lab.kill("agent-2"), 30: before, 42: lambda: compare(42), 43: lambda: compare(43)})
-    assert not minds["fresh"][:108].any()
-    assert minds["fresh"][108:177].any()
-    assert minds["old"][:108].any()
+    assert not weights_at["fresh"][:108].any()
+    assert weights_at["fresh"][108:177].any()
+    assert weights_at["old"][:108].any()
     # Round 2 was averaged in tick 41 and heard in tick 42: both began that tick with the same value model.
     assert apart[43] < apart[42] / 5
 

@@ -87,16 +87,16 @@ def test_a_killed_uav_falls_silent_and_flies_on_without_command_and_its_process_
 def test_a_paused_uav_holds_its_last_command_and_learns_nothing_and_then_goes_on() -> None:
     lab = Lab(flown('{kind="pause", tick=30, duration_s=1.0, uavs=[3]}'))
     agent = lab.bus_of("agent-0").handler.__self__._node  # type: ignore[union-attr]
-    minds = {}
-    hold = {tick: (lambda tick=tick: minds.update({tick: agent.models.copy()})) for tick in (30, 31, 40, 41)}
+    weights_at = {}
+    hold = {tick: (lambda tick=tick: weights_at.update({tick: agent.models.copy()})) for tick in (30, 31, 40, 41)}
     lab.fly(hold)
     commands = np.concatenate([block.accelerations for block in lab.told.blocks])
     assert (commands[31:41, 3] == commands[30, 3]).all()
     assert (commands[41, 3] != commands[30, 3]).any()
     assert (commands[31:41, 2] != commands[30, 2]).any()
-    np.testing.assert_array_equal(minds[40][3], minds[30][3])
-    assert (minds[41][3] != minds[40][3]).any()
-    assert (minds[31][2] != minds[30][2]).any()
+    np.testing.assert_array_equal(weights_at[40][3], weights_at[30][3])
+    assert (weights_at[41][3] != weights_at[40][3]).any()
+    assert (weights_at[31][2] != weights_at[30][2]).any()
 
 
 def outages(lab: Lab, first: int, last: int) -> np.ndarray:

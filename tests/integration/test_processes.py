@@ -167,7 +167,7 @@ def test_a_run_whose_world_was_killed_is_whole_so_far_and_is_resumed_to_the_end_
     process = command.start(*long, "--json", "--quiet")
     command.flying()
     until((command.folder / CHECKPOINT).exists, "a checkpoint")  # which is written beside the flight
-    until(lambda: read_checkpoint(command.folder)["tick"] >= 100, "a checkpoint of minds that have learned")
+    until(lambda: read_checkpoint(command.folder)["tick"] >= 100, "a checkpoint of weights that have learned")
     run = command.folder.name
     next(p for p in processes_of(run) if "meanflock.worldsim" in p.cmdline()).kill()
     out, err = process.communicate(timeout=DEADLINE_S)
