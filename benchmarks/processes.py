@@ -39,7 +39,6 @@ class Children:
 
     def start(self, module: str, *flags: str) -> "subprocess.Popen[bytes]":
         """`python -m module --endpoint … --run … flags`; a room of ours, or a module of the benchmarks."""
-        module = module if module.startswith("benchmarks.") else f"meanflock.{module}"
         command = [sys.executable, "-m", module, "--endpoint", self.endpoint, "--run", self.run, *flags]
         with (self.folder / f"{len(self.processes)}.log").open("wb") as log:
             process = subprocess.Popen(

@@ -193,10 +193,10 @@ def _networked(effort: Effort) -> dict[str, Any]:
                 [*CODEC, *WORLD, *ZENOH_BUS, ("meanflock.swarm.net.session:ZenohBus.receive", "wait for answers")]
             )
             world = World(flown, bus, children.run, stations=1)
-            children.start("groundstation", "--out", str(out), "--rerun", "")
-            children.start("leader")
+            children.start("meanflock.groundstation", "--out", str(out), "--rerun", "")
+            children.start("meanflock.leader")
             children.start("benchmarks.profile", "--report", str(report), "--ticks", str(ticks))
-            children.start("agent", "--count", str(UAVS - 1))
+            children.start("meanflock.agent", "--count", str(UAVS - 1))
             world.gather(60.0)
             flight = world.fly()
             for _ in range(20):
