@@ -9,14 +9,23 @@ from meanflock.leader.aggregators.base import Aggregator, State
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.control import decode_record, encode_record
 from meanflock.testing.error import alike, copies, fail, make, same, text_of, with_other_randomness
+from meanflock.testing.pace import SLOW_MS, check_pace
 
 PARAMETERS, UAVS, ROUNDS = 12, 7, 5
+SWARM, MODEL = 25, 216  # of the paper, for the time a round takes
 
 
 def check_aggregator(
-    aggregator: type[Aggregator], options: dict[str, Any] | None = None, scenario: Scenario | None = None
+    aggregator: type[Aggregator],
+    options: dict[str, Any] | None = None,
+    scenario: Scenario | None = None,
+    slow_ms: float = SLOW_MS,
 ) -> None:
     """Runs some rounds and checks everything that a federation relies on.
+
+    Args:
+        aggregator: the class. options: as in the table [federation.options]. scenario: another one than the paper's.
+        slow_ms: what a round of 25 models may take, median.
 
     Raises:
         ConformanceError: a check fails; the text says what to mend.
@@ -66,3 +75,13 @@ def check_aggregator(
         models, after = again
         if not all(same(one, other) for one, other in zip(first, models, strict=True)) or alike(state, after):
             fail(aggregator, why, mend)
+
+    rule: Aggregator = make(aggregator, options, flown)
+    kept, uavs = rule.init(MODEL), np.arange(SWARM)
+    many = np.random.default_rng(6).standard_normal((SWARM, MODEL))
+
+    def average(number: int) -> None:
+        nonlocal kept
+        kept, _ = rule.step(kept, many, uavs, number)
+
+    check_pace(aggregator, f"a round of {SWARM} models", slow_ms, average)

@@ -6,13 +6,24 @@ import numpy as np
 
 from meanflock.swarm.scenario import Scenario
 from meanflock.testing.error import fail, make, same, text_of, with_other_randomness
+from meanflock.testing.pace import SLOW_MS, check_pace
 
 LINKS = 40
+ALL_LINKS = 25 * 24  # of the paper's swarm, for the time a message takes
 BITS = (1, 128, 3456, 7872)
 
 
-def check_channel(channel: type, options: dict[str, Any] | None = None, scenario: Scenario | None = None) -> None:
+def check_channel(
+    channel: type,
+    options: dict[str, Any] | None = None,
+    scenario: Scenario | None = None,
+    slow_ms: float = SLOW_MS,
+) -> None:
     """Sends some messages and checks everything that the radio relies on.
+
+    Args:
+        channel: the class. options: as in the table [radio.options]. scenario: another one than the paper's.
+        slow_ms: what a message over 600 links may take, median.
 
     Raises:
         ConformanceError: a check fails; the text says what to mend.
@@ -48,6 +59,17 @@ def check_channel(channel: type, options: dict[str, Any] | None = None, scenario
     ):
         if not all(same(one, other) for one, other in zip(first, again, strict=True)):
             fail(channel, what, mend)
+    made, rng, distance = (
+        make(channel, options or {}, flown),
+        np.random.default_rng(8),
+        np.linspace(1.0, 200.0, ALL_LINKS),
+    )
+    check_pace(
+        channel,
+        f"a message over {ALL_LINKS} links",
+        slow_ms,
+        lambda number: made.transmit(distance, BITS[number % len(BITS)], rng),
+    )
 
 
 def _check(channel: type, links: int, slots: np.ndarray, delivered: np.ndarray) -> None:

@@ -1,6 +1,5 @@
 """The conformance suite of controllers."""
 
-import time
 from typing import Any
 
 import msgspec
@@ -9,6 +8,7 @@ import numpy as np
 from meanflock.agent.controllers.base import Controller
 from meanflock.swarm.scenario import Scenario
 from meanflock.testing.error import alike, copies, fail, same
+from meanflock.testing.pace import SLOW_MS, check_pace
 from meanflock.testing.trial import PointSwarm, Trial
 
 UAVS = 6
@@ -23,7 +23,7 @@ def check_controller(
     controller: type[Controller],
     options: dict[str, Any] | None = None,
     scenario: Scenario | None = None,
-    slow_ms: float = 50.0,
+    slow_ms: float = SLOW_MS,
 ) -> None:
     """Flies a small swarm of points with a controller and checks everything that a flight relies on.
 
@@ -136,11 +136,9 @@ def _models(swarm: PointSwarm, together: Trial) -> None:
 def _quick(swarm: PointSwarm, slow_ms: float) -> None:
     made = swarm.make()
     memory = swarm.init(made, swarm.uavs)
-    took = []
-    for tick in range(1, 12):
-        began = time.perf_counter()
-        memory = swarm.step(made, memory, tick, swarm.plan, ()).memory
-        took.append(1e3 * (time.perf_counter() - began))
-    if (median := float(np.median(took))) > slow_ms:
-        mend = f"make it quicker, or pass a larger `slow_ms` than {slow_ms:g}"
-        fail(swarm.controller, f"a tick of {len(swarm.uavs)} UAVs takes {median:.0f} ms", mend)
+
+    def tick(number: int) -> None:
+        nonlocal memory
+        memory = swarm.step(made, memory, number, swarm.plan, ()).memory
+
+    check_pace(swarm.controller, f"a tick of {len(swarm.uavs)} UAVs", slow_ms, tick)

@@ -7,12 +7,22 @@ import numpy as np
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.control import decode_record, encode_record
 from meanflock.testing.error import copies, fail, make, same, text_of, with_other_randomness
+from meanflock.testing.pace import SLOW_MS, check_pace
 
 UAVS, TICKS = 5, 30
 
 
-def check_vehicle(vehicle: type, options: dict[str, Any] | None = None, scenario: Scenario | None = None) -> None:
+def check_vehicle(
+    vehicle: type,
+    options: dict[str, Any] | None = None,
+    scenario: Scenario | None = None,
+    slow_ms: float = SLOW_MS,
+) -> None:
     """Moves some UAVs and checks everything that the world relies on.
+
+    Args:
+        vehicle: the class. options: as in the table [vehicle.options]. scenario: another one than the paper's with five
+        UAVs. slow_ms: what a tick of all UAVs may take, median.
 
     Raises:
         ConformanceError: a check fails; the text says what to mend.
@@ -65,6 +75,15 @@ def check_vehicle(vehicle: type, options: dict[str, Any] | None = None, scenario
         alone = flown_by(1, slice(row, row + 1))
         if not all(same(one[row : row + 1], other) for one, other in zip(together, alone, strict=True)):
             fail(vehicle, "a UAV moves otherwise beside others than alone", "compute every row from that row alone")
+    made, states = make(vehicle, options or {}, flown), start
+    hidden = made.init(UAVS)
+
+    def move(number: int) -> None:
+        nonlocal states, hidden
+        states, hidden = made.step(states, hidden, pushes[number], noises[number])
+        made.power(states, hidden, pushes[number])
+
+    check_pace(vehicle, f"a tick of {UAVS} UAVs", slow_ms, move)
 
 
 def _forms(hidden: dict[str, np.ndarray]) -> dict[str, str]:

@@ -1,5 +1,7 @@
 """The suite for aggregation rules lets ours through, and says of every kind of wrong one what to mend."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -95,3 +97,18 @@ def test_a_wrong_one_is_told_what_to_mend(wrong: type[Aggregator], says: str, me
 def test_options_that_do_not_fit_are_said() -> None:
     with pytest.raises(ConformanceError, match=r"its options .* do not fit"):
         check_aggregator(Good, {"momentum": 0.5})
+
+
+class Slow(Good):
+    def step(self, state, models, uavs, round_):  # type: ignore[no-untyped-def]
+        end = time.perf_counter() + 0.004
+        while time.perf_counter() < end:
+            pass
+        return super().step(state, models, uavs, round_)
+
+
+def test_a_slow_one_is_told_how_slow() -> None:
+    with pytest.raises(
+        ConformanceError, match=r"^Slow: a round of 25 models takes \d+ ms; make it quicker, or pass a larger `slow_ms`"
+    ):
+        check_aggregator(Slow, slow_ms=3.0)

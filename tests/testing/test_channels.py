@@ -1,5 +1,7 @@
 """The suite for channels lets ours through, and says of every kind of wrong one what to mend."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -84,3 +86,19 @@ class NeedsALink(Good):
 def test_a_wrong_one_is_told_what_to_mend(wrong: type[Channel], says: str, mend: str) -> None:
     with pytest.raises(ConformanceError, match=rf"^{wrong.__name__}: .*{says}.*; .*{mend}"):
         check_channel(wrong)
+
+
+class Slow(Good):
+    def transmit(self, distance_m, bits, rng):  # type: ignore[no-untyped-def]
+        end = time.perf_counter() + 0.004
+        while time.perf_counter() < end:
+            pass
+        return super().transmit(distance_m, bits, rng)
+
+
+def test_a_slow_one_is_told_how_slow() -> None:
+    with pytest.raises(
+        ConformanceError,
+        match=r"^Slow: a message over 600 links takes \d+ ms; make it quicker, or pass a larger `slow_ms`",
+    ):
+        check_channel(Slow, slow_ms=3.0)

@@ -1,5 +1,7 @@
 """The suite for vehicles lets ours through, and says of every kind of wrong one what to mend."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -103,3 +105,18 @@ class ChangesItsForm(Good):
 def test_a_wrong_one_is_told_what_to_mend(wrong: type[Vehicle], says: str, mend: str) -> None:
     with pytest.raises(ConformanceError, match=rf"^{wrong.__name__}: .*{says}.*; .*{mend}"):
         check_vehicle(wrong)
+
+
+class Slow(Good):
+    def step(self, states, hidden, acceleration, noise):  # type: ignore[no-untyped-def]
+        end = time.perf_counter() + 0.004
+        while time.perf_counter() < end:
+            pass
+        return super().step(states, hidden, acceleration, noise)
+
+
+def test_a_slow_one_is_told_how_slow() -> None:
+    with pytest.raises(
+        ConformanceError, match=r"^Slow: a tick of 5 UAVs takes \d+ ms; make it quicker, or pass a larger `slow_ms`"
+    ):
+        check_vehicle(Slow, slow_ms=3.0)
