@@ -1,19 +1,20 @@
 """Functions of arrays and bytes that are worth compiling, and the choice between their two forms, made once.
 
 MEANFLOCK_PURE=1 takes NumPy, else the extension `kernels._native` is taken, else NumPy. Both give the same bits, and
-nobody else knows which one runs. What they compute is written in `kernels/reference.py` and `kernels/wire.py`.
+nobody else knows which one runs. What they compute is written in `kernels/reference.py`,
+`kernels/halfplanes.py` and `kernels/wire.py`.
 """
 
 import os
 
 from meanflock.kernels.tables import Tables
 
-__all__ = ["BACKEND", "Tables", "learn", "pairs", "prepare", "read", "write"]
+__all__ = ["BACKEND", "Tables", "learn", "nearest", "pairs", "prepare", "read", "write"]
 
 if os.environ.get("MEANFLOCK_PURE") == "1":
-    from meanflock.kernels.reference import BACKEND, learn, pairs, prepare, read, write
+    from meanflock.kernels.reference import BACKEND, learn, nearest, pairs, prepare, read, write
 else:
     try:
-        from meanflock.kernels.compiled import BACKEND, learn, pairs, prepare, read, write
+        from meanflock.kernels.compiled import BACKEND, learn, nearest, pairs, prepare, read, write
     except ImportError:
-        from meanflock.kernels.reference import BACKEND, learn, pairs, prepare, read, write
+        from meanflock.kernels.reference import BACKEND, learn, nearest, pairs, prepare, read, write

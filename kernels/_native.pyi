@@ -18,6 +18,14 @@ def learn(
 def pairs(
     states: NDArray[np.float64], hazard_m: float, collision_m: float, found: NDArray[np.intp]
 ) -> tuple[float, int, int]: ...
+def nearest(
+    wanted: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    bounds: NDArray[np.float64],
+    limit: float,
+    found: NDArray[np.float64],
+    missing: NDArray[np.float64],
+) -> None: ...
 def read(raw: bytes, /) -> Message: ...
 def write(
     kind: int,

@@ -1,4 +1,4 @@
-/* The extension kernels._native: functions of arrays, checked here. The mathematics is in rows.h and pairs.c.
+/* The extension kernels._native: functions of arrays, checked here. The mathematics is in rows.h, pairs.c and halfplanes.c.
  *
  * kernels/reference.py is the definition; this gives the same bits: every sum is taken in NumPy's order and nothing is
  * contracted into fused operations.
@@ -9,6 +9,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "halfplanes.h"
 #include "learn.h"
 #include "pairs.h"
 #include "wire.h"
@@ -184,11 +185,49 @@ done:
     return result;
 }
 
-/* The docstrings are those of kernels/reference.py and kernels/wire.py. */
+/* ---- nearest ---- */
+
+static PyObject *nearest_of_all(PyObject *module, PyObject *args) {
+    PyObject *wanted, *normals, *bounds, *found, *missing, *result = NULL;
+    Arrays arrays = {.held = 0};
+    double limit, *room = NULL;
+    if (!PyArg_ParseTuple(args, "OOOdOO:nearest", &wanted, &normals, &bounds, &limit, &found, &missing)) return NULL;
+    const Py_buffer *w = doubles(&arrays, wanted, "wanted", READ);
+    const Py_buffer *n = w == NULL ? NULL : doubles(&arrays, normals, "normals", READ);
+    if (n == NULL) goto done;
+    const Py_ssize_t rows = w->len / (2 * D), count = rows ? n->len / (rows * 2 * D) : 0;
+    if (!fits(w, "wanted", rows * 2 * D) || !fits(n, "normals", rows * count * 2 * D)
+        || !fits(doubles(&arrays, bounds, "bounds", READ), "bounds", rows * count * D)
+        || !fits(doubles(&arrays, found, "found", WRITTEN), "found", rows * 2 * D)
+        || !fits(doubles(&arrays, missing, "missing", WRITTEN), "missing", rows * D))
+        goto done;
+    room = PyMem_Malloc((6 * count + 1) * D); /* of a row at a time, for arrays may begin anywhere */
+    if (room == NULL) {
+        PyErr_NoMemory();
+        goto done;
+    }
+    for (Py_ssize_t m = 0; m < rows; m++) {
+        double point[2], a[2], *row_bounds = room + 2 * count;
+        memcpy(point, (const char *)w->buf + m * 2 * D, 2 * D);
+        memcpy(room, (const char *)n->buf + m * count * 2 * D, count * 2 * D);
+        memcpy(row_bounds, (const char *)arrays.view[2].buf + m * count * D, count * D);
+        const double need = nearest(point, room, row_bounds, count, limit, row_bounds + count, a);
+        memcpy((char *)arrays.view[3].buf + m * 2 * D, a, 2 * D);
+        memcpy((char *)arrays.view[4].buf + m * D, &need, D);
+    }
+    result = Py_NewRef(Py_None);
+done:
+    PyMem_Free(room);
+    let_go(&arrays);
+    return result;
+}
+
+/* The docstrings are those of kernels/reference.py, kernels/halfplanes.py and kernels/wire.py. */
 static PyMethodDef methods[] = {
     {"tables", tables, METH_VARARGS, "tables(numbers, indices): both packed; checked once."},
     {"learn", learn, METH_VARARGS, "learn(tables, states, weights, around, weights_out, numbers)"},
     {"pairs", measure, METH_VARARGS, "pairs(states, hazard_m, collision_m, found)"},
+    {"nearest", nearest_of_all, METH_VARARGS, "nearest(wanted, normals, bounds, limit, found, missing)"},
     {"read", wire_read, METH_O, "read(raw)"},
     {"write", wire_write, METH_VARARGS, "write(kind, run, tick, flags, rows, columns, table, tables, frames=())"},
     {NULL, NULL, 0, NULL},

@@ -1,0 +1,121 @@
+"""The point nearest to a wanted one in half-planes and a disc: what collision avoidance asks of every UAV in a tick.
+
+A program of two variables, solved exactly: half-planes are taken one after the other, and where the point so far breaks
+one, the next is on its edge (incremental, as linear programs of low dimension; de Berg et al., Computational Geometry,
+ch. 4). Where no point keeps all, all are eased by the least that lets them and the disc meet. By Helly's theorem convex
+sets of the plane have a point in common if every three have, so that least is the largest which any three need.
+"""
+
+from functools import cache
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats: TypeAlias = NDArray[np.float64]
+
+PARALLEL = 1e-12  # sine of the angle below which two edges do not meet; as in halfplanes.c
+EASE = 1e-9  # what is eased more than that needs, relative to 1 + that
+SAME = 1e-16  # ‖n_i − n_j‖² below which one half-plane is in the other
+
+
+def nearest(wanted: Floats, normals: Floats, bounds: Floats, limit: float, found: Floats, missing: Floats) -> None:
+    """Of M rows each the point a nearest to `wanted` with n_k·a ≥ b_k for all of its K half-planes, and ‖a‖ ≤ limit.
+
+    Args:
+        wanted: (M, 2); a row that is not finite is returned as NaN. normals: (M, K, 2), of any length; a half-plane
+            whose normal is 0, or that is not finite, asks for nothing. bounds: (M, K).
+        found: (M, 2), written. missing: (M,), written: 0, or where no point keeps all half-planes how far that one is
+            outside of the worst (a distance, of the least there is), and `found` is the nearest of those that are.
+    """
+    with np.errstate(all="ignore"):
+        length = np.sqrt(normals[..., 0] * normals[..., 0] + normals[..., 1] * normals[..., 1])
+        x, y, bound = normals[..., 0] / length, normals[..., 1] / length, bounds / length
+        asks = np.isfinite(x) & np.isfinite(y) & np.isfinite(bound)
+        x, y, bound = np.where(asks, x, 0.0), np.where(asks, y, 0.0), np.where(asks, bound, -np.inf)
+        point, kept = _project(wanted, x, y, bound, limit)
+        missing[:] = 0.0
+        found[:] = point
+        if not kept.all():
+            rows = np.flatnonzero(~kept)
+            x, y, bound = x[rows], y[rows], bound[rows]
+            missing[rows] = need = _needed(x, y, bound, limit)
+            found[rows] = _project(wanted[rows], x, y, bound - (need + EASE * (1.0 + need))[:, None], limit)[0]
+        found[~np.isfinite(wanted).all(axis=-1)] = np.nan
+
+
+def _project(wanted: Floats, x: Floats, y: Floats, bound: Floats, limit: float) -> tuple[Floats, NDArray[np.bool_]]:
+    """The nearest points (M, 2) for unit normals (M, K), and which rows have one; else it is of those before."""
+    length = np.sqrt(wanted[:, 0] * wanted[:, 0] + wanted[:, 1] * wanted[:, 1])
+    scale = np.where(length > limit, limit / length, 1.0)
+    a_x, a_y = wanted[:, 0] * scale, wanted[:, 1] * scale
+    kept = np.ones(len(wanted), dtype=bool)
+    for k in range(bound.shape[1]):
+        rows = np.flatnonzero(kept & (x[:, k] * a_x + y[:, k] * a_y < bound[:, k]))
+        if not len(rows):
+            continue
+        n_x, n_y, b = x[rows, k], y[rows, k], bound[rows, k]
+        room = limit * limit - b * b
+        high = np.sqrt(np.where(room > 0.0, room, 0.0))
+        low = -high
+        meets = room >= 0.0
+        if k:  # on the edge a point is s along it, from the one nearest to the origin
+            o_x, o_y = x[rows, :k], y[rows, :k]
+            sine = n_x[:, None] * o_y - n_y[:, None] * o_x
+            cosine = n_x[:, None] * o_x + n_y[:, None] * o_y
+            asked = bound[rows, :k] - b[:, None] * cosine
+            at = asked / sine
+            low = np.maximum(low, np.where(sine > PARALLEL, at, -np.inf).max(axis=1))
+            high = np.minimum(high, np.where(sine < -PARALLEL, at, np.inf).min(axis=1))
+            against = (np.abs(sine) <= PARALLEL) & (cosine < 0.0)  # one that looks the same way is kept already
+            meets &= ~(against & (asked > 0.0)).any(axis=1) & (low <= high)
+        s = np.minimum(np.maximum(n_x * wanted[rows, 1] - n_y * wanted[rows, 0], low), high) + 0.0  # no −0
+        a_x[rows[meets]] = (n_x * b - n_y * s)[meets]
+        a_y[rows[meets]] = (n_y * b + n_x * s)[meets]
+        kept[rows[~meets]] = False
+    return np.stack([a_x, a_y], axis=-1), kept
+
+
+def _needed(x: Floats, y: Floats, bound: Floats, limit: float) -> Floats:
+    """The least by which all half-planes of a row must be eased to meet in the disc, (M,)."""
+    need = np.maximum((bound - limit).max(axis=1), 0.0)
+    i, j, first, second, third = _chosen(bound.shape[1])
+    if len(i):  # two of them and the disc: the best point is on the circle, where both are missed alike
+        m_x, m_y, apart = x[:, i] - x[:, j], y[:, i] - y[:, j], bound[:, i] - bound[:, j]
+        squared, cosine = m_x * m_x + m_y * m_y, x[:, i] * x[:, j] + y[:, i] * y[:, j]
+        both = (bound[:, j] - limit * cosine > bound[:, i] - limit) & (
+            bound[:, i] - limit * cosine > bound[:, j] - limit
+        )
+        room = limit * limit - apart * apart / squared
+        reached = (x[:, i] * m_x + y[:, i] * m_y) * (apart / squared) + np.abs(y[:, i] * m_x - x[:, i] * m_y) * np.sqrt(
+            np.where(room > 0.0, room, 0.0) / squared
+        )
+        need = _most(need, bound[:, i] - reached, both & (squared > SAME))
+    if len(first):  # three of them, whose normals look to all sides
+        a = x[:, second] * y[:, third] - y[:, second] * x[:, third]
+        b = x[:, third] * y[:, first] - y[:, third] * x[:, first]
+        c = x[:, first] * y[:, second] - y[:, first] * x[:, second]
+        total = a + b + c
+        around = ((a >= 0.0) & (b >= 0.0) & (c >= 0.0)) | ((a <= 0.0) & (b <= 0.0) & (c <= 0.0))
+        missed = (a * bound[:, first] + b * bound[:, second] + c * bound[:, third]) / total
+        need = _most(need, missed, around & (np.abs(total) > PARALLEL))
+    return need
+
+
+def _most(need: Floats, candidates: Floats, which: NDArray[np.bool_]) -> Floats:
+    largest: Floats = np.maximum(need, np.where(which & (candidates > 0.0), candidates, 0.0).max(axis=1))
+    return largest
+
+
+@cache
+def _chosen(count: int) -> tuple[NDArray[np.intp], ...]:
+    """All pairs i < j, and all triples i < j < k, of so many."""
+    i, j = np.triu_indices(count, 1)
+    first, second, third = (
+        np.array(
+            [(p, q, r) for p in range(count) for q in range(p + 1, count) for r in range(q + 1, count)], dtype=np.intp
+        )
+        .reshape(-1, 3)
+        .T
+    )
+    return i, j, first, second, third

@@ -1,0 +1,180 @@
+"""The nearest point in half-planes and a disc: both forms against an exact solver of quadratic programs."""
+
+from types import ModuleType
+from typing import Any
+
+import daqp
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+Floats = NDArray[np.float64]
+Case = tuple[Floats, Floats, Floats]
+
+LIMIT = 3.0
+TOLERANCE = 1e-6
+
+
+def solve(backend: ModuleType, wanted: Any, normals: Any, bounds: Any, limit: float = LIMIT) -> tuple[Floats, Floats]:
+    rows = len(wanted)
+    found, missing = np.full((rows, 2), -7.0), np.full(rows, -7.0)
+    count = np.size(bounds) // max(1, rows)
+    normals = np.ascontiguousarray(np.reshape(normals, (rows, count, 2)), dtype=float)
+    bounds = np.ascontiguousarray(np.reshape(bounds, (rows, count)), dtype=float)
+    backend.nearest(np.array(wanted, dtype=float), normals, bounds, limit, found, missing)
+    return found, missing
+
+
+def cases(rows: int, count: int, seed: int) -> Case:
+    """Random ones, of which every other has something degenerate: twice the same, back to back, no direction."""
+    draw = np.random.default_rng(seed)
+    wanted, normals = 2.0 * draw.normal(size=(rows, 2)), draw.normal(size=(rows, count, 2))
+    bounds = draw.normal(size=(rows, count)) - 0.7
+    if count > 2:
+        normals[1::6, 1], bounds[1::12, 1] = normals[1::6, 0], bounds[1::12, 0]
+        normals[2::8, 2] = -normals[2::8, 0]
+        normals[3::10, 1] = 0.0
+        normals[5::14], bounds[5::14] = np.round(normals[5::14]), np.round(bounds[5::14])
+    return wanted, normals, bounds
+
+
+def units(normals: Floats, bounds: Floats) -> tuple[Floats, Floats]:
+    """Half-planes of one row with unit normals, without those that ask for nothing."""
+    length = np.linalg.norm(normals, axis=1)
+    return normals[length > 0] / length[length > 0, None], bounds[length > 0] / length[length > 0]
+
+
+def by_quadratic_program(wanted: Floats, normals: Floats, bounds: Floats) -> Floats:
+    """The nearest point; the disc by its tangents at what was found without them, as many as it takes."""
+    rows, least = normals, bounds
+    for _ in range(60):
+        upper = np.full(len(rows), 1e30)
+        point, _, status, _ = daqp.solve(np.eye(2), -wanted, np.ascontiguousarray(rows), upper, least, primal_tol=1e-12)
+        assert status == 1
+        if (length := np.linalg.norm(point)) <= LIMIT + 1e-10:
+            return np.array(point)
+        rows, least = np.vstack([rows, -point / length]), np.append(least, -LIMIT)
+    raise AssertionError("tangents do not converge")
+
+
+def by_linear_program(normals: Floats, bounds: Floats) -> float:
+    """The least t with n·a + t ≥ b for all and ‖a‖ ≤ LIMIT, the disc again by tangents."""
+    around = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+    tangents = np.stack([np.cos(around), np.sin(around)], axis=-1)
+    for _ in range(60):
+        matrix = np.vstack(
+            [np.column_stack([-normals, -np.ones(len(normals))]), np.column_stack([tangents, np.zeros(len(tangents))])]
+        )
+        limits = np.concatenate([-bounds, np.full(len(tangents), LIMIT)])
+        best = linprog([0.0, 0.0, 1.0], matrix, limits, bounds=[(None, None)] * 3)
+        assert best.status == 0
+        if (length := np.linalg.norm(best.x[:2])) <= LIMIT + 1e-7:
+            return float(best.x[2])
+        tangents = np.vstack([tangents, best.x[:2] / length])
+    raise AssertionError("tangents do not converge")
+
+
+@pytest.mark.parametrize(("count", "rows"), [(1, 1000), (2, 2000), (4, 3000), (7, 2000), (12, 2000)])
+def test_as_an_exact_solver_has_it(backend: ModuleType, count: int, rows: int) -> None:
+    """10⁴ cases: who can keep all gets the nearest point, who cannot the least that must be missing, and no more."""
+    wanted, normals, bounds = cases(rows, count, seed=count)
+    found, missing = solve(backend, wanted, normals, bounds)
+    assert (np.linalg.norm(found, axis=1) <= LIMIT + 1e-9).all()
+    worst = np.array(
+        [(b - n @ a).max(initial=0.0) for a, (n, b) in zip(found, map(units, normals, bounds), strict=True)]
+    )
+    np.testing.assert_allclose(worst, missing, atol=TOLERANCE)
+    can = missing <= 0.0
+    assert 0 < can.sum() < rows or count == 1
+    for row in np.flatnonzero(can):
+        exact = by_quadratic_program(wanted[row], *units(normals[row], bounds[row]))
+        # The distance is what is least; near a corner of almost parallel edges the place is less well determined.
+        distances = [np.linalg.norm(one - wanted[row]) for one in (found[row], exact)]
+        assert distances[0] == pytest.approx(distances[1], abs=TOLERANCE)
+        np.testing.assert_allclose(found[row], exact, atol=1e-4)
+    for row in np.flatnonzero(~can)[:100]:
+        assert missing[row] == pytest.approx(by_linear_program(*units(normals[row], bounds[row])), abs=TOLERANCE)
+
+
+def test_of_those_that_miss_least_it_is_the_nearest(backend: ModuleType) -> None:
+    """Two half-planes back to back, 1 apart from each other: all of a line is as good, and wanted is beside it."""
+    for along, expected in ((0.4, 0.4), (-0.7, -0.7), (9.0, np.sqrt(LIMIT**2 - 0.25))):
+        found, missing = solve(backend, [[9.0, along]], [[1.0, 0.0], [-1.0, 0.0]], [1.0, 0.0])
+        np.testing.assert_allclose((*found[0], *missing), (0.5, expected, 0.5), atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("normals", "bounds", "found", "missing"),
+    [
+        ([], [], (2.0, 0.0), 0.0),
+        ([[0.0, 0.0]], [5.0], (2.0, 0.0), 0.0),  # no direction: nothing is asked
+        ([[np.nan, 1.0], [1.0, np.inf]], [5.0, 5.0], (2.0, 0.0), 0.0),
+        ([[-1.0, 0.0]], [np.inf], (2.0, 0.0), 0.0),
+        ([[-2.0, 0.0]], [-2.0], (1.0, 0.0), 0.0),
+        ([[-2.0, 0.0]] * 3, [-2.0] * 3, (1.0, 0.0), 0.0),
+        ([[0.0, 4.0]], [16.0], (0.0, 3.0), 1.0),  # beyond the disc
+        ([[1e-6, 0.0], [-1.0, -1.0]], [1e-6, 0.0], (1.0, -1.0), 0.0),
+    ],
+)
+def test_by_hand(backend: ModuleType, normals: Any, bounds: Any, found: tuple[float, float], missing: float) -> None:
+    came, lacks = solve(backend, [[2.0, 0.0]], normals, bounds)
+    np.testing.assert_allclose(came[0], found, atol=2e-4 if missing else 1e-12)
+    assert lacks[0] == pytest.approx(missing, abs=1e-12)
+
+
+def test_what_is_wanted_is_limited_and_nobody_or_nothing_is_fine(backend: ModuleType) -> None:
+    np.testing.assert_allclose(solve(backend, [[30.0, 40.0]], [], [])[0], [[1.8, 2.4]])
+    assert solve(backend, np.zeros((0, 2)), np.zeros((0, 3, 2)), np.zeros((0, 3)))[0].shape == (0, 2)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_who_wants_what_is_no_number_gets_none_and_others_are_served(backend: ModuleType, bad: float) -> None:
+    found, _ = solve(backend, [[bad, 0.0], [1.0, 1.0]], [[[1.0, 0.0]]] * 2, [[0.5]] * 2)
+    assert np.isnan(found[0]).all()
+    np.testing.assert_array_equal(found[1], [1.0, 1.0])
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 6, 10, 17])
+def test_both_forms_give_the_same_bits_and_rows_are_alone(count: int) -> None:
+    compiled = pytest.importorskip("meanflock.kernels.compiled")
+    from meanflock.kernels import reference
+
+    wanted, normals, bounds = cases(5000, count, seed=100 + count)
+    many = [solve(backend, wanted, normals, bounds) for backend in (compiled, reference)]
+    alone = [solve(reference, wanted[k : k + 1], normals[k : k + 1], bounds[k : k + 1]) for k in range(0, 5000, 50)]
+    for found, missing in many[1:]:
+        assert found.tobytes() == many[0][0].tobytes()
+        assert missing.tobytes() == many[0][1].tobytes()
+    assert np.concatenate([found for found, _ in alone]).tobytes() == many[1][0][::50].tobytes()
+
+
+READ_ONLY = np.zeros((2, 2))
+READ_ONLY.flags.writeable = False
+
+
+@pytest.mark.parametrize(
+    ("changed", "value", "said"),
+    [
+        ("wanted", np.zeros(3), "wanted: 24 bytes"),
+        ("wanted", np.zeros((2, 2), np.float32), "wanted: format f"),
+        ("normals", np.zeros((2, 3)), "normals: 48 bytes"),
+        ("normals", np.zeros((2, 3, 4))[:, :, ::2], "contiguous"),
+        ("bounds", np.zeros((2, 4)), "bounds: 64 bytes, expected 48"),
+        ("found", np.zeros((2, 3)), "found: 48 bytes"),
+        ("found", READ_ONLY, "(?i)read-only|writable"),
+        ("missing", np.zeros(3), "missing: 24 bytes"),
+    ],
+)
+def test_what_does_not_fit_is_refused(changed: str, value: Any, said: str) -> None:
+    native = pytest.importorskip("meanflock.kernels._native")
+    given: dict[str, Any] = {
+        "wanted": np.zeros((2, 2)),
+        "normals": np.zeros((2, 3, 2)),
+        "bounds": np.zeros((2, 3)),
+        "limit": LIMIT,
+        "found": np.zeros((2, 2)),
+        "missing": np.zeros(2),
+    }
+    with pytest.raises((TypeError, ValueError, BufferError), match=said):
+        native.nearest(*(given | {changed: value}).values())
