@@ -13,9 +13,8 @@ from meanflock.agent.tables import tables
 from meanflock.groundstation.engine import Engine
 from meanflock.kernels import reference
 from meanflock.kernels.weights import NUMBERS
-from meanflock.swarm import scenario, state
+from meanflock.swarm import mission, scenario, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.worldsim.formation import initial_states
 
 TITLE = "The swarm in one process"
 ABOUT = (
@@ -38,7 +37,7 @@ def flight(method: str, uavs: int, *, duration_s: float = 1e6) -> Engine:
 def learner_step(method: str, uavs: int, backend: ModuleType = kernels) -> Callable[[], object]:
     """One step of the learner on so many rows, from the same weights every time."""
     flown: Scenario = scenario.load(None, method=method, uavs=uavs)
-    plan = initial_states(flown)
+    plan = mission.starts(flown)
     weights, of = Learner(flown, learns_density=method != "hjb").init(uavs, plan), backend.prepare(tables(flown))
     states = plan.copy()
     states[:, state.VELOCITY] = np.array(flown.wind.mean)

@@ -21,10 +21,18 @@ KEYS: dict[str, tuple[str, str]] = {
     "duration": (OURS, "where methods are compared, a UAV that never arrives counts with it"),
     "stop": (OURS, "few questions are about what follows the last arrival; `duration` flies on"),
     "faults": (OURS, "none"),
+    "obstacles": (OURS, "none"),
+    "start.formation": (PRINTED, "a square, rows filled in order; circle, streams and waves are of other missions"),
     "start.centre": (PRINTED, ""),
-    "start.spacing": (PRINTED, "√2 m; at rest, rows filled in order, which it leaves open"),
+    "start.spacing": (PRINTED, "√2 m; at rest, which it leaves open"),
+    "start.radius": (OURS, "swaps of this size are common in work on collision avoidance"),
+    "start.positions": (OURS, "for a mission of one's own"),
+    "start.group": (OURS, "without effect where all leave at once, but on the formation waves"),
+    "start.interval": (PRINTED, "all leave at once"),
     "start.height": (PRINTED, "constant, and without effect on the model"),
     "destination.radius": (SILENT, "the norm is kept as printed, although it adds m to m/s"),
+    "destination.goals": (PRINTED, "one destination for all"),
+    "destination.positions": (OURS, "for a mission of one's own"),
     "wind.sigma": (PRINTED, "multiplies dW, so it is a standard deviation, which the paper calls a covariance"),
     "wind.mean": (PRINTED, ""),
     "wind.drag": (PRINTED, ""),
@@ -125,6 +133,15 @@ def page() -> str:
             lines += ["", f"## [{name}]", "", schema[of]["description"], "", *_table(schema, of, f"{name}.")]
     lines += [
         "",
+        "## [[obstacles]]",
+        "",
+        schema["Obstacle"]["description"],
+        "",
+        "| key | what | unit | bounds |",
+        "|---|---|---|---|",
+        "| `centre` | where it is | m | two numbers |",
+        "| `radius` | from there to its edge | m | > 0 |",
+        "",
         "## [[faults]]",
         "",
         "What goes wrong, with whom, when and for how long; in simulated time; as many as are wanted.",
@@ -188,7 +205,7 @@ def _bounds(key: dict[str, Any]) -> str:
     bounds = [f"{sign} {_number(key[word])}" for word, sign in _BOUNDS.items() if word in key]
     kind = {"boolean": "true, false", "object": "a table", "string": "a name", "array": "two numbers"}
     if key.get("type") == "array" and "prefixItems" not in key:
-        return "tables"
+        return "pairs of numbers" if "prefixItems" in key["items"] else "tables"
     return ", ".join(bounds) or kind.get(key.get("type", ""), "")
 
 

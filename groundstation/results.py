@@ -254,4 +254,10 @@ def _reason(error: OSError) -> str:
 
 def to_toml(flown: Scenario) -> str:
     """The resolved scenario as a file that flies the same run again."""
-    return tomli_w.dumps(json.loads(scenario.encode(flown.resolved())))
+    return tomli_w.dumps(_said(json.loads(scenario.encode(flown.resolved()))))
+
+
+def _said(table: dict[str, Any]) -> dict[str, Any]:
+    """Without the keys that are unset: TOML has no word for it."""
+    kept = {key: _said(value) if isinstance(value, dict) else value for key, value in table.items()}
+    return {key: value for key, value in kept.items() if value is not None}

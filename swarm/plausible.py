@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.swarm.mission import starts
 from meanflock.swarm.state import POSITION, VELOCITY
 
 if TYPE_CHECKING:
@@ -15,12 +16,12 @@ if TYPE_CHECKING:
 def check(scenario: "Scenario") -> Callable[[NDArray[np.float64]], NDArray[np.bool_]]:
     """Returns a function from states (S, 4) to which of them can be, (S,).
 
-    No UAV is faster than `radio.plausible_speed`, nor farther from the destination than it can have come from its start
-    at that speed.
+    No UAV is faster than `radio.plausible_speed`, nor farther from the origin than any can have come from its start at
+    that speed.
     """
     speed = scenario.radio.plausible_speed
-    start, width = np.array(scenario.start.centre), scenario.start.spacing * (np.sqrt(scenario.uavs) + 1.0)
-    reach = float(np.hypot(*start)) + float(width) + speed * scenario.duration
+    farthest = float(np.hypot(*starts(scenario)[:, POSITION].T).max())
+    reach = farthest + speed * scenario.duration
 
     def can_be(states: NDArray[np.float64]) -> NDArray[np.bool_]:
         numbers = states.astype(np.float64, copy=False)  # of whole numbers the square may not fit in as many bits

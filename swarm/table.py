@@ -1,6 +1,8 @@
 """What all tables of a scenario have in common."""
 
 import math
+from collections.abc import Iterator
+from typing import Any
 
 import msgspec
 
@@ -10,7 +12,14 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
     def __post_init__(self) -> None:
         for name in self.__struct_fields__:
-            value = getattr(self, name)
-            for number in value if isinstance(value, tuple) else (value,):
+            for number in _flat(getattr(self, name)):
                 if isinstance(number, float) and not math.isfinite(number):
                     raise ValueError(f"`{name}` must be a finite number, not {number}")
+
+
+def _flat(value: Any) -> Iterator[Any]:
+    if isinstance(value, tuple):
+        for inner in value:
+            yield from _flat(inner)
+    else:
+        yield value

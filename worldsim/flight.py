@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.swarm import state
+from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator, random_state, set_random_state
 from meanflock.swarm.wire.messages import Event, Status
-from meanflock.worldsim.formation import initial_states
 from meanflock.worldsim.metrics import pairs
 from meanflock.worldsim.physics import Physics
 
@@ -54,8 +53,9 @@ class Flight:
     def __post_init__(self) -> None:
         n = self.scenario.uavs
         self._physics = Physics(self.scenario)
-        self.states: state.States = initial_states(self.scenario)
+        self.states: state.States = mission.starts(self.scenario)
         self.hidden = self._physics.init(n)
+        self._goals = mission.goal_states(self.scenario)
         self.status = np.full(n, FLYING)
         self.energy = np.zeros(n)  # J since take-off
         self.arrival_tick = np.full(n, -1)
@@ -154,7 +154,7 @@ class Flight:
         if len(moved.diverged):
             self.lose(moved.diverged, "diverged", "left every bound")
         self._observe()
-        on_way &= state.norm(self.states) <= scenario.destination.radius
+        on_way &= state.norm(self.states - self._goals) <= scenario.destination.radius
         if np.count_nonzero(on_way):
             on_way[moved.diverged] = False
             self._arrive(np.flatnonzero(on_way))

@@ -5,12 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from meanflock.swarm import plugins, state
+from meanflock.swarm import mission, plugins, state
 from meanflock.swarm.declared import MAX_BROADCASTS, controller
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
-from meanflock.worldsim.formation import initial_states
 
 _OVERHEAD_BYTES = 1024
 _FRAME_BYTES = 64  # of a batch, around its numbers
@@ -26,7 +25,7 @@ class Limits:
         flyer = controller(scenario)
         memory = _record(
             f"controller {scenario.method!r} failed in `init` with UAV 0",
-            lambda: flyer.init(np.arange(1), initial_states(scenario)),
+            lambda: flyer.init(np.arange(1), mission.starts(scenario)),
         )
         rule = plugins.create("aggregator", federation.aggregation, federation.options, scenario)
         state_of_rule = _record(

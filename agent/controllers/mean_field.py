@@ -1,6 +1,7 @@
 """The paper's methods: networks that learn the HJB and FPK equations in flight, Algorithms 1 to 3.
 
 What a UAV has learned is one row [ŵ_H0 (54), ŵ_H1 (54), ŵ_F0 (69), ŵ_F1 (69)]; a method shares a contiguous part of it.
+All of it is about the origin: where UAVs have goals of their own, each sees every state from its goal.
 """
 
 from collections.abc import Sequence
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
 from meanflock.agent.learner import Learner
 from meanflock.kernels.weights import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, VALUE, VALUE_FEATURES
-from meanflock.swarm import plausible
+from meanflock.swarm import mission, plausible
 from meanflock.swarm.ascending import distinct
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import SIZE, States
@@ -44,20 +45,28 @@ class MeanField(Controller):
         return Learner(self.scenario, learns_density=self.learns_density)
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
-        memory: Memory = {"weights": self.learner.init(len(uavs), plan)}
+        goals = mission.goal_states(self.scenario)
+        if goals.any():
+            fitted = [self.learner.init(1, plan - goal) for goal in goals[uavs]]
+            memory: Memory = {"weights": np.concatenate([np.zeros((0, MODEL_FLOATS)), *fitted]), "goal": goals[uavs]}
+        else:
+            memory = {"weights": self.learner.init(len(uavs), plan)}
         if self.state_period:  # the mission plan, then whatever the radio brings
             memory |= {"known": np.repeat(plan[None], len(uavs), axis=0), "uav": uavs.astype(np.int32)}
         return memory
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         weights, known, refused = memory["weights"], None, NOBODY
+        goal = memory.get("goal")
         if self.state_period:
             known, fresh, refused = self._take_in(memory["known"], received)
             if self.learns_density and len(fresh):  # only rows that received something: another row is another UAV
-                weights = self.learner.refit(weights, fresh, known)
+                weights = self.learner.refit(weights, fresh, known if goal is None else known - goal[:, None])
             known[np.arange(len(own)), memory["uav"]] = own
             memory = memory | {"known": known}
-        weights, numbers = self.learner.step(weights, own, known)
+        states = own if goal is None else own - goal
+        known = known if goal is None or known is None else known - goal[:, None]
+        weights, numbers = self.learner.step(weights, states, known)
         speaks = self.state_period and tick and tick % self.state_period == 0
         return Step(
             memory | {"weights": weights},

@@ -1,7 +1,7 @@
 """The offline method: every UAV alone flies an open-loop plan computed before take-off, blind to the others and to the
 wind.
 
-The plan is time-optimal for σ_wind = 0: a straight line to the origin at rest, as fast as the limits on speed and
+The plan is time-optimal for σ_wind = 0: a straight line to the goal at rest, as fast as the limits on speed and
 acceleration over ground allow (bang, coast, bang). The commands also cancel the drag and the mean wind, which are
 known beforehand, so that without randomness the discrete motion follows the plan exactly; with it, the error of
 velocity and position adds up, and nothing looks.
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.swarm import state
+from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 
 Floats = NDArray[np.float64]
@@ -51,7 +51,7 @@ class OpenLoopPlan:
     """The commands of M UAVs, tick by tick."""
 
     def __init__(self, scenario: Scenario, starts: Floats) -> None:
-        """`starts`: their own states in the mission plan, `(M, 4)`."""
+        """`starts`: their own states in the mission plan, as seen from their goals, `(M, 4)`."""
         limits, wind, dt = scenario.offline, scenario.wind, scenario.dt
         distance = np.sqrt((starts[:, state.POSITION] * starts[:, state.POSITION]).sum(axis=-1))
         flown = scenario.max_ticks  # of a plan longer than the flight the rest is never asked for
@@ -66,12 +66,16 @@ class OpenLoopPlan:
         self._commands[:-1] += np.diff(velocity, axis=0) / dt
 
     def __len__(self) -> int:
-        """Ticks until the last UAV rests at the origin."""
+        """Ticks from launch until the last UAV rests at its goal."""
         return len(self._commands) - 1
 
-    def __call__(self, tick: int) -> Floats:
-        """Accelerations `(M, 2)`, m/s², of a tick: (v_{k+1} − v_k)/dt + c0(v_k − v_o), and the hover after the end."""
-        return self._commands[min(tick, len(self._commands) - 1)].copy()
+    def __call__(self, ticks: int | NDArray[np.intp]) -> Floats:
+        """Accelerations `(M, 2)`, m/s²: (v_{k+1} − v_k)/dt + c0(v_k − v_o), and the hover after the end.
+
+        Args:
+            ticks: since each launch, one number or `(M,)`; below zero that of the first tick.
+        """
+        return self._commands[np.clip(ticks, 0, len(self)), np.arange(self._commands.shape[1])]
 
 
 class Offline(Controller):
@@ -84,11 +88,12 @@ class Offline(Controller):
         self._plans: dict[bytes, OpenLoopPlan] = {}  # by the starts they follow from
 
     def init(self, uavs: NDArray[np.intp], plan: state.States) -> Memory:
-        return {"start": plan[uavs]}
+        memory = {"start": plan[uavs] - mission.goal_states(self.scenario)[uavs]}
+        return memory | {"launch": mission.launches(self.scenario)[uavs].astype(np.int32)}
 
     def step(self, memory: Memory, tick: int, own: state.States, received: Sequence[Received]) -> Step:
         starts = memory["start"]
         plan = self._plans.get(key := starts.tobytes())
         if plan is None:
             plan = self._plans[key] = OpenLoopPlan(self.scenario, starts)
-        return Step(memory, plan(tick))
+        return Step(memory, plan(tick - memory["launch"]))

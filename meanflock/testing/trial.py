@@ -10,11 +10,11 @@ from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.agent.rows import checked_memory, checked_step, of_row
 from meanflock.swarm import declared as declarations
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import AXES, States
 from meanflock.swarm.wire.control import decode_record, encode_record
 from meanflock.testing.error import alike, fail, make, same, with_other_randomness
-from meanflock.worldsim.formation import initial_states
 
 TICKS = 40
 LOST = 0.2  # share of the frames that the radio loses in the trial
@@ -51,7 +51,7 @@ class PointSwarm:
 
     def __init__(self, controller: type[Controller], scenario: Scenario, options: dict[str, Any]) -> None:
         self.controller, self._scenario, self._options = controller, scenario, options
-        self.plan = initial_states(scenario)
+        self.plan = starts(scenario)
         self.uavs = np.arange(scenario.uavs)
         draw = np.random.default_rng(0)
         self._shake = draw.standard_normal((TICKS, scenario.uavs, AXES))

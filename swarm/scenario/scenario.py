@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta, field
 
+from meanflock.swarm import mission
 from meanflock.swarm.declared import Declared, declared
 from meanflock.swarm.faults import Fault, LeaderLoss
 from meanflock.swarm.hops import HOPS, delivery_ticks
@@ -19,6 +20,7 @@ from meanflock.swarm.scenario.tables import (
     Federation,
     Learner,
     Metrics,
+    Obstacle,
     Offline,
     Payload,
     Radio,
@@ -45,6 +47,8 @@ LATER = (
     "radio.plausible_speed",
     *("radio.model", "radio.options", "vehicle.model", "vehicle.options"),
     "pace",
+    *("start.formation", "start.radius", "start.positions", "start.group", "start.interval"),
+    *("destination.goals", "destination.positions", "obstacles"),
 )
 
 _PAYLOAD_BITS: dict[Payload, int] = {"float64": 64, "float32": 32, "float16": 16, "int8": 8}  # a weight
@@ -66,6 +70,7 @@ class Scenario(_Table, frozen=True, dict=True):
     )
     start: Start = field(default_factory=Start)
     destination: Destination = field(default_factory=Destination)
+    obstacles: Annotated[tuple[Obstacle, ...], Meta(max_length=1000, description="discs that no UAV should enter")] = ()
     wind: Wind = field(default_factory=Wind)
     cost: Cost = field(default_factory=Cost)
     learner: Learner = field(default_factory=Learner)
@@ -96,6 +101,7 @@ class Scenario(_Table, frozen=True, dict=True):
                     f"{radio_bits}; take a narrower payload or a wider float"
                 )
         self._check_clusters()
+        mission.check(self)
         for number, fault in enumerate(self.faults):
             if any(uav >= self.uavs for uav in getattr(fault, "uavs", ())):
                 raise ValueError(f"`faults[{number}].uavs` names UAV {max(fault.uavs)} of 0…{self.uavs - 1}")  # type: ignore[union-attr]

@@ -13,18 +13,57 @@ Payload: TypeAlias = Literal[
 ]  # how a model is written, see swarm/wire/payload.py
 
 
-class Start(_Table, frozen=True):
-    """Where the swarm takes off: a square grid at rest."""
+Places: TypeAlias = tuple[tuple[float, float], ...]
 
-    centre: Annotated[tuple[float, float], Meta(description="centre of the grid, m")] = (150.0, 100.0)
-    spacing: Annotated[float, Meta(gt=0, description="distance of neighbours, m")] = math.sqrt(2.0)
+
+class Start(_Table, frozen=True):
+    """Where and when the swarm takes off, at rest: see `swarm/formations.py`."""
+
+    formation: (
+        Annotated[
+            Literal["grid", "circle", "streams", "waves"], Meta(description="how the UAVs stand; unset: in a grid")
+        ]
+        | None
+    ) = None
+    centre: Annotated[tuple[float, float], Meta(description="centre of the formation, m")] = (150.0, 100.0)
+    spacing: Annotated[float, Meta(gt=0, description="distance of neighbours in grid, waves and streams, m")] = (
+        math.sqrt(2.0)
+    )
+    radius: Annotated[
+        float, Meta(gt=0, description="of the circle; of streams, how far before their crossing they begin, m")
+    ] = 25.0
+    positions: Annotated[Places, Meta(description="where each UAV stands, instead of a formation, m")] = ()
+    group: Annotated[int, Meta(ge=1, description="UAVs of a wave, which leave at once")] = 5
+    interval: Annotated[float, Meta(ge=0, le=1e6, description="from one wave to the next; 0: all leave at once, s")] = (
+        0.0
+    )
     height: Annotated[float, Meta(gt=0, description="constant altitude h, m")] = 40.0
 
 
 class Destination(_Table, frozen=True):
-    """Where it goes: the origin."""
+    """Where it goes: the origin, or each UAV to a goal of its own."""
 
-    radius: Annotated[float, Meta(gt=0, description="s_dest: arrived when ‖s‖ ≤ this, m and m/s")] = 5.0
+    radius: Annotated[float, Meta(gt=0, description="s_dest: arrived when ‖s‖ from the own goal ≤ this, m and m/s")] = (
+        5.0
+    )
+    goals: (
+        Annotated[
+            Literal["common", "opposite", "across", "parallel"],
+            Meta(
+                description="where each UAV goes: all to the origin; opposite its start, through the centre; across "
+                "the crossing of the streams; parallel, as they stand about the centre, so about the origin"
+            ),
+        ]
+        | None
+    ) = None
+    positions: Annotated[Places, Meta(description="the goal of each UAV, instead of `goals`, m")] = ()
+
+
+class Obstacle(_Table, frozen=True):
+    """A disc no UAV should enter. One that does is counted, once, and flies on."""
+
+    centre: Annotated[tuple[float, float], Meta(description="m")]
+    radius: Annotated[float, Meta(gt=0, description="m")]
 
 
 class Wind(_Table, frozen=True):

@@ -9,9 +9,9 @@ import pytest
 from meanflock.agent import density as density_module
 from meanflock.agent.learner import Learner
 from meanflock.kernels import weights as layout
+from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.seeds import generator
-from meanflock.worldsim.formation import initial_states
 
 EXPONENTS = np.array([row for row in product(range(5), repeat=4) if 1 <= sum(row) <= 4])
 SCALE = np.array([200.0, 200.0, 20.0, 20.0])
@@ -23,7 +23,7 @@ def scenario(*settings: str, method: str = "mfgfl-hf") -> Scenario:
 
 
 def fitted(flown: Scenario, rows: int = 1) -> np.ndarray:
-    return Learner(flown, learns_density=flown.method != "hjb").init(rows, initial_states(flown))
+    return Learner(flown, learns_density=flown.method != "hjb").init(rows, starts(flown))
 
 
 def density(weights: np.ndarray) -> np.ndarray:
@@ -47,7 +47,7 @@ def mixture(points: np.ndarray, centres: np.ndarray) -> np.ndarray:
 def test_the_fit_has_the_mixture_s_mass_near_the_swarm_and_next_to_none_elsewhere() -> None:
     """Degree four over a box of 400 m cannot resolve a swarm of 8 m; it can say where it is."""
     flown, draw = scenario(), np.random.default_rng(1)
-    centres = initial_states(flown)
+    centres = starts(flown)
     weights = density(fitted(flown))[0, 0]
     near = centres[draw.integers(25, size=2000)] + 2 * BANDWIDTH * draw.standard_normal((2000, 4))
     expected, found = mixture(near, centres), value_at(weights, near)
@@ -64,7 +64,7 @@ def test_no_other_weights_fit_the_samples_better() -> None:
     """The gradient of the least-squares objective vanishes; checked on the sample points every UAV draws."""
     flown = scenario("density.near_samples=300", "density.box_samples=300")
     weights = density(fitted(flown))[0, 0]
-    draw, centres = generator(flown.seed, "density-fit"), initial_states(flown)
+    draw, centres = generator(flown.seed, "density-fit"), starts(flown)
     chosen = draw.integers(len(centres), size=300)
     points = np.concatenate(
         [

@@ -8,11 +8,11 @@ from meanflock.agent.node import Agent
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.mean import fedavg
+from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Welcome
 from meanflock.swarm.wire.payload import Coding
-from meanflock.worldsim.formation import initial_states
 
 NOBODY = np.zeros(0, dtype=np.intp)
 OPENS, RELAYS = 10, 11  # of round 1
@@ -125,7 +125,7 @@ def test_who_heads_nothing_hears_no_uploads(node: Heads) -> None:
 
 def agent(*uavs: int) -> Agent:
     of = flown()
-    return Agent(Welcome(0, "agent", uavs, 0, scenario.encode(of), initial_states(of).astype(np.float32)))
+    return Agent(Welcome(0, "agent", uavs, 0, scenario.encode(of), starts(of).astype(np.float32)))
 
 
 def sense(tick: int, rows: int, *inbox: Frames) -> Sense:

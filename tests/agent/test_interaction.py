@@ -10,8 +10,8 @@ from scipy.stats import norm, qmc
 from meanflock.agent.learner import Learner
 from meanflock.kernels import weights as layout
 from meanflock.swarm import state
+from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.worldsim.formation import initial_states
 
 EXPONENTS = np.array([row for row in product(range(5), repeat=4) if 1 <= sum(row) <= 4])  # σ_F, lexicographic
 NODES = np.array(
@@ -68,7 +68,7 @@ def test_the_nodes_look_like_a_standard_normal() -> None:
 def test_the_quadrature_is_the_density_evaluated_at_every_node(settings: tuple[str, ...]) -> None:
     flown, draw = scenario(*settings), np.random.default_rng(1)
     learner = Learner(flown)
-    weights, rows = learner.init(12, initial_states(flown)), 12
+    weights, rows = learner.init(12, starts(flown)), 12
     states = draw.uniform([-150, -150, -9, -9], [160, 110, 9, 9], (rows, state.SIZE))
     states[0] = 0.0
     for _ in range(3):
@@ -81,7 +81,7 @@ def test_the_quadrature_is_the_density_evaluated_at_every_node(settings: tuple[s
 
 def test_a_density_that_is_nowhere_positive_is_no_interaction() -> None:
     flown = scenario()
-    empty = Learner(load(None, ["uavs=9", "method=hjb"]), learns_density=False).init(3, initial_states(flown))
+    empty = Learner(load(None, ["uavs=9", "method=hjb"]), learns_density=False).init(3, starts(flown))
     assert not density_weights(empty).any()
     _, numbers = Learner(flown).step(empty, np.ones((3, 4)), None)
     np.testing.assert_array_equal(numbers[:, 4], np.zeros(3))
@@ -90,7 +90,7 @@ def test_a_density_that_is_nowhere_positive_is_no_interaction() -> None:
 def test_phi_g_is_never_negative_and_never_beyond_the_largest_kernel() -> None:
     flown, draw = scenario(), np.random.default_rng(2)
     learner = Learner(flown)
-    weights = learner.init(50, initial_states(flown))
+    weights = learner.init(50, starts(flown))
     states = draw.uniform([-200, -200, -20, -20], [200, 200, 20, 20], (50, state.SIZE))
     phi_g = learner.step(weights, states, None)[1][:, 4]
     offsets = NODES * np.array([5.0, 5.0, 1.5, 1.5])

@@ -9,6 +9,7 @@ from meanflock.agent.node import Agent
 from meanflock.kernels import weights
 from meanflock.swarm import plugins, scenario, state
 from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.mission import starts
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery, MemoryNetwork
 from meanflock.swarm.net.client import NodeClient
@@ -18,7 +19,6 @@ from meanflock.swarm.wire import control
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Ready, Sense, Stop, Welcome
-from meanflock.worldsim.formation import initial_states
 from tests.methods import METHODS
 
 RUN = "node-test"
@@ -31,7 +31,7 @@ def flown(*settings: str, method: str = "mfgfl-hf") -> Scenario:
 
 
 def welcome(of: Scenario, uavs: tuple[int, ...] = UAVS) -> Welcome:
-    plan = initial_states(of).astype(FLOAT_OF_BITS[of.radio.bits_per_float])
+    plan = starts(of).astype(FLOAT_OF_BITS[of.radio.bits_per_float])
     return Welcome(NUMBER, f"agent-{uavs[0]}", uavs, 0, scenario.encode(of), plan)
 
 

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from meanflock.agent.controllers.offline import OpenLoopPlan, speeds
 from meanflock.groundstation.engine import Engine
 from meanflock.swarm import state
+from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.worldsim.formation import initial_states
 from meanflock.worldsim.vehicles.point_mass import PointMass
 
 SPACING = "start.spacing=6"
@@ -60,7 +60,7 @@ def test_no_way_to_go_is_no_plan() -> None:
 
 def test_without_randomness_the_discrete_motion_ends_at_rest_at_the_origin() -> None:
     scenario = load(None, ["wind.sigma=0"], method="offline")
-    states = initial_states(scenario)
+    states = starts(scenario)
     plan, vehicle = OpenLoopPlan(scenario, states), PointMass(PointMass.Options(), scenario)
     straight = -states[:, state.POSITION] / np.linalg.norm(states[:, state.POSITION], axis=-1, keepdims=True)
     for tick in range(len(plan) + 20):
@@ -99,15 +99,15 @@ def test_nothing_is_learned_and_nothing_said_but_the_mission_plan() -> None:
 
 
 def test_blind_to_the_wind() -> None:
-    calm = OpenLoopPlan(load(None, ["wind.sigma=0"], method="offline"), initial_states(load(None)))
-    windy = OpenLoopPlan(load(None, ["wind.sigma=2"], method="offline"), initial_states(load(None)))
+    calm = OpenLoopPlan(load(None, ["wind.sigma=0"], method="offline"), starts(load(None)))
+    windy = OpenLoopPlan(load(None, ["wind.sigma=2"], method="offline"), starts(load(None)))
     for tick in (0, 50, 100, 10_000):
         np.testing.assert_array_equal(calm(tick), windy(tick))
 
 
 def test_rows_do_not_know_of_each_other() -> None:
     scenario = load(None, method="offline")
-    states = initial_states(scenario)
+    states = starts(scenario)
     together, alone = OpenLoopPlan(scenario, states), OpenLoopPlan(scenario, states[7:8])
     for tick in range(0, 200, 7):
         np.testing.assert_array_equal(together(tick)[7:8], alone(tick))

@@ -5,8 +5,8 @@ import pytest
 
 from meanflock.agent.learner import Learner
 from meanflock.swarm import state
+from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.worldsim.formation import initial_states
 from tests.methods import LEARNING
 
 TICKS = 4
@@ -42,7 +42,7 @@ def learn(
 ) -> tuple[list[Stepped], np.ndarray]:
     """Some rows of a flight, learned together."""
     learner = learner_of(flown)
-    weights = learner.init(len(rows), initial_states(flown))
+    weights = learner.init(len(rows), starts(flown))
     outcomes = []
     for tick in range(TICKS):
         outcome = learner.step(weights, states[tick][rows], None if known is None else known[tick][rows])
@@ -95,7 +95,7 @@ def test_a_step_changes_none_of_its_arguments() -> None:
     for method in ("hjb", "mfg"):
         flown, states, known = scenario(method), flight(5, 2), known_of(method, 5, 2)
         learner = learner_of(flown)
-        weights = learner.init(5, initial_states(flown))
+        weights = learner.init(5, starts(flown))
         weights = learner.step(weights, states[0], None if known is None else known[0])[0]
         before = weights.copy(), states.copy(), None if known is None else known.copy()
         learner.step(weights, states[1], None if known is None else known[1])
@@ -110,4 +110,4 @@ def test_states_that_may_not_be_written_to_are_enough() -> None:
     states.flags.writeable = False
     learn(flown, states, None, np.arange(3))
     learner = learner_of(flown)
-    learner.step(learner.init(3, initial_states(flown)), states[0], None)
+    learner.step(learner.init(3, starts(flown)), states[0], None)

@@ -16,11 +16,11 @@ from meanflock.leader.node import Leader
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.clusters import Clusters
 from meanflock.swarm.mean import fedavg
+from meanflock.swarm.mission import starts
 from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames, Sense, Welcome
-from meanflock.worldsim.formation import initial_states
 from tests.faults.conftest import Lab, scenario
 from tests.faults.test_resume import LATER, dead, flight, resumed, steady
 
@@ -44,7 +44,7 @@ def swarm(*settings_: str, uavs: int = 12, clusters: int = 3) -> Scenario:
 
 def one_round(of: Scenario, models: np.ndarray) -> tuple[np.ndarray | None, list[int], Medium]:
     """The mean the leader broadcasts of `models` (N, L), the UAVs whose model got through both hops, and the air."""
-    rounds, air, states = Rounds(of), Medium(of), initial_states(of)
+    rounds, air, states = Rounds(of), Medium(of), starts(of)
     heads = Heads(of, np.arange(of.uavs))
     leader = Leader(Welcome(0, "leader", (), 0, scenarios.encode(of), states))
     tick, (uploads, relays) = PERIOD, (np.zeros((0, 5)), np.zeros((0, 5)))

@@ -15,8 +15,8 @@ from meanflock.kernels import reference
 from meanflock.kernels import weights as layout
 from meanflock.kernels.tables import Tables, packed
 from meanflock.swarm import state
+from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import load
-from meanflock.worldsim.formation import initial_states
 
 LANES = 8  # as many rows as any machine steps at once, or more
 SCENARIO = load(None, ["uavs=9"], method="mfg")
@@ -37,7 +37,7 @@ def tick(backend: ModuleType, weights: np.ndarray, states: np.ndarray, around: n
 def flying(around: str, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Rows as different as those of a swarm on its way."""
     draw = np.random.default_rng(rows)
-    weights = Learner(SCENARIO).init(rows, initial_states(SCENARIO)) + draw.normal(0, 0.1, (rows, layout.MODEL_FLOATS))
+    weights = Learner(SCENARIO).init(rows, starts(SCENARIO)) + draw.normal(0, 0.1, (rows, layout.MODEL_FLOATS))
     states = draw.uniform([-50, -50, -8, -8], [180, 130, 8, 8], (rows, state.SIZE))
     known = draw.normal(0, 30, (rows, 300, state.SIZE))
     return weights, states, {"density": None, "known": known, "given": draw.uniform(0, 9, rows)}[around]

@@ -6,6 +6,7 @@ import pytest
 from meanflock.leader.node import Leader
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.mission import starts
 from meanflock.swarm.net import keys
 from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario, load
@@ -13,7 +14,6 @@ from meanflock.swarm.wire import control
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Welcome
 from meanflock.swarm.wire.payload import Coding
-from meanflock.worldsim.formation import initial_states
 
 RUN = keys.fingerprint("leader-test")
 PERIOD = 10
@@ -24,7 +24,7 @@ def flown(*settings: str, method: str = "mfgfl-h") -> Scenario:
 
 
 def leader(of: Scenario) -> Leader:
-    return Leader(Welcome(RUN, "leader", (), 0, scenario.encode(of), initial_states(of).astype(np.float32)))
+    return Leader(Welcome(RUN, "leader", (), 0, scenario.encode(of), starts(of).astype(np.float32)))
 
 
 def sense(tick: int, *inbox: Frames) -> Sense:

@@ -8,10 +8,10 @@ from hypothesis.extra import numpy as hnp
 
 from meanflock.leader.node import Leader
 from meanflock.swarm import scenario
+from meanflock.swarm.mission import starts
 from meanflock.swarm.net import keys
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames, Sense, Welcome
-from meanflock.worldsim.formation import initial_states
 
 RUN = keys.fingerprint("order")
 UAVS, FLOATS, OPENS, CLOSES = 8, 108, 10, 14
@@ -29,7 +29,7 @@ def flown(rule: str) -> Scenario:
 
 def broadcast(of: Scenario, models: np.ndarray, arrivals: list[tuple[int, int]]) -> bytes:
     """What the leader says when `models` (N, L) arrive as (tick after the opening, UAV), each in a batch of its own."""
-    node = Leader(Welcome(RUN, "leader", (), 0, scenario.encode(of), initial_states(of).astype(np.float32)))
+    node = Leader(Welcome(RUN, "leader", (), 0, scenario.encode(of), starts(of).astype(np.float32)))
     said = b""
     for tick in range(OPENS + 1, CLOSES + 1):
         batches = [

@@ -1,0 +1,135 @@
+"""The mission of a scenario: where every UAV starts and when, where it goes, and what is in its way. Pure functions."""
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.swarm import formations, state
+
+Floats = NDArray[np.float64]
+
+
+class Mission(Protocol):
+    """What of a scenario says the mission: the number of UAVs, a tick in s, and the tables `[start]`, `[destination]`,
+    `[metrics]` and `[[obstacles]]`."""
+
+    @property
+    def uavs(self) -> int:
+        """N."""
+
+    @property
+    def dt(self) -> float:
+        """A tick, s."""
+
+    @property
+    def start(self) -> Any:
+        """`[start]`."""
+
+    @property
+    def destination(self) -> Any:
+        """`[destination]`."""
+
+    @property
+    def metrics(self) -> Any:
+        """`[metrics]`."""
+
+    @property
+    def obstacles(self) -> Any:
+        """`[[obstacles]]`."""
+
+
+def starts(mission: Mission) -> state.States:
+    """The states at t = 0, (N, 4) in m and m/s: everyone is at rest."""
+    start, states = mission.start, np.zeros((mission.uavs, state.SIZE))
+    if start.positions:
+        states[:, state.POSITION] = start.positions
+    else:
+        states[:, state.POSITION] = formations.places(start, mission.uavs)
+    return states
+
+
+def goals(mission: Mission) -> state.Plane:
+    """Where each UAV goes, (N, 2) in m: by default the origin, the destination of all.
+
+    `opposite`: its start mirrored in `start.centre`. `across`: to the other side of the crossing, a stream as it began.
+    `parallel`: as it began, the whole formation moved from `start.centre` to the origin.
+    """
+    destination, start = mission.destination, mission.start
+    if destination.positions:
+        return np.array(destination.positions, dtype=np.float64)
+    from_there = starts(mission)[:, state.POSITION]
+    if destination.goals == "opposite":
+        return 2.0 * np.array(start.centre) - from_there
+    if destination.goals == "across":
+        return from_there + 2.0 * start.radius * formations.headings(mission.uavs)
+    if destination.goals == "parallel":
+        return from_there - np.array(start.centre)
+    return np.zeros((mission.uavs, state.AXES))
+
+
+def goal_states(mission: Mission) -> state.States:
+    """The same as states at rest, (N, 4): a state minus its goal is what a controller to the origin needs."""
+    states = np.zeros((mission.uavs, state.SIZE))
+    states[:, state.POSITION] = goals(mission)
+    return states
+
+
+def launches(mission: Mission) -> NDArray[np.intp]:
+    """The tick in which each UAV leaves the ground, (N,): the w-th `start.group` of them w·`start.interval` later."""
+    wave = np.arange(mission.uavs) // mission.start.group
+    return np.rint(wave * mission.start.interval / mission.dt).astype(np.intp)
+
+
+def obstacles(mission: Mission) -> Floats:
+    """The discs in the way, (K, 3): x, y and radius in m."""
+    return np.array([(*disc.centre, disc.radius) for disc in mission.obstacles], dtype=np.float64).reshape(-1, 3)
+
+
+def check(mission: Mission) -> None:
+    """Raises ValueError where the mission cannot be: its parts do not fit each other, or somebody begins or ends where
+    nobody can be."""
+    _check_tables(mission)
+    discs = obstacles(mission)
+    if len(discs):
+        mend = "move the one or the other"
+        for what, places in (("starts", starts(mission)[:, state.POSITION]), ("has its goal", goals(mission))):
+            for number, (x, y, radius) in enumerate(discs.tolist()):
+                inside = np.flatnonzero(np.hypot(*(places - (x, y)).T) <= radius)
+                if len(inside):
+                    raise ValueError(f"UAV {inside[0]} {what} inside `obstacles[{number}]`; {mend}")
+    if mission.start.positions or formations.of(mission.start) not in formations.GRIDS:
+        _check_apart(mission)
+
+
+def _check_tables(mission: Mission) -> None:
+    start, destination, uavs = mission.start, mission.destination, mission.uavs
+    for name, table, other in (("start", start, "formation"), ("destination", destination, "goals")):
+        if table.positions and getattr(table, other) is not None:
+            raise ValueError(f"`{name}.positions` and `{name}.{other}` are both given; leave one of them out")
+        if table.positions and len(table.positions) != uavs:
+            raise ValueError(f"`{name}.positions` has {len(table.positions)} places for {uavs} UAVs; list one for each")
+    if destination.goals == "across" and formations.of(start) != "streams":
+        raise ValueError('`destination.goals` "across" is of streams; set `start.formation` to streams, or other goals')
+
+
+def _check_apart(mission: Mission) -> None:
+    """Of a grid the spacing is what somebody asked for, so its collisions are flown and counted; of all else they are
+    refused, but where one leaves before the other."""
+    places, least = starts(mission)[:, state.POSITION], mission.metrics.collision_radius
+    when = launches(mission)
+    order = np.argsort(places[:, 0], kind="stable")
+    ascending, ticks = places[order], when[order]
+    for ahead in range(1, mission.uavs):
+        step = ascending[ahead:] - ascending[:-ahead]
+        if not (step[:, 0] < least).any():
+            return
+        near = ((step * step).sum(axis=-1) < least * least) & (ticks[ahead:] == ticks[:-ahead])
+        if near.any():
+            at = int(np.flatnonzero(near)[0])
+            first, second = sorted((int(order[at]), int(order[at + ahead])))
+            apart = float(np.hypot(*(places[first] - places[second])))
+            raise ValueError(
+                f"UAV {first} and UAV {second} start {apart:g} m apart, nearer than `metrics.collision_radius` "
+                f"{least:g} m; move them apart, or take fewer"
+            )
