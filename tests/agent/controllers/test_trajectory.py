@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from meanflock.agent.controllers.trajectory import BRAKE_M_S2, CRUISE_M_S, Trajectory, Trapezoid, slots
+from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
-from meanflock.worldsim.formation import initial_states
 
 
 @given(length=st.floats(0.0, 500.0), cruise=st.floats(0.1, 20.0), up=st.floats(0.1, 5.0), down=st.floats(0.1, 5.0))
@@ -39,7 +39,7 @@ def test_a_way_of_nothing_takes_no_time() -> None:
 @pytest.mark.parametrize("uavs", [1, 2, 25, 64])
 def test_everybody_arrives_together_and_keeps_apart(uavs: int) -> None:
     scenario = Scenario(uavs=uavs)
-    plan = initial_states(scenario)
+    plan = starts(scenario)
     trajectory = Trajectory(scenario, plan)
     positions = np.array([trajectory.at(tick)[0] for tick in range(0, 1000, 5)])
     assert (positions[0] == plan[:, :2]).all()
@@ -55,7 +55,7 @@ def test_everybody_arrives_together_and_keeps_apart(uavs: int) -> None:
 
 
 def test_velocities_and_accelerations_are_the_slopes() -> None:
-    trajectory = Trajectory(Scenario(dt=1e-4), initial_states(Scenario()))
+    trajectory = Trajectory(Scenario(dt=1e-4), starts(Scenario()))
     for tick in (5_000, 300_000, 800_000):  # up, at cruise, down
         (before, slow, _), (here, velocity, change), (after, fast, _) = (
             trajectory.at(at) for at in (tick - 1, tick, tick + 1)
