@@ -43,7 +43,7 @@ class Guarded:
         """
         self.broken: Mask | None = None
         self._method, self._declared = scenario.method, scenario.declared
-        self._shape = len(uavs), state.AXES + len(self._declared.diagnostics)
+        self._blank = np.zeros((len(uavs), state.AXES + len(self._declared.diagnostics)))  # commands
         self._uavs, self._complaints = uavs, complaints
         self._controller: Controller = controller(scenario)
         self._known = np.zeros(len(uavs), dtype=bool)  # who has been complained of
@@ -71,25 +71,17 @@ class Guarded:
                 f"controller {self._method!r} failed in `init` with UAV {uavs}: {_last_line(error)}"
             ) from error
 
-    def step(self, memory: Memory, tick: int, own: Floats, received: Sequence[Received]) -> tuple[Step, Floats]:
-        """The step of all rows and their commands (M, 2 + K); of rows in which the controller fails these are NaN."""
-        commands = np.empty(self._shape)
+    def step(self, memory: Memory, tick: int, own: Floats, received: Sequence[Received]) -> tuple[Step, Floats, float]:
+        """The step of all rows, their commands (M, 2 + K), and the largest |number| of these: of rows in which the
+        controller fails they are NaN, and so is it.
+        """
         try:
             step = self._controller.step(memory, tick, own, received)
-            if step.acceleration.shape != own[:, : state.AXES].shape:
-                raise ValueError(f"acceleration has shape {step.acceleration.shape}; expected {(len(own), state.AXES)}")
-            parts = (step.acceleration,) if step.diagnostics is None else (step.acceleration, step.diagnostics)
-            np.concatenate(parts, axis=1, out=commands)  # wherever a shape does not fit, it raises
-            for name, array in step.memory.items():
-                if array.shape != memory[name].shape or array.dtype != memory[name].dtype:
-                    raise ValueError(f"memory[{name!r}] has become {array.shape} {array.dtype}")
-            if len(step.memory) != len(memory) or step.broadcasts or len(step.refused):
-                checked_step(step, memory, len(own), self._declared)
-            return step, commands
+            return step, *checked_step(step, memory, self._blank, self._declared)
         except Exception as error:
             step, commands = each_alone(self._controller, memory, tick, own, received, self._declared)
             self._break(np.asarray(np.isnan(commands).any(axis=-1)), error)
-            return step, commands
+            return step, commands, float(np.abs(commands).max(initial=0.0))
 
     def get(self, memory: Memory, rows: Rows) -> Floats:
         """The models (M, parameters); only `rows` are asked for, and can fail."""

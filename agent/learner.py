@@ -49,7 +49,6 @@ class Learner:
                 raise ValueError("hjb needs the states its rows know")
             with np.errstate(over="ignore", invalid="ignore"):
                 around = known if cost.beta == 1.0 else empirical(states, known, cost.epsilon, cost.beta)
-        weights, states = np.ascontiguousarray(weights), np.ascontiguousarray(states)
-        stepped, numbers = np.empty_like(weights), np.empty((len(weights), layout.NUMBERS))
-        kernels.learn(self._tables, states, weights, around, stepped, numbers)
+        stepped, numbers = weights.copy(), np.empty((len(weights), layout.NUMBERS))
+        kernels.learn(self._tables, states, stepped, around, stepped, numbers)
         return stepped, numbers

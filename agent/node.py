@@ -48,7 +48,6 @@ class Agent:
         self._heads = Heads(self._scenario, self.uavs)
         self._up, self._down = payload.upload(self._scenario), payload.broadcast(self._scenario)
         self._feedback = Feedback(self._up, len(self.uavs), kept=self._scenario.keeps_residuals)
-        self._shape = (len(self.uavs), state.SIZE)
         self._federated, self._relays = self._declared.is_federated, self._scenario.federation.clusters > 1
         self._own = np.zeros(self._scenario.uavs, dtype=bool)
         self._own[self.uavs] = True
@@ -67,14 +66,12 @@ class Agent:
         return self._controller.report(self._memory) if self._declared.weights else np.zeros((len(self.uavs), 0))
 
     def act(self, sense: Sense) -> Act:
-        """One tick.
+        """One tick. Whoever reads the Sense has seen to it that it has the states of as many UAVs as this node's.
 
         Raises:
-            MessageRejected: the Sense does not fit this node; nothing has changed.
+            MessageRejected: a frame in it does not fit this node; nothing has changed.
         """
-        own, tick = sense.states, sense.tick
-        if own.shape != self._shape:
-            raise MessageRejected("wrong-shape", f"states: expected {self._shape}, got {own.shape}")
+        tick = sense.tick
         for frames in sense.inbox:
             self._check(frames)
 
@@ -96,7 +93,7 @@ class Agent:
             relays, refused = self._heads.relay(tick, self.uavs[controller.or_broken(silent)])
             outbox += relays
         # 3. Let the controller fly.
-        step, commands = controller.step(self._memory, tick, own, received)
+        step, commands, largest = controller.step(self._memory, tick, sense.states, received)
         self._memory = step.memory
         # 4. A row whose numbers have left all bounds is reported and silenced; the others go on.
         if asleep is not None:
@@ -105,8 +102,8 @@ class Agent:
         learned = controller.report(self._memory) if sense.report and self._declared.weights else None
         if controller.broken is not None:
             commands[controller.broken] = np.nan
-        if self._any_failed or not np.maximum.reduce(np.abs(commands), axis=None, initial=0.0) < BEYOND_SENSE:
-            self._silence(commands)  # NaN is below nothing
+        if self._any_failed or controller.broken is not None or not largest < BEYOND_SENSE:  # NaN is below nothing
+            self._silence(commands)
             if learned is not None:
                 learned = np.where(self._failed[:, None], 0.0, learned)
         for number, broadcast in enumerate(step.broadcasts):

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock import kernels
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
 from meanflock.swarm.ascending import distinct
 from meanflock.swarm.declared import MAX_BROADCASTS, Declared
@@ -14,6 +15,7 @@ from meanflock.swarm.wire.control import MAX_AXES, TRAVELS
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+_FLOAT = np.dtype(np.float64)
 SENT = (np.dtype("i1"), np.dtype("u1"), np.dtype("<i2"), np.dtype("<i4"))  # integers that travel
 
 
@@ -67,34 +69,42 @@ def checked_table(name: str, table: Floats, rows: int, width: int) -> Floats:
     return numbers
 
 
-def checked_step(step: Step, before: Memory, rows: int, declared: Declared) -> Floats:
-    """The commands (rows, 2 + K) of a step from the memory `before`: accelerations, then diagnostics.
+def checked_step(step: Step, before: Memory, blank: Floats, declared: Declared) -> tuple[Floats, float]:
+    """The commands of a step from the memory `before`: accelerations, then diagnostics, in an array like `blank`
+    (M, 2 + K); and the largest |number| of them, NaN where one is.
 
     Raises:
         TypeError, ValueError: something of it has not the shape it must have.
     """
-    columns = AXES + len(declared.diagnostics)
-    commands = np.empty((rows, columns))
-    acceleration, diagnostics = np.asarray(step.acceleration), step.diagnostics
+    rows, commands = len(blank), blank.copy()
+    acceleration = _floats(step.acceleration)
+    diagnostics = blank[:, :0] if step.diagnostics is None else _floats(step.diagnostics)
     if acceleration.shape != (rows, AXES):
         raise ValueError(f"acceleration has shape {acceleration.shape}; expected {(rows, AXES)}")
-    commands[:, :AXES] = acceleration
-    if diagnostics is None and columns > AXES:
-        raise ValueError(f"no diagnostics; expected shape {(rows, columns - AXES)}")
-    if diagnostics is not None:
-        if np.shape(diagnostics) != (rows, columns - AXES):
-            raise ValueError(f"diagnostics have shape {np.shape(diagnostics)}; expected {(rows, columns - AXES)}")
-        commands[:, AXES:] = diagnostics
+    try:
+        largest = kernels.columns(acceleration, diagnostics, commands)
+    except ValueError as error:
+        came = "no diagnostics" if step.diagnostics is None else f"diagnostics have shape {diagnostics.shape}"
+        raise ValueError(f"{came}; expected shape {rows, len(declared.diagnostics)}") from error
     checked_again(step.memory, before)
-    if len(step.broadcasts) > MAX_BROADCASTS:
-        raise ValueError(f"{len(step.broadcasts)} broadcasts; at most {MAX_BROADCASTS} in a tick")
-    for broadcast in step.broadcasts:
-        _check_broadcast(broadcast, rows)
-    if (said := sum(broadcast.payload.shape[1] for broadcast in step.broadcasts)) > declared.broadcast_numbers:
-        raise ValueError(f"{said} numbers broadcast; `broadcast_numbers` declares {declared.broadcast_numbers}")
+    if step.broadcasts:
+        _check_broadcasts(step.broadcasts, rows, declared)
     if len(step.refused) and not (isinstance(step.refused, np.ndarray) and step.refused.dtype.kind == "i"):
         raise TypeError("`refused` is no array of numbers of UAVs")
-    return commands
+    return commands, largest
+
+
+def _floats(table: Floats) -> Floats:
+    return table if isinstance(table, np.ndarray) and table.dtype is _FLOAT else np.asarray(table, dtype=np.float64)
+
+
+def _check_broadcasts(broadcasts: Sequence[Broadcast], rows: int, declared: Declared) -> None:
+    if len(broadcasts) > MAX_BROADCASTS:
+        raise ValueError(f"{len(broadcasts)} broadcasts; at most {MAX_BROADCASTS} in a tick")
+    for broadcast in broadcasts:
+        _check_broadcast(broadcast, rows)
+    if (said := sum(broadcast.payload.shape[1] for broadcast in broadcasts)) > declared.broadcast_numbers:
+        raise ValueError(f"{said} numbers broadcast; `broadcast_numbers` declares {declared.broadcast_numbers}")
 
 
 def _check_broadcast(broadcast: Broadcast, rows: int) -> None:
@@ -145,18 +155,15 @@ def each_alone(
 
     Their memory is as it was, and their commands are NaN.
     """
-    rows = len(own)
-    commands, after = (
-        np.full((rows, AXES + len(declared.diagnostics)), np.nan),
-        {name: array.copy() for name, array in memory.items()},
-    )
+    rows, columns = len(own), AXES + len(declared.diagnostics)
+    commands, after = np.full((rows, columns), np.nan), {name: array.copy() for name, array in memory.items()}
     said: dict[int, list[tuple[int, NDArray[np.generic]]]] = {}
     refused: list[NDArray[np.int32]] = []
     for row in range(rows):
         try:
             alone = row_of(memory, row)
             step = controller.step(alone, tick, own[row : row + 1], of_row(received, row))
-            numbers = checked_step(step, alone, 1, declared)
+            numbers, _ = checked_step(step, alone, np.zeros((1, columns)), declared)
             own_words = {
                 number: broadcast.payload[0]
                 for number, broadcast in enumerate(step.broadcasts)

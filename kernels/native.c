@@ -26,10 +26,12 @@ static void let_go(Arrays *arrays) {
     while (arrays->held) PyBuffer_Release(&arrays->view[--arrays->held]);
 }
 
-/* Holds one more contiguous array; NULL and an exception where it does not hold numbers of that format and size. */
+/* Holds one more array, contiguous unless `flags` ask for strides; NULL and an exception where it does not hold numbers
+ * of that format and size. */
 static Py_buffer *hold(Arrays *arrays, PyObject *array, const char *name, const char *format, int size, int flags) {
     Py_buffer *view = &arrays->view[arrays->held];
-    if (PyObject_GetBuffer(array, view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | flags) < 0) return NULL;
+    const int memory = flags == PyBUF_STRIDES ? 0 : PyBUF_C_CONTIGUOUS;
+    if (PyObject_GetBuffer(array, view, memory | PyBUF_FORMAT | flags) < 0) return NULL;
     arrays->held++;
     const char *has = view->format == NULL ? "B" : view->format;
     has += has[0] == '=' || has[0] == '@'; /* as NumPy marks arrays that begin anywhere */
@@ -222,13 +224,43 @@ done:
     return result;
 }
 
+/* ---- columns ---- */
+
+static PyObject *columns(PyObject *module, PyObject *args) {
+    PyObject *from[2], *out, *result = NULL;
+    Arrays arrays = {.held = 0};
+    Py_ssize_t width = 0;
+    if (!PyArg_ParseTuple(args, "OOO:columns", &from[0], &from[1], &out)) return NULL;
+    const Py_buffer *to = doubles(&arrays, out, "out", WRITTEN);
+    for (int k = 0; to != NULL && k < 2; k++) {
+        const Py_buffer *part = hold(&arrays, from[k], "columns", "d", D, PyBUF_STRIDES);
+        if (part == NULL) goto done;
+        if (part->ndim != 2 || to->ndim != 2 || part->shape[0] != to->shape[0]) to = NULL;
+        else width += part->shape[1];
+    }
+    if (to == NULL || width != to->shape[1]) {
+        if (!PyErr_Occurred()) PyErr_SetString(PyExc_ValueError, "columns: not as many rows or columns as there is room for");
+        goto done;
+    }
+    char *at = to->buf;
+    for (Py_ssize_t row = 0; row < to->shape[0]; row++)
+        for (const Py_buffer *part = arrays.view + 1; part < arrays.view + 3; part++)
+            for (Py_ssize_t k = 0; k < part->shape[1]; k++, at += D)
+                memcpy(at, (char *)part->buf + row * part->strides[0] + k * part->strides[1], D);
+    result = PyFloat_FromDouble(largest(to->buf, to->shape[0] * width));
+done:
+    let_go(&arrays);
+    return result;
+}
+
 /* The docstrings are those of kernels/reference.py, kernels/halfplanes.py and kernels/wire.py. */
 static PyMethodDef methods[] = {
     {"tables", tables, METH_VARARGS, "tables(numbers, indices): both packed; checked once."},
     {"learn", learn, METH_VARARGS, "learn(tables, states, weights, around, weights_out, numbers)"},
     {"pairs", measure, METH_VARARGS, "pairs(states, hazard_m, collision_m, found)"},
     {"nearest", nearest_of_all, METH_VARARGS, "nearest(wanted, normals, bounds, limit, found, missing)"},
-    {"read", wire_read, METH_O, "read(raw)"},
+    {"columns", columns, METH_VARARGS, "columns(left, right, out)"},
+    {"read", wire_read, METH_VARARGS, "read(raw, kind=0, into=None)"},
     {"write", wire_write, METH_VARARGS, "write(kind, run, tick, flags, rows, columns, table, tables, frames=())"},
     {NULL, NULL, 0, NULL},
 };

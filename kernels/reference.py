@@ -14,7 +14,7 @@ from meanflock.kernels.tables import Floats, Tables
 from meanflock.kernels.weights import DENSITY, DENSITY_FEATURES, VALUE
 from meanflock.kernels.wire import read, write
 
-__all__ = ["BACKEND", "learn", "nearest", "pairs", "prepare", "read", "write"]
+__all__ = ["BACKEND", "columns", "learn", "nearest", "pairs", "prepare", "read", "write"]
 
 BACKEND = "numpy"
 FEW = 100  # UAVs up to which all N² distances are one sum; as in pairs.h
@@ -57,6 +57,18 @@ def learn(
     numbers[:, : state.AXES] = value.action
     numbers[:, 2], numbers[:, 3], numbers[:, 4] = value.residual, residual, phi_g
     return float(np.abs(numbers).max(initial=0.0))
+
+
+def columns(left: Floats, right: Floats, out: Floats) -> float:
+    """Columns of two tables side by side: `left` (M, A) and `right` (M, B), of any strides, into `out` (M, A + B).
+
+    Returns:
+        The largest of all |numbers|; NaN where one of them is.
+    """
+    if len({len(left), len(right), len(out)}) > 1 or left.shape[1] + right.shape[1] != out.shape[1]:
+        raise ValueError("columns: not as many rows or columns as there is room for")
+    out[:, : left.shape[1]], out[:, left.shape[1] :] = left, right
+    return float(np.abs(out).max(initial=0.0))
 
 
 def pairs(states: Floats, hazard_m: float, collision_m: float, found: NDArray[np.intp]) -> tuple[float, int, int]:

@@ -96,10 +96,24 @@ static PyObject *batches_of(Reader *in) {
     return batches;
 }
 
-PyObject *wire_read(PyObject *module, PyObject *raw) {
+/* Copies a first table of float64 to where the caller wants it; 0 and an error if it is not of that shape. */
+static int copy_table(PyObject *into, const unsigned char *table, uint32_t rows, uint32_t columns) {
+    Py_buffer view;
+    if (PyObject_GetBuffer(into, &view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | PyBUF_WRITABLE) < 0) return 0;
+    const int fits = view.ndim == 2 && view.format != NULL && strcmp(view.format, "d") == 0
+        && view.shape[0] == (Py_ssize_t)rows && (!rows || view.shape[1] == (Py_ssize_t)columns);
+    if (fits && view.len) memcpy(view.buf, table, (size_t)view.len);
+    PyBuffer_Release(&view);
+    if (!fits) refuse("wrong-shape: a first table of other rows or columns than expected");
+    return fits;
+}
+
+PyObject *wire_read(PyObject *module, PyObject *args) {
     char *text;
     Py_ssize_t length;
-    if (PyBytes_AsStringAndSize(raw, &text, &length) < 0) return NULL;
+    int kind = 0;
+    PyObject *raw, *into = Py_None;
+    if (!PyArg_ParseTuple(args, "O|iO:read", &raw, &kind, &into) || PyBytes_AsStringAndSize(raw, &text, &length) < 0) return NULL;
     const unsigned char *head = (const unsigned char *)text;
     const char *follow = length >= FIRST ? tables_of(head[1]) : NULL;
     const size_t count = follow == NULL ? 0 : strlen(follow);
@@ -128,7 +142,8 @@ PyObject *wire_read(PyObject *module, PyObject *raw) {
         PyTuple_SetItem(tables, 2 * (Py_ssize_t)k + 1, PyLong_FromSize_t(bytes));
     }
     batches = tables == NULL ? NULL : batches_of(&in);
-    if (batches != NULL)
+    if (batches != NULL && kind && kind != head[1]) refuse("wrong-kind: a message of the other type");
+    else if (batches != NULL && (into == Py_None || copy_table(into, head + FIRST, rows, head[18])))
         result = Py_BuildValue("IIIIIIOO", (unsigned)head[1], run, tick, (unsigned)head[12], rows, (unsigned)head[18],
                                tables, batches);
 done:

@@ -6,7 +6,7 @@
 #define Py_LIMITED_API 0x030B0000
 #include <Python.h>
 
-PyObject *wire_read(PyObject *module, PyObject *raw);
+PyObject *wire_read(PyObject *module, PyObject *args);
 PyObject *wire_write(PyObject *module, PyObject *args);
 
 #endif

@@ -15,6 +15,9 @@ from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
+
+Floats: TypeAlias = NDArray[np.float64]
 
 SENSE, ACT = 1, 2  # types of a message
 TABLES = {SENSE: "b", ACT: "iidb"}  # what follows the first table: b bytes, i int32, d float64
@@ -40,16 +43,21 @@ _LINK = 8  # bytes: [row of payload, receiving UAV], int32
 _NAME = 4  # bytes of a source, int32
 
 
-def read(raw: bytes, /) -> Message:
+def read(raw: bytes, kind: int = 0, into: Floats | None = None, /) -> Message:
     """Takes a message apart.
 
+    Args:
+        kind: the type it must have; 0 for any. into: (rows, columns), float64, where the first table is written, if
+            anywhere, after everything else has been looked at.
+
     Raises:
-        ValueError: it is not laid out like this, or a float in it is not finite; the text begins with the reason,
-            `malformed`, `wrong-shape` or `non-finite`, and a colon.
+        ValueError: it is not laid out like this, a float in it is not finite, it is of the other type, or its first
+            table has not the shape of `into` (without rows any columns will do); the text begins with the reason,
+            `malformed`, `wrong-shape`, `non-finite` or `wrong-kind`, and a colon.
     """
     try:
-        array, kind, run_, run, tick_, tick, flags, rows_, rows, columns, table_, size = _HEAD.unpack_from(raw)
-        follow = TABLES[kind]
+        array, type_, run_, run, tick_, tick, flags, rows_, rows, columns, table_, size = _HEAD.unpack_from(raw)
+        follow = TABLES[type_]
         if (
             array != _ARRAY | (8 + len(follow))
             or run_ != _U32
@@ -90,7 +98,13 @@ def read(raw: bytes, /) -> Message:
         batches.append(batch)
     if at != len(raw):
         raise ValueError("malformed: more than a message")
-    return kind, run, tick, flags, rows, columns, tuple(tables), tuple(batches)
+    if kind and kind != type_:
+        raise ValueError("wrong-kind: a message of the other type")
+    if into is not None:
+        if len(into) != rows or (rows and into.shape[1] != columns):
+            raise ValueError("wrong-shape: a first table of other rows or columns than expected")
+        into[:] = np.frombuffer(raw, "<f8", into.size, FIRST).reshape(into.shape)
+    return type_, run, tick, flags, rows, columns, tuple(tables), tuple(batches)
 
 
 def write(

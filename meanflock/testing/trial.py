@@ -89,7 +89,8 @@ class PointSwarm:
     def checked(self, step: Step, before: Memory, rows: int) -> NDArray[np.float64]:
         """The commands of a step, (M, 2 + K), `before` being its memory of M rows: what is declared, and finite."""
         try:
-            commands = checked_step(step, before, rows, self.declared)
+            blank = np.zeros((rows, AXES + len(self.declared.diagnostics)))
+            commands, _ = checked_step(step, before, blank, self.declared)
         except Exception as error:
             fail(
                 self.controller, f"`step` returned what a flight cannot use: {_words(error)}", "return what is declared"

@@ -10,8 +10,9 @@ from collections.abc import Callable
 from typing import Protocol
 
 import msgspec
+import numpy as np
 
-from meanflock.swarm import plugins
+from meanflock.swarm import plugins, state
 from meanflock.swarm.errors import BadInput, BusError, MessageRejected, Refused, WorldGone
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Bus, Delivery
@@ -69,6 +70,7 @@ class NodeClient:
         if not isinstance(welcome, Welcome) or welcome.run != self._fingerprint:
             raise BusError(f"the world of run {self._run!r} answered with {type(welcome).__name__}")
         self._speak = keys.act(self._run, welcome.node)
+        self._blank = np.zeros((len(welcome.uavs), state.SIZE))  # of the states of a Sense
         try:
             _check_plugins(welcome, request.role)
             self._node = make(welcome)
@@ -118,7 +120,7 @@ class NodeClient:
             if raw[1:2] not in tick.TYPES:
                 self._control(control.decode(raw))
                 return
-            sense = tick.read_sense(raw)
+            sense = tick.read_sense(raw, self._blank.copy())
             if sense.run != self._fingerprint:
                 raise MessageRejected("wrong-run", f"run {sense.run:#x}, this is {self._fingerprint:#x}")
             if sense.tick < self._last_tick:

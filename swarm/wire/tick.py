@@ -12,6 +12,7 @@ import numpy as np
 from meanflock import kernels
 from meanflock.kernels.wire import ACT, DTYPES, FIRST, SENSE, Batch
 from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.state import States
 from meanflock.swarm.wire.messages import NOBODY, Act, FrameKind, Frames, Sense
 
 REPORT, CHECKPOINT = 1, 2  # flags of a Sense
@@ -23,22 +24,24 @@ _KINDS = tuple(FrameKind)
 _FLOAT, _INT = np.dtype("<f8"), np.dtype("<i4")
 
 
-def read_sense(raw: bytes) -> Sense:
+def read_sense(raw: bytes, states: States | None = None) -> Sense:
     """The Sense in `raw`; its arrays are views of it.
+
+    Args:
+        states: (M, 4), where those of the Sense are written, if anywhere; they must be as many.
 
     Raises:
         MessageRejected: `malformed`, `wrong-shape`, `non-finite` or `wrong-kind`.
     """
     try:
-        kind, run, tick, flags, rows, columns, tables, batches = kernels.read(raw)
+        _, run, tick, flags, rows, columns, tables, batches = kernels.read(raw, SENSE, states)
     except ValueError as error:
         raise _rejected(error) from error
-    if kind != SENSE:
-        raise MessageRejected("wrong-kind", "an Act, expected a Sense")
     if flags & ~(REPORT | CHECKPOINT):
         raise MessageRejected("malformed", f"flags {flags:#x} of a Sense")
     memory, size = tables
-    states = np.ndarray((rows, columns), _FLOAT, raw, FIRST)
+    if states is None:
+        states = np.ndarray((rows, columns), _FLOAT, raw, FIRST)
     if not (flags or batches or size):
         return Sense(run, tick, states)
     inbox = frames_in(raw, batches) if batches else ()
@@ -52,11 +55,9 @@ def read_act(raw: bytes) -> Act:
         MessageRejected: `malformed`, `wrong-shape`, `non-finite` or `wrong-kind`.
     """
     try:
-        kind, run, tick, flags, rows, columns, tables, batches = kernels.read(raw)
+        _, run, tick, flags, rows, columns, tables, batches = kernels.read(raw, ACT)
     except ValueError as error:
         raise _rejected(error) from error
-    if kind != ACT:
-        raise MessageRejected("wrong-kind", "a Sense, expected an Act")
     if flags:
         raise MessageRejected("malformed", f"flags {flags:#x} of an Act")
     lost, lost_size, refused, refused_size, models, models_size, memory, memory_size = tables
@@ -95,11 +96,11 @@ def write_sense(sense: Sense) -> bytes:
 def write_act(act: Act) -> bytes:
     """The bytes of an Act."""
     rows, columns = act.commands.shape
-    models = b"" if act.models is None else _plain(act.models)
-    tables = np.ascontiguousarray(act.lost, _INT), np.ascontiguousarray(act.refused, _INT), models, act.memory
+    lost = NOBODY if act.lost is NOBODY else _plain(act.lost, _INT)
+    refused = NOBODY if act.refused is NOBODY else _plain(act.refused, _INT)
+    tables = lost, refused, b"" if act.models is None else _plain(act.models), act.memory
     outbox = frames_out(act.outbox) if act.outbox else ()
-    commands = np.ascontiguousarray(act.commands, _FLOAT)
-    return kernels.write(ACT, act.run, act.tick, 0, rows, columns, commands, tables, outbox)
+    return kernels.write(ACT, act.run, act.tick, 0, rows, columns, _plain(act.commands), tables, outbox)
 
 
 def frames_in(raw: bytes, batches: Iterable[Batch]) -> tuple[Frames, ...]:

@@ -202,9 +202,6 @@ def test_a_state_beyond_a_narrow_radio_float_does_not_spoil_the_whole_answer() -
 
 ZERO = np.zeros((1, weights.MODEL_FLOATS))
 MISFITS: dict[str, Sense] = {
-    "too few rows": sense(1, states=np.zeros((2, 4))),
-    "too many columns": sense(1, states=np.zeros((3, 5))),
-    "a state without axes": sense(1, states=np.zeros(())),
     "an upload": sense(1, frames(FrameKind.UPLOAD, [0], ZERO, [[0, 2]])),
     "a relay": sense(1, frames(FrameKind.RELAY, [0], np.zeros((1, 247)), [[0, 2]])),
     "no links": sense(1, frames(FrameKind.GLOBAL, [0], ZERO, None)),
@@ -303,6 +300,8 @@ def test_what_is_old_foreign_or_broken_is_dropped_counted_and_never_answered() -
         b"",
         wire.write_sense(sense(2, states=spoiled)),
         wire.write_sense(sense(2, states=np.zeros((4, 4)))),
+        wire.write_sense(sense(2, states=np.zeros((2, 4)))),
+        wire.write_sense(sense(2, states=np.zeros((3, 5)))),
         wire.write_act(Act(NUMBER, 2, np.zeros((3, 5)))),
     ):
         world.ask(raw)
@@ -313,7 +312,7 @@ def test_what_is_old_foreign_or_broken_is_dropped_counted_and_never_answered() -
         "wrong-kind": 2,
         "malformed": 3,
         "non-finite": 1,
-        "wrong-shape": 1,
+        "wrong-shape": 3,
     }
     world.ask(good)
     assert world.raw[-1] == wire.write_act(reference.act(sense(2)))

@@ -10,7 +10,7 @@ from meanflock.kernels import reference, wire
 class Backend(NamedTuple):
     """`read` and `write` of one form."""
 
-    read: Callable[[bytes], wire.Message]
+    read: Callable[..., wire.Message]
     write: Callable[..., bytes]
 
 

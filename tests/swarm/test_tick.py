@@ -311,6 +311,33 @@ def test_every_form_lets_in_the_same_and_rejects_for_the_same_reason(backend: Ba
     assert outcome(backend.read, raw) == outcome(REFERENCE.read, raw)
 
 
+@settings(MANY, max_examples=500)
+@given(damaged() | st.sampled_from([RAW[name] for name in OF_A_TICK]), st.integers(0, 3), st.integers(1, 5))
+def test_the_first_table_is_written_where_it_is_wanted_or_nowhere(
+    backend: Backend, raw: bytes, rows: int, columns: int
+) -> None:
+    for kind in (SENSE, ACT):
+        into = np.full((rows, columns), 7.0)
+        got = outcome(backend.read, raw, kind, into)
+        assert got == outcome(REFERENCE.read, raw, kind, np.zeros((rows, columns)))
+        if isinstance(got, str):
+            assert (into == 7.0).all()
+        else:
+            assert got[0] == kind
+            assert got == REFERENCE.read(raw)
+            np.testing.assert_array_equal(into, np.frombuffer(raw, "<f8", rows * columns, FIRST).reshape(rows, columns))
+
+
+@pytest.mark.parametrize(
+    "into", [np.zeros((1, 4), "f4"), np.zeros(4), np.zeros((1, 1, 4)), np.zeros((4, 1)).T[:, ::-1]]
+)
+def test_compiled_code_writes_a_table_only_where_there_is_room_for_it(into: np.ndarray) -> None:
+    compiled = pytest.importorskip("meanflock.kernels.compiled")
+    with pytest.raises(ValueError, match=r"."):
+        compiled.read(tick.write_sense(Sense(1, 2, np.ones((1, 4)))), SENSE, into)
+    assert not into.any()
+
+
 @pytest.mark.parametrize("name", OF_A_TICK)
 def test_every_byte_that_is_changed_is_seen_or_changes_what_is_read(name: str) -> None:
     raw = RAW[name]
