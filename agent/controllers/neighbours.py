@@ -2,7 +2,7 @@
 
 An event is that the own position is more than δ from where all others predict it by what was last sent. It is sent as
 (x, y, vx, vy) in 1 cm and 1 cm/s, four int16, and again, as it is by then, on the next r − 1 ticks. x and y count from
-halfway between start and destination, so they reach 327 m beyond; a state beyond that is not sent.
+halfway between the UAV's own start and goal, so they reach 327 m beyond; a state beyond that is not sent.
 
 What arrives in a tick was sent in the tick before; on a radio so slow that it is older, it is taken for younger than it
 is. Silence with events says that a UAV flies as predicted, however long it lasts; with a broadcast every tick it says
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Broadcast, Memory, Received
 from meanflock.agent.prediction import ConstantVelocity, Prediction, Which
-from meanflock.swarm import plausible
+from meanflock.swarm import mission, plausible
 from meanflock.swarm.ascending import distinct
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.sharing import Sharing
@@ -50,7 +50,7 @@ class Neighbours:
         self._predict = ConstantVelocity(scenario.dt) if predict is None else predict
         self._plausible = plausible.check(scenario)
         self._origin = np.zeros((scenario.uavs, SIZE))  # of what a UAV sends
-        self._origin[:, POSITION] = 0.5 * np.array(scenario.start.centre)
+        self._origin[:, POSITION] = 0.5 * (mission.starts(scenario)[:, POSITION] + mission.goals(scenario))
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         """The memory at take-off: the mission plan (N, 4), known to all, of rows with numbers (M,)."""

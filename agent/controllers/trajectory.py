@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.swarm import state
+from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 
 Floats = NDArray[np.float64]
@@ -64,14 +64,16 @@ class Trajectory:
     """The trajectories of all UAVs of a scenario.
 
     Attributes:
-        starts, slots: (N, 2) m, from where to where. duration_s: (N,) from departure to rest.
+        starts, slots: (N, 2) m, from where to where. duration_s: (N,) from departure to rest; everybody departs when it
+        leaves the ground.
     """
 
     def __init__(self, scenario: Scenario, plan: state.States, cruise_m_s: float = CRUISE_M_S) -> None:
         """`plan`: (N, 4) the states at t = 0 that everyone knows."""
         self._dt = scenario.dt
+        self._launch_s: Floats = mission.launches(scenario).astype(np.float64) * scenario.dt
         self.starts = np.array(plan[:, state.POSITION])
-        goals = np.zeros_like(self.starts)
+        goals = mission.goals(scenario)
         self.slots = slots(self.starts, goals, FILLED * scenario.destination.radius)
         way = self.slots - self.starts
         common = state.norm(way)
@@ -83,12 +85,17 @@ class Trajectory:
 
     def at(self, tick: int) -> tuple[Floats, Floats, Floats]:
         """Positions, velocities and accelerations (N, 2) in a tick, m, m/s and m/s²."""
-        covered, speed, change = self._profile.at(tick * self._dt)
+        covered, speed, change = self._profile.at(tick * self._dt - self._launch_s)
         return (
             self.starts + covered[:, None] * self._way,
             speed[:, None] * self._way,
             change[:, None] * self._way,
         )
+
+    def states(self, tick: int) -> state.States:
+        """States (N, 4) in a tick."""
+        position, velocity, _ = self.at(tick)
+        return np.concatenate([position, velocity], axis=-1)
 
 
 def slots(starts: Floats, goals: Floats, radius_m: float) -> Floats:

@@ -6,6 +6,7 @@ import pytest
 from meanflock.agent.controllers.base import Broadcast, Memory, Received
 from meanflock.agent.controllers.neighbours import FAR_M, Neighbours, Sharing
 from meanflock.agent.prediction import AlongPlan
+from meanflock.swarm import mission
 from meanflock.swarm.scenario import Scenario, load
 
 N = 5
@@ -135,15 +136,15 @@ def test_sender_and_receivers_predict_the_same_bits() -> None:
 def test_a_state_beyond_16_bits_is_not_sent_but_counted() -> None:
     of = Neighbours(EVENT, scenario("start.centre=[100.0, 0.0]"))
     memory = of.init(UAVS, plan())
-    now = plan()
-    now[0, 0], now[1, 0], now[2, 0] = 50.0 + 327.6, 50.0 + 327.8, 50.0 - 327.8
+    now, halfway = plan(), 0.5 * mission.starts(scenario("start.centre=[100.0, 0.0]"))[:, 0]
+    now[:3, 0] = halfway[:3] + np.array([327.6, 327.8, -327.8])
     now[3, 3] = 400.0
     now[3, 0] += 1.0
     after, broadcast = of.speak(memory, 1, now)
     assert broadcast.rows is not None
     assert broadcast.rows.tolist() == [0]
     assert of.unsent(after).tolist() == [False, True, True, True, False]
-    assert of.states(after, 1)[0, 0, 0] == pytest.approx(377.6, abs=0.005)
+    assert of.states(after, 1)[0, 0, 0] == pytest.approx(halfway[0] + 327.6, abs=0.005)
     assert of.states(after, 1)[0, 1, 0] < 100.0  # as all others still believe
     back, broadcast = of.speak(after, 2, plan())
     assert not of.unsent(back).any()

@@ -1,0 +1,89 @@
+"""Flocking of Olfati-Saber (Flocking for multi-agent dynamic systems: algorithms and theory, IEEE Transactions on
+Automatic Control 51(3), 2006): his Algorithm 2, a lattice by gradient, consensus on velocity, and a way to the goal."""
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from meanflock.agent.controllers.base import Controller, Memory, Received, Step
+from meanflock.agent.controllers.neighbours import Neighbours
+from meanflock.agent.near import Near, near, summed
+from meanflock.agent.travel import against_the_air
+from meanflock.swarm import mission, state
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.sharing import Sharing
+from meanflock.swarm.state import POSITION, VELOCITY, Plane, Rows, States
+
+
+def bump(z: Rows, h: float) -> Rows:
+    """ρ_h(z), his Eq. 10: 1 until h, from there smoothly to 0 at 1."""
+    falling = 0.5 * (1.0 + np.cos(math.pi * (z - h) / (1.0 - h)))
+    return np.where(z < h, 1.0, np.where(z <= 1.0, falling, 0.0))
+
+
+class OlfatiSaber(Controller):
+    """u = gradient + consensus + saturated way to the goal, + c0 (v − v_o)."""
+
+    name = "olfati-saber"
+    broadcast_numbers = Neighbours.numbers
+    pairwise = True
+    diagnostics = ("unsent",)
+
+    class Options(Sharing, frozen=True):
+        """The options of `olfati-saber`, by their names in the source where it has them."""
+
+        d_m: Annotated[float, Meta(gt=0, description="d, distance in the lattice, m")] = 1.3
+        r_m: Annotated[float, Meta(gt=0, description="r, who is farther is no neighbour, m")] = 1.56
+        epsilon_1_m2: Annotated[float, Meta(gt=0, description="ε of the σ-norm, 1/m²")] = 0.1
+        h: Annotated[float, Meta(ge=0, lt=1, description="h of the bump function")] = 0.2
+        a: Annotated[float, Meta(gt=0, description="a of the action function, at most b, m/s²")] = 5.0
+        b: Annotated[float, Meta(gt=0, description="b of the action function, m/s²")] = 5.0
+        c1: Annotated[float, Meta(ge=0, description="weight of the gradient")] = 1.0
+        c2_1_s: Annotated[float, Meta(ge=0, description="weight of the consensus, 1/s")] = 2.0
+        pull_m_s2: Annotated[float, Meta(gt=0, description="pull to the goal from afar, m/s²")] = 0.9
+        near_m: Annotated[float, Meta(gt=0, description="distance within which it is a spring, m")] = 2.0
+        damping_1_s: Annotated[float, Meta(gt=0, description="of the own velocity, 1/s")] = 0.4
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        if options.a > options.b:
+            raise ValueError(f"`a` {options.a} is greater than `b` {options.b}; the action function wants 0 < a ≤ b")
+        super().__init__(options, scenario)
+        self._neighbours, self._goals = Neighbours(options, scenario), mission.goals(scenario)
+        self._range, self._distance = self._sigma(options.r_m**2), self._sigma(options.d_m**2)
+        self._shift = abs(options.a - options.b) / math.sqrt(4.0 * options.a * options.b)
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        return self._neighbours.init(uavs, plan)
+
+    def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
+        memory, of = self._neighbours.receive(memory, tick, received), self.options
+        uavs = memory["neighbour_uav"]
+        pairs = near(own, self._neighbours.states(memory, tick), uavs, of.r_m)
+        way = (self._goals[uavs] - own[:, POSITION]) / of.near_m
+        way /= np.sqrt(1.0 + state.dot(way, way))[:, None]
+        acceleration = of.pull_m_s2 * way - of.damping_1_s * own[:, VELOCITY] + against_the_air(self.scenario, own)
+        acceleration += summed(pairs.row, self._of_pairs(pairs), len(own))
+        memory, said = self._neighbours.speak(memory, tick, own)
+        unsent = self._neighbours.unsent(memory)[:, None].astype(np.float64)
+        return Step(memory, acceleration, unsent, (said,), self._neighbours.refused(received))
+
+    def _of_pairs(self, pairs: Near) -> Plane:
+        """c1 φ_α(‖Δ‖σ) n + c2 ρ_h (Δv), his Eq. 23, of pairs, (P, 2) m/s²."""
+        of = self.options
+        squared = pairs.distance * pairs.distance
+        sigma = self._sigma(squared)
+        weight = bump(sigma / self._range, of.h)
+        z = sigma - self._distance + self._shift
+        action = weight * 0.5 * ((of.a + of.b) * z / np.sqrt(1.0 + z * z) + (of.a - of.b))
+        # n = Δ/√(1 + ε‖Δ‖²), his Eq. 9; of two in one place it is 0
+        along = (of.c1 * action / np.sqrt(1.0 + of.epsilon_1_m2 * squared))[:, None] * pairs.apart
+        return -along - (of.c2_1_s * weight)[:, None] * pairs.closing
+
+    def _sigma(self, squared: Any) -> Any:
+        """‖z‖σ = (√(1 + ε‖z‖²) − 1)/ε of ‖z‖², his Eq. 8."""
+        epsilon = self.options.epsilon_1_m2
+        return (np.sqrt(1.0 + epsilon * squared) - 1.0) / epsilon

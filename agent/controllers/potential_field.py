@@ -1,0 +1,89 @@
+"""The artificial potential field of Khatib (Real-time obstacle avoidance for manipulators and mobile robots,
+International Journal of Robotics Research 5(1), 1986): pulled to the goal at a limited speed, repelled by what is near.
+
+Other UAVs are repelled as discs that are where they are predicted to be, and so are the obstacles of the mission.
+"""
+
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from meanflock.agent.controllers.base import Controller, Memory, Received, Step
+from meanflock.agent.controllers.neighbours import Neighbours
+from meanflock.agent.controllers.trajectory import CRUISE_M_S
+from meanflock.agent.near import near, summed
+from meanflock.agent.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel, against_the_air, limited
+from meanflock.swarm import mission
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.sharing import Sharing
+from meanflock.swarm.state import POSITION, VELOCITY, Plane, Rows, States
+
+
+class PotentialField(Controller):
+    """a = k_v (v_ref − v) + Σ η (1/ρ − 1/ρ0)/ρ² ∇ρ + c0 (v − v_o), ρ the distance from an edge; ‖·‖ limited."""
+
+    name = "potential-field"
+    broadcast_numbers = Neighbours.numbers
+    pairwise = True
+    diagnostics = ("unsent",)
+
+    class Options(Sharing, frozen=True):
+        """The options of `potential-field`, by their names in the source where it has them."""
+
+        speed_m_s: CruiseSpeed = CRUISE_M_S
+        slowing_1_s: Slowing = SLOWING_1_S
+        velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 1.0
+        eta_m3_s2: Annotated[float, Meta(ge=0, description="η, strength of the repulsion by UAVs, m³/s²")] = 0.5
+        rho0_m: Annotated[float, Meta(gt=0, description="ρ0, from which on UAVs are not felt, m")] = 1.0
+        radius_m: Annotated[float, Meta(ge=0, description="of a UAV, as others keep off it, m")] = 0.35
+        obstacle_eta_m3_s2: Annotated[
+            float, Meta(ge=0, description="η, strength of the repulsion by obstacles, m³/s²")
+        ] = 5.0
+        obstacle_rho0_m: Annotated[float, Meta(gt=0, description="ρ0, from which on obstacles are not felt, m")] = 4.0
+        acceleration_max_m_s2: Annotated[float, Meta(gt=0, description="limit on ‖a‖ before drag, m/s²")] = 3.0
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
+        self._travel, self._neighbours = (
+            Travel(scenario, options.speed_m_s, options.slowing_1_s),
+            Neighbours(options, scenario),
+        )
+        self._obstacles = mission.obstacles(scenario)
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        return self._travel.init(uavs) | self._neighbours.init(uavs, plan)
+
+    def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
+        of = self.options
+        memory, velocity = self._travel.velocity(memory, own)
+        memory = self._neighbours.receive(memory, tick, received)
+        acceleration = of.velocity_gain_1_s * (velocity - own[:, VELOCITY])
+        known = self._neighbours.states(memory, tick)
+        pairs = near(own, known, memory["neighbour_uav"], of.rho0_m + of.radius_m)
+        force = repulsion(pairs.distance - of.radius_m, of.rho0_m, of.eta_m3_s2, of.acceleration_max_m_s2)
+        acceleration += summed(pairs.row, force[:, None] * pairs.away, len(own))
+        if len(self._obstacles):
+            acceleration += self._off_obstacles(own)
+        acceleration = limited(acceleration, of.acceleration_max_m_s2) + against_the_air(self.scenario, own)
+        memory, said = self._neighbours.speak(memory, tick, own)
+        unsent = self._neighbours.unsent(memory)[:, None].astype(np.float64)
+        return Step(memory, acceleration, unsent, (said,), self._neighbours.refused(received))
+
+    def _off_obstacles(self, own: States) -> Plane:
+        """Repulsion of rows by all obstacles, (M, 2) m/s²."""
+        of = self.options
+        apart = own[:, None, POSITION] - self._obstacles[:, :2]
+        distance = np.sqrt((apart * apart).sum(axis=-1))
+        edge = distance - self._obstacles[:, 2]
+        force = repulsion(edge, of.obstacle_rho0_m, of.obstacle_eta_m3_s2, of.acceleration_max_m_s2)
+        total: Plane = ((force / np.maximum(distance, 1e-9))[..., None] * apart).sum(axis=1)
+        return total
+
+
+def repulsion(rho_m: Rows, rho0_m: float, eta: float, most: float) -> Rows:
+    """η (1/ρ − 1/ρ0)/ρ², his Eq. 20, of distances (…,) from an edge; 0 beyond ρ0, and `most` m/s² where it is more."""
+    rho = np.maximum(rho_m, 1e-3 * rho0_m)
+    return np.minimum(eta * np.maximum(1.0 / rho - 1.0 / rho0_m, 0.0) / (rho * rho), most)

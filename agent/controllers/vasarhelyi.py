@@ -1,0 +1,84 @@
+"""Flocking of Vásárhelyi et al. (Optimized flocking of autonomous drones in confined environments, Science Robotics 3,
+2018): a wished velocity, repulsion of who is close, and friction against who closes in faster than a brake allows."""
+
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from meanflock.agent.controllers.base import Controller, Memory, Received, Step
+from meanflock.agent.controllers.neighbours import Neighbours
+from meanflock.agent.controllers.trajectory import CRUISE_M_S
+from meanflock.agent.near import Near, near, summed
+from meanflock.agent.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel, against_the_air, limited
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.sharing import Sharing
+from meanflock.swarm.state import VELOCITY, Plane, Rows, States
+
+
+def braking(distance_m: Rows, slope_1_s: float, acceleration: float) -> Rows:
+    """D(r, a, p), their Eq. 3: the speed from which one can stop within r; linear near the end. (P,) m/s."""
+    positive = np.maximum(distance_m, 0.0)
+    linear = positive * slope_1_s
+    root = np.sqrt(np.maximum(2.0 * acceleration * positive - (acceleration / slope_1_s) ** 2, 0.0))
+    return np.where(linear < acceleration / slope_1_s, linear, root)
+
+
+class Vasarhelyi(Controller):
+    """a = (v_d − v)/τ + c0 (v − v_o), v_d = v_ref + repulsion + friction; v_ref is that of `cruise`."""
+
+    name = "vasarhelyi"
+    broadcast_numbers = Neighbours.numbers
+    pairwise = True
+    diagnostics = ("unsent",)
+
+    class Options(Sharing, frozen=True):
+        """The options of `vasarhelyi`, by their names in the source where it has them."""
+
+        speed_m_s: CruiseSpeed = CRUISE_M_S
+        slowing_1_s: Slowing = SLOWING_1_S
+        delta_m: Annotated[float, Meta(gt=0, description="δ of an event, m")] = 0.2
+        repeats: Annotated[int, Meta(ge=1, le=16, description="r, ticks in a row in which an event is sent")] = 4
+        p_rep_1_s: Annotated[float, Meta(ge=0, description="strength of the repulsion, 1/s")] = 2.0
+        r0_rep_m: Annotated[float, Meta(gt=0, description="who is nearer is repelled, m")] = 1.3
+        c_frict: Annotated[float, Meta(ge=0, le=1, description="strength of the friction")] = 0.3
+        v_frict_m_s: Annotated[float, Meta(ge=0, description="difference of velocities always left, m/s")] = 0.1
+        r0_frict_m: Annotated[float, Meta(ge=0, description="where a brake has ended, m")] = 0.5
+        a_frict_m_s2: Annotated[float, Meta(gt=0, description="of the brake, m/s²")] = 0.5
+        p_frict_1_s: Annotated[float, Meta(gt=0, description="slope of the brake's end, 1/s")] = 1.5
+        range_m: Annotated[float, Meta(gt=0, description="who is farther is not looked at, m")] = 25.0
+        v_max_m_s: Annotated[float, Meta(gt=0, description="limit on v_d, m/s")] = 4.0
+        tau_s: Annotated[float, Meta(gt=0, description="τ in which v_d is taken up, s")] = 0.6
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
+        self._travel, self._neighbours = (
+            Travel(scenario, options.speed_m_s, options.slowing_1_s),
+            Neighbours(options, scenario),
+        )
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        return self._travel.init(uavs) | self._neighbours.init(uavs, plan)
+
+    def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
+        memory, velocity = self._travel.velocity(memory, own)
+        memory = self._neighbours.receive(memory, tick, received)
+        known = self._neighbours.states(memory, tick)
+        pairs = near(own, known, memory["neighbour_uav"], self.options.range_m)
+        velocity += summed(pairs.row, self._push(pairs), len(own))
+        velocity = limited(velocity, self.options.v_max_m_s)
+        acceleration = (velocity - own[:, VELOCITY]) / self.options.tau_s + against_the_air(self.scenario, own)
+        memory, said = self._neighbours.speak(memory, tick, own)
+        unsent = self._neighbours.unsent(memory)[:, None].astype(np.float64)
+        return Step(memory, acceleration, unsent, (said,), self._neighbours.refused(received))
+
+    def _push(self, pairs: Near) -> Plane:
+        """Repulsion (their Eq. 1) and friction (Eq. 2, 4) of pairs, (P, 2) m/s."""
+        of = self.options
+        repulsion = of.p_rep_1_s * np.maximum(of.r0_rep_m - pairs.distance, 0.0)
+        difference = np.hypot(pairs.closing[:, 0], pairs.closing[:, 1])
+        allowed = np.maximum(of.v_frict_m_s, braking(pairs.distance - of.r0_frict_m, of.p_frict_1_s, of.a_frict_m_s2))
+        friction = of.c_frict * np.maximum(difference - allowed, 0.0) / np.maximum(difference, 1e-9)
+        return repulsion[:, None] * pairs.away - friction[:, None] * pairs.closing
