@@ -15,6 +15,8 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from meanflock.groundstation import palette, panels
+from meanflock.groundstation.plot_views import learned, series, tabs, whole_flight
+from meanflock.groundstation.recording_part import Logs
 from meanflock.groundstation.reported import Reported
 from meanflock.swarm.clusters import Clusters
 from meanflock.swarm.scenario import Scenario
@@ -52,7 +54,6 @@ JAMS_DRAWN = 200  # links that a script jams, at the most
 CLOSE_UP_M = 6.0  # half the width of the close-up on the leader
 
 _CANVAS = (16, 19, 26)
-_DETAILS = 3  # plots in a tab
 
 
 class Lane(enum.IntEnum):
@@ -88,11 +89,12 @@ def graph(flown: Scenario) -> tuple[list[str], NDArray[np.float64]]:
     return [str(uav) for uav in range(flown.uavs)], places
 
 
-def log_static(stream: rr.RecordingStream, scenario: Scenario, reported: Reported) -> None:
+def log_static(stream: Logs, scenario: Scenario, reported: Reported) -> None:
     """Logs what does not change in flight: how marks look that move, and names and colours of all series."""
 
     def log(entity: str, *parts: rr.AsComponents) -> None:
-        stream.log(entity, *parts, static=True)
+        first, *others = parts
+        stream.log(entity, first, *others, static=True)
 
     log(MAP, rr.Transform3D(scale=[1.0, -1.0, 1.0]))  # 2-D views are y-down
     numbers = [f"UAV {uav}" for uav in range(scenario.uavs)]  # of the one under the mouse
@@ -148,14 +150,8 @@ def log_static(stream: rr.RecordingStream, scenario: Scenario, reported: Reporte
 def blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.Blueprint:
     """The views, arranged; a live recording follows the flight, a finished one plays it from the start."""
     leader, radius = scenario.federation.leader, scenario.metrics.collision_radius
-    maps = rrb.Spatial2DView(
-        origin="/",
-        contents=[f"/{MAP}/**", f"- /{CLOSE_UP}/**"],
-        name=f"swarm map, m: trails coloured by {'φ_G' if reported.has_phi_g else 'speed'}, arrows reach 2 s ahead",
-        background=_CANVAS,
-        visual_bounds=_map_bounds(scenario),
-        overrides=_recent(scenario),
-    )
+    trails = f"trails coloured by {'φ_G' if reported.has_phi_g else 'speed'}"
+    maps = swarm_map(scenario, f"swarm map, m: {trails}, arrows reach 2 s ahead")
     close_up = rrb.Spatial2DView(
         origin=f"/{CLOSE_UP}",
         contents=[f"/{MAP}/**", "- /map/legend/**", "- /map/start/label", "- /map/goal/label", f"- /{WORDS}"],
@@ -164,25 +160,25 @@ def blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.Bluepri
         visual_bounds=rrb.VisualBounds2D(x_range=[-CLOSE_UP_M, CLOSE_UP_M], y_range=[-CLOSE_UP_M, CLOSE_UP_M]),
         overrides={**_recent(scenario), UAVS: rr.Points2D.from_fields(radii=radius)},
     )
-    of_grid, beside = _learned(leader, reported)
+    of_grid, beside = learned(leader, reported)
     details: list[rrb.View | rrb.Container] = [
         rrb.TextLogView(
             origin=f"/{EVENTS}",
             name="events",
             columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]),
         ),
-        *_tabs(beside, "learning" if reported.weights else "diagnostics"),
+        *tabs(beside, "learning" if reported.weights else "diagnostics"),
     ]
     if scenario.uavs <= LARGE_SWARM:
-        lanes = rrb.StateTimelineView(origin=f"/{LANES}", name="UAVs", time_view=_whole_flight())
+        lanes = rrb.StateTimelineView(origin=f"/{LANES}", name="UAVs", time_view=whole_flight())
         details = [lanes, *details, rrb.GraphView(origin=f"/{ROUND}", name="last round")]
     grid = rrb.Grid(
-        _series(panels.ENERGY),
-        _series(panels.SPEED),
-        _series(panels.BITS),
-        _series(panels.FAILURES),
-        _series(panels.ALIGNMENT),
-        _series(panels.RISK),
+        series(panels.ENERGY),
+        series(panels.SPEED),
+        series(panels.BITS),
+        series(panels.FAILURES),
+        series(panels.ALIGNMENT),
+        series(panels.RISK),
         *of_grid,
         grid_columns=2,
     )
@@ -196,12 +192,7 @@ def blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.Bluepri
             grid,
             column_shares=[1, 1],
         ),
-        rrb.TimePanel(
-            state="collapsed",
-            timeline=TIMELINE,
-            play_state="following" if live else "playing",
-            playback_speed=1.0 if live else 10.0,
-        ),
+        time_panel(live),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         auto_layout=False,
@@ -209,27 +200,27 @@ def blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.Bluepri
     )
 
 
-def _learned(leader: int, reported: Reported) -> tuple[list[rrb.View], list[rrb.View]]:
-    """Plots of what the controller reports: at most two for the grid, the others for tabs beside it."""
-    plots: list[rrb.View] = [_series(panels.diagnostic(name)) for name in reported.diagnostics]
-    if not reported.weights:
-        return plots[:2], plots[2:]
-    weights = rrb.TimeSeriesView(
-        origin=f"/{panels.WEIGHTS}",
-        name=panels.weights_title(leader, reported),
-        axis_x=_whole_flight(),
-        plot_legend=rrb.PlotLegend(visible=False),
+def swarm_map(scenario: Scenario, name: str, part: str = "") -> rrb.Spatial2DView:
+    """The map of a flight; `part`: under which its entities lie, where it is not alone in its recording."""
+    root = f"/{part}" if part else ""
+    return rrb.Spatial2DView(
+        origin=root or "/",
+        contents=[f"{root}/{MAP}/**", f"- {root}/{CLOSE_UP}/**"],
+        name=name,
+        background=_CANVAS,
+        visual_bounds=_map_bounds(scenario),
+        overrides={f"{part}/{entity}" if part else entity: last for entity, last in _recent(scenario).items()},
     )
-    return [*plots[:1], weights], [*plots[1:], _series(panels.SPREAD)]
 
 
-def _tabs(plots: list[rrb.View], name: str) -> list[rrb.Container]:
-    """Plots below each other, as many to a tab as can be read."""
-    groups = [plots[first : first + _DETAILS] for first in range(0, len(plots), _DETAILS)]
-    return [
-        rrb.Vertical(*group, name=name if len(groups) == 1 else f"{name} {number}")
-        for number, group in enumerate(groups, 1)
-    ]
+def time_panel(live: bool) -> rrb.TimePanel:
+    """Follows a live flight, plays a finished one from its start."""
+    return rrb.TimePanel(
+        state="collapsed",
+        timeline=TIMELINE,
+        play_state="following" if live else "playing",
+        playback_speed=1.0 if live else 10.0,
+    )
 
 
 def start_half_side(scenario: Scenario) -> float:
@@ -245,23 +236,6 @@ def trail_seconds(scenario: Scenario) -> float:
 def _rgba(colors: tuple[int, ...]) -> NDArray[np.uint32]:
     """As rerun wants to be told that these are colours and not channels."""
     return np.array(colors, dtype=np.uint32)
-
-
-def _series(plot: panels.Plot) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(
-        origin=f"/{plot.entity}",
-        name=plot.title,
-        axis_x=_whole_flight(),
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=plot.legend),
-    )
-
-
-def _whole_flight() -> rrb.TimeAxis:
-    """Without it a plot shows half a minute around the cursor."""
-    return rrb.TimeAxis(
-        link=rrb.components.LinkAxis.Independent,
-        view_range=rr.TimeRange(rr.TimeRangeBoundary.infinite(), rr.TimeRangeBoundary.infinite()),
-    )
 
 
 def _recent(scenario: Scenario) -> dict[Any, rrb.VisibleTimeRanges]:

@@ -29,7 +29,7 @@ def _number_of_jobs(_context: click.Context, _option: click.Parameter, jobs: int
     return jobs
 
 
-_jobs = click.option(
+jobs_option = click.option(
     "--jobs",
     type=int,
     default=-1,
@@ -37,17 +37,19 @@ _jobs = click.option(
     help="Processes; -1 for one a core.  [default: -1]",
     callback=_number_of_jobs,
 )
-_quiet = click.option("--quiet", is_flag=True, help="No progress bar.")
+quiet_option = click.option("--quiet", is_flag=True, help="No progress bar.")
 
 
-def _out(default: str) -> Callable[[Any], Any]:
+def out_option(default: str) -> Callable[[Any], Any]:
+    """`--out`, with where it is without one."""
     return click.option(
         "--out", type=click.Path(path_type=Path), default=Path(default), show_default=True, metavar="DIR"
     )
 
 
 @contextmanager
-def _progress(what: str, quiet: bool) -> Iterator[Callable[[int, int], None]]:
+def progress_of(what: str, quiet: bool) -> Iterator[Callable[[int, int], None]]:
+    """A bar with the time left, on stderr; told of the runs finished and wanted."""
     console = Console(stderr=True)
     bar = Progress(
         TextColumn(f"[bold]{what}"),
@@ -74,11 +76,19 @@ def _report(paths: list[Path]) -> None:
 @click.option("--scenario", "file", type=click.Path(path_type=Path), metavar="SCENARIO.toml")
 @scenario_arguments("uavs", "seed", "duration", "settings", "plugin")
 @_seeds
-@_jobs
-@_out("out/compare")
-@_quiet
+@jobs_option
+@click.option("--record", is_flag=True, help="Record the first seed's flights side by side: OUT/compare.rrd.")
+@out_option("out/compare")
+@quiet_option
 def compare(
-    methods: tuple[str, ...], file: Path | None, seeds: int | None, jobs: int, out: Path, quiet: bool, **given: Any
+    methods: tuple[str, ...],
+    file: Path | None,
+    seeds: int | None,
+    jobs: int,
+    record: bool,
+    out: Path,
+    quiet: bool,
+    **given: Any,
 ) -> None:
     """Fly METHODs over the same seeds, side by side.
 
@@ -96,6 +106,11 @@ def compare(
     flown = _fly("compare", points, jobs, out, quiet)
     _show("compare", ("method",), flown, scenarios, out)
     _report(plots.write({"compare": plots.plot_compare({method: runs for (method,), runs in flown.items()})}, out))
+    if record:
+        from meanflock.groundstation import side_by_side  # rerun takes a third of a second to load
+
+        side_by_side.record({method: flown for (method,), flown in scenarios.items()}, out / "compare.rrd")
+        _report([out / "compare.rrd"])
 
 
 @click.command()
@@ -104,9 +119,9 @@ def compare(
 @click.option("--scenario", "file", type=click.Path(path_type=Path), metavar="SCENARIO.toml")
 @scenario_arguments("uavs", "seed", "duration", "settings", "plugin")
 @_seeds
-@_jobs
-@_out("out/sweep")
-@_quiet
+@jobs_option
+@out_option("out/sweep")
+@quiet_option
 def sweep(
     swept: str,
     methods: str | None,
@@ -164,7 +179,7 @@ def _fly(
     check_folder(out, "--out")
     tell_if_slow()
     try:
-        with _progress(what, quiet) as progress:
+        with progress_of(what, quiet) as progress:
             return study.fly_all(points, jobs, progress, store)
     except BadInput:  # nothing was flown: the folders are empty, or hold what was there before
         for folder in (store.data / "jobs", store.data, *([out] if new else [])):
@@ -197,11 +212,11 @@ def _show(
     "--seeds", type=click.IntRange(1), default=30, show_default=True, metavar="K", help="A point; 2: a quick look."
 )
 @click.option("--only", multiple=True, metavar="FIG", help="fig2 … fig8, repeatable: only what these need.")
-@_jobs
+@jobs_option
 @click.option("--backend", type=click.Choice(["loky", "dask"]), default="loky", show_default=True)
 @click.option("--scheduler", metavar="ADDRESS", help="Of dask, e.g. tcp://127.0.0.1:8786.")
-@_out("out/paper")
-@_quiet
+@out_option("out/paper")
+@quiet_option
 def paper(
     seeds: int, only: tuple[str, ...], jobs: int, backend: str, scheduler: str | None, out: Path, quiet: bool
 ) -> None:
@@ -226,7 +241,7 @@ def paper(
     experiments = set().union(*(_FLOWN_FOR[name] for name in wanted)) if wanted else None
     tell_if_slow()
     results = run_grid(out, seeds, experiments, jobs, backend, scheduler, quiet)
-    with _progress("theory", quiet) as progress:
+    with progress_of("theory", quiet) as progress:
         theory = measured(out, jobs=jobs, progress=progress)
     records = evaluate(results, theory)
     draw(results, out / "figures", wanted)

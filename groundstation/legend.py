@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from meanflock.groundstation import blueprint as look
 from meanflock.groundstation import palette
+from meanflock.groundstation.recording_part import Logs
 from meanflock.groundstation.reported import Reported
 from meanflock.swarm.faults import Gust, Jam, Kill, Partition, Pause
 from meanflock.swarm.scenario import Scenario
@@ -20,7 +21,7 @@ _CORNERS = np.arange(11) * (math.pi / 5) + math.pi / 2
 STAR = np.stack([np.cos(_CORNERS), np.sin(_CORNERS)], axis=-1) * np.where(np.arange(11) % 2, 0.4, 1.0)[:, None]
 
 
-def log(stream: rr.RecordingStream, scenario: Scenario, reported: Reported) -> None:
+def log(stream: Logs, scenario: Scenario, reported: Reported) -> None:
     """Logs the map's fixed parts, and those of the close-up on the leader."""
     low, high = look.box(scenario)
     width = float(high[0] - low[0])
@@ -78,7 +79,7 @@ def _key(scenario: Scenario) -> list[tuple[str, int, NDArray[np.float64], float]
     return key
 
 
-def _log_colours(stream: rr.RecordingStream, left: float, right: float, y: float, of_phi_g: bool) -> None:
+def _log_colours(stream: Logs, left: float, right: float, y: float, of_phi_g: bool) -> None:
     """A bar with the colours of φ_G, or of speed, with its ends."""
     if of_phi_g:
         entity, low, high = "map/legend/phi_G", f"φ_G ≤ {palette.PHI_G_LOW:g}", f"≥ {palette.PHI_G_HIGH:g} s⁻²"
@@ -94,7 +95,7 @@ def _log_colours(stream: rr.RecordingStream, left: float, right: float, y: float
     _label(stream, f"{entity}/high", (right, y), high, palette.GREY)
 
 
-def _log_wind(stream: rr.RecordingStream, scenario: Scenario, at: Point, length: float) -> None:
+def _log_wind(stream: Logs, scenario: Scenario, at: Point, length: float) -> None:
     """An arrow of the mean wind's direction; the word says how fast it is."""
     wind = np.array(scenario.wind.mean)
     speed = float(np.hypot(*wind))
@@ -108,7 +109,7 @@ def _log_wind(stream: rr.RecordingStream, scenario: Scenario, at: Point, length:
     _label(stream, "map/legend/wind/word", at, said, palette.GUST)
 
 
-def _log_scale(stream: rr.RecordingStream, entity: str, at: Point, most_m: float) -> None:
+def _log_scale(stream: Logs, entity: str, at: Point, most_m: float) -> None:
     """A bar of 1, 2 or 5 times a power of ten metres, no longer than asked."""
     power = 10.0 ** math.floor(math.log10(most_m))
     length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= most_m)
@@ -117,7 +118,7 @@ def _log_scale(stream: rr.RecordingStream, entity: str, at: Point, most_m: float
     _label(stream, f"{entity}/word", at, f"{length:g} m", palette.WHITE)
 
 
-def _log_close_up(stream: rr.RecordingStream, scenario: Scenario) -> None:
+def _log_close_up(stream: Logs, scenario: Scenario) -> None:
     """What the close-up alone shows: its scale, and how near is near. Its frame has y down, as the view has."""
     edge = 0.9 * look.CLOSE_UP_M
     _line(
@@ -129,12 +130,12 @@ def _log_close_up(stream: rr.RecordingStream, scenario: Scenario) -> None:
     _label(stream, f"{look.CLOSE_UP}/hazard/word", (0.0, hazard), f"r_C {hazard:.2g} m", palette.GREY)
 
 
-def _line(stream: rr.RecordingStream, entity: str, points: NDArray[np.float64], color: int, thickness: float) -> None:
+def _line(stream: Logs, entity: str, points: NDArray[np.float64], color: int, thickness: float) -> None:
     radii = rr.Radius.ui_points(thickness)
     stream.log(entity, rr.LineStrips2D([points], colors=[color], radii=radii, draw_order=1.0), static=True)
 
 
-def _label(stream: rr.RecordingStream, entity: str, at: Point, text: str, color: int) -> None:
+def _label(stream: Logs, entity: str, at: Point, text: str, color: int) -> None:
     """Text centred below the point `at`, m."""
     point = rr.Points2D([at], labels=[text], colors=[color], radii=0.0, show_labels=True)
     stream.log(entity, point, static=True)

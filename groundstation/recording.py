@@ -1,6 +1,6 @@
 """The flight as a Rerun recording: written to a file, served to viewers.
 
-`Recorder` alone sends: in batches, what `recording_map.py`, `recording_links.py`, `recording_plots.py`,
+`Writer` alone sends: in batches, what `recording_map.py`, `recording_links.py`, `recording_plots.py`,
 `recording_events.py` and `disturbances.py` make of the telemetry, in the form of `recording_columns.py`. `blueprint.py`
 says how it looks, `legend.py` what it means, `screenshot.py` shows it, `recorded.py` reads it back. Only these and
 `viewer.py` import rerun. Of what was sent, memory holds no more than rerun's index of the file, which becomes its
@@ -24,6 +24,7 @@ from meanflock.groundstation.recording_columns import Sent, Ticks
 from meanflock.groundstation.recording_events import event_rows
 from meanflock.groundstation.recording_links import LinkRows
 from meanflock.groundstation.recording_map import Trails, uav_colors, uav_rows
+from meanflock.groundstation.recording_part import Part
 from meanflock.groundstation.recording_plots import plot_rows, report_rows
 from meanflock.groundstation.reported import Reported
 from meanflock.groundstation.viewer import await_listener, listening_address
@@ -41,72 +42,47 @@ CLOSE_WALL_S = 10.0  # all is written by then: what is left is the footer
 LARGE_SWARM_STRIDE = 5  # a large swarm's positions are recorded every this many ticks
 
 
-class Recorder:
-    """Writes a run's telemetry to a file, to live viewers, or both.
+class Writer:
+    """Sends one flight's telemetry to a recording that somebody else opened, and will close.
 
     Args:
         scenario: what is flown.
-        run_id: name of the recording.
-        path: the `.rrd` file to write; an existing one is replaced. None: no file.
-        serve: address and port on which viewers find the recording, also when they come late; port 0 takes
-            a free one. None: not served.
-        memory_limit: what the server keeps for late viewers; beyond it, it forgets the oldest first.
+        stream: where it goes.
         reported: what the controller reports; None: what its class declares.
+        part: of the recording, under which all entities of the flight lie; empty: they are the whole of it.
+        patience_s: what was written waits no longer, wall clock.
 
     Raises:
-        BadInput: the file cannot be written, the address cannot be listened on, or the class is not installed here.
+        BadInput: the class is not installed here.
     """
 
     def __init__(
         self,
         scenario: Scenario,
-        run_id: str,
-        path: Path | None,
-        serve: tuple[str, int] | None = None,
-        memory_limit: str = "256MB",
+        stream: rr.RecordingStream,
         reported: Reported | None = None,
+        part: str = "",
+        patience_s: float = FILE_WALL_S,
     ) -> None:
         self._reported = reported if reported is not None else Reported.by(scenario.declared)
-        sinks: list[rr.FileSink | rr.GrpcServerSink] = []
-        self.live_url: str | None = None  # where `rerun` or `meanflock view` finds the live recording
-        if serve is not None:
-            host, port = listening_address(*serve)
-            self.live_url = f"rerun+http://{f'[{host}]' if ':' in host else host}:{port}/proxy"
-            sinks.append(rr.GrpcServerSink(bind_ip=host, port=port, server_memory_limit=memory_limit))
-        if path is not None:
-            durable.check_writable(path)
-            sinks.append(rr.FileSink(path))
-        if not sinks:
-            raise ValueError("a recorder needs a file, an address to serve on, or both")
-
-        self._scenario, self._path = scenario, path
+        self._scenario, self._part = scenario, f"{part}/" if part else ""
         self._large = scenario.uavs > look.LARGE_SWARM
         self._disturbances, self._trails, self._links = Disturbances(scenario), Trails(scenario), LinkRows(scenario)
         self._pending: list[Telemetry] = []
         self._pending_ticks = 0
         self._batch_ticks = min(_BATCH_TICKS_AT_MOST, max(BATCH_TICKS, _BATCH_STATES // scenario.uavs))
         self._sent_at = time.monotonic()
-        self._patience_s = FILE_WALL_S if serve is None else BATCH_WALL_S
+        self._patience_s = patience_s
         self._index_of: Ticks = np.empty(0, dtype=np.int64)
         self._index: tuple[rr.TimeColumn, ...] = ()
-        self._stream: rr.RecordingStream | None = rr.RecordingStream(APPLICATION, recording_id=run_id)
-        self._stream.set_sinks(*sinks, default_blueprint=look.blueprint(scenario, self._reported, serve is not None))
-        if (
-            serve is not None
-        ):  # the server starts in a thread of its own; a viewer that came before it would end at once
-            await_listener(host, port)
-        self._stream.send_recording_name(run_id)
-        look.log_static(self._stream, scenario, self._reported)
-        legend.log(self._stream, scenario, self._reported)
+        self._stream: rr.RecordingStream | None = stream
 
-    def __enter__(self) -> "Recorder":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        with suppress(*[RunFailed] * (error is not None)):  # the first failure is the one that counts
-            self.close()
+    def log_fixed(self) -> None:
+        """Logs what does not change in flight."""
+        if self._stream is not None:
+            under = Part(self._stream, self._part)
+            look.log_static(under, self._scenario, self._reported)
+            legend.log(under, self._scenario, self._reported)
 
     def write(self, block: Telemetry) -> None:
         """Records a block of T ≥ 1 ticks. Blocks come in the order of the flight; one may be missing."""
@@ -154,6 +130,72 @@ class Recorder:
             self._send(self._disturbances.lanes(ticks, status))
         self._send(plot_rows(ticks, states, diagnostics, swarm, energy, self._reported.diagnostics))
 
+    def _send(self, sent: Iterable[Sent]) -> None:
+        for entity, ticks, columns in sent:
+            if ticks is not self._index_of:  # most columns of a batch have those of all its ticks
+                duration = rr.TimeColumn(look.TIMELINE, duration=ticks * self._scenario.dt)
+                self._index_of, self._index = ticks, (duration, rr.TimeColumn(look.TICKS, sequence=ticks))
+            rr.send_columns(self._part + entity, self._index, columns, recording=self._stream)
+
+
+class Recorder(Writer):
+    """Writes a run's telemetry to a file, to live viewers, or both.
+
+    Args:
+        scenario: what is flown.
+        run_id: name of the recording.
+        path: the `.rrd` file to write; an existing one is replaced. None: no file.
+        serve: address and port on which viewers find the recording, also when they come late; port 0 takes
+            a free one. None: not served.
+        memory_limit: what the server keeps for late viewers; beyond it, it forgets the oldest first.
+        reported: what the controller reports; None: what its class declares.
+
+    Raises:
+        BadInput: the file cannot be written, the address cannot be listened on, or the class is not installed here.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        run_id: str,
+        path: Path | None,
+        serve: tuple[str, int] | None = None,
+        memory_limit: str = "256MB",
+        reported: Reported | None = None,
+    ) -> None:
+        reported = reported if reported is not None else Reported.by(scenario.declared)
+        sinks: list[rr.FileSink | rr.GrpcServerSink] = []
+        self.live_url: str | None = None  # where `rerun` or `meanflock view` finds the live recording
+        if serve is not None:
+            host, port = listening_address(*serve)
+            self.live_url = f"rerun+http://{f'[{host}]' if ':' in host else host}:{port}/proxy"
+            sinks.append(rr.GrpcServerSink(bind_ip=host, port=port, server_memory_limit=memory_limit))
+        if path is not None:
+            durable.check_writable(path)
+            sinks.append(rr.FileSink(path))
+        if not sinks:
+            raise ValueError("a recorder needs a file, an address to serve on, or both")
+
+        stream = rr.RecordingStream(APPLICATION, recording_id=run_id)
+        super().__init__(scenario, stream, reported, patience_s=FILE_WALL_S if serve is None else BATCH_WALL_S)
+        self._path = path
+        stream.set_sinks(*sinks, default_blueprint=look.blueprint(scenario, reported, serve is not None))
+        if (
+            serve is not None
+        ):  # the server starts in a thread of its own; a viewer that came before it would end at once
+            await_listener(host, port)
+        stream.send_recording_name(run_id)
+        self.log_fixed()
+
+    def __enter__(self) -> "Recorder":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with suppress(*[RunFailed] * (error is not None)):  # the first failure is the one that counts
+            self.close()
+
     def close(self) -> None:
         """Writes what is left and the file's footer, and stops serving. May be called again.
 
@@ -162,28 +204,38 @@ class Recorder:
         """
         try:
             self.flush()
-            if self._stream is not None:
-                flush = self._stream.flush
-                durable.settle(lambda seconds: flush(timeout_sec=seconds), self._path)
         except RuntimeError as error:
-            raise RunFailed(f"{self._path}: incomplete: {error}; is the disk full?") from error
+            raise _incomplete(self._path, str(error)) from error
         finally:
             stream, self._stream = self._stream, None
             if stream is not None:
-                self._disconnect(stream)
+                close(stream, self._path)
 
-    def _disconnect(self, stream: rr.RecordingStream) -> None:
-        """Rerun waits without end for a thread of its own that a full disk has ended; we wait for it in another one."""
-        closing = Thread(target=stream.disconnect, daemon=True)
-        closing.start()
-        closing.join(CLOSE_WALL_S)
-        if closing.is_alive():
-            rr.unregister_shutdown()  # it would wait, too, when the process ends
-            raise RunFailed(f"{self._path}: incomplete: not closed within {CLOSE_WALL_S:.0f} s; is the disk full?")
 
-    def _send(self, sent: Iterable[Sent]) -> None:
-        for entity, ticks, columns in sent:
-            if ticks is not self._index_of:  # most columns of a batch have those of all its ticks
-                duration = rr.TimeColumn(look.TIMELINE, duration=ticks * self._scenario.dt)
-                self._index_of, self._index = ticks, (duration, rr.TimeColumn(look.TICKS, sequence=ticks))
-            rr.send_columns(entity, self._index, columns, recording=self._stream)
+def close(stream: rr.RecordingStream, path: Path | None) -> None:
+    """Writes what a recording still holds back, and its footer.
+
+    Raises:
+        RunFailed: the file is not complete; its disk is full or gone.
+    """
+    flush = stream.flush
+    try:
+        durable.settle(lambda seconds: flush(timeout_sec=seconds), path)
+    except RuntimeError as error:
+        raise _incomplete(path, str(error)) from error
+    finally:
+        _disconnect(stream, path)
+
+
+def _disconnect(stream: rr.RecordingStream, path: Path | None) -> None:
+    """Rerun waits without end for a thread of its own that a full disk has ended; we wait for it in another one."""
+    closing = Thread(target=stream.disconnect, daemon=True)
+    closing.start()
+    closing.join(CLOSE_WALL_S)
+    if closing.is_alive():
+        rr.unregister_shutdown()  # it would wait, too, when the process ends
+        raise _incomplete(path, f"not closed within {CLOSE_WALL_S:.0f} s")
+
+
+def _incomplete(path: Path | None, why: str) -> RunFailed:
+    return RunFailed(f"{path}: incomplete: {why}; is the disk full?")

@@ -10,6 +10,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,9 @@ from meanflock.swarm.errors import RunFailed
 from meanflock.swarm.scenario import Scenario
 
 Summaries = list[dict[str, Any]]
+Fly = Callable[[Scenario], dict[str, Any]]
+
+STUDY = "study"
 
 
 def seeded(flown: Scenario, count: int) -> list[Scenario]:
@@ -33,13 +37,21 @@ def seeded(flown: Scenario, count: int) -> list[Scenario]:
 
 
 def fly_all(
-    points: Mapping[Any, Sequence[Scenario]], jobs: int, progress: Callable[[int, int], None], store: Store
+    points: Mapping[Any, Sequence[Scenario]],
+    jobs: int,
+    progress: Callable[[int, int], None],
+    store: Store,
+    study: str = STUDY,
+    fly: Fly | None = None,
 ) -> dict[Any, Summaries]:
-    """Flies what `store` does not have yet, in `jobs` processes, without a bus.
+    """Flies what `store` does not have yet, in `jobs` processes, without a bus: the first flight of each point, the
+    second of each, and so on, so that the time left can be told from the time it took.
 
     Args:
         points: by whatever tells them apart, scenarios that differ in their seeds only.
         progress: called with the runs finished and wanted.
+        study: what keeps them, the first word of their names in the store. fly: flies one and says what is kept of it,
+            in whatever process; None for its summary.
 
     Returns:
         For each point the summaries of its runs, in the order of its scenarios.
@@ -47,18 +59,17 @@ def fly_all(
     Raises:
         RunFailed: interrupted, disk full or a process died; what was finished is kept, the same call flies the rest.
     """
-    keys = {name: [key_of(flown) for flown in flights] for name, flights in points.items()}
+    keys = {name: [key_of(flown, study) for flown in flights] for name, flights in points.items()}
     finished = {key: run.scalars for key, run in store.finished().items()}
-    missing: list[Scenario] = []
-    for name, flights in points.items():
-        left = [flown for flown, key in zip(flights, keys[name], strict=True) if key not in finished]
-        missing += left
+    wanted = [zip(flights, keys[name], strict=True) for name, flights in points.items()]
+    turns = (flight for turn in zip_longest(*wanted) for flight in turn if flight is not None)
+    missing = [flown for flown, key in turns if key not in finished]
     total = sum(map(len, keys.values()))
     done = total - len(missing)
     progress(done, total)
     try:
         parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
-        for raw in parallel(delayed(_fly)(flown, os.getpid(), plugins.files()) for flown in missing):
+        for raw in parallel(delayed(_fly)(flown, os.getpid(), plugins.files(), study, fly) for flown in missing):
             store.add(raw)
             runs = decode(raw)
             finished |= {run.key: run.scalars for run in runs}
@@ -75,10 +86,10 @@ def _kept(done: int, total: int, store: Store) -> str:
     return f"{done} of {total} runs are kept in {store.data}: repeat the command to fly the rest"
 
 
-def key_of(flown: Scenario) -> str:
+def key_of(flown: Scenario, study: str = STUDY) -> str:
     """The name of a run in the store, where the paper's grid may keep its own; another if a plug-in's code changed."""
     own = (plugins.find(door, name) for door, name, _ in flown.plugins())
-    return ":".join(["study", flown.sha256(), *(_contents(plugin) for plugin in own if plugins.is_file(plugin))])
+    return ":".join([study, flown.sha256(), *(_contents(plugin) for plugin in own if plugins.is_file(plugin))])
 
 
 def _contents(plugin: plugins.Plugin) -> str:
@@ -87,14 +98,20 @@ def _contents(plugin: plugins.Plugin) -> str:
     return f"{os.getpid()} {id(plugins.load(plugin.door, plugin.name))}"  # a class of this process
 
 
-def _fly(flown: Scenario, parent: int, files: Sequence[tuple[str, str]]) -> bytes:
+def _fly(
+    flown: Scenario, parent: int, files: Sequence[tuple[str, str]], study: str = STUDY, fly: Fly | None = None
+) -> bytes:
     """Flies one run; the content of its file. files: the plug-ins of `parent`, for a process of an earlier call."""
     if os.getpid() != parent:
         plugins.hold(files)
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the parent decides
-    summary = Engine(flown, f"{flown.method}-s{flown.seed}").complete()
-    return encode([StoredRun(key_of(flown), of_all(flown, summary))])
+    return encode([StoredRun(key_of(flown, study), (fly or summarised)(flown))])
+
+
+def summarised(flown: Scenario) -> dict[str, Any]:
+    """Flies it in this process; the summary, see `of_all`."""
+    return of_all(flown, Engine(flown, f"{flown.method}-s{flown.seed}").complete())
 
 
 def of_all(flown: Scenario, summary: Mapping[str, Any]) -> dict[str, Any]:

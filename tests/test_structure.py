@@ -37,7 +37,8 @@ RERUN = {
     f"groundstation/{name}.py"
     for name in (
         *("recording", "recording_columns", "recording_map", "recording_links", "recording_events", "disturbances"),
-        *("blueprint", "legend", "screenshot", "viewer", "recorded"),
+        *("blueprint", "plot_views", "legend", "screenshot", "viewer", "recorded"),
+        *("recording_part", "side_by_side"),
     )
 }
 LEGACY_RANDOM = {"default_rng", "Generator", "SeedSequence", "BitGenerator", "PCG64"}  # the rest of np.random is global

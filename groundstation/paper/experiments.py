@@ -1,6 +1,5 @@
 """Flies the grid: in parallel, with the time left, resumable, and proof against what happens to processes and disks."""
 
-import importlib
 import os
 import signal
 import threading
@@ -9,13 +8,13 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import joblib
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from meanflock.groundstation.backends import BACKENDS, processes, terminable
 from meanflock.groundstation.paper.flown import Flown, fly
 from meanflock.groundstation.paper.grid import EXPERIMENTS, Wanted, wanted
 from meanflock.groundstation.paper.job_file import StoredRun, encode, stored
@@ -24,8 +23,6 @@ from meanflock.groundstation.paper.store import Store
 from meanflock.groundstation.paper.tables import Results, tables
 from meanflock.swarm.errors import BadInput, MeanflockError, RunFailed
 
-BACKENDS = ("loky", "dask")
-SCHEDULER_TIMEOUT = "10s"
 _ATTEMPTS = 2
 _COST = {Method.HJB: (130.0, 4.0), Method.OFFLINE: (80.0, 0.2)}  # µs a tick, and more a UAV; of all others:
 _COST_OF_OTHERS = 50.0, 2.0
@@ -65,7 +62,7 @@ def run_grid(
     store = Store(out)
     finished = store.finished()
     missing = to_do([run for run in table if only is None or run.point.experiment in only], finished)
-    with _reports(missing, quiet) as done, _terminable(), _backend(backend, scheduler):
+    with _reports(missing, quiet) as done, terminable(), processes(backend, scheduler):
         try:
             for run, raw in _all(missing, jobs):
                 store.add(raw)
@@ -221,40 +218,6 @@ def _one(number: int, run: Wanted, parent: int) -> tuple[int, bytes]:
         point = run.point
         where = f"{point.experiment} {point.flown.method} {point.setting}".strip()
         raise RunFailed(f"{where}, seed {run.seed}: {error!r}") from error
-
-
-@contextmanager
-def _backend(backend: str, scheduler: str | None) -> Iterator[None]:
-    if backend == "loky":
-        with joblib.parallel_config(backend="loky"):
-            yield
-        return
-    try:
-        client_of = importlib.import_module("distributed").Client
-    except ImportError as error:
-        raise BadInput("--backend dask: not installed; pip install 'meanflock[dask]'") from error
-    try:
-        client = client_of(scheduler, timeout=SCHEDULER_TIMEOUT)
-    except (OSError, ValueError) as error:
-        raise BadInput(f"--scheduler {scheduler}: {error}") from error
-    with client, joblib.parallel_config(backend="dask"):
-        yield
-
-
-@contextmanager
-def _terminable() -> Iterator[None]:
-    """SIGTERM ends the grid as Ctrl-C does; workers do not outlive it."""
-
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    in_main = threading.current_thread() is threading.main_thread()
-    before = signal.signal(signal.SIGTERM, interrupt) if in_main else None
-    try:
-        yield
-    finally:
-        if in_main:
-            signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager

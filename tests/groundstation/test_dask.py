@@ -42,6 +42,6 @@ def test_a_local_cluster_finds_the_same_claims_to_the_last_digit(tmp_path: Path)
 def test_a_scheduler_that_is_not_there_is_bad_input_that_names_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("meanflock.groundstation.paper.experiments.SCHEDULER_TIMEOUT", "1s")  # nobody will come
+    monkeypatch.setattr("meanflock.groundstation.backends.SCHEDULER_TIMEOUT", "1s")  # nobody will come
     with pytest.raises(BadInput, match=r"127\.0\.0\.1:9"):
         run_grid(tmp_path, 1, backend="dask", scheduler="tcp://127.0.0.1:9", quiet=True, plan=plan())

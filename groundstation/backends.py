@@ -1,0 +1,61 @@
+"""Where the flights of a study are flown: processes of this machine, or the workers of a Dask cluster."""
+
+import importlib
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+import joblib
+
+from meanflock.swarm.errors import BadInput
+
+BACKENDS = ("loky", "dask")
+SCHEDULER_TIMEOUT = "10s"
+
+
+@contextmanager
+def processes(backend: str, scheduler: str | None, workers: int | None = None) -> Iterator[None]:
+    """What joblib's calls within this block use.
+
+    Args:
+        scheduler: of dask, its address; None: a cluster on this machine, for as long as the block lasts.
+        workers: of such a cluster; None: one a core.
+
+    Raises:
+        BadInput: dask is not installed, or there is no scheduler at that address.
+    """
+    if backend == "loky":
+        with joblib.parallel_config(backend="loky"):
+            yield
+        return
+    try:
+        client_of = importlib.import_module("distributed").Client
+    except ImportError as error:
+        raise BadInput("--backend dask: not installed; pip install 'meanflock[dask]'") from error
+    try:
+        if scheduler is None:
+            client = client_of(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+        else:
+            client = client_of(scheduler, timeout=SCHEDULER_TIMEOUT)
+    except (OSError, ValueError) as error:
+        raise BadInput(f"--scheduler {scheduler}: {error}") from error
+    with client, joblib.parallel_config(backend="dask"):
+        yield
+
+
+@contextmanager
+def terminable() -> Iterator[None]:
+    """SIGTERM ends a study as Ctrl-C does; workers do not outlive it."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    in_main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGTERM, interrupt) if in_main else None
+    try:
+        yield
+    finally:
+        if in_main:
+            signal.signal(signal.SIGTERM, before)

@@ -1,0 +1,123 @@
+"""A recording of several flights side by side on one timeline: who is where at the same moment, at what cost."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from meanflock.groundstation import blueprint as look
+from meanflock.groundstation import durable, palette, quantities
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.plot_views import whole_flight
+from meanflock.groundstation.recording import APPLICATION, Writer, close
+from meanflock.groundstation.recording_columns import Sent, Ticks, scalars
+from meanflock.groundstation.recording_part import Part
+from meanflock.groundstation.recording_plots import COLUMN
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import Telemetry
+
+_TRAFFIC = ("uplink_bits", "relay_bits", "broadcast_bits", "state_bits")
+_COLUMNS = 2  # of maps
+_LINES = (palette.ORANGE, palette.BLUE, palette.GREEN, palette.VIOLET, palette.WHITE, palette.RED)
+# What the flights show in one plot: entity below the part of each, and what it is.
+ENERGY, BITS = "shared/energy", "shared/bits"
+COLLISIONS, ARRIVED = "shared/collisions", "shared/arrived"
+_TITLES = {
+    ENERGY: f"{quantities.ENERGY.title()}, mean",
+    BITS: f"{quantities.PAYLOAD.name}, Mbit",
+    COLLISIONS: quantities.COLLISIONS.title(),
+    ARRIVED: quantities.ARRIVED.title(),
+}
+
+
+def part_of(name: str) -> str:
+    """Under which entity a flight lies that is called so."""
+    return rr.escape_entity_path_part(name)
+
+
+def record(flights: Mapping[str, Scenario], path: Path) -> dict[str, dict[str, Any]]:
+    """Flies every scenario once in this process, into one recording; their summaries.
+
+    Args:
+        flights: what is flown, by its name in the recording; one at least. path: of the recording; what was there is
+            replaced.
+
+    Raises:
+        BadInput: the file cannot be written, or a controller fails before it flies.
+        RunFailed: a flight failed, or the disk is full.
+    """
+    durable.check_writable(path)
+    stream = rr.RecordingStream(APPLICATION, recording_id=f"compare {' '.join(flights)}")
+    writers = {
+        name: _Beside(flown, stream, part=part_of(name), color=_LINES[number % len(_LINES)], name=name)
+        for number, (name, flown) in enumerate(flights.items())
+    }
+    stream.set_sinks(rr.FileSink(path), default_blueprint=_blueprint(flights))
+    try:
+        stream.send_recording_name(f"compare: {', '.join(flights)}")
+        summaries = {}
+        for name, writer in writers.items():
+            writer.log_fixed()
+            summaries[name] = Engine(flights[name], f"compare-{name}", sinks=[writer]).complete()
+            writer.flush()
+    finally:
+        close(stream, path)
+    return summaries
+
+
+class _Beside(Writer):
+    """Sends a flight under its part, and a line for each plot that all flights share."""
+
+    def __init__(self, scenario: Scenario, stream: rr.RecordingStream, part: str, name: str, color: int) -> None:
+        super().__init__(scenario, stream, part=part)
+        self._name, self._color = name, color
+
+    def log_fixed(self) -> None:
+        """Logs what does not change in flight."""
+        super().log_fixed()
+        if self._stream is not None:
+            line = rr.SeriesLines(names=self._name, colors=np.array([self._color], dtype=np.uint32), widths=2.0)
+            for entity in _TITLES:
+                Part(self._stream, self._part).log(entity, line, static=True)
+
+    def _send_blocks(self, blocks: list[Telemetry]) -> None:
+        super()._send_blocks(blocks)
+        ticks = np.concatenate([block.first_tick + np.arange(len(block.states)) for block in blocks])
+        self._send(_shared(ticks, blocks))
+
+
+def _shared(ticks: Ticks, blocks: Iterable[Telemetry]) -> Iterator[Sent]:
+    swarm = np.concatenate([block.swarm for block in blocks])
+    energy = np.concatenate([block.energy for block in blocks])
+    yield from scalars(ENERGY, ticks, energy.mean(axis=1))
+    yield from scalars(BITS, ticks, swarm[:, [COLUMN[name] for name in _TRAFFIC]].sum(axis=1) / 1e6)
+    yield from scalars(COLLISIONS, ticks, swarm[:, COLUMN["collisions"]])
+    yield from scalars(ARRIVED, ticks, swarm[:, COLUMN["arrived"]])
+
+
+def _blueprint(flights: Mapping[str, Scenario]) -> rrb.Blueprint:
+    """A map for every flight, and below them the plots they share."""
+    maps = [look.swarm_map(flown, name, part_of(name)) for name, flown in flights.items()]
+    plots = [
+        rrb.TimeSeriesView(
+            origin="/",
+            contents=[f"/{part_of(name)}/{entity}" for name in flights],
+            name=title,
+            axis_x=whole_flight(),
+            plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop),
+        )
+        for entity, title in _TITLES.items()
+    ]
+    return rrb.Blueprint(
+        rrb.Vertical(
+            rrb.Grid(*maps, grid_columns=min(_COLUMNS, len(maps))), rrb.Horizontal(*plots), row_shares=[3, 1.2]
+        ),
+        look.time_panel(live=False),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        auto_layout=False,
+        auto_views=False,
+    )
