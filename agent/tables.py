@@ -1,7 +1,8 @@
 """The tables of the mean-field learners of a scenario: which monomials their features are, and all their constants.
 
-Features are monomials of the scaled state s̄ = [x/L_r, y/L_r, vx/L_v, vy/L_v] with coefficient one; the paper's raw
-metres and multinomial coefficients make the LMS step μ‖∇e‖² < 2 impossible.
+Features are monomials of the scaled state s̄ = [x/L_r, y/L_r, vx/L_v, vy/L_v], with coefficient one or, by
+`learner.multinomial`, those of the powers the paper prints: (1 + x̄ + v̄x)⁶ has 6!/(i! j! (6 − i − j)!) before x̄ⁱv̄xʲ.
+The paper's raw metres make the LMS step μ‖∇e‖² < 2 impossible, with either.
 """
 
 from itertools import product
@@ -74,20 +75,24 @@ def tables(scenario: Scenario) -> Tables:
     terms = np.concatenate([np.zeros((1, state.SIZE), dtype=np.intp), DENSITY_EXPONENTS])
     factorials = np.array([float(prod(map(factorial, term))) for term in terms.tolist()])
     monomials = ((nodes / scale)[None, :, :] ** terms[:, None, :]).prod(axis=-1)
-    value_first, value_second, value_factor = _value_products(scale)
+    value_first, value_second, value_factor = _value_products(scale, learner.multinomial)
     pairs = [(i, j) for i, j in product(range(DENSITY_DEGREE + 1), repeat=2) if i + j <= DENSITY_DEGREE]
     pair_first, pair_second, pair_factor = _pair_products(scale, pairs)
     number = {pair: k for k, pair in enumerate(pairs)}
     at_position = np.array([number[a, b] for a, b, _, _ in terms.tolist()])
     at_velocity = np.array([number[c, d] for _, _, c, d in terms.tolist()])
     count = len(pairs)
+    coefficient = np.array(
+        [_coefficient(DENSITY_DEGREE, term) if learner.multinomial else 1.0 for term in terms.tolist()]
+    )
     weight, term, starts = _expansion(terms)
     gain = 1.0 / (2.0 * cost.c3)
     return Tables(
         scale=scale,
         value_factor=value_factor,
         pair_factor=pair_factor,
-        factorial=factorials,
+        coefficient=coefficient,
+        factorial=factorials * coefficient,
         monomials=np.ascontiguousarray(monomials / factorials[:, None]),
         kernel=interaction.kernel(nodes[:, state.VELOCITY], nodes[:, state.POSITION], cost.epsilon, cost.beta),
         wind=np.array(wind.mean),
@@ -117,7 +122,12 @@ def tables(scenario: Scenario) -> Tables:
     )
 
 
-def _value_products(scale: Floats) -> Products:
+def _coefficient(degree: int, exponents: list[int]) -> float:
+    """What stands before a term in the power `degree` of one plus its variables."""
+    return float(factorial(degree) // prod(map(factorial, [*exponents, degree - sum(exponents)])))
+
+
+def _value_products(scale: Floats, multinomial: bool) -> Products:
     """Of σ_H, ∂σ_H/∂r, ∂σ_H/∂v, ∂²σ_H/∂v²: a feature belongs to one axis, so it has one derivative by each."""
     first, second, factor = [], [], []
     for by_position, by_velocity in ((0, 0), (1, 0), (0, 1), (0, 2)):
@@ -129,7 +139,8 @@ def _value_products(scale: Floats) -> Products:
             first.append(axis * POWERS + (i - by_position if inside else 0))
             second.append((axis + state.VX) * POWERS + (j - by_velocity if inside else 0))
             unit = scale[axis] ** by_position * scale[axis + state.VX] ** by_velocity
-            factor.append(falling / unit if inside else 0.0)
+            coefficient = _coefficient(VALUE_DEGREE, row) if multinomial else 1.0
+            factor.append(coefficient * (falling / unit) if inside else 0.0)
     return np.array(first), np.array(second), np.array(factor)
 
 

@@ -19,6 +19,8 @@ UNITS = {
     "cost.c1": "s²/m²",
     "cost.c3": "s⁴/m²",
     "cost.epsilon": "m²",
+    "cost.separation": "1/s²",
+    "cost.separation_range": "m",
     "learner.kappa": "1/s",
     "learner.position_scale": "m",
     "learner.velocity_scale": "m/s",

@@ -27,6 +27,13 @@ def nearest(
     missing: NDArray[np.float64],
 ) -> None: ...
 def columns(left: NDArray[np.float64], right: NDArray[np.float64], out: NDArray[np.float64]) -> float: ...
+def repel(
+    states: NDArray[np.float64],
+    known: NDArray[np.float64],
+    weight: float,
+    range_m: float,
+    pushed: NDArray[np.float64],
+) -> None: ...
 def read(raw: bytes, kind: int = 0, into: NDArray[np.float64] | None = None, /) -> Message: ...
 def write(
     kind: int,

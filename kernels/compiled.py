@@ -5,10 +5,10 @@ Among many processes that take turns on a core it is calls that cost: each finds
 
 from typing import Any
 
-from meanflock.kernels._native import columns, learn, nearest, pairs, read, tables, write
+from meanflock.kernels._native import columns, learn, nearest, pairs, read, repel, tables, write
 from meanflock.kernels.tables import Tables, packed
 
-__all__ = ["BACKEND", "columns", "learn", "nearest", "pairs", "prepare", "read", "write"]
+__all__ = ["BACKEND", "columns", "learn", "nearest", "pairs", "prepare", "read", "repel", "write"]
 
 BACKEND = "compiled"
 

@@ -1,4 +1,6 @@
-"""Features σ_H and σ_F of the two networks, with exact derivatives: monomials of the scaled state, coefficient one.
+"""Features σ_H and σ_F of the two networks, with exact derivatives: monomials of the scaled state.
+
+Their coefficients are in the tables: one, or those of the polynomial (`learner.multinomial`).
 
 Every function is row-wise: row i of the result depends on row i of the arguments only, to the last bit.
 """
@@ -35,7 +37,9 @@ def pairs(t: Tables, of: Floats) -> Floats:
 
 def terms(t: Tables, of: Floats) -> Floats:
     """Pairs to [1, σ_F], `(..., 70)`: a term x̄^a ȳ^b v̄x^c v̄y^d is a product of a position and a velocity pair."""
-    return of[..., 0, :].take(t.at_position, axis=-1) * of[..., 3, :].take(t.at_velocity, axis=-1)
+    result = of[..., 0, :].take(t.at_position, axis=-1) * of[..., 3, :].take(t.at_velocity, axis=-1)
+    result *= t.coefficient
+    return result
 
 
 def _products(of: Floats, first: Indices, second: Indices, factor: Floats) -> Floats:

@@ -38,7 +38,7 @@ def operator(t: Tables, pairs: Floats, b: Floats, divergence: Floats) -> Floats:
     products = flat.take(t.left, axis=-1)
     products *= flat.take(t.right, axis=-1)
     half = products.shape[-1] // 2
-    return products[..., :half] + products[..., half:]
+    return (products[..., :half] + products[..., half:]) * t.coefficient[1:]
 
 
 def step(

@@ -14,7 +14,7 @@ enum {
 
 /* The fields of kernels/tables.py in their order: first all doubles, from value_first on all indices. */
 typedef struct {
-    double scale[SIZE], value_factor[BLOCKS], pair_factor[ALL_PAIRS], factorial[TERMS];
+    double scale[SIZE], value_factor[BLOCKS], pair_factor[ALL_PAIRS], coefficient[TERMS], factorial[TERMS];
     double monomials[TERMS * NODES], kernel[NODES], wind[AXES];
     double drag, half_variance, c1, c2, c3, epsilon, gain, mu_h, mu_f, push, kappa, arrived_squared;
     int32_t value_first[BLOCKS], value_second[BLOCKS], pair_first[ALL_PAIRS], pair_second[ALL_PAIRS];

@@ -12,6 +12,7 @@
 #include "halfplanes.h"
 #include "learn.h"
 #include "pairs.h"
+#include "separation.h"
 #include "wire.h"
 
 enum { D = sizeof(double), MOST_ARRAYS = 5, READ = 0, WRITTEN = PyBUF_WRITABLE };
@@ -253,13 +254,45 @@ done:
     return result;
 }
 
-/* The docstrings are those of kernels/reference.py, kernels/halfplanes.py and kernels/wire.py. */
+/* ---- repel ---- */
+
+static PyObject *push(PyObject *module, PyObject *args) {
+    PyObject *states, *known, *pushed, *result = NULL;
+    Arrays arrays = {.held = 0};
+    double weight, range, *room = NULL;
+    if (!PyArg_ParseTuple(args, "OOddO:repel", &states, &known, &weight, &range, &pushed)) return NULL;
+    const Py_buffer *s = doubles(&arrays, states, "states", READ);
+    const Py_buffer *of = s == NULL ? NULL : doubles(&arrays, known, "known", READ);
+    const Py_buffer *to = of == NULL ? NULL : doubles(&arrays, pushed, "pushed", WRITTEN);
+    if (to == NULL) goto done;
+    const Py_ssize_t rows = s->len / (SIZE * D), each = rows ? of->len / rows : 0, others = each / (SIZE * D);
+    if (!fits(s, "states", rows * SIZE * D) || !fits(of, "known", rows * others * SIZE * D)
+        || !fits(to, "pushed", rows * AXES * D))
+        goto done;
+    if ((room = PyMem_Malloc((2 * others + 1) * D)) == NULL) {
+        PyErr_NoMemory();
+        goto done;
+    }
+    for (Py_ssize_t m = 0; m < rows; m++) {
+        double found[AXES];
+        repel((const char *)s->buf + m * SIZE * D, (const char *)of->buf + m * each, others, weight, range, room, found);
+        memcpy((char *)to->buf + m * AXES * D, found, sizeof found);
+    }
+    result = Py_NewRef(Py_None);
+done:
+    PyMem_Free(room);
+    let_go(&arrays);
+    return result;
+}
+
+/* The docstrings are those of kernels/reference.py, halfplanes.py, separation.py and kernels/wire.py. */
 static PyMethodDef methods[] = {
     {"tables", tables, METH_VARARGS, "tables(numbers, indices): both packed; checked once."},
     {"learn", learn, METH_VARARGS, "learn(tables, states, weights, around, weights_out, numbers)"},
     {"pairs", measure, METH_VARARGS, "pairs(states, hazard_m, collision_m, found)"},
     {"nearest", nearest_of_all, METH_VARARGS, "nearest(wanted, normals, bounds, limit, found, missing)"},
     {"columns", columns, METH_VARARGS, "columns(left, right, out)"},
+    {"repel", push, METH_VARARGS, "repel(states, known, weight, range_m, pushed)"},
     {"read", wire_read, METH_VARARGS, "read(raw, kind=0, into=None)"},
     {"write", wire_write, METH_VARARGS, "write(kind, run, tick, flags, rows, columns, table, tables, frames=())"},
     {NULL, NULL, 0, NULL},

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from meanflock.kernels import features, fpk, hjb, interaction, state
 from meanflock.kernels.halfplanes import nearest
+from meanflock.kernels.separation import repel
 from meanflock.kernels.tables import Floats, Tables
 from meanflock.kernels.weights import DENSITY, DENSITY_FEATURES, VALUE
 from meanflock.kernels.wire import read, write
 
-__all__ = ["BACKEND", "columns", "learn", "nearest", "pairs", "prepare", "read", "write"]
+__all__ = ["BACKEND", "columns", "learn", "nearest", "pairs", "prepare", "read", "repel", "write"]
 
 BACKEND = "numpy"
 FEW = 100  # UAVs up to which all N² distances are one sum; as in pairs.h

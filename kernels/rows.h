@@ -125,8 +125,8 @@ INLINE Lanes density_step(const Tables *t, const Lanes *s, const Lanes *pairs, c
                              + spread * velocity[3 * PAIRS + k] + spread * velocity[4 * PAIRS + k];
     }
     for (int k = 0; k < DENSITIES; k++)
-        gradient[k] = parts[t->left[k]] * parts[t->right[k]]
-                    + parts[t->left[DENSITIES + k]] * parts[t->right[DENSITIES + k]];
+        gradient[k] = (parts[t->left[k]] * parts[t->right[k]]
+                     + parts[t->left[DENSITIES + k]] * parts[t->right[DENSITIES + k]]) * t->coefficient[k + 1];
     memcpy(gradient + DENSITIES, terms + 1, DENSITIES * sizeof *terms);
     Lanes residual = dot(weights, gradient, 2 * DENSITIES), rate = t->mu_f * residual;
     for (int k = 0; k < 2 * DENSITIES; k++) stepped[k] = weights[k] - rate * gradient[k];
@@ -169,7 +169,8 @@ TARGET void STEP(const Tables *t, const Rows *rows, ptrdiff_t from, int count) {
     } else {
         for (int k = 0; k < ALL_PAIRS; k++)
             pairs[k] = powers[t->pair_first[k]] * powers[t->pair_second[k]] * t->pair_factor[k];
-        for (int k = 0; k < TERMS; k++) terms[k] = pairs[t->at_position[k]] * pairs[3 * PAIRS + t->at_velocity[k]];
+        for (int k = 0; k < TERMS; k++)
+            terms[k] = pairs[t->at_position[k]] * pairs[3 * PAIRS + t->at_velocity[k]] * t->coefficient[k];
         numbers[4] = quadrature(t, density, terms);
         Lanes curvature = value_step(t, s, powers, numbers[4], weights, stepped, numbers);
         numbers[3] = density_step(t, s, pairs, terms, numbers, curvature, density, density_stepped);

@@ -19,7 +19,8 @@ class Tables(NamedTuple):
     scale: Floats  # (4,): L_r, L_r, L_v, L_v
     value_factor: Floats  # (216,): of σ_H, ∂σ_H/∂r, ∂σ_H/∂v, ∂²σ_H/∂v², 54 each
     pair_factor: Floats  # (120,): of A, ∂A/∂x, ∂A/∂y, V, ∂V/∂vx, ∂V/∂vy, ∂²V/∂vx², ∂²V/∂vy², 15 each
-    factorial: Floats  # (70,): n! of the terms [1, σ_F]
+    coefficient: Floats  # (70,): of the terms [1, σ_F]; one, or multinomial
+    factorial: Floats  # (70,): n! of the same terms, times their coefficient
     monomials: Floats  # (70, 64): δⁿ/n! of the scaled offsets δ of the quadrature
     kernel: Floats  # (64,): K(s, s + δ)
     wind: Floats  # (2,): v_o, m/s

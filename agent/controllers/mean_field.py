@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
 from meanflock.agent.learner import Learner
+from meanflock.agent.separation import Separation
 from meanflock.kernels.weights import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, VALUE, VALUE_FEATURES
 from meanflock.swarm import mission, plausible
 from meanflock.swarm.ascending import distinct
+from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import SIZE, States
 from meanflock.swarm.wire.messages import NOBODY
@@ -36,7 +38,13 @@ class MeanField(Controller):
         self.parameters = self.shared.stop - self.shared.start
         # Ticks between two broadcasts of the own state; 0 for none: the mission plan has said it once.
         self.state_period = scenario.federation.state_period
-        self.pairwise = self.state_period > 0
+        self.separation = Separation(scenario) if scenario.cost.separation else None
+        self.pairwise = self.state_period > 0 or self.separation is not None
+        if self.state_period and self.separation is not None and self.learns_density:
+            raise BadInput(
+                f"`federation.state_period` {self.state_period} and `cost.separation` {scenario.cost.separation}: with "
+                "a separation every state is shared in every tick; leave one of them out"
+            )
         self._plausible = plausible.check(scenario)
 
     @cached_property
@@ -53,24 +61,31 @@ class MeanField(Controller):
             memory = {"weights": self.learner.init(len(uavs), plan)}
         if self.state_period:  # the mission plan, then whatever the radio brings
             memory |= {"known": np.repeat(plan[None], len(uavs), axis=0), "uav": uavs.astype(np.int32)}
+        if self.separation is not None:
+            memory |= self.separation.init(uavs, plan)
         return memory
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         weights, known, refused = memory["weights"], None, NOBODY
         goal = memory.get("goal")
         if self.state_period:
-            known, fresh, refused = self._take_in(memory["known"], received)
+            known, fresh, _, refused = self._take_in(memory["known"], received)
             if self.learns_density and len(fresh):  # only rows that received something: another row is another UAV
-                weights = self.learner.refit(weights, fresh, known if goal is None else known - goal[:, None])
+                of = known if goal is None else known - goal[:, None]
+                weights = self.learner.refit(weights, distinct(fresh), of)
             known[np.arange(len(own)), memory["uav"]] = own
             memory = memory | {"known": known}
         states = own if goal is None else own - goal
         known = known if goal is None or known is None else known - goal[:, None]
         weights, numbers = self.learner.step(weights, states, known)
-        speaks = self.state_period and tick and tick % self.state_period == 0
+        speaks, action = self.state_period and tick and tick % self.state_period == 0, numbers[:, :2]
+        if self.separation is not None:
+            states_received, row, source, refused = self._take_in(memory["believed"], received)
+            memory, pushed = self.separation.step(memory, tick, own, states_received, (row, source))
+            action, speaks = action + pushed, tick > 0
         return Step(
             memory | {"weights": weights},
-            numbers[:, :2],
+            action,
             numbers[:, 2:] if self.learns_density else numbers[:, 2::2],  # without e_F
             (Broadcast(own),) if speaks else (),
             refused,
@@ -87,9 +102,12 @@ class MeanField(Controller):
     def report(self, memory: Memory) -> Floats:
         return memory["weights"]
 
-    def _take_in(self, known: Floats, received: Sequence[Received]) -> tuple[Floats, Rows, NDArray[np.int32]]:
-        """What rows know (M, N, 4) with the states received; which rows received any; and whose were not believed."""
-        known, fresh, refused = known.copy(), [], []
+    def _take_in(self, known: Floats, received: Sequence[Received]) -> tuple[Floats, Rows, Rows, NDArray[np.int32]]:
+        """What rows know (M, N, 4) with the states received; which row received one of which UAV; and whose were not
+        believed."""
+        known, refused = known.copy(), []
+        by: list[NDArray[Any]] = [NOBODY]
+        of: list[NDArray[Any]] = [NOBODY]
         for frames in received:
             if frames.number or frames.payload.shape[1] != SIZE or frames.payload.dtype.kind != "f":
                 continue  # not a state
@@ -99,9 +117,10 @@ class MeanField(Controller):
                 refused.append(frames.source[~sane])
                 sent, row = sent[sane[sent]], row[sane[sent]]
             known[row, frames.source[sent]] = frames.payload[sent]
-            fresh.append(row)
-        rows = distinct(np.concatenate(fresh)) if fresh else np.zeros(0, dtype=np.intp)
-        return known, rows, distinct(np.concatenate(refused)).astype(np.int32) if refused else NOBODY
+            by.append(row)
+            of.append(frames.source[sent])
+        whose = distinct(np.concatenate(refused)).astype(np.int32) if refused else NOBODY
+        return known, np.concatenate(by).astype(np.intp), np.concatenate(of).astype(np.intp), whose
 
 
 class Hjb(MeanField):

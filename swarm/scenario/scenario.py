@@ -49,6 +49,7 @@ LATER = (
     "pace",
     *("start.formation", "start.radius", "start.positions", "start.group", "start.interval"),
     *("destination.goals", "destination.positions", "obstacles"),
+    *("cost.separation", "cost.separation_range", "learner.multinomial"),
 )
 
 _PAYLOAD_BITS: dict[Payload, int] = {"float64": 64, "float32": 32, "float16": 16, "int8": 8}  # a weight

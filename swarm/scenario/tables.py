@@ -82,6 +82,11 @@ class Cost(_Table, frozen=True):
     c3: Annotated[float, Meta(gt=0, description="weight of ‖a‖², s⁴/m²")] = 0.005
     epsilon: Annotated[float, Meta(gt=0, description="ε of the interaction kernel, m²")] = 1.0
     beta: Annotated[float, Meta(ge=0, description="β, exponent of the interaction kernel")] = 1.0
+    separation: Annotated[
+        float,
+        Meta(ge=0, description="weight of a repulsion from neighbours, who then broadcast every tick; 0: none, 1/s²"),
+    ] = 0.0
+    separation_range: Annotated[float, Meta(gt=0, description="how far it reaches, std of its Gaussian, m")] = 0.5
 
 
 class Learner(_Table, frozen=True):
@@ -93,6 +98,9 @@ class Learner(_Table, frozen=True):
     kappa: Annotated[float, Meta(gt=-1, lt=1, description="κ, position–velocity term of L_s, 1/s")] = 0.01
     position_scale: Annotated[float, Meta(gt=0, description="L_r, features see x / L_r, m")] = 200.0
     velocity_scale: Annotated[float, Meta(gt=0, description="L_v, features see v / L_v, m/s")] = 20.0
+    multinomial: Annotated[
+        bool, Meta(description="features keep the coefficients of the powers they are terms of; else all are one")
+    ] = False
 
 
 class Density(_Table, frozen=True):

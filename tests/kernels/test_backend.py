@@ -39,7 +39,7 @@ def test_a_variable_chooses_numpy_and_nothing_else_does(pure: str) -> None:
 
 
 def test_both_forms_have_the_same_names() -> None:
-    names = {"BACKEND", "columns", "learn", "nearest", "pairs", "prepare", "read", "write"}
+    names = {"BACKEND", "columns", "learn", "nearest", "pairs", "prepare", "read", "repel", "write"}
     assert set(kernels.__all__) - {"Tables"} == names
     for module in ("compiled", "reference"):
         code = f"import meanflock.kernels.{module} as m; print(*sorted({names!r} & set(vars(m))))"
@@ -58,6 +58,11 @@ FAULTS = """faults=[{kind='jam',tick=20,duration_s=3.0,centre=[60.0,40.0],radius
         ("mfgfl-hf", ["uavs=9", "duration=12", "federation.period=15"]),
         ("hjb", ["uavs=9", "duration=12", "start.spacing=0.2", FAULTS]),
         ("hjb", ["uavs=5", "duration=6", "cost.beta=0.5"]),
+        ("hjb", ["uavs=9", "duration=6", "cost.separation=5", "start.spacing=0.4"]),
+        (
+            "mfgfl-hf",
+            ["uavs=9", "duration=12", "federation.period=15", "learner.multinomial=true", "cost.separation=3"],
+        ),
         ("mfg", ["uavs=103", "duration=0.5", "metrics.collision_radius=3.0"]),
     ],
 )

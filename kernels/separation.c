@@ -1,0 +1,37 @@
+/* What kernels/separation.py says: the same operations in the same order. */
+#define LANES 1
+#include "separation.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "pairwise.h"
+
+static const double FARTHEST = 36.0, LOG2_E = 1.4426950408889634;
+static const double LN2_HIGH = 0.693147180369123816490, LN2_LOW = 1.90821492927058770002e-10;
+static const double SERIES[] = {
+    1.0 / 6227020800.0, 1.0 / 479001600.0, 1.0 / 39916800.0, 1.0 / 3628800.0, 1.0 / 362880.0, 1.0 / 40320.0,
+    1.0 / 5040.0, 1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0,
+};
+
+/* exp(−u) of 0 ≤ u ≤ FARTHEST */
+static double decay(double u) {
+    const double k = floor(u * LOG2_E + 0.5), r = k * LN2_LOW - (u - k * LN2_HIGH);
+    double series = SERIES[0];
+    for (size_t n = 1; n < sizeof SERIES / sizeof *SERIES; n++) series = series * r + SERIES[n];
+    return ldexp(series, -(int)k);
+}
+
+void repel(const char *state, const char *known, ptrdiff_t n, double weight, double range, double *room, double *pushed) {
+    double s[2], other[2], *along = room, *across = room + n;
+    const double narrow = 0.5 / (range * range);
+    memcpy(s, state, sizeof s); /* bytes may begin anywhere */
+    for (ptrdiff_t j = 0; j < n; j++, known += 2 * sizeof other) {
+        memcpy(other, known, sizeof other);
+        const double x = s[0] - other[0], y = s[1] - other[1], u = (x * x + y * y) * narrow;
+        const double falls = u <= FARTHEST ? decay(u) : 0.0;
+        along[j] = (falls > 0.0 ? x : 0.0) * falls, across[j] = (falls > 0.0 ? y : 0.0) * falls;
+    }
+    pushed[0] = weight * (n ? 0.0 + sum_of(along, n) : 0.0);
+    pushed[1] = weight * (n ? 0.0 + sum_of(across, n) : 0.0);
+}

@@ -1,0 +1,82 @@
+"""Features with the coefficients of the paper's powers: closed forms of the sums, and both forms to the same bits."""
+
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from meanflock.agent.learner import Learner
+from meanflock.agent.tables import offsets, tables
+from meanflock.kernels import features, fpk, interaction, reference
+from meanflock.kernels import weights as layout
+from meanflock.swarm import state
+from meanflock.swarm.mission import starts
+from meanflock.swarm.scenario import load
+
+SCALES = ["learner.position_scale=300", "learner.velocity_scale=60"]
+PRINTED = load(None, ["uavs=9", "learner.multinomial=true", *SCALES], method="mfg")
+PLAIN = load(None, ["uavs=9", *SCALES], method="mfg")
+T = tables(PRINTED)
+STATES = np.random.default_rng(2).uniform([-50, -50, -8, -8], [180, 130, 8, 8], (13, state.SIZE))
+SCALED = STATES / [300.0, 300.0, 60.0, 60.0]
+
+
+def test_the_value_s_features_of_an_axis_add_up_to_the_sixth_power() -> None:
+    """(1 + r̄ + v̄)⁶ − 1, and its derivatives by r, v and v twice."""
+    of = features.value(T, features.powers(T, STATES)).sum(axis=-1)  # (13, 4, 2)
+    base = 1.0 + SCALED[:, state.POSITION] + SCALED[:, state.VELOCITY]
+    for k, expected in enumerate((base**6 - 1.0, 6 * base**5 / 300, 6 * base**5 / 60, 30 * base**4 / 60**2)):
+        np.testing.assert_allclose(of[:, k], expected, rtol=1e-12)
+
+
+def test_the_density_s_terms_add_up_to_the_fourth_power() -> None:
+    of = features.terms(T, features.pairs(T, features.powers(T, STATES)))
+    np.testing.assert_allclose(of.sum(axis=-1), (1.0 + SCALED.sum(axis=-1)) ** 4, rtol=1e-12)
+
+
+def test_the_operator_of_the_fpk_equation_acts_on_that_power() -> None:
+    """σ∇·b + bᵀ∇σ − ½tr(GGᵀ Hess σ) of (1 + Σs̄)⁴ − 1, whose gradient is 4(…)³/L and whose Hessian 12(…)²/L²."""
+    draw = np.random.default_rng(3)
+    drift, divergence = draw.normal(size=(13, 4)), draw.normal(size=13)
+    pairs = features.pairs(T, features.powers(T, STATES))
+    base, inverse = 1.0 + SCALED.sum(axis=-1), 1.0 / np.array([300.0, 300.0, 60.0, 60.0])
+    expected = (
+        (base**4 - 1.0) * divergence
+        + 4 * base**3 * (drift * inverse).sum(axis=-1)
+        - T.half_variance * 12 * base**2 * 2 / 60**2
+    )
+    np.testing.assert_allclose(fpk.operator(T, pairs, drift, divergence).sum(axis=-1), expected, rtol=1e-9, atol=1e-12)
+
+
+def test_the_density_at_the_nodes_is_that_power_there() -> None:
+    terms = features.terms(T, features.pairs(T, features.powers(T, STATES)))
+    at_nodes = interaction.density(T, np.ones((13, layout.DENSITY_FEATURES)), terms)
+    there = (STATES[:, None, :] + offsets(PRINTED)) / [300.0, 300.0, 60.0, 60.0]
+    np.testing.assert_allclose(at_nodes, (1.0 + there.sum(axis=-1)) ** 4 - 1.0, rtol=1e-9, atol=1e-12)
+
+
+def test_coefficients_scale_the_steps_and_not_what_can_be_said() -> None:
+    """A model c times smaller in features c times larger is the same function; only its learning step differs."""
+    plain = tables(PLAIN)
+    weights = np.random.default_rng(4).normal(size=(13, layout.DENSITY_FEATURES))
+    both = [features.terms(t, features.pairs(t, features.powers(t, STATES))) for t in (plain, T)]
+    np.testing.assert_allclose(
+        interaction.quadrature(plain, weights, both[0]),
+        interaction.quadrature(T, weights / T.coefficient[1:], both[1]),
+        rtol=1e-9,
+    )
+
+
+@pytest.mark.parametrize("rows", [1, 4, 9, 25])
+def test_both_forms_give_the_same_bits(rows: int) -> None:
+    compiled = pytest.importorskip("meanflock.kernels.compiled")
+    draw = np.random.default_rng(rows)
+    weights = Learner(PRINTED).init(rows, starts(PRINTED)) + draw.normal(0, 1e-3, (rows, layout.MODEL_FLOATS))
+    states = draw.uniform([-50, -50, -8, -8], [180, 130, 8, 8], (rows, state.SIZE))
+
+    def tick(backend: ModuleType) -> bytes:
+        stepped, numbers = np.empty_like(weights), np.empty((rows, layout.NUMBERS))
+        backend.learn(backend.prepare(T), states, weights, None, stepped, numbers)
+        return np.concatenate([stepped, numbers], axis=-1).tobytes()
+
+    assert tick(compiled) == tick(reference)

@@ -1,0 +1,96 @@
+"""The repulsion from UAVs nearby: against its closed form, and both forms to the same bits."""
+
+import math
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from meanflock.kernels import reference
+from meanflock.kernels.separation import FARTHEST, decay
+
+any_number = st.floats(allow_nan=True, allow_infinity=True, width=64)
+
+
+def pushed(backend: ModuleType, states: np.ndarray, known: np.ndarray, weight: float, range_m: float) -> np.ndarray:
+    result = np.full((len(states), 2), 7.0)
+    backend.repel(states, known, weight, range_m, result)
+    return result
+
+
+def test_the_decay_is_an_exponential() -> None:
+    u = np.concatenate([np.linspace(0.0, FARTHEST, 20_001), [1e-300, math.log(2) / 2]])
+    np.testing.assert_allclose(decay(u), np.exp(-u), rtol=4e-16, atol=0)
+    assert (decay(np.array([FARTHEST + 1e-9, 1e300, np.inf, np.nan])) == 0.0).all()
+    assert decay(np.zeros(1)) == 1.0
+
+
+def test_it_is_the_negative_gradient_of_its_cost(backend: ModuleType) -> None:
+    draw = np.random.default_rng(5)
+    weight, range_m, step = 5.0, 0.5, 1e-6
+    states, known = draw.normal(0, 0.6, (7, 4)), draw.normal(0, 0.6, (7, 11, 4))
+
+    def cost(at: np.ndarray) -> np.ndarray:
+        squared = ((at[:, None, :2] - known[..., :2]) ** 2).sum(axis=-1)
+        return weight * range_m**2 * np.exp(-squared / (2 * range_m**2)).sum(axis=-1)
+
+    for axis in range(2):
+        aside = np.eye(4)[axis] * step
+        slope = (cost(states + aside) - cost(states - aside)) / (2 * step)
+        np.testing.assert_allclose(
+            pushed(backend, states, known, weight, range_m)[:, axis], -slope, rtol=1e-6, atol=1e-8
+        )
+
+
+def test_two_that_meet_are_pushed_apart_alike(backend: ModuleType) -> None:
+    """By w d exp(−d²/2ℓ²) each, along the line between them, whatever their velocities; nobody pushes itself."""
+    states = np.array([[0.0, 0.0, 3.0, 1.0], [0.3, 0.4, -2.0, 0.0]])
+    both = pushed(backend, states, np.repeat(states[None], 2, axis=0), 5.0, 0.5)
+    np.testing.assert_allclose(both[1], 5.0 * np.array([0.3, 0.4]) * math.exp(-0.5), rtol=1e-15)
+    np.testing.assert_array_equal(both[0], -both[1])
+    alone = pushed(backend, states, states[:, None], 5.0, 0.5)
+    np.testing.assert_array_equal(alone, 0.0)
+
+
+@pytest.mark.parametrize("others", [0, 1, 2, 7, 8, 25, 129, 300])
+@pytest.mark.parametrize("range_m", [0.05, 0.5, 40.0])
+def test_both_forms_give_the_same_bits(others: int, range_m: float) -> None:
+    compiled = pytest.importorskip("meanflock.kernels.compiled")
+    draw = np.random.default_rng(others)
+    states, known = draw.normal(0, 1.0, (9, 4)), draw.normal(0, 1.0, (9, others, 4))
+    assert pushed(compiled, states, known, 5.0, range_m).tobytes() == (
+        pushed(reference, states, known, 5.0, range_m).tobytes()
+    )
+
+
+@settings(max_examples=100, deadline=None)
+@given(arrays(np.float64, (2, 4), elements=any_number), arrays(np.float64, (2, 9, 4), elements=any_number))
+def test_numbers_beyond_all_bounds_are_far_away(states: np.ndarray, known: np.ndarray) -> None:
+    compiled = pytest.importorskip("meanflock.kernels.compiled")
+    first, second = (pushed(backend, states, known, 5.0, 0.5) for backend in (compiled, reference))
+    assert first.tobytes() == second.tobytes()
+    assert np.isfinite(first).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong", "said"),
+    [
+        ("states", np.zeros(3), "states: 24 bytes"),
+        ("states", np.zeros((2, 4), np.float32), "states: format f"),
+        ("known", np.zeros((2, 9, 3)), "known: .* expected"),
+        ("known", np.zeros((2, 18, 4))[:, ::2], "contiguous"),
+        ("pushed", np.zeros((3, 2)), "pushed: 48 bytes"),
+        ("pushed", bytes(32), "(?i)writable"),
+    ],
+)
+def test_what_does_not_fit_is_refused(name: str, wrong: Any, said: str) -> None:
+    native = pytest.importorskip("meanflock.kernels._native")
+    good: dict[str, Any] = {"states": np.zeros((2, 4)), "known": np.zeros((2, 9, 4)), "pushed": np.full((2, 2), 7.0)}
+    of = good | {name: wrong}
+    with pytest.raises((TypeError, ValueError, BufferError), match=said):
+        native.repel(of["states"], of["known"], 5.0, 0.5, of["pushed"])
+    assert (good["pushed"] == 7.0).all()
