@@ -153,10 +153,19 @@ class Admission:
         elif isinstance(message, Event):
             self._note(member.role, f"{member.name}: {printable(message.text)}")
         elif isinstance(message, Refusal):
-            self.unfit.append(printable(message.reason))
-            self.lose(member, printable(message.reason))
+            self._refused(member, printable(message.reason))
         else:
             raise MessageRejected("wrong-kind", f"{type(message).__name__} from a node")
+
+    def _refused(self, member: Member, why: str) -> None:
+        """A node that was let in cannot take part. In flight its UAVs were lost before, and who watches is told why no
+        other has them."""
+        told, lost = len(self.unfit) < MAX_DROP_EVENTS, self._flight.lost[member.uavs]
+        if told:
+            self.unfit.append(why)
+        self.lose(member, why)
+        if told and len(lost) and lost.all():
+            self._note("lost", f"{member.name}: {why}")
 
     def _welcome(self, member: Member) -> None:
         if self.closed:  # it was not there yet when all others were sent home
