@@ -4,16 +4,19 @@ from pathlib import Path
 
 import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
 from meanflock.agent import blocklist  # noqa: F401  # first: what NumPy and msgspec shall not load
-from meanflock.agent.node import Agent
-from meanflock.agent.prefork import fork
-from meanflock.swarm import logs
-from meanflock.swarm.errors import BadInput
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.attendance import take_part
-from meanflock.swarm.net.identity import only_agent
-from meanflock.swarm.net.session import ZenohBus
-from meanflock.swarm.process import Interrupted, flag, identity, main, orphaned, parser
-from meanflock.swarm.wire.messages import Join, Welcome
+from meanflock.swarm.libraries import needed
+
+with needed("an agent"):
+    from meanflock.agent.node import Agent
+    from meanflock.agent.prefork import fork
+    from meanflock.swarm import logs
+    from meanflock.swarm.errors import BadInput
+    from meanflock.swarm.net import keys
+    from meanflock.swarm.net.attendance import take_part
+    from meanflock.swarm.net.identity import only_agent
+    from meanflock.swarm.net.session import ZenohBus
+    from meanflock.swarm.process import Interrupted, flag, identity, main, orphaned, parser
+    from meanflock.swarm.wire.messages import Join, Welcome
 
 
 def _run() -> None:

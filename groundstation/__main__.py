@@ -10,23 +10,26 @@ from pathlib import Path
 from typing import Any
 
 import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
-from meanflock.groundstation.results import SCENARIO, SUMMARY, RunFolder
-from meanflock.groundstation.run import Options, Outputs, unused
-from meanflock.groundstation.station import Station
-from meanflock.groundstation.timeseries_file import Past, past
-from meanflock.swarm import (
-    logs,
-    scenario,
-)
-from meanflock.swarm.errors import BadInput, BusError, RunFailed
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.address import Address
-from meanflock.swarm.net.identity import STATION
-from meanflock.swarm.net.session import ZenohBus
-from meanflock.swarm.process import Interrupted, flag, identity, main, parser
-from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Join, Welcome
+from meanflock.swarm.libraries import needed
+
+with needed("the ground station", "ground"):
+    from meanflock.groundstation.results import SCENARIO, SUMMARY, RunFolder
+    from meanflock.groundstation.run import Options, Outputs, unused
+    from meanflock.groundstation.station import Station
+    from meanflock.groundstation.timeseries_file import Past, past
+    from meanflock.swarm import (
+        logs,
+        scenario,
+    )
+    from meanflock.swarm.errors import BadInput, BusError, RunFailed
+    from meanflock.swarm.net import keys
+    from meanflock.swarm.net.address import Address
+    from meanflock.swarm.net.identity import STATION
+    from meanflock.swarm.net.session import ZenohBus
+    from meanflock.swarm.process import Interrupted, flag, identity, main, parser
+    from meanflock.swarm.scenario import Scenario
+    from meanflock.swarm.wire import control
+    from meanflock.swarm.wire.messages import Join, Welcome
 
 _ASK_S = 2.0
 LATEST = "latest"

@@ -1,16 +1,19 @@
 """`python -m meanflock.leader`: the process that averages the models."""
 
 import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
-from meanflock.leader.node import Leader
-from meanflock.swarm import (
-    logs,
-)
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.attendance import take_part
-from meanflock.swarm.net.identity import LEADER
-from meanflock.swarm.net.session import ZenohBus
-from meanflock.swarm.process import Interrupted, identity, main, orphaned, parser
-from meanflock.swarm.wire.messages import Join, Welcome
+from meanflock.swarm.libraries import needed
+
+with needed("the leader"):
+    from meanflock.leader.node import Leader
+    from meanflock.swarm import (
+        logs,
+    )
+    from meanflock.swarm.net import keys
+    from meanflock.swarm.net.attendance import take_part
+    from meanflock.swarm.net.identity import LEADER
+    from meanflock.swarm.net.session import ZenohBus
+    from meanflock.swarm.process import Interrupted, identity, main, orphaned, parser
+    from meanflock.swarm.wire.messages import Join, Welcome
 
 
 def _run() -> None:

@@ -18,6 +18,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import msgspec
 
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.libraries import lacking
 
 Door: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle"]
 
@@ -115,7 +116,9 @@ def load(door: Door, name: str) -> type:
         for part in attribute.split("."):
             found = getattr(found, part)
     except Exception as error:
-        raise BadInput(f"{door} {name!r} of {plugin.source}: {last_line(error)}") from error
+        what = f"{door} {name!r} of {plugin.source}"
+        ours = lacking(error, what, "world") if module.startswith("meanflock.") else ""
+        raise BadInput(ours or f"{what}: {last_line(error)}") from error
     return _checked(door, name, found, plugin.source)
 
 

@@ -18,6 +18,7 @@ from packaging.utils import canonicalize_name
 
 from meanflock.swarm import scenarios
 from meanflock.swarm.errors import EXIT_BAD_INPUT
+from meanflock.swarm.libraries import needed
 from tests.polling import DEADLINE_S
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -175,6 +176,41 @@ def test_the_command_without_its_libraries_names_the_extra(library: str, argumen
     assert said.stderr.startswith(f"error: {library} is not installed")
     assert "pip install 'meanflock[ground]'" in said.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("process", "library", "install"),
+    [
+        ("agent", "numpy", "meanflock"),
+        ("agent", "zenoh", "meanflock"),
+        ("leader", "msgspec", "meanflock"),
+        ("worldsim", "scipy", "'meanflock[world]'"),
+        ("groundstation", "pyarrow", "'meanflock[ground]'"),
+    ],
+)
+def test_a_process_without_its_libraries_names_what_to_install(
+    process: str, library: str, install: str, tmp_path: Path
+) -> None:
+    code = f"import sys, runpy; sys.modules[{library!r}] = None; sys.argv = ['-m', '--run', 'bare']\n"
+    code += f"runpy.run_module('meanflock.{process}', run_name='__main__', alter_sys=True)"
+    said = subprocess.run(
+        [sys.executable, "-P", "-c", code],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE_S,
+        check=False,
+    )
+    assert (said.returncode, said.stdout, said.stderr.count("\n")) == (EXIT_BAD_INPUT, "", 1), said.stderr
+    assert said.stderr.startswith(f"error: {library} is not installed, and ")
+    assert said.stderr.endswith(f": pip install {install}\n")
+
+
+def test_what_is_missing_of_ours_or_within_a_library_is_a_defect_and_no_matter_of_extras() -> None:
+    with pytest.raises(ModuleNotFoundError), needed("a test"):
+        importlib.import_module("meanflock.swarm.nothing_of_the_kind")
+    with pytest.raises(ModuleNotFoundError), needed("a test"):
+        importlib.import_module("msgspec.nothing_of_the_kind")
 
 
 def test_every_built_in_plug_in_is_where_it_is_said_to_be() -> None:

@@ -7,23 +7,26 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
-from meanflock.swarm import (
-    logs,
-    scenario,
-)
-from meanflock.swarm.errors import BadInput, RunFailed
-from meanflock.swarm.net import access, keys
-from meanflock.swarm.net.address import Address
-from meanflock.swarm.net.identity import WORLD
-from meanflock.swarm.net.refusals import Refusals
-from meanflock.swarm.net.session import ZenohBus
-from meanflock.swarm.process import Interrupted, flag, identity, main, orphaned, parser
-from meanflock.worldsim.checkpoint import Resumption
-from meanflock.worldsim.limits import Limits
-from meanflock.worldsim.members import MAX_LEADERS
-from meanflock.worldsim.node import World
-from meanflock.worldsim.quotas import Quotas
-from meanflock.worldsim.schedule import factor
+from meanflock.swarm.libraries import needed
+
+with needed("the world", "world"):
+    from meanflock.swarm import (
+        logs,
+        scenario,
+    )
+    from meanflock.swarm.errors import BadInput, RunFailed
+    from meanflock.swarm.net import access, keys
+    from meanflock.swarm.net.address import Address
+    from meanflock.swarm.net.identity import WORLD
+    from meanflock.swarm.net.refusals import Refusals
+    from meanflock.swarm.net.session import ZenohBus
+    from meanflock.swarm.process import Interrupted, flag, identity, main, orphaned, parser
+    from meanflock.worldsim.checkpoint import Resumption
+    from meanflock.worldsim.limits import Limits
+    from meanflock.worldsim.members import MAX_LEADERS
+    from meanflock.worldsim.node import World
+    from meanflock.worldsim.quotas import Quotas
+    from meanflock.worldsim.schedule import factor
 
 LINGER_S = 20.0  # for a recorder that is slow, or was killed and is on its way back
 HURRIED_S = 5.0  # after an interrupt; what comes next from an impatient engine is SIGKILL, after ten
@@ -88,7 +91,8 @@ def _run() -> None:
             refused=refusals.counts,
         )
         if metrics is not None:
-            from meanflock.worldsim.exporter import exported  # a library that is loaded only where it is asked for
+            with needed("--metrics", "world"):  # a library that is loaded only where it is asked for
+                from meanflock.worldsim.exporter import exported
 
             logs.tell(f"metrics at {stack.enter_context(exported(world.instruments, metrics))}")
         world.gather(given.wait, interrupted.__bool__)

@@ -12,6 +12,7 @@ def secured(endpoint: str, identity: Identity | None) -> str:
     Raises:
         BadInput: it cannot be.
     """
+    _host_and_port(endpoint)
     protocol, _, address = endpoint.partition("/")
     if identity is None:
         if protocol in ("tls", "quic"):
@@ -30,13 +31,18 @@ def check_free(endpoint: str) -> None:
     """
     import socket  # only here: clients leave sockets to Zenoh
 
-    _, slash, address = endpoint.partition("/")
-    host, _, port = address.rpartition(":")
-    if not slash or not host or not (port.isascii() and port.isdigit() and int(port) < 2**16):
-        raise BadInput(f"endpoint {endpoint}: write it as tcp/HOST:PORT, for example {DEFAULT_ENDPOINT}")
     try:
-        with socket.create_server((host.strip("[]"), int(port))):
+        with socket.create_server(_host_and_port(endpoint)):
             pass
     except OSError as error:
         reason = error.strerror or error
         raise BadInput(f"endpoint {endpoint}: {reason}; choose a free one, for example {DEFAULT_ENDPOINT}") from error
+
+
+def _host_and_port(endpoint: str) -> tuple[str, int]:
+    """Raises BadInput where it is written otherwise."""
+    _, slash, address = endpoint.partition("/")
+    host, _, port = address.rpartition(":")
+    if not slash or not host or not (port.isascii() and port.isdigit() and int(port) < 2**16):
+        raise BadInput(f"endpoint {endpoint}: write it as tcp/HOST:PORT, for example {DEFAULT_ENDPOINT}")
+    return host.strip("[]"), int(port)
