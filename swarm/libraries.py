@@ -25,7 +25,7 @@ def needed(by: str, extra: str = "") -> Iterator[None]:
 
 
 def lacking(error: Exception, by: str, extra: str = "") -> str:
-    """What to install where `error` says that a library `by` somebody needed is not there; nothing where it does not."""
+    """What to install where `error` says that a library which is needed `by` somebody is not there; else nothing."""
     library = ((isinstance(error, ModuleNotFoundError) and error.name) or "").partition(".")[0]
     if library in ("meanflock", "") or _is_there(library):
         return ""

@@ -160,11 +160,11 @@ class Admission:
     def _refused(self, member: Member, why: str) -> None:
         """A node that was let in cannot take part. In flight its UAVs were lost before, and who watches is told why no
         other has them."""
-        told, lost = len(self.unfit) < MAX_DROP_EVENTS, self._flight.lost[member.uavs]
-        if told:
+        few, lost = len(self.unfit) < MAX_DROP_EVENTS, self._flight.lost[member.uavs]
+        if few:
             self.unfit.append(why)
         self.lose(member, why)
-        if told and len(lost) and lost.all():
+        if few and len(lost) and lost.all():
             self._note("lost", f"{member.name}: {why}")
 
     def _welcome(self, member: Member) -> None:

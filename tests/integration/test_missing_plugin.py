@@ -13,6 +13,7 @@ from meanflock.groundstation.launch import free_endpoint
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
 from tests.integration.conftest import Spawn
+from tests.integration.test_observability import scrape, told_url
 from tests.polling import DEADLINE_S, until
 
 pytestmark = pytest.mark.processes
@@ -38,8 +39,12 @@ def ended(process: "subprocess.Popen[str]") -> tuple[int, str, str]:
 
 def test_before_take_off_it_is_refused_and_the_world_names_the_host(spawn: Spawn) -> None:
     base = ("--endpoint", free_endpoint(), "--run", "lacking")
-    world = spawn("meanflock.worldsim", *base, *SPRING, "--set", "uavs=2", "--set", "method=spring")
+    flags = ("--set", "uavs=2", "--set", "method=spring", "--metrics", "0")
+    world = spawn("meanflock.worldsim", *base, *SPRING, *flags)
     equipped = spawn("meanflock.agent", *base, *SPRING, "--uav", "0")
+    assert world.stderr is not None
+    url, alive = told_url(world.stderr), ("meanflock_nodes_alive", frozenset({("role", "agent")}))
+    until(lambda: scrape(url).get(alive) == 1, "an agent that can take part")
     status, _, said = ended(spawn("meanflock.agent", *base, "--uav", "1"))
     assert status == EXIT_BAD_INPUT, said
     assert re.search(LACKING, said)
