@@ -54,8 +54,8 @@ class Engine:
         """
         self._run, self._memory = run, memory
         self._agents: list[Agent] = []
-        self.network = network = MemoryNetwork()
-        hub = network.endpoint()
+        self.network = MemoryNetwork()
+        hub = self.network.endpoint()
         self.world = World(
             scenario,
             hub,
@@ -68,19 +68,25 @@ class Engine:
             telemetry=bool(sinks),
         )
         hub.handler = self.world.handle
-        self.station: Station | None = None
-        if sinks:
-            station_bus = network.endpoint()
-            first_block = None if resume is None else resume.block + 1
-            self.station = Station(station_bus, run, sinks, first_block=first_block, uavs=scenario.uavs)
-            station_bus.handler = self.station.handle
-        rows = uavs_per_node or scenario.uavs
+        first_block = None if resume is None else resume.block + 1
+        self.station = self._record(sinks, first_block, scenario.uavs) if sinks else None
+        self._crew(scenario, uavs_per_node or scenario.uavs, leaders)
+        self.world.gather(0.0)
+
+    def _record(self, sinks: Sequence[Sink], first_block: int | None, uavs: int) -> Station:
+        """A ground station takes part."""
+        bus = self.network.endpoint()
+        station = Station(bus, self._run, sinks, first_block=first_block, uavs=uavs)
+        bus.handler = station.handle
+        return station
+
+    def _crew(self, scenario: Scenario, rows: int, leaders: int | None) -> None:
+        """Agents of at most so many rows take part, and the leaders."""
         for _ in range(-(-scenario.uavs // rows)):
             self.join(Join("agent", rows), Agent)
         wanted = scenario.leaders(self.world.flight.tick)
         for _ in range(wanted if leaders is None else leaders):
             self.join(Join("leader", 0), Leader)
-        self.world.gather(0.0)
 
     def fly(self) -> Iterator[int]:
         """See `World.fly`."""

@@ -1,6 +1,5 @@
 """The run folder: what a run leaves on disk, complete at the end and usable if the run is killed."""
 
-import fcntl
 import hashlib
 import json
 import os
@@ -8,12 +7,13 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import tomli_w
 
 from meanflock.groundstation import columns, durable, flown_plugins
 from meanflock.groundstation.background import BackgroundWorker
+from meanflock.groundstation.event_log import EventLog, check_whole, lock
 from meanflock.groundstation.series import block_of, unbroken
 from meanflock.groundstation.spool import Spool
 from meanflock.groundstation.timeseries_file import SPOOL, Past, recover
@@ -40,49 +40,56 @@ class RunFolder:
         """
         self.path = parent / run_id
         if past is not None:
-            _check_events(self.path / EVENTS, past.events_bytes)
+            mend = f"bring the file back, or fly the run again with `meanflock run {self.path / SCENARIO}`"
+            check_whole(self.path / EVENTS, past.events_bytes, mend)
         columns.check(flown.method, flown.declared.diagnostics)
-        sources = flown_plugins.files(flown) if past is None else {}
+        self._flown, self._resumed = flown, past is not None
+        self._over, self._full, self.last_tick = False, False, -1
         new = past is None and not self.path.exists()
+        sources = flown_plugins.files(flown) if past is None else {}
         try:
-            self.path.mkdir(parents=True, exist_ok=past is not None)
             if past is None:
-                durable.replace(self.path / SCENARIO, to_toml(flown).encode())
-                flown_plugins.keep(self.path, sources)
-                durable.sync_folder(parent)
-            self._events = (self.path / EVENTS).open("ab", buffering=0)
+                self._create(sources)
+            self._events = EventLog(self.path / EVENTS, flown.dt)
         except OSError as error:
-            raise self._unusable(parent, error, new) from error
+            raise self._unusable(error, new) from error
         try:
-            _lock(self._events, self.path)
-        except BadInput:
+            self._spool = self._begin(past)
+        except OSError as error:
             self._events.close()
-            raise
-        self._flown, self._dt = flown, flown.dt
-        self._over, self._resumed, self._full = False, past is not None, False
-        self.last_tick = -1
+            raise self._unusable(error, new) from error
         self._background = BackgroundWorker("checkpoints")  # they wait for the disk
+
+    def _create(self, sources: dict[str, bytes]) -> None:
+        """The folder of a new run, and in it what will fly and the files of its plug-ins."""
+        self.path.mkdir(parents=True)
+        durable.replace(self.path / SCENARIO, to_toml(self._flown).encode())
+        flown_plugins.keep(self.path, sources)
+        durable.sync_folder(self.path.parent)
+
+    def _begin(self, past: Past | None) -> Spool:
+        """A new spool, with all rows of a past that goes on; what was said of its end is taken back."""
         spool = self.path / SPOOL
         part = spool.with_suffix(".part")
         try:
-            self._spool = Spool(part, flown.dt)
+            begun = Spool(part, self._flown.dt)
             if past is not None:
                 self._events.truncate(past.events_bytes)
-                for rows in unbroken(past.rows, max(1, _PAST_STATES // flown.uavs)):
-                    self._spool.append(block_of(rows, past.next_block - 1), past.events_bytes)
+                for rows in unbroken(past.rows, max(1, _PAST_STATES // self._flown.uavs)):
+                    begun.append(block_of(rows, past.next_block - 1), past.events_bytes)
                 self.last_tick = past.rows.num_rows - 1
-                self._sync()
+                _sync(self._events, begun)
                 (self.path / SUMMARY).unlink(missing_ok=True)
             durable.rename(part, spool)
-        except OSError as error:
+        except OSError:
             part.unlink(missing_ok=True)
-            self._events.close()
-            raise self._unusable(parent, error, new) from error
+            raise
+        return begun
 
-    def _unusable(self, parent: Path, error: OSError, new: bool) -> BadInput:
+    def _unusable(self, error: OSError, new: bool) -> BadInput:
         if new:
             shutil.rmtree(self.path, ignore_errors=True)
-        return BadInput(f"--out {parent}: {_reason(error)}; name a folder that can be written")
+        return BadInput(f"--out {self.path.parent}: {_reason(error)}; name a folder that can be written")
 
     def write(self, block: Telemetry) -> None:
         """Appends a block and its events: first these, so that a block that is whole has all of them.
@@ -92,14 +99,14 @@ class RunFolder:
         """
         if self._full:
             raise RunFailed(self._holds("no more is kept"))
-        size = os.fstat(self._events.fileno()).st_size
+        size = self._events.size
         try:
             self._background.look()  # where there was no room for a checkpoint, there is none for what comes
             self._append(block)
         except OSError as error:
             self._full = True
             with suppress(OSError):
-                os.ftruncate(self._events.fileno(), size)
+                self._events.truncate(size)
             raise RunFailed(self._holds(_reason(error))) from error
         if len(block.states):
             last = self.last_tick = block.first_tick + len(block.states) - 1
@@ -107,12 +114,8 @@ class RunFolder:
             self._over = done or last >= self._flown.max_ticks
 
     def _append(self, block: Telemetry) -> None:
-        lines = []
-        for event in block.events:
-            row = {"tick": event.tick, "sim_time_s": round(event.tick * self._dt, 6), "kind": event.kind}
-            lines.append(json.dumps({**row, "text": event.text, "uavs": list(event.uavs)}) + "\n")
-        durable.write(self._events, "".join(lines).encode())
-        events_bytes = os.fstat(self._events.fileno()).st_size
+        self._events.append(block.events)
+        events_bytes = self._events.size
         self._spool.append(block, events_bytes)
         if block.checkpoint:
             tick = block.first_tick + len(block.states) - 1
@@ -120,7 +123,7 @@ class RunFolder:
             self._background.do(self._keep, kept)
 
     def _keep(self, checkpoint: dict[str, Any]) -> None:
-        self._sync()  # a checkpoint goes on from these rows and events
+        _sync(self._events, self._spool)  # a checkpoint goes on from these rows and events
         record = control.encode_record(checkpoint)
         durable.replace(self.path / CHECKPOINT, control.encode_record({"sha256": _digest(record), "record": record}))
 
@@ -137,17 +140,12 @@ class RunFolder:
         """
         try:
             self._background.wait()
-            self._sync()
+            _sync(self._events, self._spool)
             durable.replace(self.path / SUMMARY, (json.dumps(summary, indent=1) + "\n").encode())
         except OSError as error:
             raise RunFailed(self._holds(_reason(error))) from error
         if self._over:
             durable.remove(self.path / CHECKPOINT)
-
-    def _sync(self) -> None:
-        """Makes sure that all rows and events so far are on the disk; in between, the system may take its time."""
-        for file in (self._events, self._spool):
-            os.fsync(file.fileno())
 
     def __enter__(self) -> "RunFolder":
         return self
@@ -189,23 +187,14 @@ def alone(folder: Path) -> Iterator[None]:
     path = folder / EVENTS
     with path.open("rb") if path.exists() else nullcontext() as events:
         if events is not None:
-            _lock(events, folder)
+            lock(events, folder)
         yield
 
 
-def _check_events(path: Path, size: int) -> None:
-    """Raises BadInput where `path` has lost some of its first `size` bytes."""
-    there = path.stat().st_size if path.is_file() else 0
-    if there < size:
-        mend = f"bring the file back, or fly the run again with `meanflock run {path.with_name(SCENARIO)}`"
-        raise BadInput(f"{path}: {there} bytes of the {size} that belong to what was flown; {mend}")
-
-
-def _lock(file: IO[bytes], folder: Path) -> None:
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        raise BadInput(f"{folder}: another process still writes this run; let it end first") from error
+def _sync(events: EventLog, spool: Spool) -> None:
+    """Makes sure that all rows and events so far are on the disk; in between, the system may take its time."""
+    for file in (events, spool):
+        os.fsync(file.fileno())
 
 
 def completed(folder: Path) -> None:

@@ -16,7 +16,6 @@ from tests.polling import DEADLINE_S
 
 ROOT = Path(__file__).parents[1]
 ROOMS = ("swarm", "kernels", "agent", "leader", "channel", "worldsim", "groundstation")
-CORE = ROOMS[:-1]
 CLI = "meanflock.groundstation.cli"  # with all that is called so: the commands are calls of the Python door
 MAY_IMPORT = {  # of the other rooms; `door` is the package meanflock itself
     "kernels": set(),
@@ -31,7 +30,6 @@ MAY_IMPORT = {  # of the other rooms; `door` is the package meanflock itself
 }
 DOOR = sorted(path for path in (ROOT / "meanflock").rglob("*.py") if path.relative_to(ROOT).parts[1] not in ROOMS)
 MODULES = sorted(path for room in ROOMS for path in (ROOT / room).rglob("*.py")) + DOOR
-CORE_MODULES = [path for path in MODULES if path.relative_to(ROOT).parts[0] in CORE]
 PRIVATE = re.compile(r"(^|_)(minds?|chorus|reflex|spoken|told|heard|siblings?|brought|overhear\w*)(_|$)|^_?plain[A-Z]")
 RERUN = {
     f"groundstation/{name}.py"
@@ -162,7 +160,7 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
     assert circles == []
 
 
-@pytest.mark.parametrize("path", CORE_MODULES, ids=name_of)
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
 def test_no_object_takes_a_page_to_be_made(path: Path) -> None:
     lines = path.read_text(encoding="utf-8").splitlines()
     for node in ast.walk(tree(path)):

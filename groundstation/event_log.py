@@ -1,0 +1,73 @@
+"""The events of a run: a line each, appended as they come by the one process that writes the run."""
+
+import fcntl
+import json
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import IO, Any
+
+from meanflock.groundstation import durable
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.wire.messages import Event
+
+
+class EventLog:
+    """Who has it open has the run folder to himself."""
+
+    def __init__(self, path: Path, dt: float) -> None:
+        """Opens or creates the file; a tick takes `dt` seconds.
+
+        Raises:
+            BadInput: another process writes it. OSError: it cannot be written.
+        """
+        self._file, self._dt = path.open("ab", buffering=0), dt
+        try:
+            lock(self._file, path.parent)
+        except BadInput:
+            self._file.close()
+            raise
+
+    @property
+    def size(self) -> int:
+        """Bytes so far."""
+        return os.fstat(self._file.fileno()).st_size
+
+    def append(self, events: Iterable[Event]) -> None:
+        """Writes events, a line each. Raises OSError where there is no room; a part may be there."""
+        lines = []
+        for event in events:
+            row = {"tick": event.tick, "sim_time_s": round(event.tick * self._dt, 6), "kind": event.kind}
+            lines.append(json.dumps({**row, "text": event.text, "uavs": list(event.uavs)}) + "\n")
+        self.write("".join(lines).encode())
+
+    def write(self, content: bytes) -> None:
+        """Appends bytes."""
+        durable.write(self._file, content)
+
+    def truncate(self, size: int) -> None:
+        """Forgets what lies behind the first `size` bytes."""
+        os.ftruncate(self._file.fileno(), size)
+
+    def fileno(self) -> int:
+        """The handle of the file."""
+        return self._file.fileno()
+
+    def close(self) -> None:
+        """No more events; the folder is free for another."""
+        self._file.close()
+
+
+def lock(file: IO[Any], folder: Path) -> None:
+    """Takes a run folder as long as `file`, its events, is open. Raises BadInput where it is not free."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        raise BadInput(f"{folder}: another process still writes this run; let it end first") from error
+
+
+def check_whole(path: Path, size: int, mend: str) -> None:
+    """Raises BadInput where the file has lost some of its first `size` bytes; `mend` says what then."""
+    there = path.stat().st_size if path.is_file() else 0
+    if there < size:
+        raise BadInput(f"{path}: {there} bytes of the {size} that belong to what was flown; {mend}")
