@@ -48,6 +48,7 @@ class Meter:
         self._link_outages = np.zeros((self.uavs, self.uavs), dtype=np.int32)
         self._last: Links | None = None  # which mostly are those of the next tick: entered once, with how often
         self._times = 0
+        self.marked: list[int] | None = None  # payload bits by kind, as `mark` found them
         self._figures: tuple[float, ...] | None = None  # of most ticks they are those of the last
 
     def count(
@@ -99,6 +100,14 @@ class Meter:
         """Encoded size of frames handed to the radio."""
         self.traffic[kind].wire_bytes += bytes_
 
+    def bits(self) -> list[int]:
+        """Payload bits so far by kind of traffic, as in `TRAFFIC`."""
+        return [self.traffic[kind].payload_bits for kind in TRAFFIC]
+
+    def mark(self) -> None:
+        """Keeps what has been sent so far in `marked`; the last time counts."""
+        self.marked = self.bits()
+
     def links(self) -> list[list[int]]:
         """[source, target, sent, outages] of every link that was used, ascending."""
         table: list[list[int]] = self._used().tolist()
@@ -116,8 +125,7 @@ class Meter:
     def figures(self) -> tuple[float, ...]:
         """Payload bits by kind of traffic, as in `TRAFFIC`; deliveries, outages and airtime of all."""
         if self._figures is None:
-            bits = [self.traffic[kind].payload_bits for kind in TRAFFIC]
-            self._figures = *bits, self.total("delivered"), self.total("outages"), self.total("airtime_s")
+            self._figures = *self.bits(), self.total("delivered"), self.total("outages"), self.total("airtime_s")
         return self._figures
 
     def snapshot(self) -> dict[str, Any]:
@@ -125,13 +133,14 @@ class Meter:
         return {
             "traffic": [asdict(self.traffic[kind]) for kind in FrameKind],
             "links": self._used(),
+            "marked": self.marked,
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Goes on with the counters of a snapshot."""
         self._figures = None
         self.traffic = {kind: Traffic(**kept) for kind, kept in zip(FrameKind, snapshot["traffic"], strict=True)}
-        self._last, self._times = None, 0
+        self._last, self._times, self.marked = None, 0, snapshot["marked"]
         source, target, sent, outages = snapshot["links"].T
         self._link_sent[...], self._link_outages[...] = 0, 0
         self._link_sent[source, target], self._link_outages[source, target] = sent, outages

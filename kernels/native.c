@@ -181,7 +181,7 @@ static PyObject *measure(PyObject *module, PyObject *args) {
     for (Py_ssize_t i = 0; i < n; i++)
         for (int k = 0; k < SIZE; k++) memcpy(room + k * n + i, (const char *)s->buf + (i * SIZE + k) * D, D);
     const Measured seen = pairs(n, room, hazard, collision, to->buf, most);
-    result = Py_BuildValue("dLL", seen.speed_difference, (long long)seen.near, (long long)seen.touching);
+    result = Py_BuildValue("dLLd", seen.speed_difference, (long long)seen.near, (long long)seen.touching, seen.nearest);
 done:
     PyMem_Free(room);
     let_go(&arrays);

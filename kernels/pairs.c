@@ -18,15 +18,27 @@ static TARGET void distances(ptrdiff_t n, double from_x, double from_y, const do
     }
 }
 
-/* How many of n points are at most `most` from the first, and how many less than `least`; both squared. */
+/* From the first of n points to the others, squared: how many are at most `most`, how many less than `least`, and the
+ * smallest, if it is less than `nearest`. */
 static TARGET int64_t count(ptrdiff_t n, const double *__restrict x, const double *__restrict y, double most,
-                            double least, int64_t *touching) {
+                            double least, int64_t *touching, double *nearest) {
     int64_t within = 0, closer = 0;
-    for (ptrdiff_t j = 1; j < n; j++) {
+    double smallest[4] = {*nearest, *nearest, *nearest, *nearest}; /* side by side, for none waits for another */
+    ptrdiff_t j = 1;
+    for (; j + 4 <= n; j += 4)
+        for (int k = 0; k < 4; k++) {
+            const double along = x[j + k] - x[0], across = y[j + k] - y[0], squared = along * along + across * across;
+            within += squared <= most;
+            closer += squared < least;
+            smallest[k] = squared < smallest[k] ? squared : smallest[k];
+        }
+    for (; j < n; j++) {
         const double along = x[j] - x[0], across = y[j] - y[0], squared = along * along + across * across;
         within += squared <= most;
         closer += squared < least;
+        smallest[0] = squared < smallest[0] ? squared : smallest[0];
     }
+    for (int k = 0; k < 4; k++) *nearest = smallest[k] < *nearest ? smallest[k] : *nearest;
     *touching = closer;
     return within;
 }
@@ -45,10 +57,10 @@ static double mean_distance(ptrdiff_t n, const double *x, const double *y, doubl
 
 Measured pairs(ptrdiff_t n, double *room, double hazard, double collision, char *found, ptrdiff_t most) {
     const double *x = room, *y = x + n, least = collision * collision;
-    Measured seen = {n ? mean_distance(n, y + n, y + 2 * n, room + 4 * n) : 0.0, 0, 0};
+    Measured seen = {n ? mean_distance(n, y + n, y + 2 * n, room + 4 * n) : 0.0, 0, 0, INFINITY};
     for (ptrdiff_t i = 0; i < n; i++) {
         int64_t left;
-        seen.near += count(n - i, x + i, y + i, hazard * hazard, least, &left);
+        seen.near += count(n - i, x + i, y + i, hazard * hazard, least, &left, &seen.nearest);
         for (ptrdiff_t j = i + 1; left && j < n; j++) {
             const double along = x[j] - x[i], across = y[j] - y[i];
             if (!(along * along + across * across < least)) continue;
@@ -57,5 +69,6 @@ Measured pairs(ptrdiff_t n, double *room, double hazard, double collision, char 
             seen.touching++, left--;
         }
     }
+    seen.nearest = sqrt(seen.nearest);
     return seen;
 }

@@ -10,6 +10,7 @@ enum { FEW = 100 }; /* up to here all N² distances are one sum; as in kernels/r
 typedef struct {
     double speed_difference; /* mean over all N² pairs of ‖v_j − v_i‖, m/s */
     int64_t near, touching;  /* pairs i < j at most `hazard`, and less than `collision` metres apart */
+    double nearest;          /* of all pairs the least distance, m; infinite where there is none */
 } Measured;
 
 /* Doubles that pairs needs room for: columns x, y, vx, vy, and the distances of one sum. */

@@ -3,6 +3,7 @@
 Arrays are C-contiguous float64 unless named otherwise. Rows are independent, to the last bit.
 """
 
+import math
 from typing import Any
 
 import numpy as np
@@ -72,7 +73,9 @@ def columns(left: Floats, right: Floats, out: Floats) -> float:
     return float(np.abs(out).max(initial=0.0))
 
 
-def pairs(states: Floats, hazard_m: float, collision_m: float, found: NDArray[np.intp]) -> tuple[float, int, int]:
+def pairs(
+    states: Floats, hazard_m: float, collision_m: float, found: NDArray[np.intp]
+) -> tuple[float, int, int, float]:
     """All pairs of N UAVs `(N, 4)` at one instant, exactly.
 
     Args:
@@ -80,17 +83,19 @@ def pairs(states: Floats, hazard_m: float, collision_m: float, found: NDArray[np
 
     Returns:
         The mean over all N² pairs of ‖v_j − v_i‖, m/s; the number of pairs i < j at most `hazard_m` apart; the number
-        of those closer than `collision_m`, which may be more than R.
+        of those closer than `collision_m`, which may be more than R; the least distance of all, m, infinite where there
+        is no pair.
     """
     n, columns = len(states), np.ascontiguousarray(states.T)
     measure = _few if n <= FEW else _many
-    mean, near, touching = measure(columns, hazard_m * hazard_m, collision_m * collision_m)
+    mean, near, touching, least = measure(columns, hazard_m * hazard_m, collision_m * collision_m)
     found[: len(touching)] = touching[: len(found)]
-    return mean, near, len(touching)
+    return mean, near, len(touching), math.sqrt(least)
 
 
-def _few(columns: Floats, hazard: float, collision: float) -> tuple[float, int, NDArray[np.intp]]:
-    """All pairs as one array: the mean distance of velocities, who is near, which pairs touch; radii squared."""
+def _few(columns: Floats, hazard: float, collision: float) -> tuple[float, int, NDArray[np.intp], float]:
+    """All pairs as one array: the mean distance of velocities, who is near, which pairs touch, and how near the nearest
+    are; distances squared."""
     n = columns.shape[1]
     difference = columns[:, :, None] - columns[:, None, :]
     difference *= difference
@@ -99,12 +104,13 @@ def _few(columns: Floats, hazard: float, collision: float) -> tuple[float, int, 
     squared = (difference[0] + difference[1])[upper]
     touching = np.flatnonzero(squared < collision)
     near = int(np.count_nonzero(squared <= hazard))
-    return float(total) / max(1, n * n), near, np.stack([first[touching], second[touching]], axis=-1)
+    nearest = float(np.fmin.reduce(squared, initial=math.inf))  # NaN is near nobody
+    return float(total) / max(1, n * n), near, np.stack([first[touching], second[touching]], axis=-1), nearest
 
 
-def _many(columns: Floats, hazard: float, collision: float) -> tuple[float, int, NDArray[np.intp]]:
+def _many(columns: Floats, hazard: float, collision: float) -> tuple[float, int, NDArray[np.intp], float]:
     """The same row by row, without an N × N array."""
-    n, near, touching = columns.shape[1], 0, []
+    n, near, touching, nearest = columns.shape[1], 0, [], math.inf
     rows = np.zeros(n - 1)  # Σ_{j > i} ‖v_j − v_i‖ of each i
     for i in range(n - 1):
         difference = columns[:, i + 1 :] - columns[:, i, None]
@@ -112,6 +118,7 @@ def _many(columns: Floats, hazard: float, collision: float) -> tuple[float, int,
         rows[i] = np.add.reduce(np.sqrt(difference[2] + difference[3]))
         squared = difference[0] + difference[1]
         near += int(np.count_nonzero(squared <= hazard))
+        nearest = min(nearest, float(np.fmin.reduce(squared, initial=math.inf)))
         touching += [(i, i + 1 + j) for j in np.flatnonzero(squared < collision).tolist()]
     mean = 2.0 * float(np.add.reduce(rows)) / (float(n) * float(n))
-    return mean, near, np.array(touching, dtype=np.intp).reshape(-1, 2)
+    return mean, near, np.array(touching, dtype=np.intp).reshape(-1, 2), nearest

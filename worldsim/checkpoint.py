@@ -18,7 +18,7 @@ from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.wire import control
 from meanflock.worldsim.members import Member
 
-SCHEMA = 4
+SCHEMA = 5
 EVERY_TICKS = 100
 MAX_BYTES = 24 * 2**20  # a larger one would push the telemetry out of the outbox
 

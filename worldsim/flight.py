@@ -11,6 +11,7 @@ from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator, random_state, set_random_state
 from meanflock.swarm.wire.messages import Event, Status
+from meanflock.worldsim.encounters import Encounters
 from meanflock.worldsim.metrics import pairs
 from meanflock.worldsim.physics import Physics
 
@@ -21,7 +22,7 @@ FLYING, ARRIVED, LOST = np.uint8(Status.FLYING), np.uint8(Status.ARRIVED), np.ui
 
 _KEPT = np.dtype("<f8")
 
-_SCALARS = ("tick", "collisions", "speed_difference_sum", "near_sum", "speed_max")
+_SCALARS = ("tick", "speed_difference_sum", "near_sum", "speed_max")
 _ARRAYS = {  # as what they are kept
     "states": "<f8",
     "status": "u1",
@@ -29,6 +30,7 @@ _ARRAYS = {  # as what they are kept
     "arrival_tick": "<i4",
     "arrival_energy": "<f8",
     "distance": "<f8",
+    "effort": "<f8",
     "_speed_sum": "<f8",
     "_ticks_on_way": "<i4",
 }
@@ -44,7 +46,6 @@ class Flight:
 
     scenario: Scenario
     tick: int = 0
-    collisions: int = 0
     speed_difference_sum: float = 0.0  # over ticks 0…tick of the mean over pairs, m/s
     near_sum: int = 0  # over ticks, of pairs i < j within the hazard radius
     speed_max: float = 0.0  # of UAVs on the way, m/s
@@ -55,16 +56,20 @@ class Flight:
         self._physics = Physics(self.scenario)
         self.states: state.States = mission.starts(self.scenario)
         self.hidden = self._physics.init(n)
+        self.encounters = Encounters(self.scenario)
         self._goals = mission.goal_states(self.scenario)
+        self.launch_tick = mission.launches(self.scenario)
+        self._all_aloft = int(self.launch_tick.max())  # from this tick on
         self.status = np.full(n, FLYING)
         self.energy = np.zeros(n)  # J since take-off
         self.arrival_tick = np.full(n, -1)
         self.arrival_energy = np.zeros(n)
         self.distance = np.zeros(n)  # m flown until arrival
+        self.effort = np.zeros(n)  # Σ‖a‖² of the ticks until arrival, a as commanded, m²/s⁴
         self._speed_sum = np.zeros(n)
         self._ticks_on_way = np.zeros(n, dtype=np.int64)
         self.any_lost = False
-        self._collided: set[tuple[int, int]] = set()
+        self.last_arrival = -1  # tick of the last arrival so far
         self._wind = generator(self.scenario.seed, "wind")
         self._hash = hashlib.sha256()
         self._observe()
@@ -110,6 +115,24 @@ class Flight:
         return self.scenario.stop == "arrival" and not np.count_nonzero(self.status == FLYING)
 
     @property
+    def collisions(self) -> int:
+        """Pairs that collided while both were on the way."""
+        return self.encounters.collisions
+
+    @property
+    def waiting(self) -> NDArray[np.bool_] | None:
+        """Who has not left the ground yet, (N,); None where all have."""
+        return None if self.tick >= self._all_aloft else self.launch_tick > self.tick
+
+    @property
+    def idle(self) -> NDArray[np.bool_] | None:
+        """Whose commands do nothing, (N,): those on the ground, and the lost; None where nobody's."""
+        waiting = self.waiting
+        if not self.any_lost:
+            return waiting
+        return self.lost if waiting is None else waiting | self.lost
+
+    @property
     def lost(self) -> NDArray[np.bool_]:
         """Which UAVs are out of the mission, (N,)."""
         return self.status == LOST
@@ -130,17 +153,19 @@ class Flight:
             self._event("rejoined", f"{who} rejoined with UAV {', '.join(map(str, uavs))}", uavs)
 
     def advance(self, accelerations: state.Plane, gust: state.Plane | None = None) -> None:
-        """One tick under `accelerations` (N, 2) in m/s²; lost UAVs get none, whatever is asked.
+        """One tick under `accelerations` (N, 2) in m/s²; lost UAVs get none, whatever is asked. Who is still on the
+        ground stands there at rest, and spends nothing.
 
-        `gust`: (N, 2) in m/s², of the air: it spares nobody.
+        `gust`: (N, 2) in m/s², of the air: it spares nobody who flies.
         """
-        scenario, on_way = self.scenario, self.status == FLYING
-        if self.any_lost:
-            accelerations = np.where(self.lost[:, None], 0.0, accelerations)
-        if gust is not None:
-            accelerations = accelerations + gust
+        scenario, on_way, waiting = self.scenario, self.status == FLYING, self.waiting
+        if waiting is not None:
+            on_way &= ~waiting
+        if (idle := self.idle) is not None:
+            accelerations = np.where(idle[:, None], 0.0, accelerations)
+        felt = accelerations if gust is None else accelerations + gust
         noise = self._wind.standard_normal(accelerations.shape)
-        moved = self._physics(self.states, self.hidden, accelerations, noise)
+        moved = self._physics(self.states, self.hidden, felt, noise, waiting)
         self.tick += 1
         self.states, self.hidden = moved.states, moved.hidden
         self.energy += moved.power * scenario.dt
@@ -152,7 +177,11 @@ class Flight:
         speed *= scenario.dt
         self.distance += speed
         if len(moved.diverged):
+            accelerations = accelerations.copy()
+            accelerations[moved.diverged] = 0.0
             self.lose(moved.diverged, "diverged", "left every bound")
+        squared = accelerations * accelerations
+        self.effort += (squared[:, 0] + squared[:, 1]) * on_way
         self._observe()
         on_way &= state.norm(self.states - self._goals) <= scenario.destination.radius
         if np.count_nonzero(on_way):
@@ -165,7 +194,7 @@ class Flight:
             **{name: getattr(self, name) for name in _SCALARS},
             **{name: getattr(self, name).astype(kind) for name, kind in _ARRAYS.items()},
             "hidden": self.hidden,
-            "collided": sorted(self._collided),
+            "encounters": self.encounters.snapshot(),
             "wind": random_state(self._wind),
         }
 
@@ -188,7 +217,8 @@ class Flight:
         for name in _ARRAYS:
             getattr(self, name)[...] = snapshot[name]
         self.any_lost = bool(self.lost.any())
-        self._collided = {(first, second) for first, second in snapshot["collided"]}
+        self.last_arrival = int(self.arrival_tick.max())
+        self.encounters.restore(snapshot["encounters"])
         set_random_state(self._wind, snapshot["wind"])
         if history.shape != (self.tick + 1, *self.states.shape) or history[-1].tobytes() != self.states.tobytes():
             raise ValueError(f"the time series does not end in the states of tick {self.tick}")
@@ -196,24 +226,20 @@ class Flight:
 
     def _observe(self) -> None:
         self._hash.update(self.states.astype(_KEPT, order="C", copy=False).data)
-        speed_difference, near, colliding = pairs(self.scenario.metrics, self.states)
-        self.speed_difference_sum += speed_difference
-        self.near_sum += near
-        if len(colliding):
-            self._collide(colliding)
-
-    def _collide(self, touching: NDArray[np.intp]) -> None:
-        """Counts a pair once, and only while both are on the way."""
-        flying = self.status == FLYING
-        for first, second in touching[flying[touching].all(axis=-1)].tolist():
-            if (first, second) not in self._collided:
-                self._collided.add((first, second))
-                self.collisions += 1
-                self._event("collision", f"UAV {first} and UAV {second} collided", np.array([first, second]))
+        waiting = self.waiting
+        aloft = None if waiting is None else np.flatnonzero(~waiting)
+        seen = pairs(self.scenario.metrics, self.states if aloft is None else self.states[aloft])
+        self.speed_difference_sum += seen.speed_difference
+        self.near_sum += seen.near
+        touching = seen.colliding if aloft is None else aloft[seen.colliding]
+        for first, second in self.encounters.meet(seen.nearest_m, touching, self.status == FLYING):
+            self._event("collision", f"UAV {first} and UAV {second} collided", np.array([first, second]))
+        for uav, disc in self.encounters.enter(self.states, waiting):
+            self._event("hit", f"UAV {uav} hit obstacle {disc}", np.array([uav]))
 
     def _arrive(self, new: NDArray[np.intp]) -> None:
         self.status[new] = ARRIVED
-        self.arrival_tick[new] = self.tick
+        self.arrival_tick[new] = self.last_arrival = self.tick
         self.arrival_energy[new] = self.energy[new]
         self._event("arrived", f"UAV {', '.join(map(str, new))} arrived", new)
 

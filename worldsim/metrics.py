@@ -18,18 +18,20 @@ class Pairs(NamedTuple):
     speed_difference: mean over all N² pairs of ‖v_j − v_i‖, m/s (the integrand of φ_A).
     near: pairs i < j within the hazard radius.
     colliding: (K, 2), ascending: the pairs i < j within the collision radius.
+    nearest_m: the least distance of any two; infinite where there are not two.
     """
 
     speed_difference: float
     near: int
     colliding: NDArray[np.intp]
+    nearest_m: float
 
 
 def pairs(metrics: Metrics, states: state.States) -> Pairs:
     """Measures all pairs of `states`, `(N, 4)`."""
     found = np.empty((_MOST, 2), dtype=np.intp)
-    mean, near, count = kernels.pairs(states, metrics.hazard_radius, metrics.collision_radius, found)
+    mean, near, count, nearest = kernels.pairs(states, metrics.hazard_radius, metrics.collision_radius, found)
     if count > len(found):
         found = np.empty((count, 2), dtype=np.intp)
         kernels.pairs(states, metrics.hazard_radius, metrics.collision_radius, found)
-    return Pairs(mean, near, found[:count])
+    return Pairs(mean, near, found[:count], nearest)

@@ -253,8 +253,8 @@ class World:
         frames = self._merger.of(self.flight.tick, self._barrier.sent, self._awake.uavs, self.air.meter)
         if number := self._rounds.closes(self.flight.tick):
             self._leading.uploads.close(number)
-        if self.flight.any_lost:
-            self._commands.accelerations[self.flight.lost] = 0.0
+        if (idle := self.flight.idle) is not None:
+            self._commands.accelerations[idle] = 0.0
         return frames
 
     def _regard(self, member: Member, act: Act) -> None:

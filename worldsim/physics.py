@@ -43,8 +43,15 @@ class Physics:
             self._check(f"hidden state {name!r} of `init`", part, (uavs, *part.shape[1:]), part.dtype)
         return hidden
 
-    def __call__(self, states: state.States, hidden: Hidden, acceleration: state.Plane, noise: state.Plane) -> Moved:
-        """One tick; the arguments of `Vehicle.step`.
+    def __call__(
+        self,
+        states: state.States,
+        hidden: Hidden,
+        acceleration: state.Plane,
+        noise: state.Plane,
+        waiting: NDArray[np.bool_] | None = None,
+    ) -> Moved:
+        """One tick; the arguments of `Vehicle.step`, and who stays as it is, (N,), and spends nothing.
 
         Raises:
             RunFailed: the vehicle raised, or gave what cannot be; the message names it and the UAV.
@@ -69,6 +76,11 @@ class Physics:
             changed = {name: _put_back(part, hidden[name], diverged) for name, part in changed.items()}
         power = self._asked("power", moved, changed, acceleration)
         self._check("power", power, (len(states),), states.dtype)
+        if waiting is not None:
+            still = np.flatnonzero(waiting)
+            moved, power = _put_back(moved, states, still), np.where(waiting, 0.0, power)
+            changed = {name: _put_back(part, hidden[name], still) for name, part in changed.items()}
+            diverged = diverged[~waiting[diverged]]
         return Moved(moved, changed, power, diverged)
 
     def _asked(self, method: str, *arguments: Any) -> Any:

@@ -61,6 +61,8 @@ class Reporter:
 
     def add(self, air: Medium, commands: Commands, links: NDArray[np.int32], counters: Counters) -> None:
         """The row of this tick; the block before it goes out where it is full."""
+        if self._flight.last_arrival == self._flight.tick:
+            air.meter.mark()
         if self.rows.full:
             self.flush()
         self.rows.add(self._flight, air, commands, links, counters)

@@ -28,7 +28,7 @@ def flight_summary(flight: Flight) -> dict[str, Any]:
     """What the flight itself says; energies until own arrival, and until the end under `energy_end_…`."""
     scenario = flight.scenario
     arrived = flight.arrival_tick >= 0
-    times = flight.arrival_tick[arrived] * scenario.dt
+    times = (flight.arrival_tick - flight.launch_tick)[arrived] * scenario.dt
     energy = np.where(arrived, flight.arrival_energy, flight.energy)
     return {
         "ticks": flight.tick,
@@ -45,15 +45,20 @@ def flight_summary(flight: Flight) -> dict[str, Any]:
         "phi_C": flight.phi_c,
         "phi_C_distinct": flight.phi_c_distinct,
         "collisions": flight.collisions,
+        "collisions_all": flight.encounters.collisions_all,
+        "closest_approach_m": flight.encounters.closest_approach_m,
+        "obstacle_hits": flight.encounters.obstacle_hits,
         "speed_max_m_s": flight.speed_max,
         "speed_mean_m_s": flight.mean_speed,
         "distance_mean_m": float(flight.distance.mean()),
+        "control_effort": float(flight.effort.mean() * scenario.dt),
         "trajectory_sha256": flight.trajectory_sha256,
     }
 
 
-def radio_summary(meter: Meter) -> dict[str, Any]:
-    """What the radio cost, observed beside the closed forms."""
+def radio_summary(meter: Meter, *, all_arrived: bool) -> dict[str, Any]:
+    """What the radio cost, observed beside the closed forms; until the last arrival, where all arrived."""
+    to_arrival = meter.marked if all_arrived and meter.marked is not None else meter.bits()
     sent = int(meter.total("sent"))
     links = meter.links()
     return {
@@ -61,6 +66,7 @@ def radio_summary(meter: Meter) -> dict[str, Any]:
             **{name: meter.traffic[kind].payload_bits for kind, name in TRAFFIC.items()},
             "total": int(meter.total("payload_bits")),
         },
+        "bits_to_arrival": {**dict(zip(TRAFFIC.values(), to_arrival, strict=True)), "total": sum(to_arrival)},
         "wire_bytes": int(meter.total("wire_bytes")),
         "radio": {
             **_observed(
@@ -144,6 +150,6 @@ def summary(
         "wall_time_s": wall_time_s,
         "real_time_factor": flight.time_s / wall_time_s if wall_time_s > 0 else None,
         **flight_summary(flight),
-        **radio_summary(meter),
+        **radio_summary(meter, all_arrived=bool((flight.arrival_tick >= 0).all())),
         **protocol,
     }

@@ -17,20 +17,23 @@ from meanflock.swarm import state
 both_forms = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 
 
-def measured(backend: ModuleType, states: np.ndarray, hazard: float, collision: float) -> tuple[float, int, list[Any]]:
+def measured(
+    backend: ModuleType, states: np.ndarray, hazard: float, collision: float
+) -> tuple[float, int, list[Any], float]:
     found = np.full((len(states) ** 2 + 1, 2), -7)
-    mean, near, count = backend.pairs(states, hazard, collision, found)
+    mean, near, count, nearest = backend.pairs(states, hazard, collision, found)
     assert (found[count:] == -7).all()
-    return mean, near, found[:count].tolist()
+    return mean, near, found[:count].tolist(), nearest
 
 
-def by_the_matrix(states: np.ndarray, hazard: float, collision: float) -> tuple[np.ndarray, int, list[Any]]:
-    """The N × N distances of velocities, the number of near pairs, and the touching ones."""
+def by_the_matrix(states: np.ndarray, hazard: float, collision: float) -> tuple[np.ndarray, int, list[Any], float]:
+    """The N × N distances of velocities, the number of near pairs, the touching ones, and the least distance."""
     difference = states[:, None] - states[None]
     squared = difference[..., state.X] ** 2 + difference[..., state.Y] ** 2
     speeds = np.sqrt(difference[..., state.VX] ** 2 + difference[..., state.VY] ** 2)
     close, touching = np.triu(squared <= hazard * hazard, 1), np.triu(squared < collision * collision, 1)
-    return speeds, int(close.sum()), np.argwhere(touching).tolist()
+    nearest = math.sqrt(squared[np.triu_indices(len(states), 1)].min(initial=math.inf))
+    return speeds, int(close.sum()), np.argwhere(touching).tolist(), nearest
 
 
 coarse = st.sampled_from([0.0, 0.1, 0.25, -0.3, 0.5, 1.0, -7.75, 1e-160, 1e6, 1e6 + 0.25])
@@ -48,9 +51,9 @@ def test_pairs_are_those_of_the_matrix(
 ) -> None:
     """Coincident UAVs, and pairs exactly on either radius, are common; a large swarm is a small one many times."""
     states = np.tile(states, (1 + FEW // len(states), 1)) if large else states
-    mean, near, touching = measured(backend, states, hazard, collision)
-    speeds, all_near, all_touching = by_the_matrix(states, hazard, collision)
-    assert (near, touching) == (all_near, all_touching)
+    mean, near, touching, nearest = measured(backend, states, hazard, collision)
+    speeds, all_near, all_touching, least = by_the_matrix(states, hazard, collision)
+    assert (near, touching, nearest) == (all_near, all_touching, least)
     assert mean == pytest.approx(speeds.mean(), rel=1e-12)
     if len(states) <= FEW:
         assert mean == speeds.ravel().sum() / len(states) ** 2
@@ -71,15 +74,15 @@ def test_numbers_beyond_all_bounds_are_nobody_s_neighbours(backend: ModuleType) 
     states = np.zeros((4, state.SIZE))
     states[0], states[1, state.X], states[2, state.Y] = np.nan, np.inf, 1e200
     with np.errstate(all="ignore"):
-        mean, near, touching = measured(backend, states, 1.0, 1.0)
-    assert (math.isnan(mean), near, touching) == (True, 0, [])
+        mean, near, touching, nearest = measured(backend, states, 1.0, 1.0)
+    assert (math.isnan(mean), near, touching, nearest) == (True, 0, [], math.inf)
 
 
 def test_there_may_be_more_pairs_than_room(backend: ModuleType) -> None:
     found = np.full((3, 2), -7)
     states = np.zeros((6, state.SIZE))
     for room, expected in ((found[:2], [[0, 1], [0, 2], [-7, -7]]), (found[:0], [[0, 1], [0, 2], [-7, -7]])):
-        assert backend.pairs(states, 1.0, 1.0, room) == (0.0, 15, 15)
+        assert backend.pairs(states, 1.0, 1.0, room) == (0.0, 15, 15, 0.0)
         assert found.tolist() == expected
 
 

@@ -1,13 +1,16 @@
-"""Where the swarm stands at t = 0."""
+"""Where the swarm starts and when, where it goes, what is in its way, and what of it cannot be."""
 
 import math
 
 import numpy as np
 import pytest
 
+from meanflock.groundstation.engine import Engine
 from meanflock.swarm import state
-from meanflock.swarm.mission import starts
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.mission import goal_states, goals, launches, obstacles, starts
 from meanflock.swarm.scenario import load
+from tests.methods import METHODS
 
 
 @pytest.mark.parametrize("uavs", [1, 2, 3, 4, 7, 9, 24, 25, 26, 200])
@@ -40,3 +43,110 @@ def test_seven_fill_rows_of_three_and_leave_the_last_short() -> None:
     position = starts(load(None, ["uavs=7", "start.spacing=1.0", "start.centre=[0.0, 0.0]"]))
     found = position[:, state.POSITION].tolist()
     assert found == [[-1, -1], [0, -1], [1, -1], [-1, 0], [0, 0], [1, 0], [-1, 1]]
+
+
+SWAP = [
+    "uavs=6",
+    "start.formation=circle",
+    "start.radius=25.0",
+    "start.centre=[3.0, 4.0]",
+    "destination.goals=opposite",
+]
+STREAMS = ["uavs=9", "start.formation=streams", "start.radius=35.0", "start.centre=[0.0, 0.0]"]
+
+
+def test_a_circle_has_everybody_on_it_evenly_and_sends_each_to_the_other_side() -> None:
+    flown = load(None, SWAP)
+    from_centre = starts(flown)[:, state.POSITION] - [3.0, 4.0]
+    np.testing.assert_allclose(np.hypot(*from_centre.T), 25.0)
+    angles = np.unwrap(np.arctan2(*from_centre.T[::-1]))
+    np.testing.assert_allclose(np.diff(angles), math.pi / 3)
+    np.testing.assert_allclose(goals(flown) - [3.0, 4.0], -from_centre, atol=1e-12)
+    np.testing.assert_allclose(goals(flown), starts(flown)[[3, 4, 5, 0, 1, 2], :2], atol=1e-12)
+
+
+def test_two_streams_cross_at_the_centre_and_keep_their_order() -> None:
+    flown = load(None, [*STREAMS, "destination.goals=across"])
+    place, way = starts(flown)[:, state.POSITION], goals(flown) - starts(flown)[:, state.POSITION]
+    np.testing.assert_allclose(way[:5], [[70.0, 0.0]] * 5)
+    np.testing.assert_allclose(way[5:], [[0.0, 70.0]] * 4)
+    assert np.abs(place[:5].mean(axis=0) - [-35.0, 0.0]).max() < 2.0
+    assert (np.hypot(*(place[:, None] - place[None]).T) + np.eye(9) * 99).min() == pytest.approx(math.sqrt(2))
+
+
+def test_parallel_goals_are_the_formation_about_the_origin() -> None:
+    flown = load(None, ["destination.goals=parallel"])
+    np.testing.assert_allclose(goals(flown), starts(flown)[:, :2] - [150.0, 100.0])
+
+
+def test_unless_somebody_asks_all_go_to_the_origin_at_once_and_nothing_is_in_the_way() -> None:
+    assert not goals(load(None)).any()
+    assert not goals(load(None, ["destination.goals=common"])).any()
+    assert not launches(load(None)).any()
+    assert obstacles(load(None)).shape == (0, 3)
+
+
+def test_waves_are_rows_that_leave_one_after_another() -> None:
+    flown = load(None, ["uavs=7", "start.formation=waves", "start.group=3", "start.interval=4.04"])
+    assert launches(flown).tolist() == [0, 0, 0, 40, 40, 40, 81]
+    rows = starts(flown)[:, state.Y]
+    assert rows[0] == rows[1] == rows[2] < rows[3] == rows[5] < rows[6]
+
+
+def test_listed_places_and_goals_are_those() -> None:
+    flown = load(None, ["uavs=2", "start.positions=[[1, 2], [3.5, -4]]", "destination.positions=[[0, 0], [9, 9]]"])
+    assert starts(flown).tolist() == [[1, 2, 0, 0], [3.5, -4, 0, 0]]
+    assert goal_states(flown).tolist() == [[0, 0, 0, 0], [9, 9, 0, 0]]
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        (["uavs=2", "start.positions=[[1, 2]]"], r"`start.positions` has 1 places for 2 UAVs"),
+        (["destination.positions=[[1, 2]]"], r"`destination.positions` has 1 places for 25 UAVs"),
+        (["uavs=1", "start.positions=[[1, 2]]", "start.formation=grid"], "both given; leave one of them out"),
+        (["uavs=1", "destination.positions=[[1, 2]]", "destination.goals=common"], "both given; leave one of them out"),
+        (["uavs=2", "start.positions=[[1, 2], [1.05, 2]]"], "UAV 0 and UAV 1 start 0.05 m apart, nearer than"),
+        (["uavs=3", "start.positions=[[5, 2], [-1, 2], [5, 2.09]]"], "UAV 0 and UAV 2 start 0.09 m apart"),
+        (["uavs=100", "start.formation=circle", "start.radius=1"], "start 0.0628.* m apart"),
+        (["start.positions=[[1, inf]]", "uavs=1"], "`positions` must be a finite number"),
+        (["start.formation=heap"], "choose one of"),
+        (["destination.goals=across"], '"across" is of streams'),
+        (["obstacles=[{centre=[1.0, 1.0], radius=2.0}]"], r"UAV 0 has its goal inside `obstacles\[0\]`"),
+        (["obstacles=[{centre=[9, 9], radius=1}, {centre=[150, 100], radius=0.5}]"], "UAV 12 starts inside"),
+        (["obstacles=[{centre=[9, 9], radius=0}]"], "radius.*> 0"),
+        (["start.interval=-1"], "interval.*>= 0|interval.*≥ 0"),
+    ],
+)  # fmt: skip
+def test_a_mission_that_cannot_be_is_refused_with_the_place_that_is_wrong(settings: list[str], said: str) -> None:
+    with pytest.raises(BadInput, match=said):
+        load(None, settings)
+
+
+def test_places_that_collide_are_flown_where_somebody_asked_for_them_or_nobody_is_there_at_once() -> None:
+    load(None, ["start.spacing=0.05"])  # a grid that narrow is its own explanation
+    load(None, ["uavs=2", "start.positions=[[1, 2], [1, 2]]", "start.group=1", "start.interval=3"])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_paper_s_controller_flies_to_its_own_goal_as_to_the_origin(method: str) -> None:
+    """The same mission somewhere else: every UAV acts as it did, seen from its goal."""
+    there = ["uavs=4", "wind.sigma=0", "duration=5", "federation.state_period=7", f"method={method}"]
+    here = Engine(load(None, there), "here")
+    moved = [f"destination.positions={[[64.0, -32.0]] * 4}", "start.centre=[214.0, 68.0]"]
+    moved += [f"start.spacing={math.sqrt(2.0)}"]
+    away = Engine(load(None, [*there, *moved]), "away")
+    for _ in zip(here.fly(), away.fly(), strict=True):
+        pass
+    shift = [64.0, -32.0, 0.0, 0.0]
+    np.testing.assert_allclose(away.world.flight.states - shift, here.world.flight.states, atol=1e-6)
+    assert np.abs(here.world.flight.states[:, 2:]).max() > 0.1
+
+
+def test_goals_of_their_own_are_the_same_bits_in_one_node_and_in_many() -> None:
+    flown = load(None, [*SWAP, "duration=15", "federation.period=40", "method=mfgfl-hf"])
+    one, many = Engine(flown, "one"), Engine(flown, "many", uavs_per_node=1)
+    for engine in (one, many):
+        for _ in engine.fly():
+            pass
+    assert one.world.flight.trajectory_sha256 == many.world.flight.trajectory_sha256

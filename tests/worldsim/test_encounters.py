@@ -1,0 +1,142 @@
+"""Who met whom and what, and who is still on the ground: worked by hand."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm import state
+from meanflock.swarm.scenario import load
+from meanflock.worldsim.flight import Flight
+from meanflock.worldsim.summary import flight_summary
+from tests.faults.test_resume import dead, flight, resumed, steady
+from tests.worldsim.test_flight import calm, idle, kinds, put
+
+DISC = "obstacles=[{centre=[20.0, 0.0], radius=3.0}, {centre=[20.0, 4.0], radius=3.0}]"
+
+
+def test_an_arrived_uav_counts_among_all_collisions_and_not_among_those_on_the_way() -> None:
+    flight = calm('stop="duration"', uavs=2)
+    put(flight, 0, position=(1.0, 0.0))
+    idle(flight)
+    put(flight, 1, position=(12.0, 0.0), velocity=(-2.0, 0.0))
+    idle(flight, 100)
+    assert flight.collisions == 0
+    assert flight.encounters.collisions_all == 1
+    assert flight_summary(flight)["closest_approach_m"] == pytest.approx(0.0, abs=0.11)
+
+
+def test_the_closest_approach_is_the_least_of_all_ticks_the_first_included() -> None:
+    flight = calm("start.spacing=4", uavs=2)
+    assert flight.encounters.closest_approach_m == 4.0
+    put(flight, 0, position=(50.0, 0.0), velocity=(1.0, 0.0))
+    put(flight, 1, position=(60.0, 1.5), velocity=(-1.0, 0.0))
+    idle(flight, 100)
+    assert flight.encounters.closest_approach_m == pytest.approx(1.5)
+
+
+def test_one_alone_approaches_nobody() -> None:
+    flight = calm(uavs=1)
+    idle(flight)
+    assert flight_summary(flight)["closest_approach_m"] is None
+
+
+def test_a_disc_that_is_entered_is_counted_once_a_uav_and_disc_and_the_uav_flies_on() -> None:
+    flight = calm(DISC, 'stop="duration"', uavs=3)
+    put(flight, 0, position=(30.0, 0.0), velocity=(-2.0, 0.0))  # through the first, 1 m from the other's edge
+    put(flight, 1, position=(30.0, 2.0), velocity=(-2.0, 0.0))  # through both
+    put(flight, 2, position=(30.0, -3.0), velocity=(-2.0, 0.0))  # along the edge: at its radius, which is outside
+    idle(flight, 100)
+    assert flight.encounters.obstacle_hits == 3
+    assert sorted(uavs for kind, uavs in kinds(flight) if kind == "hit") == [(0,), (1,), (1,)]
+    put(flight, 0, position=(20.0, 0.0))
+    idle(flight, 5)
+    assert flight.encounters.obstacle_hits == 3
+
+
+def test_discs_all_around_the_goal_end_the_flight_at_its_duration_with_everybody_counted() -> None:
+    around = [(20 * np.cos(angle), 20 * np.sin(angle)) for angle in np.arange(0, 6.3, 0.4)]
+    wall = ", ".join(f"{{centre=[{x:.6f}, {y:.6f}], radius=6}}" for x, y in around)
+    flown = load(None, [f"obstacles=[{wall}]", "uavs=4", "method=offline", "duration=60", "wind.sigma=0"])
+    engine = Engine(flown, "wall")
+    for _ in engine.fly():
+        pass
+    found = engine.world.finish()
+    assert found["obstacle_hits"] >= 4
+    assert found["sim_time_s"] <= 60
+
+
+def test_control_effort_is_the_integral_of_the_commands_until_arrival() -> None:
+    flight = calm('stop="duration"', uavs=2)
+    command = np.array([[0.3, 0.4], [0.0, 0.0]])
+    put(flight, 0, position=(5.5, 0.0), velocity=(-2.0, 0.0))
+    while flight.arrival_tick[0] < 0:
+        flight.advance(command, gust=np.full((2, 2), -0.5))
+    idle(flight)
+    flight.advance(command)
+    assert flight_summary(flight)["control_effort"] == pytest.approx(0.25 * flight.arrival_tick[0] * 0.1 / 2)
+    assert flight.arrival_tick[0] > 3
+
+
+# -- on the ground ------------------------------------------------------------------------------------------------
+
+WAVES = ("uavs=4", "start.formation=waves", "start.group=2", "start.interval=2")
+
+
+def test_a_uav_before_its_launch_stands_still_and_counts_for_nothing() -> None:
+    flight = Flight(load(None, [*WAVES, "start.spacing=0.05", "start.centre=[100.0, 0.0]"]))
+    start, push = flight.states.copy(), np.full((4, 2), 0.5)
+    gust = np.full((4, 2), 2.0)
+    for _ in range(19):
+        flight.advance(push, gust)
+    np.testing.assert_array_equal(flight.states[2:], start[2:])
+    assert not flight.energy[2:].any()
+    assert flight.effort.tolist() == [pytest.approx(9.5), pytest.approx(9.5), 0.0, 0.0]
+    assert flight.distance[2:].tolist() == [0.0, 0.0]
+    assert flight.encounters.collisions_all == 1  # of the first wave: the second is on the ground
+    speeds = flight.mean_speed
+    assert speeds is not None
+    assert speeds == pytest.approx(flight.distance[:2].sum() / (2 * 19 * 0.1))
+    idle(flight)
+    flight.advance(push)
+    assert (flight.states[2:] != start[2:]).all()
+    assert flight.encounters.collisions_all > 1
+
+
+def test_the_noise_of_those_in_the_air_is_not_that_of_who_leaves_when() -> None:
+    """Waiting takes no draws from the others: the first wave flies as if all left at once."""
+    at_once, waves = Flight(load(None, [*WAVES[:3]])), Flight(load(None, [*WAVES]))
+    idle(at_once, 20)
+    idle(waves, 20)
+    np.testing.assert_array_equal(at_once.states[:2], waves.states[:2])
+
+
+def test_alignment_is_of_those_in_the_air() -> None:
+    flight = Flight(load(None, [*WAVES, "wind.sigma=0", "wind.mean=[0.0, 0.0]"]))
+    idle(flight, 5)
+    states = flight.states.copy()
+    states[0, state.VX] = 2.0
+    flight.states = states
+    before = flight.speed_difference_sum
+    idle(flight)
+    assert flight.speed_difference_sum - before == pytest.approx(2 * flight.states[0, state.VX] / 4)
+
+
+def test_travel_time_counts_from_the_launch() -> None:
+    flight = Flight(load(None, [*WAVES, "start.centre=[3.0, 0.0]", "wind.sigma=0", "wind.mean=[0.0, 0.0]"]))
+    idle(flight, 21)
+    assert flight.arrival_tick.tolist() == [1, 1, 21, 21]
+    assert flight_summary(flight)["t_avg_s"] == pytest.approx(0.1)
+    assert flight.over
+
+
+def test_a_flight_with_waves_and_obstacles_resumes_to_what_it_would_have_been(tmp_path: Path) -> None:
+    keys = [*WAVES[1:], "uavs=6", "start.interval=9", "duration=30", "federation.period=40"]
+    keys += ["start.centre=[18.0, 0.0]", DISC.replace("20.0, 4.0", "9.0, 4.0").replace("20.0, 0.0", "12.0, 0.0")]
+    flown = load(None, [*keys, "method=mfgfl-h"])
+    expected: dict[str, Any] = flight(tmp_path / "whole", flown)
+    folder = dead(tmp_path / "dead", flown, 150)
+    assert steady(resumed(folder)) == steady(expected)
+    assert expected["obstacle_hits"] > 0
