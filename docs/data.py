@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from meanflock.groundstation import columns, dictionary
+from meanflock.groundstation.leaderboard.measures import MEASURES, Measure
 
 PAGE = Path(__file__).with_suffix(".md")
 _KNOWN = ("hjb_residual", "fpk_residual", "phi_G")  # diagnostics of the built-in controllers
@@ -42,6 +43,16 @@ def page() -> str:
         "",
         *_table(("field", "unit", "what"), ((f"`{key}`", unit, about) for key, unit, about in dictionary.SUMMARY)),
         "",
+        "## leaderboard.json",
+        "",
+        "What `meanflock leaderboard` leaves, one object; `courses`, and `standings` within each, are lists.",
+        "",
+        *_table(("field", "unit", "what"), ((f"`{key}`", unit, about) for key, unit, about in dictionary.LEADERBOARD)),
+        "",
+        "Measures, in the order of the tables:",
+        "",
+        *_table(("measure", "unit", "better", "what"), map(_measure, MEASURES)),
+        "",
         "## events.jsonl",
         "",
         "A line an event, an object with",
@@ -53,6 +64,11 @@ def page() -> str:
         *_table(("kind", "what"), ((f"`{kind}`", about) for kind, about in dictionary.EVENTS.items())),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _measure(measure: Measure) -> tuple[str, ...]:
+    unit = "1" if measure.unit in ("%", "") else measure.unit
+    return f"`{measure.key}`", unit, measure.better, measure.about
 
 
 def _row(column: columns.Column) -> tuple[str, ...]:

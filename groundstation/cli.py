@@ -7,6 +7,7 @@ import sys
 import click
 
 from meanflock.groundstation.cli_fly import resume, run
+from meanflock.groundstation.cli_leaderboard import leaderboard
 from meanflock.groundstation.cli_look import picture, plot, view
 from meanflock.groundstation.cli_plugins import plugins_command
 from meanflock.groundstation.cli_prepare import certs_group, doctor, scenario_group
@@ -27,7 +28,7 @@ def cli() -> None:
     """
 
 
-for _command in (run, resume, view, picture, plot, compare, sweep, paper, plugins_command, doctor):
+for _command in (run, resume, view, picture, plot, compare, sweep, leaderboard, paper, plugins_command, doctor):
     cli.add_command(_command)
 for _group in (certs_group, scenario_group):
     cli.add_command(_group)

@@ -69,11 +69,6 @@ SUMMARY = (
     Field("radio.links_used", "links", "pairs of UAVs, with direction, that any message was sent between"),
     Field("radio.links", "", "of each `[source, target, sent, outages]`; null where there are more than 1000"),
     Field("rounds", "1", "rounds averaged and broadcast"),
-    Field(
-        "diagnostics.*",
-        "",
-        "sum of each diagnostic the controller reports, over UAVs on the way and ticks, in its unit",
-    ),
     Field("diagnostics_max.*", "", "largest size of each diagnostic the controller reports, in its unit"),
     Field("hjb_residual_max", "m/s", "largest HJB residual |e_H|; null where the controller reports none"),
     Field("fpk_residual_max", "1/s", "largest FPK residual |e_F|; null where the controller reports none"),
@@ -91,6 +86,39 @@ SUMMARY = (
     Field("realtime.tick_start_jitter_ms.p99", "ms", "the same: 99th percentile"),
     Field("realtime.tick_start_jitter_ms.max", "ms", "the same: maximum"),
     Field("telemetry_blocks_dropped", "blocks", "blocks of rows the ground station did not get"),
+)
+
+_FLIGHTS = "a number a seed, in their order; null where a flight has none"
+
+LEADERBOARD = (  # of `leaderboard.json`: a course is a mission as flown, a standing a row of its table
+    Field("schema", "1", "version of this record"),
+    Field("version", "", "version of meanflock"),
+    Field("code", "", "version and fingerprint of the code that flew"),
+    Field("seeds", "1", "seeds of every row"),
+    Field("courses.name", "", "name of the mission"),
+    Field("courses.title", "", "what its table is headed with"),
+    Field("courses.about", "", "the mission in words"),
+    Field("courses.uavs", "UAVs", "number of UAVs"),
+    Field("courses.duration_s", "s", "a flight ends at the latest then"),
+    Field("courses.absent.*", "", "why a row cannot fly the mission, by the row's name"),
+    Field("courses.front_s", "s", "times of the front; empty where it is not known"),
+    Field("courses.front_J", "J", "least energy for each of these, mean of the UAVs"),
+    Field("courses.standings.name", "", "name of the row"),
+    Field("courses.standings.controller", "", "name of its controller"),
+    Field("courses.standings.about", "", "the row in words"),
+    Field("courses.standings.settings.*", "", "keys of the scenario that the row sets"),
+    Field("courses.standings.yours", "", "whether the controller came in a file of the reader's"),
+    Field("courses.standings.cells.*.mean", "", "mean of the flights, by measure; shares are of 1"),
+    Field("courses.standings.cells.*.low", "", "lower end of its 95 % interval; null where there is none"),
+    Field("courses.standings.cells.*.high", "", "upper end"),
+    Field("courses.standings.cells.*.n", "flights", "flights it is of"),
+    Field("courses.standings.cells.*.best", "", "whether it is told from every other row of the table"),
+    Field("courses.standings.cells.*.least", "", "least of all flights; null but for the closest approach"),
+    Field("courses.standings.kbit_by_kind.*", "kbit", "payload until the last arrival by kind of traffic, mean"),
+    Field("courses.standings.values.*", "", f"of each measure {_FLIGHTS}"),
+    Field("courses.standings.lost", "UAVs", "UAVs lost in all flights"),
+    Field("courses.standings.failed", "flights", "flights that could not be flown"),
+    Field("courses.standings.why", "", "why the first of them, or the first UAV lost"),
 )
 
 EVENT = {  # fields of a line

@@ -8,7 +8,7 @@ from pathlib import Path
 from meanflock import agent, channel, kernels, leader, swarm, worldsim
 
 _ROOMS = (swarm, kernels, agent, channel, leader, worldsim)
-_HERE = ("flown.py", "recorder.py", "series.py", "../engine.py")
+_HERE = ("flown.py", "recorder.py", "series.py", "../engine.py", "../leaderboard/flights.py")
 
 
 @cache

@@ -1,0 +1,111 @@
+"""The command `leaderboard`: controllers over missions."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from meanflock.groundstation.backends import BACKENDS
+from meanflock.groundstation.cli_arguments import scenario_arguments
+from meanflock.groundstation.cli_study import jobs_option, out_option, progress_of, quiet_option
+from meanflock.groundstation.doctor import tell_if_slow
+from meanflock.groundstation.durable import check_folder
+from meanflock.swarm.errors import BadInput
+
+_FIRST_SEED = 8001
+
+
+class _Lists(click.Command):
+    """An option of several takes every word up to the next option: `--missions paper swap --controllers plan orca`."""
+
+    lists = ("--missions", "--controllers")
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Repeats the option before each of its words."""
+        given: list[str] = []
+        taking = ""
+        for word in args:
+            if word.startswith("-"):
+                taking = word if word in self.lists else ""
+                given += [] if taking else [word]
+            else:
+                given += [taking, word] if taking else [word]
+        for flag in self.lists:
+            if flag in args and flag not in given and not any(word.startswith(f"{flag}=") for word in args):
+                raise BadInput(f"{flag}: name one or more, or all")
+        return super().parse_args(ctx, given)
+
+
+def _names(given: Sequence[str]) -> list[str]:
+    """Words, and words between commas."""
+    return [name for word in given for name in word.split(",") if name]
+
+
+@click.command(cls=_Lists)
+@click.option("--missions", multiple=True, default=("all",), metavar="NAME…", help="Which, or all.  [default: all]")
+@click.option(
+    "--controllers", multiple=True, default=("all",), metavar="NAME…", help="Rows or controllers.  [default: all rows]"
+)
+@scenario_arguments("plugin")
+@click.option("--seeds", type=click.IntRange(1), default=30, show_default=True, metavar="K", help="Flights of each.")
+@click.option("--first-seed", type=click.IntRange(0), default=_FIRST_SEED, show_default=True, metavar="S")
+@jobs_option
+@click.option("--backend", type=click.Choice(BACKENDS), default="loky", show_default=True)
+@click.option("--scheduler", metavar="ADDRESS", help="Of dask, e.g. tcp://127.0.0.1:8786; unset: this machine.")
+@out_option("out/leaderboard")
+@quiet_option
+def leaderboard(
+    missions: tuple[str, ...],
+    controllers: tuple[str, ...],
+    seeds: int,
+    first_seed: int,
+    jobs: int,
+    backend: str,
+    scheduler: str | None,
+    out: Path,
+    quiet: bool,
+) -> None:
+    """Fly every controller over the same missions and seeds.
+
+    It writes tables with intervals, the Pareto plots, and who is best where that can be told.
+
+    \b
+    Interrupt and repeat it as you like: a finished run is never flown twice.
+    Example: meanflock leaderboard --missions paper --controllers mfgfl-h spring --plugin spring.py --seeds 4
+    """
+    from meanflock.groundstation.backends import processes, terminable
+    from meanflock.groundstation.leaderboard import missions as known
+    from meanflock.groundstation.leaderboard import report, rows, terminal
+    from meanflock.groundstation.leaderboard.contest import Contest
+    from meanflock.groundstation.paper.store import Store
+
+    if backend != "dask" and scheduler is not None:
+        raise BadInput(f"--scheduler {scheduler}: is of dask; add --backend dask, or leave it out")
+    contest = Contest(known.chosen(_names(missions)), rows.chosen(_names(controllers)), seeds, first_seed)
+    new = not out.exists()
+    store = Store(out)
+    check_folder(out, "--out")
+    tell_if_slow()
+    try:
+        with (
+            progress_of("leaderboard", quiet) as progress,
+            terminable(),
+            processes(backend, scheduler, None if jobs < 0 else jobs),
+        ):
+            board = contest.fly(jobs, progress, store)
+    except BadInput:  # nothing was flown: the folders are empty, or hold what was there before
+        for folder in (store.data / "jobs", store.data, *([out] if new else [])):
+            with suppress(OSError):
+                folder.rmdir()
+        raise
+    console = Console()
+    for course in board.courses:
+        console.print(terminal.table(course))
+        for note in terminal.notes(course):
+            console.print(note, style="dim", markup=False, highlight=False)
+        console.print()
+    console.print(terminal.CAPTION, style="dim italic", highlight=False)
+    for path in report.write(board, out):
+        click.echo(str(path))

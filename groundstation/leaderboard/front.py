@@ -1,0 +1,96 @@
+"""The Pareto front of time and energy: the least energy that any flight of one UAV can use for the time it takes.
+
+Energy is ∫P(‖v − w‖) dt, a function of the velocity alone: v over ground, w the wind where power goes by airspeed and
+zero where it goes by ground speed. Let P** be the convex envelope of P as a radial function of the plane. A flight
+that covers the displacement d in the time T has the mean velocity d/T, so by Jensen's inequality its energy is at least
+T·P**(‖d/T − w‖); mixing the two speeds between which P** is straight attains it, but for the first and last moment.
+The front is the least of that over all T no longer than the time taken: who is slower could have been there before.
+
+The vehicle has no limit of acceleration, so this is a bound and not a flight plan: flights that accelerate as craft do
+come within a few per cent of it (a test flies some). Others in the air and obstacles only add to it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.swarm import plugins, state
+from meanflock.swarm.scenario import Scenario
+
+Floats = NDArray[np.float64]
+
+_SPEEDS = 12001  # at which the power is known
+_SPEED_MAX = 60.0  # m/s, faster than anybody flies
+_TIMES = 6000  # at which the front is known
+
+
+def power(scenario: Scenario, speed: Floats) -> Floats:
+    """Power of the scenario's vehicle in steady flight at speeds (K,), m/s, in W."""
+    vehicle = plugins.create("vehicle", scenario.vehicle.model, scenario.vehicle.options, scenario)
+    states = np.zeros((len(speed), state.SIZE))
+    states[:, state.VELOCITY.start] = speed
+    watts: Floats = vehicle.power(states, vehicle.init(len(speed)), np.zeros((len(speed), state.AXES)))
+    return watts
+
+
+def envelope(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Corners of the convex envelope, in the plane, of a radial function that is y (K,) at the radii x (K,) ≥ 0,
+    ascending from 0. It nowhere falls: opposite velocities add up to less than either."""
+    corners: list[tuple[float, float]] = []
+    for right in zip(x.tolist(), np.minimum.accumulate(y[::-1])[::-1].tolist(), strict=True):
+        while len(corners) > 1 and _above(corners[-2], corners[-1], right):
+            corners.pop()
+        corners.append(right)
+    hull = np.array(corners)
+    return hull[:, 0], hull[:, 1]
+
+
+def _above(left: tuple[float, float], middle: tuple[float, float], right: tuple[float, float]) -> bool:
+    """Whether the middle point is on or above the line between the others."""
+    rise = (right[1] - left[1]) * (middle[0] - left[0])
+    return (middle[1] - left[1]) * (right[0] - left[0]) >= rise
+
+
+@dataclass(frozen=True)
+class Front:
+    """Least energies, J, for the times, s; both (K,), the first of which is the shortest that is considered."""
+
+    times_s: Floats
+    energies_J: Floats  # a unit
+
+    def least_J(self, time_s: float) -> float:  # a unit
+        """The least energy of a flight that takes so long; beyond the last time it falls no more."""
+        return float(np.interp(time_s, self.times_s, self.energies_J))
+
+
+def cheapest(scenario: Scenario) -> tuple[Floats, Floats]:
+    """P** of the scenario's vehicle: its corners, m/s and W."""
+    speeds = np.linspace(0.0, _SPEED_MAX, _SPEEDS)
+    return envelope(speeds, power(scenario, speeds))
+
+
+def front(
+    scenario: Scenario,
+    displacement: Floats,
+    wind: Floats | None = None,
+    corners: tuple[Floats, Floats] | None = None,
+) -> Front:
+    """The front of one UAV that is to be moved by `displacement` (2,), m, to within the destination's radius.
+
+    Args:
+        wind: (2,), m/s, where power goes by airspeed; None where it goes by ground speed. corners: of `cheapest`, where
+            they are known already.
+    """
+    at, watts = corners or cheapest(scenario)
+    air = np.zeros(2) if wind is None else np.asarray(wind, dtype=np.float64)
+    radius = scenario.destination.radius
+    way = max(float(np.hypot(*displacement)) - radius, 0.0)
+    shortest = max(way / _SPEED_MAX, scenario.dt)
+    times = np.geomspace(shortest, max(scenario.duration, 2.0 * shortest), _TIMES)
+    mean = np.asarray(displacement, dtype=np.float64) / times[:, None] - air
+    airspeed = np.maximum(np.hypot(mean[:, 0], mean[:, 1]) - radius / times, 0.0)
+    energies = times * np.interp(airspeed, at, watts)
+    if airspeed[0] > _SPEED_MAX:  # the envelope is not known there
+        times, energies = times[airspeed <= _SPEED_MAX], energies[airspeed <= _SPEED_MAX]
+    return Front(times, np.minimum.accumulate(energies))

@@ -1,0 +1,75 @@
+"""The missions of a leaderboard: scenarios, without who flies them."""
+
+from collections.abc import Iterable
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from meanflock.swarm import scenarios, toml
+from meanflock.swarm.errors import BadInput
+
+ALL = "all"
+# Who flies says these; a mission says where, in what wind and over what radio.
+_OF_ROWS = ("method", "controller", "filter", "seed", "federation.period", "federation.options")
+
+
+class Mission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """name: of its scenario file. title, about: in words. time_price_W: what a second is worth where a mission weighs
+    energy against time, J/s; None: it does not."""
+
+    name: str
+    title: str = ""
+    about: str = ""
+    time_price_W: float | None = None  # a unit
+
+    def table(self) -> dict[str, Any]:
+        """Its scenario as plain values, without what is a row's to say.
+
+        Raises:
+            BadInput: the file is damaged.
+        """
+        table = toml.read(_path(self.name), "mission")
+        for key in _OF_ROWS:
+            *parents, last = key.split(".")
+            part = table
+            for parent in parents:
+                part = part.get(parent, {})
+            part.pop(last, None)
+        return table
+
+
+class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    mission: tuple[Mission, ...]
+
+
+def shipped() -> tuple[Mission, ...]:
+    """The missions of missions.toml, in their order."""
+    text = files("meanflock.groundstation.leaderboard").joinpath("missions.toml").read_text(encoding="utf-8")
+    return msgspec.toml.decode(text.encode(), type=_File).mission
+
+
+def chosen(names: Iterable[str]) -> list[Mission]:
+    """Missions by name, each once; `all` for those of missions.toml. Any other shipped scenario or a TOML file is one,
+    too.
+
+    Raises:
+        BadInput: a name that is none of these.
+    """
+    known = {mission.name: mission for mission in shipped()}
+    missions: dict[str, Mission] = {}
+    for name in names:
+        if name == ALL:
+            missions |= known
+        elif name in known:
+            missions[name] = known[name]
+        elif Path(name).is_file() or _path(name) in scenarios.shipped():
+            missions[name] = Mission(name, Path(name).stem)
+        else:
+            raise BadInput(f"--missions {name}: no such mission; there are {', '.join(known)}; or name a TOML file")
+    return list(missions.values())
+
+
+def _path(name: str) -> Path:
+    return Path(name) if Path(name).suffix else scenarios.FOLDER / f"{name}.toml"

@@ -1,0 +1,51 @@
+"""Regret: what the UAVs of a flight used above the least that one UAV alone could have, in the time each took."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.groundstation.leaderboard.front import Front, cheapest, front
+from meanflock.swarm import mission, state
+from meanflock.swarm.scenario import Scenario
+
+Floats = NDArray[np.float64]
+
+
+class Fronts:
+    """The fronts of a scenario's UAVs, each worked out once."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario, self._corners = scenario, cheapest(scenario)
+        self._known: dict[tuple[float, float], Front] = {}
+
+    def each(self) -> list[Front] | None:
+        """Of every UAV; None where the wind that power goes by is not the same everywhere."""
+        ways = mission.goals(self.scenario) - mission.starts(self.scenario)[:, state.POSITION]
+        return [self._of_way(x, y) for x, y in ways.tolist()]
+
+    def regret(self, kept: Mapping[str, Any]) -> float | None:
+        """Mean over the UAVs of a flight, J; kept: of `flights.fly`. One that never arrived is taken by what it used
+        until the end; None where one was lost, for which no time is known."""
+        fronts = self.each()
+        if fronts is None or kept["lost"]:
+            return None
+        above = []
+        for least, arrival, energy in zip(fronts, kept["travel_s"], kept["energy_J"], strict=True):
+            above.append(energy - least.least_J(self.scenario.duration if arrival is None else arrival))
+        return float(np.mean(above))
+
+    def mean(self, times_s: Floats) -> Floats | None:
+        """The least energies for the times (K,), mean of the UAVs, J; NaN where some UAV cannot be so fast."""
+        fronts = self.each()
+        if fronts is None:
+            return None
+        rows = [np.interp(times_s, each.times_s, each.energies_J, left=np.nan) for each in fronts]
+        least: Floats = np.mean(rows, axis=0)
+        return least
+
+    def _of_way(self, x: float, y: float) -> Front:
+        if (x, y) not in self._known:
+            self._known[x, y] = front(self.scenario, np.array([x, y]), corners=self._corners)
+        return self._known[x, y]

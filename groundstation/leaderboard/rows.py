@@ -1,0 +1,92 @@
+"""The rows of a leaderboard: a controller, and with which settings it flies."""
+
+from collections.abc import Iterable, Sequence
+from importlib.resources import files
+from typing import Any
+
+import msgspec
+
+from meanflock.swarm import plugins, toml
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario, from_table
+
+ALL = "all"
+
+
+class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A row as rows.toml has it.
+
+    name: in tables. method: the controller; unset: called as the row. about: in a few words. settings: keys of the
+    scenario, dotted, whatever the mission. missions: the only ones it can fly; empty for all. yours: it came in a
+    file of the reader's.
+    """
+
+    name: str
+    method: str = ""
+    about: str = ""
+    settings: dict[str, Any] = {}  # msgspec copies it
+    missions: tuple[str, ...] = ()
+    yours: bool = False
+
+    @property
+    def controller(self) -> str:
+        """The name of its controller."""
+        return self.method or self.name
+
+    def flies(self, mission: str) -> bool:
+        """Whether it is meant for a mission."""
+        return not self.missions or mission in self.missions
+
+    def scenario(self, table: dict[str, Any], seed: int, where: str) -> Scenario:
+        """A mission's table as this row flies it.
+
+        Raises:
+            BadInput: its controller is not installed, or a setting does not fit.
+        """
+        table = msgspec.to_builtins(table)  # a copy
+        for key, value in self.settings.items():
+            toml.put(table, key, value, where)
+        flown = from_table({**table, "method": self.controller, "seed": seed}, where)
+        flown.declared  # noqa: B018  # who cannot fly it says so now
+        return flown
+
+
+class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    row: tuple[Row, ...]
+
+
+def shipped() -> tuple[Row, ...]:
+    """The rows of rows.toml, in their order."""
+    text = files("meanflock.groundstation.leaderboard").joinpath("rows.toml").read_text(encoding="utf-8")
+    return msgspec.toml.decode(text.encode(), type=_File).row
+
+
+def chosen(names: Iterable[str]) -> list[Row]:
+    """Rows by name, each once; `all` for those of rows.toml and every controller of the reader's files. What is no row
+    may be a controller: it flies with its defaults.
+
+    Raises:
+        BadInput: a name that is neither.
+    """
+    table = {row.name: row for row in shipped()}
+    installed = plugins.names("controller")
+    yours = [name for name in installed if plugins.is_file(plugins.find("controller", name))]
+    rows: dict[str, Row] = {}
+    for name in names:
+        if name == ALL:
+            rows |= table | {mine: Row(mine, yours=True) for mine in yours}
+        elif name in table:
+            rows[name] = table[name]
+        elif name in installed:
+            rows[name] = Row(name, yours=name in yours)
+        else:
+            others = [other for other in installed if other not in table]
+            raise BadInput(
+                f"--controllers {name}: no such row or controller; rows are {_listed(table)}; other controllers are "
+                f"{_listed(others)}; a file of yours is named with --plugin FILE.py"
+            )
+    return list(rows.values())
+
+
+def _listed(names: Sequence[str] | Iterable[str]) -> str:
+    return ", ".join(names) or "none"

@@ -1,0 +1,36 @@
+"""A mission's table for a terminal: means alone, in 80 columns."""
+
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from meanflock.groundstation.leaderboard import tables
+from meanflock.groundstation.leaderboard.board import Course
+from meanflock.groundstation.leaderboard.measures import BY_KEY
+
+CAPTION = "Means; the best that can be told from all others in bold. Intervals and all columns: leaderboard.md, .html"
+
+
+def table(course: Course) -> Table:
+    """What a person reads while the pages are not open."""
+    made = Table(title=f"{course.title}: {course.uavs} UAVs", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    made.show_edge, made.title_justify, made.caption_justify = False, "left", "left"
+    made.add_column("row", no_wrap=True)
+    made.add_column("n", justify="right", no_wrap=True)
+    for heading in tables.SHORT.values():
+        made.add_column(heading, justify="right", no_wrap=True)
+    for row in course.standings:
+        flown = max((cell.n for cell in row.cells.values()), default=0)
+        cells = [
+            Text(
+                tables.mean(BY_KEY[key], row.cells.get(key)), "bold" if key in row.cells and row.cells[key].best else ""
+            )
+            for key in tables.SHORT
+        ]
+        made.add_row(Text(row.name, "red bold" if row.yours else ""), str(flown), *cells)
+    return made
+
+
+def notes(course: Course) -> list[str]:
+    """What is to be known of single rows."""
+    return tables.notes(course)
