@@ -1,5 +1,6 @@
 """Who is near whom: pairs of a row and another UAV, and sums over the pairs of a row."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +10,8 @@ from meanflock.swarm import state
 from meanflock.swarm.state import VX, VY, Plane, Rows, States, X, Y
 
 Floats = NDArray[np.float64]
+
+NOWHERE_M = 1e-9  # a distance without a direction
 
 
 class Near(NamedTuple):
@@ -27,24 +30,47 @@ class Near(NamedTuple):
     away: Plane
 
 
-def near(own: States, known: States, uavs: NDArray[np.integer], range_m: float) -> Near:
-    """The pairs no more than `range_m` apart.
+def near(
+    own: States,
+    known: States,
+    uavs: NDArray[np.integer],
+    range_m: float,
+    matters: Callable[[Floats, Floats], NDArray[np.bool_]] | None = None,
+) -> Near:
+    """The pairs no more than `range_m` apart, and of these only such as matter.
 
     Args:
         own: (M, 4). known: (M, N, 4), where each row believes all others. uavs: (M,), the numbers of the rows.
+        matters: says it of squared distances and squared differences of velocity, (M, N) each, m² and m²/s².
     """
     x, y = own[:, X, None] - known[..., X], own[:, Y, None] - known[..., Y]
     squared = x * x + y * y
     squared[np.arange(len(own)), uavs] = np.inf
-    row, other = np.nonzero(squared <= range_m * range_m)
+    chosen = squared <= range_m * range_m
+    if matters is not None:
+        vx, vy = own[:, VX, None] - known[..., VX], own[:, VY, None] - known[..., VY]
+        chosen &= matters(squared, vx * vx + vy * vy)
+    row, other = np.nonzero(chosen)
     apart = np.stack([x[row, other], y[row, other]], axis=-1)
     closing = own[row, VX : VY + 1] - known[row, other, VX : VY + 1]
     distance = np.sqrt(squared[row, other])
-    away = apart / np.maximum(distance, 1e-9)[:, None]
-    if (one_place := distance < 1e-9).any():
-        right = np.where(uavs[row] > other, 1.0, -1.0)
-        away[one_place] = np.stack([right, np.zeros_like(right)], axis=-1)[one_place]
+    away = apart / np.maximum(distance, NOWHERE_M)[:, None]
+    if (one_place := distance < NOWHERE_M).any():
+        away[one_place] = 0.0
+        away[one_place, X] = np.where(uavs[row] > other, 1.0, -1.0)[one_place]
     return Near(row, other, apart, closing, distance, away)
+
+
+def edges(own: States, discs: Floats) -> tuple[Floats, Floats, Floats]:
+    """How far rows (M, 4) are from the edges of discs (K, 3), m, negative inside; and unit vectors off their centres.
+
+    Returns:
+        Distance, x and y, (M, K) each.
+    """
+    x, y = own[:, X, None] - discs[:, 0], own[:, Y, None] - discs[:, 1]
+    distance = np.sqrt(x * x + y * y)
+    length = np.maximum(distance, NOWHERE_M)
+    return distance - discs[:, 2], x / length, y / length
 
 
 def summed(row: NDArray[np.intp], vectors: Plane, rows: int) -> Plane:

@@ -53,11 +53,11 @@ def fork(count: int) -> int:
 
 
 def _load_what_each_would() -> None:
-    """Entry points, and the controllers that come with them in one package with this file. Others' are loaded by those
-    who are told to fly one: nobody knows what an import of them starts.
+    """Entry points, and the controllers and filters that come with them in one package with this file. Others' are
+    loaded by those who are told to fly one: nobody knows what an import of them starts.
     """
     for plugin in plugins.installed():
-        if plugin.door == "controller" and plugin.reference.startswith("meanflock."):
+        if plugin.door in ("controller", "filter") and plugin.reference.startswith("meanflock."):
             with contextlib.suppress(BadInput):  # for who is told to fly it to say
                 plugins.load(plugin.door, plugin.name)
 

@@ -17,6 +17,7 @@ KEYS: dict[Door, str] = {  # of a scenario, that names the plug-in
     "aggregator": "federation.aggregation",
     "channel": "radio.model",
     "vehicle": "vehicle.model",
+    "filter": "filter.kind",
 }
 _BOUNDS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
 _INDENT, _ABOUT = " " * 2, " " * 4

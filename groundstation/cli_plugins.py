@@ -16,8 +16,8 @@ _NARROW, _WIDE = 80, 110  # columns
 def plugins_command(as_json: bool) -> None:
     """List plug-ins by kind, with their options.
 
-    Controllers, aggregation rules, channels and vehicles: name, where it is from, what it is, and the options a
-    scenario can set.
+    Controllers, aggregation rules, channels, vehicles and filters: name, where it is from, what it is, and the
+    options a scenario can set.
 
     \b
     Example: meanflock plugins --plugin mine.py

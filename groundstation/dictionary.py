@@ -69,6 +69,11 @@ SUMMARY = (
     Field("radio.links_used", "links", "pairs of UAVs, with direction, that any message was sent between"),
     Field("radio.links", "", "of each `[source, target, sent, outages]`; null where there are more than 1000"),
     Field("rounds", "1", "rounds averaged and broadcast"),
+    Field(
+        "diagnostics.*",
+        "",
+        "sum of each diagnostic the controller reports, over UAVs on the way and ticks, in its unit",
+    ),
     Field("diagnostics_max.*", "", "largest size of each diagnostic the controller reports, in its unit"),
     Field("hjb_residual_max", "m/s", "largest HJB residual |e_H|; null where the controller reports none"),
     Field("fpk_residual_max", "1/s", "largest FPK residual |e_F|; null where the controller reports none"),

@@ -2,8 +2,9 @@
 
 A program of two variables, solved exactly: half-planes are taken one after the other, and where the point so far breaks
 one, the next is on its edge (incremental, as linear programs of low dimension; de Berg et al., Computational Geometry,
-ch. 4). Where no point keeps all, all are eased by the least that lets them and the disc meet. By Helly's theorem convex
-sets of the plane have a point in common if every three have, so that least is the largest which any three need.
+ch. 4). Where no point keeps all, all bounds are eased by the least that lets them and the disc meet; the longer its
+normal, the less a half-plane moves. By Helly's theorem convex sets of the plane have a point in common if every three
+have, so that least is the largest which any three need.
 """
 
 from functools import cache
@@ -16,31 +17,33 @@ Floats: TypeAlias = NDArray[np.float64]
 
 PARALLEL = 1e-12  # sine of the angle below which two edges do not meet; as in halfplanes.c
 EASE = 1e-9  # what is eased more than that needs, relative to 1 + that
-SAME = 1e-16  # ‖n_i − n_j‖² below which one half-plane is in the other
+SAME = 1e-16  # ‖n_i − n_j‖² / ‖n_i‖‖n_j‖ below which one half-plane is in the other
 
 
 def nearest(wanted: Floats, normals: Floats, bounds: Floats, limit: float, found: Floats, missing: Floats) -> None:
     """Of M rows each the point a nearest to `wanted` with n_k·a ≥ b_k for all of its K half-planes, and ‖a‖ ≤ limit.
 
     Args:
-        wanted: (M, 2); a row that is not finite is returned as NaN. normals: (M, K, 2), of any length; a half-plane
-            whose normal is 0, or that is not finite, asks for nothing. bounds: (M, K).
-        found: (M, 2), written. missing: (M,), written: 0, or where no point keeps all half-planes how far that one is
-            outside of the worst (a distance, of the least there is), and `found` is the nearest of those that are.
+        wanted: (M, 2); a row that is not finite is returned as NaN. normals: (M, K, 2), of any length, by which a
+            half-plane weighs where not all can be kept; one whose normal is 0, or that is not finite, asks for nothing.
+        bounds: (M, K). found: (M, 2), written. missing: (M,), written: 0, or where no point keeps all half-planes the
+            least that the largest b_k − n_k·a can be, and `found` is the nearest of the points where it is.
     """
     with np.errstate(all="ignore"):
         length = np.sqrt(normals[..., 0] * normals[..., 0] + normals[..., 1] * normals[..., 1])
         x, y, bound = normals[..., 0] / length, normals[..., 1] / length, bounds / length
         asks = np.isfinite(x) & np.isfinite(y) & np.isfinite(bound)
         x, y, bound = np.where(asks, x, 0.0), np.where(asks, y, 0.0), np.where(asks, bound, -np.inf)
+        length = np.where(asks, length, 1.0)
         point, kept = _project(wanted, x, y, bound, limit)
         missing[:] = 0.0
         found[:] = point
         if not kept.all():
             rows = np.flatnonzero(~kept)
-            x, y, bound = x[rows], y[rows], bound[rows]
-            missing[rows] = need = _needed(x, y, bound, limit)
-            found[rows] = _project(wanted[rows], x, y, bound - (need + EASE * (1.0 + need))[:, None], limit)[0]
+            x, y, bound, length = x[rows], y[rows], bound[rows], length[rows]
+            missing[rows] = need = _needed(x * length, y * length, bound * length, length, limit)
+            eased = bound - (need + EASE * (1.0 + need))[:, None] / length
+            found[rows] = _project(wanted[rows], x, y, eased, limit)[0]
         found[~np.isfinite(wanted).all(axis=-1)] = np.nan
 
 
@@ -76,29 +79,30 @@ def _project(wanted: Floats, x: Floats, y: Floats, bound: Floats, limit: float) 
     return np.stack([a_x, a_y], axis=-1), kept
 
 
-def _needed(x: Floats, y: Floats, bound: Floats, limit: float) -> Floats:
-    """The least by which all half-planes of a row must be eased to meet in the disc, (M,)."""
-    need = np.maximum((bound - limit).max(axis=1), 0.0)
+def _needed(x: Floats, y: Floats, bound: Floats, length: Floats, limit: float) -> Floats:
+    """The least by which all bounds of a row must be eased for its half-planes to meet in the disc, (M,)."""
+    need = np.maximum((bound - limit * length).max(axis=1), 0.0)
     i, j, first, second, third = _chosen(bound.shape[1])
     if len(i):  # two of them and the disc: the best point is on the circle, where both are missed alike
         m_x, m_y, apart = x[:, i] - x[:, j], y[:, i] - y[:, j], bound[:, i] - bound[:, j]
-        squared, cosine = m_x * m_x + m_y * m_y, x[:, i] * x[:, j] + y[:, i] * y[:, j]
-        both = (bound[:, j] - limit * cosine > bound[:, i] - limit) & (
-            bound[:, i] - limit * cosine > bound[:, j] - limit
-        )
+        squared, inner = m_x * m_x + m_y * m_y, x[:, i] * x[:, j] + y[:, i] * y[:, j]
+        both = bound[:, j] - limit * inner / length[:, i] > bound[:, i] - limit * length[:, i]
+        both &= bound[:, i] - limit * inner / length[:, j] > bound[:, j] - limit * length[:, j]
         room = limit * limit - apart * apart / squared
         reached = (x[:, i] * m_x + y[:, i] * m_y) * (apart / squared) + np.abs(y[:, i] * m_x - x[:, i] * m_y) * np.sqrt(
             np.where(room > 0.0, room, 0.0) / squared
         )
-        need = _most(need, bound[:, i] - reached, both & (squared > SAME))
+        need = _most(need, bound[:, i] - reached, both & (squared > SAME * (length[:, i] * length[:, j])))
     if len(first):  # three of them, whose normals look to all sides
         a = x[:, second] * y[:, third] - y[:, second] * x[:, third]
         b = x[:, third] * y[:, first] - y[:, third] * x[:, first]
         c = x[:, first] * y[:, second] - y[:, first] * x[:, second]
         total = a + b + c
+        of_lengths = length[:, second] * length[:, third] + length[:, third] * length[:, first]
+        of_lengths += length[:, first] * length[:, second]
         around = ((a >= 0.0) & (b >= 0.0) & (c >= 0.0)) | ((a <= 0.0) & (b <= 0.0) & (c <= 0.0))
         missed = (a * bound[:, first] + b * bound[:, second] + c * bound[:, third]) / total
-        need = _most(need, missed, around & (np.abs(total) > PARALLEL))
+        need = _most(need, missed, around & (np.abs(total) > PARALLEL * of_lengths))
     return need
 
 

@@ -204,7 +204,7 @@ static PyObject *nearest_of_all(PyObject *module, PyObject *args) {
         || !fits(doubles(&arrays, found, "found", WRITTEN), "found", rows * 2 * D)
         || !fits(doubles(&arrays, missing, "missing", WRITTEN), "missing", rows * D))
         goto done;
-    room = PyMem_Malloc((6 * count + 1) * D); /* of a row at a time, for arrays may begin anywhere */
+    room = PyMem_Malloc((10 * count + 1) * D); /* of a row at a time, for arrays may begin anywhere */
     if (room == NULL) {
         PyErr_NoMemory();
         goto done;

@@ -11,6 +11,7 @@ MAX_PARAMETERS = 1_000_000  # floats of a model: 8 MB, and no radio carries it
 MAX_DIAGNOSTICS = 100  # columns of a message are counted in one byte
 MAX_BROADCASTS = 16  # of a controller in a tick
 MAX_BROADCAST_NUMBERS = 4096  # of a UAV in a tick
+NO_FILTER = "none"
 MAX_MEMORY_BYTES = 24 * 2**20  # of all UAVs together; a flight of more goes on without checkpoints
 
 
@@ -24,6 +25,10 @@ class Asking(Protocol):
     @property
     def controller(self) -> dict[str, Any]:
         """Its options."""
+
+    @property
+    def filter(self) -> Any:
+        """`[filter]`: `kind` and `options` of what stands before it."""
 
 
 class Declared(msgspec.Struct, frozen=True):
@@ -53,12 +58,24 @@ class Declared(msgspec.Struct, frozen=True):
 
 
 def controller(scenario: Asking) -> Any:
-    """A new instance of a scenario's controller.
+    """A new instance of a scenario's controller, with its filter before it.
 
     Raises:
-        BadInput: it is not installed here, or its options do not fit.
+        BadInput: one of them is not installed here, or its options do not fit.
     """
-    return plugins.create("controller", scenario.method, scenario.controller, scenario)
+    return filtered(plugins.create("controller", scenario.method, scenario.controller, scenario), scenario)
+
+
+def filtered(made: Any, scenario: Asking) -> Any:
+    """A controller behind the filter of a scenario; itself where there is none.
+
+    Raises:
+        BadInput: the filter is not installed here, or its options do not fit; or a declaration of the controller's.
+    """
+    if scenario.filter.kind == NO_FILTER:
+        return made
+    of(made, scenario.method)  # or what is wrong with it would be said of the filter
+    return plugins.create("filter", scenario.filter.kind, scenario.filter.options, scenario, made)
 
 
 def declared(scenario: Asking) -> Declared:

@@ -1,6 +1,6 @@
-"""Plug-ins: who flies, who averages, what carries and what moves, found by name; nothing here knows any of them.
+"""Plug-ins: who flies, who averages, what carries, moves and keeps apart, by name; nothing here knows any of them.
 
-A plug-in is a class with a `name`, in one of four entry-point groups of an installed package or in a file that somebody
+A plug-in is a class with a `name`, in one of five entry-point groups of an installed package or in a file that somebody
 named on the command line of this machine. What comes over the network names it, and nothing more: a name that is not
 registered here is refused.
 """
@@ -20,19 +20,21 @@ import msgspec
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.libraries import lacking
 
-Door: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle"]
+Door: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle", "filter"]
 
 GROUPS: dict[Door, str] = {
     "controller": "meanflock.controllers",
     "aggregator": "meanflock.aggregators",
     "channel": "meanflock.channels",
     "vehicle": "meanflock.vehicles",
+    "filter": "meanflock.filters",
 }
 NEEDED: dict[Door, tuple[str, ...]] = {  # what a class must have; the rest has defaults in the base classes
     "controller": ("init", "step"),
     "aggregator": ("step",),
     "channel": ("transmit",),
     "vehicle": ("step", "power"),
+    "filter": ("init", "step"),
 }
 HERE = "this process"  # the source of a class that is in no file
 FILES = "MEANFLOCK_PLUGINS"  # a variable: the files a process registers when it starts, as PATH separates them
@@ -53,7 +55,7 @@ _files: dict[tuple[Door, str], tuple[Plugin, type]] = {}
 
 @cache
 def _packaged() -> dict[tuple[Door, str], tuple[Plugin, ...]]:
-    """Every entry point of the four groups, without importing any of them."""
+    """Every entry point of the five groups, without importing any of them."""
     from importlib.metadata import entry_points  # only here: a process that is told everything by file need not
 
     found: dict[tuple[Door, str], tuple[Plugin, ...]] = {}
@@ -165,8 +167,8 @@ def load_file(path: Path) -> list[Plugin]:
         found.append(plugin)
     if not found:
         raise BadInput(
-            f"--plugin {path}: no plug-in in it; derive a class from meanflock.Controller, Aggregator, Channel or "
-            "Vehicle and give it a `name`"
+            f"--plugin {path}: no plug-in in it; derive a class from meanflock.Controller, Aggregator, Channel, "
+            "Vehicle or Filter and give it a `name`"
         )
     return found
 
@@ -180,7 +182,7 @@ def register(made: type) -> Plugin:
     door, name = getattr(made, "door", None), getattr(made, "name", "")
     if door not in GROUPS or not isinstance(name, str) or not name:
         raise BadInput(
-            f"{made!r}: no plug-in; derive it from meanflock.Controller, Aggregator, Channel or Vehicle, "
+            f"{made!r}: no plug-in; derive it from meanflock.Controller, Aggregator, Channel, Vehicle or Filter, "
             "and give it a `name`"
         )
     if (door, name) in _packaged():
@@ -272,13 +274,8 @@ def create(door: Door, name: str, options: dict[str, Any], *context: Any) -> Any
 
 def options_table(door: Door) -> str:
     """The table of a scenario that holds the options of a door's plug-in."""
-    tables: dict[Door, str] = {
-        "controller": "controller",
-        "aggregator": "federation.options",
-        "channel": "radio.options",
-        "vehicle": "vehicle.options",
-    }
-    return tables[door]
+    tables = {"controller": "controller", "aggregator": "federation.options", "channel": "radio.options"}
+    return tables.get(door, f"{door}.options")
 
 
 def _checked(door: Door, name: str, found: Any, source: str) -> type:

@@ -6,6 +6,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -75,6 +76,14 @@ def verbs(group: click.Group, prefix: str = "") -> dict[str, click.Command]:
         else:
             found[prefix + name] = command
     return found
+
+
+def test_every_controller_of_ours_is_described() -> None:
+    text = (
+        (ROOT / "docs" / "controllers.md").read_text(encoding="utf-8").replace("`-f`, `-hf`", "`mfgfl-f`, `mfgfl-hf`")
+    )
+    ours = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["entry-points"]
+    assert not [name for name in ours["meanflock.controllers"] if f"`{name}`" not in text]
 
 
 @pytest.mark.processes

@@ -72,6 +72,7 @@ class Checkpoints:
                 "heads": self._heads.snapshot(),
                 "commands": self._commands.accelerations,
                 "largest": self._commands.largest,
+                "summed": self._commands.summed,
                 "memory": memories.snapshot(),
                 "aggregation": self._leading.aggregation,
             }
@@ -99,6 +100,7 @@ class Checkpoints:
             self._heads.restore(kept["heads"])
             self._commands.accelerations[...] = kept["commands"]
             self._commands.largest[...] = kept["largest"]
+            self._commands.summed[...] = kept["summed"]
             self._leading.aggregation = kept["aggregation"]
             self._reporter.rows.resume(kept["block"] + 1, self._flight.tick + 1)
         except (KeyError, TypeError, ValueError, AttributeError) as error:

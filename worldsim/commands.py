@@ -1,6 +1,6 @@
 """What the agents command and report of themselves: the numbers of their replies, each in the row of its UAV."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -12,6 +12,7 @@ from meanflock.worldsim.members import Member
 
 Floats: TypeAlias = NDArray[np.float64]
 Uavs: TypeAlias = NDArray[np.intp]
+Mask: TypeAlias = NDArray[np.bool_]
 
 _NOBODY: Uavs = np.zeros(0, dtype=np.intp)
 
@@ -20,21 +21,22 @@ class Commands:
     """The commands that hold, and the diagnostics of the last tick.
 
     accelerations: (N, 2), m/s²; who does not reply goes on as before. diagnostics: (N, K), zeros of who does not reply.
-    largest: (K,), of the |diagnostics| of the flight.
+    largest: (K,), of the |diagnostics| of the flight. summed: (K,), the diagnostics of UAVs on the way, over all ticks.
     """
 
     def __init__(self, uavs: int, diagnostics: int) -> None:
         self.accelerations: state.Plane = np.zeros((uavs, state.AXES))
         self.diagnostics: Floats = np.zeros((uavs, diagnostics))
         self.largest: Floats = np.zeros(diagnostics)
+        self.summed: Floats = np.zeros(diagnostics)
 
     def store(
-        self, asked: Mapping[str, Member], replies: Mapping[str, Floats], awake: NDArray[np.bool_] | None
+        self, asked: Mapping[str, Member], replies: Mapping[str, Floats], awake: Mask | None, on_way: Mask
     ) -> Uavs:
         """Takes the numbers of nodes, each (M, 2 + K); returns the UAVs whose are beyond all bounds, which are not
         taken.
 
-        `awake`: (N,), whose are; None for everyone's.
+        `awake`: (N,), whose are; None for everyone's. `on_way`: (N,), who has not arrived and is not lost.
         """
         names = [name for name in asked if name in replies]
         if not names:
@@ -49,4 +51,9 @@ class Commands:
         self.diagnostics = np.zeros_like(self.diagnostics)
         self.diagnostics[rows] = numbers[:, state.AXES :]
         self.largest = np.maximum(self.largest, np.abs(self.diagnostics).max(axis=0, initial=0.0))
+        self.summed = self.summed + np.add.reduce(self.diagnostics[on_way], axis=0)
         return uavs[~sane]
+
+    def figures(self, names: Sequence[str]) -> tuple[dict[str, float], dict[str, float]]:
+        """`summed` and `largest` by the names of the diagnostics."""
+        return dict(zip(names, self.summed.tolist(), strict=True)), dict(zip(names, self.largest.tolist(), strict=True))

@@ -68,14 +68,22 @@ class Counters:
         self.disbelieved = set(snapshot["disbelieved"])
 
     def summary(
-        self, *, schedule: Schedule | None, diagnostics: Mapping[str, float], blocks_dropped: int
+        self,
+        diagnostics: Mapping[str, float],
+        largest: Mapping[str, float],
+        *,
+        schedule: Schedule | None,
+        blocks_dropped: int,
     ) -> dict[str, Any]:
-        """Its part of the summary; `schedule`: of a flight in real time. `diagnostics`: the largest |value| of each."""
+        """Its part of the summary. `diagnostics`: the sum of each over UAVs on the way and ticks.
+
+        `largest`: the largest |value| of each. `schedule`: of a flight in real time."""
         return {
             "rounds": self.rounds,
-            "diagnostics_max": dict(diagnostics),
-            "hjb_residual_max": diagnostics.get("hjb_residual"),
-            "fpk_residual_max": diagnostics.get("fpk_residual"),
+            "diagnostics": dict(diagnostics),
+            "diagnostics_max": dict(largest),
+            "hjb_residual_max": largest.get("hjb_residual"),
+            "fpk_residual_max": largest.get("fpk_residual"),
             "weight_spread_final": self.spread,
             "nodes_lost": self.nodes_lost,
             "nodes_rejoined": self.nodes_rejoined,

@@ -133,6 +133,12 @@ class Flight:
         return self.lost if waiting is None else waiting | self.lost
 
     @property
+    def on_way(self) -> NDArray[np.bool_]:
+        """Who has left the ground, has not arrived and is not lost, (N,)."""
+        flying, waiting = self.status == FLYING, self.waiting
+        return flying if waiting is None else flying & ~waiting
+
+    @property
     def lost(self) -> NDArray[np.bool_]:
         """Which UAVs are out of the mission, (N,)."""
         return self.status == LOST

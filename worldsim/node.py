@@ -248,7 +248,7 @@ class World:
         self._refused.close()
         awake = None if self._awake.everyone else self._awake.uavs
         numbers = {name: act.commands for name, act in acts.items() if len(act.commands)}
-        if len(insane := self._commands.store(asked, numbers, awake)):
+        if len(insane := self._commands.store(asked, numbers, awake, self.flight.on_way)):
             self.flight.lose(insane, "diverged", "an answer beyond all bounds")
         frames = self._merger.of(self.flight.tick, self._barrier.sent, self._awake.uavs, self.air.meter)
         if number := self._rounds.closes(self.flight.tick):
@@ -278,9 +278,8 @@ class World:
         return self._counters.wall_s + self._clock() - self._started
 
     def _protocol(self) -> dict[str, Any]:
-        largest = dict(zip(self._declared.diagnostics, self._commands.largest.tolist(), strict=True))
-        dropped = self._reporter.outbox.dropped
-        return self._counters.summary(schedule=self._schedule, diagnostics=largest, blocks_dropped=dropped)
+        figures, dropped = self._commands.figures(self._declared.diagnostics), self._reporter.outbox.dropped
+        return self._counters.summary(*figures, schedule=self._schedule, blocks_dropped=dropped)
 
     @property
     def diagnostics(self) -> np.ndarray:

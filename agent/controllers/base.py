@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.agent.prediction import Prediction
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Plane, States
 from meanflock.swarm.wire.messages import NOBODY
@@ -105,6 +106,10 @@ class Controller:
     def set(self, memory: Memory, rows: Rows, models: NDArray[np.float64]) -> Memory:
         """The memory after a global model, (len(rows), parameters), reached some rows."""
         return memory
+
+    def prediction(self) -> Prediction | None:
+        """How others should carry on a state that one of its UAVs sent; None: at constant velocity."""
+        return None
 
     def report(self, memory: Memory) -> NDArray[np.float64]:
         """What was learned, as it is recorded, (M, weights)."""

@@ -1,5 +1,6 @@
 """Flocking of Olfati-Saber (Flocking for multi-agent dynamic systems: algorithms and theory, IEEE Transactions on
-Automatic Control 51(3), 2006): his Algorithm 2, a lattice by gradient, consensus on velocity, and a way to the goal."""
+Automatic Control 51(3), 2006): his Algorithm 3, a lattice by gradient, consensus on velocity, agents
+on the edges of obstacles, and a way to the goal."""
 
 import math
 from collections.abc import Sequence
@@ -11,12 +12,12 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.agent.controllers.neighbours import Neighbours
-from meanflock.agent.near import Near, near, summed
+from meanflock.agent.near import Near, edges, near, summed
 from meanflock.agent.travel import against_the_air
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.sharing import Sharing
-from meanflock.swarm.state import POSITION, VELOCITY, Plane, Rows, States
+from meanflock.swarm.state import POSITION, VELOCITY, VX, VY, Plane, Rows, States
 
 
 def bump(z: Rows, h: float) -> Rows:
@@ -44,6 +45,11 @@ class OlfatiSaber(Controller):
         b: Annotated[float, Meta(gt=0, description="b of the action function, m/s²")] = 5.0
         c1: Annotated[float, Meta(ge=0, description="weight of the gradient")] = 1.0
         c2_1_s: Annotated[float, Meta(ge=0, description="weight of the consensus, 1/s")] = 2.0
+        d_obstacle_m: Annotated[
+            float, Meta(gt=0, description="d', who is farther off an obstacle does not feel it, m")
+        ] = 1.5
+        c1_obstacle_m_s2: Annotated[float, Meta(ge=0, description="weight of its gradient, m/s²")] = 3.0
+        c2_obstacle_1_s: Annotated[float, Meta(ge=0, description="weight of its consensus, 1/s")] = 0.5
         pull_m_s2: Annotated[float, Meta(gt=0, description="pull to the goal from afar, m/s²")] = 0.9
         near_m: Annotated[float, Meta(gt=0, description="distance within which it is a spring, m")] = 2.0
         damping_1_s: Annotated[float, Meta(gt=0, description="of the own velocity, 1/s")] = 0.4
@@ -53,6 +59,7 @@ class OlfatiSaber(Controller):
             raise ValueError(f"`a` {options.a} is greater than `b` {options.b}; the action function wants 0 < a ≤ b")
         super().__init__(options, scenario)
         self._neighbours, self._goals = Neighbours(options, scenario), mission.goals(scenario)
+        self._obstacles = mission.obstacles(scenario)
         self._range, self._distance = self._sigma(options.r_m**2), self._sigma(options.d_m**2)
         self._shift = abs(options.a - options.b) / math.sqrt(4.0 * options.a * options.b)
 
@@ -67,6 +74,8 @@ class OlfatiSaber(Controller):
         way /= np.sqrt(1.0 + state.dot(way, way))[:, None]
         acceleration = of.pull_m_s2 * way - of.damping_1_s * own[:, VELOCITY] + against_the_air(self.scenario, own)
         acceleration += summed(pairs.row, self._of_pairs(pairs), len(own))
+        if len(self._obstacles):
+            acceleration += self._of_obstacles(own)
         memory, said = self._neighbours.speak(memory, tick, own)
         unsent = self._neighbours.unsent(memory)[:, None].astype(np.float64)
         return Step(memory, acceleration, unsent, (said,), self._neighbours.refused(received))
@@ -82,6 +91,22 @@ class OlfatiSaber(Controller):
         # n = Δ/√(1 + ε‖Δ‖²), his Eq. 9; of two in one place it is 0
         along = (of.c1 * action / np.sqrt(1.0 + of.epsilon_1_m2 * squared))[:, None] * pairs.apart
         return -along - (of.c2_1_s * weight)[:, None] * pairs.closing
+
+    def _of_obstacles(self, own: States) -> Plane:
+        """c1 φ_β(‖Δ‖σ) n̂ + c2 ρ_h (p̂ − p), his Eq. 56 to 59: agents on the edges go along with a UAV, (M, 2) m/s²."""
+        of = self.options
+        edge, x, y = edges(own, self._obstacles)
+        gap = np.maximum(edge, 0.0)
+        sigma, reach = self._sigma(gap * gap), self._sigma(of.d_obstacle_m**2)
+        weight, z = bump(sigma / reach, of.h), sigma - reach
+        action = of.c1_obstacle_m_s2 * weight * (1.0 - z / np.sqrt(1.0 + z * z))
+        # Its velocity is that of the UAV along the edge, by μ = R/(R + gap) slower.
+        along = own[:, VY, None] * x - own[:, VX, None] * y
+        slower = self._obstacles[:, 2] / (self._obstacles[:, 2] + gap) * along
+        damping = of.c2_obstacle_1_s * weight
+        ax = action * x + damping * (-y * slower - own[:, VX, None])
+        ay = action * y + damping * (x * slower - own[:, VY, None])
+        return np.stack([np.add.reduce(ax, axis=1), np.add.reduce(ay, axis=1)], axis=-1)
 
     def _sigma(self, squared: Any) -> Any:
         """‖z‖σ = (√(1 + ε‖z‖²) − 1)/ε of ‖z‖², his Eq. 8."""

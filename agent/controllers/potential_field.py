@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.agent.controllers.neighbours import Neighbours
 from meanflock.agent.controllers.trajectory import CRUISE_M_S
-from meanflock.agent.near import near, summed
+from meanflock.agent.near import edges, near, summed
 from meanflock.agent.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel, against_the_air, limited
 from meanflock.swarm import mission
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.sharing import Sharing
-from meanflock.swarm.state import POSITION, VELOCITY, Plane, Rows, States
+from meanflock.swarm.state import VELOCITY, Plane, Rows, States
 
 
 class PotentialField(Controller):
@@ -36,13 +36,15 @@ class PotentialField(Controller):
         speed_m_s: CruiseSpeed = CRUISE_M_S
         slowing_1_s: Slowing = SLOWING_1_S
         velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 1.0
-        eta_m3_s2: Annotated[float, Meta(ge=0, description="η, strength of the repulsion by UAVs, m³/s²")] = 0.5
-        rho0_m: Annotated[float, Meta(gt=0, description="ρ0, from which on UAVs are not felt, m")] = 1.0
-        radius_m: Annotated[float, Meta(ge=0, description="of a UAV, as others keep off it, m")] = 0.35
+        eta_m3_s2: Annotated[float, Meta(ge=0, description="η, strength of the repulsion by UAVs, m³/s²")] = 1.0
+        rho0_m: Annotated[float, Meta(gt=0, description="ρ0, from which on UAVs are not felt, m")] = 1.5
+        radius_m: Annotated[
+            float, Meta(ge=0, description="of a UAV: so much earlier it keeps off others and obstacles, m")
+        ] = 0.35
         obstacle_eta_m3_s2: Annotated[
             float, Meta(ge=0, description="η, strength of the repulsion by obstacles, m³/s²")
-        ] = 5.0
-        obstacle_rho0_m: Annotated[float, Meta(gt=0, description="ρ0, from which on obstacles are not felt, m")] = 4.0
+        ] = 10.0
+        obstacle_rho0_m: Annotated[float, Meta(gt=0, description="ρ0, from which on obstacles are not felt, m")] = 3.0
         acceleration_max_m_s2: Annotated[float, Meta(gt=0, description="limit on ‖a‖ before drag, m/s²")] = 3.0
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
@@ -75,12 +77,9 @@ class PotentialField(Controller):
     def _off_obstacles(self, own: States) -> Plane:
         """Repulsion of rows by all obstacles, (M, 2) m/s²."""
         of = self.options
-        apart = own[:, None, POSITION] - self._obstacles[:, :2]
-        distance = np.sqrt((apart * apart).sum(axis=-1))
-        edge = distance - self._obstacles[:, 2]
-        force = repulsion(edge, of.obstacle_rho0_m, of.obstacle_eta_m3_s2, of.acceleration_max_m_s2)
-        total: Plane = ((force / np.maximum(distance, 1e-9))[..., None] * apart).sum(axis=1)
-        return total
+        edge, x, y = edges(own, self._obstacles)
+        force = repulsion(edge - of.radius_m, of.obstacle_rho0_m, of.obstacle_eta_m3_s2, of.acceleration_max_m_s2)
+        return np.stack([np.add.reduce(force * x, axis=1), np.add.reduce(force * y, axis=1)], axis=-1)
 
 
 def repulsion(rho_m: Rows, rho0_m: float, eta: float, most: float) -> Rows:

@@ -11,11 +11,14 @@ from numpy.typing import NDArray
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.agent.controllers.neighbours import Neighbours
 from meanflock.agent.controllers.trajectory import CRUISE_M_S
-from meanflock.agent.near import Near, near, summed
+from meanflock.agent.near import NOWHERE_M, Near, edges, near, summed
 from meanflock.agent.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel, against_the_air, limited
+from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.sharing import Sharing
-from meanflock.swarm.state import VELOCITY, Plane, Rows, States
+from meanflock.swarm.state import VELOCITY, VX, VY, Plane, Rows, States
+
+Floats = NDArray[np.float64]
 
 
 def braking(distance_m: Rows, slope_1_s: float, acceleration: float) -> Rows:
@@ -49,11 +52,16 @@ class Vasarhelyi(Controller):
         a_frict_m_s2: Annotated[float, Meta(gt=0, description="of the brake, m/s²")] = 0.5
         p_frict_1_s: Annotated[float, Meta(gt=0, description="slope of the brake's end, 1/s")] = 1.5
         range_m: Annotated[float, Meta(gt=0, description="who is farther is not looked at, m")] = 25.0
+        v_shill_m_s: Annotated[float, Meta(ge=0, description="speed off an obstacle of its `shill` agents, m/s")] = 4.0
+        r0_shill_m: Annotated[float, Meta(ge=0, description="where a brake for an obstacle has ended, m")] = 0.5
+        a_shill_m_s2: Annotated[float, Meta(gt=0, description="of that brake, m/s²")] = 2.0
+        p_shill_1_s: Annotated[float, Meta(gt=0, description="slope of that brake's end, 1/s")] = 1.5
         v_max_m_s: Annotated[float, Meta(gt=0, description="limit on v_d, m/s")] = 4.0
         tau_s: Annotated[float, Meta(gt=0, description="τ in which v_d is taken up, s")] = 0.6
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
+        self._obstacles = mission.obstacles(scenario)
         self._travel, self._neighbours = (
             Travel(scenario, options.speed_m_s, options.slowing_1_s),
             Neighbours(options, scenario),
@@ -66,19 +74,39 @@ class Vasarhelyi(Controller):
         memory, velocity = self._travel.velocity(memory, own)
         memory = self._neighbours.receive(memory, tick, received)
         known = self._neighbours.states(memory, tick)
-        pairs = near(own, known, memory["neighbour_uav"], self.options.range_m)
+        pairs = near(own, known, memory["neighbour_uav"], self.options.range_m, self._matters)
         velocity += summed(pairs.row, self._push(pairs), len(own))
+        if len(self._obstacles):
+            velocity += self._off_obstacles(own)
         velocity = limited(velocity, self.options.v_max_m_s)
         acceleration = (velocity - own[:, VELOCITY]) / self.options.tau_s + against_the_air(self.scenario, own)
         memory, said = self._neighbours.speak(memory, tick, own)
         unsent = self._neighbours.unsent(memory)[:, None].astype(np.float64)
         return Step(memory, acceleration, unsent, (said,), self._neighbours.refused(received))
 
+    def _matters(self, squared: Floats, difference_squared: Floats) -> NDArray[np.bool_]:
+        """Which pairs can push at all. √(2ar − a²/p²) is nowhere more than D(r, a, p)."""
+        of = self.options
+        least = 2.0 * of.a_frict_m_s2 * (np.sqrt(squared) - of.r0_frict_m) - (of.a_frict_m_s2 / of.p_frict_1_s) ** 2
+        np.maximum(least, of.v_frict_m_s**2, out=least)
+        return (difference_squared > least) | (squared < of.r0_rep_m**2)
+
+    def _off_obstacles(self, own: States) -> Plane:
+        """Agents that come off the nearest points of all obstacles, whose velocity is to be matched: their Eq. 5 and 6,
+        (M, 2) m/s."""
+        of = self.options
+        edge, x, y = edges(own, self._obstacles)
+        vx, vy = own[:, VX, None] - of.v_shill_m_s * x, own[:, VY, None] - of.v_shill_m_s * y
+        difference = np.sqrt(vx * vx + vy * vy)
+        allowed = braking(edge - of.r0_shill_m, of.p_shill_1_s, of.a_shill_m_s2)
+        share = np.maximum(difference - allowed, 0.0) / np.maximum(difference, NOWHERE_M)
+        return -np.stack([np.add.reduce(share * vx, axis=1), np.add.reduce(share * vy, axis=1)], axis=-1)
+
     def _push(self, pairs: Near) -> Plane:
         """Repulsion (their Eq. 1) and friction (Eq. 2, 4) of pairs, (P, 2) m/s."""
         of = self.options
         repulsion = of.p_rep_1_s * np.maximum(of.r0_rep_m - pairs.distance, 0.0)
-        difference = np.hypot(pairs.closing[:, 0], pairs.closing[:, 1])
+        difference = np.sqrt(state.dot(pairs.closing, pairs.closing))
         allowed = np.maximum(of.v_frict_m_s, braking(pairs.distance - of.r0_frict_m, of.p_frict_1_s, of.a_frict_m_s2))
-        friction = of.c_frict * np.maximum(difference - allowed, 0.0) / np.maximum(difference, 1e-9)
+        friction = of.c_frict * np.maximum(difference - allowed, 0.0) / np.maximum(difference, NOWHERE_M)
         return repulsion[:, None] * pairs.away - friction[:, None] * pairs.closing

@@ -64,9 +64,10 @@ class PointSwarm:
             fail(controller, str(error), "mend the declaration")
 
     def make(self) -> Controller:
-        """An instance, as a flight makes it."""
+        """An instance, as a flight makes it, behind the scenario's filter."""
         made: Controller = make(self.controller, self._options, self._scenario)
-        return made
+        behind: Controller = declarations.filtered(made, self._scenario)
+        return behind
 
     def init(self, made: Controller, uavs: NDArray[np.intp]) -> Memory:
         """The memory of UAVs with numbers (M,), a row each."""

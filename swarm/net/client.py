@@ -189,13 +189,13 @@ class NodeClient:
 
 
 def _check_plugins(welcome: Welcome, role: str) -> None:
-    """Whether this host has the plug-ins of the world that a node needs: the controller, and a leader the rule, too.
+    """Whether this host has the plug-ins of the world that a node needs: controller, filter, and a leader the rule.
 
     Raises:
         BadInput: one is missing, or another version of it is here.
     """
     for door, name, fingerprint in welcome.plugins:
-        if door == "controller" or (door == "aggregator" and role == "leader"):
+        if door in ("controller", "filter") or (door == "aggregator" and role == "leader"):
             here = plugins.find(door, name)
             if here.fingerprint != fingerprint:
                 raise BadInput(f"{door} {name!r} is of {here.fingerprint} here, and of {fingerprint} with the world")

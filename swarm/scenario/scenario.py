@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Meta, field
 
 from meanflock.swarm import mission
-from meanflock.swarm.declared import Declared, declared
+from meanflock.swarm.declared import NO_FILTER, Declared, declared
 from meanflock.swarm.faults import Fault, LeaderLoss
 from meanflock.swarm.hops import HOPS, delivery_ticks
 from meanflock.swarm.pace import Pace
@@ -18,6 +18,7 @@ from meanflock.swarm.scenario.tables import (
     Density,
     Destination,
     Federation,
+    Filter,
     Learner,
     Metrics,
     Obstacle,
@@ -50,6 +51,7 @@ LATER = (
     *("start.formation", "start.radius", "start.positions", "start.group", "start.interval"),
     *("destination.goals", "destination.positions", "obstacles"),
     *("cost.separation", "cost.separation_range", "learner.multinomial"),
+    "filter",
 )
 
 _PAYLOAD_BITS: dict[Payload, int] = {"float64": 64, "float32": 32, "float16": 16, "int8": 8}  # a weight
@@ -77,6 +79,7 @@ class Scenario(_Table, frozen=True, dict=True):
     learner: Learner = field(default_factory=Learner)
     density: Density = field(default_factory=Density)
     offline: Offline = field(default_factory=Offline)
+    filter: Filter = field(default_factory=Filter)
     federation: Federation = field(default_factory=Federation)
     radio: Radio = field(default_factory=Radio)
     vehicle: Vehicle = field(default_factory=Vehicle)
@@ -193,6 +196,8 @@ class Scenario(_Table, frozen=True, dict=True):
             ("channel", self.radio.model),
             ("vehicle", self.vehicle.model),
         )
+        if self.filter.kind != NO_FILTER:
+            wanted += (("filter", self.filter.kind),)
         return tuple((door, name, find(door, name).fingerprint) for door, name in wanted)
 
     def leaders(self, tick: int = 0) -> int:

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 import msgspec
 from msgspec import Meta, field
 
+from meanflock.swarm.sharing import Sharing
 from meanflock.swarm.table import Table as _Table
 
 Payload: TypeAlias = Literal[
@@ -120,6 +121,15 @@ class Offline(_Table, frozen=True):
 
     speed_max: Annotated[float, Meta(ge=0.1, description="limit on ‖v‖, m/s")] = 15.0
     acceleration_max: Annotated[float, Meta(ge=0.01, description="limit on ‖dv/dt‖, m/s²")] = 3.0
+
+
+class Filter(Sharing, frozen=True):
+    """What has the last word on the accelerations of any controller, and when it broadcasts the state it needs."""
+
+    kind: Annotated[str, Meta(description="the filter, see `meanflock plugins`; none: as the controller commands")] = (
+        "none"
+    )
+    options: Annotated[dict[str, Any], Meta(description="options of that filter")] = field(default_factory=dict)
 
 
 class Federation(_Table, frozen=True):

@@ -86,7 +86,9 @@ def test_a_diagnostic_that_only_its_controller_knows_has_its_name() -> None:
 
 def flat(record: dict[str, Any], prefix: str = "") -> Iterator[str]:
     for key, value in record.items():
-        if isinstance(value, dict) and (value or prefix + key in ("diagnostics_max", "dropped_messages")):
+        if isinstance(value, dict) and (
+            value or prefix + key in ("diagnostics", "diagnostics_max", "dropped_messages")
+        ):
             yield from flat(value, f"{prefix}{key}.") if value else [f"{prefix}{key}.*"]
         else:
             yield prefix + key

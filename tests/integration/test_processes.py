@@ -42,6 +42,19 @@ def test_every_method_flies_the_same_run_in_one_process_in_two_and_in_four(metho
     assert each["dropped_messages"] == {}
 
 
+@pytest.mark.parametrize("broadcast", ["event", "tick"])
+def test_a_flock_of_25_processes_flies_the_bits_of_one(broadcast: str, command: Command) -> None:
+    """At constant velocity they soon know each other by events alone, which the radio loses now and then."""
+    flags = ("--method", "vasarhelyi", "--seed", "3", "--duration", "20", "--no-record")
+    flags += ("--set", f"controller.broadcast={broadcast}", "--set", "radio.target_snr_db=76")
+    alone, each = (command.summary(*how, *flags) for how in (("--in-process",), ()))
+    assert each["mode"] == "processes"
+    assert each["trajectory_sha256"] == alone["trajectory_sha256"]
+    assert each["payload_bits"] == alone["payload_bits"]
+    assert each["radio"]["traffic"]["state"]["outages"] == alone["radio"]["traffic"]["state"]["outages"] > 0
+    assert each["dropped_messages"] == {}
+
+
 def test_models_in_bytes_fly_the_same_run_in_one_process_and_in_five(command: Command) -> None:
     narrow = ("--set", "federation.payload=int8", "--set", "federation.broadcast_payload=int8", "--no-record")
     alone, each = (command.summary(*flags, *narrow, *SHORT) for flags in (("--in-process",), ()))

@@ -81,9 +81,8 @@ def test_as_an_exact_solver_has_it(backend: ModuleType, count: int, rows: int) -
     wanted, normals, bounds = cases(rows, count, seed=count)
     found, missing = solve(backend, wanted, normals, bounds)
     assert (np.linalg.norm(found, axis=1) <= LIMIT + 1e-9).all()
-    worst = np.array(
-        [(b - n @ a).max(initial=0.0) for a, (n, b) in zip(found, map(units, normals, bounds), strict=True)]
-    )
+    asked = np.where(normals.any(axis=2), bounds, -np.inf)
+    worst = (asked - (normals * found[:, None]).sum(axis=2)).max(axis=1, initial=0.0)
     np.testing.assert_allclose(worst, missing, atol=TOLERANCE)
     can = missing <= 0.0
     assert 0 < can.sum() < rows or count == 1
@@ -94,7 +93,16 @@ def test_as_an_exact_solver_has_it(backend: ModuleType, count: int, rows: int) -
         assert distances[0] == pytest.approx(distances[1], abs=TOLERANCE)
         np.testing.assert_allclose(found[row], exact, atol=1e-4)
     for row in np.flatnonzero(~can)[:100]:
-        assert missing[row] == pytest.approx(by_linear_program(*units(normals[row], bounds[row])), abs=TOLERANCE)
+        assert missing[row] == pytest.approx(
+            by_linear_program(normals[row, keeps := normals[row].any(axis=1)], bounds[row, keeps]), abs=TOLERANCE
+        )
+
+
+def test_a_longer_normal_gives_up_less(backend: ModuleType) -> None:
+    for weight in (1.0, 3.0, 100.0):
+        found, missing = solve(backend, [[0.0, 0.0]], [[1.0, 0.0], [-weight, 0.0]], [1.0, weight])
+        np.testing.assert_allclose(found, [[(1.0 - weight) / (1.0 + weight), 0.0]], atol=1e-6)
+        np.testing.assert_allclose(missing, 2.0 * weight / (1.0 + weight))
 
 
 def test_of_those_that_miss_least_it_is_the_nearest(backend: ModuleType) -> None:
@@ -113,7 +121,7 @@ def test_of_those_that_miss_least_it_is_the_nearest(backend: ModuleType) -> None
         ([[-1.0, 0.0]], [np.inf], (2.0, 0.0), 0.0),
         ([[-2.0, 0.0]], [-2.0], (1.0, 0.0), 0.0),
         ([[-2.0, 0.0]] * 3, [-2.0] * 3, (1.0, 0.0), 0.0),
-        ([[0.0, 4.0]], [16.0], (0.0, 3.0), 1.0),  # beyond the disc
+        ([[0.0, 4.0]], [16.0], (0.0, 3.0), 4.0),  # beyond the disc
         ([[1e-6, 0.0], [-1.0, -1.0]], [1e-6, 0.0], (1.0, -1.0), 0.0),
     ],
 )

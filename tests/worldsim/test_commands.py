@@ -15,6 +15,8 @@ EVERYONE = {
     "agent-4": Member("agent-4", "agent", np.array([4])),
 }
 
+ALL = np.ones(UAVS, dtype=bool)
+
 
 def said(*, but: tuple[str, ...] = (), scale: float = 1.0) -> dict[str, np.ndarray]:
     """Numbers of all nodes `but` some, the last to have been asked first, as nobody has to keep the order."""
@@ -27,8 +29,8 @@ def said(*, but: tuple[str, ...] = (), scale: float = 1.0) -> dict[str, np.ndarr
 def test_the_numbers_of_a_node_are_in_the_rows_of_its_uavs(but: tuple[str, ...], asked: list[str]) -> None:
     commands, before, after = Commands(UAVS, 3), said(scale=3.0), said(but=but)
     members = {name: EVERYONE[name] for name in asked}
-    assert not len(commands.store(members, before, None))
-    assert not len(commands.store(members, after, None))
+    assert not len(commands.store(members, before, None, ALL))
+    assert not len(commands.store(members, after, None, ALL))
     for name, member in EVERYONE.items():
         holds, told = commands.accelerations[member.uavs], commands.diagnostics[member.uavs]
         assert (holds == (after if name in after else before)[name][:, :2]).all()
@@ -39,7 +41,7 @@ def test_the_numbers_of_a_node_are_in_the_rows_of_its_uavs(but: tuple[str, ...],
 
 def test_who_sleeps_is_not_taken_at_his_word() -> None:
     commands, awake = Commands(UAVS, 3), np.array([True, False, True, True, False])
-    commands.store(EVERYONE, said(), awake)
+    commands.store(EVERYONE, said(), awake, ALL)
     assert commands.accelerations.any(axis=-1).tolist() == awake.tolist()
     assert commands.diagnostics.any(axis=-1).tolist() == awake.tolist()
     assert (commands.largest == np.abs(commands.diagnostics).max(axis=0)).all()
@@ -50,13 +52,24 @@ def test_who_sleeps_is_not_taken_at_his_word() -> None:
 def test_what_is_beyond_all_bounds_is_named_and_not_taken(size: float, column: int) -> None:
     commands, numbers = Commands(UAVS, 3), said()
     numbers["agent-1"][1, column] = size
-    assert commands.store(EVERYONE, numbers, None).tolist() == [2]
+    assert commands.store(EVERYONE, numbers, None, ALL).tolist() == [2]
     assert commands.accelerations.any(axis=-1).tolist() == [True, True, False, True, True]
     assert commands.largest.max() < BEYOND_SENSE
 
 
 def test_where_all_are_beyond_nothing_is_taken() -> None:
     commands, numbers = Commands(UAVS, 3), {name: rows + np.inf for name, rows in said().items()}
-    assert sorted(commands.store(EVERYONE, numbers, None)) == list(range(UAVS))
+    assert sorted(commands.store(EVERYONE, numbers, None, ALL)) == list(range(UAVS))
     assert not commands.accelerations.any()
     assert not commands.largest.any()
+
+
+def test_diagnostics_of_those_on_the_way_add_up() -> None:
+    commands, numbers, on_way = Commands(UAVS, 3), said(), np.array([True, False, True, True, False])
+    commands.store(EVERYONE, numbers, None, on_way)
+    commands.store(EVERYONE, numbers, None, ALL)
+    twice = commands.diagnostics[on_way].sum(axis=0) + commands.diagnostics.sum(axis=0)
+    np.testing.assert_allclose(commands.summed, twice, rtol=1e-12)
+    summed, largest = commands.figures(["a", "b", "c"])
+    assert list(summed.values()) == commands.summed.tolist()
+    assert list(largest.values()) == commands.largest.tolist()

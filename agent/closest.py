@@ -1,0 +1,65 @@
+"""Who and what is closest to every UAV, in a fixed number of columns: what half-planes are made of."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.swarm.state import VX, Plane, Rows, States, X, Y
+
+Mask = NDArray[np.bool_]
+
+NEVER_NEARER_M = 1e-3  # two at one place are taken for so far apart along x: of two, the lower number is on the left
+
+
+class Closest(NamedTuple):
+    """K columns for each of M rows, the closest first.
+
+    away: (M, K, 2) m, from it to the row's UAV. closing: (M, K, 2) m/s, the velocity of the UAV less that of it.
+    squared: (M, K) m², of `away`. there: (M, K), where there is one; elsewhere the numbers mean nothing.
+    """
+
+    away: Plane
+    closing: Plane
+    squared: Rows
+    there: Mask
+
+
+def closest(own: States, others: States, uavs: NDArray[np.integer], reach_m: float, most: int) -> Closest:
+    """The other UAVs within reach, at most so many, ties by number.
+
+    Args:
+        own: (M, 4) of the rows, which are `uavs` (M,). others: (M, N, 4), where they take all N to be.
+    """
+    rows = np.arange(len(own))
+    x, y = own[:, X, None] - others[:, :, X], own[:, Y, None] - others[:, :, Y]
+    squared = x * x + y * y
+    squared[rows, uavs] = np.inf
+    within = squared <= reach_m * reach_m
+    count = min(most, int(within.sum(axis=1).max(initial=0)))
+    which = np.argsort(np.where(within, squared, np.inf), axis=1, kind="stable")[:, :count]
+    row = rows[:, None]
+    x, y, squared, there = x[row, which], y[row, which], squared[row, which], within[row, which]
+    if (same := there & (squared < NEVER_NEARER_M * NEVER_NEARER_M)).any():
+        side = np.where(uavs[:, None] < which, -NEVER_NEARER_M, NEVER_NEARER_M)
+        x, y = np.where(same, side, x), np.where(same, 0.0, y)
+        squared = np.where(same, NEVER_NEARER_M * NEVER_NEARER_M, squared)
+    closing = own[:, None, VX:] - others[row, which, VX:]
+    return Closest(np.stack([x, y], axis=-1), closing, squared, there)
+
+
+def closest_discs(own: States, discs: NDArray[np.float64], reach_m: float, most: int) -> tuple[Closest, Rows]:
+    """The discs (D, 3) of x, y and radius whose edge is within reach, at most so many; and their radii, (M, K) m."""
+    rows = np.arange(len(own))[:, None]
+    x, y = own[:, X, None] - discs[:, 0], own[:, Y, None] - discs[:, 1]
+    squared = x * x + y * y
+    edge = np.sqrt(squared) - discs[:, 2]
+    within = edge <= reach_m
+    count = min(most, int(within.sum(axis=1).max(initial=0)))
+    which = np.argsort(np.where(within, edge, np.inf), axis=1, kind="stable")[:, :count]
+    x, y, squared, there = x[rows, which], y[rows, which], squared[rows, which], within[rows, which]
+    same = squared < NEVER_NEARER_M * NEVER_NEARER_M
+    x = np.where(same, NEVER_NEARER_M, x)
+    squared = np.where(same, NEVER_NEARER_M * NEVER_NEARER_M, squared)
+    closing = np.broadcast_to(own[:, None, VX:], (*x.shape, 2))
+    return Closest(np.stack([x, y], axis=-1), closing, squared, there), discs[which, 2]

@@ -1,0 +1,123 @@
+"""What every filter implements: it stands between a controller, which may be anybody's, and the vehicle.
+
+Everybody broadcasts its state for the filter, by the scenario's `[filter]`, and every tick the filter has the last word
+on the accelerations. All else of the controller passes through: its model, its reports, its diagnostics, its
+broadcasts. The filter's broadcast is the first of a tick, so that of the controller's own each has the number after the
+one it has alone; frames are told apart by it, and the controller sees the numbers that it gave. What the filter
+remembers is in arrays whose names begin with `filter_`.
+"""
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.agent.controllers.base import Controller, Memory, Options, Received, Rows, Step
+from meanflock.agent.controllers.neighbours import Neighbours
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import Plane, States
+
+Floats = NDArray[np.float64]
+
+PREFIX = "filter_"  # of what a filter remembers, and of its columns where the controller has some of that name
+_OWN = 0  # the number of the filter's broadcast
+
+
+class Filter:
+    """Base class of filters: override `admit`; name what it reports, and give it options."""
+
+    door: ClassVar[Literal["filter"]] = "filter"
+    name: ClassVar[str] = ""  # what `filter.kind` says
+    Options: ClassVar[type[msgspec.Struct]] = Options
+    columns: tuple[str, ...] = ()  # diagnostics of its own, after those of the controller and before `unsent`
+
+    def __init__(self, options: Any, scenario: Scenario, inner: Controller) -> None:
+        """`options`: of the type `Options`. `inner`: the controller it stands before."""
+        self.options, self.scenario, self.inner = options, scenario, inner
+        self.parameters, self.parts, self.weights = inner.parameters, inner.parts, inner.weights
+        self.period_ticks = inner.period_ticks
+        theirs = tuple(inner.diagnostics)
+        mine = tuple(PREFIX + name if name in theirs else name for name in (*self.columns, "unsent"))
+        self.diagnostics = (*theirs, *mine)
+        self.broadcast_numbers = inner.broadcast_numbers + Neighbours.numbers
+        self.pairwise = True  # it knows a state of every other UAV
+        self._neighbours = Neighbours(scenario.filter, scenario, inner.prediction())
+
+    def admit(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Plane) -> tuple[Plane, Floats]:
+        """What rows do instead of what they want, and what is reported of it.
+
+        Args:
+            own: (M, 4). others: (M, N, 4), where each row takes all UAVs to be, itself as it last said. uavs: (M,) the
+            numbers of the rows. wanted: (M, 2) m/s², what the controller commands.
+
+        Returns:
+            (M, 2) m/s² and (M, len(columns)). A row whose `wanted` is not finite must not become finite.
+        """
+        raise NotImplementedError
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        """See `Controller.init`."""
+        theirs = self.inner.init(uavs, plan)
+        if taken := sorted(name for name in theirs if name.startswith(PREFIX)):
+            raise ValueError(f"memory[{taken[0]!r}]: names that begin with {PREFIX!r} are those of the filter")
+        return theirs | _named(self._neighbours.init(uavs, plan))
+
+    def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
+        """See `Controller.step`."""
+        theirs, mine = _apart(memory)
+        step = self.inner.step(theirs, tick, own, _of_inner(received))
+        wanted = step.acceleration
+        if np.shape(wanted) != (len(own), 2):
+            raise ValueError(f"acceleration has shape {np.shape(wanted)}; expected {(len(own), 2)}")
+        mine = self._neighbours.receive(mine, tick, received, _OWN)
+        others = self._neighbours.states(mine, tick)
+        acceleration, reported = self.admit(own, others, mine["neighbour_uav"], wanted)
+        mine, said = self._neighbours.speak(mine, tick, own)
+        unsent = self._neighbours.unsent(mine)[:, None]
+        theirs_reported = () if step.diagnostics is None else (step.diagnostics,)
+        return Step(
+            step.memory | _named(mine),
+            acceleration,
+            np.concatenate([*theirs_reported, reported, unsent], axis=1),
+            (said, *step.broadcasts),
+            _both(step.refused, self._neighbours.refused(received, _OWN)),
+        )
+
+    def get(self, memory: Memory) -> Floats:
+        """See `Controller.get`."""
+        return self.inner.get(_apart(memory)[0])
+
+    def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
+        """See `Controller.set`."""
+        theirs, mine = _apart(memory)
+        return self.inner.set(theirs, rows, models) | _named(mine)
+
+    def report(self, memory: Memory) -> Floats:
+        """See `Controller.report`."""
+        return self.inner.report(_apart(memory)[0])
+
+
+def _named(mine: Memory) -> Memory:
+    return {PREFIX + name: array for name, array in mine.items()}
+
+
+def _apart(memory: Memory) -> tuple[Memory, Memory]:
+    """What the controller remembers, and what the filter does, each by the names it gave."""
+    theirs = {name: array for name, array in memory.items() if not name.startswith(PREFIX)}
+    mine = {name.removeprefix(PREFIX): array for name, array in memory.items() if name.startswith(PREFIX)}
+    return theirs, mine
+
+
+def _of_inner(received: Sequence[Received]) -> tuple[Received, ...]:
+    """The frames that the controllers sent, by the numbers they gave."""
+    return tuple(
+        Received(frames.number - 1, frames.source, frames.payload, frames.links)
+        for frames in received
+        if frames.number != _OWN
+    )
+
+
+def _both(one: NDArray[np.int32], other: NDArray[np.int32]) -> NDArray[np.int32]:
+    return one if not len(other) else other if not len(one) else np.union1d(one, other).astype(np.int32)

@@ -1,0 +1,53 @@
+"""Who cruises flies straight at the speed asked for, stays where it arrives, and knows of nobody."""
+
+import numpy as np
+import pytest
+
+import meanflock as mf
+from tests.agent.controllers.by_hand import accelerations
+
+CALM = {"wind.sigma": 0.0}
+
+
+def test_far_off_it_flies_at_cruise_speed_and_near_the_goal_slower() -> None:
+    states = np.array([[300.0, 400.0, 0, 0], [0.0, -5.5, 0, 0], [6.0, 0.0, 1.0, 2.0]])
+    wanted = np.array([[-0.6 * 2.25, -0.8 * 2.25], [0.0, 2.25], [-2.25 - 1.0, -2.0]])
+    np.testing.assert_allclose(accelerations("cruise", states), wanted, rtol=1e-12)
+    slow = accelerations("cruise", states[1:2], "controller.slowing_1_s=0.1", "controller.velocity_gain_1_s=3")
+    np.testing.assert_allclose(slow, [[0.0, 3 * 0.55]], rtol=1e-12)
+
+
+def test_at_the_very_goal_nothing_is_divided_by_nothing() -> None:
+    assert accelerations("cruise", np.zeros((1, 4))).tolist() == [[0.0, 0.0]]
+
+
+def test_the_air_as_it_is_known_costs_no_time() -> None:
+    calm = mf.fly("paper", method="cruise", uavs=4, **CALM, **{"wind.drag": 0.0})
+    windy = mf.fly("paper", method="cruise", uavs=4, **CALM, **{"wind.mean": [3.0, -2.0], "wind.drag": 0.3})
+    np.testing.assert_allclose(windy.states, calm.states, atol=1e-9)
+    speed = np.hypot(*calm.states[100:700, 0, 2:].T)
+    np.testing.assert_allclose(speed, 2.25, rtol=1e-4)
+
+
+def test_it_stays_where_it_arrives() -> None:
+    run = mf.fly("paper", method="cruise", uavs=1, duration=120, stop="duration", **CALM)
+    arrived = np.flatnonzero(np.sqrt((run.states[:, 0] ** 2).sum(axis=-1)) <= 5.0)[0]
+    end = run.states[-1, 0, :2]
+    assert np.hypot(*(end - run.states[arrived, 0, :2])) < 1.0
+    assert np.hypot(*end) > 2.0
+    assert np.hypot(*run.states[-1, 0, 2:]) < 1e-3
+
+
+def test_it_says_nothing() -> None:
+    run = mf.fly("paper", method="cruise", duration=5)
+    assert run.summary["payload_bits"]["state"] == 25 * 4 * 32  # the mission plan, before take-off
+    assert run.summary["radio"]["traffic"]["state"]["sent"] == 0
+
+
+@pytest.mark.parametrize("method", ["cruise", "lqr", "plan", "vasarhelyi", "olfati-saber", "potential-field"])
+def test_each_comes_to_a_goal_of_its_own(method: str) -> None:
+    goals = [[40.0, -10.0], [0.0, 30.0], [-20.0, 5.0]]
+    way = {"start.positions": [[60.0, 0.0], [30.0, 60.0], [20.0, -30.0]], "destination.positions": goals}
+    run = mf.fly("paper", method=method, uavs=3, **way)
+    assert run.summary["arrived"] == 3
+    assert (np.hypot(*(run.states[-1, :, :2] - goals).T) < 5.0).all()
