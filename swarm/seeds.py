@@ -14,6 +14,7 @@ STREAMS = (
     "density-fit",  # sample points of the fit of the initial density; every UAV draws the same
     "byzantine",  # which UAVs upload falsehoods, and the noise they add
     "controller",  # for controllers that draw: by an index of their own, such as tick × N + UAV
+    "wind-field",  # the waves of a wind that varies from place to place; the world draws them, and no UAV
 )
 
 

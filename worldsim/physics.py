@@ -32,7 +32,7 @@ class Physics:
         """Raises BadInput where the scenario's vehicle is not installed or its options do not fit."""
         chosen = scenario.vehicle
         self._name = chosen.model
-        self._vehicle: Vehicle = plugins.create("vehicle", chosen.model, chosen.options, scenario)
+        self._vehicle: Vehicle = plugins.create("vehicle", chosen.model, chosen.options, scenario.flown())
 
     def init(self, uavs: int) -> Hidden:
         """The hidden state of so many UAVs at take-off."""

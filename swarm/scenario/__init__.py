@@ -15,6 +15,7 @@ from meanflock.swarm.scenario.tables import (
     Payload,
     Radio,
     Start,
+    Truth,
     Vehicle,
     Wind,
 )
@@ -34,6 +35,7 @@ __all__ = [
     "Radio",
     "Scenario",
     "Start",
+    "Truth",
     "Vehicle",
     "Wind",
     "decode",

@@ -26,6 +26,7 @@ from meanflock.swarm.scenario.tables import (
     Payload,
     Radio,
     Start,
+    Truth,
     Vehicle,
     Wind,
 )
@@ -48,6 +49,7 @@ LATER = (
     "radio.plausible_speed",
     *("radio.model", "radio.options", "vehicle.model", "vehicle.options"),
     "pace",
+    *("wind.field_rms", "wind.field_length", "wind.field_modes", "vehicle.power_speed", "truth"),
     *("start.formation", "start.radius", "start.positions", "start.group", "start.interval"),
     *("destination.goals", "destination.positions", "obstacles"),
     *("cost.separation", "cost.separation_range", "learner.multinomial"),
@@ -75,6 +77,7 @@ class Scenario(_Table, frozen=True, dict=True):
     destination: Destination = field(default_factory=Destination)
     obstacles: Annotated[tuple[Obstacle, ...], Meta(max_length=1000, description="discs that no UAV should enter")] = ()
     wind: Wind = field(default_factory=Wind)
+    truth: Truth = field(default_factory=Truth)
     cost: Cost = field(default_factory=Cost)
     learner: Learner = field(default_factory=Learner)
     density: Density = field(default_factory=Density)
@@ -95,8 +98,9 @@ class Scenario(_Table, frozen=True, dict=True):
             )
         if self.duration < self.dt:
             raise ValueError(f"`duration` {self.duration} s is shorter than one tick, `dt` {self.dt} s")
-        if self.dt * self.wind.drag >= 2:
-            raise ValueError(f"`dt` {self.dt} s is unstable with `wind.drag` {self.wind.drag} 1/s; keep dt·drag < 2")
+        for key, drag in (("wind.drag", self.wind.drag), ("truth.drag", self.truth.drag)):
+            if drag is not None and self.dt * drag >= 2:
+                raise ValueError(f"`dt` {self.dt} s is unstable with `{key}` {drag} 1/s; keep dt·drag < 2")
         for key in ("payload", "broadcast_payload"):
             wanted, radio_bits = getattr(self.federation, key), self.radio.bits_per_float
             if wanted is not None and _PAYLOAD_BITS[wanted] > radio_bits:
@@ -207,6 +211,17 @@ class Scenario(_Table, frozen=True, dict=True):
         started = 1 + sum(fault.standby for fault in losses)
         left = max(0, started - sum(fault.begins(self.dt) < tick for fault in losses))
         return left if self.declared.is_federated else min(left, 1)
+
+    def told(self) -> "Scenario":
+        """What agents and leader get of it: all but the truth that they are not told."""
+        return self if self.truth == Truth() else msgspec.structs.replace(self, truth=Truth())
+
+    def flown(self) -> "Scenario":
+        """What the world's vehicles fly: its wind is the true one."""
+        true, wind = self.truth, self.wind
+        drag = wind.drag if true.drag is None else true.drag
+        mean = wind.mean if true.wind is None else true.wind
+        return msgspec.structs.replace(self, wind=msgspec.structs.replace(wind, drag=drag, mean=mean))
 
     def resolved(self) -> "Scenario":
         """The same scenario with what depends on the method written out."""

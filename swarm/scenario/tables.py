@@ -73,6 +73,19 @@ class Wind(_Table, frozen=True):
     sigma: Annotated[float, Meta(ge=0, description="σ_wind, diffusion of velocity, m/s/√s")] = 0.1
     mean: Annotated[tuple[float, float], Meta(description="v_o, mean wind, m/s")] = (1.0, -1.0)
     drag: Annotated[float, Meta(ge=0, description="c0, drag towards the mean wind, 1/s")] = 0.1
+    field_rms: Annotated[
+        float, Meta(ge=0, description="of a steady field on top of the mean wind: its size, 0 for none, m/s")
+    ] = 0.0
+    field_length: Annotated[float, Meta(gt=0, description="over which that field varies, m")] = 30.0
+    field_modes: Annotated[int, Meta(ge=1, le=1000, description="waves it is the sum of")] = 64
+
+
+class Truth(_Table, frozen=True):
+    """What the world flies where it differs from `[wind]`, which is what the UAVs are told. No UAV is told of this
+    table."""
+
+    drag: Annotated[float, Meta(ge=0, description="instead of `wind.drag`, 1/s")] | None = None
+    wind: Annotated[tuple[float, float], Meta(description="instead of `wind.mean`, m/s")] | None = None
 
 
 class Cost(_Table, frozen=True):
@@ -202,6 +215,9 @@ class Vehicle(_Table, frozen=True):
     )
     blade_power: Annotated[float, Meta(ge=0, description="λ0, profile power of the blades, W")] = 0.0049
     induced_power: Annotated[float, Meta(ge=0, description="λ1, induced power in hover, W")] = 0.0887
+    power_speed: Annotated[
+        Literal["ground", "air"], Meta(description="the speed that costs power: over ground, or through the air")
+    ] = "ground"
     parasite_drag: Annotated[float, Meta(ge=0, description="λ2, parasite drag, W s³/m³")] = 0.0092
     tip_speed: Annotated[float, Meta(gt=0, description="ω_tip, speed of the blades' tips, m/s")] = 15.0
     induced_velocity: Annotated[float, Meta(gt=0, description="χ_o, induced velocity in hover, m/s")] = 1.612

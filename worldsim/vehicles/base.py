@@ -25,7 +25,9 @@ class Vehicle:
         """The keys of `[vehicle.options]`, with units and bounds."""
 
     def __init__(self, options: "Vehicle.Options", scenario: Scenario) -> None:
-        """`scenario`: for its `dt`, `wind` and whatever else the vehicle goes by."""
+        """`scenario`: for its `dt`, `wind` and whatever else the vehicle goes by. Its wind is the world's, whatever the
+        UAVs are told of it; `worldsim.wind.MeanWind(scenario)` has it at a place.
+        """
 
     def init(self, uavs: int) -> Hidden:
         """The hidden state at take-off: arrays of numbers or booleans, (uavs, …) each, finite. None by default."""

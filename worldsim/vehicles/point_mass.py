@@ -7,6 +7,7 @@ import numpy as np
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.vehicles.base import Hidden, Vehicle
+from meanflock.worldsim.wind import MeanWind
 
 
 class PointMass(Vehicle):
@@ -17,18 +18,19 @@ class PointMass(Vehicle):
 
     def __init__(self, options: Vehicle.Options, scenario: Scenario) -> None:
         self._wind, self._vehicle, self._dt = scenario.wind, scenario.vehicle, scenario.dt
-        self._mean = np.array(scenario.wind.mean)
+        self._mean = MeanWind(scenario)
+        self._through_air = scenario.vehicle.power_speed == "air"
         self._shake = scenario.wind.sigma * math.sqrt(scenario.dt)
 
     def step(
         self, states: state.States, hidden: Hidden, acceleration: state.Plane, noise: state.Plane
     ) -> tuple[state.States, Hidden]:
-        """One Euler–Maruyama step: dv = a dt − c0(v − v_o)dt + σ_wind dW, then dr = v dt with the new v.
+        """One Euler–Maruyama step: dv = a dt − c0(v − v_o(r))dt + σ_wind dW, then dr = v dt with the new v.
 
         V_o = σ_wind·I acts as a standard deviation; the paper calls it a covariance.
         """
         moved = np.empty(states.shape)
-        change = states[..., state.VELOCITY] - self._mean
+        change = states[..., state.VELOCITY] - self._mean(states)
         change *= self._wind.drag
         np.subtract(acceleration, change, out=change)
         change *= self._dt
@@ -40,9 +42,14 @@ class PointMass(Vehicle):
         return moved, hidden
 
     def power(self, states: state.States, hidden: Hidden, acceleration: state.Plane) -> state.Rows:
-        """Blade profile + induced + parasite power at speed ‖v‖."""
+        """Blade profile + induced + parasite power at speed ‖v‖ or, where `vehicle.power_speed` is air, ‖v − v_o(r)‖:
+        of the mean wind, without its noise."""
         of = self._vehicle
-        speed = state.speed(states)
+        if self._through_air:
+            through = states[..., state.VELOCITY] - self._mean(states)
+            speed = np.sqrt(state.dot(through, through))
+        else:
+            speed = state.speed(states)
         squared = speed * speed
         induced = squared / (2.0 * of.induced_velocity**2)
         blade = of.blade_power * (1.0 + 3.0 * squared / of.tip_speed**2)
