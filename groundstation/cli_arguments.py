@@ -16,7 +16,7 @@ def _register(_context: click.Context, _parameter: click.Parameter, files: tuple
 
 
 _OF_A_SCENARIO = {
-    "file": click.argument("file", metavar="[SCENARIO.toml]", required=False, type=click.Path(path_type=Path)),
+    "file": click.argument("file", metavar="[SCENARIO]", required=False, type=click.Path(path_type=Path)),
     "method": click.option("--method", metavar="NAME", help=f"{_METHODS}"),
     "uavs": click.option("--uavs", type=int, metavar="N", help="Number of UAVs."),
     "seed": click.option("--seed", type=int, metavar="S", help="Seed of all randomness."),

@@ -211,7 +211,7 @@ class Admission:
                     node=name,
                     uavs=tuple(uavs.tolist()),
                     tick=self._flight.tick,
-                    scenario=scenario.encode(self._scenario if name == STATION else self._scenario.told()),
+                    scenario=scenario.encode(self._scenario if name == STATION else self._scenario.known()),
                     initial_states=self._plan,
                     memory=b"" if past is None else past.memory(uavs),
                     plugins=self._plugins,

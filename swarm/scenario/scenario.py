@@ -212,7 +212,7 @@ class Scenario(_Table, frozen=True, dict=True):
         left = max(0, started - sum(fault.begins(self.dt) < tick for fault in losses))
         return left if self.declared.is_federated else min(left, 1)
 
-    def told(self) -> "Scenario":
+    def known(self) -> "Scenario":
         """What agents and leader get of it: all but the truth that they are not told."""
         return self if self.truth == Truth() else msgspec.structs.replace(self, truth=Truth())
 

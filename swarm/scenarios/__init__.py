@@ -12,5 +12,7 @@ def shipped() -> list[Path]:
 
 
 def found(path: Path) -> Path:
-    """The file itself or, where there is none, the one that comes with meanflock under this name."""
-    return path if path.exists() or path not in shipped() else _HERE / path.name
+    """The file itself or, where there is none, the one that comes with meanflock: under `scenarios/swap.toml`, or only
+    `swap`."""
+    named = FOLDER / f"{path}.toml" if path.parent == Path() and not path.suffix else path
+    return path if path.is_file() or named not in shipped() else _HERE / named.name

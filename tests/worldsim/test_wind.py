@@ -106,8 +106,8 @@ def test_nobody_who_flies_or_leads_is_told_the_truth(monkeypatch: pytest.MonkeyP
     assert len(sent) == 4
     for raw in sent:
         assert decode(raw) == load(None, ["uavs=3"])
-    assert flown.told().truth.wind is None
-    assert load(None).told() == load(None)
+    assert flown.known().truth.wind is None
+    assert load(None).known() == load(None)
 
 
 def test_the_hash_is_of_everything() -> None:

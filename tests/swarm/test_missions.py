@@ -1,0 +1,70 @@
+"""The missions that come with meanflock: each is what its first lines say, and flies."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from meanflock.channel.theory import expected
+from meanflock.groundstation.engine import Engine
+from meanflock.swarm.faults import Gust
+from meanflock.swarm.mission import goals, launches, obstacles, starts
+from meanflock.swarm.scenario import Scenario, load
+
+MISSIONS = ("windy", "unknown", "swap", "streams", "obstacles", "gusts", "lossy", "crowd", "windmap")
+
+
+def mission(name: str, **options: object) -> Scenario:
+    return load(Path(name), **options)
+
+
+@pytest.mark.parametrize("name", MISSIONS)
+def test_a_mission_flies_by_its_name(name: str) -> None:
+    flown = mission(name, duration=2.0, method="cruise")
+    engine = Engine(flown, name)
+    for _ in engine.fly():
+        pass
+    assert engine.world.finish()["sim_time_s"] == pytest.approx(2.0)
+    assert flown.sha256() != load(None, duration=2.0, method="cruise").sha256()
+
+
+def test_on_the_lossy_radio_half_of_all_states_are_lost_and_most_uploads() -> None:
+    radio = mission("lossy").radio
+    for bits, outage in ((64, 0.5), (4 * 32, 0.5), (108 * 32, 0.86)):
+        assert expected(radio, np.ones(1), bits)[0] == pytest.approx(outage, abs=0.005)
+
+
+def test_the_straight_line_through_the_obstacles_meets_four_of_twelve() -> None:
+    discs, way = obstacles(mission("obstacles")), np.linspace(0.0, 1.0, 2000)[:, None] * [150.0, 100.0]
+    near = np.hypot(way[:, None, 0] - discs[:, 0], way[:, None, 1] - discs[:, 1]) < discs[:, 2]
+    assert (near.shape[1], int(near.any(axis=0).sum())) == (12, 4)
+
+
+def test_gusts_are_of_a_second_and_of_three_metres_per_second_squared() -> None:
+    faults = mission("gusts").faults
+    assert len(faults) == 4
+    for gust in faults:
+        assert isinstance(gust, Gust)
+        assert (gust.duration_s, round(float(np.hypot(*gust.acceleration)), 1)) == (1.0, 3.0)
+        assert 0 < len(gust.uavs) < 25
+
+
+def test_swap_and_streams_send_everybody_through_the_middle() -> None:
+    for name, way_m in (("swap", 50.0), ("streams", 70.0)):
+        flown = mission(name)
+        from_there, to = starts(flown)[:, :2], goals(flown)
+        assert flown.uavs == 64
+        np.testing.assert_allclose(np.hypot(*(to - from_there).T), way_m)
+        assert np.hypot(*((to + from_there) / 2).T).max() < 9.0
+
+
+def test_five_waves_leave_for_places_of_their_own() -> None:
+    flown = mission("windmap")
+    assert np.unique(launches(flown), return_counts=True)[1].tolist() == [5] * 5
+    assert len(np.unique(goals(flown), axis=0)) == 25
+
+
+def test_the_unknown_air_is_not_what_agents_are_told() -> None:
+    flown = mission("unknown")
+    assert flown.known().wind == flown.wind == Scenario().wind
+    assert (flown.flown().wind.drag, flown.flown().wind.mean) == (0.3, (3.0, -2.0))
