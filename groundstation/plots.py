@@ -10,7 +10,6 @@ from typing import Any
 import msgspec
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
@@ -26,7 +25,7 @@ from meanflock.groundstation.quantities import FIELDS
 from meanflock.groundstation.reported import PHI_G
 from meanflock.groundstation.results import EVENTS, SCENARIO
 from meanflock.groundstation.series import diagnostics_in
-from meanflock.groundstation.timeseries_file import TIMESERIES
+from meanflock.groundstation.timeseries_file import TIMESERIES, read_table
 from meanflock.groundstation.units import with_unit
 from meanflock.swarm import toml
 from meanflock.swarm.errors import BadInput
@@ -76,8 +75,8 @@ def plot_run(folder: Path) -> dict[str, Figure]:
     """
     path = folder / TIMESERIES
     try:
-        table = pq.read_table(path)
-    except (OSError, pa.ArrowInvalid) as error:
+        table = read_table(path)
+    except OSError as error:
         raise BadInput(f"{path}: {error}; name the folder of a run") from error
     if table.num_rows < 2:
         raise BadInput(f"{path}: nothing was flown; name the folder of a run that took off")

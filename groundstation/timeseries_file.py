@@ -8,7 +8,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from meanflock.groundstation import durable
+from meanflock.groundstation import durable, seal
 from meanflock.groundstation.series import rows_of, schema
 from meanflock.groundstation.spool import spooled
 from meanflock.swarm.errors import BadInput
@@ -47,12 +47,22 @@ def _to_parquet(spool: Path, path: Path) -> None:
     first = list(islice(rows, 1))
     columns = first[0][0].schema if first else schema(())
     rows = chain(first, rows)
-    with pq.ParquetWriter(path, columns, compression="zstd") as writer:
+    with pq.ParquetWriter(path, columns, compression="zstd", write_page_checksum=True) as writer:
         last: dict[str, str] = {}
         while blocks := list(islice(rows, 50)):
             writer.write_table(pa.Table.from_batches([batch for batch, _ in blocks], columns))
             last = blocks[-1][1]
         writer.add_key_value_metadata(last)
+    seal.seal(path)
+
+
+def read_table(path: Path) -> pa.Table:
+    """The rows of a time series, all checksums compared. Raises OSError where it is damaged or not there."""
+    try:
+        seal.check(path)
+        return pq.read_table(path, page_checksum_verification=True)
+    except (ValueError, pa.ArrowException) as error:  # what is no Parquet
+        raise OSError(f"damaged: {error}") from error
 
 
 def past(folder: Path, tick: int | None = None) -> Past:
@@ -68,9 +78,9 @@ def past(folder: Path, tick: int | None = None) -> Past:
             rows = pa.Table.from_batches(batches, batches[0].schema if batches else schema(()))
             mark = read[-1][1] if read else {}
         else:
-            rows = pq.read_table(folder / TIMESERIES)
+            rows = read_table(folder / TIMESERIES)
             mark = {k.decode(): v.decode() for k, v in (pq.read_metadata(folder / TIMESERIES).metadata or {}).items()}
-    except (OSError, pa.ArrowInvalid) as error:
+    except OSError as error:
         raise BadInput(f"{folder}: no time series to go on from ({error})") from error
     if tick is not None:
         rows = rows.slice(0, tick + 1)

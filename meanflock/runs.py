@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from meanflock.groundstation.results import EVENTS, RECORDING, SCENARIO, SUMMARY, alone
 from meanflock.groundstation.series import rows_of, states_of
-from meanflock.groundstation.timeseries_file import TIMESERIES, recover
+from meanflock.groundstation.timeseries_file import TIMESERIES, read_table, recover
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
@@ -76,11 +75,18 @@ class Run:
         return path if path is not None and path.exists() else None
 
     def frame(self) -> pa.Table:
-        """The time series as a table of PyArrow, a row a tick; `.to_pandas()` where pandas is there."""
+        """The time series as a table of PyArrow, a row a tick; `.to_pandas()` where pandas is there.
+
+        Raises:
+            BadInput: the file of it is damaged or gone.
+        """
         if self._blocks:
             return pa.Table.from_batches([rows_of(block, self.scenario.dt) for block in self._blocks])
         assert self.folder is not None
-        return pq.read_table(self.folder / TIMESERIES)
+        try:
+            return read_table(self.folder / TIMESERIES)
+        except OSError as error:
+            raise BadInput(f"{self.folder / TIMESERIES}: {error}; fly the run again") from error
 
     def __repr__(self) -> str:
         flown = self.summary

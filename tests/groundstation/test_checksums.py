@@ -1,0 +1,126 @@
+"""A bit that flips on a disk: whoever reads a run is told, and never gets other numbers without a word."""
+
+import shutil
+import struct
+from pathlib import Path
+
+import msgspec
+import pyarrow.parquet as pq
+import pytest
+
+from meanflock.groundstation.cli import main
+from meanflock.groundstation.spool import Spool, spooled
+from meanflock.groundstation.timeseries_file import SPOOL, TIMESERIES, past, read_table, recover
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.wire import control
+from tests.groundstation.recordings import flight
+
+BLOCKS = flight(uavs=2, ticks=60)
+EVENTS_BYTES = 7
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with what three blocks of telemetry were spooled as."""
+    made = tmp_path_factory.mktemp("run")
+    spool = Spool(made / SPOOL, 0.1)
+    for block in BLOCKS:
+        spool.append(block, EVENTS_BYTES)
+    spool.close()
+    return made
+
+
+@pytest.fixture(scope="module")
+def complete(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same, its flight being over."""
+    made = Path(shutil.copytree(folder, tmp_path_factory.mktemp("complete") / "run"))
+    recover(made)
+    return made
+
+
+def flipped(whole: bytes, place: int) -> bytes:
+    return whole[:place] + bytes([whole[place] ^ 1 << place % 8]) + whole[place + 1 :]
+
+
+def test_a_flipped_bit_of_the_spool_is_noticed_wherever_it_is(
+    folder: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path, whole = tmp_path / SPOOL, (folder / SPOOL).read_bytes()
+    true = {one.block.block: control.encode(one.block) for one in spooled(folder / SPOOL)}
+    assert sorted(true) == [0, 1, 2]
+    assert caplog.text == ""
+    heads = [whole.index(control.encode(msgspec.structs.replace(b, links=b.links[:0], events=()))) for b in BLOCKS]
+    near = {at + k for at in heads for k in range(-40, 5)}
+    assert min(near) < 0  # the signature of the file is among them
+    for place in sorted({place for place in near if place >= 0} | set(range(0, len(whole), 53)) | {len(whole) - 1}):
+        path.write_bytes(flipped(whole, place))
+        caplog.clear()
+        read = {one.block.block: control.encode(one.block) for one in spooled(path)}
+        assert "damaged at byte" in caplog.text, place
+        assert len(read) < len(true)
+        assert read.items() < true.items()
+
+
+def test_what_follows_a_damaged_block_is_kept_and_a_flight_does_not_go_on_over_the_gap(
+    folder: Path, tmp_path: Path
+) -> None:
+    whole = (folder / SPOOL).read_bytes()
+    (tmp_path / SPOOL).write_bytes(flipped(whole, len(whole) // 2))
+    assert past(tmp_path).rows["tick"].to_pylist() == [*range(20), *range(40, 60)]
+    assert past(tmp_path, 19).rows.num_rows == 20
+    with pytest.raises(BadInput, match="rows before tick 45 are missing"):
+        past(tmp_path, 45)
+
+
+def test_a_flipped_bit_of_the_time_series_is_noticed_or_changes_nothing(complete: Path, tmp_path: Path) -> None:
+    path, whole, true = tmp_path / TIMESERIES, (complete / TIMESERIES).read_bytes(), past(complete)
+    footer = len(whole) - 8 - int.from_bytes(whole[-8:-4], "little")
+    assert 0 < footer < len(whole) - 1000
+    places = {*range(0, footer, 211), *range(footer - 16, footer + 16), *range(footer, len(whole), 71)}
+    noticed = 0
+    for place in sorted(places | set(range(len(whole) - 16, len(whole)))):
+        path.write_bytes(flipped(whole, place))
+        try:
+            read = past(tmp_path)
+        except BadInput:
+            noticed += 1
+        else:  # a header of a page has numbers that nobody asks for
+            assert place < footer, "the footer says what lies where"
+            assert (read.next_block, read.events_bytes) == (true.next_block, EVENTS_BYTES)
+            assert read.rows.schema.equals(true.rows.schema, check_metadata=True)
+            assert read.rows.equals(true.rows)
+    assert noticed > 0.9 * len(places)
+
+
+def test_a_damaged_time_series_is_a_verdict(complete: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    whole = (complete / TIMESERIES).read_bytes()
+    (tmp_path / TIMESERIES).write_bytes(flipped(whole, len(whole) // 4))
+    assert main(["plot", str(tmp_path)]) == 2
+    said = capsys.readouterr().err
+    assert TIMESERIES in said
+    assert "Traceback" not in said
+
+
+def test_any_reader_of_parquet_reads_a_sealed_file(complete: Path) -> None:
+    table = pq.read_table(complete / TIMESERIES)
+    assert table.equals(read_table(complete / TIMESERIES))
+    assert pq.ParquetFile(complete / TIMESERIES, memory_map=True).read().equals(table)
+    assert pq.read_table(complete / TIMESERIES, columns=["tick"])["tick"].to_pylist() == list(range(60))
+
+
+def test_what_was_written_before_there_were_checksums_still_opens(
+    folder: Path, complete: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with (tmp_path / SPOOL).open("wb") as file:
+        for one in spooled(folder / SPOOL):
+            rows = control.encode(one.block)
+            file.write(struct.pack("<IQd", len(rows), EVENTS_BYTES, 0.1) + rows)
+        file.write(struct.pack("<IQd", 1000, EVENTS_BYTES, 0.1) + b"cut off")
+    true, read = past(complete), past(tmp_path)
+    assert read.rows.equals(true.rows)
+    assert (read.next_block, read.events_bytes) == (3, EVENTS_BYTES)
+    assert caplog.text == ""
+    (tmp_path / SPOOL).unlink()
+    pq.write_table(true.rows, tmp_path / TIMESERIES, compression="zstd")
+    assert past(tmp_path).rows.equals(true.rows)
+    assert [b"seal" in (of / TIMESERIES).read_bytes() for of in (tmp_path, complete)] == [False, True]
