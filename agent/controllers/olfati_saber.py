@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.agent.controllers.neighbours import Neighbours
 from meanflock.agent.near import Near, edges, near, summed
-from meanflock.agent.travel import against_the_air
+from meanflock.agent.travel import against_the_air, limited
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.sharing import Sharing
@@ -53,6 +53,7 @@ class OlfatiSaber(Controller):
         pull_m_s2: Annotated[float, Meta(gt=0, description="pull to the goal from afar, m/s²")] = 0.9
         near_m: Annotated[float, Meta(gt=0, description="distance within which it is a spring, m")] = 2.0
         damping_1_s: Annotated[float, Meta(gt=0, description="of the own velocity, 1/s")] = 0.4
+        acceleration_max_m_s2: Annotated[float, Meta(gt=0, description="limit on ‖u‖ before drag, m/s²")] = 3.0
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         if options.a > options.b:
@@ -72,10 +73,11 @@ class OlfatiSaber(Controller):
         pairs = near(own, self._neighbours.states(memory, tick), uavs, of.r_m)
         way = (self._goals[uavs] - own[:, POSITION]) / of.near_m
         way /= np.sqrt(1.0 + state.dot(way, way))[:, None]
-        acceleration = of.pull_m_s2 * way - of.damping_1_s * own[:, VELOCITY] + against_the_air(self.scenario, own)
+        acceleration = of.pull_m_s2 * way - of.damping_1_s * own[:, VELOCITY]
         acceleration += summed(pairs.row, self._of_pairs(pairs), len(own))
         if len(self._obstacles):
             acceleration += self._of_obstacles(own)
+        acceleration = limited(acceleration, of.acceleration_max_m_s2) + against_the_air(self.scenario, own)
         memory, said = self._neighbours.speak(memory, tick, own)
         unsent = self._neighbours.unsent(memory)[:, None].astype(np.float64)
         return Step(memory, acceleration, unsent, (said,), self._neighbours.refused(received))

@@ -54,8 +54,8 @@ class Vasarhelyi(Controller):
         range_m: Annotated[float, Meta(gt=0, description="who is farther is not looked at, m")] = 25.0
         v_shill_m_s: Annotated[float, Meta(ge=0, description="speed off an obstacle of its `shill` agents, m/s")] = 4.0
         r0_shill_m: Annotated[float, Meta(ge=0, description="where a brake for an obstacle has ended, m")] = 0.5
-        a_shill_m_s2: Annotated[float, Meta(gt=0, description="of that brake, m/s²")] = 2.0
-        p_shill_1_s: Annotated[float, Meta(gt=0, description="slope of that brake's end, 1/s")] = 1.5
+        a_shill_m_s2: Annotated[float, Meta(gt=0, description="of that brake, m/s²")] = 4.0
+        p_shill_1_s: Annotated[float, Meta(gt=0, description="slope of that brake's end, 1/s")] = 3.0
         v_max_m_s: Annotated[float, Meta(gt=0, description="limit on v_d, m/s")] = 4.0
         tau_s: Annotated[float, Meta(gt=0, description="τ in which v_d is taken up, s")] = 0.6
 

@@ -14,6 +14,7 @@ import pytest
 import meanflock as mf
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
 from meanflock.swarm import plugins
+from meanflock.swarm.scenario import Obstacle, Scenario, Start
 from meanflock.testing import ConformanceError, check_aggregator, check_controller
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -22,6 +23,17 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 @pytest.mark.parametrize("name", plugins.names("controller"))
 def test_every_controller_of_ours_conforms(name: str) -> None:
     check_controller(plugins.load("controller", name))
+
+
+DISCS = (Obstacle(centre=(140.0, 96.0), radius=4.0), Obstacle(centre=(152.0, 90.0), radius=3.0))
+
+
+@pytest.mark.parametrize("name", ["vasarhelyi", "olfati-saber", "potential-field"])
+@pytest.mark.parametrize("uavs", [1, 6])
+@pytest.mark.parametrize("options", [{"broadcast": "tick", "forget_s": 0.2}, {"repeats": 3, "delta_m": 0.02}])
+def test_a_flock_conforms_alone_and_among_obstacles(name: str, uavs: int, options: dict[str, Any]) -> None:
+    scenario = Scenario(uavs=uavs, obstacles=DISCS, start=Start(spacing=0.5))
+    check_controller(plugins.load("controller", name), options, scenario)
 
 
 @pytest.mark.parametrize(("file", "name"), [("spring.py", "Spring"), ("trim.py", "Trim")])

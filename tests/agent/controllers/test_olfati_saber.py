@@ -8,7 +8,8 @@ from meanflock.agent.controllers.olfati_saber import OlfatiSaber, bump
 from meanflock.swarm.errors import BadInput
 from tests.agent.controllers.by_hand import DISCS, accelerations, made
 
-ALONE = ("controller.pull_m_s2=1e-12", "controller.damping_1_s=1e-12")
+UNLIMITED = "controller.acceleration_max_m_s2=1e9"
+ALONE = (UNLIMITED, "controller.pull_m_s2=1e-12", "controller.damping_1_s=1e-12")
 
 
 def pair(distance: float, *settings: str) -> np.ndarray:
@@ -61,9 +62,15 @@ def test_alone_it_ends_up_at_cruise_speed() -> None:
 def test_an_obstacle_repels_and_stops_who_comes_near() -> None:
     far, near = np.array([[20.0, 0.0, -2.0, 0.0]]), np.array([[12.5, 0.0, -2.0, 1.0]])
     np.testing.assert_array_equal(accelerations("olfati-saber", far, DISCS), accelerations("olfati-saber", far))
-    push = accelerations("olfati-saber", near, DISCS) - accelerations("olfati-saber", near)
+    push = accelerations("olfati-saber", near, DISCS, UNLIMITED) - accelerations("olfati-saber", near)
     assert push[0, 0] > 1.0
     np.testing.assert_allclose(push[0, 1], -0.5 * 0.2, rtol=1e-9)  # along the edge the agent is a fifth slower
+
+
+def test_what_it_asks_of_the_craft_is_limited() -> None:
+    crowded = np.concatenate([np.random.default_rng(2).uniform(-1, 1, (30, 2)), np.zeros((30, 2))], axis=1)
+    assert np.hypot(*accelerations("olfati-saber", crowded, UNLIMITED).T).max() > 3.5
+    assert np.hypot(*accelerations("olfati-saber", crowded).T).max() == pytest.approx(3.0)
 
 
 def test_an_a_beyond_b_is_refused() -> None:
