@@ -57,7 +57,7 @@ class Ecbf(Filter):
     def admit(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Plane) -> tuple[Plane, Floats]:
         """See `Filter.admit`."""
         of = self.options
-        motion = wanted - self._drag * (own[:, VELOCITY] - self._wind)
+        motion = np.ascontiguousarray(wanted - self._drag * (own[:, VELOCITY] - self._wind), dtype=np.float64)
         near = closest(own, others, uavs, of.reach_m, of.neighbours)
         normals, bounds = half_planes(near, of.rate_1_s, of.distance_m, 0.5)
         if len(self._discs):

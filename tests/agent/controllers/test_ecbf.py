@@ -75,6 +75,17 @@ def test_what_nobody_is_in_the_way_of_passes_to_the_bit() -> None:
     assert not infeasible.any()
 
 
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_what_a_controller_commands_may_lie_in_memory_as_it_likes(order: Any, dtype: Any) -> None:
+    own, wanted = swarm(5, 1.0, 2)
+    wanted = wanted.astype(np.float32)
+    made = filtered(Scenario(uavs=5, filter=Filter(kind="ecbf")))
+    expected, _ = admit(made, own, wanted.astype(np.float64))
+    given = np.array(wanted, order=order, dtype=dtype)
+    np.testing.assert_allclose(admit(made, own, given)[0], expected, rtol=1e-6)
+
+
 def test_a_motion_beyond_the_limit_is_limited_and_keeps_its_direction() -> None:
     scenario = Scenario(uavs=1, wind=AIR, filter=Filter(kind="ecbf"))
     own, wanted = np.array([[50.0, 0.0, 1.0, 1.0]]), np.array([[30.0, -40.0]])
