@@ -23,6 +23,7 @@ PAGE = ROOT / "docs" / "performance.md"
 RACES = (
     "networked",
     "in_process",
+    "avoidance",
     "scale",
     "agent_process",
     "wire",

@@ -25,6 +25,10 @@ SECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "An aggregation rule": ("See [your aggregation rule](your-aggregation.md).", ("Aggregator",)),
     "A channel": ("What becomes of a message on a link.", ("Channel",)),
+    "A filter": (
+        "What stands before any controller; see [the filter](controllers.md#the-filter-ecbf-before-any-controller).",
+        ("Filter",),
+    ),
     "A vehicle": ("How a UAV moves, and what that costs.", ("Vehicle",)),
     "What is installed": ("", ("plugins", "register", "Plugin")),
     "Randomness": ("For whatever a controller of yours draws.", ("seeds",)),

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from meanflock.agent.controllers.base import Options as Options
     from meanflock.agent.controllers.base import Received as Received
     from meanflock.agent.controllers.base import Step as Step
+    from meanflock.agent.controllers.filtered import Filter as Filter
     from meanflock.channel.base import Channel as Channel
     from meanflock.comparing import Comparison as Comparison
     from meanflock.comparing import compare as compare
@@ -42,6 +43,7 @@ _WHERE = {  # a name → its module, and what it is called there
     "Channel": ("meanflock.channel.base", "Channel"),
     "Comparison": ("meanflock.comparing", "Comparison"),
     "Controller": ("meanflock.agent.controllers.base", "Controller"),
+    "Filter": ("meanflock.agent.controllers.filtered", "Filter"),
     "MeanflockError": ("meanflock.swarm.errors", "MeanflockError"),
     "Options": ("meanflock.agent.controllers.base", "Options"),
     "Plugin": ("meanflock.swarm.plugins", "Plugin"),
@@ -67,6 +69,7 @@ __all__ = [  # made when asked for
     "Channel",
     "Comparison",
     "Controller",
+    "Filter",
     "MeanflockError",
     "Options",
     "Plugin",
