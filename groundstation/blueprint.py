@@ -14,7 +14,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from meanflock.groundstation import palette, panels
+from meanflock.groundstation import palette, panels, recording_mission
 from meanflock.groundstation.plot_views import learned, series, tabs, whole_flight
 from meanflock.groundstation.recording_part import Logs
 from meanflock.groundstation.reported import Reported
@@ -223,11 +223,6 @@ def time_panel(live: bool) -> rrb.TimePanel:
     )
 
 
-def start_half_side(scenario: Scenario) -> float:
-    """Half the side of the square around the take-off grid, m."""
-    return (math.ceil(math.sqrt(scenario.uavs)) + 1) / 2 * scenario.start.spacing
-
-
 def trail_seconds(scenario: Scenario) -> float:
     """How long a trail is, s."""
     return TRAIL_S if scenario.uavs <= LARGE_SWARM else TRAIL_S / 3
@@ -255,15 +250,8 @@ def _recent(scenario: Scenario) -> dict[Any, rrb.VisibleTimeRanges]:
 
 def _map_bounds(scenario: Scenario) -> rrb.VisualBounds2D:
     """What the map shows with a margin, in the view's own y-down metres."""
-    low, high = box(scenario)
+    low, high = recording_mission.box(scenario)
     margin = 0.04 * float(np.max(high - low))
     return rrb.VisualBounds2D(
         x_range=[low[0] - margin, high[0] + margin], y_range=[-high[1] - margin, -low[1] + margin]
     )
-
-
-def box(scenario: Scenario) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lower left and upper right corner of the map: the start, and the goal with room to overshoot."""
-    centre, half = np.asarray(scenario.start.centre), start_half_side(scenario)
-    room = max(2 * scenario.destination.radius, 0.22 * math.hypot(*scenario.start.centre))
-    return np.minimum(centre - half, -room), np.maximum(centre + half, room)

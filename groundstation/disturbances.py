@@ -12,9 +12,9 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from meanflock.groundstation import blueprint as look
-from meanflock.groundstation import palette
-from meanflock.groundstation.legend import circle
+from meanflock.groundstation import palette, recording_mission
 from meanflock.groundstation.recording_columns import Sent, Ticks
+from meanflock.groundstation.recording_marks import circle
 from meanflock.swarm.clusters import Clusters
 from meanflock.swarm.faults import Gust, Jam, Partition, Pause
 from meanflock.swarm.scenario import Scenario
@@ -72,7 +72,7 @@ class Disturbances:
         self._heads = Clusters(scenario).heads if scenario.federation.clusters > 1 else np.zeros(0, dtype=np.intp)
         self._shown: list[Lasting] | None = None  # what the last row shows; None: not known
         self._lanes: NDArray[np.uint8] = np.full(scenario.uavs, 255, dtype=np.uint8)  # none known yet
-        low, high = look.box(scenario)
+        low, high = recording_mission.box(scenario)
         self._words_at = [float(0.45 * low[0] + 0.55 * high[0]), float(high[1])]
 
     def lanes(self, ticks: Ticks, status: NDArray[np.uint8]) -> Iterator[Sent]:

@@ -1,4 +1,4 @@
-"""What of the map stays where it is: start, goal, wind, scale, and a key to the colours."""
+"""What of the map stays where it is: the mission, wind, scale, and a key to the colours."""
 
 import math
 
@@ -7,13 +7,14 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from meanflock.groundstation import blueprint as look
-from meanflock.groundstation import palette
+from meanflock.groundstation import palette, recording_mission
+from meanflock.groundstation.recording_marks import Point, circle, label, line
 from meanflock.groundstation.recording_part import Logs
 from meanflock.groundstation.reported import Reported
+from meanflock.swarm import mission, state
 from meanflock.swarm.faults import Gust, Jam, Kill, Partition, Pause
 from meanflock.swarm.scenario import Scenario
 
-Point = tuple[float, float]
 _COLUMNS, _COLUMN, _ROW = 4, 0.095, 0.085  # of the key, steps as shares of the map's width
 _SAMPLE = 0.035  # length of a sample, likewise
 _SCALE = 0.16  # of the bar that shows the scale, at the most
@@ -23,36 +24,27 @@ STAR = np.stack([np.cos(_CORNERS), np.sin(_CORNERS)], axis=-1) * np.where(np.ara
 
 def log(stream: Logs, scenario: Scenario, reported: Reported) -> None:
     """Logs the map's fixed parts, and those of the close-up on the leader."""
-    low, high = look.box(scenario)
+    low, high = recording_mission.box(scenario)
     width = float(high[0] - low[0])
-    x, y = scenario.start.centre
-    half = look.start_half_side(scenario)
-    square = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * half + (x, y)
-    _line(stream, "map/start", square, palette.GREY, 1.0)
-    _line(stream, "map/goal", circle((0.0, 0.0), scenario.destination.radius), palette.GREEN, 1.5)
-    _label(stream, "map/start/label", (x, y - half), "start", palette.GREY)
-    _label(stream, "map/goal/label", (0.0, -scenario.destination.radius), "goal", palette.GREEN)
+    x, y = mission.starts(scenario)[:, state.POSITION].mean(axis=0)
 
-    # The way leads from the start to the goal, so the corner beside the start is free.
+    # The way leads from the start to the goal, so the corner beside the start is free; else there is room on the right.
     key, column, row = _key(scenario), _COLUMN * width, _ROW * width
     rows = 2 + math.ceil(len(key) / _COLUMNS)
-    left = float(low[0] + column / 2 if x >= 0 else high[0] - (_COLUMNS - 0.5) * column)
+    on_the_right = x < 0 or recording_mission.is_about_its_start(scenario)
+    left = float(high[0] - (_COLUMNS - 0.5) * column if on_the_right else low[0] + column / 2)
     top = float(high[1] - row / 2 if y >= 0 else low[1] + rows * row)
+    of_key = np.array([left - column / 2, top - rows * row]), np.array([left + (_COLUMNS - 0.5) * column, top + row])
+    recording_mission.log(stream, scenario, of_key)
     _log_wind(stream, scenario, (left + 0.5 * column, top), 0.6 * row)
     _log_scale(stream, "map/legend/scale", (left + 2.5 * column, top), _SCALE * width)
     _log_colours(stream, left, left + (_COLUMNS - 1) * column, top - row, reported.has_phi_g)
     for number, (word, color, shape, thickness) in enumerate(key):
         at = left + number % _COLUMNS * column, top - (2 + number // _COLUMNS) * row
         entity = f"map/legend/{word.replace(' ', '_')}"
-        _line(stream, entity, shape * _SAMPLE * width / 2 + at, color, thickness)
-        _label(stream, f"{entity}/word", (at[0], at[1] - 0.2 * _SAMPLE * width), word, color)
+        line(stream, entity, shape * _SAMPLE * width / 2 + at, color, thickness)
+        label(stream, f"{entity}/word", (at[0], at[1] - 0.2 * _SAMPLE * width), word, color)
     _log_close_up(stream, scenario)
-
-
-def circle(centre: Point, radius: float) -> NDArray[np.float64]:
-    """A closed line around a centre, (65, 2), m."""
-    angle = np.linspace(0.0, 2.0 * math.pi, 65)
-    return np.array(centre) + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 def _key(scenario: Scenario) -> list[tuple[str, int, NDArray[np.float64], float]]:
@@ -63,6 +55,8 @@ def _key(scenario: Scenario) -> list[tuple[str, int, NDArray[np.float64], float]
         ("outage", palette.RED, across, 1.5),
         ("collision", palette.COLLISION, 0.7 * STAR, 1.2),
     ]
+    if scenario.obstacles:
+        key.append(("obstacle", palette.GREY, ring, 1.0))
     if scenario.federation.clusters > 1:
         key.append(("head", palette.HEAD, ring, 2.0))
     kinds = {type(fault) for fault in scenario.faults}
@@ -91,13 +85,13 @@ def _log_colours(stream: Logs, left: float, right: float, y: float, of_phi_g: bo
         strips.astype(np.float32), colors=palette.viridis(np.linspace(0, 1, 32)), radii=rr.Radius.ui_points(3.0)
     )
     stream.log(entity, bar, static=True)
-    _label(stream, f"{entity}/low", (left, y), low, palette.GREY)
-    _label(stream, f"{entity}/high", (right, y), high, palette.GREY)
+    label(stream, f"{entity}/low", (left, y), low, palette.GREY)
+    label(stream, f"{entity}/high", (right, y), high, palette.GREY)
 
 
 def _log_wind(stream: Logs, scenario: Scenario, at: Point, length: float) -> None:
     """An arrow of the mean wind's direction; the word says how fast it is."""
-    wind = np.array(scenario.wind.mean)
+    wind = np.array(scenario.flown().wind.mean)
     speed = float(np.hypot(*wind))
     if speed:
         arrow = wind / speed * length
@@ -106,7 +100,7 @@ def _log_wind(stream: Logs, scenario: Scenario, at: Point, length: float) -> Non
         parts = rr.Arrows2D(vectors=[arrow], origins=[tail], colors=[palette.GUST], radii=radii, draw_order=1.0)
         stream.log("map/legend/wind", parts, static=True)
     said = f"mean wind {speed:.2g} m/s" if speed else "no mean wind"
-    _label(stream, "map/legend/wind/word", at, said, palette.GUST)
+    label(stream, "map/legend/wind/word", at, said, palette.GUST)
 
 
 def _log_scale(stream: Logs, entity: str, at: Point, most_m: float) -> None:
@@ -114,28 +108,17 @@ def _log_scale(stream: Logs, entity: str, at: Point, most_m: float) -> None:
     power = 10.0 ** math.floor(math.log10(most_m))
     length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= most_m)
     ends = np.array([(-length / 2, 0.0), (length / 2, 0.0)])
-    _line(stream, entity, ends + at, palette.WHITE, 1.5)
-    _label(stream, f"{entity}/word", at, f"{length:g} m", palette.WHITE)
+    line(stream, entity, ends + at, palette.WHITE, 1.5)
+    label(stream, f"{entity}/word", at, f"{length:g} m", palette.WHITE)
 
 
 def _log_close_up(stream: Logs, scenario: Scenario) -> None:
     """What the close-up alone shows: its scale, and how near is near. Its frame has y down, as the view has."""
     edge = 0.9 * look.CLOSE_UP_M
-    _line(
+    line(
         stream, f"{look.CLOSE_UP}/scale", np.array([(-edge, edge - 0.9), (1.0 - edge, edge - 0.9)]), palette.WHITE, 1.5
     )
-    _label(stream, f"{look.CLOSE_UP}/scale/word", (0.5 - edge, edge - 0.9), "1 m", palette.WHITE)
+    label(stream, f"{look.CLOSE_UP}/scale/word", (0.5 - edge, edge - 0.9), "1 m", palette.WHITE)
     hazard = scenario.metrics.hazard_radius
-    _line(stream, f"{look.CLOSE_UP}/hazard", circle((0.0, 0.0), hazard), palette.GREY, 1.0)
-    _label(stream, f"{look.CLOSE_UP}/hazard/word", (0.0, hazard), f"r_C {hazard:.2g} m", palette.GREY)
-
-
-def _line(stream: Logs, entity: str, points: NDArray[np.float64], color: int, thickness: float) -> None:
-    radii = rr.Radius.ui_points(thickness)
-    stream.log(entity, rr.LineStrips2D([points], colors=[color], radii=radii, draw_order=1.0), static=True)
-
-
-def _label(stream: Logs, entity: str, at: Point, text: str, color: int) -> None:
-    """Text centred below the point `at`, m."""
-    point = rr.Points2D([at], labels=[text], colors=[color], radii=0.0, show_labels=True)
-    stream.log(entity, point, static=True)
+    line(stream, f"{look.CLOSE_UP}/hazard", circle((0.0, 0.0), hazard), palette.GREY, 1.0)
+    label(stream, f"{look.CLOSE_UP}/hazard/word", (0.0, hazard), f"r_C {hazard:.2g} m", palette.GREY)

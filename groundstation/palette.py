@@ -12,6 +12,7 @@ SPEED_HIGH = 15.0  # end of the colour scale of speed, which begins at 0, m/s
 BLUE, ORANGE, GREEN, RED = 0x5AA9E6FF, 0xF4A259FF, 0x57CC78FF, 0xEF5350FF
 VIOLET, WHITE, GREY, PINK, ICE = 0xB388EBFF, 0xECEFF4FF, 0x8A93A6FF, 0xFF7AC6FF, 0x8FE9FFFF
 COLLISION, HEAD = PINK, BLUE
+DISC, BREEZE = 0x3A4150FF, 0xF4A25966  # an obstacle; the wind at a place
 FROZEN, CUT, JAMMED, GUST = ICE, RED, RED, ORANGE  # what stops the radio has the colour of its outages
 # Viridis at even steps from an eighth of its length on, for what is darker is lost on the canvas.
 _VIRIDIS = np.array(

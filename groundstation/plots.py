@@ -7,29 +7,24 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pyarrow as pa
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
-from msgspec import field
 from numpy.typing import NDArray
 
-from meanflock.groundstation import plotstyle
+from meanflock.groundstation import plot_mission, plotstyle
 from meanflock.groundstation.curves import MAX_POINTS, Curves, grid, line
 from meanflock.groundstation.paper import statistics
 from meanflock.groundstation.quantities import FIELDS
 from meanflock.groundstation.reported import PHI_G
-from meanflock.groundstation.results import EVENTS, SCENARIO
+from meanflock.groundstation.results import EVENTS
 from meanflock.groundstation.series import diagnostics_in
 from meanflock.groundstation.timeseries_file import TIMESERIES, read_table
 from meanflock.groundstation.units import with_unit
-from meanflock.swarm import toml
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.scenario import Destination
 
 log = logging.getLogger("meanflock.plots")
 
@@ -80,27 +75,9 @@ def plot_run(folder: Path) -> dict[str, Figure]:
         raise BadInput(f"{path}: {error}; name the folder of a run") from error
     if table.num_rows < 2:
         raise BadInput(f"{path}: nothing was flown; name the folder of a run that took off")
-    flown = _flown(folder)
+    flown = plot_mission.flown(folder)
     with plotstyle.style():
         return {"paths": _run_paths(table, flown, folder), "curves": _run_curves(table, flown)}
-
-
-class _Flown(msgspec.Struct):
-    """What a plot says of a scenario; that can be read where its controller is not installed."""
-
-    method: str = ""  # where there is no scenario
-    seed: int = 0
-    destination: Destination = field(default_factory=Destination)
-
-
-def _flown(folder: Path) -> _Flown:
-    path = folder / SCENARIO
-    if not path.is_file():
-        return _Flown()
-    try:
-        return msgspec.convert(toml.read(path, "scenario file"), _Flown)
-    except msgspec.ValidationError as error:
-        raise BadInput(f"{path}: {error}; take it from the folder of a run") from error
 
 
 def _events(folder: Path, kind: str) -> list[dict[str, Any]]:
@@ -116,7 +93,7 @@ def _events(folder: Path, kind: str) -> list[dict[str, Any]]:
     return [row for row in rows if row["kind"] == kind]
 
 
-def _run_paths(table: pa.Table, flown: _Flown, folder: Path) -> Figure:
+def _run_paths(table: pa.Table, flown: plot_mission.Flown, folder: Path) -> Figure:
     x, y = grid(table, "x_m"), grid(table, "y_m")
     step = max(1, len(x) // MAX_POINTS, len(x) * x.shape[1] // _MAX_SEGMENTS)
     position = np.stack([x, y], axis=-1)[::step]
@@ -142,10 +119,7 @@ def _run_paths(table: pa.Table, flown: _Flown, folder: Path) -> Figure:
         log.warning("%s: %d of %d collisions; the others are not marked", folder / EVENTS, len(met), counted)
     places = np.array([position_of(x, y, tick, uavs) for tick, uavs in met]).reshape(-1, 2)
     ax.plot(places[:, 0], places[:, 1], **plotstyle.STAR, label=f"collisions: {counted}")
-    radius = flown.destination.radius
-    for width, color in ((3.2, "white"), (1.6, plotstyle.GOAL)):  # what ends in it must not hide it
-        ax.add_patch(Circle((0.0, 0.0), radius, fill=False, edgecolor=color, linewidth=width, zorder=5))
-    ax.plot([], [], **plotstyle.RING, label=f"goal, {radius:g} m")
+    plot_mission.draw(ax, flown)
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.05)
     ax.set_xlabel("$x$ (m)")
@@ -170,7 +144,7 @@ def position_of(x: Floats, y: Floats, tick: int, uavs: Sequence[int]) -> tuple[f
     return float(x[tick, uavs].mean()), float(y[tick, uavs].mean())
 
 
-def _run_curves(table: pa.Table, flown: _Flown) -> Figure:
+def _run_curves(table: pa.Table, flown: plot_mission.Flown) -> Figure:
     curves = Curves(table, plotstyle.colour(flown.method))
     panels = curves.panels()
     rows = -(-len(panels) // 2)

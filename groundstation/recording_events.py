@@ -1,4 +1,4 @@
-"""The events of a flight in its recording: lines of the log, and collisions on the map."""
+"""The events of a flight in its recording: lines of the log, and collisions and hits on the map."""
 
 from collections.abc import Iterator, Sequence
 
@@ -13,7 +13,8 @@ from meanflock.groundstation.recording_columns import STRIPS, Floats, Sent, Tick
 from meanflock.groundstation.recording_plots import COLUMN
 from meanflock.swarm.wire.messages import Event
 
-LEVELS = {"dropped": "WARN", "slow": "WARN", "collision": "ERROR", "lost": "ERROR", "diverged": "ERROR"}
+LEVELS = {"dropped": "WARN", "slow": "WARN", "collision": "ERROR", "hit": "ERROR", "lost": "ERROR", "diverged": "ERROR"}
+_STARS = ("collision", "hit")  # that are marked on the map
 STAR_M = 1.4  # radius of a collision's star
 
 _LEVEL_COLORS = {"INFO": palette.WHITE, "WARN": palette.ORANGE, "ERROR": palette.RED}
@@ -21,7 +22,8 @@ _TEXT, _LEVEL, _COLOR = rr.TextLog.descriptor_text(), rr.TextLog.descriptor_leve
 
 
 def event_rows(ticks: Ticks, positions: Floats, swarm: NDArray[np.float64], events: Sequence[Event]) -> Iterator[Sent]:
-    """Lines of the log; a collision is also a star on the map and a mark on the risk it was taken at.
+    """Lines of the log; a collision is also a star on the map and a mark on the risk it was taken at, and an
+    obstacle hit a star.
 
     Args:
         positions: (T, N, 2), m, at ticks (T,). swarm: (T, columns), as in `SWARM_COLUMNS`.
@@ -30,7 +32,7 @@ def event_rows(ticks: Ticks, positions: Floats, swarm: NDArray[np.float64], even
         return
     levels = [LEVELS.get(event.kind, "INFO") for event in events]
     shades = [
-        palette.COLLISION if event.kind == "collision" else _LEVEL_COLORS[level]
+        palette.COLLISION if event.kind in _STARS else _LEVEL_COLORS[level]
         for event, level in zip(events, levels, strict=True)
     ]
     log = (
@@ -40,7 +42,7 @@ def event_rows(ticks: Ticks, positions: Floats, swarm: NDArray[np.float64], even
     )
     yield look.EVENTS, np.array([event.tick for event in events], dtype=np.int64), cut(len(events), *log)
 
-    hits = [event for event in events if event.kind == "collision" and event.uavs]
+    hits = [event for event in events if event.kind in _STARS and event.uavs]
     if not hits:
         return
     at = np.array([event.tick for event in hits], dtype=np.int64)
@@ -48,4 +50,6 @@ def event_rows(ticks: Ticks, positions: Floats, swarm: NDArray[np.float64], even
     centres = np.stack([positions[row, list(event.uavs)].mean(axis=0) for row, event in zip(rows, hits, strict=True)])
     stars = (centres[:, None] + STAR_M * legend.STAR).astype(np.float32)  # (hits, 11, 2)
     yield look.COLLISIONS, at, cut(len(at), (STRIPS, strips(stars)))
-    yield from scalars(panels.HITS, at, swarm[rows, COLUMN["phi_C"]])
+    met = np.array([event.kind == "collision" for event in hits])
+    if met.any():
+        yield from scalars(panels.HITS, at[met], swarm[rows[met], COLUMN["phi_C"]])

@@ -34,7 +34,8 @@ PRIVATE = re.compile(r"(^|_)(minds?|chorus|reflex|spoken|told|heard|siblings?|br
 RERUN = {
     f"groundstation/{name}.py"
     for name in (
-        *("recording", "recording_columns", "recording_map", "recording_links", "recording_events", "disturbances"),
+        *("recording", "recording_columns", "recording_map", "recording_links", "recording_events"),
+        *("recording_marks", "recording_mission", "disturbances"),
         *("blueprint", "plot_views", "legend", "screenshot", "viewer", "recorded"),
         *("recording_part", "side_by_side"),
     )

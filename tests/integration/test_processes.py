@@ -231,3 +231,13 @@ def test_when_the_launcher_itself_is_killed_everyone_leaves(command: Command) ->
     process.kill()
     process.communicate()
     until(lambda: processes_of(run) == [], "all processes gone")
+
+
+def test_a_mission_with_goals_waves_and_obstacles_is_the_same_in_processes(command: Command) -> None:
+    flags = ("windmap", "--method", "fed-lspi", "--seed", "7", "--duration", "30", "--no-record")
+    discs = ("--set", "obstacles=[{centre=[120.0, 80.0], radius=3.0}]", "--set", "truth.wind=[0.5, 0.5]")
+    alone, each = (command.summary(*flags, *discs, *more) for more in (("--in-process",), ()))
+    timing = ("wall_time_s", "real_time_factor", "mode", "run_id", "wire_bytes", "radio")
+    assert {k: v for k, v in each.items() if k not in timing} == {k: v for k, v in alone.items() if k not in timing}
+    assert alone["obstacle_hits"] > 0
+    assert each["mode"] == "processes"

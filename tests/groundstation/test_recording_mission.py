@@ -1,0 +1,99 @@
+"""What a recording and a plot show of a mission: goals, discs, the wind at places, obstacles that were hit."""
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.patches import Circle
+
+import meanflock as mf
+from meanflock.groundstation import palette, plots, recording_mission
+from meanflock.groundstation.recording import Recorder
+from meanflock.groundstation.reported import Reported
+from meanflock.swarm.mission import goals, obstacles, starts
+from meanflock.swarm.scenario import load
+from meanflock.worldsim.wind import MeanWind
+from tests.groundstation.test_disturbances import fixed, rows
+
+pytestmark = pytest.mark.usefixtures("strict")
+
+MISSIONS = ("swap", "streams", "obstacles", "windmap")
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    out = tmp_path_factory.mktemp("missions")
+    made = {}
+    for name in MISSIONS:
+        made[name] = out / f"{name}.rrd"
+        flown = load(Path(name), method="cruise")
+        with Recorder(flown, name, made[name], reported=Reported((), 0)):
+            pass
+    return made
+
+
+def test_own_goals_and_starts_are_dots_where_they_are(recorded: dict[str, Path]) -> None:
+    for name in ("swap", "streams"):
+        flown = load(Path(name))
+        for entity, places in (("map/goal", goals(flown)), ("map/start", starts(flown)[:, :2])):
+            np.testing.assert_allclose(fixed(recorded[name], entity, "Points2D:positions"), places, atol=1e-4)
+
+
+def test_discs_are_as_large_as_they_are(recorded: dict[str, Path]) -> None:
+    discs = obstacles(load(Path("obstacles")))
+    np.testing.assert_allclose(fixed(recorded["obstacles"], "map/obstacles", "Points2D:positions"), discs[:, :2])
+    np.testing.assert_allclose(fixed(recorded["obstacles"], "map/obstacles", "Points2D:radii"), discs[:, 2])
+
+
+def test_arrows_blow_as_the_wind_does_where_they_are_and_not_over_the_key(recorded: dict[str, Path]) -> None:
+    flown, path = load(Path("windmap")), recorded["windmap"]
+    vectors = np.array(fixed(path, "map/wind", "Arrows2D:vectors"))
+    middles = np.array(fixed(path, "map/wind", "Arrows2D:origins")) + vectors / 2
+    wind = MeanWind(flown)(np.concatenate([middles, np.zeros_like(middles)], axis=-1))
+    ratio = np.hypot(*vectors.T) / np.hypot(*wind.T)
+    np.testing.assert_allclose(vectors, wind * ratio[:, None], atol=1e-3)
+    np.testing.assert_allclose(ratio, ratio[0], rtol=1e-3)
+    assert len(middles) > 80
+    ((x, y),) = fixed(path, "map/legend/outage/word", "Points2D:positions")
+    assert np.hypot(*(middles - (x, y)).T).min() > 5.0
+
+
+def test_everything_of_a_mission_is_on_the_map_and_the_key_beside_a_swap() -> None:
+    for name in (*MISSIONS, "paper"):
+        flown = load(Path(name))
+        low, high = recording_mission.box(flown)
+        for places in (starts(flown)[:, :2], goals(flown)):
+            assert (places >= low).all()
+            assert (places <= high).all()
+    low, high = recording_mission.box(load(Path("swap")))
+    assert high[0] - 25.0 > (high[0] - low[0]) * 0.3
+    assert recording_mission.is_about_its_start(load(Path("swap")))
+    assert not recording_mission.is_about_its_start(load(None))
+
+
+def test_a_hit_is_a_star_on_the_map_and_an_error_in_the_log(tmp_path: Path) -> None:
+    keys: dict[str, Any] = {"obstacles": [{"centre": [145.0, 96.0], "radius": 2.0}], "wind.sigma": 0.0}
+    run = mf.fly(method="cruise", uavs=4, duration=8.0, out=tmp_path, record=True, **keys)
+    assert run.summary["obstacle_hits"] > 0
+    hits = [event for event in run.events if event["kind"] == "hit"]
+    assert len(hits) == run.summary["obstacle_hits"]
+    assert run.recording is not None
+    stars = rows(run.recording, "map/collisions", "LineStrips2D:strips")
+    assert {event["tick"] for event in hits} <= set(stars)
+    levels = rows(run.recording, "events", "TextLog:level")
+    assert "ERROR" in levels[hits[0]["tick"]]
+    assert fixed(run.recording, "map/obstacles/edges", "LineStrips2D:colors") == [palette.GREY]
+
+
+def test_a_plot_of_paths_has_discs_and_own_goals(tmp_path: Path) -> None:
+    keys: dict[str, Any] = {"obstacles": [{"centre": [10.0, 5.0], "radius": 2.0}]}
+    run = mf.fly("swap", method="cruise", uavs=6, duration=2.0, out=tmp_path, **keys)
+    assert run.folder is not None
+    (ax, *_) = plots.plot_run(run.folder)["paths"].axes
+    (disc,) = [patch for patch in ax.patches if isinstance(patch, Circle)]
+    assert (disc.center, disc.radius) == ((10.0, 5.0), 2.0)
+    (marks,) = [line for line in ax.lines if line.get_label() == "goals"]
+    assert sorted(map(tuple, np.round(marks.get_xydata(), 6))) == sorted(map(tuple, np.round(goals(run.scenario), 6)))
+    plt.close("all")
