@@ -74,6 +74,7 @@ KEYS: dict[str, tuple[str, str]] = {
     "filter.options": (OURS, "a filter declares its own"),
     "filter.broadcast": (OURS, "a fiftieth of the bits of a state a tick, and no collisions either"),
     "filter.delta_m": (OURS, "below half of the distance the filter keeps"),
+    "filter.velocity_delta_m_s": (OURS, "none: a velocity that is off makes the position off soon enough"),
     "filter.repeats": (OURS, "enough where 3 % of messages are lost; 2 to 4 where more are"),
     "filter.forget_s": (OURS, "longer than losses in a row, shorter than a way across the formation"),
     "federation.period": (PRINTED, "100 for H and F, 200 for HF; the text has 100 for all once"),

@@ -35,6 +35,7 @@ UNITS = {
     "offline.speed_max": "m/s",
     "offline.acceleration_max": "m/s²",
     "filter.delta_m": "m",
+    "filter.velocity_delta_m_s": "m/s",
     "filter.repeats": "ticks",
     "filter.forget_s": "s",
     "federation.period": "ticks",

@@ -17,6 +17,9 @@ class Sharing(Table, frozen=True):
     delta_m: Annotated[
         float, Meta(gt=0, description="δ of an event, how far the position may be from what others predict, m")
     ] = 0.3
+    velocity_delta_m_s: Annotated[
+        float, Meta(ge=0, description="the same of the velocity; 0: only the position makes an event, m/s")
+    ] = 0.0
     repeats: Annotated[int, Meta(ge=1, le=16, description="r, ticks in a row in which an event is sent")] = 1
     forget_s: Annotated[
         float,

@@ -1,14 +1,16 @@
 """What rows know of the other UAVs, and when they say where they are themselves: every tick, or at events.
 
-An event is that the own position is more than δ from where all others predict it by what was last sent. It is sent as
-(x, y, vx, vy) in 1 cm and 1 cm/s, four int16, and again, as it is by then, on the next r − 1 ticks. x and y count from
-halfway between the UAV's own start and goal, so they reach 327 m beyond; a state beyond that is not sent.
+An event is that the own position is more than δ from where all others predict it by what was last sent, or the velocity
+if one asks for that. The state is sent as (x, y, vx, vy) in 1 cm and 1 cm/s, four int16, and again, as it is by then,
+on the next r − 1 ticks. x and y count from halfway between the UAV's own start and goal, so they reach 327 m beyond; a
+state beyond that is not sent.
 
 What arrives in a tick was sent in the tick before; on a radio so slow that it is older, it is taken for younger than it
 is. Silence with events says that a UAV flies as predicted, however long it lasts; with a broadcast every tick it says
 that a UAV is lost or out of range, and is forgotten (`forget_s`).
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,7 +22,7 @@ from meanflock.swarm import mission, plausible
 from meanflock.swarm.ascending import distinct
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.sharing import Sharing
-from meanflock.swarm.state import POSITION, SIZE, States
+from meanflock.swarm.state import POSITION, SIZE, VX, VY, States, X, Y
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 from meanflock.swarm.wire.messages import NOBODY
 
@@ -45,6 +47,7 @@ class Neighbours:
         """`predict`: how states are carried on from when they were sent; None: at constant velocity."""
         self._events, self._repeats = sharing.broadcast == "event", sharing.repeats
         self._delta_squared = sharing.delta_m * sharing.delta_m
+        self._velocity_delta_squared = sharing.velocity_delta_m_s * sharing.velocity_delta_m_s or math.inf
         self._forget = None if self._events else max(1, round(sharing.forget_s / scenario.dt))
         self._float = FLOAT_OF_BITS[scenario.radio.bits_per_float]
         self._predict = ConstantVelocity(scenario.dt) if predict is None else predict
@@ -110,9 +113,10 @@ class Neighbours:
             sent = own.astype(self._float).astype(np.float64)
             return self._sent(memory, tick, np.arange(len(own)), sent), Broadcast(own)
         uav, left = memory["neighbour_uav"], memory["neighbour_repeats"]
-        off = own[:, POSITION] - self._own(memory, tick)[:, POSITION]
+        off = own - self._own(memory, tick)
         off *= off
-        event = off[:, 0] + off[:, 1] > self._delta_squared
+        event = off[:, X] + off[:, Y] > self._delta_squared
+        event |= off[:, VX] + off[:, VY] > self._velocity_delta_squared
         left = np.where(event, self._repeats, left)
         due = left > 0
         numbers = np.rint((own - self._origin[uav]) * (1.0 / UNIT))

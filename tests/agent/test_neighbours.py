@@ -106,6 +106,15 @@ def test_an_event_is_a_position_that_others_predict_too_badly() -> None:
     assert again["neighbour_kept"].tobytes() == after["neighbour_kept"].tobytes()
 
 
+def test_a_velocity_can_be_an_event_too() -> None:
+    of = Neighbours(Sharing(velocity_delta_m_s=0.3), scenario())
+    memory = of.init(UAVS, plan())
+    now = of.states(memory, 10)[0].copy()
+    now[1, 2:] += (0.2, -0.2)  # 0.28 m/s
+    now[3, 2:] += (0.2, -0.25)
+    assert of.speak(memory, 10, now)[1].rows.tolist() == [3]  # type: ignore[union-attr]
+
+
 @pytest.mark.parametrize("repeats", [1, 2, 5])
 def test_an_event_is_repeated_as_it_is_by_then(repeats: int) -> None:
     of = Neighbours(Sharing(repeats=repeats), scenario())
