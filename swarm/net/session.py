@@ -5,6 +5,7 @@ Settings were chosen by measurement, see docs/performance.md.
 """
 
 import logging
+import math
 import os
 import threading
 import time
@@ -21,7 +22,7 @@ os.environ.setdefault(
 import msgspec
 import zenoh
 
-from meanflock.swarm.errors import BusError
+from meanflock.swarm.errors import BadInput, BusError
 from meanflock.swarm.net.access import NOBODY
 from meanflock.swarm.net.backlog import BATCH_BYTES, LARGEST, Backlog
 from meanflock.swarm.net.bus import Delivery, Offer, Quota, Quotas
@@ -33,7 +34,8 @@ from meanflock.swarm.wire.control import MAX_BYTES
 
 log = logging.getLogger("meanflock.bus")
 
-_LEASE_MS = 10_000
+LEASE = "MEANFLOCK_LEASE"  # a variable: seconds in which the other side must hear of this process
+_LEASE_S = (1.0, 10.0, 600.0)  # the least, where it is not set, the most
 _COMMON: Mapping[str, Any] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
@@ -42,12 +44,10 @@ _COMMON: Mapping[str, Any] = {
     "timestamping/enabled": False,
     # Shared memory is on by default from 3 KiB and can drop messages without a word.
     "transport/shared_memory/enabled": False,
-    "transport/link/tx/lease": _LEASE_MS,
     "transport/link/rx/max_message_size": MAX_BYTES,
     # What is received is read into as much fresh memory as a batch may take. Of the default of 64 KiB, cleared for each
     # small message, the caches keep nothing else.
     "transport/link/tx/batch_size": 8192,
-    "transport/link/tx/queue/congestion_control/block/wait_before_close": 5_000_000,  # µs, below the lease
 }
 _ASK_AGAIN_S = 0.05
 _KEY_BYTES = 1024  # a message on the way is longer by its key and the like
@@ -56,9 +56,29 @@ _LEADER_SESSIONS = 12  # one certificate for the leader and its standbys
 _RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
 
 
-def _config(settings: Mapping[str, Any]) -> zenoh.Config:
+def _lease() -> dict[str, int]:
+    """How long a link may be silent, and how long a message may wait for one, which is half of that.
+
+    Raises:
+        BadInput: the variable is no such number.
+    """
+    least, default, most = _LEASE_S
+    said = os.environ.get(LEASE) or str(default)
+    try:
+        lease_s = float(said)
+    except ValueError:
+        lease_s = math.nan
+    if not least <= lease_s <= most:
+        raise BadInput(f"{LEASE}={said}: seconds from {least:g} to {most:g}; {default:g} where it is not set")
+    return {
+        "transport/link/tx/lease": int(1e3 * lease_s),
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": int(5e5 * lease_s),  # µs
+    }
+
+
+def _config(settings: dict[str, Any]) -> zenoh.Config:
     config = zenoh.Config()
-    for path, value in settings.items():
+    for path, value in (settings | _lease()).items():
         config.insert_json5(path, msgspec.json.encode(value).decode())
     return config
 

@@ -15,7 +15,7 @@ import pytest
 from meanflock.agent.node import Agent
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.launch import free_endpoint
-from meanflock.groundstation.timeseries_file import past
+from meanflock.groundstation.spool import spooled
 from meanflock.leader.node import Leader
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import MemoryBus
@@ -186,7 +186,9 @@ class Flight:
 
     def rows(self) -> int:
         """How many rows of the flight are on the disk."""
-        return max((past(spool.parent).rows.num_rows for spool in self.out.glob("*/.telemetry")), default=0)
+        return max(
+            (sum(len(one.block.states) for one in spooled(path)) for path in self.out.glob("*/.telemetry")), default=0
+        )
 
     def reach(self, tick: int) -> None:
         """Waits until the row of a tick is on the disk."""

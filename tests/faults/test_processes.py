@@ -17,7 +17,7 @@ from meanflock.groundstation.launch import free_endpoint
 from meanflock.groundstation.recorded import recorded
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.net import keys
-from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.net.session import LEASE, ZenohBus
 from tests.faults.conftest import SETTINGS, Flight, Lab, Processes, ends_by_itself, events_in, spool_bytes, summary_of
 from tests.faults.wire import Wire
 from tests.polling import DEADLINE_S, LINK_SURE_S, until
@@ -89,8 +89,9 @@ def test_after_all_that_nobody_is_missing_and_everyone_goes_home(endless: Flight
 
 
 def test_an_agent_cut_off_is_lost_when_its_lease_ends_though_the_barrier_would_wait_and_comes_back_when_it_can(
-    processes: Processes, tmp_path: Path
+    processes: Processes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setenv(LEASE, "4")
     wire = Wire(processes.base[1])
     try:
         flight = Flight(processes, tmp_path, barrier_s=300.0, agents=2)

@@ -1,5 +1,6 @@
 """One suite of promises that every bus keeps."""
 
+import json
 import queue
 import socket
 import threading
@@ -10,7 +11,7 @@ import pytest
 
 from meanflock.swarm.errors import BadInput, BusError
 from meanflock.swarm.net.bus import Bus, Delivery, MemoryNetwork, matches
-from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.net.session import LEASE, ZenohBus, _config
 from tests.polling import DEADLINE_S, until
 
 Open = Callable[[], Bus]
@@ -175,6 +176,28 @@ def test_a_taken_port_is_bad_input_that_names_the_port() -> None:
 def test_a_client_without_a_world_says_so_in_time() -> None:
     with pytest.raises(BusError):
         ZenohBus.client(free_endpoint(), timeout_s=0.5)
+
+
+@pytest.mark.parametrize("said", ["0.5", "601", "nan", "soon", "-3"])
+def test_a_lease_that_is_none_is_bad_input_that_says_what_is_one(said: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(LEASE, said)
+    with pytest.raises(BadInput, match=f"{LEASE}={said}: seconds from 1 to 600; 10 where it is not set"):
+        ZenohBus.client(free_endpoint(), 0.1)
+
+
+@pytest.mark.parametrize(
+    ("said", "lease_ms", "wait_us"), [(None, 10_000, 5_000_000), ("", 10_000, 5_000_000), ("2.5", 2500, 1_250_000)]
+)
+def test_a_message_waits_for_a_silent_link_for_half_of_its_lease(
+    said: str | None, lease_ms: int, wait_us: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(LEASE, raising=False)
+    if said is not None:
+        monkeypatch.setenv(LEASE, said)
+    made = _config({})
+    assert json.loads(made.get_json("transport/link/tx/lease")) == lease_ms
+    queue = "transport/link/tx/queue/congestion_control/block/wait_before_close"
+    assert json.loads(made.get_json(queue)) == wait_us
 
 
 def test_an_endpoint_with_a_handler_is_called_in_the_senders_thread() -> None:
