@@ -63,6 +63,8 @@ FAULTS = """faults=[{kind='jam',tick=20,duration_s=3.0,centre=[60.0,40.0],radius
             "mfgfl-hf",
             ["uavs=9", "duration=12", "federation.period=15", "learner.multinomial=true", "cost.separation=3"],
         ),
+        ("mfgfl-h", ["uavs=9", "duration=12", "start.spacing=0.5", "filter.kind=ecbf"]),
+        ("orca", ["uavs=16", "duration=12", "start.formation=circle", "start.radius=6", "destination.goals=opposite"]),
         ("mfg", ["uavs=103", "duration=0.5", "metrics.collision_radius=3.0"]),
     ],
 )

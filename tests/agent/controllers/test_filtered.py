@@ -172,7 +172,7 @@ def fly(of: Scenario, rows: int | None = None, **more: Any) -> tuple[dict[str, A
 CROWDED = ["uavs=9", "start.spacing=0.75", "duration=40", "filter.kind=ecbf", "filter.delta_m=0.1"]
 
 
-@pytest.mark.parametrize("method", ["mfgfl-h", "hjb", "plan"])
+@pytest.mark.parametrize("method", ["mfgfl-h", "hjb", "plan", "orca"])
 def test_one_process_flies_as_many_do_and_a_resumed_flight_as_the_undisturbed_one(method: str) -> None:
     of = load(None, [*CROWDED, "radio.target_snr_db=76"], method=method, seed=3)
     summary, blocks = fly(of)
