@@ -3,6 +3,8 @@
 import threading
 from collections import Counter
 
+import numpy as np
+
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Bus
@@ -29,6 +31,9 @@ class Barrier:
         self._tick, self.reporting = -1, False
         self.asked: dict[str, Member] = {}
         self.acts: dict[str, Act] = {}  # of whoever has replied
+        self.commands = replies.table()  # (N, 2 + K), in the rows of the UAVs whose node has
+        self._nobody = np.zeros(len(self.commands), dtype=bool)
+        self.replied = self._nobody  # (N,), which these are
         self.standing = False  # between the first request of a tick and the last reply
 
     def open(self, number: int, reporting: bool) -> None:
@@ -36,6 +41,7 @@ class Barrier:
         with self._gate:
             self._tick, self.reporting = number, reporting
             self.asked, self.acts, self._requests, self._silent = {}, {}, {}, {}
+            self.commands, self.replied = self.commands.copy(), self._nobody.copy()
             self.standing = True
 
     def close(self) -> None:
@@ -79,7 +85,7 @@ class Barrier:
             if member is None or len(self._silent) == 1:
                 return False
             try:
-                self._store(member, self._replies.read(member, self._tick, raw))
+                self._store(member, self._replies.read(member, self._tick, raw, self.commands), key)
             except MessageRejected:  # the world's thread counts it
                 return False
             return True
@@ -90,15 +96,17 @@ class Barrier:
         Raises:
             MessageRejected: it is none, or does not fit; `duplicate`: the node was not asked, or has replied.
         """
-        act = self._replies.read(member, self._tick, raw)
+        key = keys.act(self._run, member.name)
         with self._gate:
-            if keys.act(self._run, member.name) not in self._silent:
+            if key not in self._silent:
+                act = self._replies.read(member, self._tick, raw)
                 raise MessageRejected("duplicate", f"second reply of {member.name} to tick {act.tick}")
-            self._store(member, act)
+            self._store(member, self._replies.read(member, self._tick, raw, self.commands), key)
 
-    def _store(self, member: Member, act: Act) -> None:
+    def _store(self, member: Member, act: Act, key: str) -> None:
         self.acts[member.name] = act
-        del self._silent[keys.act(self._run, member.name)]
+        self.replied[member.place] = True
+        del self._silent[key]
 
     def is_repeat(self, name: str) -> bool:
         """Whether a reply of a node that is not waited for is that to a request that was repeated, for which it cannot
@@ -114,7 +122,9 @@ class Barrier:
             self._silent.pop(keys.act(self._run, name), None)
             self._repeats.pop(name, None)
             self.acts.pop(name, None)
-            return self.asked.pop(name, None) is not None
+            if (member := self.asked.pop(name, None)) is not None:
+                self.replied[member.place] = False
+            return member is not None
 
     @property
     def sent(self) -> list[Frames]:

@@ -1,6 +1,6 @@
 """What the agents command and report of themselves: the numbers of their replies, each in the row of its UAV."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -8,13 +8,10 @@ from numpy.typing import NDArray
 
 from meanflock.swarm import state
 from meanflock.swarm.model import BEYOND_SENSE
-from meanflock.worldsim.members import Member
 
 Floats: TypeAlias = NDArray[np.float64]
 Uavs: TypeAlias = NDArray[np.intp]
 Mask: TypeAlias = NDArray[np.bool_]
-
-_NOBODY: Uavs = np.zeros(0, dtype=np.intp)
 
 
 class Commands:
@@ -30,29 +27,17 @@ class Commands:
         self.largest: Floats = np.zeros(diagnostics)
         self.summed: Floats = np.zeros(diagnostics)
 
-    def store(
-        self, asked: Mapping[str, Member], replies: Mapping[str, Floats], awake: Mask | None, on_way: Mask
-    ) -> Uavs:
-        """Takes the numbers of nodes, each (M, 2 + K); returns the UAVs whose are beyond all bounds, which are not
-        taken.
-
-        `awake`: (N,), whose are; None for everyone's. `on_way`: (N,), who has not arrived and is not lost.
+    def store(self, numbers: Floats, replied: Mask, awake: Mask, on_way: Mask) -> Uavs:
+        """Takes the numbers (N, 2 + K) of those that have `replied` and are `awake`; returns the UAVs whose are beyond all
+        bounds, which are not taken. `on_way`: who has not arrived and is not lost; all three (N,).
         """
-        names = [name for name in asked if name in replies]
-        if not names:
-            self.diagnostics = np.zeros_like(self.diagnostics)
-            return _NOBODY
-        uavs = np.concatenate([asked[name].uavs for name in names])
-        numbers = np.concatenate([replies[name] for name in names])
         sane = (np.abs(numbers) < BEYOND_SENSE).all(axis=-1)  # NaN is below nothing
-        taken = sane if awake is None else sane & awake[uavs]
-        rows, numbers = uavs[taken], numbers[taken]
-        self.accelerations[rows] = numbers[:, : state.AXES]
-        self.diagnostics = np.zeros_like(self.diagnostics)
-        self.diagnostics[rows] = numbers[:, state.AXES :]
+        taken = (replied & awake & sane)[:, None]
+        np.copyto(self.accelerations, numbers[:, : state.AXES], where=taken)
+        self.diagnostics = np.where(taken, numbers[:, state.AXES :], 0.0)
         self.largest = np.maximum(self.largest, np.abs(self.diagnostics).max(axis=0, initial=0.0))
         self.summed = self.summed + np.add.reduce(self.diagnostics[on_way], axis=0)
-        return uavs[~sane]
+        return np.flatnonzero(replied & ~sane)
 
     def figures(self, names: Sequence[str]) -> tuple[dict[str, float], dict[str, float]]:
         """`summed` and `largest` by the names of the diagnostics."""

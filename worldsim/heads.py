@@ -42,7 +42,7 @@ class Heads:
 
     def read(self, member: Member) -> tuple[Frames, ...]:
         """What the heads a node holds have received and it has not heard yet."""
-        held = self._heads[contains(member.uavs, self._heads)].tolist() if self.any_sent else []
+        held = self._heads[contains(member.uavs, self._heads)].tolist()
         return tuple(frames for head in held for frames in self._of[head].read(member.name))
 
     def relayed(self, number: int, frames: Iterable[Frames], links: NDArray[np.int32]) -> Iterator[str]:

@@ -1,5 +1,7 @@
 """What the world lets in: an Act must fit the node that sent it, the tick, and what its controller has declared."""
 
+from typing import TypeAlias
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +19,7 @@ from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from meanflock.swarm.wire.relay import Relay
 from meanflock.worldsim.members import LEADER, Member
 
-_OVERHEAD_BYTES = 4096
+Floats: TypeAlias = NDArray[np.float64]
 
 
 class Replies:
@@ -33,24 +35,30 @@ class Replies:
         self._float = FLOAT_OF_BITS[scenario.radio.bits_per_float]
         self._leader = np.array([scenario.federation.leader])
 
-    def read(self, member: Member, tick: int, raw: bytes) -> Act:
+    def table(self) -> Floats:
+        """Room for the commands of all UAVs in a tick, (N, 2 + K)."""
+        return np.zeros((self._scenario.uavs, self._columns))
+
+    def read(self, member: Member, tick: int, raw: bytes, into: Floats | None = None) -> Act:
         """The Act of a node, a reply to a request of that tick.
+
+        `into`: (N, 2 + K), where its commands are written, whether it is let in or not; None for nowhere.
 
         Raises:
             MessageRejected: it is none; the reason is one of those in `errors.MessageRejected`.
         """
-        act = wire.read_act(raw)
+        rows = np.zeros((member.rows, self._columns)) if into is None else into[member.place]
+        act = wire.read_act(raw, rows)
+        if into is not None and not isinstance(member.place, slice):
+            into[member.place] = rows
         if act.run != self._run:
             raise MessageRejected("wrong-run", f"run {act.run:#x}, this is {self._run:#x}")
         if act.tick != tick:
             raise MessageRejected("stale", f"reply to tick {act.tick} in tick {tick}")
-        rows, columns = act.commands.shape
-        if rows != member.rows or (rows and columns != self._columns):
-            raise MessageRejected(
-                "wrong-shape", f"commands: expected {(member.rows, self._columns)}, got {(rows, columns)}"
-            )
         if act.models is not None and act.models.shape[1] != self._weights:
-            raise MessageRejected("wrong-shape", f"models: expected {(rows, self._weights)}, got {act.models.shape}")
+            raise MessageRejected(
+                "wrong-shape", f"models: expected {(member.rows, self._weights)}, got {act.models.shape}"
+            )
         if len(act.refused):
             self._check_refused(member, tick, act.refused)
         if len(act.lost) and not contains(member.uavs, act.lost).all():

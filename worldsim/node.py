@@ -228,7 +228,9 @@ class World:
             asked = [member for member in asked if self._awake.uavs[member.uavs].any()]
         received = inbox.of_agents(due, self._awake.uavs)
         for member in asked:
-            own = inbox.of_agent(member, received, self._scenario.uavs) + self._heads.read(member)
+            own = inbox.of_agent(member, received, self._scenario.uavs) if received else ()
+            if self._heads.any_sent:
+                own += self._heads.read(member)
             self._barrier.ask(member, self.flight.states[member.place], own, whole)
 
     def _ask_leader(self) -> None:
@@ -240,17 +242,16 @@ class World:
 
     def _collect(self) -> list[Frames]:
         """Commands and diagnostics into their rows; frames of one kind joined, sources ascending."""
-        self._barrier.close()
-        asked, acts = self._barrier.asked, self._barrier.acts
-        for name, member in asked.items():
-            if (act := acts.get(name)) is not None and (len(act.refused) or len(act.lost) or act.memory):
+        barrier = self._barrier
+        barrier.close()
+        for name, member in barrier.asked.items():
+            if (act := barrier.acts.get(name)) is not None and (len(act.refused) or len(act.lost) or act.memory):
                 self._regard(member, act)
         self._refused.close()
-        awake = None if self._awake.everyone else self._awake.uavs
-        numbers = {name: act.commands for name, act in acts.items() if len(act.commands)}
-        if len(insane := self._commands.store(asked, numbers, awake, self.flight.on_way)):
+        insane = self._commands.store(barrier.commands, barrier.replied, self._awake.uavs, self.flight.on_way)
+        if len(insane):
             self.flight.lose(insane, "diverged", "an answer beyond all bounds")
-        frames = self._merger.of(self.flight.tick, self._barrier.sent, self._awake.uavs, self.air.meter)
+        frames = self._merger.of(self.flight.tick, barrier.sent, self._awake.uavs, self.air.meter)
         if number := self._rounds.closes(self.flight.tick):
             self._leading.uploads.close(number)
         if (idle := self.flight.idle) is not None:

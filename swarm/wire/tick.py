@@ -5,15 +5,17 @@ and this sender is for who receives it to say.
 """
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meanflock import kernels
 from meanflock.kernels.wire import ACT, DTYPES, FIRST, SENSE, Batch
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.state import States
 from meanflock.swarm.wire.messages import NOBODY, Act, FrameKind, Frames, Sense
+
+Table: TypeAlias = NDArray[np.float64]
 
 REPORT, CHECKPOINT = 1, 2  # flags of a Sense
 TYPES = (bytes([SENSE]), bytes([ACT]))  # second byte of a message of a tick; a control message has a text there
@@ -24,7 +26,7 @@ _KINDS = tuple(FrameKind)
 _FLOAT, _INT = np.dtype("<f8"), np.dtype("<i4")
 
 
-def read_sense(raw: bytes, states: States | None = None) -> Sense:
+def read_sense(raw: bytes, states: Table | None = None) -> Sense:
     """The Sense in `raw`; its arrays are views of it.
 
     Args:
@@ -48,26 +50,33 @@ def read_sense(raw: bytes, states: States | None = None) -> Sense:
     return Sense(run, tick, states, bool(flags & REPORT), bool(flags & CHECKPOINT), inbox, raw[memory : memory + size])
 
 
-def read_act(raw: bytes) -> Act:
+def read_act(raw: bytes, commands: Table | None = None) -> Act:
     """The Act in `raw`; its arrays are views of it.
+
+    Args:
+        commands: (M, 2 + K), where those of the Act are written, if anywhere; they must be as many.
 
     Raises:
         MessageRejected: `malformed`, `wrong-shape`, `non-finite` or `wrong-kind`.
     """
     try:
-        _, run, tick, flags, rows, columns, tables, batches = kernels.read(raw, ACT)
+        _, run, tick, flags, rows, columns, tables, batches = kernels.read(raw, ACT, commands)
     except ValueError as error:
         raise _rejected(error) from error
     if flags:
         raise MessageRejected("malformed", f"flags {flags:#x} of an Act")
+    if commands is None:
+        commands = np.ndarray((rows, columns), _FLOAT, raw, FIRST)
     lost, lost_size, refused, refused_size, models, models_size, memory, memory_size = tables
+    if not (batches or lost_size or refused_size or models_size or memory_size):
+        return Act(run, tick, commands)
     width, left = divmod(models_size // 8, rows) if rows else (0, models_size)
     if left:
         raise MessageRejected("wrong-shape", f"{models_size} bytes of models of {rows} UAVs")
     return Act(
         run,
         tick,
-        np.ndarray((rows, columns), _FLOAT, raw, FIRST),
+        commands,
         np.ndarray(lost_size // 4, _INT, raw, lost) if lost_size else NOBODY,
         np.ndarray(refused_size // 4, _INT, raw, refused) if refused_size else NOBODY,
         np.ndarray((rows, width), _FLOAT, raw, models) if models_size else None,

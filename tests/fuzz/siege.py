@@ -209,7 +209,8 @@ class Siege:
             if id(client) not in self._kept:
                 self._kept[id(client)] = copy.deepcopy(client._node, _whole(client._node))
             try:
-                act = tick.read_act(tick.write_act(self._kept[id(client)].act(message)))
+                sense = tick.read_sense(raw, client._blank.copy())
+                act = tick.read_act(tick.write_act(self._kept[id(client)].act(sense)))
             except MessageRejected:
                 pass  # thrown at the node, too
             else:

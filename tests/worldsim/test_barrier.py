@@ -90,12 +90,29 @@ def test_a_reply_counts_once(models: np.ndarray | None) -> None:
     assert stand.barrier.offer(KEY, raw)
     assert stand.barrier.missing == ["agent-2"]
     assert tick.write_act(stand.barrier.acts["agent-0"]) == raw
+    assert stand.barrier.replied.tolist() == [True, True, False]
+    assert (stand.barrier.commands[:2] == COMMANDS).all()
     assert not stand.barrier.offer(KEY, raw)
     with pytest.raises(MessageRejected) as refused:
         stand.barrier.take(stand.member, raw)
     assert refused.value.reason == "duplicate"
+    other = tick.write_act(Act(FINGERPRINT, TICK, -COMMANDS))
+    with pytest.raises(MessageRejected):
+        stand.barrier.take(stand.member, other)
+    assert (stand.barrier.commands[:2] == COMMANDS).all()
     assert stand.barrier.forget("agent-0")
     assert not stand.barrier.acts
+    assert not stand.barrier.replied.any()
+
+
+def test_commands_are_in_the_rows_of_uavs_that_do_not_follow_each_other() -> None:
+    barrier = barrier_of(MemoryNetwork().endpoint(), load(None, uavs=5))
+    member = Member("agent-1", "agent", np.array([1, 4]))
+    barrier.open(TICK, reporting=False)
+    barrier.ask(member, STATES)
+    barrier.take(member, reply())
+    assert (barrier.commands[[1, 4]] == COMMANDS).all()
+    assert barrier.replied.tolist() == [False, True, False, False, True]
 
 
 @pytest.mark.parametrize(
@@ -121,6 +138,7 @@ def test_what_does_not_fit_is_left_to_the_thread_of_the_world_and_rejected_there
     assert rejected.value.reason == reason
     assert stand.barrier.missing == ["agent-0", "agent-2"]
     assert not stand.barrier.acts
+    assert not stand.barrier.replied.any()
 
 
 def test_nobody_is_heard_who_was_not_asked_or_is_gone_or_comes_late() -> None:
