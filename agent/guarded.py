@@ -32,7 +32,7 @@ log = logging.getLogger("meanflock.agent")
 class Guarded:
     """The controller of a node's rows. Where a call fails for all of them together, every row is asked alone.
 
-    broken: (M,), the rows in which it has failed since `begin`; None for none.
+    broken: (M,), the rows in which it has failed since `begin`; None for none. asleep: (M,), as `begin` was told.
     """
 
     def __init__(self, scenario: Scenario, uavs: Rows, complaints: list[str]) -> None:
@@ -47,11 +47,11 @@ class Guarded:
         self._uavs, self._complaints = uavs, complaints
         self._controller: Controller = controller(scenario)
         self._known = np.zeros(len(uavs), dtype=bool)  # who has been complained of
-        self._asleep: Mask | None = None
+        self.asleep: Mask | None = None
 
     def begin(self, asleep: Mask | None) -> None:
         """A tick begins; `asleep`: (M,), rows that are not really asked, and do not fail."""
-        self.broken, self._asleep = None, asleep
+        self.broken, self.asleep = None, asleep
 
     def or_broken(self, rows: Mask) -> Mask:
         """`rows` (M,) and those that are broken."""
@@ -113,8 +113,8 @@ class Guarded:
 
     def _break(self, broken: Mask, error: Exception) -> None:
         """Takes note of rows in which it has failed, (M,)."""
-        if self._asleep is not None:
-            broken = broken & ~self._asleep
+        if self.asleep is not None:
+            broken = broken & ~self.asleep
         self.broken = self.or_broken(broken)
         if len(uavs := self._uavs[broken & ~self._known]):
             self._known = self._known | broken

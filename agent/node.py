@@ -48,7 +48,8 @@ class Agent:
         self._heads = Heads(self._scenario, self.uavs)
         self._up, self._down = payload.upload(self._scenario), payload.broadcast(self._scenario)
         self._feedback = Feedback(self._up, len(self.uavs), kept=self._scenario.keeps_residuals)
-        self._federated, self._relays = self._declared.is_federated, self._scenario.federation.clusters > 1
+        self._period = self._scenario.period_ticks if self._declared.is_federated else 0  # of rounds; 0 without any
+        self._relays = self._scenario.federation.clusters > 1
         self._own = np.zeros(self._scenario.uavs, dtype=bool)
         self._own[self.uavs] = True
         self._failed = np.zeros(len(self.uavs), dtype=bool)
@@ -78,7 +79,8 @@ class Agent:
         # 0. Rows the fault script pauses are as they were when the tick is over, whatever the others do.
         asleep = self._asleep(tick) if self._pauses else None
         before, controller = self._memory, self._controller
-        controller.begin(asleep)
+        if controller.broken is not None or asleep is not controller.asleep:
+            controller.begin(asleep)
         # 1. Take in what the radio brought: a global model goes to the controller, as do frames of other UAVs, and the
         #    head of a cluster keeps the uploads of a round.
         received = self._receive(sense.inbox) if sense.inbox else ()
@@ -86,7 +88,7 @@ class Agent:
         #    uploads have come or are lost.
         outbox: list[Frames] = []
         refused: list[int] = []
-        if self._federated and (number := self._rounds.opens(tick)):
+        if self._period and tick % self._period == 0 and (number := self._rounds.opens(tick)):
             outbox += self._uploads(number, asleep)
         if averages := self._relays and self._rounds.relays(tick) > 0:
             silent = self._failed if asleep is None else self._failed | asleep

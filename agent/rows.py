@@ -15,7 +15,6 @@ from meanflock.swarm.wire.control import MAX_AXES, TRAVELS
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_FLOAT = np.dtype(np.float64)
 SENT = (np.dtype("i1"), np.dtype("u1"), np.dtype("<i2"), np.dtype("<i4"))  # integers that travel
 
 
@@ -76,26 +75,30 @@ def checked_step(step: Step, before: Memory, blank: Floats, declared: Declared) 
     Raises:
         TypeError, ValueError: something of it has not the shape it must have.
     """
-    rows, commands = len(blank), blank.copy()
-    acceleration = _floats(step.acceleration)
-    diagnostics = blank[:, :0] if step.diagnostics is None else _floats(step.diagnostics)
-    if acceleration.shape != (rows, AXES):
-        raise ValueError(f"acceleration has shape {acceleration.shape}; expected {(rows, AXES)}")
+    commands = blank.copy()
     try:
-        largest = kernels.columns(acceleration, diagnostics, commands)
-    except ValueError as error:
-        came = "no diagnostics" if step.diagnostics is None else f"diagnostics have shape {diagnostics.shape}"
-        raise ValueError(f"{came}; expected shape {rows, len(declared.diagnostics)}") from error
+        largest = kernels.columns(step.acceleration, step.diagnostics, commands, AXES)
+    except (AttributeError, TypeError, ValueError):  # numbers of another dtype, or of another shape
+        largest = kernels.columns(*_tables(step, len(blank), declared), commands, AXES)
     checked_again(step.memory, before)
     if step.broadcasts:
-        _check_broadcasts(step.broadcasts, rows, declared)
+        _check_broadcasts(step.broadcasts, len(blank), declared)
     if len(step.refused) and not (isinstance(step.refused, np.ndarray) and step.refused.dtype.kind == "i"):
         raise TypeError("`refused` is no array of numbers of UAVs")
     return commands, largest
 
 
-def _floats(table: Floats) -> Floats:
-    return table if isinstance(table, np.ndarray) and table.dtype is _FLOAT else np.asarray(table, dtype=np.float64)
+def _tables(step: Step, rows: int, declared: Declared) -> tuple[Floats, Floats]:
+    """The accelerations and diagnostics of a step as float64, or the error that says what is wrong with them."""
+    acceleration, columns = np.asarray(step.acceleration, dtype=np.float64), len(declared.diagnostics)
+    if acceleration.shape != (rows, AXES):
+        raise ValueError(f"acceleration has shape {acceleration.shape}; expected {(rows, AXES)}")
+    if step.diagnostics is None:
+        raise ValueError(f"no diagnostics; expected shape {(rows, columns)}")
+    diagnostics = np.asarray(step.diagnostics, dtype=np.float64)
+    if diagnostics.shape != (rows, columns):
+        raise ValueError(f"diagnostics have shape {diagnostics.shape}; expected {(rows, columns)}")
+    return acceleration, diagnostics
 
 
 def _check_broadcasts(broadcasts: Sequence[Broadcast], rows: int, declared: Declared) -> None:

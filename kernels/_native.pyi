@@ -26,7 +26,9 @@ def nearest(
     found: NDArray[np.float64],
     missing: NDArray[np.float64],
 ) -> None: ...
-def columns(left: NDArray[np.float64], right: NDArray[np.float64], out: NDArray[np.float64]) -> float: ...
+def columns(
+    left: NDArray[np.float64], right: NDArray[np.float64] | None, out: NDArray[np.float64], first: int
+) -> float: ...
 def repel(
     states: NDArray[np.float64],
     known: NDArray[np.float64],

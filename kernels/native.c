@@ -230,25 +230,27 @@ done:
 static PyObject *columns(PyObject *module, PyObject *args) {
     PyObject *from[2], *out, *result = NULL;
     Arrays arrays = {.held = 0};
-    Py_ssize_t width = 0;
-    if (!PyArg_ParseTuple(args, "OOO:columns", &from[0], &from[1], &out)) return NULL;
+    int first;
+    if (!PyArg_ParseTuple(args, "OOOi:columns", &from[0], &from[1], &out, &first)) return NULL;
     const Py_buffer *to = doubles(&arrays, out, "out", WRITTEN);
-    for (int k = 0; to != NULL && k < 2; k++) {
+    const int tables = from[1] == Py_None ? 1 : 2;
+    if (to == NULL) goto done;
+    int fit = to->ndim == 2 && first >= 0 && first <= to->shape[1] && (tables == 2 || first == to->shape[1]);
+    for (int k = 0; k < tables && fit; k++) {
         const Py_buffer *part = hold(&arrays, from[k], "columns", "d", D, PyBUF_STRIDES);
         if (part == NULL) goto done;
-        if (part->ndim != 2 || to->ndim != 2 || part->shape[0] != to->shape[0]) to = NULL;
-        else width += part->shape[1];
+        fit = part->ndim == 2 && part->shape[0] == to->shape[0] && part->shape[1] == (k ? to->shape[1] - first : first);
     }
-    if (to == NULL || width != to->shape[1]) {
-        if (!PyErr_Occurred()) PyErr_SetString(PyExc_ValueError, "columns: not as many rows or columns as there is room for");
+    if (!fit) {
+        PyErr_SetString(PyExc_ValueError, "columns: not float64 of as many rows and columns as there is room for");
         goto done;
     }
     char *at = to->buf;
     for (Py_ssize_t row = 0; row < to->shape[0]; row++)
-        for (const Py_buffer *part = arrays.view + 1; part < arrays.view + 3; part++)
+        for (const Py_buffer *part = arrays.view + 1; part <= arrays.view + tables; part++)
             for (Py_ssize_t k = 0; k < part->shape[1]; k++, at += D)
                 memcpy(at, (char *)part->buf + row * part->strides[0] + k * part->strides[1], D);
-    result = PyFloat_FromDouble(largest(to->buf, to->shape[0] * width));
+    result = PyFloat_FromDouble(largest(to->buf, to->shape[0] * to->shape[1]));
 done:
     let_go(&arrays);
     return result;
@@ -291,7 +293,7 @@ static PyMethodDef methods[] = {
     {"learn", learn, METH_VARARGS, "learn(tables, states, weights, around, weights_out, numbers)"},
     {"pairs", measure, METH_VARARGS, "pairs(states, hazard_m, collision_m, found)"},
     {"nearest", nearest_of_all, METH_VARARGS, "nearest(wanted, normals, bounds, limit, found, missing)"},
-    {"columns", columns, METH_VARARGS, "columns(left, right, out)"},
+    {"columns", columns, METH_VARARGS, "columns(left, right, out, first)"},
     {"repel", push, METH_VARARGS, "repel(states, known, weight, range_m, pushed)"},
     {"read", wire_read, METH_VARARGS, "read(raw, kind=0, into=None)"},
     {"write", wire_write, METH_VARARGS, "write(kind, run, tick, flags, rows, columns, table, tables, frames=())"},

@@ -61,15 +61,20 @@ def learn(
     return float(np.abs(numbers).max(initial=0.0))
 
 
-def columns(left: Floats, right: Floats, out: Floats) -> float:
+def columns(left: Floats, right: Floats | None, out: Floats, first: int) -> float:
     """Columns of two tables side by side: `left` (M, A) and `right` (M, B), of any strides, into `out` (M, A + B).
+
+    Args:
+        right: None where B is 0. first: what A must be.
 
     Returns:
         The largest of all |numbers|; NaN where one of them is.
     """
-    if len({len(left), len(right), len(out)}) > 1 or left.shape[1] + right.shape[1] != out.shape[1]:
-        raise ValueError("columns: not as many rows or columns as there is room for")
-    out[:, : left.shape[1]], out[:, left.shape[1] :] = left, right
+    right = out[:, :0] if right is None else right
+    for table, width in ((left, first), (right, out.shape[1] - first)):
+        if table.shape != (len(out), width) or table.dtype != np.float64:
+            raise ValueError("columns: not float64 of as many rows and columns as there is room for")
+    out[:, :first], out[:, first:] = left, right
     return float(np.abs(out).max(initial=0.0))
 
 

@@ -43,7 +43,7 @@ class NodeClient:
     def __init__(self, bus: Bus, run: str) -> None:
         self._bus, self._run = bus, run
         self._fingerprint = keys.fingerprint(run)
-        self._node: Node | None = None
+        self._node: Node  # once the world has let it in
         self._last_tick = -1
         self._last_act = b""
         self._busy = threading.RLock()  # the node is asked by one thread at a time; again by the same, on a memory bus
@@ -112,21 +112,18 @@ class NodeClient:
             self.stopped = _GONE
         elif delivery.kind == "message":
             with self._busy:
-                self._take(delivery.key, delivery.payload)
+                take = self._asked if delivery.payload[1:2] in tick.TYPES else self._control
+                take(delivery.key, delivery.payload)
 
-    def _take(self, key: str, raw: bytes) -> None:
-        """One message, while nobody else asks the node."""
+    def _asked(self, key: str, raw: bytes) -> None:
+        """One message of a tick, while nobody else asks the node."""
         try:
-            if raw[1:2] not in tick.TYPES:
-                self._control(control.decode(raw))
-                return
             sense = tick.read_sense(raw, self._blank.copy())
             if sense.run != self._fingerprint:
                 raise MessageRejected("wrong-run", f"run {sense.run:#x}, this is {self._fingerprint:#x}")
             if sense.tick < self._last_tick:
                 raise MessageRejected("stale", f"tick {sense.tick} after {self._last_tick}")
             if sense.tick > self._last_tick:
-                assert self._node is not None
                 self._last_act = tick.write_act(self._node.act(sense))
                 self._last_tick = sense.tick
                 if self._node.complaints:
@@ -134,10 +131,13 @@ class NodeClient:
             # The same tick again: the world has not received the reply. It gets the same one; nothing is learned twice.
             self._bus.put(self._speak, self._last_act)
         except MessageRejected as error:
-            self.dropped[error.reason] += 1
-            if self.dropped.total() <= _MAX_DROP_LINES:
-                about = {"tick": self._last_tick, "reason": error.reason}
-                log.warning("dropped a message under %s: %s", key, error, extra=about)
+            self._drop(key, error)
+
+    def _drop(self, key: str, error: MessageRejected) -> None:
+        self.dropped[error.reason] += 1
+        if self.dropped.total() <= _MAX_DROP_LINES:
+            about = {"tick": self._last_tick, "reason": error.reason}
+            log.warning("dropped a message under %s: %s", key, error, extra=about)
 
     def _ask(self, request: Join, timeout_s: float, cancelled: Callable[[], bool]) -> Message:
         """The first answer of a world that is not a refusal for now."""
@@ -166,17 +166,17 @@ class NodeClient:
         if raw[1:2] not in tick.TYPES or not self._busy.acquire(False):
             return False
         try:
-            self._take(key, raw)
+            self._asked(key, raw)
             return True
         finally:
             self._busy.release()
 
-    def _control(self, message: Message) -> None:
-        if not isinstance(message, Stop):
-            raise MessageRejected("wrong-kind", f"{type(message).__name__}, expected Sense or Stop")
-        if message.run != self._fingerprint:
-            raise MessageRejected("wrong-run", f"run {message.run:#x}, this is {self._fingerprint:#x}")
-        self.stopped = message.reason
+    def _control(self, key: str, raw: bytes) -> None:
+        """Any other message: the last one."""
+        try:
+            self.stopped = control.decode_as(Stop, raw, self._fingerprint).reason
+        except MessageRejected as error:
+            self._drop(key, error)
 
     def _complain(self, complaints: list[str]) -> None:
         """Tells the world what went wrong here."""

@@ -18,7 +18,8 @@ def test_columns_of_any_strides_are_side_by_side(
     whole = np.random.default_rng(seed).normal(0, 1e3, (2 * rows, first + second))[::2]
     whole = np.asfortranarray(whole) if turned else whole
     out = np.full(whole.shape, 7.0)
-    assert backend.columns(whole[:, :first], whole[:, first:], out) == np.abs(whole).max(initial=0.0)
+    right = whole[:, first:] if second or turned else None
+    assert backend.columns(whole[:, :first], right, out, first) == np.abs(whole).max(initial=0.0)
     np.testing.assert_array_equal(out, whole)
 
 
@@ -30,18 +31,28 @@ def test_the_largest_says_whether_a_number_is_not_finite(
     whole = np.ones((3, 5))
     whole[where] = bad
     whole[2, 2] = 1e300
-    largest = backend.columns(whole[:, :2], whole[:, 2:], np.empty((3, 5)))
+    largest = backend.columns(whole[:, :2], whole[:, 2:], np.empty((3, 5)), 2)
     assert np.isnan(largest) if np.isnan(bad) else largest == np.inf
 
 
 @pytest.mark.parametrize(
     ("left", "right", "out"),
-    [((3, 2), (3, 2), (3, 5)), ((3, 2), (2, 3), (3, 5)), ((2, 2), (2, 3), (3, 5)), ((3, 5), (3, 1), (3, 5))],
+    [
+        (np.zeros((3, 2)), np.zeros((3, 2)), (3, 5)),
+        (np.zeros((3, 2)), np.zeros((2, 3)), (3, 5)),
+        (np.zeros((2, 2)), np.zeros((2, 3)), (3, 5)),
+        (np.zeros((3, 3)), np.zeros((3, 2)), (3, 5)),
+        (np.zeros((3, 2)), None, (3, 5)),
+        (np.zeros((3, 1)), None, (3, 1)),
+        (np.zeros((3, 2, 1)), np.zeros((3, 3)), (3, 5)),
+        (np.zeros((3, 2)), np.zeros((3, 3), np.float32), (3, 5)),
+        (np.zeros((3, 2), np.int64), np.zeros((3, 3)), (3, 5)),
+    ],
 )
 def test_what_does_not_fit_is_refused_and_nothing_is_written(
-    backend: ModuleType, left: tuple[int, int], right: tuple[int, int], out: tuple[int, int]
+    backend: ModuleType, left: np.ndarray, right: np.ndarray | None, out: tuple[int, int]
 ) -> None:
     room = np.full(out, 7.0)
     with pytest.raises(ValueError, match="columns"):
-        backend.columns(np.zeros(left), np.zeros(right), room)
+        backend.columns(left, right, room, 2)
     assert (room == 7.0).all()
