@@ -28,8 +28,8 @@ class Commands:
         self.summed: Floats = np.zeros(diagnostics)
 
     def store(self, numbers: Floats, replied: Mask, awake: Mask, on_way: Mask) -> Uavs:
-        """Takes the numbers (N, 2 + K) of those that have `replied` and are `awake`; returns the UAVs whose are beyond all
-        bounds, which are not taken. `on_way`: who has not arrived and is not lost; all three (N,).
+        """Takes the numbers (N, 2 + K) of those that have `replied` and are `awake`; returns the UAVs whose are beyond
+        all bounds, which are not taken. `on_way`: who has not arrived and is not lost; all three (N,).
         """
         sane = (np.abs(numbers) < BEYOND_SENSE).all(axis=-1)  # NaN is below nothing
         taken = (replied & awake & sane)[:, None]
