@@ -102,6 +102,13 @@ class Guarded:
             self._break(broken, error)
             return after
 
+    def look(self, memory: Memory) -> None:
+        """Before a checkpoint: what a row remembers must be finite, or nobody could go on from it."""
+        for name, array in memory.items():
+            bad = np.asarray((~np.isfinite(array)).reshape(len(array), -1).any(axis=1))
+            if bad.any():
+                self._break(bad, ValueError(f"memory[{name!r}] has numbers that are not finite"))
+
     def _table(self, name: str, memory: Memory, width: int, asked: Mask) -> Floats:
         call, rows = getattr(self._controller, name), len(self._uavs)
         try:

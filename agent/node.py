@@ -101,6 +101,8 @@ class Agent:
         if asleep is not None:
             commands[asleep] = 0.0
             self._memory = picked(asleep, before, self._memory)
+        if sense.checkpoint:
+            controller.look(self._memory)
         learned = controller.report(self._memory) if sense.report and self._declared.weights else None
         if controller.broken is not None:
             commands[controller.broken] = np.nan

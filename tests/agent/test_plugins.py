@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
+from meanflock.groundstation import engine as engines
 from meanflock.groundstation.engine import Engine
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
@@ -210,6 +211,28 @@ def test_a_controller_that_goes_wrong_costs_its_own_uav_in_one_process_as_in_man
     assert together[0]["trajectory_sha256"] == alone[0]["trajectory_sha256"]
     for one, other in zip(together[1].blocks, alone[1].blocks, strict=True):
         np.testing.assert_array_equal(one.diagnostics, other.diagnostics)
+
+
+def test_a_memory_that_no_checkpoint_can_keep_costs_its_own_uav_and_not_the_checkpoint(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(engines, "_checkpoint_every", lambda *_: 10)
+
+    def init(self: Honest, uavs: np.ndarray, plan: np.ndarray) -> Memory:
+        return Honest.init(self, uavs, plan) | {"aside": np.ones((len(uavs), 2, 3))}
+
+    forgets = changed(memory=lambda good, bad: good.memory | {"aside": spoiled(good.memory["aside"], bad, np.nan)})
+    of = flown(wrong(init=init, step=forgets), *QUIET)
+    hashes = set()
+    for rows in (None, 1):
+        summary, sink = fly(of, rows)
+        hashes.add(summary["trajectory_sha256"])
+        assert summary["dropped_messages"] == {}
+        assert (sink.blocks[-1].status[-1] == Status.LOST).tolist() == [uav == BAD for uav in range(UAVS)]
+        (named,) = [said for kind, said in sink.events if "failed with UAV" in said]
+        assert f"UAV {BAD}: ValueError: memory['aside'] has numbers that are not finite" in named
+        assert sum(bool(block.checkpoint) for block in sink.blocks) >= 2
+    assert len(hashes) == 1
 
 
 def test_the_others_fly_as_if_it_had_been_lost_for_another_reason() -> None:
