@@ -59,7 +59,7 @@ several UAVs in one process are so much cheaper than as many processes.
 | … with `lowlatency` transport (not ours) | 4099 | 717 | 274 |
 | … and a tuned runtime (ours, without `lowlatency`) | 4866 | 920 | 326 |
 
-**NumPy among many processes**: a call that finds its code and data gone from the caches, as every call of an agent does,
+**NumPy among many processes**: a call that finds its code and data gone from the caches, as each of an agent does,
 beside the same call in a loop, µs, on arrays of a row. So what is called once a tick is one function of the kernels.
 
 | | cold | warm |
