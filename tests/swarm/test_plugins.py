@@ -178,16 +178,17 @@ class Lent(Controller):
         return {}
 
 
+@pytest.mark.parametrize(("lacks", "named"), [("controller", "lent"), ("filter", "ecbf")])
 @pytest.mark.parametrize("there", [None, "sha256 of another file"])
 def test_a_node_on_a_host_without_the_plugin_or_with_another_is_refused_and_the_host_is_named(
-    there: str | None, monkeypatch: pytest.MonkeyPatch
+    there: str | None, lacks: str, named: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plugins.register(type("Lent", (Lent,), {"step": lambda *_: None}))
     here, said = plugins.find, []
 
     def elsewhere(door: Any, name: str) -> Plugin:
         found = here(door, name)
-        if door != "controller":
+        if door != lacks:
             return found
         if there is None:
             raise BadInput(f"{door} {name!r} is not installed here; install its package")
@@ -205,8 +206,8 @@ def test_a_node_on_a_host_without_the_plugin_or_with_another_is_refused_and_the_
         return encode(message)
 
     monkeypatch.setattr(client.control, "encode", overheard)
-    with pytest.raises(BadInput, match=r"agent-0 on host far-away: controller 'lent' is "):
-        Engine(load(None, ["uavs=2"], method="lent"), "hosts")
+    with pytest.raises(BadInput, match=f"agent-0 on host far-away: {lacks} '{named}' is "):
+        Engine(load(None, ["uavs=2", "filter.kind=ecbf"], method="lent"), "hosts")
     assert any(isinstance(message, Refusal) and "far-away" in message.reason for message in said)
 
 
