@@ -12,6 +12,7 @@ come within a few per cent of it (a test flies some). Others in the air and obst
 
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,7 +27,9 @@ _TIMES = 6000  # at which the front is known
 
 
 def power(scenario: Scenario, speed: Floats) -> Floats:
-    """Power of the scenario's vehicle in steady flight at speeds (K,), m/s, in W."""
+    """Power of the scenario's vehicle in steady flight in W, at speeds (K,), m/s, of whatever kind costs it power."""
+    still = msgspec.structs.replace(scenario.vehicle, power_speed="ground")
+    scenario = msgspec.structs.replace(scenario, vehicle=still)
     vehicle = plugins.create("vehicle", scenario.vehicle.model, scenario.vehicle.options, scenario)
     states = np.zeros((len(speed), state.SIZE))
     states[:, state.VELOCITY.start] = speed

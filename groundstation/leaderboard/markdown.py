@@ -20,6 +20,8 @@ def markdown(board: Board, pictures: Mapping[str, str], introduction: str = "") 
         tables.HOW_TO_READ,
         columns(),
     ]
+    if len(board.courses) > 1:
+        parts += ["## Who is free of collisions where", tables.OVERVIEW, table(*_bold(tables.overview(board)))]
     for course in board.courses:
         parts += section(course, pictures)
     parts += ["## The rows", table(("row", "controller and settings", "what it is"), tables.settings(rows(board)))]
@@ -44,8 +46,7 @@ def section(course: Course, pictures: Mapping[str, str]) -> list[str]:
     """Heading, words, table, notes and picture of a mission."""
     parts = [f"## {course.title}", f"`{course.name}`: {course.about or course.title}. {course.uavs} UAVs."]
     if course.standings:
-        lines = [[f"**{cell.text}**" if cell.best else cell.text for cell in line] for line in tables.body(course)]
-        parts.append(table(tables.head(course), lines))
+        parts.append(table(*_bold((tables.head(course), tables.body(course)))))
     if said := tables.notes(course):
         parts.append("\n".join(f"- {note}" for note in said))
     if course.name in pictures:
@@ -60,6 +61,11 @@ def rows(board: Board) -> list[Standing]:
         for row in course.standings:
             found.setdefault(row.name, row)
     return list(found.values())
+
+
+def _bold(shown: tuple[list[str], list[list[tables.Text]]]) -> tuple[list[str], list[list[str]]]:
+    head, lines = shown
+    return head, [[f"**{cell.text}**" if cell.best else cell.text for cell in line] for line in lines]
 
 
 def table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:

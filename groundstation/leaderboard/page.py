@@ -26,10 +26,17 @@ def html(board: Board, pictures: Mapping[str, Path]) -> str:
         f"<title>Leaderboard</title><style>{css}</style></head><body><main>"
         f"<h1>Leaderboard</h1><p>{escape(markdown.how_flown(board))}</p><nav>{links}</nav>"
         f"<p>{read}</p><details><summary>the columns</summary><dl>{columns}</dl></details>"
-        f"{''.join(_course(course, pictures) for course in board.courses)}"
+        f"{_overview(board)}{''.join(_course(course, pictures) for course in board.courses)}"
         f"<section><h2>The rows</h2>{rows}</section>"
         "</main></body></html>\n"
     )
+
+
+def _overview(board: Board) -> str:
+    if len(board.courses) < 2:
+        return ""
+    heading, words = "Who is free of collisions where", escape(tables.OVERVIEW)
+    return f"<section><h2>{heading}</h2><p>{words}</p>{_table(*tables.overview(board), set())}</section>"
 
 
 def _course(course: Course, pictures: Mapping[str, Path]) -> str:

@@ -18,10 +18,14 @@ class Fronts:
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario, self._corners = scenario, cheapest(scenario)
+        blows = scenario.wind.mean if scenario.truth.wind is None else scenario.truth.wind
+        self._wind = np.array(blows) if scenario.vehicle.power_speed == "air" else None
         self._known: dict[tuple[float, float], Front] = {}
 
     def each(self) -> list[Front] | None:
         """Of every UAV; None where the wind that power goes by is not the same everywhere."""
+        if self.scenario.vehicle.power_speed == "air" and self.scenario.wind.field_rms > 0.0:
+            return None
         ways = mission.goals(self.scenario) - mission.starts(self.scenario)[:, state.POSITION]
         return [self._of_way(x, y) for x, y in ways.tolist()]
 
@@ -47,5 +51,5 @@ class Fronts:
 
     def _of_way(self, x: float, y: float) -> Front:
         if (x, y) not in self._known:
-            self._known[x, y] = front(self.scenario, np.array([x, y]), corners=self._corners)
+            self._known[x, y] = front(self.scenario, np.array([x, y]), self._wind, self._corners)
         return self._known[x, y]

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from meanflock.groundstation.leaderboard.board import Cell, Course, Standing
+from meanflock.groundstation.leaderboard.board import Board, Cell, Course, Standing
 from meanflock.groundstation.leaderboard.measures import MEASURES, Measure
 
 _PER_CENT = ("arrived", "free")
@@ -19,6 +19,10 @@ SHORT = {
     "free": "free\n(%)",
     "kbit": "radio\n(kbit)",
 }
+OVERVIEW = (
+    "Share of flights free of any collision or hit, %, arrived UAVs counted too; bold where all were. How sure "
+    "that is, and what it cost, is in the table of each mission."
+)
 HOW_TO_READ = (
     "Means over n flights with the 95 % interval over seeds: mean ± half its width (Student's t), of the share of free "
     "flights its ends (Clopper and Pearson). A UAV that never arrived counts with the duration and with all it used. "
@@ -78,8 +82,23 @@ def words(measure: Measure, cell: Cell, flown: int) -> str:
 
 
 def mean(measure: Measure, cell: Cell | None) -> str:
-    """The mean alone, in four digits at the most."""
-    return "–" if cell is None else f"{(100.0 if measure.key in _PER_CENT else 1.0) * cell.mean:.4g}"
+    """The mean alone, in seven characters."""
+    if cell is None:
+        return "–"
+    value = (100.0 if measure.key in _PER_CENT else 1.0) * cell.mean
+    return f"{value:.4g}" if abs(value) >= 1.0 else f"{value:.2g}" if abs(value) >= 1e-4 else f"{value:.0f}"
+
+
+def overview(board: Board) -> tuple[list[str], list[list[Text]]]:
+    """Share of flights free of any collision or hit, of every row in every mission, %; marked where all were."""
+    lines = []
+    for name in dict.fromkeys(row.name for course in board.courses for row in course.standings):
+        line = [Text(name)]
+        for course in board.courses:
+            cell = next((row.cells.get("free") for row in course.standings if row.name == name), None)
+            line.append(Text("–") if cell is None else Text(f"{100 * cell.mean:.0f}", cell.mean == 1.0))
+        lines.append(line)
+    return ["row", *(course.name for course in board.courses)], lines
 
 
 def kinds(row: Standing) -> str:
