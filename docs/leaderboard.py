@@ -1,0 +1,206 @@
+"""Writes leaderboard.md, the leaderboard of the shipped controllers, and its pictures, from results/leaderboard.json.
+
+meanflock leaderboard --out out/leaderboard    # 30 seeds of every row in every mission
+python docs/leaderboard.py out/leaderboard     # takes its leaderboard.json; without a folder: the page again
+"""
+
+import argparse
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from meanflock.groundstation.leaderboard import board, markdown, pareto
+from meanflock.groundstation.leaderboard.board import Board, Standing
+from meanflock.groundstation.leaderboard.measures import BY_KEY
+from meanflock.groundstation.paper import statistics
+from meanflock.groundstation.paper.statistics import Estimate
+
+HERE = Path(__file__).parent
+PAGE, RESULTS = Path(__file__).with_suffix(".md"), HERE / "results" / "leaderboard.json"
+PICTURES = HERE / "pictures" / "leaderboard"
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("out", nargs="?", type=Path, help="folder of a leaderboard; none: write the page again")
+    given = options.parse_args()
+    if given.out is not None:
+        shutil.copyfile(given.out / board.FILE, RESULTS)
+    PAGE.write_text(page(board.read(RESULTS)), encoding="utf-8")
+    pareto.write(board.read(RESULTS).courses, PICTURES)
+    for drawing in PICTURES.glob("*.svg"):
+        drawing.unlink()
+    print(PAGE)
+
+
+def page(found: Board) -> str:
+    """The whole page."""
+    pictures = {
+        course.name: f"pictures/leaderboard/{course.name}.png"
+        for course in found.courses
+        if any(map(pareto.drawn, course.standings))
+    }
+    return markdown.markdown(found, pictures, introduction(found))
+
+
+# -- the first lines -------------------------------------------------------------------------------------------------
+
+
+def introduction(found: Board) -> str:
+    """What a reader should know before any table, with the numbers of this board."""
+    parts = [
+        truths(found),
+        "Where learning together pays, and where it does not; each finding was expected before these seeds were flown:",
+        "\n".join(f"{number}. {said}" for number, said in enumerate(findings(found), 1)),
+        f"{markdown.how_flown(found)} Constants were tuned on seeds 1 to 10 only. "
+        "Written by `python docs/leaderboard.py` from [results/leaderboard.json](results/leaderboard.json), whose "
+        "fields are in "
+        "[data](data.md#leaderboardjson); the controllers are on [their page](controllers.md).",
+    ]
+    return "\n\n".join(parts)
+
+
+def truths(found: Board) -> str:
+    """What the paper's scenario needs of learning and radio."""
+    plan, paper = _row(found, "paper", "plan"), _row(found, "paper", "mfgfl-hf")
+    if plan is None or paper is None:
+        return "The rows `plan` and `mfgfl-hf` were not flown in the mission `paper`."
+    collided, beside = plan.cells["collisions_all"], paper.cells["collisions"]
+    needs = "neither learning nor radio is needed" if collided.mean == 0.0 else "a plan alone is not free of collisions"
+    free = f"{_free(plan)} flights without a collision"
+    return (
+        f"**On the paper's scenario, with a shared plan and a wind that everybody knows, {needs}.** `plan` learns "
+        "nothing, says "
+        f"nothing after take-off, and takes {_mean(plan, 'time_s')} s and {_mean(plan, 'energy_J')} J, with {free}; "
+        "the least "
+        f"energy for that time is {plan.cells['energy_J'].mean - plan.cells['regret_J'].mean:.2f} J. The paper's "
+        "`mfgfl-hf` takes "
+        f"{_mean(paper, 'time_s')} s, {_mean(paper, 'energy_J')} J and {paper.cells['kbit'].mean:,.0f} kbit, and "
+        f"{beside.mean:.1f} pairs collide on the way in a flight ({_free(paper)} flights are free of collisions)."
+    )
+
+
+def findings(found: Board) -> list[str]:
+    """Four expectations, each with what the board says of it."""
+    return [
+        _federated_tracking(found),
+        _shared_map(found),
+        "**Identifying drag and wind together does not pay**, for an error in the wind is common to all. No row "
+        "does that alone, so it is neither confirmed nor refuted here." + _unknown_air(found),
+        _paper_learner(found),
+    ]
+
+
+def _federated_tracking(found: Board) -> str:
+    """By the sign of the difference: single flights in which a UAV alone learns nonsense would own any mean."""
+    said = []
+    for mission in ("paper", "unknown", "windy"):
+        alone, together = _row(found, mission, "fed-lspi-alone"), _row(found, mission, "fed-lspi")
+        if alone is None or together is None or not {"tracking"} <= alone.cells.keys() & together.cells.keys():
+            continue
+        one, all_ = alone.column("tracking"), together.column("tracking")
+        less = statistics.share(all_ < one)
+        verdict = "confirmed" if less.low > 0.5 else "refuted" if less.high < 0.5 else "undecided"
+        said.append(
+            f"`{mission}` {np.median(one):.3g} → {np.median(all_):.3g}, "
+            f"less in {int((all_ < one).sum())} of {less.n} flights ({verdict})"
+        )
+    return (
+        "**Learning a tracking value function from nothing pays when gains are averaged.** Tracking cost a UAV, each "
+        f"for itself → averaged, medians of the flights: {'; '.join(said) or 'not flown'}."
+    )
+
+
+def _shared_map(found: Board) -> str:
+    names = ("straight", "windmap-alone", "windmap-weights", "windmap-precision", "windmap-measurements")
+    rows = {name: _row(found, "windmap", name) for name in names}
+    flown = {name: row for name, row in rows.items() if row is not None and "cost_J" in row.cells}
+    if len(flown) < len(names):
+        return "**A wind map pays if shared, and data pay more than models**: not all of its rows were flown."
+    costs = ", ".join(
+        f"`{name}` {_interval(row, 'cost_J')} ({row.cells['kbit'].mean:,.0f} kbit)" for name, row in flown.items()
+    )
+    saved = _less(flown["straight"], flown["windmap-measurements"], "cost_J")
+    averaged = _less(flown["windmap-alone"], flown["windmap-weights"], "cost_J")
+    data = _less(flown["windmap-weights"], flown["windmap-measurements"], "cost_J")
+    return (
+        f"**A wind map pays if shared, and data pay more than models.** Energy and 0.05 J a second: {costs}. That "
+        "measurements "
+        f"shared save beside flying straight: {_verdict(saved)}; that averaging maps saves beside keeping them: "
+        f"{_verdict(averaged)}; that measurements save beside averaged maps: {_verdict(data)}."
+    )
+
+
+def _unknown_air(found: Board) -> str:
+    plan, learned = _row(found, "unknown", "plan-ecbf"), _row(found, "unknown", "fed-lspi")
+    if plan is None or learned is None:
+        return ""
+    return (
+        " In an air that nobody was told of, `plan-ecbf`, which cancels the wrong wind, takes "
+        f"{_interval(plan, 'time_s')} s and "
+        f"{_interval(plan, 'energy_J')} J, `fed-lspi`, which learned, {_interval(learned, 'time_s')} s and "
+        f"{_interval(learned, 'energy_J')} J."
+    )
+
+
+def _paper_learner(found: Board) -> str:
+    said = []
+    for speed, kappa in (("", "0.01"), ("-fast", "0.02")):
+        alone, together = _row(found, "paper", f"mfg{speed}-ecbf"), _row(found, "paper", f"mfgfl-h{speed}-ecbf")
+        if alone is None or together is None:
+            continue
+        less = _less(alone, together, "energy_J")
+        said.append(
+            f"at κ = {kappa} {_interval(alone, 'energy_J')} → {_interval(together, 'energy_J')} J at "
+            f"{together.cells['kbit'].mean / alone.cells['kbit'].mean:.1f} times the bits (that it saves: "
+            f"{_verdict(less)})"
+        )
+    return (
+        "**Whether the paper's learner gains by federation depends on how hurried it is.** `mfg` → `mfgfl-h`, both "
+        "behind the "
+        f"filter: {'; '.join(said) or 'not flown'}."
+    )
+
+
+# -- numbers in words ------------------------------------------------------------------------------------------------
+
+
+def _row(found: Board, mission: str, name: str) -> Standing | None:
+    rows: Sequence[Standing] = [
+        row for course in found.courses if course.name == mission for row in course.standings if row.name == name
+    ]
+    return rows[0] if rows and rows[0].cells else None
+
+
+def _less(first: Standing, second: Standing, key: str) -> Estimate:
+    """How much less the second is, paired by seed."""
+    return statistics.difference(first.column(key), second.column(key))
+
+
+def _verdict(less: Estimate) -> str:
+    """Of an expected saving: by its 95 % interval."""
+    if not less.bounded or less.low <= 0.0 <= less.high:
+        return "undecided"
+    return "confirmed" if less.low > 0.0 else "refuted"
+
+
+def _mean(row: Standing, key: str) -> str:
+    return f"{row.cells[key].mean:.2f}" if row.cells[key].mean < 10 else f"{row.cells[key].mean:.1f}"
+
+
+def _interval(row: Standing, key: str) -> str:
+    cell = row.cells[key]
+    half = None if cell.high is None else cell.high - cell.mean
+    digits = 2 if BY_KEY[key].unit == "J" else 1
+    return f"{cell.mean:.{digits}f}" + ("" if half is None else f" ± {half:.{digits}f}")
+
+
+def _free(row: Standing) -> str:
+    cell = row.cells["free"]
+    return f"{round(cell.mean * cell.n)} of {cell.n}"
+
+
+if __name__ == "__main__":
+    main()
