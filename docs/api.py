@@ -31,6 +31,7 @@ SECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "A vehicle": ("How a UAV moves, and what that costs.", ("Vehicle",)),
     "What is installed": ("", ("plugins", "register", "Plugin")),
+    "The mission": ("Where every UAV starts, when and where it goes: known to all of them.", ("mission",)),
     "Randomness": ("For whatever a controller of yours draws.", ("seeds",)),
     "Errors": ("", ("MeanflockError", "BadInput", "RunFailed")),
 }

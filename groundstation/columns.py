@@ -39,8 +39,8 @@ class Column(NamedTuple):
 BEFORE = (
     Column("tick", pa.int32(), "ticks", "number of the tick"),
     Column("sim_time_s", _NUMBER, "s", "simulated time since take-off"),
-    Column("x_m", _STATE, "m", "position of each UAV, from the destination"),
-    Column("y_m", _STATE, "m", "position of each UAV, from the destination"),
+    Column("x_m", _STATE, "m", "position of each UAV, from the origin"),
+    Column("y_m", _STATE, "m", "position of each UAV, from the origin"),
     Column("vx_m_s", _STATE, "m/s", "velocity of each UAV, over ground"),
     Column("vy_m_s", _STATE, "m/s", "velocity of each UAV, over ground"),
     Column("ax_m_s2", _EACH, "m/s²", "commanded acceleration of each UAV in the tick that led here"),

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from meanflock.leader.aggregators.base import Aggregator as Aggregator
     from meanflock.runs import Run as Run
     from meanflock.runs import open_run as open
+    from meanflock.swarm import mission as mission
     from meanflock.swarm import seeds as seeds
     from meanflock.swarm.errors import BadInput as BadInput
     from meanflock.swarm.errors import MeanflockError as MeanflockError
@@ -55,6 +56,7 @@ _WHERE = {  # a name → its module, and what it is called there
     "Vehicle": ("meanflock.worldsim.vehicles.base", "Vehicle"),
     "compare": ("meanflock.comparing", "compare"),
     "fly": ("meanflock.flying", "fly"),
+    "mission": ("meanflock.swarm.mission", ""),
     "open": ("meanflock.runs", "open_run"),
     "plugins": ("meanflock.swarm.plugins", "installed"),
     "register": ("meanflock.swarm.plugins", "register"),
@@ -81,6 +83,7 @@ __all__ = [  # made when asked for
     "Vehicle",
     "compare",
     "fly",
+    "mission",
     "open",
     "plugins",
     "register",
