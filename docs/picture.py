@@ -1,4 +1,4 @@
-"""Draws the README's picture: flies the paper's scenario, opens the recording headless, takes a screenshot.
+"""Draws the README's pictures: flies the paper's scenario, opens the recordings headless, takes screenshots.
 
 Needs a Vulkan driver; without a graphics card: apt-get install mesa-vulkan-drivers libgl1 libegl1.
 """
@@ -6,21 +6,26 @@ Needs a Vulkan driver; without a graphics card: apt-get install mesa-vulkan-driv
 import tempfile
 from pathlib import Path
 
+from meanflock.groundstation import side_by_side
 from meanflock.groundstation.results import RECORDING
 from meanflock.groundstation.run import Options, fly
 from meanflock.groundstation.screenshot import screenshot
 from meanflock.swarm import scenario
 
 AT_S = 40.6  # just after the second round: models on the air, a collision, the flock half-way
-PICTURE = Path(__file__).parent / "pictures" / "swarm.png"
+PICTURES = Path(__file__).parent / "pictures"
+COMPARED = ("mfgfl-hf", "plan")  # the paper's method, and one without learning or radio
 
 
 def main() -> None:
+    PICTURES.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as out:
         run = fly(scenario.load(None, seed=1), Options(out=Path(out), in_process=True))
-        PICTURE.parent.mkdir(exist_ok=True)
-        screenshot(run.folder / RECORDING, PICTURE, at_s=AT_S)
-    print(PICTURE)
+        screenshot(run.folder / RECORDING, PICTURES / "swarm.png", at_s=AT_S)
+        both = Path(out) / "compare.rrd"
+        side_by_side.record({name: scenario.load(None, method=name, seed=1) for name in COMPARED}, both)
+        screenshot(both, PICTURES / "compare.png", at_s=AT_S)
+    print(PICTURES)
 
 
 if __name__ == "__main__":

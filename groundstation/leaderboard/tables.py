@@ -82,11 +82,13 @@ def words(measure: Measure, cell: Cell, flown: int) -> str:
 
 
 def mean(measure: Measure, cell: Cell | None) -> str:
-    """The mean alone, in seven characters."""
+    """The mean alone, in three digits."""
     if cell is None:
         return "–"
     value = (100.0 if measure.key in _PER_CENT else 1.0) * cell.mean
-    return f"{value:.4g}" if abs(value) >= 1.0 else f"{value:.2g}" if abs(value) >= 1e-4 else f"{value:.0f}"
+    if abs(value) >= 100.0 or value == 0.0:
+        return f"{value:.0f}"
+    return f"{value:.3g}" if abs(value) >= 0.1 else f"{value:.3f}"
 
 
 def overview(board: Board) -> tuple[list[str], list[list[Text]]]:
