@@ -259,4 +259,5 @@ _FLOWN_FOR: dict[str, set[str]] = {
     "fig6": {"period"},
     "fig7": {"wind"},
     "fig8": {"offline", "trained"},
+    "map": {"map", "found"},
 }

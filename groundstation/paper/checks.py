@@ -177,7 +177,8 @@ def _rate(view: View, check: Check, found: Findings) -> Tests:
     assert check.threshold is not None
     for subject in _subjects(check):
         estimate = statistics.rate(list(_value(found, view, check, subject, check.at).values()))
-        yield "", below(named(f"{check.metric} a run", subject), estimate, check.threshold, strict=True)
+        limit = check.threshold * (1 + check.tolerance)
+        yield "", below(named(f"{check.metric} a run", subject), estimate, limit, strict=True)
 
 
 def _table(view: View, check: Check, found: Findings, method: str) -> tuple[list[float], Floats]:
@@ -256,7 +257,7 @@ def _best(view: View, check: Check, found: Findings) -> Tests:
         saved = Estimate(1.0 - kept.value, 1.0 - kept.high, 1.0 - kept.low, kept.n)
         if not math.isnan(saved.value):
             what = f"{check.metric}: best of {len(cases)} savings, {case[0]} against {case[1]} at {case[2]}"
-            tests.append((above(what, saved, check.threshold), case))
+            tests.append((above(what, saved, check.threshold * (1 - check.tolerance)), case))
     if not tests:
         found.missing.append(named(check.metric, *check.experiments))
         return

@@ -8,6 +8,7 @@ import msgspec
 from msgspec import Meta, field
 
 Kind = Literal["order", "ratio", "equal", "bound", "share", "rate", "trend", "slope", "point", "best"]
+Basis = Literal["measured", "arithmetic", "calibrated", "by construction"]
 Direction = Literal["lower", "higher", "falling", "rising", "little gain"]
 
 COMPARING = frozenset({"order", "ratio", "slope", "best"})  # kinds that need `against`
@@ -48,9 +49,14 @@ class Check(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class Claim(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A claim: what is said, how it is measured, where, and the checks that decide it."""
+    """A claim: what is said, how it is measured, where, and the checks that decide it.
 
-    id: Annotated[str, Meta(pattern="^C[1-9][0-9]?$")]
+    kind: what a verdict on it rests on. measured: flights. arithmetic: message sizes and periods alone. calibrated: a
+    parameter was chosen with it in view. by construction: it follows from how it is asked.
+    """
+
+    id: Annotated[str, Meta(pattern="^[CO][1-9][0-9]?$")]  # O: our own, about what the paper does not say
+    kind: Basis = "measured"
     figure: str
     statement: str
     metric: str
@@ -66,5 +72,14 @@ class Claim(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 def load() -> list[Claim]:
     """The claims in the order of the paper."""
-    text = files("meanflock.groundstation.paper").joinpath("claims.toml").read_text(encoding="utf-8")
+    return _read("claims.toml")
+
+
+def own() -> list[Claim]:
+    """Claims of our own: why the paper's hold or fail."""
+    return _read("own.toml")
+
+
+def _read(name: str) -> list[Claim]:
+    text = files("meanflock.groundstation.paper").joinpath(name).read_text(encoding="utf-8")
     return msgspec.convert(tomllib.loads(text)["claim"], list[Claim])

@@ -4,12 +4,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 from scipy.stats import qmc
 
+from meanflock.groundstation.paper import search
 from meanflock.groundstation.paper.methods import Method
 from meanflock.swarm.scenario import Scenario, load
 
@@ -22,6 +24,7 @@ PERIODS = (50, 100, 200, 300, 400, 500)
 SIGMAS = (0.1, 0.2, 0.3, 0.4, 0.5)
 TRAINED_SIGMA = 1.5
 TRAINING_SEEDS = 10_000  # the flight that trains has another seed than the flight it trains for
+REPELLED = "cost.separation=5"  # what keeps UAVs half a metre apart; see docs/keys.md
 SEPARATED = (
     "start.spacing=6"  # at 5 m the offline programs pass each other at 0.103 m without wind, at √2 m they collide
 )
@@ -61,6 +64,9 @@ EXPERIMENTS: dict[str, tuple[float, bool]] = {
     "trained": (1.0, True),
     "sensitivity": (1 / 3, False),
     "random": (1 / 6, False),
+    "separation": (1 / 3, False),
+    "map": (0.0, False),  # its two seeds are its own
+    "found": (1.0, False),
 }
 
 
@@ -100,18 +106,20 @@ class Wanted:
     @property
     def traced(self) -> bool:
         """Whether trajectory and weights are kept: the first seed of what figs. 2 and 8 show."""
-        return self.seed == 1 and self.point.experiment in ("s0", "offline", "trained")
+        return self.seed in (1, search.FRESH) and self.point.experiment in ("s0", "offline", "trained")
 
 
 def _seeded(flown: Scenario, seed: int) -> Scenario:
     return msgspec.structs.replace(flown, seed=seed)
 
 
-def points(duration: float = 300.0) -> Iterator[Point]:
-    """Every point of the grid; all fly to `duration` (s), so that φ(175 s) exists and curves have one length."""
+def points(duration: float = 300.0, scenario: Path | None = None) -> Iterator[Point]:
+    """Every point of the grid about a scenario, by default the paper's; all fly to `duration` (s), so that φ(175 s)
+    exists and curves have one length. What surrounds the paper's alone, open parameters and map, is left out of others.
+    """
 
     def fly(method: Method, *settings: str, uavs: int = 25) -> Scenario:
-        return load(None, settings, method=str(method), uavs=uavs, duration=duration, stop="duration")
+        return load(scenario, settings, method=str(method), uavs=uavs, duration=duration, stop="duration")
 
     for method in (*LEARNING, Method.OFFLINE):
         yield Point("s0", fly(method))
@@ -131,6 +139,10 @@ def points(duration: float = 300.0) -> Iterator[Point]:
     yield Point("trained", windy, training=fly(Method.MFGFL_HF))
     yield Point("trained", windy)  # the same wind, untrained
     yield Point("trained", fly(Method.OFFLINE, f"wind.sigma={TRAINED_SIGMA}"))
+    for method in COMPARED:
+        yield Point("separation", fly(method, REPELLED), REPELLED)
+    if scenario is not None:
+        return
     for method, (name, values) in product(COMPARED, FREE.items()):
         for value in values:
             setting = f"{name}={value}"
@@ -138,6 +150,9 @@ def points(duration: float = 300.0) -> Iterator[Point]:
     for settings in random_design():
         for method in COMPARED:
             yield Point("random", fly(method, *settings), ", ".join(settings))
+    for place in search.design():
+        for method in FEDERATED:
+            yield Point("map", fly(method, *place), ", ".join(place))
 
 
 def random_design() -> list[list[str]]:
@@ -148,15 +163,20 @@ def random_design() -> list[list[str]]:
     return [[f"{name}={value:.4g}" for name, value in zip(_RANGES, row, strict=True)] for row in design]
 
 
-def seeds_of(experiment: str, seeds: int) -> range:
-    """1, 2 … : as many as asked for times the experiment's share, at least one."""
-    return range(1, 1 + max(1, round(seeds * EXPERIMENTS[experiment][0])))
+def seeds_of(experiment: str, seeds: int, fresh: bool = False) -> range:
+    """1, 2 … or, `fresh`, 7001, 7002 …: as many as asked for times the experiment's share, at least one."""
+    if experiment == "map":
+        return search.SEEDS
+    first = search.FRESH if fresh or experiment == "found" else 1
+    return range(first, first + max(1, round(seeds * EXPERIMENTS[experiment][0])))
 
 
-def wanted(seeds: int, duration: float = 300.0) -> list[Wanted]:
+def wanted(seeds: int, duration: float = 300.0, scenario: Path | None = None) -> list[Wanted]:
     """Every row of the table of runs. Several rows can be the same run: see `Wanted.key`."""
     return [
         Wanted(point, seed)
-        for point in points(duration)
-        for seed in ((1,) if point.flown.wind.sigma == 0 else seeds_of(point.experiment, seeds))
+        for point in points(duration, scenario)
+        for seed in seeds_of(point.experiment, seeds, scenario is not None)[
+            : 1 if point.flown.wind.sigma == 0 else None
+        ]
     ]

@@ -135,15 +135,20 @@ def transcribe(scenario: Scenario, start: Floats, ticks: int) -> Transcription:
     )
 
 
-def gaps(scenario: Scenario, states: Floats, accelerations: Floats, arrival: NDArray[np.intp]) -> Floats:
+def gaps(
+    scenario: Scenario, states: Floats, accelerations: Floats, arrival: NDArray[np.intp], *, moving: bool = False
+) -> Floats:
     """Realised over optimal cost of every UAV, each over its own time until arrival, or the whole flight, `(N,)`.
 
     Args:
         states: (K + 1, N, 4). accelerations: (K, N, 2). arrival: tick of arrival, −1 for none, (N,).
+            moving: without the distance left at the end, which is arrived with and not flown for.
     """
     result = np.empty(states.shape[1])
     for uav, tick in enumerate(arrival.tolist()):
         ticks = tick if tick > 0 else len(accelerations)
         realised = flight_cost(scenario, states[: ticks + 1, uav], accelerations[:ticks, uav])
-        result[uav] = float(realised) / best_flight(scenario, states[0, uav], ticks).cost
+        last = states[ticks, uav, state.POSITION]
+        left = float(np.linalg.norm(last)) if moving else 0.0
+        result[uav] = (float(realised) - left) / best_flight(scenario, states[0, uav], ticks).cost
     return result

@@ -19,12 +19,21 @@ class Outcome(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Test:
-    """One estimate against one threshold."""
+    """One estimate against one threshold: it should lie in [floor, ceiling], without its ends where strict."""
 
     what: str
     estimate: Estimate
     need: str
     outcome: Outcome
+    floor: float = -math.inf
+    ceiling: float = math.inf
+    strict: bool = False
+
+    @property
+    def met(self) -> bool:
+        """Whether the value itself, without its interval, is where it should be."""
+        value = self.estimate.value
+        return self.floor < value < self.ceiling if self.strict else self.floor <= value <= self.ceiling
 
     def __str__(self) -> str:
         return f"{self.what} = {show(self.estimate)}, needs {self.need}"
@@ -43,31 +52,44 @@ def below(what: str, estimate: Estimate, limit: float, strict: bool = False) -> 
     """Holds if the whole interval is ≤ `limit` (< if strict), fails if all of it is not."""
     sign, at_limit = ("<", estimate.low == limit) if strict else ("≤", False)
     holds = estimate.high < limit or (not strict and estimate.high == limit)
-    return _judge(what, estimate, f"{sign} {limit:.4g}", holds, estimate.low > limit or at_limit)
+    return _judge(
+        what, estimate, f"{sign} {limit:.4g}", holds, estimate.low > limit or at_limit, -math.inf, limit, strict
+    )
 
 
 def above(what: str, estimate: Estimate, limit: float, strict: bool = False) -> Test:
     """Holds if the whole interval is ≥ `limit` (> if strict), fails if all of it is not."""
     sign, at_limit = (">", estimate.high == limit) if strict else ("≥", False)
     holds = estimate.low > limit or (not strict and estimate.low == limit)
-    return _judge(what, estimate, f"{sign} {limit:.4g}", holds, estimate.high < limit or at_limit)
+    return _judge(
+        what, estimate, f"{sign} {limit:.4g}", holds, estimate.high < limit or at_limit, limit, math.inf, strict
+    )
 
 
 def within(what: str, estimate: Estimate, low: float, high: float) -> Test:
     """Holds if the whole interval lies in [low, high], fails if all of it lies outside on one side."""
     inside = estimate.low >= low and estimate.high <= high
     outside = estimate.low > high or estimate.high < low
-    return _judge(what, estimate, f"in [{low:.4g}, {high:.4g}]", inside, outside)
+    return _judge(what, estimate, f"in [{low:.4g}, {high:.4g}]", inside, outside, low, high)
 
 
-def _judge(what: str, estimate: Estimate, need: str, holds: bool, fails: bool) -> Test:
+def _judge(
+    what: str,
+    estimate: Estimate,
+    need: str,
+    holds: bool,
+    fails: bool,
+    floor: float,
+    ceiling: float,
+    strict: bool = False,
+) -> Test:
     if math.isnan(estimate.value) or (estimate.n < 2 and estimate.low != estimate.high):
         outcome = Outcome.UNKNOWN
     elif holds:
         outcome = Outcome.HOLDS
     else:
         outcome = Outcome.FAILS if fails else Outcome.UNDECIDED
-    return Test(what, estimate, need, outcome)
+    return Test(what, estimate, need, outcome, floor, ceiling, strict)
 
 
 _WORST_FIRST = (Outcome.FAILS, Outcome.UNDECIDED, Outcome.UNKNOWN)

@@ -76,6 +76,8 @@ def _look(flight: Flight, diagnostics: Floats, models: Floats) -> Seen:
         diagnostics=_by_name(scenario.declared.diagnostics, diagnostics),
         leader_value=value[scenario.federation.leader].copy(),
         weight_spread=weight_spread(models[alive]) if alive.any() else np.nan,
+        value_spread=weight_spread(value[alive]) if alive.any() else np.nan,
+        density_spread=weight_spread(density[alive]) if alive.any() and learns_density else np.nan,
         value_norm_max=_largest_norm(value),
         density_norm_max=_largest_norm(density) if learns_density else np.nan,
     )

@@ -40,6 +40,7 @@ SERIES = (
     "bits",
     "hjb_abs_mean",
     "hjb_abs_max",
+    "hjb_abs_leader",
     "fpk_abs_mean",
     "fpk_abs_max",
     "phi_G",
@@ -48,6 +49,8 @@ SERIES = (
     "to_go_mean_m",
     "pair_distance_m",
     "weight_spread",
+    "value_spread",
+    "density_spread",
     "leader_value_norm",
     "leader_value_step",
     "value_norm_max",
@@ -106,6 +109,8 @@ class Seen:
     diagnostics: Floats  # (N, 3): e_H, e_F, φ_G of the tick that led here
     leader_value: Floats  # ŵ_H of the leader UAV, (108,)
     weight_spread: Any
+    value_spread: Any
+    density_spread: Any
     value_norm_max: Any
     density_norm_max: Any
 
@@ -142,6 +147,7 @@ def series_of(scenario: Scenario, seen: Seen, sums: Sums) -> dict[str, Floats]:
         "bits": sums.bits[tick],
         "hjb_abs_mean": size[..., 0].mean(axis=1),
         "hjb_abs_max": size[..., 0].max(axis=1),
+        "hjb_abs_leader": size[:, scenario.federation.leader, 0],
         "fpk_abs_mean": size[..., 1].mean(axis=1),
         "fpk_abs_max": size[..., 1].max(axis=1),
         "phi_G": _in_parts(lambda part: _interaction(part, scenario), states),
@@ -150,6 +156,8 @@ def series_of(scenario: Scenario, seen: Seen, sums: Sums) -> dict[str, Floats]:
         "to_go_mean_m": np.sqrt((position * position).sum(axis=-1)).mean(axis=1),
         "pair_distance_m": _in_parts(_pair_distance, states),
         "weight_spread": seen.weight_spread,
+        "value_spread": seen.value_spread,
+        "density_spread": seen.density_spread,
         "leader_value_norm": np.sqrt((value * value).sum(axis=-1)),
         "leader_value_step": np.sqrt((np.diff(value, axis=0, prepend=np.nan) ** 2).sum(axis=-1)),
         "value_norm_max": seen.value_norm_max,
@@ -180,6 +188,10 @@ def scalars_of(flight: Flight, series: dict[str, Floats], sums: Sums) -> dict[st
             figures = (*sums.phi(tick, scenario.uavs), sums.bits[tick], sums.collisions[tick])
         for column, figure in zip(CUMULATIVE, figures, strict=True):
             result[f"{column}_{name}"] = None if figure is None or np.isnan(figure) else float(figure)
+        share = result[f"phi_C_distinct_{name}"]
+        result[f"neighbours_{name}"] = None if share is None else share * (scenario.uavs - 1)
+    for name in ("value_spread", "density_spread"):
+        result[f"{name}_final"] = float(series[name][-1]) if np.isfinite(series[name][-1]) else None
     return result | _windows(series) | _extremes(series)
 
 
@@ -217,6 +229,8 @@ def _windows(series: dict[str, Floats]) -> dict[str, Scalar]:
         "phi_G_learned_125": ("phi_G_learned", 0, 125),
         "pair_distance_125": ("pair_distance_m", 0, 125),
         "hjb_abs_early": ("hjb_abs_mean", 0, 25),
+        "hjb_abs_middle": ("hjb_abs_mean", 25, 100),
+        "fpk_abs_middle": ("fpk_abs_mean", 25, 100),
         "hjb_abs_late": ("hjb_abs_mean", 150, 175),
         "fpk_abs_early": ("fpk_abs_mean", 0, 25),
         "fpk_abs_late": ("fpk_abs_mean", 150, 175),
@@ -234,6 +248,11 @@ def _windows(series: dict[str, Floats]) -> dict[str, Scalar]:
 def _extremes(series: dict[str, Floats]) -> dict[str, Scalar]:
     """Largest value of a column; None where it is unknown."""
     names = {"value_norm_max", "density_norm_max", "state_norm_max"}
-    columns = {name: name for name in sorted(names)} | {"speed_max_all_m_s": "speed_max_m_s"}
+    columns = {name: name for name in sorted(names)} | {
+        "speed_max_all_m_s": "speed_max_m_s",
+        "hjb_abs_mean_max": "hjb_abs_mean",
+        "hjb_abs_leader_max": "hjb_abs_leader",
+        "fpk_abs_mean_max": "fpk_abs_mean",
+    }
     finite = {name: series[column][np.isfinite(series[column])] for name, column in columns.items()}
     return {name: float(values.max()) if len(values) else None for name, values in finite.items()}

@@ -5,6 +5,7 @@ All flights of the grid go on to `duration` (300 s) whatever arrives, so every c
 
 Coordinates, in every table
     experiment    s0 | uavs | period | period-tied | wind | offline | trained | sensitivity | random
+                  | map | found
     method        hjb | mfg | mfgfl-h | mfgfl-f | mfgfl-hf | offline
     uavs          N
     period        n0, ticks; null where the method has no rounds
@@ -30,9 +31,13 @@ runs.parquet adds (scalars of the summary, same names and meaning as in summary.
     {phi_A, phi_C, phi_C_distinct, bits, collisions}_{175, tavg, mission}    the cumulative figure at t = 175 s, at
                   T_avg (rounded to its tick; null if nobody arrived), at the end of the mission (last arrival, or
                   `duration` if one never arrived: what a flight with stop = "arrival" reports)
+    neighbours_{175, tavg, mission} φ_C of distinct pairs times N − 1: how many a UAV has within r_C, on average
+    hjb_abs_mean_max, hjb_abs_leader_max, fpk_abs_mean_max   largest, over whole seconds, of the mean over UAVs of
+                  |e_H|, of |e_H| of the leader UAV, of the mean of |e_F|
+    value_spread_final, density_spread_final   weight_spread of either half of the model, at the end
     phi_G_125, phi_G_learned_125    mean over 0…125 s of phi_G, phi_G_learned below (per second)
     pair_distance_125               mean over 0…125 s of the mean distance of distinct pairs, m
-    {hjb_abs, fpk_abs}_{early, late}   mean |e| over all UAVs and 0…25 s, 150…175 s (per second)
+    {hjb_abs, fpk_abs}_{early, middle, late}   mean |e| over all UAVs and 0…25 s, 25…100 s, 150…175 s (per second)
     leader_value_step_late          mean over 125…175 s of leader_value_step below
     value_norm_max, density_norm_max, state_norm_max   largest ‖·‖ of any UAV at any whole second
     speed_max_all_m_s               largest speed of any UAV at any whole second, arrived ones included
@@ -47,13 +52,15 @@ series.parquet adds, at whole seconds t_s = 0, 1 … duration, over all UAVs whe
     near_pairs                                  distinct pairs within r_C now
     collisions, arrived, lost                   so far
     bits                                        payload so far
-    hjb_abs_mean, hjb_abs_max, fpk_abs_mean, fpk_abs_max   |e_H|, |e_F| of the tick that led here (row 0: null)
+    hjb_abs_mean, hjb_abs_max, hjb_abs_leader, fpk_abs_mean, fpk_abs_max   |e_H|, |e_F| of the tick that led here (row
+                  0: null)
     phi_G           mean over UAVs of the empirical φ_G of the true states
     phi_G_learned   mean over UAVs of the φ_G they act on (m̂'s, or of the received states for hjb; row 0: null)
     distance_mean_m                             flown, until own arrival
     to_go_mean_m                                mean ‖r‖
     pair_distance_m                             mean distance of distinct pairs; null for N = 1
-    weight_spread                               root-mean-square distance of the N models from their mean
+    weight_spread, value_spread, density_spread   root-mean-square distance of the N models, or of their parts, from
+                  the mean
     leader_value_norm, leader_value_step        ‖ŵ_H‖ of the leader UAV; its change ‖ŵ_H(t) − ŵ_H(t − 1 s)‖
     value_norm_max, density_norm_max, state_norm_max    largest of any UAV
 

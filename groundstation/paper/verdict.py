@@ -16,6 +16,7 @@ from meanflock.groundstation.paper import claims
 from meanflock.groundstation.paper.checks import Findings, named, run_check
 from meanflock.groundstation.paper.claims import Claim
 from meanflock.groundstation.paper.outcome import Outcome, Test, all_of
+from meanflock.groundstation.paper.single import single_flights
 from meanflock.groundstation.paper.tables import Results
 from meanflock.groundstation.paper.view import View
 
@@ -30,7 +31,7 @@ VERDICTS = {
 
 def judge(view: View, claim: Claim) -> dict[str, Any]:
     """The record of one claim; see `evaluate`."""
-    found = Findings()
+    found, flights = Findings(), single_flights(view, claim)
     outcomes = [run_check(view, check, found) for check in claim.check]
     if claim.untestable:
         verdict, reason = NOT_TESTABLE, claim.untestable
@@ -43,6 +44,8 @@ def judge(view: View, claim: Claim) -> dict[str, Any]:
         "statement": claim.statement,
         "metric": claim.metric,
         "scenario": claim.scenario,
+        "kind": claim.kind,
+        "single_flights": None if flights is None else list(flights),
         "value": _plain({key: estimate.value for key, estimate in found.values.items()}),
         "ci95": _plain({key: [estimate.low, estimate.high] for key, estimate in found.values.items()}),
         "threshold": list(dict.fromkeys(test.need for test in found.tests)),
@@ -110,16 +113,17 @@ def _plain(values: dict[tuple[str, str, str], Any]) -> Any:
 
 
 def evaluate(results: Results, measured: Mapping[str, Sequence[float]] | None = None) -> list[dict[str, Any]]:
-    """A record for every claim, in order.
+    """A record for every claim of the paper, in order, and then of our own.
 
     Args:
         results: the tables of the grid. measured: what `measure.measure` found; without it the claims of the
             propositions are not testable.
 
-    Each has id, figure, statement, metric, scenario, value and ci95 (a number and its interval, or a dict of them by
+    Each has id, figure, statement, metric, scenario, kind (see `claims.Claim`), single_flights ([k, n]: it holds in
+    k of n, or None where one flight cannot say), value and ci95 (a number and its interval, or a dict of them by
     whatever tells them apart: metric, method, point of the grid), threshold (what the tests need), verdict, reason,
     and tests: every comparison with its interval, the number of seeds, and its outcome: holds, fails, undecided or
     unknown.
     """
     view = View.of(results, measured)
-    return [judge(view, claim) for claim in claims.load()]
+    return [judge(view, claim) for claim in (*claims.load(), *claims.own())]
