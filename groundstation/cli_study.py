@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from meanflock.groundstation.cli_arguments import scenario_arguments
 from meanflock.groundstation.doctor import tell_if_slow
 from meanflock.groundstation.durable import check_folder
-from meanflock.swarm import scenario
+from meanflock.swarm import scenario, scenarios
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 
@@ -211,16 +211,26 @@ def _show(
 @click.option(
     "--seeds", type=click.IntRange(1), default=30, show_default=True, metavar="K", help="A point; 2: a quick look."
 )
-@click.option("--only", multiple=True, metavar="FIG", help="fig2 … fig8, repeatable: only what these need.")
+@click.option("--only", multiple=True, metavar="FIG", help="fig2 … fig8, map; repeatable: only what these need.")
+@click.option(
+    "--scenario", "name", metavar="NAME", help="paper-slow, paper-printed or a file: judge it in the paper's place."
+)
 @jobs_option
 @click.option("--backend", type=click.Choice(["loky", "dask"]), default="loky", show_default=True)
 @click.option("--scheduler", metavar="ADDRESS", help="Of dask, e.g. tcp://127.0.0.1:8786.")
-@out_option("out/paper")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="[default: out/paper, or out/NAME]")
 @quiet_option
 def paper(
-    seeds: int, only: tuple[str, ...], jobs: int, backend: str, scheduler: str | None, out: Path, quiet: bool
+    seeds: int,
+    only: tuple[str, ...],
+    name: str | None,
+    jobs: int,
+    backend: str,
+    scheduler: str | None,
+    out: Path | None,
+    quiet: bool,
 ) -> None:
-    """Fly the paper's whole grid.
+    """Fly the paper's whole grid, or the same grid about another scenario.
 
     It writes figures, tables, and a verdict for each of the paper's claims.
 
@@ -234,21 +244,29 @@ def paper(
     from meanflock.groundstation.paper.report import counts, write_report
     from meanflock.groundstation.paper.verdict import evaluate
 
-    wanted = [f"fig{name.removeprefix('fig')}" for name in only] or None
+    wanted = [asked if asked in FIGURES else f"fig{asked.removeprefix('fig')}" for asked in only] or None
     unknown = sorted(set(wanted or ()) - set(FIGURES))
     if unknown:
         raise BadInput(f"--only {', '.join(unknown)}: no such figure; there are {', '.join(FIGURES)}")
-    experiments = set().union(*(_FLOWN_FOR[name] for name in wanted)) if wanted else None
+    file = None if name in (None, "paper") else _scenario_file(str(name))
+    base = scenario.load(file)
+    out = out or Path("out") / (file.stem if file else "paper")
+    experiments = set().union(*(_FLOWN_FOR[figure] for figure in wanted)) if wanted else None
     tell_if_slow()
-    results = run_grid(out, seeds, experiments, jobs, backend, scheduler, quiet)
+    results = run_grid(out, seeds, experiments, jobs, backend, scheduler, quiet, scenario=file)
     with progress_of("theory", quiet) as progress:
-        theory = measured(out, jobs=jobs, progress=progress)
+        theory = measured(out, jobs=jobs, progress=progress, scenario=base)
     records = evaluate(results, theory)
     draw(results, out / "figures", wanted)
     paths = write_report(results, records, out, theory)
     for verdict, number in counts(records).items():
         click.echo(f"{verdict}: {number}", err=True)
     _report(paths)
+
+
+def _scenario_file(name: str) -> Path:
+    """A file, or a scenario that comes with meanflock."""
+    return Path(name) if name.endswith(".toml") else scenarios.FOLDER / f"{name}.toml"
 
 
 _FLOWN_FOR: dict[str, set[str]] = {

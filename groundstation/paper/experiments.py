@@ -37,6 +37,7 @@ def run_grid(
     scheduler: str | None = None,
     quiet: bool = False,
     plan: Sequence[Wanted] | None = None,
+    scenario: Path | None = None,
 ) -> Results:
     """Flies what is missing of the grid and makes the tables of all that is there.
 
@@ -44,7 +45,8 @@ def run_grid(
         out: results go to `out/data`. seeds: per point; S0 gets 10/3 as many, sensitivity 1/3, random 1/6.
         only: names of experiments to fly now; None for all. Other experiments' finished runs stay in the tables.
         jobs: processes, -1 for one a core. backend: "loky", or "dask" with the address of a `scheduler`.
-        quiet: no progress. plan: runs to fly in the place of the grid.
+        quiet: no progress. plan: runs to fly in the place of the grid. scenario: what the grid is about, a
+            file; by default the paper's. Every other one needs a folder of its own, and flies fresh seeds, 7001 and on.
 
     Raises:
         BadInput: an unknown experiment or backend, or a folder that cannot be written.
@@ -58,7 +60,7 @@ def run_grid(
         raise BadInput(f"backend {backend!r}: loky without a scheduler, or dask with the address of one")
     if seeds < 1:
         raise BadInput(f"{seeds} seeds: at least one")
-    table = list(wanted(seeds) if plan is None else plan)
+    table = list(wanted(seeds, scenario=scenario) if plan is None else plan)
     store = Store(out)
     finished = store.finished()
     missing = to_do([run for run in table if only is None or run.point.experiment in only], finished)

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from meanflock.groundstation import plotstyle
 from meanflock.groundstation.paper.figures_curves import residuals, six_panels
 from meanflock.groundstation.paper.figures_grids import against_period, against_uavs, against_wind
+from meanflock.groundstation.paper.figures_map import regime_map
 from meanflock.groundstation.paper.figures_paths import offline, trajectories
 from meanflock.groundstation.paper.tables import Results
 from meanflock.groundstation.paper.view import View
@@ -40,7 +41,17 @@ FIGURES: dict[str, tuple[Callable[[View], Figure | None], str]] = {
         "A programmed swarm without and with random wind, and one trained at σ = 0.1 that flies at σ = 1.5 (seed 1 "
         "each); stars are collisions.",
     ),
+    "map": (
+        regime_map,
+        "Every setting of the designed search: how many of the claims about motion hold in its flights. Crosses: half "
+        "or more of the UAVs never arrive. Rings: the three scenarios.",
+    ),
 }
+
+
+def titled(name: str) -> str:
+    """`Figure 3`, or `Map`."""
+    return f"Figure {name.removeprefix('fig')}" if name.startswith("fig") else name.capitalize()
 
 
 def draw(results: Results, out: Path, only: Iterable[str] | None = None) -> list[Path]:
@@ -52,7 +63,7 @@ def draw(results: Results, out: Path, only: Iterable[str] | None = None) -> list
     Raises:
         BadInput: a figure that does not exist was asked for.
     """
-    asked = list(FIGURES) if only is None else [f"fig{each.removeprefix('fig')}" for each in only]
+    asked = list(FIGURES) if only is None else [e if e in FIGURES else f"fig{e.removeprefix('fig')}" for e in only]
     unknown = sorted(set(asked) - set(FIGURES))
     if unknown:
         raise BadInput(f"no figure is called {', '.join(unknown)}; there are {', '.join(FIGURES)}")

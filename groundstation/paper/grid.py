@@ -153,6 +153,9 @@ def points(duration: float = 300.0, scenario: Path | None = None) -> Iterator[Po
     for place in search.design():
         for method in FEDERATED:
             yield Point("map", fly(method, *place), ", ".join(place))
+    for place in search.best():
+        for method in COMPARED:
+            yield Point("found", fly(method, *place), ", ".join(place))
 
 
 def random_design() -> list[list[str]]:

@@ -154,10 +154,12 @@ def measured(
     seconds: float = LONG_S,
     jobs: int = -1,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    scenario: Scenario | None = None,
 ) -> dict[str, list[float]]:
-    """`measure` of the paper's scenario, unless `out`/data already holds it for this code, these seeds and seconds."""
+    """`measure` of the paper's scenario, or of the one the folder is for, unless `out`/data holds it for this code,
+    these seeds and seconds."""
     known = load_measured(out, list(seeds), seconds)
     if not known:
-        known = measure(seeds, seconds, jobs=jobs, progress=progress)
+        known = measure(seeds, seconds, scenario, jobs=jobs, progress=progress)
         keep_measured(out, known, seeds, seconds)
     return known

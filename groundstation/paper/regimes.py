@@ -9,14 +9,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import msgspec
-import pyarrow as pa
-import pyarrow.compute as pc
 
 from meanflock.groundstation.paper import claims
 from meanflock.groundstation.paper.claims import Claim
 from meanflock.groundstation.paper.search import MULTINOMIAL
-from meanflock.groundstation.paper.single import has_single_flights, single_flights
-from meanflock.groundstation.paper.tables import Results
+from meanflock.groundstation.paper.single import counted, has_single_flights
 from meanflock.groundstation.paper.view import View
 
 MAP, FOUND = "map", "found"
@@ -53,25 +50,24 @@ class Place:
         return "federation.period" not in self.setting
 
 
-def places(results: Results, experiment: str = MAP) -> list[Place]:
-    """Every setting of the map that was flown, in the order of the design."""
-    runs = results.runs.filter(pc.equal(results.runs["experiment"], experiment))
-    found = []
-    for setting in dict.fromkeys(runs["setting"].to_pylist()):
-        own = runs.filter(pc.equal(runs["setting"], setting))
-        view = View.of(_as_s0(own, results))
-        flown = set(own["method"].to_pylist())
-        held = {}
-        for claim in judged(flown):
-            counts = single_flights(view, claim)
-            held[claim.id] = counts or (0, len(set(own["seed"].to_pylist())))  # a flight that has no such number
-        subject = own.filter(pc.equal(own["method"], "mfgfl-hf"))
-        arrived = pc.sum(subject["arrived"]).as_py() / max(1, pc.sum(subject["uavs"]).as_py())
-        found.append(Place(setting, held, 1.0 - arrived))
+def places(view: View, experiment: str = MAP) -> list[Place]:
+    """Every setting of the map that was flown, in the order of the tables."""
+    runs, found = view.runs.where(experiment=experiment), []
+    if not len(runs):
+        return []
+    claimed = judged(set(runs.distinct("method")), experiment)
+    for setting in dict.fromkeys(runs["setting"].tolist()):
+        own = runs.where(setting=setting)
+        flights = len(own.distinct("seed"))
+        there = View(own, view.series, view.trajectories, view.weights, {})
+        # A flight that has not the number a claim is about, as none of a UAV that diverged, is one it does not hold in.
+        held = {claim.id: counted(there, claim) or (0, flights) for claim in claimed}
+        subject = own.where(method="mfgfl-hf")
+        found.append(Place(setting, held, 1.0 - float(subject["arrived"].sum() / subject["uavs"].sum())))
     return found
 
 
-def judged(flown: set[str]) -> list[Claim]:
+def judged(flown: set[str], experiment: str = MAP) -> list[Claim]:
     """The claims that count, each with the comparisons the methods flown allow."""
     kept = []
     for claim in claims.load():
@@ -81,14 +77,14 @@ def judged(flown: set[str]) -> list[Claim]:
         for check in claim.check:
             subject, against = _of(check.subject, flown), _of(check.against, flown)
             if subject and (against or not check.against):
-                checks.append(msgspec.structs.replace(check, subject=subject, against=against))
+                checks.append(msgspec.structs.replace(check, subject=subject, against=against, experiment=experiment))
         if checks:
             kept.append(msgspec.structs.replace(claim, check=tuple(checks)))
     return kept
 
 
 def best(found: list[Place], count: int = 10) -> list[Place]:
-    """The settings of the highest scores in which most arrive; among equal ones those where more do, then the earlier."""
+    """The settings of the highest scores in which most arrive; among equals those where more do, then the earlier."""
     most = [place for place in found if place.never_arrived < FEW_ARRIVE]
     return sorted(most, key=lambda place: (-place.score, place.never_arrived))[:count]
 
@@ -111,10 +107,3 @@ def _of_motion(claim: Claim) -> bool:
 
 def _of(names: tuple[str, ...], flown: set[str]) -> tuple[str, ...]:
     return tuple(name for name in names if name in flown)
-
-
-def _as_s0(runs: pa.Table, results: Results) -> Results:
-    for name, value in (("experiment", "s0"), ("setting", "")):
-        place = runs.schema.get_field_index(name)
-        runs = runs.set_column(place, runs.schema.field(name), pa.array([value] * runs.num_rows, pa.string()))
-    return Results(runs, *(table.slice(0, 0) for table in (results.series, results.trajectories, results.weights)))

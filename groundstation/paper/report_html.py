@@ -7,6 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from meanflock.groundstation.paper import figures
 from meanflock.groundstation.paper.figures import FIGURES
 from meanflock.groundstation.paper.report_claims import RULE, interval_text, values
 from meanflock.groundstation.paper.report_sections import Section, Table
@@ -51,7 +52,7 @@ def _figure(name: str, path: Path) -> str:
     said = escape(FIGURES[name][1])
     return (
         f"<figure id='{name}'><img alt='{said}' src='data:image/png;base64,{data}'>"
-        f"<figcaption><b>Figure {name[3:]}.</b> {said}</figcaption></figure>"
+        f"<figcaption><b>{figures.titled(name)}.</b> {said}</figcaption></figure>"
     )
 
 

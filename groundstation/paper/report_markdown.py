@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from meanflock.groundstation.paper import figures
 from meanflock.groundstation.paper.figures import FIGURES
 from meanflock.groundstation.paper.report_claims import RULE, values
 from meanflock.groundstation.paper.report_sections import Section, Table
@@ -55,7 +56,7 @@ def markdown(
     lines += ["", "## Figures", ""]
     for name, path in drawn.items():
         where = path.relative_to(out) if path.is_relative_to(out) else path
-        lines += [f"![{name}]({where.as_posix()})", "", f"**Figure {name[3:]}.** {FIGURES[name][1]}", ""]
+        lines += [f"![{name}]({where.as_posix()})", "", f"**{figures.titled(name)}.** {FIGURES[name][1]}", ""]
     for heading, words, table in sections:
         lines += [f"## {heading}", "", words, "", *_table(table), ""]
     return "\n".join(lines)

@@ -4,6 +4,9 @@ A Latin hypercube over the scales of the features, κ, c_H, the coefficients of 
 The rule by which settings are ranked is in docs/reproduction.md, and was written before its fresh seeds flew.
 """
 
+import tomllib
+from importlib.resources import files
+
 import numpy as np
 from scipy.stats import qmc
 
@@ -29,6 +32,12 @@ def design() -> list[tuple[str, ...]]:
     """The settings of the search: those known before, then the hypercube's."""
     places = qmc.LatinHypercube(6, rng=_DESIGN_SEED).random(SETTINGS)
     return [*KNOWN, *(_settings(row) for row in places)]
+
+
+def best() -> list[tuple[str, ...]]:
+    """The ten settings of the highest score; `regimes.best` found them, and docs/reproduction.md has the rule."""
+    text = files("meanflock.groundstation.paper").joinpath("best.toml").read_text(encoding="utf-8")
+    return [tuple(settings) for settings in tomllib.loads(text)["settings"]]
 
 
 def _settings(place: np.ndarray) -> tuple[str, ...]:

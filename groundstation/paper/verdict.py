@@ -3,9 +3,10 @@
 The rule, the same for every claim. A check **holds** if the whole 95 % interval over seeds lies on the claimed side of
 its threshold, **fails** if the whole interval lies on the other side, and is **undecided** if the threshold lies in the
 interval. A claim is **reproduced** if each of its checks holds, **not reproduced** if one fails, and **undecided** if
-none fails and one is undecided. It is **not testable** if it says why no data could decide, or if the data for it are
-missing or come from a single seed. Seeds are paired between methods. A best case ("up to") is the comparison with the
-largest lower bound, its interval widened (Bonferroni) to hold for all comparisons at once; it fails only if all do.
+none fails and one is undecided, or left open for want of data. It is **not testable** if it says why no data could
+decide, or if all data for it are missing or come from a single seed. Seeds are paired between methods. A best case
+("up to") is the comparison with the largest lower bound, its interval widened (Bonferroni) to hold for all comparisons
+at once; it fails only if all do.
 """
 
 import math
@@ -36,7 +37,10 @@ def judge(view: View, claim: Claim) -> dict[str, Any]:
     if claim.untestable:
         verdict, reason = NOT_TESTABLE, claim.untestable
     else:
-        verdict = VERDICTS[all_of(outcomes)]
+        outcome = all_of(outcomes)
+        if outcome is Outcome.UNKNOWN and Outcome.HOLDS in outcomes:  # one check is left open: so is the claim
+            outcome = Outcome.UNDECIDED
+        verdict = VERDICTS[outcome]
         reason = _reason(verdict, found)
     return {
         "id": claim.id,
@@ -82,6 +86,9 @@ def _reason(verdict: str, found: Findings) -> str:
             f"{len(open_)} undecided" if failed else f"{len(open_)} of {len(tests)} comparisons are undecided"
         )
     count = f"{', '.join(shares)}; " if len(tests) > 1 else ""
+    if verdict == UNDECIDED and not open_:
+        lacking = "; ".join(dict.fromkeys(found.missing[:3]))
+        return f"{len(held)} of {len(tests)} comparisons hold; of others there are no data: {lacking}"
     if verdict == UNDECIDED:
         return f"{count}the data leave it open: {open_[0]}"
     return f"{count}the data speak against it: {failed[0]}"

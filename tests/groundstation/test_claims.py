@@ -56,11 +56,11 @@ def test_a_check_that_lacks_what_its_kind_needs_is_refused(broken: dict[str, Any
 
 def test_without_data_nothing_is_testable_and_every_record_is_whole() -> None:
     records = evaluate(results([row("nothing", HF, 1)]))
-    assert len(records) == 53
+    assert [record["id"] for record in records] == [*(f"C{k}" for k in range(1, 54)), *(f"O{k}" for k in range(1, 5))]
     for record in records:
         assert record["verdict"] == NOT_TESTABLE
         assert len(record["reason"]) > 5
-        assert {"id", "figure", "statement", "metric", "scenario", "value", "ci95", "threshold"} <= set(record)
+        assert {"id", "figure", "statement", "metric", "scenario", "value", "ci95", "threshold", "kind"} <= set(record)
 
 
 def test_claims_no_data_can_decide_say_why_and_still_show_what_there_is() -> None:
@@ -69,6 +69,14 @@ def test_claims_no_data_can_decide_say_why_and_still_show_what_there_is() -> Non
     assert "α = 0" in records["C51"]["reason"]
     assert records["C51"]["value"][HF] < records["C51"]["value"][HJB]
     assert records["C53"]["verdict"] == NOT_TESTABLE
+
+
+def test_a_claim_of_which_one_check_has_no_data_is_undecided() -> None:
+    """Frequent collisions of hjb are there, the traffic that C52 also speaks of is not."""
+    flown = [*noisy("energy_mean_J", {"mfg": 1.0, HJB: 2.0}), *noisy("nothing", {HF: 1.0})]
+    record = {r["id"]: r for r in evaluate(results(flown))}["C52"]
+    assert record["verdict"] == UNDECIDED
+    assert "no data" in record["reason"]
 
 
 # -- one test a kind, both ways and undecided ------------------------------------------------------------

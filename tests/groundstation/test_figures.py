@@ -21,6 +21,7 @@ from meanflock.groundstation.paper.view import Frame, View, keep_measured, load_
 from meanflock.groundstation.run import Options, fly
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import load
+from tests.groundstation.map_rows import map_rows
 from tests.groundstation.synthetic import results, row
 
 METRICS = ("energy_mean_J", "t_avg_censored_s", "phi_A_tavg", "phi_C_tavg")
@@ -96,7 +97,7 @@ def _traces() -> tuple[pa.Table, pa.Table]:
 @pytest.fixture(scope="module")
 def tables() -> Results:
     trajectories, weights = _traces()
-    return results(_runs(), series=_series(), trajectories=trajectories, weights=weights)
+    return results([*_runs(), *map_rows()], series=_series(), trajectories=trajectories, weights=weights)
 
 
 @pytest.fixture(scope="module")
