@@ -8,6 +8,7 @@ hand; tests/groundstation/test_published.py holds its numbers to the two files.
 
 import json
 import sys
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from typing import Any
 from meanflock.groundstation.paper import regimes, statistics
 from meanflock.groundstation.paper.figures import draw
 from meanflock.groundstation.paper.store import load
+from meanflock.groundstation.paper.verdict import NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, UNDECIDED
 from meanflock.groundstation.paper.view import View
 
 DOCS = Path(__file__).parent
@@ -22,6 +24,7 @@ PAGE = DOCS / "reproduction.md"
 OTHERS = ("paper-slow", "paper-printed")
 OF_A_SCENARIO = ("verdict", "reason", "value", "ci95", "single_flights", "tests")
 BEGIN, END = "<!-- table: docs/reproduction.py -->", "<!-- end of table -->"
+FINDINGS = "<!-- findings: docs/reproduction.py -->", "<!-- end of findings -->"
 METHODS = ("hjb", "mfgfl-h", "mfgfl-f", "mfgfl-hf")
 Record = dict[str, Any]
 
@@ -50,7 +53,74 @@ def table(records: Sequence[Record]) -> list[str]:
 
 def _cell(record: Mapping[str, Any]) -> str:
     single = record["single_flights"]
+    if record["reason"].startswith("no data"):
+        return "not flown"
     return f"{record['verdict']}{'' if single is None else f', {single[0]} of {single[1]}'}"
+
+
+def findings(records: Sequence[Record], described: Record) -> list[str]:
+    """The page's first screen: every number in it comes from the two files."""
+    by_id = {record["id"]: record for record in records}
+    scores = sorted((place["score"] for place in described["settings"]), reverse=True)
+    kept = sorted((p["score"] for p in described["settings"] if p["never_arrived"] < regimes.FEW_ARRIVE), reverse=True)
+    default = next(place["score"] for place in described["settings"] if not place["setting"])
+    counts = {name: counted(records, name) for name in ("paper", *OTHERS)}
+    lucky = f"C13 holds there in {_flights(by_id['C13'], 'paper-printed')} single flights"
+    equal = {name: _ratio(by_id["O1"], name) for name in ("t_avg_censored_s", "energy_mean_J")}
+    held = f"{counts['paper'][REPRODUCED]} of 53 claims**, {counts['paper'][NOT_REPRODUCED]} not"
+    few = f"{counts['paper'][UNDECIDED]} are undecided, {counts['paper'][NOT_TESTABLE]} cannot be tested"
+    of_motion = f"{len(described['claims'])} claims about motion, each counted by its share of flights"
+    lines = [
+        f"**The default reproduces {held}, {few}.",
+        f"**No setting reproduces the paper.** Of {len(scores)} settings none holds more than {kept[0]:.1f} of "
+        f"{of_motion}; the tenth best {kept[9]:.1f}, the default {default:.1f}.",
+        "**Slow steering is where the headline holds** (`paper-slow`: L_v = 80 m/s, κ = 0.04). Sharing both models "
+        f"costs the least energy of all methods in {_flights(by_id['O5'], 'paper-slow')} fresh flights "
+        f"({_energies(by_id['O5'], 'paper-slow')}), at the default in {_flights(by_id['O5'], None)} "
+        f"({_energies(by_id['O5'], None)}). 16 % less than every other method (C13): in "
+        f"{_flights(by_id['C13'], 'paper-slow')} and {_flights(by_id['C13'], None)}.",
+        "**The printed polynomial gives the paper's top speed** (`paper-printed`: its coefficients kept, κ = 0, "
+        f"L_r = 300 m, L_v = 60 m/s): {_speed(by_id['C21'], 'paper-printed')} m/s under `hjb`, where the paper has "
+        f"16.2 and the default {_speed(by_id['C21'], None)}. {lucky}.",
+        "**It is the length of a round, not the density.** At equal rounds sharing both models takes "
+        f"{equal['t_avg_censored_s']} times as long as sharing the value model, for {equal['energy_mean_J']} times the "
+        f"energy (O1), and aligns velocities no better: {_ratio(by_id['O2'], 'phi_A_tavg')} times (O2).",
+        "**Nothing in the printed cost parts UAVs.** At the default "
+        f"{_flights(by_id['C8'], None)} flights with both models shared were free of collisions (C8).",
+    ]
+    lines = [f"- {line}" for line in lines]
+    return lines
+
+
+def counted(records: Sequence[Record], name: str) -> Mapping[str, int]:
+    """Verdicts of the paper's claims in a scenario."""
+    return Counter(_of(record, name)["verdict"] for record in records if record["id"].startswith("C"))
+
+
+def _of(record: Record, name: str | None) -> Record:
+    other: Record = record if name in (None, "paper") else record["scenarios"][name]
+    return other
+
+
+def _flights(record: Record, name: str | None) -> str:
+    single = _of(record, name)["single_flights"]
+    return f"{single[0]} of {single[1]}" if single else "none"
+
+
+def _energies(record: Record, name: str | None) -> str:
+    values = _of(record, name)["value"]
+    return ", ".join(f"`{method}` {values[method]:.1f}" for method in METHODS) + " J"
+
+
+def _speed(record: Record, name: str | None) -> str:
+    of = _of(record, name)
+    low, high = of["ci95"]["hjb"]
+    return f"{of['value']['hjb']:.1f} [{low:.1f}, {high:.1f}]"
+
+
+def _ratio(record: Record, metric: str) -> str:
+    test = next(test for test in record["tests"] if test["what"].startswith(metric))
+    return f"{test['value']:.2f} [{test['ci95'][0]:.2f}, {test['ci95'][1]:.2f}]"
 
 
 def mapped(view: View) -> Record:
@@ -112,12 +182,14 @@ def main(paper: Path, *others: Path) -> None:
         json.dumps(records, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
     )
     results = load(paper)
-    described = json.dumps(mapped(View.of(results)), indent=1, ensure_ascii=False)
-    (DOCS / "results/map.json").write_text(described + "\n", encoding="utf-8")
+    described = mapped(View.of(results))
+    (DOCS / "results/map.json").write_text(json.dumps(described, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     draw(results, DOCS / "pictures/paper", ["map"])
-    before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
-    after = rest.partition(END)[2]
-    PAGE.write_text(before + "\n".join([BEGIN, "", *table(records), "", END]) + after, encoding="utf-8")
+    page = PAGE.read_text(encoding="utf-8")
+    for (begin, end), lines in (((BEGIN, END), table(records)), (FINDINGS, findings(records, described))):
+        before, _, rest = page.partition(begin)
+        page = before + "\n".join([begin, "", *lines, "", end]) + rest.partition(end)[2]
+    PAGE.write_text(page, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -96,9 +96,7 @@ def to_do(table: Sequence[Wanted], finished: dict[str, StoredRun]) -> list[Wante
         before = missing.get(run.key)
         if before is None or _kept(run) > _kept(before):
             missing[run.key] = run
-    return sorted(
-        missing.values(), key=lambda run: (run.seed if run.point.experiment in ("map", "found") else 0, -work(run))
-    )
+    return sorted(missing.values(), key=lambda run: -work(run))
 
 
 def work(run: Wanted) -> float:

@@ -56,7 +56,7 @@ def test_a_check_that_lacks_what_its_kind_needs_is_refused(broken: dict[str, Any
 
 def test_without_data_nothing_is_testable_and_every_record_is_whole() -> None:
     records = evaluate(results([row("nothing", HF, 1)]))
-    assert [record["id"] for record in records] == [*(f"C{k}" for k in range(1, 54)), *(f"O{k}" for k in range(1, 5))]
+    assert [record["id"] for record in records] == [*(f"C{k}" for k in range(1, 54)), *(f"O{k}" for k in range(1, 6))]
     for record in records:
         assert record["verdict"] == NOT_TESTABLE
         assert len(record["reason"]) > 5

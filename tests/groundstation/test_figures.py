@@ -97,7 +97,9 @@ def _traces() -> tuple[pa.Table, pa.Table]:
 @pytest.fixture(scope="module")
 def tables() -> Results:
     trajectories, weights = _traces()
-    return results([*_runs(), *map_rows()], series=_series(), trajectories=trajectories, weights=weights)
+    rows = [*_runs(), *map_rows()]
+    known = {name: None for each in rows for name in each}
+    return results([known | each for each in rows], series=_series(), trajectories=trajectories, weights=weights)
 
 
 @pytest.fixture(scope="module")

@@ -1,19 +1,35 @@
 """The published study: every verdict follows from its intervals, and README and documentation say the same counts."""
 
+import importlib.util
 import json
 import re
-from collections import Counter
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
 
-from meanflock.groundstation.paper import claims, report, report_claims
+from meanflock.groundstation.paper import claims, report, report_claims, search
 from meanflock.groundstation.paper.outcome import Outcome
 from meanflock.groundstation.paper.verdict import NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, UNDECIDED
+from meanflock.swarm.scenario import load
 
 ROOT = Path(__file__).parents[2]
+
+
+def generator() -> ModuleType:
+    """docs/reproduction.py, which wrote the page's numbers."""
+    spec = importlib.util.spec_from_file_location("reproduction", ROOT / "docs" / "reproduction.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+reproduction = generator()
 RECORDS: list[dict[str, Any]] = json.loads((ROOT / "docs/results/claims.json").read_text(encoding="utf-8"))
+MAP: dict[str, Any] = json.loads((ROOT / "docs/results/map.json").read_text(encoding="utf-8"))
 REPRODUCTION = (ROOT / "docs/reproduction.md").read_text(encoding="utf-8")
 OF_MOST = {claim.id for claim in claims.load() if any(check.points == "most" for check in claim.check)}
 
@@ -53,20 +69,40 @@ def test_a_claim_fails_where_a_comparison_fails_and_is_undecided_where_none_does
 
 def test_readme_and_documentation_say_the_counts_that_were_found() -> None:
     counts = report.counts(RECORDS)
-    said = ", ".join(f"{count} {name}" for name, count in counts.items())
-    assert f"{len(RECORDS)} claims: {said}." in REPRODUCTION
+    assert sum(counts.values()) == 53
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     first_screen = " ".join(readme.partition("\n![")[0].split())
     reproduced, refuted, undecided, untestable = counts.values()
     sentence = (
-        f"Of {len(RECORDS)} claims of the paper {reproduced} are reproduced in it, {refuted} are not, "
+        f"Of 53 claims of the paper {reproduced} are reproduced in it, {refuted} are not, "
         f"{undecided} are left undecided by the data and {untestable} cannot be tested"
     )
     assert sentence in first_screen
 
 
+@pytest.mark.parametrize("line", reproduction.findings(RECORDS, MAP), ids=lambda line: line[4:24])
+def test_every_number_of_the_findings_is_in_the_results(line: str) -> None:
+    assert line in REPRODUCTION
+
+
+def test_the_numbers_said_beside_them_are_those_of_the_search() -> None:
+    assert len(MAP["settings"]) == search.SETTINGS + len(search.KNOWN)
+    assert "covers L_r 100…3000 m and L_v 10…150 m/s" in REPRODUCTION
+    assert MAP["best"] == [", ".join(settings) for settings in search.best()]
+    for name in ("paper-slow", "paper-printed"):
+        chosen = load(Path(f"scenarios/{name}.toml"))
+        assert chosen.sha256() == load(None, MAP[name].split(", ")).sha256()
+
+
 def test_the_table_and_the_rule_are_those_of_the_code() -> None:
-    rows = dict(re.findall(r"^\| (C\d+) \|.*\| \*\*([a-z ]+)\*\* \|", REPRODUCTION, re.MULTILINE))
-    assert rows == {record["id"]: record["verdict"] for record in RECORDS}
-    assert Counter(rows.values()) == Counter({k: v for k, v in report.counts(RECORDS).items() if v})
+    for row in reproduction.table(RECORDS):
+        assert row in REPRODUCTION
+    assert len(re.findall(r"^\| C\d+ \|", REPRODUCTION, re.MULTILINE)) == 53
     assert report_claims.RULE in REPRODUCTION
+
+
+def test_what_stands_in_a_record_is_what_the_claim_says() -> None:
+    for record, claim in zip(RECORDS, (*claims.load(), *claims.own()), strict=True):
+        assert (record["id"], record["statement"], record["kind"]) == (claim.id, claim.statement, claim.kind)
+        assert (record["single_flights"] is None) or record["single_flights"][0] <= record["single_flights"][1]
+        assert set(record["scenarios"]) == {"paper-slow", "paper-printed"}
