@@ -13,8 +13,8 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from meanflock.agent import policy_iteration as lspi
 from meanflock.agent.controllers import base
-from meanflock.agent.controllers import policy_iteration as lspi
 from meanflock.agent.controllers.base import Controller, Memory, Received, Rows, Step
 from meanflock.agent.controllers.trajectory import CRUISE_M_S, Trajectory
 from meanflock.agent.prediction import AlongPlan

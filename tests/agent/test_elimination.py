@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from meanflock.agent.controllers.elimination import product, solve
+from meanflock.agent.elimination import product, solve
 
 
 @pytest.mark.parametrize("size", [1, 2, 9, 14])

@@ -10,7 +10,7 @@ the 9 features of a state, from which those of the next (e′, u′) follow for 
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.agent.controllers.elimination import product, solve
+from meanflock.agent.elimination import product, solve
 from meanflock.swarm.state import AXES
 
 Floats = NDArray[np.float64]

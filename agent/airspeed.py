@@ -1,0 +1,40 @@
+"""What it costs to fly a metre in a wind: the power of the rotary wing, Eq. Power1, at the speed that costs power."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.swarm.scenario import Scenario
+
+Floats = NDArray[np.float64]
+
+SPEEDS_M_S = np.linspace(0.5, 6.0, 45)  # over ground, that are compared
+
+
+class Fare:
+    """Energy and time, J + μ s, of a metre, at the speed over ground that makes it least."""
+
+    def __init__(self, scenario: Scenario, time_price_w: float) -> None:
+        """`time_price_w`: μ, what a second costs beside the energy, J."""
+        self._vehicle, self._price = scenario.vehicle, time_price_w
+        self._through_air = scenario.vehicle.power_speed == "air"
+
+    def power(self, squared: Floats) -> Floats:
+        """W at the square of a speed, m²/s²; same shape."""
+        of = self._vehicle
+        induced = squared / (2.0 * of.induced_velocity**2)
+        lift = of.induced_power / np.sqrt(np.sqrt(1.0 + induced * induced) + induced)
+        blade = of.blade_power * (1.0 + 3.0 * squared / of.tip_speed**2)
+        return blade + lift + 0.5 * of.parasite_drag * squared * np.sqrt(squared)
+
+    def best(self, along: Floats, across: Floats) -> tuple[Floats, Floats]:
+        """The least J/m with that price, and the m/s over ground it takes.
+
+        Args:
+            along, across: components of the wind in m/s, in the direction of flight and at right angles to it.
+        """
+        if not self._through_air:
+            along, across = np.zeros_like(along), np.zeros_like(across)
+        headway = SPEEDS_M_S - along[..., None]
+        each = (self.power(headway * headway + (across * across)[..., None]) + self._price) / SPEEDS_M_S
+        which = np.argmin(each, axis=-1)
+        return np.take_along_axis(each, which[..., None], axis=-1)[..., 0], SPEEDS_M_S[which]

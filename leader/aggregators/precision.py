@@ -1,0 +1,46 @@
+"""The mean weighted by precision: who has measured a quantity counts for it, who has not does not."""
+
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from meanflock.leader.aggregators import base
+from meanflock.leader.aggregators.base import Aggregator, Floats, State
+
+
+class Precision(Aggregator):
+    """A model is [means …, precisions]: some vectors of means, and one of the precisions, 1/variance, that they share.
+
+    Of each quantity the global mean is Σ λ m / Σ λ, as that of the product of Gaussians, and the global precision the
+    mean of λ: what everybody has from the last round counts once, not once for each. A precision below 0 counts as 0;
+    of what nobody knows the mean is the plain one. `means` is how many vectors of means there are.
+    """
+
+    name = "precision"
+
+    class Options(base.Options, frozen=True):
+        """The options of `precision`."""
+
+        means: Annotated[int, Meta(ge=1, le=1000, description="vectors of means that share one of precisions")] = 2
+
+    def init(self, parameters: int) -> State:
+        parts = self.options.means + 1
+        if parameters % parts:
+            raise ValueError(
+                f"a model of {parameters} numbers is no {parts} vectors of equal length; set `federation.options.means`"
+            )
+        return {}
+
+    def step(self, state: State, models: Floats, uavs: NDArray[np.intp], round_: int) -> tuple[State, Floats]:
+        parts = models.reshape(len(models), self.options.means + 1, -1)
+        weights = np.maximum(parts[:, -1], 0.0)
+        total, weighed, plain = np.zeros_like(weights[0]), np.zeros_like(parts[0, :-1]), np.zeros_like(parts[0, :-1])
+        for means, weight in zip(parts[:, :-1], weights, strict=True):
+            total = total + weight
+            weighed = weighed + weight * means
+            plain = plain + means
+        known = total > 0.0
+        mean = np.where(known, weighed / np.where(known, total, 1.0), plain / len(parts))
+        return state, np.concatenate([mean, (total / len(parts))[None]]).reshape(-1)
