@@ -6,7 +6,7 @@ import threading
 from meanflock.swarm.net.bus import Delivery, Quota, Quotas
 from meanflock.swarm.net.refusals import Refusals
 
-BATCH_BYTES = 2**16  # what comes in one piece is taken in whatever its length; beyond, a limit is kept on the way
+BATCH_BYTES = 2**16  # may wait of any sender, however short its messages have to be
 LARGEST = 4  # so many messages as long as they may be, of a sender
 _MESSAGES = 256  # of a sender: an honest node has two or three under way
 

@@ -24,7 +24,7 @@ import zenoh
 
 from meanflock.swarm.errors import BadInput, BusError
 from meanflock.swarm.net.access import NOBODY
-from meanflock.swarm.net.backlog import BATCH_BYTES, LARGEST, Backlog
+from meanflock.swarm.net.backlog import LARGEST, Backlog
 from meanflock.swarm.net.bus import Delivery, Offer, Quota, Quotas
 from meanflock.swarm.net.endpoint import DEFAULT_ENDPOINT, check_free, secured
 from meanflock.swarm.net.identity import LEADER, Identity
@@ -36,6 +36,7 @@ log = logging.getLogger("meanflock.bus")
 
 LEASE = "MEANFLOCK_LEASE"  # a variable: seconds in which the other side must hear of this process
 _LEASE_S = (1.0, 10.0, 600.0)  # the least, where it is not set, the most
+_BATCH_BYTES = 8192  # of what is received in one piece
 _COMMON: Mapping[str, Any] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
@@ -47,7 +48,7 @@ _COMMON: Mapping[str, Any] = {
     "transport/link/rx/max_message_size": MAX_BYTES,
     # What is received is read into as much fresh memory as a batch may take. Of the default of 64 KiB, cleared for each
     # small message, the caches keep nothing else.
-    "transport/link/tx/batch_size": 8192,
+    "transport/link/tx/batch_size": _BATCH_BYTES,
 }
 _ASK_AGAIN_S = 0.05
 _KEY_BYTES = 1024  # a message on the way is longer by its key and the like
@@ -139,7 +140,7 @@ class ZenohBus:
             "mode": "router",
             "listen/endpoints": [endpoint],
             # Each link keeps up to 16 messages that have not arrived whole, one a priority and reliability.
-            "transport/link/rx/max_message_size": min(max(BATCH_BYTES, largest + _KEY_BYTES), MAX_BYTES),
+            "transport/link/rx/max_message_size": min(max(2 * _BATCH_BYTES, largest + _KEY_BYTES), MAX_BYTES),
             "transport/unicast/max_sessions": 2 * nodes + 64,
         }
         log_filter = "error"

@@ -263,7 +263,7 @@ def test_a_flood_of_oversize_frames_costs_neither_the_flight_nor_the_memory(flig
     before = most[0]
 
     def flood() -> None:
-        frame = bytes(40_000)  # what is longer than a batch of Zenoh's does not even reach the world
+        frame = bytes(15_000)  # what is longer than two batches of Zenoh's does not even reach the world
         while not ended.is_set():
             attacker.put(keys.act(RUN, ME), frame)
 
