@@ -184,7 +184,9 @@ def main(paper: Path, *others: Path) -> None:
     results = load(paper)
     described = mapped(View.of(results))
     (DOCS / "results/map.json").write_text(json.dumps(described, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    draw(results, DOCS / "pictures/paper", ["map"])
+    for path in draw(results, DOCS / "pictures/paper", ["map"]):
+        if path.suffix == ".svg":  # the page shows the PNG
+            path.unlink()
     page = PAGE.read_text(encoding="utf-8")
     for (begin, end), lines in (((BEGIN, END), table(records)), (FINDINGS, findings(records, described))):
         before, _, rest = page.partition(begin)

@@ -8,7 +8,7 @@ from meanflock.groundstation.paper import regimes
 from meanflock.groundstation.paper.regimes import Place
 from meanflock.groundstation.paper.view import View
 
-NO_CROSS_TERM = 5e-4  # where κ = 0 is drawn
+NO_CROSS_TERM = 2.5e-4  # where κ = 0 is drawn
 _TICKS = {NO_CROSS_TERM: "0", 1e-3: "0.001", 1e-2: "0.01", 1e-1: "0.1"}
 
 
@@ -34,17 +34,26 @@ def regime_map(view: View) -> Figure | None:
             if place.multinomial is multinomial:
                 x, y = _where([place])
                 ax.scatter(x, y, s=90, facecolors="none", edgecolors="black", linewidths=1.2, zorder=3)
-                ax.annotate(name, (x[0], y[0]), xytext=(0, 7), textcoords="offset points", ha="center", fontsize=7)
+                ax.annotate(
+                    name,
+                    (x[0], y[0]),
+                    xytext=(6, 6),
+                    textcoords="offset points",
+                    ha="left",
+                    fontsize=7,
+                    zorder=4,
+                    bbox={"boxstyle": "round,pad=0.1", "facecolor": "white", "linewidth": 0, "alpha": 0.7},
+                )
         ax.set_xscale("log")
         ax.set_yscale("log")
         ax.set_xticks(list(_TICKS), list(_TICKS.values()))
         ax.set_yticks([10, 20, 50, 100, 150], ["10", "20", "50", "100", "150"])
         ax.xaxis.set_minor_locator(NullLocator())
         ax.yaxis.set_minor_locator(NullLocator())
-        ax.set_xlabel("κ (1/s)")
+        ax.set_xlabel("$\\kappa$ (1/s)")
         plotstyle.titled(ax, letter, "coefficients of the polynomial" if multinomial else "coefficients of one")
-    axes[0].set_ylabel("velocity scale L_v (m/s)")
-    made.colorbar(shown, ax=axes, label=f"claims that hold, of {len(found[0].held)}", fraction=0.04)
+    axes[0].set_ylabel("velocity scale $L_v$ (m/s)")
+    made.colorbar(shown, ax=axes, label=f"claims that hold (of {len(found[0].held)})", fraction=0.04)
     return made
 
 
