@@ -8,14 +8,15 @@ from meanflock.groundstation.leaderboard.board import Board, Cell, Course, Stand
 from meanflock.groundstation.leaderboard.measures import MEASURES, Measure
 
 _PER_CENT = ("arrived", "free")
-# What a terminal of 80 columns has room for, and what it calls them there.
+# What a terminal of 80 columns has room for, where a mission has it, and what it calls them there.
 SHORT = {
     "arrived": "arr.\n(%)",
     "time_s": "T\n(s)",
     "energy_J": "energy\n(J)",
     "regret_J": "regret\n(J)",
+    "cost_J": "cost\n(J)",
     "collisions_all": "coll.\n(pairs)",
-    "closest_m": "closest\n(m)",
+    "closest_m": "near\n(m)",
     "free": "free\n(%)",
     "kbit": "radio\n(kbit)",
 }

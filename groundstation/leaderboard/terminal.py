@@ -17,7 +17,8 @@ def table(course: Course) -> Table:
     made.show_edge, made.title_justify, made.caption_justify = False, "left", "left"
     made.add_column("row", no_wrap=True)
     made.add_column("n", justify="right", no_wrap=True)
-    for heading in tables.SHORT.values():
+    shown = [key for key in tables.SHORT if any(key in row.cells for row in course.standings)]
+    for heading in map(tables.SHORT.__getitem__, shown):
         made.add_column(heading, justify="right", no_wrap=True)
     for row in course.standings:
         flown = max((cell.n for cell in row.cells.values()), default=0)
@@ -25,7 +26,7 @@ def table(course: Course) -> Table:
             Text(
                 tables.mean(BY_KEY[key], row.cells.get(key)), "bold" if key in row.cells and row.cells[key].best else ""
             )
-            for key in tables.SHORT
+            for key in shown
         ]
         made.add_row(Text(row.name, "red bold" if row.yours else ""), str(flown), *cells)
     return made
