@@ -73,7 +73,7 @@ def events(folder: Path, *without: str) -> list[Any]:
     return [event for event in told if event["kind"] not in without]
 
 
-@pytest.mark.parametrize("method", [*METHODS, "fed-lspi"])
+@pytest.mark.parametrize("method", [*METHODS, "fed-lspi", "windmap"])
 def test_every_method_resumes_bit_identically_and_leaves_no_gap_and_no_duplicate(method: str, tmp_path: Path) -> None:
     flown = scenario(LATER, "radio.target_snr_db=76", "radio.coherence_time_s=0.03", method=method)
     expected = flight(tmp_path / "whole", flown)

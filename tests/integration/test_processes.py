@@ -25,7 +25,7 @@ SHORT = ("--uavs", "4", "--seed", "7", "--duration", "30", "--set", "federation.
 ENDLESS = ("--uavs", "4", "--duration", "100000", "--set", "stop=duration", "--json", "--quiet")
 
 
-@pytest.mark.parametrize("method", [*METHODS, "fed-lspi"])
+@pytest.mark.parametrize("method", [*METHODS, "fed-lspi", "windmap"])
 def test_every_method_flies_the_same_run_in_one_process_in_two_and_in_four(method: str, command: Command) -> None:
     flags = ("--method", method, "--no-record", *SHORT)
     alone = command.summary("--in-process", *flags)
