@@ -140,7 +140,8 @@ if ! { $(in_place); }; then \
 	$(call make_venv,$(VENV)); \
 fi; \
 $(BIN)/python -m pip install -qq -c constraints.txt -e '.[$(1)]'; \
-$(BIN)/python -m compileall -q agent channel groundstation kernels leader swarm worldsim; \
+$(BIN)/python -m compileall -q -l meanflock; \
+$(BIN)/python -m compileall -q agent channel groundstation kernels leader meanflock/testing swarm worldsim; \
 pwd -P > $(VENV)/.home
 endef
 

@@ -230,7 +230,7 @@ def paper(
     out: Path | None,
     quiet: bool,
 ) -> None:
-    """Fly the paper's whole grid, or the same grid about another scenario.
+    """Fly the paper's experiments and judge its claims.
 
     It writes figures, tables, and a verdict for each of the paper's claims.
 

@@ -9,9 +9,13 @@ from collections.abc import Generator
 from functools import cache
 from typing import Any
 
+import hypothesis
 import pytest
 
 from tests.standstill import Standstill
+
+hypothesis.settings.register_profile("untimed", deadline=None)  # how long an example takes is the machine's
+hypothesis.settings.load_profile("untimed")
 
 
 class MachineStoodStill(Exception):

@@ -326,7 +326,7 @@ def test_gap_of_the_best_flight_is_one_and_of_any_other_more() -> None:
     assert gaps[1] > 1.5
     moving = optimum.gaps(plain, states, commands, np.array([200, -1]), moving=True)
     left = np.linalg.norm(states[-1, :, :2], axis=-1)
-    np.testing.assert_allclose(gaps - moving, left / np.array([best.cost, best.cost]), rtol=1e-9)
+    np.testing.assert_allclose(gaps - moving, left / np.array([best.cost, best.cost]), rtol=1e-9, atol=1e-12)
 
 
 def test_what_is_measured_is_measured_once(tmp_path: Path) -> None:
