@@ -73,7 +73,7 @@ def _become_a_process(pipe: tuple[int, int] | None) -> None:
 
 
 def _await_deaths(living: dict[int, int], restarts: Restarts, interrupted: Interrupted) -> list[int]:
-    """Waits for the siblings, which are `living` by process id; the numbers of those that are to be forked again.
+    """Waits for the processes `living`, by process id; the numbers of those that are to be forked again.
 
     Raises:
         SystemExit: all have ended: 0 if they went home or were told to end, 1 if every last one died again and again,
@@ -102,7 +102,7 @@ def _await_deaths(living: dict[int, int], restarts: Restarts, interrupted: Inter
 
 
 def _end(living: dict[int, int]) -> None:
-    """Ends all siblings: first asked, then killed."""
+    """Ends all processes: first asked, then killed."""
     asked = time.monotonic()
     _signal(living, signal.SIGTERM)
     _signal(living, signal.SIGCONT)  # one that is frozen hears nothing
