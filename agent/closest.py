@@ -9,6 +9,7 @@ from meanflock.swarm.state import VX, Plane, Rows, States, X, Y
 
 Mask = NDArray[np.bool_]
 
+OBSTACLE = 10.0  # how much more an obstacle weighs than a UAV where not all can be kept off: it cannot make way
 NEVER_NEARER_M = 1e-3  # two at one place are taken for so far apart along x: of two, the lower number is on the left
 
 
@@ -63,3 +64,9 @@ def closest_discs(own: States, discs: NDArray[np.float64], reach_m: float, most:
     squared = np.where(same, NEVER_NEARER_M * NEVER_NEARER_M, squared)
     closing = np.broadcast_to(own[:, None, VX:], (*x.shape, 2))
     return Closest(np.stack([x, y], axis=-1), closing, squared, there), discs[which, 2]
+
+
+def with_obstacles(normals: Plane, bounds: Rows, more: Plane, least: Rows) -> tuple[Plane, Rows]:
+    """The half-planes of UAVs, normals (M, K, 2) and bounds (M, K), and behind them those of obstacles, `more` and
+    `least`, which weigh `OBSTACLE` times as much."""
+    return np.concatenate([normals, OBSTACLE * more], axis=1), np.concatenate([bounds, OBSTACLE * least], axis=1)

@@ -13,15 +13,15 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from meanflock import kernels
-from meanflock.agent.closest import Closest, closest, closest_discs
+from meanflock.agent.closest import Closest, closest, closest_discs, with_obstacles
 from meanflock.agent.controllers.base import Controller, Options
 from meanflock.agent.controllers.filtered import Filter, Floats
+from meanflock.agent.travel import against_the_air
 from meanflock.swarm import mission
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import VELOCITY, Plane, Rows, States
+from meanflock.swarm.state import Plane, Rows, States
 
 INFEASIBLE_M_S2 = 1e-6  # what may be missing of a half-plane that is still called kept
-OBSTACLE = 10.0  # how much more an obstacle weighs than a UAV where not all can be kept off: it cannot make way
 
 
 class Ecbf(Filter):
@@ -51,20 +51,18 @@ class Ecbf(Filter):
 
     def __init__(self, options: Any, scenario: Scenario, inner: Controller) -> None:
         super().__init__(options, scenario, inner)
-        self._wind, self._drag = np.array(scenario.wind.mean), scenario.wind.drag
         self._discs = mission.obstacles(scenario)
 
     def admit(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Plane) -> tuple[Plane, Floats]:
         """See `Filter.admit`."""
         of = self.options
-        motion = np.ascontiguousarray(wanted - self._drag * (own[:, VELOCITY] - self._wind), dtype=np.float64)
+        motion = np.ascontiguousarray(wanted - against_the_air(self.scenario, own), dtype=np.float64)
         near = closest(own, others, uavs, of.reach_m, of.neighbours)
         normals, bounds = half_planes(near, of.rate_1_s, of.distance_m, 0.5)
         if len(self._discs):
             discs, radii = closest_discs(own, self._discs, of.reach_m, of.obstacles)
             more, least = half_planes(discs, of.obstacle_rate_1_s, radii + of.clearance_m, 1.0)
-            normals = np.concatenate([normals, OBSTACLE * more], axis=1)
-            bounds = np.concatenate([bounds, OBSTACLE * least], axis=1)
+            normals, bounds = with_obstacles(normals, bounds, more, least)
         admitted, missing = np.empty_like(motion), np.empty(len(own))
         kernels.nearest(motion, normals, bounds, of.acceleration_max_m_s2, admitted, missing)
         changed = (admitted != motion).any(axis=1, keepdims=True)

@@ -13,7 +13,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from meanflock import kernels
-from meanflock.agent.closest import Closest, closest, closest_discs
+from meanflock.agent.closest import Closest, closest, closest_discs, with_obstacles
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.agent.controllers.neighbours import Neighbours
 from meanflock.agent.controllers.trajectory import CRUISE_M_S
@@ -24,7 +24,6 @@ from meanflock.swarm.sharing import Sharing
 from meanflock.swarm.state import VELOCITY, Plane, Rows, States
 
 INFEASIBLE_M_S = 1e-6  # what may be missing of a half-plane that is still called kept
-OBSTACLE = 10.0  # how much more an obstacle weighs than a UAV where not all can be kept off: it cannot make way
 
 
 class Orca(Controller):
@@ -85,8 +84,7 @@ class Orca(Controller):
         if len(self._discs):
             discs, radii = closest_discs(own, self._discs, of.reach_m, of.obstacles)
             more, least = half_planes(discs, own, radii + 0.5 * of.radius_m, of.horizon_s, dt, 1.0)
-            normals = np.concatenate([normals, OBSTACLE * more], axis=1)
-            bounds = np.concatenate([bounds, OBSTACLE * least], axis=1)
+            normals, bounds = with_obstacles(normals, bounds, more, least)
         chosen, missing = np.empty((len(own), 2)), np.empty(len(own))
         kernels.nearest(np.ascontiguousarray(wished), normals, bounds, of.speed_max_m_s, chosen, missing)
         return chosen, missing
