@@ -1,11 +1,9 @@
 """What it costs to fly a metre in a wind: the power of the rotary wing, Eq. Power1, at the speed that costs power."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meanflock.swarm.scenario import Scenario
-
-Floats = NDArray[np.float64]
+from meanflock.swarm.state import Floats
 
 SPEEDS_M_S = np.linspace(0.5, 6.0, 45)  # over ground, that are compared
 

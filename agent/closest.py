@@ -5,9 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.swarm.state import VX, Plane, Rows, States, X, Y
-
-Mask = NDArray[np.bool_]
+from meanflock.swarm.state import VX, Mask, Plane, Rows, States, X, Y
 
 OBSTACLE = 10.0  # how much more an obstacle weighs than a UAV where not all can be kept off: it cannot make way
 NEVER_NEARER_M = 1e-3  # two at one place are taken for so far apart along x: of two, the lower number is on the left

@@ -1,12 +1,9 @@
 """The corridor of a mission: from the middle of all starts to the middle of all goals, the same for every UAV."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
-
-Floats = NDArray[np.float64]
 
 SHORTEST_M = 1.0
 

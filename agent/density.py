@@ -5,14 +5,12 @@ learned. Here ŵ_F0(0) is a ridge least-squares fit to a Gaussian mixture over t
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meanflock.kernels import Tables, features
 from meanflock.kernels.weights import DENSITY_FEATURES
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator
-
-Floats = NDArray[np.float64]
+from meanflock.swarm.state import Floats
 
 _BLOCK = 2**17  # pairs of point and centre at a time: 8 MiB, however many UAVs there are
 

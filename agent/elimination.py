@@ -2,9 +2,8 @@
 machine and on how many there are."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from meanflock.swarm.state import Floats
 
 
 def solve(matrices: Floats, rights: Floats) -> Floats:

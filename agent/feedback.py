@@ -9,9 +9,8 @@ takes: an upload or a broadcast lost in an outage costs the federation that much
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.payload import Coding
-
-Floats = NDArray[np.float64]
 
 
 class Feedback:

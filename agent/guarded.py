@@ -21,9 +21,8 @@ from meanflock.swarm import state
 from meanflock.swarm.declared import controller
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import Floats, Mask
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Rows = NDArray[np.intp]
 
 log = logging.getLogger("meanflock.agent")

@@ -9,11 +9,10 @@ from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.mean import refuse, relayed
 from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import Floats
 from meanflock.swarm.wire import payload
 from meanflock.swarm.wire.messages import FrameKind, Frames
 from meanflock.swarm.wire.relay import Relay
-
-Floats = NDArray[np.float64]
 
 
 class Heads:

@@ -9,8 +9,7 @@ from meanflock.agent.tables import tables
 from meanflock.kernels import weights as layout
 from meanflock.kernels.interaction import empirical
 from meanflock.swarm.scenario import Scenario
-
-Floats = NDArray[np.float64]
+from meanflock.swarm.state import Floats
 
 
 class Learner:

@@ -7,9 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm import state
-from meanflock.swarm.state import VX, VY, Plane, Rows, States, X, Y
-
-Floats = NDArray[np.float64]
+from meanflock.swarm.state import VX, VY, Floats, Plane, Rows, States, X, Y
 
 NOWHERE_M = 1e-9  # a distance without a direction
 

@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.elimination import product, solve
-from meanflock.swarm.state import AXES
-
-Floats = NDArray[np.float64]
+from meanflock.swarm.state import AXES, Floats
 
 GAINS = 4  # k1 1/s², k2 1/s, k3 along x and y m/s²
 PAIRS, STATES = 14, 9  # features of (e, u) and of e

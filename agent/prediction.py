@@ -7,9 +7,8 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.swarm.state import AXES, States
+from meanflock.swarm.state import AXES, Floats, States
 
-Floats = NDArray[np.float64]
 Which: TypeAlias = Any  # an index of UAVs into (N, …): a slice, or an array of numbers
 
 

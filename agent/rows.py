@@ -9,11 +9,8 @@ from meanflock import kernels
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
 from meanflock.swarm.ascending import distinct
 from meanflock.swarm.declared import MAX_BROADCASTS, Declared
-from meanflock.swarm.state import AXES
+from meanflock.swarm.state import AXES, Floats, Mask
 from meanflock.swarm.wire.control import MAX_AXES, TRAVELS
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 SENT = (np.dtype("i1"), np.dtype("u1"), np.dtype("<i2"), np.dtype("<i4"))  # integers that travel
 

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from meanflock import kernels
 from meanflock.agent.controllers.base import Memory, Rows
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import AXES, POSITION, VELOCITY, States
+from meanflock.swarm.state import AXES, POSITION, VELOCITY, Floats, States
 
-Floats = NDArray[np.float64]
 FORGOTTEN_S = 1.0  # who sent nothing for so long is not nearby
 
 

@@ -17,8 +17,8 @@ from meanflock.kernels.features import POWERS
 from meanflock.kernels.weights import DENSITY_FEATURES, VALUE_FEATURES
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Learner, Scenario
+from meanflock.swarm.state import Floats
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Products = tuple[Indices, Indices, Floats]  # first and second of the 28 powers, and a factor
 

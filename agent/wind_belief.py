@@ -12,9 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.elimination import product, solve
-from meanflock.swarm.state import AXES
-
-Floats = NDArray[np.float64]
+from meanflock.swarm.state import AXES, Floats
 
 INFORMATION = AXES + 1  # η along x and y, and λ
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from meanflock.agent.airspeed import Fare
 from meanflock.agent.wind_belief import WindGrid
-
-Floats = NDArray[np.float64]
+from meanflock.swarm.state import Floats
 
 STATION_M, ABREAST_M = 6.0, 3.0
 BESIDE_J_M = 1.0  # for a metre beside the goal: more than any metre of a way costs

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm.scenario import Scenario
-
-Floats = NDArray[np.float64]
+from meanflock.swarm.state import Floats
 
 
 class Channel:

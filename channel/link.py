@@ -3,11 +3,10 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meanflock.swarm.scenario import Radio
+from meanflock.swarm.state import Floats
 
-Floats = NDArray[np.float64]
 MOST_SLOTS = 2**31 - 1  # a record has no room for more
 
 

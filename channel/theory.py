@@ -1,13 +1,11 @@
 """Closed forms of the link, to stand beside what a run observed."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from meanflock.channel.link import slots_needed, squared_threshold
 from meanflock.swarm.scenario import Radio
-
-Floats = NDArray[np.float64]
+from meanflock.swarm.state import Floats
 
 
 def slot_success(radio: Radio, distance_m: Floats) -> Floats:

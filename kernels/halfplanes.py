@@ -8,12 +8,11 @@ have, so that least is the largest which any three need.
 """
 
 from functools import cache
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-Floats: TypeAlias = NDArray[np.float64]
+from meanflock.kernels.state import Floats
 
 PARALLEL = 1e-12  # sine of the angle below which two edges do not meet; as in halfplanes.c
 EASE = 1e-9  # what is eased more than that needs, relative to 1 + that

@@ -14,6 +14,8 @@ POSITION = slice(0, 2)  # r, metres
 VELOCITY = slice(2, 4)  # v, m/s
 AXES = 2  # the plane of flight: x and y
 
+Floats: TypeAlias = NDArray[np.float64]  # any shape
+Mask: TypeAlias = NDArray[np.bool_]  # any shape
 States: TypeAlias = NDArray[np.float64]  # (..., 4)
 Plane: TypeAlias = NDArray[np.float64]  # (..., 2): an acceleration, a velocity, a position
 Rows: TypeAlias = NDArray[np.float64]  # (...,): one number a UAV

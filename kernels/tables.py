@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from meanflock.kernels.state import Floats
+
 Indices = NDArray[np.intp]
 
 

@@ -5,9 +5,7 @@ from meanflock.swarm.libraries import needed
 
 with needed("the leader"):
     from meanflock.leader.node import Leader
-    from meanflock.swarm import (
-        logs,
-    )
+    from meanflock.swarm import logs
     from meanflock.swarm.net import keys
     from meanflock.swarm.net.attendance import take_part
     from meanflock.swarm.net.identity import LEADER

@@ -6,7 +6,6 @@ Where clusters have heads it collects their relays instead: a mean, and the numb
 import traceback
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meanflock.leader.aggregators.base import Aggregator, State
 from meanflock.swarm import plugins, state
@@ -15,12 +14,11 @@ from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.mean import pooled, refuse, stacked
 from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import decode
+from meanflock.swarm.state import Floats
 from meanflock.swarm.wire import payload
 from meanflock.swarm.wire.control import MAX_AXES, TRAVELS, decode_record, encode_record
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Welcome
 from meanflock.swarm.wire.relay import Relay
-
-Floats = NDArray[np.float64]
 
 
 class Leader:

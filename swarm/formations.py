@@ -4,9 +4,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from meanflock.swarm.state import Floats
 
 GRIDS = ("grid", "waves")  # whose distances are `start.spacing`, whatever somebody made of it
 LANES = 4  # of a stream

@@ -4,9 +4,8 @@ Models are by UAV; sums have the order of the UAVs, so that the order of arrival
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from meanflock.swarm.state import Floats
 
 ABSURD = 1e9  # no weight of a learner that still learns: features are of order one, and so are the costs
 

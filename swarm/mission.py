@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm import formations, state
-
-Floats = NDArray[np.float64]
+from meanflock.swarm.state import Floats
 
 
 class Mission(Protocol):

@@ -1,12 +1,14 @@
 """The state of a UAV, as all rooms name it; `kernels/state.py` defines it, for what is compiled needs it first."""
 
-from meanflock.kernels.state import (
+from meanflock.kernels.state import (  # noqa: F401
     AXES,
     POSITION,
     SIZE,
     VELOCITY,
     VX,
     VY,
+    Floats,
+    Mask,
     Plane,
     Rows,
     States,
@@ -16,20 +18,3 @@ from meanflock.kernels.state import (
     norm,
     speed,
 )
-
-__all__ = [
-    "AXES",
-    "POSITION",
-    "SIZE",
-    "VELOCITY",
-    "VX",
-    "VY",
-    "Plane",
-    "Rows",
-    "States",
-    "X",
-    "Y",
-    "dot",
-    "norm",
-    "speed",
-]

@@ -10,10 +10,7 @@ import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
 from meanflock.swarm.libraries import needed
 
 with needed("the world", "world"):
-    from meanflock.swarm import (
-        logs,
-        scenario,
-    )
+    from meanflock.swarm import logs, scenario
     from meanflock.swarm.errors import BadInput, RunFailed
     from meanflock.swarm.net import access, keys
     from meanflock.swarm.net.address import Address

@@ -15,14 +15,13 @@ from numpy.typing import NDArray
 
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.state import Floats
 from meanflock.swarm.wire import control
 from meanflock.worldsim.members import Member
 
 SCHEMA = 5
 EVERY_TICKS = 100
 MAX_BYTES = 24 * 2**20  # a larger one would push the telemetry out of the outbox
-
-Floats = NDArray[np.float64]
 
 
 class Memories:

@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from meanflock.swarm import state
 from meanflock.swarm.model import BEYOND_SENSE
+from meanflock.swarm.state import Floats, Mask
 
-Floats: TypeAlias = NDArray[np.float64]
 Uavs: TypeAlias = NDArray[np.intp]
-Mask: TypeAlias = NDArray[np.bool_]
 
 
 class Commands:

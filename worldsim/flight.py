@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator, random_state, set_random_state
+from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.messages import Event, Status
 from meanflock.worldsim.encounters import Encounters
 from meanflock.worldsim.metrics import pairs
 from meanflock.worldsim.physics import Physics
-
-Floats = NDArray[np.float64]
 
 # As numbers of the array they are compared with: a member of an enumeration is converted anew each time.
 FLYING, ARRIVED, LOST = np.uint8(Status.FLYING), np.uint8(Status.ARRIVED), np.uint8(Status.LOST)

@@ -1,7 +1,5 @@
 """What the world lets in: an Act must fit the node that sent it, the tick, and what its controller has declared."""
 
-from typing import TypeAlias
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,14 +10,13 @@ from meanflock.swarm.declared import MAX_BROADCASTS
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import Floats
 from meanflock.swarm.wire import payload
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from meanflock.swarm.wire.relay import Relay
 from meanflock.worldsim.members import LEADER, Member
-
-Floats: TypeAlias = NDArray[np.float64]
 
 
 class Replies:

@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from meanflock.channel.medium import Medium
 from meanflock.swarm.declared import Declared
+from meanflock.swarm.state import Floats
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, Finished, FrameKind, Status, Telemetry
 from meanflock.worldsim.commands import Commands
 from meanflock.worldsim.counters import Counters
 from meanflock.worldsim.flight import Flight
-
-Floats = NDArray[np.float64]
 
 MAX_WAITING_BYTES = 64 * 2**20
 WINDOW_BLOCKS = 8

@@ -8,13 +8,10 @@ vectors n_m ⊥ k_m, so that no air is made or lost; phases φ_m uniform; a = rm
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator
-
-Floats = NDArray[np.float64]
 
 
 class MeanWind:

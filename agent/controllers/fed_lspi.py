@@ -21,8 +21,7 @@ from meanflock.agent.prediction import AlongPlan
 from meanflock.agent.travel import CruiseSpeed
 from meanflock.swarm import mission, seeds, state
 from meanflock.swarm.scenario import Scenario
-
-Floats = NDArray[np.float64]
+from meanflock.swarm.state import Floats
 
 
 class FedLspi(Controller):

@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 from meanflock.agent.controllers.base import Controller, Memory, Options, Received, Rows, Step
 from meanflock.agent.controllers.neighbours import Neighbours
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Plane, States
-
-Floats = NDArray[np.float64]
+from meanflock.swarm.state import Floats, Plane, States
 
 PREFIX = "filter_"  # of what a filter remembers, and of its columns where the controller has some of that name
 _OWN = 0  # the number of the filter's broadcast

@@ -19,10 +19,8 @@ from meanflock.swarm import mission, plausible
 from meanflock.swarm.ascending import distinct
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import SIZE, States
+from meanflock.swarm.state import SIZE, Floats, States
 from meanflock.swarm.wire.messages import NOBODY
-
-Floats = NDArray[np.float64]
 
 
 class MeanField(Controller):

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
-
-Floats = NDArray[np.float64]
+from meanflock.swarm.state import Floats
 
 
 def speeds(distance_m: float, speed_max: float, acceleration_max: float, dt: float) -> Floats:

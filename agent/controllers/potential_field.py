@@ -49,10 +49,8 @@ class PotentialField(Controller):
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
-        self._travel, self._neighbours = (
-            Travel(scenario, options.speed_m_s, options.slowing_1_s),
-            Neighbours(options, scenario),
-        )
+        self._travel = Travel(scenario, options.speed_m_s, options.slowing_1_s)
+        self._neighbours = Neighbours(options, scenario)
         self._obstacles = mission.obstacles(scenario)
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:

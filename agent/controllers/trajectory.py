@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
-
-Floats = NDArray[np.float64]
+from meanflock.swarm.state import Floats
 
 CRUISE_M_S = 2.25  # on the way; the least energy a metre of the paper's craft
 ACCELERATION_M_S2, BRAKE_M_S2 = 1.0, 0.5

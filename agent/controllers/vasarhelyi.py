@@ -16,9 +16,7 @@ from meanflock.agent.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel, ag
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.sharing import Sharing
-from meanflock.swarm.state import VELOCITY, VX, VY, Plane, Rows, States
-
-Floats = NDArray[np.float64]
+from meanflock.swarm.state import VELOCITY, VX, VY, Floats, Plane, Rows, States
 
 
 def braking(distance_m: Rows, slope_1_s: float, acceleration: float) -> Rows:
@@ -65,10 +63,8 @@ class Vasarhelyi(Controller):
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
         self._obstacles = mission.obstacles(scenario)
-        self._travel, self._neighbours = (
-            Travel(scenario, options.speed_m_s, options.slowing_1_s),
-            Neighbours(options, scenario),
-        )
+        self._travel = Travel(scenario, options.speed_m_s, options.slowing_1_s)
+        self._neighbours = Neighbours(options, scenario)
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         return self._travel.init(uavs) | self._neighbours.init(uavs, plan)

@@ -29,10 +29,8 @@ from meanflock.agent.wind_route import Router
 from meanflock.swarm import state
 from meanflock.swarm.ascending import distinct
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import AXES, POSITION, VELOCITY, States
+from meanflock.swarm.state import AXES, POSITION, VELOCITY, Floats, States
 from meanflock.swarm.wire.messages import NOBODY
-
-Floats = NDArray[np.float64]
 
 SAID = 4  # numbers of a measurement: x, y, and the wind along x and y
 BEYOND = 6.0  # standard deviations of a measurement that is none: something else moved the craft

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import Floats
 
-Floats: TypeAlias = NDArray[np.float64]
 State: TypeAlias = dict[str, NDArray[Any]]
 
 

@@ -13,23 +13,7 @@ from meanflock.swarm.faults import Fault, LeaderLoss
 from meanflock.swarm.hops import HOPS, delivery_ticks
 from meanflock.swarm.pace import Pace
 from meanflock.swarm.plugins import Door, find
-from meanflock.swarm.scenario.tables import (
-    Cost,
-    Density,
-    Destination,
-    Federation,
-    Filter,
-    Learner,
-    Metrics,
-    Obstacle,
-    Offline,
-    Payload,
-    Radio,
-    Start,
-    Truth,
-    Vehicle,
-    Wind,
-)
+from meanflock.swarm.scenario import tables
 from meanflock.swarm.table import Table as _Table
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 
@@ -56,7 +40,7 @@ LATER = (
     "filter",
 )
 
-_PAYLOAD_BITS: dict[Payload, int] = {"float64": 64, "float32": 32, "float16": 16, "int8": 8}  # a weight
+_PAYLOAD_BITS: dict[tables.Payload, int] = {"float64": 64, "float32": 32, "float16": 16, "int8": 8}  # a weight
 
 
 class Scenario(_Table, frozen=True, dict=True):
@@ -73,20 +57,22 @@ class Scenario(_Table, frozen=True, dict=True):
     stop: Annotated[Literal["arrival", "duration"], Meta(description="end when all have arrived, or at `duration`")] = (
         "arrival"
     )
-    start: Start = field(default_factory=Start)
-    destination: Destination = field(default_factory=Destination)
-    obstacles: Annotated[tuple[Obstacle, ...], Meta(max_length=1000, description="discs that no UAV should enter")] = ()
-    wind: Wind = field(default_factory=Wind)
-    truth: Truth = field(default_factory=Truth)
-    cost: Cost = field(default_factory=Cost)
-    learner: Learner = field(default_factory=Learner)
-    density: Density = field(default_factory=Density)
-    offline: Offline = field(default_factory=Offline)
-    filter: Filter = field(default_factory=Filter)
-    federation: Federation = field(default_factory=Federation)
-    radio: Radio = field(default_factory=Radio)
-    vehicle: Vehicle = field(default_factory=Vehicle)
-    metrics: Metrics = field(default_factory=Metrics)
+    start: tables.Start = field(default_factory=tables.Start)
+    destination: tables.Destination = field(default_factory=tables.Destination)
+    obstacles: Annotated[
+        tuple[tables.Obstacle, ...], Meta(max_length=1000, description="discs that no UAV should enter")
+    ] = ()
+    wind: tables.Wind = field(default_factory=tables.Wind)
+    truth: tables.Truth = field(default_factory=tables.Truth)
+    cost: tables.Cost = field(default_factory=tables.Cost)
+    learner: tables.Learner = field(default_factory=tables.Learner)
+    density: tables.Density = field(default_factory=tables.Density)
+    offline: tables.Offline = field(default_factory=tables.Offline)
+    filter: tables.Filter = field(default_factory=tables.Filter)
+    federation: tables.Federation = field(default_factory=tables.Federation)
+    radio: tables.Radio = field(default_factory=tables.Radio)
+    vehicle: tables.Vehicle = field(default_factory=tables.Vehicle)
+    metrics: tables.Metrics = field(default_factory=tables.Metrics)
     pace: Pace = field(default_factory=Pace)
     faults: Annotated[tuple[Fault, ...], Meta(description="the fault script")] = ()
 
@@ -164,12 +150,12 @@ class Scenario(_Table, frozen=True, dict=True):
         return max(1, round(self.federation.fraction * self.uavs))
 
     @property
-    def upload_payload(self) -> Payload:
+    def upload_payload(self) -> tables.Payload:
         """How uploads are written."""
         return self.federation.payload or self._radio_payload
 
     @property
-    def broadcast_payload(self) -> Payload:
+    def broadcast_payload(self) -> tables.Payload:
         """How the global model is written."""
         return self.federation.broadcast_payload or self._radio_payload
 
@@ -180,8 +166,8 @@ class Scenario(_Table, frozen=True, dict=True):
         return self.declared.is_federated and self.federation.error_feedback and narrower
 
     @property
-    def _radio_payload(self) -> Payload:
-        return cast(Payload, f"float{self.radio.bits_per_float}")
+    def _radio_payload(self) -> tables.Payload:
+        return cast(tables.Payload, f"float{self.radio.bits_per_float}")
 
     @property
     def max_ticks(self) -> int:
@@ -214,7 +200,7 @@ class Scenario(_Table, frozen=True, dict=True):
 
     def known(self) -> "Scenario":
         """What agents and leader get of it: all but the truth that they are not told."""
-        return self if self.truth == Truth() else msgspec.structs.replace(self, truth=Truth())
+        return self if self.truth == tables.Truth() else msgspec.structs.replace(self, truth=tables.Truth())
 
     def flown(self) -> "Scenario":
         """What the world's vehicles fly: its wind is the true one."""
@@ -235,7 +221,7 @@ class Scenario(_Table, frozen=True, dict=True):
 
     def sha256(self) -> str:
         """Hash of the resolved scenario; equal scenarios have equal hashes however they were written."""
-        plain = Scenario(radio=Radio(bits_per_float=self.radio.bits_per_float))  # payloads go by it
+        plain = Scenario(radio=tables.Radio(bits_per_float=self.radio.bits_per_float))  # payloads go by it
         table, default = (msgspec.to_builtins(one.resolved()) for one in (self, plain))
         for path in LATER:
             *parents, key = path.split(".")

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.model import BEYOND_SENSE
 from meanflock.swarm.scenario import Payload, Scenario
+from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, expect
-
-Floats = NDArray[np.float64]
 
 STEPS = 127  # of a scale, each way; −128 is never sent
 FINEST = float(np.finfo(np.float32).tiny)  # a scale below would be imprecise; weights below half of it become 0

@@ -11,9 +11,8 @@ from meanflock.swarm.ascending import contains
 from meanflock.swarm.clusters import Clusters
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, expect
-
-Floats = NDArray[np.float64]
 
 
 class Relay:
