@@ -56,44 +56,38 @@ class Filter:
         raise NotImplementedError
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
-        """See `Controller.init`."""
         theirs = self.inner.init(uavs, plan)
         if taken := sorted(name for name in theirs if name.startswith(PREFIX)):
             raise ValueError(f"memory[{taken[0]!r}]: names that begin with {PREFIX!r} are those of the filter")
         return theirs | _named(self._neighbours.init(uavs, plan))
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
-        """See `Controller.step`."""
         theirs, mine = _apart(memory)
         step = self.inner.step(theirs, tick, own, _of_inner(received))
         wanted = step.acceleration
         if np.shape(wanted) != (len(own), 2):
             raise ValueError(f"acceleration has shape {np.shape(wanted)}; expected {(len(own), 2)}")
-        mine = self._neighbours.receive(mine, tick, received, _OWN)
+        mine, refused = self._neighbours.receive(mine, tick, received, _OWN)
         others = self._neighbours.states(mine, tick)
         acceleration, reported = self.admit(own, others, mine["neighbour_uav"], wanted)
         mine, said = self._neighbours.speak(mine, tick, own)
-        unsent = self._neighbours.unsent(mine)[:, None]
         theirs_reported = () if step.diagnostics is None else (step.diagnostics,)
         return Step(
             step.memory | _named(mine),
             acceleration,
-            np.concatenate([*theirs_reported, reported, unsent], axis=1),
+            np.concatenate([*theirs_reported, reported, self._neighbours.unsent(mine)], axis=1),
             (said, *step.broadcasts),
-            _both(step.refused, self._neighbours.refused(received, _OWN)),
+            _both(step.refused, refused),
         )
 
     def get(self, memory: Memory) -> Floats:
-        """See `Controller.get`."""
         return self.inner.get(_apart(memory)[0])
 
     def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
-        """See `Controller.set`."""
         theirs, mine = _apart(memory)
         return self.inner.set(theirs, rows, models) | _named(mine)
 
     def report(self, memory: Memory) -> Floats:
-        """See `Controller.report`."""
         return self.inner.report(_apart(memory)[0])
 
 

@@ -17,22 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Broadcast, Memory, Received
-from meanflock.agent.prediction import ConstantVelocity, Prediction, Which
+from meanflock.agent.prediction import ConstantVelocity, Prediction
 from meanflock.swarm import mission, plausible
 from meanflock.swarm.ascending import distinct
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.sharing import Sharing
-from meanflock.swarm.state import POSITION, SIZE, VX, VY, States, X, Y
+from meanflock.swarm.state import POSITION, SIZE, VX, VY, Floats, States, X, Y
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 from meanflock.swarm.wire.messages import NOBODY
-
-__all__ = ["FAR_M", "Neighbours", "Sharing"]
 
 FAR_M = 1e6  # where those are put of whom nothing is known: out of everybody's way
 UNIT = 0.01  # m and m/s, of an int16
 _NOWHERE = np.array([FAR_M, FAR_M, 0.0, 0.0])
 _MOST = float(np.iinfo(np.int16).max)
-_ALL = slice(None)
 
 
 class Neighbours:
@@ -67,33 +64,27 @@ class Neighbours:
             "neighbour_unsent": np.zeros(rows, dtype=bool),
         }
 
-    def receive(self, memory: Memory, tick: int, received: Sequence[Received], number: int = 0) -> Memory:
-        """The memory with the states of frames `number` in it; what cannot be a state is left out."""
-        kept = memory["neighbour_kept"]
-        sent_in = memory["neighbour_tick"]
+    def receive(
+        self, memory: Memory, tick: int, received: Sequence[Received], number: int = 0
+    ) -> tuple[Memory, NDArray[np.int32]]:
+        """The memory with the states of frames `number` in it, and whose of them are not believed, ascending, for
+        `Step.refused`; what cannot be a state is left out."""
+        kept, sent_in, refused = memory["neighbour_kept"], memory["neighbour_tick"], NOBODY
         for frames in received:
             if not self._is_state(frames, number):
                 continue
             if kept is memory["neighbour_kept"]:
                 kept, sent_in = kept.copy(), sent_in.copy()
-            states, sane = self._read(frames)
+            states = self._decoded(frames.payload, frames.source) if self._events else frames.payload
+            sane = self._plausible(states)
             sent, row = frames.links[:, 0], frames.links[:, 1]
             if not sane.all():
+                refused = distinct(np.concatenate([refused, frames.source[~sane]])).astype(np.int32)
                 sent, row = sent[sane[sent]], row[sane[sent]]
             source = frames.source[sent]
             kept[row, :, source] = self._predict.keep(states, frames.source, tick - 1)[sent]
             sent_in[row, source] = tick - 1
-        return memory | {"neighbour_kept": kept, "neighbour_tick": sent_in}
-
-    def refused(self, received: Sequence[Received], number: int = 0) -> NDArray[np.int32]:
-        """Whose states of frames `number` are not believed, ascending: for `Step.refused`."""
-        liars = [NOBODY]
-        for frames in received:
-            if self._is_state(frames, number):
-                sane = self._read(frames)[1]
-                if not sane.all():
-                    liars.append(frames.source[~sane].astype(np.int32))
-        return NOBODY if len(liars) == 1 else distinct(np.concatenate(liars)).astype(np.int32)
+        return memory | {"neighbour_kept": kept, "neighbour_tick": sent_in}, refused
 
     def states(self, memory: Memory, tick: int) -> States:
         """Where everybody is in a tick, as far as rows know: (M, N, 4), a view whose columns are contiguous.
@@ -101,7 +92,7 @@ class Neighbours:
         A row's own UAV is in it as it last sent. Who is forgotten is `FAR_M` away, at rest.
         """
         age = tick - memory["neighbour_tick"]
-        now = self._predict.now(memory["neighbour_kept"], age, _ALL, tick)
+        now = self._predict.now(memory["neighbour_kept"], age, slice(None), tick)
         states: States = np.swapaxes(now, 1, 2)
         if self._forget is not None and (gone := age > self._forget).any():
             states[gone] = _NOWHERE
@@ -129,9 +120,9 @@ class Neighbours:
         said = numbers[rows].astype(np.int16)
         return self._sent(memory, tick, rows, self._decoded(said, uav[rows])), Broadcast(said, rows)
 
-    def unsent(self, memory: Memory) -> NDArray[np.bool_]:
-        """Which rows had a state to send in the last tick that four int16 cannot say, (M,)."""
-        return memory["neighbour_unsent"]
+    def unsent(self, memory: Memory) -> Floats:
+        """1 where a row had a state to send in the last tick that four int16 cannot say, as a diagnostic, (M, 1)."""
+        return memory["neighbour_unsent"][:, None].astype(np.float64)
 
     def _own(self, memory: Memory, tick: int) -> States:
         """What all others predict of the rows themselves by what was last sent, (M, 4)."""
@@ -139,8 +130,7 @@ class Neighbours:
         rows = np.arange(len(uav))
         kept = memory["neighbour_kept"][rows, :, uav][:, :, None]
         age = tick - memory["neighbour_tick"][rows, uav][:, None]
-        of: Which = uav[:, None]
-        return self._predict.now(kept, age, of, tick)[:, :, 0]
+        return self._predict.now(kept, age, uav[:, None], tick)[:, :, 0]
 
     def _sent(self, memory: Memory, tick: int, rows: NDArray[np.intp], states: States) -> Memory:
         """The memory after `rows` have sent states (len(rows), 4)."""
@@ -159,11 +149,6 @@ class Neighbours:
             and frames.payload.shape[1] == SIZE
             and (kind == np.int16 if self._events else kind.kind == "f")
         )
-
-    def _read(self, frames: Received) -> tuple[States, NDArray[np.bool_]]:
-        """The states (S, 4) of frames, and which of them a UAV can have, (S,)."""
-        states = self._decoded(frames.payload, frames.source) if self._events else frames.payload
-        return states, self._plausible(states)
 
     def _decoded(self, numbers: NDArray[np.int16], uavs: NDArray[np.integer]) -> States:
         return numbers * UNIT + self._origin[uavs]

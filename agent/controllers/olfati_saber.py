@@ -3,17 +3,15 @@ Automatic Control 51(3), 2006): his Algorithm 3, a lattice by gradient, consensu
 on the edges of obstacles, and a way to the goal."""
 
 import math
-from collections.abc import Sequence
 from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
-from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.agent.controllers.neighbours import Neighbours
+from meanflock.agent.controllers.base import Memory, Step
+from meanflock.agent.controllers.sharing import SharingController
 from meanflock.agent.near import Near, edges, near, summed
-from meanflock.agent.travel import against_the_air, limited
+from meanflock.agent.travel import limited
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.sharing import Sharing
@@ -26,13 +24,10 @@ def bump(z: Rows, h: float) -> Rows:
     return np.where(z < h, 1.0, np.where(z <= 1.0, falling, 0.0))
 
 
-class OlfatiSaber(Controller):
+class OlfatiSaber(SharingController):
     """u = gradient + consensus + saturated way to the goal, + c0 (v − v_o)."""
 
     name = "olfati-saber"
-    broadcast_numbers = Neighbours.numbers
-    pairwise = True
-    diagnostics = ("unsent",)
 
     class Options(Sharing, frozen=True):
         """The options of `olfati-saber`, by their names in the source where it has them."""
@@ -59,28 +54,21 @@ class OlfatiSaber(Controller):
         if options.a > options.b:
             raise ValueError(f"`a` {options.a} is greater than `b` {options.b}; the action function wants 0 < a ≤ b")
         super().__init__(options, scenario)
-        self._neighbours, self._goals = Neighbours(options, scenario), mission.goals(scenario)
-        self._obstacles = mission.obstacles(scenario)
+        self._goals = mission.goals(scenario)
         self._range, self._distance = self._sigma(options.r_m**2), self._sigma(options.d_m**2)
         self._shift = abs(options.a - options.b) / math.sqrt(4.0 * options.a * options.b)
 
-    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
-        return self._neighbours.init(uavs, plan)
-
-    def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
-        memory, of = self._neighbours.receive(memory, tick, received), self.options
-        uavs = memory["neighbour_uav"]
-        pairs = near(own, self._neighbours.states(memory, tick), uavs, of.r_m)
+    def fly(self, memory: Memory, own: States, others: States) -> Step:
+        """See `SharingController.fly`."""
+        uavs, of = memory["neighbour_uav"], self.options
+        pairs = near(own, others, uavs, of.r_m)
         way = (self._goals[uavs] - own[:, POSITION]) / of.near_m
         way /= np.sqrt(1.0 + state.dot(way, way))[:, None]
         acceleration = of.pull_m_s2 * way - of.damping_1_s * own[:, VELOCITY]
         acceleration += summed(pairs.row, self._of_pairs(pairs), len(own))
         if len(self._obstacles):
             acceleration += self._of_obstacles(own)
-        acceleration = limited(acceleration, of.acceleration_max_m_s2) + against_the_air(self.scenario, own)
-        memory, said = self._neighbours.speak(memory, tick, own)
-        unsent = self._neighbours.unsent(memory)[:, None].astype(np.float64)
-        return Step(memory, acceleration, unsent, (said,), self._neighbours.refused(received))
+        return Step(memory, limited(acceleration, of.acceleration_max_m_s2))
 
     def _of_pairs(self, pairs: Near) -> Plane:
         """c1 φ_α(‖Δ‖σ) n + c2 ρ_h (Δv), his Eq. 23, of pairs, (P, 2) m/s²."""

@@ -5,7 +5,6 @@ Van den Berg, Guy, Lin and Manocha, Reciprocal n-body collision avoidance, Robot
 velocity is free, the source's third program takes the least violation; so does this.
 """
 
-from collections.abc import Sequence
 from typing import Annotated, Any
 
 import numpy as np
@@ -14,11 +13,10 @@ from numpy.typing import NDArray
 
 from meanflock import kernels
 from meanflock.agent.closest import Closest, closest, closest_discs, with_obstacles
-from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.agent.controllers.neighbours import Neighbours
+from meanflock.agent.controllers.base import Memory, Step
+from meanflock.agent.controllers.sharing import SharingController
 from meanflock.agent.controllers.trajectory import CRUISE_M_S
-from meanflock.agent.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel, against_the_air
-from meanflock.swarm import mission
+from meanflock.agent.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.sharing import Sharing
 from meanflock.swarm.state import VELOCITY, Plane, Rows, States
@@ -26,13 +24,11 @@ from meanflock.swarm.state import VELOCITY, Plane, Rows, States
 INFEASIBLE_M_S = 1e-6  # what may be missing of a half-plane that is still called kept
 
 
-class Orca(Controller):
+class Orca(SharingController):
     """a = k_v (v_orca − v) + c0 (v − v_o); v_orca nearest to the velocity of `cruise`, turned a little to the right if
     so wished."""
 
     name = "orca"
-    broadcast_numbers = Neighbours.numbers
-    pairwise = True
     diagnostics = ("infeasible", "unsent")
 
     class Options(Sharing, frozen=True):
@@ -54,24 +50,17 @@ class Orca(Controller):
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
         self._travel = Travel(scenario, options.speed_m_s, options.slowing_1_s, stays=True)
-        self._neighbours = Neighbours(options, scenario)
-        self._discs = mission.obstacles(scenario)
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
-        return self._travel.init(uavs) | self._neighbours.init(uavs, plan)
+        return super().init(uavs, plan) | self._travel.init(uavs)
 
-    def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
+    def fly(self, memory: Memory, own: States, others: States) -> Step:
+        """See `SharingController.fly`."""
         memory, wished = self._travel.velocity(memory, own)
         wished = wished + self.options.right_bias * np.stack([wished[:, 1], -wished[:, 0]], axis=-1)
-        memory = self._neighbours.receive(memory, tick, received)
-        others = self._neighbours.states(memory, tick)
         velocity, missing = self.velocity(own, others, memory["neighbour_uav"], wished)
         acceleration = self.options.velocity_gain_1_s * (velocity - own[:, VELOCITY])
-        acceleration += against_the_air(self.scenario, own)
-        memory, said = self._neighbours.speak(memory, tick, own)
-        reported = np.stack([missing > INFEASIBLE_M_S, self._neighbours.unsent(memory)], axis=-1)
-        refused = self._neighbours.refused(received)
-        return Step(memory, acceleration, reported.astype(np.float64), (said,), refused)
+        return Step(memory, acceleration, (missing > INFEASIBLE_M_S)[:, None].astype(np.float64))
 
     def velocity(self, own: States, others: States, uavs: NDArray[np.integer], wished: Plane) -> tuple[Plane, Rows]:
         """What rows (M, 4) choose instead of the velocities they wish for, (M, 2) m/s; and what is missing, (M,) m/s.
@@ -81,8 +70,8 @@ class Orca(Controller):
         of, dt = self.options, self.scenario.dt
         near = closest(own, others, uavs, of.reach_m, of.neighbours)
         normals, bounds = half_planes(near, own, of.radius_m, of.horizon_s, dt, 0.5)
-        if len(self._discs):
-            discs, radii = closest_discs(own, self._discs, of.reach_m, of.obstacles)
+        if len(self._obstacles):
+            discs, radii = closest_discs(own, self._obstacles, of.reach_m, of.obstacles)
             more, least = half_planes(discs, own, radii + 0.5 * of.radius_m, of.horizon_s, dt, 1.0)
             normals, bounds = with_obstacles(normals, bounds, more, least)
         chosen, missing = np.empty((len(own), 2)), np.empty(len(own))

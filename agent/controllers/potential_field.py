@@ -4,31 +4,26 @@ International Journal of Robotics Research 5(1), 1986): pulled to the goal at a 
 Other UAVs are repelled as discs that are where they are predicted to be, and so are the obstacles of the mission.
 """
 
-from collections.abc import Sequence
 from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.agent.controllers.neighbours import Neighbours
+from meanflock.agent.controllers.base import Memory, Step
+from meanflock.agent.controllers.sharing import SharingController
 from meanflock.agent.controllers.trajectory import CRUISE_M_S
 from meanflock.agent.near import edges, near, summed
-from meanflock.agent.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel, against_the_air, limited
-from meanflock.swarm import mission
+from meanflock.agent.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel, limited
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.sharing import Sharing
 from meanflock.swarm.state import VELOCITY, Plane, Rows, States
 
 
-class PotentialField(Controller):
+class PotentialField(SharingController):
     """a = k_v (v_ref − v) + Σ η (1/ρ − 1/ρ0)/ρ² ∇ρ + c0 (v − v_o), ρ the distance from an edge; ‖·‖ limited."""
 
     name = "potential-field"
-    broadcast_numbers = Neighbours.numbers
-    pairwise = True
-    diagnostics = ("unsent",)
 
     class Options(Sharing, frozen=True):
         """The options of `potential-field`, by their names in the source where it has them."""
@@ -50,27 +45,21 @@ class PotentialField(Controller):
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
         self._travel = Travel(scenario, options.speed_m_s, options.slowing_1_s)
-        self._neighbours = Neighbours(options, scenario)
-        self._obstacles = mission.obstacles(scenario)
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
-        return self._travel.init(uavs) | self._neighbours.init(uavs, plan)
+        return super().init(uavs, plan) | self._travel.init(uavs)
 
-    def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
+    def fly(self, memory: Memory, own: States, others: States) -> Step:
+        """See `SharingController.fly`."""
         of = self.options
         memory, velocity = self._travel.velocity(memory, own)
-        memory = self._neighbours.receive(memory, tick, received)
         acceleration = of.velocity_gain_1_s * (velocity - own[:, VELOCITY])
-        known = self._neighbours.states(memory, tick)
-        pairs = near(own, known, memory["neighbour_uav"], of.rho0_m + of.radius_m)
+        pairs = near(own, others, memory["neighbour_uav"], of.rho0_m + of.radius_m)
         force = repulsion(pairs.distance - of.radius_m, of.rho0_m, of.eta_m3_s2, of.acceleration_max_m_s2)
         acceleration += summed(pairs.row, force[:, None] * pairs.away, len(own))
         if len(self._obstacles):
             acceleration += self._off_obstacles(own)
-        acceleration = limited(acceleration, of.acceleration_max_m_s2) + against_the_air(self.scenario, own)
-        memory, said = self._neighbours.speak(memory, tick, own)
-        unsent = self._neighbours.unsent(memory)[:, None].astype(np.float64)
-        return Step(memory, acceleration, unsent, (said,), self._neighbours.refused(received))
+        return Step(memory, limited(acceleration, of.acceleration_max_m_s2))
 
     def _off_obstacles(self, own: States) -> Plane:
         """Repulsion of rows by all obstacles, (M, 2) m/s²."""

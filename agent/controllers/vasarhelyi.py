@@ -1,19 +1,18 @@
 """Flocking of Vásárhelyi et al. (Optimized flocking of autonomous drones in confined environments, Science Robotics 3,
 2018): a wished velocity, repulsion of who is close, and friction against who closes in faster than a brake allows."""
 
-from collections.abc import Sequence
 from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.agent.controllers.neighbours import Neighbours
+from meanflock.agent.controllers.base import Memory, Step
+from meanflock.agent.controllers.sharing import SharingController
 from meanflock.agent.controllers.trajectory import CRUISE_M_S
 from meanflock.agent.near import NOWHERE_M, Near, edges, near, summed
-from meanflock.agent.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel, against_the_air, limited
-from meanflock.swarm import mission, state
+from meanflock.agent.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel, limited
+from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.sharing import Sharing
 from meanflock.swarm.state import VELOCITY, VX, VY, Floats, Plane, Rows, States
@@ -27,13 +26,10 @@ def braking(distance_m: Rows, slope_1_s: float, acceleration: float) -> Rows:
     return np.where(linear < acceleration / slope_1_s, linear, root)
 
 
-class Vasarhelyi(Controller):
+class Vasarhelyi(SharingController):
     """a = (v_d − v)/τ + c0 (v − v_o), v_d = v_ref + repulsion + friction; v_ref is that of `cruise`."""
 
     name = "vasarhelyi"
-    broadcast_numbers = Neighbours.numbers
-    pairwise = True
-    diagnostics = ("unsent",)
 
     class Options(Sharing, frozen=True):
         """The options of `vasarhelyi`, by their names in the source where it has them."""
@@ -62,26 +58,20 @@ class Vasarhelyi(Controller):
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
-        self._obstacles = mission.obstacles(scenario)
         self._travel = Travel(scenario, options.speed_m_s, options.slowing_1_s)
-        self._neighbours = Neighbours(options, scenario)
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
-        return self._travel.init(uavs) | self._neighbours.init(uavs, plan)
+        return super().init(uavs, plan) | self._travel.init(uavs)
 
-    def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
+    def fly(self, memory: Memory, own: States, others: States) -> Step:
+        """See `SharingController.fly`."""
         memory, velocity = self._travel.velocity(memory, own)
-        memory = self._neighbours.receive(memory, tick, received)
-        known = self._neighbours.states(memory, tick)
-        pairs = near(own, known, memory["neighbour_uav"], self.options.range_m, self._matters)
+        pairs = near(own, others, memory["neighbour_uav"], self.options.range_m, self._matters)
         velocity += summed(pairs.row, self._push(pairs), len(own))
         if len(self._obstacles):
             velocity += self._off_obstacles(own)
         velocity = limited(velocity, self.options.v_max_m_s)
-        acceleration = (velocity - own[:, VELOCITY]) / self.options.tau_s + against_the_air(self.scenario, own)
-        memory, said = self._neighbours.speak(memory, tick, own)
-        unsent = self._neighbours.unsent(memory)[:, None].astype(np.float64)
-        return Step(memory, acceleration, unsent, (said,), self._neighbours.refused(received))
+        return Step(memory, (velocity - own[:, VELOCITY]) / self.options.tau_s)
 
     def _matters(self, squared: Floats, difference_squared: Floats) -> NDArray[np.bool_]:
         """Which pairs can push at all. √(2ar − a²/p²) is nowhere more than D(r, a, p)."""

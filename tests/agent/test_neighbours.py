@@ -65,7 +65,7 @@ def test_a_broadcast_of_every_tick_reaches_who_is_in_range() -> None:
     received = frames(broadcast, N)
     kept = received.links[:, 1] != 2  # row 2 hears nobody
     partly = Received(0, received.source, received.payload, received.links[kept])
-    known = of.states(of.receive(spoken, 5, [partly]), 5)
+    known = of.states(of.receive(spoken, 5, [partly])[0], 5)
     expected = now.copy()
     expected[:, :2] += 0.1 * now[:, 2:]
     np.testing.assert_allclose(known[0], expected, rtol=1e-6)
@@ -77,7 +77,7 @@ def test_one_silent_for_too_long_is_forgotten_where_everybody_should_speak() -> 
     of = Neighbours(Sharing(broadcast="tick", forget_s=1.0), scenario())
     memory = of.init(UAVS, plan())
     said, broadcast = of.speak(memory, 3, plan())
-    memory = of.receive(said, 4, [frames(Broadcast(broadcast.payload[:1], UAVS[:1]), N)])
+    memory, _ = of.receive(said, 4, [frames(Broadcast(broadcast.payload[:1], UAVS[:1]), N)])
     assert (np.abs(of.states(memory, 10)) < 1e3).all()
     known = of.states(memory, 11)
     assert (known[2, [1, 3, 4], :2] == FAR_M).all()
@@ -97,7 +97,7 @@ def test_an_event_is_a_position_that_others_predict_too_badly() -> None:
     assert broadcast.rows.tolist() == [2]
     assert broadcast.payload.dtype == np.int16
     assert broadcast.payload.shape == (1, 4)
-    known = of.states(of.receive(after, 11, [frames(broadcast, N)]), 11)
+    known = of.states(of.receive(after, 11, [frames(broadcast, N)])[0], 11)
     expected = now[2].copy()
     expected[:2] += 0.1 * now[2, 2:]
     np.testing.assert_allclose(known[:, 2], np.repeat(expected[None], N, axis=0), rtol=0, atol=0.0056)
@@ -137,7 +137,7 @@ def test_sender_and_receivers_predict_the_same_bits() -> None:
         now = now + 0.2 * draw.standard_normal((1, 4))
         mine, broadcast = of.speak(mine, tick, now)
         received = Received(0, UAVS[:1][broadcast.rows], broadcast.payload, np.zeros((len(broadcast.payload), 2), int))
-        theirs = other.receive(theirs, tick + 1, [received] if len(broadcast.payload) else [])
+        theirs, _ = other.receive(theirs, tick + 1, [received] if len(broadcast.payload) else [])
         assert of.states(mine, tick + 1)[0, 0].tobytes() == other.states(theirs, tick + 1)[0, 0].tobytes()
         assert np.hypot(*(of.states(mine, tick)[0, 0, :2] - now[0, :2])) < 0.3 + 0.01
 
@@ -152,7 +152,7 @@ def test_a_state_beyond_16_bits_is_not_sent_but_counted() -> None:
     after, broadcast = of.speak(memory, 1, now)
     assert broadcast.rows is not None
     assert broadcast.rows.tolist() == [0]
-    assert of.unsent(after).tolist() == [False, True, True, True, False]
+    assert of.unsent(after).tolist() == [[0.0], [1.0], [1.0], [1.0], [0.0]]
     assert of.states(after, 1)[0, 0, 0] == pytest.approx(halfway[0] + 327.6, abs=0.005)
     assert of.states(after, 1)[0, 1, 0] < 100.0  # as all others still believe
     back, broadcast = of.speak(after, 2, plan())
@@ -167,9 +167,10 @@ def test_a_lie_is_refused_and_named() -> None:
         of = Neighbours(sharing, scenario())
         memory = of.init(UAVS[:1], plan())
         said = Received(0, np.array([4, 2, 3]), payload, np.array([[0, 0], [1, 0], [2, 0]]))
-        assert of.refused([said]).tolist() == [2, 4]
-        assert not len(of.refused([said], number=1))
-        known, before = of.states(of.receive(memory, 1, [said]), 1), of.states(memory, 1)
+        after, refused = of.receive(memory, 1, [said])
+        assert refused.tolist() == [2, 4]
+        assert not len(of.receive(memory, 1, [said], number=1)[1])
+        known, before = of.states(after, 1), of.states(memory, 1)
         np.testing.assert_array_equal(known[0, [2, 4]], before[0, [2, 4]])
         assert (known[0, 3] != before[0, 3]).any()
 
@@ -181,11 +182,11 @@ def test_a_lie_is_refused_and_named() -> None:
 def test_what_is_no_state_is_not_taken_for_one(payload: np.ndarray) -> None:
     of = Neighbours(EVENT, scenario())
     memory = of.init(UAVS[:2], plan())
-    after = of.receive(memory, 1, [Received(0, UAVS[2:3], payload, np.array([[0, 0]]))])
+    after, _ = of.receive(memory, 1, [Received(0, UAVS[2:3], payload, np.array([[0, 0]]))])
     assert after["neighbour_kept"] is memory["neighbour_kept"]
     right = Received(1, UAVS[2:3], np.ones((1, 4), np.int16), np.array([[0, 0]]))
-    assert of.receive(memory, 1, [right])["neighbour_tick"] is memory["neighbour_tick"]
-    assert (of.receive(memory, 3, [right], number=1)["neighbour_tick"] == [[0, 0, 2, 0, 0], [0] * 5]).all()
+    assert of.receive(memory, 1, [right])[0]["neighbour_tick"] is memory["neighbour_tick"]
+    assert (of.receive(memory, 3, [right], number=1)[0]["neighbour_tick"] == [[0, 0, 2, 0, 0], [0] * 5]).all()
 
 
 @pytest.mark.parametrize("sharing", [EVENT, TICK, Sharing(repeats=3, delta_m=0.1)])
@@ -211,7 +212,7 @@ def test_a_row_knows_the_same_alone_as_among_others(sharing: Sharing, along: boo
                     links = batch.links[through & np.isin(batch.links[:, 1], group)]
                     links = np.stack([links[:, 0], np.searchsorted(group, links[:, 1])], axis=1)
                     mine.append(Received(0, batch.source, batch.payload, links))
-                memories[k] = of.receive(memories[k], tick, mine)
+                memories[k], _ = of.receive(memories[k], tick, mine)
                 known.append(of.states(memories[k], tick))
                 memories[k], broadcast = of.speak(memories[k], tick, now[group])
                 said.append(broadcast.payload)
@@ -232,7 +233,7 @@ def test_nothing_it_is_given_is_written_to() -> None:
     after, broadcast = of.speak(memory, 1, plan(5))
     for array in (*memory.values(), *after.values(), broadcast.payload):
         array.flags.writeable = False
-    of.speak(of.receive(after, 2, [frames(broadcast, N)]), 2, plan(6))
+    of.speak(of.receive(after, 2, [frames(broadcast, N)])[0], 2, plan(6))
 
 
 def test_alone_there_is_nobody_to_know_of() -> None:

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 import meanflock as mf
-from meanflock.agent.controllers.neighbours import Neighbours, Sharing
+from meanflock.agent.controllers.neighbours import Neighbours
 from meanflock.agent.controllers.plan import Plan
 from meanflock.swarm import declared, mission
 from meanflock.swarm.scenario import load
+from meanflock.swarm.sharing import Sharing
 
 
 def test_without_noise_it_keeps_to_its_trajectory() -> None:
