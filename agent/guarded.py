@@ -1,8 +1,7 @@
 """A controller, which may be anybody's: what it raises, or cannot mean, costs its own rows and no others."""
 
 import logging
-import traceback
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +13,11 @@ from meanflock.agent.rows import (
     checked_step,
     checked_table,
     each_alone,
-    set_each_alone,
-    table_each_alone,
+    put,
+    row_of,
+    step_each_alone,
 )
-from meanflock.swarm import state
+from meanflock.swarm import plugins, state
 from meanflock.swarm.declared import controller
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
@@ -67,7 +67,7 @@ class Guarded:
         except Exception as error:
             uavs = ", ".join(map(str, self._uavs))
             raise BadInput(
-                f"controller {self._method!r} failed in `init` with UAV {uavs}: {_last_line(error)}"
+                f"controller {self._method!r} failed in `init` with UAV {uavs}: {plugins.reason(error)}"
             ) from error
 
     def step(self, memory: Memory, tick: int, own: Floats, received: Sequence[Received]) -> tuple[Step, Floats, float]:
@@ -78,56 +78,56 @@ class Guarded:
             step = self._controller.step(memory, tick, own, received)
             return step, *checked_step(step, memory, self._blank, self._declared)
         except Exception as error:
-            step, commands = each_alone(self._controller, memory, tick, own, received, self._declared)
-            self._break(np.asarray(np.isnan(commands).any(axis=-1)), error)
+            step, commands = step_each_alone(self._controller, memory, tick, own, received, self._declared)
+            self._break(np.flatnonzero(np.isnan(commands).any(axis=-1)), error)
             return step, commands, float(np.abs(commands).max(initial=0.0))
 
     def get(self, memory: Memory, rows: Rows) -> Floats:
         """The models (M, parameters); only `rows` are asked for, and can fail."""
-        asked = np.zeros(len(self._uavs), dtype=bool)
-        asked[rows] = True
-        return self._table("get", memory, self._declared.parameters, asked)
+        return self._table("get", memory, self._declared.parameters, rows.tolist())
 
     def report(self, memory: Memory) -> Floats:
         """What was learned, (M, weights)."""
-        return self._table("report", memory, self._declared.weights, np.ones(len(self._uavs), dtype=bool))
+        return self._table("report", memory, self._declared.weights, range(len(self._uavs)))
 
     def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
         """The memory after some rows were given a global model (len(rows), parameters)."""
         try:
             return checked_again(self._controller.set(memory, rows, models), memory)
         except Exception as error:
-            after, broken = set_each_alone(self._controller, memory, rows, models, len(self._uavs))
-            self._break(broken, error)
-            return after
+            places = {row: slice(place, place + 1) for place, row in enumerate(rows.tolist())}
+            alone = each_alone(places, lambda row: self._taught(row_of(memory, row), models[places[row]]))
+            self._break([row for row in places if row not in alone], error)
+            return put(memory, alone)
 
     def look(self, memory: Memory) -> None:
         """Before a checkpoint: what a row remembers must be finite, or nobody could go on from it."""
         for name, array in memory.items():
-            bad = np.asarray((~np.isfinite(array)).reshape(len(array), -1).any(axis=1))
-            if bad.any():
+            bad = np.flatnonzero((~np.isfinite(array)).reshape(len(array), -1).any(axis=1))
+            if len(bad):
                 self._break(bad, ValueError(f"memory[{name!r}] has numbers that are not finite"))
 
-    def _table(self, name: str, memory: Memory, width: int, asked: Mask) -> Floats:
+    def _taught(self, alone: Memory, model: Floats) -> Memory:
+        return checked_again(self._controller.set(alone, np.zeros(1, dtype=np.intp), model), alone)
+
+    def _table(self, name: str, memory: Memory, width: int, asked: Iterable[int]) -> Floats:
         call, rows = getattr(self._controller, name), len(self._uavs)
         try:
             return checked_table(name, call(memory), rows, width)
         except Exception as error:
-            table, broken = table_each_alone(call, memory, name, width, rows)
-            self._break(broken & asked, error)
-            return table
+            alone = each_alone(range(rows), lambda row: checked_table(name, call(row_of(memory, row)), 1, width))
+            self._break([row for row in asked if row not in alone], error)
+            return np.concatenate([alone.get(row, np.zeros((1, width))) for row in range(rows)])
 
-    def _break(self, broken: Mask, error: Exception) -> None:
-        """Takes note of rows in which it has failed, (M,)."""
+    def _break(self, rows: Rows | list[int], error: Exception) -> None:
+        """Takes note of rows in which it has failed."""
+        broken = np.zeros(len(self._uavs), dtype=bool)
+        broken[rows] = True
         if self.asleep is not None:
             broken = broken & ~self.asleep
         self.broken = self.or_broken(broken)
         if len(uavs := self._uavs[broken & ~self._known]):
             self._known = self._known | broken
-            log.warning("controller %r failed: %s", self._method, _last_line(error), exc_info=error)
+            log.warning("controller %r failed: %s", self._method, plugins.reason(error), exc_info=error)
             names = ", ".join(map(str, uavs))
-            self._complaints.append(f"controller {self._method!r} failed with UAV {names}: {_last_line(error)}")
-
-
-def _last_line(error: Exception) -> str:
-    return traceback.format_exception_only(error)[-1].strip()
+            self._complaints.append(f"controller {self._method!r} failed with UAV {names}: {plugins.reason(error)}")

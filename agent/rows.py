@@ -1,6 +1,8 @@
 """A controller's memory and results, row by row: checked, taken apart and put together again."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,8 @@ from meanflock.swarm.ascending import distinct
 from meanflock.swarm.declared import MAX_BROADCASTS, Declared
 from meanflock.swarm.state import AXES, Floats, Mask
 from meanflock.swarm.wire.control import MAX_AXES, TRAVELS
+
+Answer = TypeVar("Answer")
 
 SENT = (np.dtype("i1"), np.dtype("u1"), np.dtype("<i2"), np.dtype("<i4"))  # integers that travel
 
@@ -148,83 +152,58 @@ def of_row(received: Sequence[Received], row: int) -> tuple[Received, ...]:
     return tuple(own)
 
 
-def each_alone(
+def each_alone(rows: Iterable[int], ask: Callable[[int], Answer]) -> dict[int, Answer]:
+    """What is answered for every row by itself, after it failed for all together; rows that fail alone are left out."""
+    answers = {}
+    for row in rows:
+        with suppress(Exception):
+            answers[row] = ask(row)
+    return answers
+
+
+def put(memory: Memory, alone: Mapping[int, Memory]) -> Memory:
+    """A memory with that of some rows, each by itself."""
+    after = {name: array.copy() for name, array in memory.items()}
+    for row, of in alone.items():
+        for name, array in of.items():
+            after[name][row] = array[0]
+    return after
+
+
+def step_each_alone(
     controller: Controller, memory: Memory, tick: int, own: Floats, received: Sequence[Received], declared: Declared
 ) -> tuple[Step, Floats]:
-    """The step of every row by itself, after it failed for all together: only rows that fail alone have failed.
-
-    Their memory is as it was, and their commands are NaN.
-    """
+    """The step of every row by itself. Of rows that fail the memory is as it was, and the commands are NaN."""
     rows, columns = len(own), AXES + len(declared.diagnostics)
-    commands, after = np.full((rows, columns), np.nan), {name: array.copy() for name, array in memory.items()}
-    said: dict[int, list[tuple[int, NDArray[np.generic]]]] = {}
-    refused: list[NDArray[np.int32]] = []
-    for row in range(rows):
-        try:
-            alone = row_of(memory, row)
-            step = controller.step(alone, tick, own[row : row + 1], of_row(received, row))
-            numbers, _ = checked_step(step, alone, np.zeros((1, columns)), declared)
-            own_words = {
-                number: broadcast.payload[0]
-                for number, broadcast in enumerate(step.broadcasts)
-                if broadcast.rows is None or len(broadcast.rows)
-            }
-            for number, payload in own_words.items():
-                first = said.get(number, [(row, payload)])[0][1]
-                if (payload.shape, payload.dtype) != (first.shape, first.dtype):
-                    raise ValueError(
-                        f"broadcast {number} is {payload.shape} {payload.dtype}, unlike that of other rows"
-                    )
-        except Exception:  # it is among those that failed
-            continue
+    commands = np.full((rows, columns), np.nan)
+    said: dict[int, dict[int, NDArray[np.generic]]] = {}  # by number and row
+
+    def ask(row: int) -> Step:
+        alone = row_of(memory, row)
+        step = controller.step(alone, tick, own[row : row + 1], of_row(received, row))
+        numbers, _ = checked_step(step, alone, np.zeros((1, columns)), declared)
+        payloads = {
+            number: broadcast.payload[0]
+            for number, broadcast in enumerate(step.broadcasts)
+            if broadcast.rows is None or len(broadcast.rows)
+        }
+        for number, payload in payloads.items():
+            first = next(iter(said.get(number, {row: payload}).values()))
+            if (payload.shape, payload.dtype) != (first.shape, first.dtype):
+                raise ValueError(f"broadcast {number} is unlike that of other rows")
+        for number, payload in payloads.items():
+            said.setdefault(number, {})[row] = payload
         commands[row] = numbers
-        for name, array in step.memory.items():
-            after[name][row] = array[0]
-        refused.append(step.refused)
-        for number, payload in own_words.items():
-            said.setdefault(number, []).append((row, payload))
+        return step
+
+    steps = each_alone(range(rows), ask)
     none = np.zeros(0, dtype=np.intp)
     broadcasts = tuple(  # in their places, those that nobody sends too: their place is their number
-        Broadcast(np.stack([payload for _, payload in said[number]]), np.array([row for row, _ in said[number]]))
+        Broadcast(np.stack(list(said[number].values())), np.array(list(said[number])))
         if number in said
         else Broadcast(np.zeros((0, 1)), none)
         for number in range(max(said, default=-1) + 1)
     )
-    return Step(
-        after,
-        commands[:, :AXES],
-        commands[:, AXES:],
-        broadcasts,
-        distinct(np.concatenate([none, *refused])).astype(np.int32),
-    ), commands
-
-
-def table_each_alone(
-    call: Callable[[Memory], Floats], memory: Memory, name: str, width: int, rows: int
-) -> tuple[Floats, Mask]:
-    """A table (rows, width) that `call` returns row by row; and in which rows it fails, (rows,), where it is zeros."""
-    table, broken = np.zeros((rows, width)), np.zeros(rows, dtype=bool)
-    for row in range(rows):
-        try:
-            table[row] = checked_table(name, call(row_of(memory, row)), 1, width)[0]
-        except Exception:  # it is among those that failed
-            broken[row] = True
-    return table, broken
-
-
-def set_each_alone(
-    controller: Controller, memory: Memory, rows: NDArray[np.intp], models: Floats, count: int
-) -> tuple[Memory, Mask]:
-    """The memory after `rows` of `count` were given models, one by one; and where that fails, (count,): as it was."""
-    after = {name: array.copy() for name, array in memory.items()}
-    broken = np.zeros(count, dtype=bool)
-    for place, row in enumerate(rows.tolist()):
-        alone = row_of(memory, row)
-        try:
-            taught = checked_again(controller.set(alone, np.zeros(1, np.intp), models[place : place + 1]), alone)
-        except Exception:  # it is among those that failed
-            broken[row] = True
-            continue
-        for name, array in taught.items():
-            after[name][row] = array[0]
-    return after, broken
+    after = put(memory, {row: step.memory for row, step in steps.items()})
+    refused = distinct(np.concatenate([none, *(step.refused for step in steps.values())])).astype(np.int32)
+    return Step(after, commands[:, :AXES], commands[:, AXES:], broadcasts, refused), commands

@@ -3,8 +3,6 @@
 Where clusters have heads it collects their relays instead: a mean, and the number of models to weigh it by.
 """
 
-import traceback
-
 import numpy as np
 
 from meanflock.leader.aggregators.base import Aggregator, State
@@ -77,7 +75,7 @@ class Leader:
             _recorded(begun)
             return begun
         except Exception as error:
-            raise BadInput(f"aggregator {name!r} failed in `init`: {_last_line(error)}") from error
+            raise BadInput(f"aggregator {name!r} failed in `init`: {plugins.reason(error)}") from error
 
     def _broadcast(self, number: int, arrived: dict[int, Floats]) -> tuple[Frames, ...]:
         model = self._averaged(number, arrived)
@@ -103,7 +101,7 @@ class Leader:
                 raise ValueError("the model is not finite")
             self._kept = _recorded(after)
         except Exception as error:
-            self.complaints.append(f"aggregator {name!r} failed in round {number}: {_last_line(error)}")
+            self.complaints.append(f"aggregator {name!r} failed in round {number}: {plugins.reason(error)}")
             return None
         self._state = after
         return np.asarray(model, dtype=np.float64)
@@ -133,7 +131,3 @@ def _recorded(state_: State) -> bytes:
     if (size := sum(array.nbytes for array in state_.values())) > MAX_MEMORY_BYTES:
         raise ValueError(f"the state has {size} bytes; at most {MAX_MEMORY_BYTES}")
     return encode_record(state_) if state_ else b""
-
-
-def _last_line(error: Exception) -> str:
-    return traceback.format_exception_only(error)[-1].strip()

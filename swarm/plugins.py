@@ -13,7 +13,7 @@ import traceback
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import msgspec
 
@@ -22,13 +22,7 @@ from meanflock.swarm.libraries import lacking
 
 Door: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle", "filter"]
 
-GROUPS: dict[Door, str] = {
-    "controller": "meanflock.controllers",
-    "aggregator": "meanflock.aggregators",
-    "channel": "meanflock.channels",
-    "vehicle": "meanflock.vehicles",
-    "filter": "meanflock.filters",
-}
+GROUPS: dict[Door, str] = {door: f"meanflock.{door}s" for door in get_args(Door)}
 NEEDED: dict[Door, tuple[str, ...]] = {  # what a class must have; the rest has defaults in the base classes
     "controller": ("init", "step"),
     "aggregator": ("step",),
@@ -37,6 +31,7 @@ NEEDED: dict[Door, tuple[str, ...]] = {  # what a class must have; the rest has 
     "filter": ("init", "step"),
 }
 HERE = "this process"  # the source of a class that is in no file
+NO_PLUGIN = "derive a class from meanflock.Controller, Aggregator, Channel, Vehicle or Filter and give it a `name`"
 FILES = "MEANFLOCK_PLUGINS"  # a variable: the files a process registers when it starts, as PATH separates them
 
 
@@ -145,31 +140,17 @@ def load_file(path: Path) -> list[Plugin]:
     except (Exception, SystemExit) as error:
         del sys.modules[module_name]
         raise BadInput(f"--plugin {path}: {last_line(error)}") from error
-    hashed = fingerprint(source)
     found = []
     for attribute, value in vars(module).items():
-        door = getattr(value, "door", None)
-        if not isinstance(value, type) or value.__module__ != module_name or door not in GROUPS:
+        key = _key(value) if getattr(value, "__module__", None) == module_name else None
+        if key is None:
             continue
-        name = getattr(value, "name", "")
-        if not isinstance(name, str) or not name:
-            continue  # a class others derive from
-        key = (door, name)
         if key in _files and _files[key][0].source != str(path):
-            raise BadInput(f"--plugin {path}: two {door}s are named {name!r}, the other in {_files[key][0].source}")
-        if key in _packaged():
-            raise BadInput(
-                f"--plugin {path}: {door} {name!r} is installed already, of {_packaged()[key][0].source}; "
-                "give yours another name"
-            )
-        plugin = Plugin(door, name, str(path), attribute, hashed)
-        _files[key] = plugin, _checked(door, name, value, str(path))
-        found.append(plugin)
+            raise BadInput(f"--plugin {path}: two {key[0]}s are named {key[1]!r}, the other in {_files[key][0].source}")
+        plugin = Plugin(*key, str(path), attribute, fingerprint(source))
+        found.append(_register(plugin, value, f"--plugin {path}: "))
     if not found:
-        raise BadInput(
-            f"--plugin {path}: no plug-in in it; derive a class from meanflock.Controller, Aggregator, Channel, "
-            "Vehicle or Filter and give it a `name`"
-        )
+        raise BadInput(f"--plugin {path}: no plug-in in it; {NO_PLUGIN}")
     return found
 
 
@@ -179,19 +160,9 @@ def register(made: type) -> Plugin:
     Raises:
         BadInput: it is no plug-in, or the name is taken by one that is installed.
     """
-    door, name = getattr(made, "door", None), getattr(made, "name", "")
-    if door not in GROUPS or not isinstance(name, str) or not name:
-        raise BadInput(
-            f"{made!r}: no plug-in; derive it from meanflock.Controller, Aggregator, Channel, Vehicle or Filter, "
-            "and give it a `name`"
-        )
-    if (door, name) in _packaged():
-        raise BadInput(
-            f"{door} {name!r} is installed already, of {_packaged()[door, name][0].source}; give yours another name"
-        )
-    plugin = Plugin(door, name, HERE, made.__qualname__, HERE)
-    _files[door, name] = plugin, _checked(door, name, made, HERE)
-    return plugin
+    if (key := _key(made)) is None:
+        raise BadInput(f"{made!r}: no plug-in; {NO_PLUGIN}")
+    return _register(Plugin(*key, HERE, made.__qualname__, HERE), made)
 
 
 def fingerprint(source: bytes) -> str:
@@ -259,11 +230,10 @@ def create(door: Door, name: str, options: dict[str, Any], *context: Any) -> Any
     except msgspec.ValidationError as error:
         text, _, place = str(error).partition(" - at ")
         key = place.strip("`").removeprefix("$").removeprefix(".")
-        raise BadInput(
-            f"{where}{'.' + key if key else ''}: {text}; `meanflock scenario schema --method {name}` lists the options"
-            if door == "controller"
-            else f"{where}{'.' + key if key else ''}: {text}; `meanflock plugins` lists the options of {name!r}"
-        ) from error
+        lists = f"scenario schema --method {name}` lists the options"
+        if door != "controller":
+            lists = f"plugins` lists the options of {name!r}"
+        raise BadInput(f"{where}{'.' + key if key else ''}: {text}; `meanflock {lists}") from error
     try:
         return made(typed, *context)
     except BadInput:
@@ -276,6 +246,21 @@ def options_table(door: Door) -> str:
     """The table of a scenario that holds the options of a door's plug-in."""
     tables = {"controller": "controller", "aggregator": "federation.options", "channel": "radio.options"}
     return tables.get(door, f"{door}.options")
+
+
+def _key(made: Any) -> tuple[Door, str] | None:
+    """Door and name of a plug-in; None of anything else, such as a class others derive from."""
+    door, name = getattr(made, "door", None), getattr(made, "name", "")
+    return (door, name) if isinstance(made, type) and door in GROUPS and isinstance(name, str) and name else None
+
+
+def _register(plugin: Plugin, made: type, where: str = "") -> Plugin:
+    key = plugin.door, plugin.name
+    if key in _packaged():
+        there = f"{plugin.door} {plugin.name!r} is installed already, of {_packaged()[key][0].source}"
+        raise BadInput(f"{where}{there}; give yours another name")
+    _files[key] = plugin, _checked(*key, made, plugin.source)
+    return plugin
 
 
 def _checked(door: Door, name: str, found: Any, source: str) -> type:
@@ -294,4 +279,9 @@ def last_line(error: BaseException) -> str:
     """What went wrong, and the line of the plug-in it went wrong in."""
     frames = traceback.extract_tb(error.__traceback__)
     where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
-    return traceback.format_exception_only(error)[-1].strip() + where
+    return reason(error) + where
+
+
+def reason(error: BaseException) -> str:
+    """What went wrong, in a line."""
+    return traceback.format_exception_only(error)[-1].strip()

@@ -106,7 +106,7 @@ def test_a_scenario_is_a_name_a_file_a_scenario_or_nothing(tmp_path: Path) -> No
         ("paper", {"wind": 3}, "wind"),
         ("paper", {"uavs": 0}, "uavs"),
         ("paper", {"method": "nobody"}, "'nobody' is not installed here"),
-        ("paper", {"method": int}, "derive it from meanflock.Controller"),
+        ("paper", {"method": int}, "derive a class from meanflock.Controller"),
         ("paper", {"plugin": "nowhere.py"}, "nowhere.py"),
         ("paper", {"record": True}, "out="),
         ("nowhere.toml", {}, "nowhere.toml"),
