@@ -33,7 +33,7 @@ def solve(matrices: Floats, rights: Floats) -> Floats:
 
 
 def product(left: Floats, right: Floats) -> Floats:
-    """(M, n, m) times (M, m, k) or (m, k), added up in the order of m: (M, n, k)."""
+    """(M, n, m) or (n, m) times (M, m, k) or (m, k), added up in the order of m: (M, n, k)."""
     total = left[..., :, 0, None] * right[..., 0, None, :]
     for k in range(1, left.shape[-1]):
         total += left[..., :, k, None] * right[..., k, None, :]

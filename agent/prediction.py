@@ -32,11 +32,9 @@ class ConstantVelocity:
         self._dt = dt
 
     def keep(self, states: States, uavs: NDArray[np.intp], tick: int) -> Floats:
-        """See `Prediction`."""
         return states
 
     def now(self, kept: Floats, age: NDArray[np.int32], uavs: Which, tick: int) -> Floats:
-        """See `Prediction`."""
         states = np.empty(kept.shape)
         np.multiply(kept[:, AXES:], (age * self._dt)[:, None], out=states[:, :AXES])
         states[:, :AXES] += kept[:, :AXES]
@@ -58,7 +56,6 @@ class AlongPlan:
         return states - self._plan(tick)[uavs]
 
     def now(self, kept: Floats, age: NDArray[np.int32], uavs: Which, tick: int) -> Floats:
-        """See `Prediction`."""
         states = kept * self._left[np.minimum(age, len(self._left) - 1)][:, None]
         states += np.swapaxes(self._plan(tick)[uavs], -1, -2)
         return states

@@ -99,10 +99,5 @@ class WindGrid:
         known = information[..., AXES:]
         news = information[..., :AXES] if base is None else information[..., :AXES] - known * base
         system = np.eye(self.count) + known * self._prior
-        thought = product_of_one(self._prior, solve(system, news))
+        thought = product(self._prior, solve(system, news))
         return thought if base is None else base + thought
-
-
-def product_of_one(matrix: Floats, columns: Floats) -> Floats:
-    """A matrix (F, F) times (M, F, k): (M, F, k)."""
-    return product(np.broadcast_to(matrix, (len(columns), *matrix.shape)), columns)

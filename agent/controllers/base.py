@@ -101,7 +101,7 @@ class Controller:
 
     def get(self, memory: Memory) -> NDArray[np.float64]:
         """The models that are uploaded, (M, parameters)."""
-        return np.zeros((_rows(memory), 0))
+        return np.zeros((len(next(iter(memory.values()), ())), 0))
 
     def set(self, memory: Memory, rows: Rows, models: NDArray[np.float64]) -> Memory:
         """The memory after a global model, (len(rows), parameters), reached some rows."""
@@ -114,7 +114,3 @@ class Controller:
     def report(self, memory: Memory) -> NDArray[np.float64]:
         """What was learned, as it is recorded, (M, weights)."""
         return self.get(memory)
-
-
-def _rows(memory: Memory) -> int:
-    return len(next(iter(memory.values()))) if memory else 0

@@ -56,12 +56,14 @@ class Filter:
         raise NotImplementedError
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        """See `Controller.init`."""
         theirs = self.inner.init(uavs, plan)
         if taken := sorted(name for name in theirs if name.startswith(PREFIX)):
             raise ValueError(f"memory[{taken[0]!r}]: names that begin with {PREFIX!r} are those of the filter")
         return theirs | _named(self._neighbours.init(uavs, plan))
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
+        """See `Controller.step`."""
         theirs, mine = _apart(memory)
         step = self.inner.step(theirs, tick, own, _of_inner(received))
         wanted = step.acceleration
@@ -81,13 +83,16 @@ class Filter:
         )
 
     def get(self, memory: Memory) -> Floats:
+        """See `Controller.get`."""
         return self.inner.get(_apart(memory)[0])
 
     def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
+        """See `Controller.set`."""
         theirs, mine = _apart(memory)
         return self.inner.set(theirs, rows, models) | _named(mine)
 
     def report(self, memory: Memory) -> Floats:
+        """See `Controller.report`."""
         return self.inner.report(_apart(memory)[0])
 
 

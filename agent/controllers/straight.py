@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from meanflock.agent.airspeed import Fare
 from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.agent.travel import against_the_air, limited
+from meanflock.agent.travel import SLOWING_1_S, against_the_air, limited
 from meanflock.swarm import mission
 from meanflock.swarm.state import POSITION, VELOCITY, States, norm
 
-SLOWING_1_S = 0.5  # near the goal
 LIMIT_M_S2 = 3.0
 
 

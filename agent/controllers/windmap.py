@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 from meanflock.agent.airspeed import Fare
 from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
+from meanflock.agent.controllers.straight import LIMIT_M_S2
 from meanflock.agent.corridor import Corridor
-from meanflock.agent.travel import limited
+from meanflock.agent.travel import SLOWING_1_S, limited
 from meanflock.agent.wind_belief import INFORMATION, WindGrid
 from meanflock.agent.wind_route import Router
 from meanflock.swarm import state
@@ -34,8 +35,6 @@ from meanflock.swarm.wire.messages import NOBODY
 
 SAID = 4  # numbers of a measurement: x, y, and the wind along x and y
 BEYOND = 6.0  # standard deviations of a measurement that is none: something else moved the craft
-SLOWING_1_S = 0.5  # near the goal
-LIMIT_M_S2 = 3.0
 LOOK_M = 6.0  # how far ahead on its way a UAV flies to
 
 

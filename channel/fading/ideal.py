@@ -19,10 +19,8 @@ class Ideal(Channel):
     def transmit(
         self, distance_m: Floats, bits: int, rng: np.random.Generator
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """See `Channel.transmit`."""
         links = len(distance_m)
         return np.full(links, slots_needed(self._radio, bits), dtype=np.int64), np.ones(links, dtype=bool)
 
     def expected(self, distance_m: Floats, bits: int) -> tuple[float, float]:
-        """See `Channel.expected`."""
         return 0.0, float(len(distance_m) * slots_needed(self._radio, bits))

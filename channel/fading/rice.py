@@ -27,7 +27,7 @@ class Rice(Channel):
     def transmit(
         self, distance_m: Floats, bits: int, rng: np.random.Generator
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """See `Channel.transmit`. In every slot an amplitude is drawn for each link still busy, in link order."""
+        """In every slot an amplitude is drawn for each link still busy, in link order."""
         radio, links = self._radio, len(distance_m)
         if bits not in self._needed:
             self._needed[bits] = slots_needed(radio, bits)
@@ -48,7 +48,6 @@ class Rice(Channel):
         return slots, delivered
 
     def expected(self, distance_m: Floats, bits: int) -> tuple[float, float]:
-        """See `Channel.expected`."""
         if self._alike is None:
             return theory.expected(self._radio, distance_m, bits)
         if bits not in self._expected:
