@@ -77,6 +77,13 @@ def test_whether_data_pay_more_than_models_is_decided_by_the_numbers(script) -> 
     assert "not all of its rows were flown" in script.findings(made(("windmap", rows[1:])))[1]
 
 
+@pytest.mark.parametrize(("energy", "verdict"), [(9.12, "confirmed"), (8.9, "refuted"), (9.0288, "undecided")])
+def test_that_nothing_is_gained_is_decided_by_the_numbers(script, energy, verdict) -> None:
+    rows = [standing("rls-alone", time_s=79.6, energy_J=9.12), standing("rls", time_s=79.6, energy_J=energy)]
+    said = script.findings(made(("unknown", rows)))[2]
+    assert f"J → 79.6 ± 0.3 s, {energy:.2f} ± 0.04 J ({verdict})" in said
+
+
 def test_the_papers_learner_is_judged_at_both_speeds(script) -> None:
     costs = {"mfg-ecbf": 21.9, "mfgfl-h-ecbf": 17.8, "mfg-fast-ecbf": 18.7, "mfgfl-h-fast-ecbf": 19.6}
     rows = [standing(name, energy_J=cost, kbit=100.0 * (1 + name.startswith("mfgfl"))) for name, cost in costs.items()]
