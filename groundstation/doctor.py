@@ -16,6 +16,7 @@ import psutil
 
 from meanflock import kernels
 from meanflock.groundstation.memory import MEGABYTE, available_mb, needed_mb
+from meanflock.kernels import sources
 from meanflock.swarm import logs
 from meanflock.swarm.net.endpoint import DEFAULT_ENDPOINT
 
@@ -80,6 +81,9 @@ def compiled() -> Finding:
         return Finding("kernels", "ok", "compiled")
     if os.environ.get("MEANFLOCK_PURE") == "1":
         return Finding("kernels", "ok", "NumPy's, as MEANFLOCK_PURE=1 wants it")
+    if sources.built():
+        found = "built from other sources than those that are here: NumPy's, 3 to 10 times slower"
+        return Finding("kernels", "warning", found, "build them again: python -m pip install --no-deps -e .")
     return Finding(
         "kernels",
         "warning",

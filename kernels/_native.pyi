@@ -6,6 +6,8 @@ from numpy.typing import NDArray
 
 from meanflock.kernels.wire import Message
 
+SOURCES: int  # `kernels.sources.checksum` of what it was built from
+
 def tables(numbers: NDArray[np.float64], indices: NDArray[np.int32]) -> Any: ...
 def learn(
     tables: Any,

@@ -300,11 +300,19 @@ static PyMethodDef methods[] = {
     {NULL, NULL, 0, NULL},
 };
 
+/* The checksum of the sources this is built from (setup.py); unsigned, 0: unknown. */
+#ifndef SOURCES
+#define SOURCES 0u
+#endif
+
 static struct PyModuleDef definition = {PyModuleDef_HEAD_INIT, "_native", "Compiled kernels.", 0, methods};
 
 PyMODINIT_FUNC PyInit__native(void) {
 #if MANY > 1
     if (__builtin_cpu_supports("avx2")) lanes = MANY;
 #endif
-    return PyModule_Create(&definition);
+    PyObject *module = PyModule_Create(&definition), *sources = PyLong_FromUnsignedLong(SOURCES);
+    if (module != NULL && (sources == NULL || PyModule_AddObjectRef(module, "SOURCES", sources) < 0)) Py_CLEAR(module);
+    Py_XDECREF(sources);
+    return module;
 }

@@ -18,6 +18,7 @@ from meanflock.groundstation.recorded import recorded
 from meanflock.groundstation.recording import Recorder
 from meanflock.groundstation.results import RunFolder
 from meanflock.groundstation.viewer import verify
+from meanflock.kernels import sources
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import (
     EXIT_BAD_INPUT,
@@ -145,6 +146,7 @@ def test_a_run_without_compiled_kernels_says_that_it_is_slow(run, monkeypatch, v
     flags = ("--uavs", "2", "--duration", "1", "--quiet")
     assert "kernels" not in run(*verb, *flags)[2]
     monkeypatch.setattr(kernels, "BACKEND", "numpy")
+    monkeypatch.setattr(sources, "built", lambda: False)
     monkeypatch.delenv("MEANFLOCK_PURE", raising=False)
     code, _, err = run(*verb, *flags)
     assert code == EXIT_DONE

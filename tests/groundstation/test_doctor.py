@@ -11,6 +11,7 @@ from meanflock import kernels
 from meanflock.groundstation import certs, doctor
 from meanflock.groundstation.cli import main
 from meanflock.groundstation.doctor import Finding
+from meanflock.kernels import sources
 
 NOT_RUNNING = "Cannot connect to the Docker daemon at unix:///var/run/docker.sock. Is the docker daemon running?"
 DENIED = "permission denied while trying to connect to the Docker daemon socket at unix:///var/run/docker.sock"
@@ -111,8 +112,13 @@ def test_kernels_that_were_not_compiled_are_worth_a_warning(monkeypatch: pytest.
     monkeypatch.setattr(kernels, "BACKEND", "compiled")
     assert doctor.compiled().verdict == "ok"
     monkeypatch.setattr(kernels, "BACKEND", "numpy")
+    monkeypatch.setattr(sources, "built", lambda: False)
     assert doctor.compiled().verdict == "warning"
     assert "compiler" in doctor.compiled().mend
+    monkeypatch.setattr(sources, "built", lambda: True)  # and yet not taken
+    assert doctor.compiled().verdict == "warning"
+    assert "other sources" in doctor.compiled().found
+    assert "pip install" in doctor.compiled().mend
     monkeypatch.setenv("MEANFLOCK_PURE", "1")
     assert doctor.compiled().verdict == "ok"
     assert "MEANFLOCK_PURE" in doctor.compiled().found

@@ -1,7 +1,9 @@
 """Which form of the kernels runs is decided once, and no flight shows it."""
 
+import importlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +12,7 @@ from typing import Any
 import pytest
 
 from meanflock import kernels
+from meanflock.kernels import sources
 from tests.polling import DEADLINE_S
 
 ROOT = Path(__file__).parents[2]
@@ -46,6 +49,30 @@ def test_both_forms_have_the_same_names() -> None:
         if module == "compiled" and kernels.BACKEND != "compiled":
             continue
         assert set(python(code, pure="1").split()) == names
+
+
+def test_an_extension_built_from_other_sources_is_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An update brings new sources, and the extension of the old ones is still there."""
+    if kernels.BACKEND != "compiled":
+        pytest.skip("nothing is compiled here")
+    compiled = importlib.import_module("meanflock.kernels.compiled")
+    assert sources.checksum() == compiled.SOURCES
+    for path in sources.HERE.glob("*.[ch]"):
+        shutil.copy(path, tmp_path)
+    monkeypatch.setattr(sources, "HERE", tmp_path)
+    importlib.reload(compiled)  # where they are does not matter
+    with (tmp_path / "pairs.c").open("a") as file:
+        file.write("/* changed */\n")
+    with pytest.raises(ImportError, match="other sources"):
+        importlib.reload(compiled)
+
+
+def test_an_extension_without_sources_beside_it_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a wheel has it."""
+    monkeypatch.setattr(sources, "HERE", tmp_path)
+    assert sources.checksum() == 0
+    if kernels.BACKEND == "compiled":
+        importlib.reload(importlib.import_module("meanflock.kernels.compiled"))
 
 
 FAULTS = """faults=[{kind='jam',tick=20,duration_s=3.0,centre=[60.0,40.0],radius_m=40.0},
