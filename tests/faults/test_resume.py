@@ -73,9 +73,20 @@ def events(folder: Path, *without: str) -> list[Any]:
     return [event for event in told if event["kind"] not in without]
 
 
-@pytest.mark.parametrize("method", [*METHODS, "fed-lspi", "windmap"])
-def test_every_method_resumes_bit_identically_and_leaves_no_gap_and_no_duplicate(method: str, tmp_path: Path) -> None:
-    flown = scenario(LATER, "radio.target_snr_db=76", "radio.coherence_time_s=0.03", method=method)
+FILTER = "filter.kind=ecbf"
+FLOWN = [
+    *((method, ()) for method in (*METHODS, "fed-lspi", "windmap", "orca", "vasarhelyi")),
+    *((method, (FILTER,)) for method in ("mfgfl-hf", "plan")),
+]
+
+
+@pytest.mark.parametrize(
+    ("method", "settings"), FLOWN, ids=lambda part: part if isinstance(part, str) else "".join(part)
+)
+def test_every_method_resumes_bit_identically_and_leaves_no_gap_and_no_duplicate(
+    method: str, settings: tuple[str, ...], tmp_path: Path
+) -> None:
+    flown = scenario(LATER, "radio.target_snr_db=76", "radio.coherence_time_s=0.03", *settings, method=method)
     expected = flight(tmp_path / "whole", flown)
     folder = dead(tmp_path / "dead", flown, 287)
     assert back(folder).start.tick == 201
@@ -290,6 +301,30 @@ def start(out: Path, *flags: str) -> "subprocess.Popen[str]":
     settings_ = [word for setting in LONG for word in ("--set", setting)]
     line = [*COMMAND, "run", "--out", str(out), "--quiet", "--json", *settings_, *flags]
     return subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("setting", [FILTER, "method=orca"])
+def test_what_uavs_know_of_each_other_survives_the_death_of_the_command(setting: str, tmp_path: Path) -> None:
+    """A filter, and a controller that predicts its neighbours, remember what they heard; nobody says it again."""
+    close = ("--set", "start.spacing=2", "--set", setting)
+    expected = Lab(scenarios.load(None, [*LONG, "start.spacing=2", setting])).fly()
+    process = start(tmp_path, *close, "--no-record")
+    checkpoint = until(lambda: list(tmp_path.glob(f"*/{CHECKPOINT}")), "a checkpoint")[0]
+    first = checkpoint.stat().st_mtime_ns
+    until(lambda: checkpoint.stat().st_mtime_ns != first, "a second checkpoint")
+    process.kill()
+    process.communicate()
+    (folder,) = tmp_path.iterdir()
+    assert 101 <= back(folder).start.tick < 1200
+    line = [*COMMAND, "resume", str(folder), "--json", "--quiet", "--no-record"]
+    done = subprocess.run(line, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert summary["trajectory_sha256"] == expected["trajectory_sha256"]
+    assert {k: summary[k] for k in ("payload_bits", "diagnostics")} == {
+        k: expected[k] for k in ("payload_bits", "diagnostics")
+    }
 
 
 @pytest.mark.processes
