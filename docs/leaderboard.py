@@ -158,7 +158,7 @@ def _share_saved(first: Standing, second: Standing, key: str) -> Estimate:
 
 
 def _no_gain(saved: Sequence[Estimate]) -> str:
-    """Of an expectation that nothing is saved: by whether the 95 % intervals lie below, or above, one part in a hundred."""
+    """Of an expectation that nothing is saved: by whether the 95 % intervals lie below one part in a hundred."""
     if any(each.bounded and each.low > NO_GAIN for each in saved):
         return "refuted"
     return "confirmed" if all(each.bounded and each.high < NO_GAIN for each in saved) else "undecided"
