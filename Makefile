@@ -28,21 +28,10 @@ help: ## List the targets
 run: $(VENV)/.ground ## Fly the paper's scenario: 25 UAV processes, leader and world (ARGS="--method mfg --uavs 50")
 	@$(BIN)/meanflock run $(ARGS)
 
-# What starts whole swarms comes second, so that its deadlines do not compete with the unit tests for the cores; mostly it
-# waits, so two files go at once, each whole on one worker: their swarms are shared by the tests of a file.
-# "No test selected" (status 5) is a failure, unless ARGS did the selecting.
+# What starts whole swarms comes last (tests/conftest.py), so that its deadlines do not compete with the unit tests for
+# the cores; mostly it waits, so two go at once. What shares a swarm, or something dear, is a group: all on one worker.
 test: $(VENV)/.dev ## Run all tests but those of the containers (ARGS="-k rician")
-	@status=0; \
-	echo "== tests, on $(WORKERS) workers"; \
-	$(PYTEST) -n $(WORKERS) --dist loadgroup -m "not processes" --ignore=tests/compose $(ARGS) || status=$$?; \
-	[ $$status -ne 5 ] || [ -z '$(subst ','\'',$(ARGS))' ] || status=0; \
-	if grep -rqs --include='*.py' --exclude-dir=compose 'mark\.processes' tests; then \
-		echo "== tests that start real processes, on $(WORKERS) workers"; \
-		second=0; $(PYTEST) -n $(WORKERS) --dist loadfile -m processes --ignore=tests/compose $(ARGS) || second=$$?; \
-		[ $$second -ne 5 ] || [ -z '$(subst ','\'',$(ARGS))' ] || second=0; \
-		[ $$status -ne 0 ] || status=$$second; \
-	fi; \
-	exit $$status
+	@$(PYTEST) -n $(WORKERS) --dist loadgroup --no-loadscope-reorder --ignore=tests/compose $(ARGS)
 
 check: $(VENV)/.dev ## Format, lint and types, changing nothing
 	$(BIN)/ruff format --check .
@@ -82,7 +71,7 @@ up: images ## The same run in containers, recorded into runs/ (MEANFLOCK_UAVS=25
 
 test-compose: ## Test the containers, on whichever container engine is running
 	@if [ -d tests/compose ]; then \
-		$(MAKE) --no-print-directory $(VENV)/.dev images && $(PYTEST) --timeout 600 tests/compose tests/test_packaging.py $(ARGS); \
+		$(MAKE) --no-print-directory $(VENV)/.dev images && $(PYTEST) --timeout 600 -n $(WORKERS) tests/compose tests/test_packaging.py $(ARGS); \
 	else \
 		echo "test-compose: there is no tests/compose, so nothing to test"; \
 	fi

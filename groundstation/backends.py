@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-import joblib
-
 from meanflock.swarm.errors import BadInput
 
 BACKENDS = ("loky", "dask")
@@ -26,6 +24,8 @@ def processes(backend: str, scheduler: str | None, workers: int | None = None) -
     Raises:
         BadInput: dask is not installed, or there is no scheduler at that address.
     """
+    import joblib  # here: most commands fly nothing in parallel, and start without it
+
     if backend == "loky":
         with joblib.parallel_config(backend="loky"):
             yield

@@ -41,6 +41,12 @@ def _judged(item: pytest.Item) -> Generator[None, Any, Any]:
         raise
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What starts processes comes last, when nothing else competes for the cores; the long trials of whole pages, which
+    lie outside all rooms, first of those, so that no worker is left alone with them."""
+    items.sort(key=lambda item: (item.get_closest_marker("processes") is not None, len(item.path.parts)))
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_setup(item: pytest.Item) -> Generator[None, Any, Any]:
     return (yield from _judged(item))

@@ -329,14 +329,19 @@ def test_another_leader_takes_over_between_the_hops(at: int) -> None:
     assert summary["rounds"] == expected["rounds"]
 
 
+@pytest.fixture(scope="module")
+def rounds_of_ticks(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scenario, dict[str, Any]]:
+    """Uploads take up to four ticks from tick 20 on, relays up to four more; and the summary if nobody dies."""
+    slow = ("radio.coherence_time_s=0.05", "radio.target_snr_db=76")
+    of = load(None, ["uavs=9", "federation.clusters=3", LATER, 'stop="duration"', "federation.period=20", *slow])
+    return of, flight(tmp_path_factory.mktemp("whole"), of)
+
+
 @pytest.mark.parametrize("at", range(20, 30))
 def test_a_run_resumed_at_any_tick_of_a_round_ends_as_it_would_have(
-    at: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    at: int, rounds_of_ticks: tuple[Scenario, dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Uploads take up to four ticks from tick 20 on, relays up to four more."""
-    slow = ("radio.coherence_time_s=0.05", "radio.target_snr_db=76")
-    of = load(None, [f"uavs={9}", "federation.clusters=3", LATER, 'stop="duration"', "federation.period=20", *slow])
-    expected = flight(tmp_path / "whole", of)
+    of, expected = rounds_of_ticks
     monkeypatch.setattr("meanflock.worldsim.node.REPORT_EVERY_TICKS", 1)
     init = Engine.__init__
 

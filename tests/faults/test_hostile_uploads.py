@@ -65,8 +65,7 @@ def test_weights_that_are_no_numbers_are_dropped_and_counted_and_the_flight_is_a
 def test_who_says_nothing_else_is_lost_and_the_others_average_without_it() -> None:
     lab = swarm("fedavg")
     times = iter(range(10**9))
-    lab.world._clock = lambda: float(next(times))  # the barrier's patience ends at once
-    lab.world._wait = lambda timeout_s: None  # type: ignore[method-assign]
+    lab.world._waiting._clock = lambda: float(next(times))  # the barrier's patience ends at once
     hostile(lab, "agent-3", lambda act, put: put(poisoned(act, np.nan)))
     summary = lab.fly()
     assert summary["dropped_messages"]["non-finite"] >= 1

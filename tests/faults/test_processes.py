@@ -25,6 +25,9 @@ from tests.polling import DEADLINE_S, LINK_SURE_S, until
 pytestmark = pytest.mark.processes
 
 
+one_flight = pytest.mark.xdist_group("endless")  # and in this order
+
+
 @pytest.fixture(scope="module")
 def endless(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Flight]:
     """One flight for all who leave it as they found it: with an agent for every UAV."""
@@ -33,6 +36,7 @@ def endless(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Flight]:
     swarm.close()
 
 
+@one_flight
 def test_a_killed_agent_is_lost_and_a_new_process_flies_its_uav_on(endless: Flight) -> None:
     losses, returns = endless.count("lost"), endless.count("rejoined")
     endless.flying()
@@ -44,6 +48,7 @@ def test_a_killed_agent_is_lost_and_a_new_process_flies_its_uav_on(endless: Flig
     endless.flying()
 
 
+@one_flight
 def test_a_frozen_agent_stalls_the_others_one_deadline_and_goes_home_when_it_wakes(endless: Flight) -> None:
     losses, returns = endless.count("lost"), endless.count("rejoined")
     endless.flying()
@@ -63,6 +68,7 @@ def test_a_frozen_agent_stalls_the_others_one_deadline_and_goes_home_when_it_wak
     endless.flying()
 
 
+@one_flight
 def test_a_successor_that_comes_before_its_predecessor_is_missed_waits_and_takes_over(endless: Flight) -> None:
     returns = endless.count("rejoined")
     endless.flying()
@@ -79,6 +85,7 @@ def test_a_successor_that_comes_before_its_predecessor_is_missed_waits_and_takes
     endless.flying()
 
 
+@one_flight
 def test_after_all_that_nobody_is_missing_and_everyone_goes_home(endless: Flight) -> None:
     endless.flying()
     losses = endless.count("lost")

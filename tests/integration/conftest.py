@@ -5,12 +5,15 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import psutil
 import pytest
 
+from meanflock.groundstation.cli import main
 from tests.polling import DEADLINE_S, until
 
 Spawn = Callable[..., "subprocess.Popen[str]"]
@@ -53,7 +56,14 @@ class Command:
         return self._spawn("meanflock.groundstation.cli", "run", "--out", str(self.out), *flags)
 
     def summary(self, *flags: str) -> dict[str, Any]:
-        """Runs to the end and returns what `--json` printed, which must be all of stdout."""
+        """Runs to the end and returns what `--json` printed, which must be all of stdout.
+
+        What flies in one process does so in this one: another would only have to load everything again.
+        """
+        if "--in-process" in flags:
+            with redirect_stdout(StringIO()) as told:
+                assert main(["run", "--out", str(self.out), "--json", "--quiet", *flags]) == 0
+            return json.loads(told.getvalue())
         process = self.start("--json", "--quiet", *flags)
         out, err = process.communicate(timeout=DEADLINE_S)
         assert process.returncode == 0, err

@@ -13,7 +13,7 @@ import pytest
 from tests.integration.test_working_folder import LIBRARIES, PACKAGES, hostile
 from tests.polling import DEADLINE_S
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.xdist_group("wheel")]
 
 ROOT = Path(__file__).parents[2]
 

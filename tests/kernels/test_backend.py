@@ -20,10 +20,11 @@ FLY = """
 import json, sys
 from meanflock.groundstation.engine import Engine
 from meanflock.swarm.scenario import load
-engine = Engine(load(None, sys.argv[2:], method=sys.argv[1]), "backend")
-for _ in engine.fly():
-    pass
-print(json.dumps(engine.world.finish()))
+for method, settings in json.loads(sys.argv[1]):
+    engine = Engine(load(None, settings, method=method), "backend")
+    for _ in engine.fly():
+        pass
+    print(json.dumps(engine.world.finish()))
 """
 
 
@@ -79,26 +80,26 @@ FAULTS = """faults=[{kind='jam',tick=20,duration_s=3.0,centre=[60.0,40.0],radius
     {kind='kill',tick=70,uavs=[2]},{kind='pause',tick=80,duration_s=1.0,uavs=[0,5]}]"""
 
 
-@pytest.mark.parametrize(
-    ("method", "settings"),
-    [
-        ("mfgfl-hf", ["uavs=9", "duration=12", "federation.period=15"]),
-        ("hjb", ["uavs=9", "duration=12", "start.spacing=0.2", FAULTS]),
-        ("hjb", ["uavs=5", "duration=6", "cost.beta=0.5"]),
-        ("hjb", ["uavs=9", "duration=6", "cost.separation=5", "start.spacing=0.4"]),
-        (
-            "mfgfl-hf",
-            ["uavs=9", "duration=12", "federation.period=15", "learner.multinomial=true", "cost.separation=3"],
-        ),
-        ("mfgfl-h", ["uavs=9", "duration=12", "start.spacing=0.5", "filter.kind=ecbf"]),
-        ("orca", ["uavs=16", "duration=12", "start.formation=circle", "start.radius=6", "destination.goals=opposite"]),
-        ("mfg", ["uavs=103", "duration=0.5", "metrics.collision_radius=3.0"]),
-    ],
-)
-def test_whole_flights_are_the_same(method: str, settings: list[str]) -> None:
-    ends: list[dict[str, Any]] = [json.loads(python(FLY, method, *settings, pure=pure)) for pure in ("0", "1")]
-    backends = [end.pop("backend") for end in ends]
-    assert backends[1] == "numpy"
-    for end in ends:
-        del end["wall_time_s"], end["real_time_factor"]
-    assert ends[0] == ends[1]
+FLIGHTS = [
+    ("mfgfl-hf", ["uavs=9", "duration=12", "federation.period=15"]),
+    ("hjb", ["uavs=9", "duration=12", "start.spacing=0.2", FAULTS]),
+    ("hjb", ["uavs=5", "duration=6", "cost.beta=0.5"]),
+    ("hjb", ["uavs=9", "duration=6", "cost.separation=5", "start.spacing=0.4"]),
+    ("mfgfl-hf", ["uavs=9", "duration=12", "federation.period=15", "learner.multinomial=true", "cost.separation=3"]),
+    ("mfgfl-h", ["uavs=9", "duration=12", "start.spacing=0.5", "filter.kind=ecbf"]),
+    ("orca", ["uavs=16", "duration=12", "start.formation=circle", "start.radius=6", "destination.goals=opposite"]),
+    ("mfg", ["uavs=103", "duration=0.5", "metrics.collision_radius=3.0"]),
+]
+
+
+def test_whole_flights_are_the_same() -> None:
+    ends: list[list[dict[str, Any]]] = [
+        list(map(json.loads, python(FLY, json.dumps(FLIGHTS), pure=pure).splitlines())) for pure in ("0", "1")
+    ]
+    assert [len(form) for form in ends] == [len(FLIGHTS)] * 2
+    for flown, *pair in zip(FLIGHTS, *ends, strict=True):
+        backends = [end.pop("backend") for end in pair]
+        assert backends[1] == "numpy"
+        for end in pair:
+            del end["wall_time_s"], end["real_time_factor"]
+        assert pair[0] == pair[1], flown

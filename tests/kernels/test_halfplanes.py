@@ -1,5 +1,6 @@
 """The nearest point in half-planes and a disc: both forms against an exact solver of quadratic programs."""
 
+from functools import cache
 from types import ModuleType
 from typing import Any
 
@@ -45,6 +46,27 @@ def units(normals: Floats, bounds: Floats) -> tuple[Floats, Floats]:
     return normals[length > 0] / length[length > 0, None], bounds[length > 0] / length[length > 0]
 
 
+@cache
+def nearest_exactly(rows: int, count: int, row: int) -> Floats:
+    """What is asked of a row of these cases, once for both forms."""
+    wanted, normals, bounds = exactly(rows, count)
+    return by_quadratic_program(wanted[row], *units(normals[row], bounds[row]))
+
+
+@cache
+def missing_exactly(rows: int, count: int, row: int) -> float:
+    """The same for a row that cannot keep all."""
+    _, normals, bounds = exactly(rows, count)
+    keeps = normals[row].any(axis=1)
+    return by_linear_program(normals[row, keeps], bounds[row, keeps])
+
+
+@cache
+def exactly(rows: int, count: int) -> Case:
+    """The cases of `test_as_an_exact_solver_has_it`."""
+    return cases(rows, count, seed=count)
+
+
 def by_quadratic_program(wanted: Floats, normals: Floats, bounds: Floats) -> Floats:
     """The nearest point; the disc by its tangents at what was found without them, as many as it takes."""
     rows, least = normals, bounds
@@ -78,7 +100,7 @@ def by_linear_program(normals: Floats, bounds: Floats) -> float:
 @pytest.mark.parametrize(("count", "rows"), [(1, 1000), (2, 2000), (4, 3000), (7, 2000), (12, 2000)])
 def test_as_an_exact_solver_has_it(backend: ModuleType, count: int, rows: int) -> None:
     """10⁴ cases: who can keep all gets the nearest point, who cannot the least that must be missing, and no more."""
-    wanted, normals, bounds = cases(rows, count, seed=count)
+    wanted, normals, bounds = exactly(rows, count)
     found, missing = solve(backend, wanted, normals, bounds)
     assert (np.linalg.norm(found, axis=1) <= LIMIT + 1e-9).all()
     asked = np.where(normals.any(axis=2), bounds, -np.inf)
@@ -87,15 +109,13 @@ def test_as_an_exact_solver_has_it(backend: ModuleType, count: int, rows: int) -
     can = missing <= 0.0
     assert 0 < can.sum() < rows or count == 1
     for row in np.flatnonzero(can):
-        exact = by_quadratic_program(wanted[row], *units(normals[row], bounds[row]))
+        exact = nearest_exactly(rows, count, row)
         # The distance is what is least; near a corner of almost parallel edges the place is less well determined.
         distances = [np.linalg.norm(one - wanted[row]) for one in (found[row], exact)]
         assert distances[0] == pytest.approx(distances[1], abs=TOLERANCE)
         np.testing.assert_allclose(found[row], exact, atol=1e-4)
     for row in np.flatnonzero(~can)[:100]:
-        assert missing[row] == pytest.approx(
-            by_linear_program(normals[row, keeps := normals[row].any(axis=1)], bounds[row, keeps]), abs=TOLERANCE
-        )
+        assert missing[row] == pytest.approx(missing_exactly(rows, count, row), abs=TOLERANCE)
 
 
 def test_a_longer_normal_gives_up_less(backend: ModuleType) -> None:

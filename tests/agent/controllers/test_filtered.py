@@ -169,7 +169,7 @@ def fly(of: Scenario, rows: int | None = None, **more: Any) -> tuple[dict[str, A
     return engine.world.finish(), sink.blocks
 
 
-CROWDED = ["uavs=9", "start.spacing=0.75", "duration=40", "filter.kind=ecbf", "filter.delta_m=0.1"]
+CROWDED = ["uavs=9", "start.spacing=0.75", "duration=22", "filter.kind=ecbf", "filter.delta_m=0.1"]
 
 
 @pytest.mark.parametrize("method", ["mfgfl-h", "hjb", "plan", "orca"])

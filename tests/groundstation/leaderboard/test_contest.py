@@ -274,7 +274,7 @@ def test_words_between_commas_and_words_one_after_the_other_are_the_same(run, tm
 def test_ctrl_c_keeps_what_is_finished_and_a_repeat_flies_the_rest(tmp_path: Path) -> None:
     (tmp_path / "long.toml").write_text('uavs = 16\nduration = 30.0\nstop = "duration"\n')
     command = [sys.executable, "-c", "from meanflock.groundstation.cli import main; main()", "leaderboard"]
-    command += ["--missions", "long.toml", "--controllers", "hjb", "mfg", "--seeds", "12", "--jobs", "2"]
+    command += ["--missions", "long.toml", "--controllers", "hjb", "mfg", "--seeds", "6", "--jobs", "2"]
     command += ["--quiet", "--out", "out"]
     flying = subprocess.Popen(
         command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
@@ -294,7 +294,7 @@ def test_ctrl_c_keeps_what_is_finished_and_a_repeat_flies_the_rest(tmp_path: Pat
     assert done.returncode == EXIT_DONE
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
     (course,) = board.read(tmp_path / "out/leaderboard.json").courses
-    assert [row.cells["time_s"].n for row in course.standings] == [12, 12]
+    assert [row.cells["time_s"].n for row in course.standings] == [6, 6]
 
 
 @pytest.mark.processes
