@@ -1,5 +1,6 @@
 """The channel door: what becomes of a message on each of some links."""
 
+from abc import abstractmethod
 from typing import ClassVar
 
 import msgspec
@@ -26,6 +27,7 @@ class Channel:
     def __init__(self, options: "Channel.Options", scenario: Scenario) -> None:
         """`scenario`: for its `radio` and whatever else the channel goes by."""
 
+    @abstractmethod
     def transmit(
         self, distance_m: Floats, bits: int, rng: np.random.Generator
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:

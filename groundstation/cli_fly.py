@@ -1,6 +1,7 @@
 """Commands that fly: run, resume."""
 
 import json
+import logging
 import re
 from itertools import pairwise
 from pathlib import Path
@@ -12,6 +13,7 @@ from meanflock.groundstation import display
 from meanflock.groundstation import doctor as checks
 from meanflock.groundstation.cli_arguments import scenario_arguments, telling
 from meanflock.groundstation.progress import summary_table
+from meanflock.groundstation.results import EVENTS, said_of_loss
 from meanflock.groundstation.resume import back
 from meanflock.groundstation.run import Options, Run, fly
 from meanflock.swarm import logs, scenario
@@ -159,6 +161,10 @@ def _tell(done: Run, as_json: bool, log_format: str | None) -> None:
     else:
         Console().print(summary_table(done.summary))
     if log_format != logs.JSON:  # each of whose lines names the run
+        if done.summary["lost"] and (why := said_of_loss(done.folder)):
+            logs.tell(
+                f"{done.summary['lost']} lost; the first: {why}; all are in {done.folder / EVENTS}", logging.WARNING
+            )
         logs.tell(f"run folder {done.folder}")
 
 

@@ -7,9 +7,15 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from meanflock.groundstation.backends import BACKENDS
 from meanflock.groundstation.cli_arguments import scenario_arguments
-from meanflock.groundstation.cli_study import jobs_option, out_option, progress_of, quiet_option
+from meanflock.groundstation.cli_study import (
+    backend_option,
+    jobs_option,
+    out_option,
+    progress_of,
+    quiet_option,
+    scheduler_option,
+)
 from meanflock.groundstation.doctor import tell_if_slow
 from meanflock.groundstation.durable import check_folder
 from meanflock.swarm.errors import BadInput
@@ -52,8 +58,8 @@ def _names(given: Sequence[str]) -> list[str]:
 @click.option("--seeds", type=click.IntRange(1), default=30, show_default=True, metavar="K", help="Flights of each.")
 @click.option("--first-seed", type=click.IntRange(0), default=_FIRST_SEED, show_default=True, metavar="S")
 @jobs_option
-@click.option("--backend", type=click.Choice(BACKENDS), default="loky", show_default=True)
-@click.option("--scheduler", metavar="ADDRESS", help="Of dask, e.g. tcp://127.0.0.1:8786; unset: this machine.")
+@backend_option
+@scheduler_option
 @out_option("out/leaderboard")
 @quiet_option
 def leaderboard(

@@ -9,6 +9,7 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from meanflock.groundstation.backends import BACKENDS
 from meanflock.groundstation.cli_arguments import scenario_arguments
 from meanflock.groundstation.doctor import tell_if_slow
 from meanflock.groundstation.durable import check_folder
@@ -36,6 +37,10 @@ jobs_option = click.option(
     metavar="J",
     help="Processes; -1 for one a core.  [default: -1]",
     callback=_number_of_jobs,
+)
+backend_option = click.option("--backend", type=click.Choice(BACKENDS), default="loky", show_default=True)
+scheduler_option = click.option(
+    "--scheduler", metavar="ADDRESS", help="Of dask, e.g. tcp://127.0.0.1:8786; unset: this machine."
 )
 quiet_option = click.option("--quiet", is_flag=True, help="No progress bar.")
 
@@ -216,8 +221,8 @@ def _show(
     "--scenario", "name", metavar="NAME", help="paper-slow, paper-printed or a file: judge it in the paper's place."
 )
 @jobs_option
-@click.option("--backend", type=click.Choice(["loky", "dask"]), default="loky", show_default=True)
-@click.option("--scheduler", metavar="ADDRESS", help="Of dask, e.g. tcp://127.0.0.1:8786.")
+@backend_option
+@scheduler_option
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="[default: out/paper, or out/NAME]")
 @quiet_option
 def paper(

@@ -18,7 +18,7 @@ from types import TracebackType
 from meanflock import swarm
 from meanflock.agent import prefork
 from meanflock.swarm import logs
-from meanflock.swarm.errors import EXIT_BAD_INPUT, RunFailed
+from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput, MeanflockError, RunFailed
 from meanflock.swarm.net.address import Address
 from meanflock.swarm.net.identity import STATION, Identity
 from meanflock.swarm.net.restarts import Restarts
@@ -29,6 +29,7 @@ from meanflock.swarm.process import CHILD, how_it_ended
 log = logging.getLogger("meanflock.launch")
 
 LAST_LINES = 8
+_ERROR = "error: "  # before the line with which a process ends badly
 _FORKED = "agents"  # all of them, and the process they are forked from
 _TERM_GRACE_S = 5.0
 
@@ -55,6 +56,11 @@ class Child:
         """The end of what it said."""
         said = self.log.read_text(encoding="utf-8", errors="replace").strip() or "(it said nothing)"
         return "\n".join(f"    {line}" for line in printable_lines(said).split("\n")[-LAST_LINES:])
+
+    def errors(self) -> list[str]:
+        """What it said was wrong, a line each."""
+        said = printable_lines(self.log.read_text(encoding="utf-8", errors="replace")).split("\n")
+        return [line.removeprefix(_ERROR) for line in said if line.startswith(_ERROR)]
 
 
 def end_all(processes: Sequence["subprocess.Popen[bytes]"]) -> None:
@@ -152,8 +158,8 @@ class Swarm:
         """Passes on what the processes say, and starts agents and leaders again that died.
 
         Raises:
-            RunFailed: the world has crashed, a leader or all agents cannot be kept alive, or one was given what it
-                cannot use; with the last lines of that process.
+            RunFailed: the world has crashed, or a leader or all agents cannot be kept alive; with the last lines of
+                that process. BadInput: one was given what it cannot use; with what it said of it.
         """
         self._pass_on()
         for child in self._children:
@@ -266,7 +272,10 @@ class Swarm:
             )
 
 
-def _failed(child: Child) -> RunFailed:
+def _failed(child: Child) -> MeanflockError:
+    if child.process.returncode == EXIT_BAD_INPUT:
+        why = child.errors()
+        return BadInput(why[-1] if why else f"{child.name} was given what it cannot use:\n{child.last_lines()}")
     return RunFailed(f"{child.name} {how_it_ended(child.process.returncode)}; its last lines:\n{child.last_lines()}")
 
 

@@ -72,7 +72,7 @@ def plot_run(folder: Path) -> dict[str, Figure]:
     try:
         table = read_table(path)
     except OSError as error:
-        raise BadInput(f"{path}: {error}; name the folder of a run") from error
+        raise BadInput(f"{path}: {error.strerror or error}; name the folder of a run") from error
     if table.num_rows < 2:
         raise BadInput(f"{path}: nothing was flown; name the folder of a run that took off")
     flown = plot_mission.flown(folder)

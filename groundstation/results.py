@@ -25,6 +25,7 @@ from meanflock.swarm.wire.messages import Status, Telemetry
 
 SCENARIO, SUMMARY, EVENTS, RECORDING = "scenario.toml", "summary.json", "events.jsonl", "recording.rrd"
 CHECKPOINT = "checkpoint.msgpack"  # only while the run is not finished
+LOSS = ("agent", "diverged", "lost")  # kinds of events that say why a UAV is lost
 _PAST_STATES = 50_000  # of rows that are spooled once more, in one block
 
 
@@ -46,6 +47,7 @@ class RunFolder:
         self._flown, self._resumed = flown, past is not None
         self._over, self._full, self.last_tick = False, False, -1
         new = past is None and not self.path.exists()
+        self._first = not parent.exists()
         sources = flown_plugins.files(flown) if past is None else {}
         try:
             if past is None:
@@ -166,6 +168,9 @@ class RunFolder:
                 self._spool.close()
             if failure is not None and issubclass(failure, BadInput) and not self._resumed:
                 shutil.rmtree(self.path)
+                with suppress(OSError):  # others may have begun to fly there
+                    if self._first:
+                        self.path.parent.rmdir()
             elif not self._full:  # where there is no room, the rows stay in the spool as after a kill
                 recover(self.path)
         except OSError as error:
@@ -195,6 +200,12 @@ def _sync(events: EventLog, spool: Spool) -> None:
     """Makes sure that all rows and events so far are on the disk; in between, the system may take its time."""
     for file in (events, spool):
         os.fsync(file.fileno())
+
+
+def said_of_loss(folder: Path) -> str:
+    """What the events of a run say first of a UAV that was lost; empty where nothing is said."""
+    events = map(json.loads, (folder / EVENTS).read_text(encoding="utf-8").splitlines())
+    return next((str(event["text"]) for event in events if event["kind"] in LOSS), "")
 
 
 def completed(folder: Path) -> None:

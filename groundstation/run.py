@@ -209,6 +209,10 @@ def _processes(
             first_block = None if start is None else start.block + 1
             station = Station(bus, run_id, desk.sinks, first_block=first_block, uavs=scenario.uavs)
             _listen(bus, station, swarm, interrupted, desk.folder)
+        except BadInput as error:
+            if desk.folder.last_tick < 0:
+                raise
+            raise RunFailed(str(error)) from error  # of a node that was started again: it has flown before
         finally:
             bus.close()
         assert station.summary is not None

@@ -230,6 +230,7 @@ def create(door: Door, name: str, options: dict[str, Any], *context: Any) -> Any
     except msgspec.ValidationError as error:
         text, _, place = str(error).partition(" - at ")
         key = place.strip("`").removeprefix("$").removeprefix(".")
+        text = text.replace("Object contains unknown field", "there is no option")
         lists = f"scenario schema --method {name}` lists the options"
         if door != "controller":
             lists = f"plugins` lists the options of {name!r}"
@@ -267,6 +268,7 @@ def _checked(door: Door, name: str, found: Any, source: str) -> type:
     if not isinstance(found, type):
         raise BadInput(f"{door} {name!r} of {source} is a {type(found).__name__}; it must be a class")
     lacking = [method for method in NEEDED[door] if not callable(getattr(found, method, None))]
+    lacking += [method for method in dir(found) if getattr(getattr(found, method, None), "__isabstractmethod__", False)]
     if lacking:
         raise BadInput(f"{door} {name!r} of {source} lacks {' and '.join(f'`{method}`' for method in lacking)}")
     options = getattr(found, "Options", None)
@@ -278,7 +280,10 @@ def _checked(door: Door, name: str, found: Any, source: str) -> type:
 def last_line(error: BaseException) -> str:
     """What went wrong, and the line of the plug-in it went wrong in."""
     frames = traceback.extract_tb(error.__traceback__)
-    where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
+    file, line = (frames[-1].filename, frames[-1].lineno) if frames else ("", 0)
+    if isinstance(error, SyntaxError) and error.filename:  # raised by who reads the file
+        file, line = error.filename, error.lineno
+    where = f" ({Path(file).name}, line {line})" if file else ""
     return reason(error) + where
 
 

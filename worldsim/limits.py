@@ -25,7 +25,7 @@ class Limits:
         flyer = controller(scenario)
         memory = _record(
             f"controller {scenario.method!r} failed in `init` with UAV 0",
-            lambda: flyer.init(np.arange(1), mission.starts(scenario)),
+            lambda: _begun(flyer, scenario),
         )
         rule = plugins.create("aggregator", federation.aggregation, federation.options, scenario)
         state_of_rule = _record(
@@ -42,10 +42,24 @@ class Limits:
         return self._fixed + (self._row * rows if rows else self._leader)
 
 
+def _begun(flyer: Any, scenario: Scenario) -> dict[str, Any]:
+    """What a controller remembers of UAV 0 at first; BadInput where its model is not of the size it declares."""
+    memory: dict[str, Any] = flyer.init(np.arange(1), mission.starts(scenario))
+    wanted = (1, scenario.declared.parameters)
+    one_row = isinstance(memory, dict) and all(
+        np.shape(array)[:1] == (1,) for array in memory.values()
+    )  # else: its agent
+    if wanted[1] and one_row and (shape := np.shape(flyer.get(memory))) != wanted:
+        raise BadInput(f"controller {scenario.method!r}: `get` returns shape {shape}; expected {wanted}")
+    return memory
+
+
 def _record(failure: str, begin: Callable[[], dict[str, Any]]) -> bytes:
     """What a plug-in remembers at first, as a record; BadInput where it cannot begin, or that cannot be kept."""
     try:
         memory = begin()
+    except BadInput:
+        raise
     except Exception as error:
         raise BadInput(f"{failure}: {plugins.last_line(error)}") from error
     try:

@@ -5,6 +5,7 @@ same bits in one process as in many. All that a controller remembers is in its m
 axis of rows, which is checkpointed as it is. Randomness comes from `swarm.seeds`, by the number of the UAV.
 """
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar, Literal, TypeAlias
 
@@ -91,6 +92,7 @@ class Controller:
         """
         return {}
 
+    @abstractmethod
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         """One tick. The arrays of `memory` are not written to; those returned are this tick's own.
 

@@ -7,6 +7,7 @@ one it has alone; frames are told apart by it, and the controller sees the numbe
 remembers is in arrays whose names begin with `filter_`.
 """
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
 
@@ -43,6 +44,7 @@ class Filter:
         self.pairwise = True  # it knows a state of every other UAV
         self._neighbours = Neighbours(scenario.filter, scenario, inner.prediction())
 
+    @abstractmethod
     def admit(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Plane) -> tuple[Plane, Floats]:
         """What rows do instead of what they want, and what is reported of it.
 

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.results import LOSS
 from meanflock.groundstation.study import of_all
 from meanflock.swarm import mission
 from meanflock.swarm.errors import BadInput, RunFailed
@@ -15,7 +16,6 @@ from meanflock.swarm.wire.messages import Telemetry
 STUDY = "leaderboard"  # the first word of a flight's name in the store
 FAILED = "failed"  # in the place of a summary: the reason
 LOST = "lost_why"  # of a flight that lost UAVs: what was said of the first
-_SAID = ("agent", "diverged", "lost")  # kinds of events
 
 
 def fly(flown: Scenario) -> dict[str, Any]:
@@ -50,7 +50,7 @@ class _FirstWord:
 
     def write(self, block: Telemetry) -> None:
         """Looks at the events of a block."""
-        said = (event.text for event in block.events if event.kind in _SAID)
+        said = (event.text for event in block.events if event.kind in LOSS)
         self.text = self.text or next(said, "")
 
 

@@ -44,7 +44,8 @@ def run_grid(
     Args:
         out: results go to `out/data`. seeds: per point; S0 gets 10/3 as many, sensitivity 1/3, random 1/6.
         only: names of experiments to fly now; None for all. Other experiments' finished runs stay in the tables.
-        jobs: processes, -1 for one a core. backend: "loky", or "dask" with the address of a `scheduler`.
+        jobs: processes, -1 for one a core. backend: "loky" or "dask". scheduler: of dask, its
+            address; None: a cluster on this machine, for as long as it takes.
         quiet: no progress. plan: runs to fly in the place of the grid. scenario: what the grid is about, a
             file; by default the paper's. Every other one needs a folder of its own, and flies fresh seeds, 7001 and on.
 
@@ -56,15 +57,17 @@ def run_grid(
     unknown = sorted((only or set()) - set(EXPERIMENTS))
     if unknown:
         raise BadInput(f"no experiment is called {', '.join(unknown)}; there are {', '.join(EXPERIMENTS)}")
-    if backend not in BACKENDS or (backend == "dask") != (scheduler is not None):
-        raise BadInput(f"backend {backend!r}: loky without a scheduler, or dask with the address of one")
+    if backend not in BACKENDS:
+        raise BadInput(f"backend {backend!r}: there are {' and '.join(BACKENDS)}")
+    if scheduler is not None and backend != "dask":
+        raise BadInput(f"--scheduler {scheduler}: is of dask; add --backend dask, or leave it out")
     if seeds < 1:
         raise BadInput(f"{seeds} seeds: at least one")
     table = list(wanted(seeds, scenario=scenario) if plan is None else plan)
     store = Store(out)
     finished = store.finished()
     missing = to_do([run for run in table if only is None or run.point.experiment in only], finished)
-    with _reports(missing, quiet) as done, terminable(), processes(backend, scheduler):
+    with _reports(missing, quiet) as done, terminable(), processes(backend, scheduler, None if jobs < 0 else jobs):
         try:
             for run, raw in _all(missing, jobs):
                 store.add(raw)

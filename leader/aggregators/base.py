@@ -1,5 +1,6 @@
 """What every aggregation rule implements: from the models of a round to the global one."""
 
+from abc import abstractmethod
 from typing import Any, ClassVar, Literal, TypeAlias
 
 import msgspec
@@ -34,6 +35,7 @@ class Aggregator:
         """What the rule remembers before the first round; checkpointed, and handed to a leader that takes over."""
         return {}
 
+    @abstractmethod
     def step(self, state: State, models: Floats, uavs: NDArray[np.intp], round_: int) -> tuple[State, Floats]:
         """The state after a round, and its global model, (parameters,).
 

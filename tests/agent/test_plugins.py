@@ -283,6 +283,12 @@ BEGINS_WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "declares a text of diagnostics": ({"diagnostics": "speed"}, r"is a text; write \('speed',\)"),
     "declares a diagnostic twice": ({"diagnostics": ("a", "a")}, r"different names"),
     "declares a diagnostic nobody can write": ({"diagnostics": ("a b",)}, r"different names"),
+    "has a model of another size": (
+        {"get": lambda _, memory: memory["model"][:, :1]},
+        r"`get` returns shape \(1, 1\); "
+        r"expected \(1, 2\)",
+    ),
+    "has no model": ({"get": Controller.get}, r"`get` returns shape \(1, 0\); expected \(1, 2\)"),
     "fails to declare": ({"parameters": property(explodes)}, r"a declaration cannot be read: OSError"),
 }
 

@@ -63,6 +63,8 @@ QUICK = ("run", "--in-process", "--no-record", "--quiet", "--uavs", "3", "--dura
         (("--metrics", "everywhere"), "--metrics everywhere: write it as PORT or HOST:PORT"),
         (("--log-format", "xml"), "json"),
         (("--no-such-flag",), "--no-such-flag"),
+        (("--set", "controller.sped=2"), "controller: there is no option `sped`"),
+        (("--set", "federation.options.beta=2"), "federation.options: there is no option `beta`"),
     ],
 )
 def test_bad_input_is_one_line_that_names_it_and_nothing_is_written(run, tmp_path, flags, says) -> None:
@@ -121,6 +123,14 @@ def test_one_uav_a_number_that_is_no_square_and_many_in_one_process_fly(run, uav
     summary = json.loads(out)
     assert summary["ticks"] == 20
     assert (summary["phi_C_distinct"] is None) == (uavs == 1)
+
+
+def test_who_was_lost_and_why_is_said_after_the_flight(run) -> None:
+    kill = "faults=[{kind='kill',tick=5,uavs=[2]}]"
+    _, _, err = run(*QUICK, "--set", kill)
+    said, folder = err.splitlines()
+    name = folder.removeprefix("run folder ")
+    assert re.fullmatch(rf"1 lost; the first: .*UAV 2.*; all are in {name}/events\.jsonl", said)
 
 
 def test_json_is_exactly_the_summary_even_with_progress(run, tmp_path) -> None:

@@ -39,6 +39,17 @@ def test_a_local_cluster_finds_the_same_claims_to_the_last_digit(tmp_path: Path)
     assert sum(record["verdict"] != "not testable" for record in json.loads(claims[0])) > 5
 
 
+def test_without_a_scheduler_it_makes_a_cluster_of_its_own_on_this_machine(tmp_path: Path) -> None:
+    here = run_grid(tmp_path / "loky", 1, jobs=1, quiet=True, plan=plan()[:2])
+    there = run_grid(tmp_path / "dask", 1, jobs=1, backend="dask", quiet=True, plan=plan()[:2])
+    assert there.runs["trajectory_sha256"].to_pylist() == here.runs["trajectory_sha256"].to_pylist()
+
+
+def test_a_scheduler_of_another_backend_is_bad_input(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="is of dask"):
+        run_grid(tmp_path, 1, scheduler="tcp://127.0.0.1:9", quiet=True, plan=plan())
+
+
 def test_a_scheduler_that_is_not_there_is_bad_input_that_names_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

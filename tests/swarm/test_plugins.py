@@ -20,6 +20,7 @@ from meanflock.swarm.net import client
 from meanflock.swarm.plugins import Plugin
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import Refusal
+from tests.polling import DEADLINE_S
 
 ROOT = Path(__file__).parents[2]
 SPRING = ROOT / "examples" / "spring.py"
@@ -52,7 +53,7 @@ def written(folder: Path, text: str, name: str = "mine.py") -> Path:
 
 FILES = {
     "does not import": ("import nothing_of_the_kind", r"ModuleNotFoundError: No module named 'nothing_of.*line 1\)"),
-    "is no Python": ("def (:", r"SyntaxError: invalid syntax"),
+    "is no Python": ("x = 1\ndef (:", r"SyntaxError: invalid syntax \(mine.py, line 2\)"),
     "raises": ("x = 1\n1 / 0", r"ZeroDivisionError: division by zero \(mine.py, line 2\)"),
     "exits": ("raise SystemExit(3)", r"SystemExit: 3"),
     "holds none": ("x = 1", r"no plug-in in it; derive a class"),
@@ -60,6 +61,8 @@ FILES = {
     "lacks step": (GOOD.replace("def step(self", "def stap(self").replace("(Controller)", "(Lacking)").replace(
         "class Mine", 'class Lacking:\n    door = "controller"\n    Options = Controller.Options\n\nclass Mine'),
         r"controller 'mine' of .*mine.py lacks `step`"),
+    "derives from a base class and lacks step": (GOOD.replace("def step(self", "def stap(self"),
+        r"controller 'mine' of .*mine.py lacks `step`$"),
     "has options that are no struct": (GOOD.replace('name = "mine"', 'name = "mine"\n    Options = dict'),
         r"`Options` must be a msgspec.Struct"),
     "takes the name of ours": (GOOD.replace('"mine"', '"hjb"'), r"'hjb' is installed already.*another name"),
@@ -101,10 +104,26 @@ def test_two_of_one_name_are_refused_with_both_places(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("base", ["Controller", "Aggregator", "Channel", "Vehicle"])
 def test_a_class_derived_from_each_of_the_four_base_classes_is_found_by_its_name(base: str) -> None:
-    mine = type("Mine", (getattr(mf, base),), {"name": "mine"})
+    methods = {method: lambda *_: None for method in ("step", "transmit", "power")}
+    mine = type("Mine", (getattr(mf, base),), {"name": "mine", **methods})
     plugin = plugins.register(mine)
     assert plugins.load(plugin.door, "mine") is mine
     assert plugin.door == base.lower()
+
+
+@pytest.mark.parametrize(
+    ("base", "lacks"),
+    [
+        ("Controller", "lacks `step`"),
+        ("Aggregator", "lacks `step`"),
+        ("Channel", "lacks `transmit`"),
+        ("Vehicle", "lacks `power` and `step`"),
+        ("Filter", "lacks `admit`"),
+    ],
+)
+def test_a_class_that_leaves_out_what_its_base_class_leaves_open_is_refused(base: str, lacks: str) -> None:
+    with pytest.raises(BadInput, match=f"{lacks}$"):
+        plugins.register(type("Mine", (getattr(mf, base),), {"name": "mine"}))
 
 
 def test_two_packages_of_one_name_are_refused_with_both_packages(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -241,3 +260,31 @@ def test_a_plugin_that_cannot_begin_ends_the_command_with_exit_code_2_and_one_li
     assert expected in ended.stderr
     assert "Traceback" not in ended.stderr
     assert not list((tmp_path / "runs").glob("*/summary.json"))
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize(
+    ("text", "more", "expected"),
+    [
+        (GOOD.replace("return {}", "raise OSError('no table')"), (), "failed in `init` with UAV 0: OSError: no table"),
+        (
+            GOOD.replace("return {}", "return {} if 1 not in uavs else 1 / 0"),
+            (),
+            "failed in `init` with UAV 1: ZeroDivisionError",
+        ),
+        (GOOD, ("--set", "vehicle.options.mass=2"), "vehicle.options: there is no option `mass`"),
+        (GOOD, ("--set", "federation.options.beta=2"), "federation.options: there is no option `beta`"),
+    ],
+    ids=["in every init", "in the init of one", "a vehicle's option", "a rule's option"],
+)
+def test_what_only_another_process_finds_out_is_bad_input_all_the_same_and_leaves_no_folder(
+    text: str, more: tuple[str, ...], expected: str, tmp_path: Path
+) -> None:
+    command = [str(Path(sys.executable).with_name("meanflock")), "run", "--quiet", "--method", "mine", *more]
+    command += ["--plugin", str(written(tmp_path, text)), "--set", "uavs=2", "--out", str(tmp_path / "runs")]
+    ended = subprocess.run(command, capture_output=True, text=True, env=dict(os.environ), timeout=DEADLINE_S)
+    assert ended.returncode == EXIT_BAD_INPUT, ended.stderr
+    (line,) = ended.stderr.splitlines()
+    assert line.startswith("error: ")
+    assert expected in line
+    assert not (tmp_path / "runs").exists()

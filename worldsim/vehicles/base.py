@@ -1,5 +1,6 @@
 """The vehicle door: how UAVs move under acceleration, wind and noise, and what it costs them."""
 
+from abc import abstractmethod
 from typing import ClassVar
 
 import msgspec
@@ -33,6 +34,7 @@ class Vehicle:
         """The hidden state at take-off: arrays of numbers or booleans, (uavs, …) each, finite. None by default."""
         return {}
 
+    @abstractmethod
     def step(
         self, states: state.States, hidden: Hidden, acceleration: state.Plane, noise: state.Plane
     ) -> tuple[state.States, Hidden]:
@@ -48,6 +50,7 @@ class Vehicle:
         """
         raise NotImplementedError
 
+    @abstractmethod
     def power(self, states: state.States, hidden: Hidden, acceleration: state.Plane) -> state.Rows:
         """What a step under `acceleration` costs, (N,) in W, finite; `states` (N, 4) and `hidden` as it left them."""
         raise NotImplementedError
