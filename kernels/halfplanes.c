@@ -1,5 +1,5 @@
 /* What kernels/halfplanes.py says: the same operations in the same order. */
-#include "halfplanes.h"
+#include "native.h"
 
 #include <math.h>
 

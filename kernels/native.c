@@ -3,17 +3,13 @@
  * kernels/reference.py is the definition; this gives the same bits: every sum is taken in NumPy's order and nothing is
  * contracted into fused operations.
  */
-#define PY_SSIZE_T_CLEAN
-#define Py_LIMITED_API 0x030B0000
-#include <Python.h>
+#include "wire.h" /* Python.h comes first */
+
 #include <math.h>
 #include <string.h>
 
-#include "halfplanes.h"
 #include "learn.h"
-#include "pairs.h"
-#include "separation.h"
-#include "wire.h"
+#include "native.h"
 
 enum { D = sizeof(double), MOST_ARRAYS = 5, READ = 0, WRITTEN = PyBUF_WRITABLE };
 
@@ -49,6 +45,13 @@ static int fits(const Py_buffer *view, const char *name, Py_ssize_t bytes) {
     if (view == NULL) return 0;
     if (view->len != bytes) PyErr_Format(PyExc_ValueError, "%s: %zd bytes, expected %zd", name, view->len, bytes);
     return view->len == bytes;
+}
+
+/* Room for so many doubles and one more; NULL and an exception without memory. */
+static double *room_for(Py_ssize_t count) {
+    double *room = PyMem_Malloc((count + 1) * D);
+    if (room == NULL) PyErr_NoMemory();
+    return room;
 }
 
 /* ---- learn ---- */
@@ -105,10 +108,10 @@ static void step_rows(const Tables *t, const Rows *rows, Py_ssize_t count) {
     for (; from < count; from++) step_one(t, rows, from, 1);
 }
 
-/* φ_G of all rows into their numbers: as it is given, (M,), or of the states they know, (M, N, 4). 0 without memory. */
+/* φ_G of all rows into their numbers: as it is given, (M,), or of the states they know, (M, N, 4). 0 and an exception without memory. */
 static int interaction(const Tables *t, const Rows *rows, Py_ssize_t count, const Py_buffer *around) {
     const Py_ssize_t each = count ? around->len / count : 0, others = each / (SIZE * D);
-    double phi_g, *products = PyMem_Malloc((others + 1) * D);
+    double phi_g, *products = room_for(others);
     for (Py_ssize_t m = 0; m < count && products != NULL; m++) {
         const char *known = (const char *)around->buf + m * each;
         if (each == D) memcpy(&phi_g, known, D);
@@ -117,15 +120,6 @@ static int interaction(const Tables *t, const Rows *rows, Py_ssize_t count, cons
     }
     PyMem_Free(products);
     return products != NULL;
-}
-
-static double largest(const char *numbers, Py_ssize_t count) {
-    double most = 0.0, number;
-    for (Py_ssize_t k = 0; k < count && most == most; k++) { /* what is not a number stays so */
-        memcpy(&number, numbers + k * D, D);
-        if (!(fabs(number) <= most)) most = fabs(number);
-    }
-    return most;
 }
 
 static PyObject *learn(PyObject *module, PyObject *args) {
@@ -150,12 +144,9 @@ static PyObject *learn(PyObject *module, PyObject *args) {
         }
     }
     const Rows rows = {s->buf, arrays.view[1].buf, arrays.view[2].buf, arrays.view[3].buf, known == NULL};
-    if (known != NULL && !interaction(t, &rows, count, known)) {
-        PyErr_NoMemory();
-        goto done;
-    }
+    if (known != NULL && !interaction(t, &rows, count, known)) goto done;
     step_rows(t, &rows, count);
-    result = PyFloat_FromDouble(largest(rows.numbers, count * NUMBERS));
+    result = Py_NewRef(Py_None);
 done:
     let_go(&arrays);
     return result;
@@ -173,11 +164,7 @@ static PyObject *measure(PyObject *module, PyObject *args) {
     if (to == NULL) goto done;
     const Py_ssize_t n = s->len / (SIZE * D), most = to->len / 16; /* of pairs of 8 bytes each */
     if (!fits(s, "states", n * SIZE * D) || !fits(to, "found", most * 16)) goto done;
-    room = PyMem_Malloc((pairs_room(n) + 1) * D);
-    if (room == NULL) {
-        PyErr_NoMemory();
-        goto done;
-    }
+    if ((room = room_for(pairs_room(n))) == NULL) goto done;
     for (Py_ssize_t i = 0; i < n; i++)
         for (int k = 0; k < SIZE; k++) memcpy(room + k * n + i, (const char *)s->buf + (i * SIZE + k) * D, D);
     const Measured seen = pairs(n, room, hazard, collision, to->buf, most);
@@ -204,11 +191,7 @@ static PyObject *nearest_of_all(PyObject *module, PyObject *args) {
         || !fits(doubles(&arrays, found, "found", WRITTEN), "found", rows * 2 * D)
         || !fits(doubles(&arrays, missing, "missing", WRITTEN), "missing", rows * D))
         goto done;
-    room = PyMem_Malloc((10 * count + 1) * D); /* of a row at a time, for arrays may begin anywhere */
-    if (room == NULL) {
-        PyErr_NoMemory();
-        goto done;
-    }
+    if ((room = room_for(10 * count)) == NULL) goto done; /* of a row at a time, for arrays may begin anywhere */
     for (Py_ssize_t m = 0; m < rows; m++) {
         double point[2], a[2], *row_bounds = room + 2 * count;
         memcpy(point, (const char *)w->buf + m * 2 * D, 2 * D);
@@ -226,6 +209,15 @@ done:
 }
 
 /* ---- columns ---- */
+
+static double largest(const char *numbers, Py_ssize_t count) {
+    double most = 0.0, number;
+    for (Py_ssize_t k = 0; k < count && most == most; k++) { /* what is not a number stays so */
+        memcpy(&number, numbers + k * D, D);
+        if (!(fabs(number) <= most)) most = fabs(number);
+    }
+    return most;
+}
 
 static PyObject *columns(PyObject *module, PyObject *args) {
     PyObject *from[2], *out, *result = NULL;
@@ -271,10 +263,7 @@ static PyObject *push(PyObject *module, PyObject *args) {
     if (!fits(s, "states", rows * SIZE * D) || !fits(of, "known", rows * others * SIZE * D)
         || !fits(to, "pushed", rows * AXES * D))
         goto done;
-    if ((room = PyMem_Malloc((2 * others + 1) * D)) == NULL) {
-        PyErr_NoMemory();
-        goto done;
-    }
+    if ((room = room_for(2 * others)) == NULL) goto done;
     for (Py_ssize_t m = 0; m < rows; m++) {
         double found[AXES];
         repel((const char *)s->buf + m * SIZE * D, (const char *)of->buf + m * each, others, weight, range, room, found);

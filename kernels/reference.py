@@ -19,7 +19,7 @@ from meanflock.kernels.wire import read, write
 __all__ = ["BACKEND", "columns", "learn", "nearest", "pairs", "prepare", "read", "repel", "write"]
 
 BACKEND = "numpy"
-FEW = 100  # UAVs up to which all N² distances are one sum; as in pairs.h
+FEW = 100  # UAVs up to which all N² distances are one sum; as in pairs.c
 
 
 def prepare(given: Tables) -> Any:
@@ -29,7 +29,7 @@ def prepare(given: Tables) -> Any:
 
 def learn(
     tables: Tables, states: Floats, weights: Floats, around: Floats | None, weights_out: Floats, numbers: Floats
-) -> float:
+) -> None:
     """One tick of the mean-field learners of M UAVs: φ_G, the value step, the density step, the action.
 
     Args:
@@ -37,9 +37,6 @@ def learn(
         around: None: the density is learned and φ_G is its quadrature. Else the density stays as it is, and φ_G is
             the mean over the states each row knows (M, N, 4), with β = 1, or what is given, (M,).
         weights_out: (M, 246), written; may be `weights`. numbers: (M, 5), written: [a_x, a_y, e_H, e_F, φ_G].
-
-    Returns:
-        The largest of |numbers|; NaN where one of them is.
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         powers = features.powers(tables, states)
@@ -58,7 +55,6 @@ def learn(
     weights_out[:, VALUE], weights_out[:, DENSITY] = value.weights, density
     numbers[:, : state.AXES] = value.action
     numbers[:, 2], numbers[:, 3], numbers[:, 4] = value.residual, residual, phi_g
-    return float(np.abs(numbers).max(initial=0.0))
 
 
 def columns(left: Floats, right: Floats | None, out: Floats, first: int) -> float:

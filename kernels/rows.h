@@ -1,4 +1,4 @@
-/* What basis.py, interaction.py, hjb.py and fpk.py say, for LANES rows at once, a row a lane; row.c and rows.c include it.
+/* What features.py, interaction.py, hjb.py and fpk.py say, for LANES rows at once, a row a lane; row.c and rows.c include it.
  *
  * A lane does what its row would do alone, in the same order: it has the same bits, and never sees another lane. Tables
  * are common to all rows, so what is picked through an index is whole vectors.

@@ -1,6 +1,6 @@
 /* What kernels/separation.py says: the same operations in the same order. */
 #define LANES 1
-#include "separation.h"
+#include "native.h"
 
 #include <math.h>
 #include <string.h>

@@ -28,8 +28,7 @@ def tick(backend: ModuleType, weights: np.ndarray, states: np.ndarray, around: n
     """The bits of each row: its weights and its numbers; a NaN is a NaN, its sign and payload mean nothing."""
     stepped, numbers = np.full_like(weights, 7.0), np.full((len(weights), 5), 7.0)
     with np.errstate(all="ignore"):
-        largest = backend.learn(backend.prepare(TABLES), states, weights, around, stepped, numbers)
-    assert largest == np.abs(numbers).max(initial=0.0) or (np.isnan(largest) and np.isnan(numbers).any())
+        backend.learn(backend.prepare(TABLES), states, weights, around, stepped, numbers)
     whole = np.concatenate([stepped, numbers], axis=-1)
     return [row.tobytes() for row in np.where(np.isnan(whole), np.nan, whole)]
 
