@@ -19,7 +19,6 @@ from meanflock.channel.meter import Meter
 from meanflock.swarm import plugins, state
 from meanflock.swarm.clusters import Clusters
 from meanflock.swarm.errors import RunFailed
-from meanflock.swarm.hops import delivery_ticks
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator, random_state, set_random_state
 from meanflock.swarm.wire.messages import FrameKind, Frames
@@ -27,8 +26,6 @@ from meanflock.swarm.wire.messages import FrameKind, Frames
 Indices = NDArray[np.intp]
 NO_LINKS = np.zeros((0, 5), dtype=np.int32)  # of a tick in which nobody sends; shared, not to be written to
 Cut: TypeAlias = Callable[[Indices, Indices], NDArray[np.bool_]]  # sources (K,), targets (K,) → links that fail
-
-
 MOST_SLOTS = 1_000_000  # a message may take
 
 
@@ -44,7 +41,7 @@ class Medium:
         self._rng = generator(scenario.seed, "radio")
         self._head_of = Clusters(scenario).head_of
         slots = range(1, MOST_SLOTS + 1)
-        self._soon = bisect_right(slots, 1, key=lambda spent: int(delivery_ticks(scenario, np.array(spent))))  # a tick
+        self._soon = bisect_right(slots, 1, key=lambda spent: int(scenario.delivery_ticks(np.array(spent))))  # a tick
         self._range_squared = radio.range_m**2
         self._everyone = np.arange(scenario.uavs).tobytes()
         # The links of the last batch of a kind and of its number, which mostly are those of the next tick's, and who
@@ -116,7 +113,7 @@ class Medium:
             self._deliver(tick + 1, batch, ends)
             return record
         arrival = np.full(len(links.ends), tick + 1)
-        arrival[links.by_radio] = tick + delivery_ticks(self._scenario, slots)
+        arrival[links.by_radio] = tick + self._scenario.delivery_ticks(slots)
         if not all_arrive:
             arrival = arrival[through]
         for due in np.unique(arrival).tolist():

@@ -1,6 +1,7 @@
 """What the radio cost: bits, link copies, deliveries, outages, airtime, by kind of traffic and by link."""
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, astuple, dataclass, field
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -117,10 +118,10 @@ class Meter:
         """Sum of one field of `Traffic` over all kinds."""
         return sum(getattr(of_kind, name) for of_kind in self.traffic.values())
 
-    def total_expected(self, name: str) -> float | None:
-        """The same of a field that may be unknown; None where it is so of any kind."""
-        parts = [getattr(of_kind, name) for of_kind in self.traffic.values()]
-        return None if None in parts else sum(parts)
+    def all_kinds(self) -> Traffic:
+        """The totals of all kinds; what is unknown of one is unknown of all."""
+        each = map(astuple, self.traffic.values())
+        return Traffic(*(reduce(_sum, fields) for fields in zip(*each, strict=True)))
 
     def figures(self) -> tuple[float, ...]:
         """Payload bits by kind of traffic, as in `TRAFFIC`; deliveries, outages and airtime of all."""
@@ -157,5 +158,5 @@ class Meter:
             self._times = 0
 
 
-def _sum(so_far: float | None, more: float | None) -> float | None:
+def _sum(so_far: Any, more: Any) -> Any:
     return None if so_far is None or more is None else so_far + more

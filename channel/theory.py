@@ -20,11 +20,6 @@ def outage(radio: Radio, success: Floats, bits: int) -> Floats:
     return special.bdtr(float(needed - 1), slots, success) if needed <= slots else np.ones_like(success)
 
 
-def mean_latency(radio: Radio, success: Floats, bits: int) -> Floats:
-    """E[D_m] = K/p slots, whether or not that exceeds D_M; same shape."""
-    return slots_needed(radio, bits) / success
-
-
 def delivered_latency(radio: Radio, success: Floats, bits: int) -> Floats:
     """E[D_m; D_m ≤ D_M] in slots: the latency a run can observe, times the probability of observing it.
 

@@ -24,7 +24,6 @@ class Leader:
 
     def __init__(self, welcome: Welcome) -> None:
         self.complaints: list[str] = []  # what the world should hear of, since it was last asked
-        self.refused = 0  # uploads that were not averaged
         self._scenario = scenario = decode(welcome.scenario)
         self._rounds = Rounds(scenario)
         self._up, self._down = payload.upload(scenario), payload.broadcast(scenario)
@@ -56,7 +55,6 @@ class Leader:
         #    nothing is left is void.
         number = self._rounds.closes(sense.tick)
         arrived, refused = refuse(self._arrived.pop(number, {}) if number else {})
-        self.refused += len(refused)
         self._kept = b""
         outbox = self._broadcast(number, arrived) if arrived else ()
         return Act(
@@ -112,7 +110,7 @@ class Leader:
         if self._relay is None:
             self._up.check(frames.payload, len(frames.source))
         else:
-            self._relay.check(frames.source, frames.payload)
+            self._relay.check_relays(frames.source, frames.payload)
 
 
 def _recorded(state_: State) -> bytes:

@@ -8,7 +8,7 @@ import msgspec
 
 from meanflock.swarm import plugins, scenarios
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.scenario import Scenario, from_table, to_table
+from meanflock.swarm.scenario import Scenario, from_table
 from meanflock.swarm.toml import put, read
 
 
@@ -23,7 +23,7 @@ def scenario_of(scenario: str | Path | Scenario | None, settings: Mapping[str, A
         BadInput: no such scenario, or a key or value that is none.
     """
     if isinstance(scenario, Scenario):
-        table = to_table(scenario)
+        table: dict[str, Any] = msgspec.to_builtins(scenario)
     elif scenario is None:
         table = {}
     else:

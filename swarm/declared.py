@@ -1,6 +1,6 @@
 """What a controller declares of itself: everything the swarm needs to know of a method it has never heard of."""
 
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 
@@ -13,22 +13,6 @@ MAX_BROADCASTS = 16  # of a controller in a tick
 MAX_BROADCAST_NUMBERS = 4096  # of a UAV in a tick
 NO_FILTER = "none"
 MAX_MEMORY_BYTES = 24 * 2**20  # of all UAVs together; a flight of more goes on without checkpoints
-
-
-class Asking(Protocol):
-    """What of a scenario names its controller."""
-
-    @property
-    def method(self) -> str:
-        """Its name."""
-
-    @property
-    def controller(self) -> dict[str, Any]:
-        """Its options."""
-
-    @property
-    def filter(self) -> Any:
-        """`[filter]`: `kind` and `options` of what stands before it."""
 
 
 class Declared(msgspec.Struct, frozen=True):
@@ -57,8 +41,8 @@ class Declared(msgspec.Struct, frozen=True):
         return self.parameters > 0
 
 
-def controller(scenario: Asking) -> Any:
-    """A new instance of a scenario's controller, with its filter before it.
+def controller(scenario: Any) -> Any:
+    """A new instance of the controller of a `Scenario`, which this module cannot import, with its filter before it.
 
     Raises:
         BadInput: one of them is not installed here, or its options do not fit.
@@ -66,7 +50,7 @@ def controller(scenario: Asking) -> Any:
     return filtered(plugins.create("controller", scenario.method, scenario.controller, scenario), scenario)
 
 
-def filtered(made: Any, scenario: Asking) -> Any:
+def filtered(made: Any, scenario: Any) -> Any:
     """A controller behind the filter of a scenario; itself where there is none.
 
     Raises:
@@ -78,7 +62,7 @@ def filtered(made: Any, scenario: Asking) -> Any:
     return plugins.create("filter", scenario.filter.kind, scenario.filter.options, scenario, made)
 
 
-def declared(scenario: Asking) -> Declared:
+def declared(scenario: Any) -> Declared:
     """What a scenario's controller declares.
 
     Raises:
@@ -102,20 +86,13 @@ def of(made: Any, name: str) -> Declared:
 
 
 def _checked(made: Any, name: str) -> Declared:
-    parameters, period = made.parameters, made.period_ticks
-    if not _is_count(parameters, 0, MAX_PARAMETERS):
-        raise BadInput(f"controller {name!r}: `parameters` is {parameters!r}; expected 0 … {MAX_PARAMETERS}")
+    parameters = _count(made, name, "parameters", 0, MAX_PARAMETERS)
     parts = tuple(made.parts) or ((parameters,) if parameters else ())
     if not all(_is_count(part, 1, parameters) for part in parts) or sum(parts) != parameters:
         raise BadInput(f"controller {name!r}: `parts` {parts} do not add up to its {parameters} `parameters`")
-    weights = parameters if made.weights is None else made.weights
-    if not _is_count(weights, 0, MAX_PARAMETERS):
-        raise BadInput(f"controller {name!r}: `weights` is {weights!r}; expected 0 … {MAX_PARAMETERS}")
-    said = made.broadcast_numbers
-    if not _is_count(said, 0, MAX_BROADCAST_NUMBERS):
-        raise BadInput(f"controller {name!r}: `broadcast_numbers` is {said!r}; expected 0 … {MAX_BROADCAST_NUMBERS}")
-    if not _is_count(period, 1, 2**31):
-        raise BadInput(f"controller {name!r}: `period_ticks` is {period!r}; expected a number of ticks, at least 1")
+    weights = parameters if made.weights is None else _count(made, name, "weights", 0, MAX_PARAMETERS)
+    said = _count(made, name, "broadcast_numbers", 0, MAX_BROADCAST_NUMBERS)
+    period = _count(made, name, "period_ticks", 1, 2**31)
     if isinstance(made.diagnostics, str):
         raise BadInput(f"controller {name!r}: `diagnostics` is a text; write ({made.diagnostics!r},)")
     diagnostics = tuple(made.diagnostics)
@@ -125,7 +102,14 @@ def _checked(made: Any, name: str) -> Declared:
             f"controller {name!r}: `diagnostics` {diagnostics} must be at most {MAX_DIAGNOSTICS} different names of "
             "letters, digits and underscores"
         )
-    return Declared(int(parameters), parts, int(weights), diagnostics, int(period), int(said), bool(made.pairwise))
+    return Declared(parameters, parts, weights, diagnostics, period, said, bool(made.pairwise))
+
+
+def _count(made: Any, name: str, declaration: str, least: int, most: int) -> int:
+    value = getattr(made, declaration)
+    if not _is_count(value, least, most):
+        raise BadInput(f"controller {name!r}: `{declaration}` is {value!r}; expected {least} … {most}")
+    return int(value)
 
 
 def _is_count(value: object, least: int, most: int) -> bool:

@@ -6,12 +6,6 @@ EXIT_DONE = 0
 EXIT_RUN_FAILED = 1
 EXIT_BAD_INPUT = 2
 
-EXIT_CODE_HELP = {
-    EXIT_DONE: "the command did what it was asked to do",
-    EXIT_RUN_FAILED: "the run started and failed, or was interrupted; what it had written is kept",
-    EXIT_BAD_INPUT: "bad input: one line says what, where and how to mend it; nothing was written",
-}
-
 
 class MeanflockError(Exception):
     """Anything meanflock raises on purpose; `exit_code` is what the process ends with."""

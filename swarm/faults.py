@@ -4,20 +4,18 @@ Every fault acts on the model, not on a process: the world applies it in a given
 same trajectory in one process and on many. All times are simulated time.
 """
 
-import math
 from collections.abc import Iterable
 from typing import Annotated, TypeAlias
 
-import msgspec
 from msgspec import Meta
+
+from meanflock.swarm.table import Table
 
 Uavs: TypeAlias = Annotated[tuple[Annotated[int, Meta(ge=0)], ...], Meta(description="the UAVs it hits")]
 Duration: TypeAlias = Annotated[float, Meta(gt=0, description="how long it lasts, s")]
 
 
-class _Fault(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", omit_defaults=True
-):
+class _Fault(Table, frozen=True, tag_field="kind", omit_defaults=True):
     """Begins in a tick, given as such or as simulated seconds."""
 
     tick: Annotated[int, Meta(ge=0, description="the tick it begins in")] | None = None
@@ -27,13 +25,9 @@ class _Fault(
     )
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if (self.tick is None) == (self.time_s is None):
             raise ValueError("a fault begins at a `tick` or at a `time_s`: give one of them")
-        for name in self.__struct_fields__:
-            value = getattr(self, name)
-            for number in value if isinstance(value, tuple) else (value,):
-                if isinstance(number, float) and not math.isfinite(number):
-                    raise ValueError(f"`{name}` must be a finite number, not {number}")
 
     def begins(self, dt: float) -> int:
         """The first tick in which it acts."""

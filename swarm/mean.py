@@ -22,13 +22,7 @@ def refuse(models: dict[int, Floats]) -> tuple[dict[int, Floats], list[int]]:
 
 
 def fedavg(models: Floats) -> Floats:
-    """Mean of the models `(S, L)`, added up in their order, `(L,)`.
-
-    Raises:
-        ValueError: no model.
-    """
-    if not len(models):
-        raise ValueError("nothing arrived to average")
+    """Mean of the models `(S, L)`, at least one, added up in their order, `(L,)`."""
     total = np.zeros(models.shape[1])
     for model in models:
         total += model
@@ -36,13 +30,7 @@ def fedavg(models: Floats) -> Floats:
 
 
 def stacked(models: dict[int, Floats]) -> Floats:
-    """The models as rows in the order of the UAVs, `(S, L)`.
-
-    Raises:
-        ValueError: no model.
-    """
-    if not models:
-        raise ValueError("nothing arrived to average")
+    """The models as rows in the order of the UAVs, `(S, L)`, at least one."""
     return np.stack([models[uav] for uav in sorted(models)]).astype(np.float64)
 
 
@@ -52,16 +40,10 @@ def relayed(models: dict[int, Floats]) -> Floats:
 
 
 def pooled(relays: dict[int, Floats]) -> Floats:
-    """Mean of all models behind the relays, `(L + 1,)` each: Σ n_c w_c / Σ n_c.
-
-    Raises:
-        ValueError: no relay.
-    """
-    if not relays:
-        raise ValueError("nothing arrived to average")
-    total = np.zeros(len(next(iter(relays.values()))))
-    for head in sorted(relays):
-        *_, count = relay = relays[head]
-        total[:-1] += count * relay[:-1]
-        total[-1] += count
+    """Mean of all models behind the relays, `(L + 1,)` each: Σ n_c w_c / Σ n_c."""
+    rows = stacked(relays)
+    total = np.zeros(rows.shape[1])
+    for relay in rows:
+        total[:-1] += relay[-1] * relay[:-1]
+        total[-1] += relay[-1]
     return total[:-1] / total[-1]

@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm.ascending import contains
-from meanflock.swarm.hops import HOPS, delivery_ticks
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator
 from meanflock.swarm.wire.messages import FrameKind
@@ -21,10 +20,8 @@ class Rounds:
         self._scenario = scenario
         self._uavs = np.zeros(0, dtype=np.intp) if uavs is None else uavs
         self._period = scenario.period_ticks if scenario.declared.is_federated else 0
-        longest = np.array(scenario.radio.latency_threshold_slots)
-        self._horizon = int(delivery_ticks(scenario, longest))
+        self._hop_ticks, self._open_ticks = scenario.hop_ticks, scenario.round_ticks
         self._relays = scenario.federation.clusters > 1
-        self._open_ticks = self._horizon * (HOPS if self._relays else 1)
         self._drawn: dict[int, tuple[NDArray[np.intp], NDArray[np.intp]]] = {}
 
     def opens(self, tick: int) -> int:
@@ -33,7 +30,7 @@ class Rounds:
 
     def relays(self, tick: int) -> int:
         """The round whose heads hand on their means in this tick, when every upload has arrived or is lost, or 0."""
-        return self.opens(tick - self._horizon) if self._relays and tick > self._horizon else 0
+        return self.opens(tick - self._hop_ticks) if self._relays and tick > self._hop_ticks else 0
 
     def closes(self, tick: int) -> int:
         """The round that is averaged in this tick, when all that is sent to the leader has arrived or is lost, or 0."""

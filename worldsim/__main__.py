@@ -19,10 +19,9 @@ with needed("the world", "world"):
     from meanflock.swarm.net.session import ZenohBus
     from meanflock.swarm.process import Interrupted, flag, identity, main, orphaned, parser
     from meanflock.worldsim.checkpoint import Resumption
-    from meanflock.worldsim.limits import Limits
+    from meanflock.worldsim.limits import Limits, Quotas
     from meanflock.worldsim.members import MAX_LEADERS
     from meanflock.worldsim.node import World
-    from meanflock.worldsim.quotas import Quotas
     from meanflock.worldsim.schedule import factor
 
 LINGER_S = 20.0  # for a recorder that is slow, or was killed and is on its way back

@@ -6,9 +6,10 @@ from collections.abc import Callable
 import numpy as np
 
 from meanflock.swarm import scenario
-from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Bus, Delivery
+from meanflock.swarm.net.identity import STATION
 from meanflock.swarm.printable import printable
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
@@ -18,15 +19,13 @@ from meanflock.worldsim.barrier import Barrier
 from meanflock.worldsim.checkpoint import Resumption
 from meanflock.worldsim.counters import Counters
 from meanflock.worldsim.flight import Flight
-from meanflock.worldsim.limits import Limits
+from meanflock.worldsim.limits import JOIN_BYTES, RECEIVED_BYTES, Limits
 from meanflock.worldsim.members import LEADER, JoinRefused, Member, Members
-from meanflock.worldsim.quotas import JOIN_BYTES, RECEIVED_BYTES
 from meanflock.worldsim.telemetry import Outbox
 from meanflock.worldsim.unattended import Unattended
 
 log = logging.getLogger("meanflock.world")
 
-STATION = "station"
 MAX_DROP_EVENTS = 100  # the counters go on
 _OF_REPEATS = ("duplicate", "stale")  # what a second answer to a question that was put twice is, in its tick or after
 
@@ -51,11 +50,12 @@ class Admission:
     ) -> None:
         self.members = members
         self.listeners: set[str] = set()
+        self.stations = 0  # recording listeners that must be there before the first tick
         self.flying = False  # from the first tick on; before it, who is lost is merely missing
         self.closed = False  # after the last: who leaves is not lost
         self.resumed: Resumption | None = None  # whose memory is handed out until then
         self.unfit: list[str] = []  # why nodes that were welcome cannot take part, after all
-        self.unattended = Unattended(lambda: self._clock())
+        self.unattended = Unattended(clock)
         self.on_leader_lost: Callable[[], None] = lambda: None  # one that was asked in this tick
         self._scenario, self._bus, self._run = flown, bus, run
         self._fingerprint, self._received = keys.fingerprint(run), keys.received(run)
@@ -123,6 +123,33 @@ class Admission:
         for member in self.members.present:
             if not member.ready and self._clock() - member.since_s > patience_s:
                 self.lose(member, f"not ready after {patience_s:.0f} s")
+
+    @property
+    def complete(self) -> bool:
+        """Whether every UAV has its agent, the rounds their leader, and whoever records is there."""
+        return self.members.complete and len(self.listeners) >= self.stations
+
+    @property
+    def missing(self) -> str:
+        """Who is not there yet."""
+        absent = self.stations - len(self.listeners)
+        return ", ".join(filter(None, [self.members.missing(), f"{absent} ground station" if absent > 0 else ""]))
+
+    def check(self, late_s: float | None, cancelled: bool, stop: Callable[[str], None]) -> None:
+        """Everyone is sent home by `stop` where the swarm will not be complete. `late_s`: the time that is over.
+
+        Raises:
+            BadInput: a node cannot take part. RunFailed: not in time, or interrupted; the message says who is missing.
+        """
+        if self.unfit:
+            stop("a node cannot take part")
+            raise BadInput(self.unfit[0])
+        if cancelled:
+            stop("interrupted")
+            raise RunFailed(f"interrupted while waiting for {self.missing}")
+        if late_s is not None:
+            stop("the swarm is not complete")
+            raise RunFailed(f"after {late_s:.0f} s the swarm still waits for {self.missing}")
 
     # -- messages -----------------------------------------------------------------------------------------------
 

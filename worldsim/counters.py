@@ -6,18 +6,6 @@ from typing import Any
 
 from meanflock.worldsim.schedule import Schedule
 
-_SCALARS = (
-    "rounds",
-    "averaged",
-    "held",
-    "deadline_misses",
-    "nodes_lost",
-    "nodes_rejoined",
-    "uploads_refused",
-    "states_refused",
-    "wall_s",
-)
-
 
 class Counters:
     """The counters of one run, from take-off on, however often it was resumed."""
@@ -50,9 +38,8 @@ class Counters:
 
     def snapshot(self, wall_s: float) -> dict[str, Any]:
         """All of it, for `restore`."""
-        scalars = {name: getattr(self, name) for name in _SCALARS}
         return {
-            **scalars,
+            **self._numbers(),
             "wall_s": wall_s,
             "spread": self.spread,
             "drops": dict(self.drops),
@@ -61,11 +48,14 @@ class Counters:
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Goes on with the counts of a snapshot."""
-        for name in _SCALARS:
-            setattr(self, name, type(getattr(self, name))(snapshot[name]))
+        for name, number in self._numbers().items():
+            setattr(self, name, type(number)(snapshot[name]))
         self.spread = snapshot["spread"]
         self.drops = Counter(snapshot["drops"])
         self.disbelieved = set(snapshot["disbelieved"])
+
+    def _numbers(self) -> dict[str, int | float]:
+        return {name: value for name, value in vars(self).items() if isinstance(value, int | float)}
 
     def summary(
         self,

@@ -99,7 +99,7 @@ class Replies:
                 raise MessageRejected("wrong-shape", f"broadcast {frames.round} of {said.shape[1]} numbers")
         elif kind == FrameKind.RELAY:
             assert self._relay is not None
-            self._relay.check(source, said)
+            self._relay.check_relays(source, said)
         else:
             (self._up if kind == FrameKind.UPLOAD else self._down).check(said, len(source))
         own = self._leader if member.role == LEADER else member.uavs

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from meanflock.swarm.election import elect
 from meanflock.swarm.errors import MeanflockError
+from meanflock.swarm.net.identity import LEADER
 from meanflock.swarm.wire.messages import Join
 
-LEADER = "leader"
 MAX_LEADERS = 8  # living at once; a standby is cheap, but not free
 
 
@@ -35,7 +35,6 @@ class Member:
 
     def __post_init__(self) -> None:
         self.rows = len(self.uavs)
-        self.names = self.uavs.astype("<i4").tobytes()  # as frames have them
         # Where its UAVs are among all: a slice, where it is one, costs a fraction of so many indices.
         first, end = (int(self.uavs[0]), int(self.uavs[-1]) + 1) if len(self.uavs) else (0, 0)
         self.place: slice | NDArray[np.intp] = slice(first, end) if end - first == len(self.uavs) else self.uavs

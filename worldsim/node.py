@@ -27,7 +27,6 @@ from meanflock.worldsim.counters import Counters
 from meanflock.worldsim.durations import Durations
 from meanflock.worldsim.faults import Script
 from meanflock.worldsim.flight import Flight
-from meanflock.worldsim.gathering import Gathering
 from meanflock.worldsim.heads import Heads
 from meanflock.worldsim.inbound import Replies
 from meanflock.worldsim.instruments import Instruments
@@ -118,8 +117,8 @@ class World:
         admission = self._admission = Admission(
             scenario, bus, run, members, self.flight, barrier, self._reporter.outbox, counters, note, self._clock
         )
-        admission.resumed, admission.on_leader_lost = self._resumed, self._ask_leader
-        self._gathering = Gathering(members, admission, self._stations)
+        admission.resumed, admission.stations = self._resumed, self._stations
+        admission.on_leader_lost = self._ask_leader
         self._merger = FrameMerger(self._rounds, counters, admission.drop, note)
         pace, patience_s = Pace(scenario.pace, note), self._barrier_s
         self._waiting = Waiting(barrier, admission, counters, self._schedule, patience_s, pace, self._wait, self._clock)
@@ -131,9 +130,9 @@ class World:
             RunFailed: not in time; the message says who is missing.
         """
         end = self._clock() + timeout_s
-        while not self._gathering.complete:
+        while not self._admission.complete:
             late_s = timeout_s if self._clock() > end else None
-            self._gathering.check(late_s, cancelled(), self.stop)
+            self._admission.check(late_s, cancelled(), self.stop)
             self._wait(0.1)
         nodes = f"{len(self._members.present)} nodes hold {self._scenario.uavs} UAVs"
         again = "" if self._resumed is None else f" and go on from tick {self.flight.tick}"

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock import kernels
-from meanflock.channel.meter import TRAFFIC, Meter
+from meanflock.channel.meter import TRAFFIC, Meter, Traffic
 from meanflock.swarm import __version__
-from meanflock.swarm.wire.messages import FrameKind, Status
+from meanflock.swarm.wire.messages import Status
 from meanflock.worldsim.flight import Flight
 
 SCHEMA = 1
@@ -59,70 +59,47 @@ def flight_summary(flight: Flight) -> dict[str, Any]:
 def radio_summary(meter: Meter, *, all_arrived: bool) -> dict[str, Any]:
     """What the radio cost, observed beside the closed forms; until the last arrival, where all arrived."""
     to_arrival = meter.marked if all_arrived and meter.marked is not None else meter.bits()
-    sent = int(meter.total("sent"))
-    links = meter.links()
+    links, total = meter.links(), meter.all_kinds()
     return {
         "payload_bits": {
             **{name: meter.traffic[kind].payload_bits for kind, name in TRAFFIC.items()},
-            "total": int(meter.total("payload_bits")),
+            "total": total.payload_bits,
         },
         "bits_to_arrival": {**dict(zip(TRAFFIC.values(), to_arrival, strict=True)), "total": sum(to_arrival)},
-        "wire_bytes": int(meter.total("wire_bytes")),
+        "wire_bytes": total.wire_bytes,
         "radio": {
-            **_observed(
-                sent,
-                int(meter.total("delivered")),
-                int(meter.total("outages")),
-                meter.total("delivered_slots"),
-                meter.total_expected("expected_outages"),
-                meter.total_expected("expected_delivered_slots"),
-            ),
-            "airtime_s": meter.total("airtime_s"),
-            "traffic": {name: _kind(meter, kind) for kind, name in TRAFFIC.items()},
+            **_observed(total),
+            "airtime_s": total.airtime_s,
+            "traffic": {name: _kind(meter.traffic[kind]) for kind, name in TRAFFIC.items()},
             "links_used": len(links),
             "links": links if len(links) <= MAX_LINKS_LISTED else None,  # [source, target, sent, outages]
         },
     }
 
 
-def _kind(meter: Meter, kind: FrameKind) -> dict[str, Any]:
-    bill = meter.traffic[kind]
+def _kind(bill: Traffic) -> dict[str, Any]:
     return {
         "transmissions": bill.transmissions,
         "payload_bits": bill.payload_bits,
         "wire_bytes": bill.wire_bytes,
         "airtime_s": bill.airtime_s,
-        **_observed(
-            bill.sent,
-            bill.delivered,
-            bill.outages,
-            bill.delivered_slots,
-            bill.expected_outages,
-            bill.expected_delivered_slots,
-        ),
+        **_observed(bill),
     }
 
 
-def _observed(
-    sent: int,
-    delivered: int,
-    outages: int,
-    slots: float,
-    expected_outages: float | None,
-    expected_slots: float | None,
-) -> dict[str, Any]:
+def _observed(bill: Traffic) -> dict[str, Any]:
     """Latency is of delivered messages: what a lost one would have taken nobody has seen."""
     rate = latency = None
-    if sent and expected_outages is not None and expected_slots is not None:
-        rate, expected_delivered = expected_outages / sent, sent - expected_outages
-        latency = expected_slots / expected_delivered if expected_delivered > 0 else None
+    if bill.sent and bill.expected_outages is not None and bill.expected_delivered_slots is not None:
+        rate, expected_delivered = bill.expected_outages / bill.sent, bill.sent - bill.expected_outages
+        latency = bill.expected_delivered_slots / expected_delivered if expected_delivered > 0 else None
     return {
-        "sent": sent,
-        "delivered": delivered,
-        "outages": outages,
-        "outage_rate": outages / sent if sent else None,
+        "sent": bill.sent,
+        "delivered": bill.delivered,
+        "outages": bill.outages,
+        "outage_rate": bill.outages / bill.sent if bill.sent else None,
         "outage_rate_theory": rate,
-        "latency_slots_mean": slots / delivered if delivered else None,
+        "latency_slots_mean": bill.delivered_slots / bill.delivered if bill.delivered else None,
         "latency_slots_mean_theory": latency,
     }
 

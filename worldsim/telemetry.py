@@ -5,6 +5,7 @@ listener that comes back is sent what it missed.
 """
 
 from collections import deque
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,12 +33,14 @@ class Rows:
     def __init__(self, run: int, uavs: int, capacity: int, declared: Declared) -> None:
         self._run, self._capacity, self._declared = run, capacity, declared
         self.block = 0  # the number of the one being filled
-        self._states = np.zeros((capacity, uavs, 4))
-        self._accelerations = np.zeros((capacity, uavs, 2), dtype=np.float32)
-        self._diagnostics = np.zeros((capacity, uavs, len(declared.diagnostics)), dtype=np.float32)
-        self._status = np.zeros((capacity, uavs), dtype=np.uint8)
-        self._energy = np.zeros((capacity, uavs), dtype=np.float32)
-        self._swarm = np.zeros((capacity, len(SWARM_COLUMNS)))
+        self._columns: dict[str, Any] = {  # as `Telemetry` has them
+            "states": np.zeros((capacity, uavs, 4)),
+            "accelerations": np.zeros((capacity, uavs, 2), dtype=np.float32),
+            "diagnostics": np.zeros((capacity, uavs, len(declared.diagnostics)), dtype=np.float32),
+            "status": np.zeros((capacity, uavs), dtype=np.uint8),
+            "energy": np.zeros((capacity, uavs), dtype=np.float32),
+            "swarm": np.zeros((capacity, len(SWARM_COLUMNS))),
+        }
         self._outages = -1.0  # as of the last row; of none yet, so that the first is looked at
         self._clear(0)
 
@@ -55,14 +58,14 @@ class Rows:
         counters: Counters,
     ) -> None:
         """One row: the flight as it is now, with the commands and diagnostics that led here."""
-        k = self._filled
-        self._states[k] = flight.states
-        self._accelerations[k] = commands.accelerations
-        self._diagnostics[k] = commands.diagnostics
-        self._status[k] = flight.status
-        self._energy[k] = flight.energy
+        k, columns = self._filled, self._columns
+        columns["states"][k] = flight.states
+        columns["accelerations"][k] = commands.accelerations
+        columns["diagnostics"][k] = commands.diagnostics
+        columns["status"][k] = flight.status
+        columns["energy"][k] = flight.energy
         *_, outages, _ = radio = air.meter.figures()
-        self._swarm[k] = (
+        columns["swarm"][k] = (
             *radio,
             flight.phi_a,
             flight.phi_c,
@@ -101,12 +104,7 @@ class Rows:
             run=self._run,
             block=self.block,
             first_tick=self._first_tick,
-            states=self._states[:n].copy(),
-            accelerations=self._accelerations[:n].copy(),
-            diagnostics=self._diagnostics[:n].copy(),
-            status=self._status[:n].copy(),
-            energy=self._energy[:n].copy(),
-            swarm=self._swarm[:n].copy(),
+            **{name: column[:n].copy() for name, column in self._columns.items()},
             links=np.concatenate([np.zeros((0, 5), dtype=np.int32), *self._links]),
             report_ticks=np.array([tick for tick, _, _ in self._reports], dtype=np.int32),
             reports=np.array([vector for _, vector, _ in self._reports], dtype=np.float32).reshape(

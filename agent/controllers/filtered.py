@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Controller, Memory, Options, Received, Rows, Step
 from meanflock.agent.controllers.neighbours import Neighbours
+from meanflock.swarm.ascending import distinct
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Plane, States
 
@@ -81,7 +82,7 @@ class Filter:
             acceleration,
             np.concatenate([*theirs_reported, reported, self._neighbours.unsent(mine)], axis=1),
             (said, *step.broadcasts),
-            _both(step.refused, refused),
+            step.refused if not len(refused) else distinct(np.concatenate([step.refused, refused])).astype(np.int32),
         )
 
     def get(self, memory: Memory) -> Floats:
@@ -116,7 +117,3 @@ def _of_inner(received: Sequence[Received]) -> tuple[Received, ...]:
         for frames in received
         if frames.number != _OWN
     )
-
-
-def _both(one: NDArray[np.int32], other: NDArray[np.int32]) -> NDArray[np.int32]:
-    return one if not len(other) else other if not len(one) else np.union1d(one, other).astype(np.int32)

@@ -1,5 +1,6 @@
 """What controllers have in common whose UAVs broadcast their states and fly by those of the others."""
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
@@ -40,6 +41,7 @@ class SharingController(Controller):
             reported = np.concatenate([step.diagnostics, reported], axis=1)
         return Step(memory, step.acceleration + against_the_air(self.scenario, own), reported, (said,), refused)
 
+    @abstractmethod
     def fly(self, memory: Memory, own: States, others: States) -> Step:
         """Memory, acceleration as if there were no air, and diagnostics.
 

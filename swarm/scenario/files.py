@@ -88,12 +88,6 @@ def from_table(table: dict[str, Any], where: str) -> Scenario:
         raise BadInput(f"{where}: {_explain(error, Scenario)}") from error
 
 
-def to_table(scenario: Scenario) -> dict[str, Any]:
-    """A scenario as plain values, as `from_table` takes them."""
-    table: dict[str, Any] = msgspec.to_builtins(scenario)
-    return table
-
-
 def _explain(error: msgspec.ValidationError, kind: type) -> str:
     from meanflock.swarm.explain import explain  # only here: nodes are sent scenarios that are sound
 

@@ -6,11 +6,11 @@ from typing import Annotated, Any, Literal, cast
 import msgspec
 import numpy as np
 from msgspec import Meta, field
+from numpy.typing import NDArray
 
 from meanflock.swarm import mission
 from meanflock.swarm.declared import NO_FILTER, Declared, declared
 from meanflock.swarm.faults import Fault, LeaderLoss
-from meanflock.swarm.hops import HOPS, delivery_ticks
 from meanflock.swarm.pace import Pace
 from meanflock.swarm.plugins import Door, find
 from meanflock.swarm.scenario import tables
@@ -117,11 +117,10 @@ class Scenario(_Table, frozen=True, dict=True):
                 f"{asked} `federation.aggregation` {federation.aggregation} must see every upload, and heads send "
                 "means; take fedavg, or one cluster"
             )
-        horizon = int(delivery_ticks(self, np.array(self.radio.latency_threshold_slots)))
-        if self.period_ticks <= HOPS * horizon:
+        if self.period_ticks <= self.round_ticks:
             raise ValueError(
-                f"{asked} `federation.period` {self.period_ticks} has no room for two hops of up to {horizon} ticks; "
-                f"take at least {HOPS * horizon + 1}"
+                f"{asked} `federation.period` {self.period_ticks} has no room for two hops of up to {self.hop_ticks} "
+                f"ticks; take at least {self.round_ticks + 1}"
             )
         exact = 2 ** (np.finfo(FLOAT_OF_BITS[self.radio.bits_per_float]).nmant + 1)
         if (largest := -(-self.uavs // count)) > exact:
@@ -152,12 +151,12 @@ class Scenario(_Table, frozen=True, dict=True):
     @property
     def upload_payload(self) -> tables.Payload:
         """How uploads are written."""
-        return self.federation.payload or self._radio_payload
+        return self.federation.payload or self.radio_payload
 
     @property
     def broadcast_payload(self) -> tables.Payload:
         """How the global model is written."""
-        return self.federation.broadcast_payload or self._radio_payload
+        return self.federation.broadcast_payload or self.radio_payload
 
     @property
     def keeps_residuals(self) -> bool:
@@ -166,13 +165,32 @@ class Scenario(_Table, frozen=True, dict=True):
         return self.declared.is_federated and self.federation.error_feedback and narrower
 
     @property
-    def _radio_payload(self) -> tables.Payload:
+    def radio_payload(self) -> tables.Payload:
+        """A model as floats of the radio."""
         return cast(tables.Payload, f"float{self.radio.bits_per_float}")
 
     @property
     def max_ticks(self) -> int:
         """Ticks until `duration`."""
         return max(1, round(self.duration / self.dt))
+
+    def delivery_ticks(self, slots: NDArray[np.int64]) -> NDArray[np.intp]:
+        """Ticks until a message that took so many slots is delivered: max(1, ⌈slots θ/dt⌉), same shape.
+
+        A quotient that is a whole number but for rounding counts as that number.
+        """
+        ticks = slots * self.radio.coherence_time_s / self.dt
+        return np.maximum(1, np.ceil(ticks * (1.0 - 1e-9))).astype(np.intp)
+
+    @property
+    def hop_ticks(self) -> int:
+        """Ticks after which a message has arrived or is lost."""
+        return int(self.delivery_ticks(np.array(self.radio.latency_threshold_slots)))
+
+    @property
+    def round_ticks(self) -> int:
+        """Ticks from a round's uploads until it is averaged: a hop, or one to the head of a cluster and one from it."""
+        return self.hop_ticks * (2 if self.federation.clusters > 1 else 1)
 
     def plugins(self) -> tuple[tuple[Door, str, str], ...]:
         """Door, name and fingerprint of every plug-in it needs.

@@ -99,7 +99,7 @@ def test_robust_rules_of_equal_models_are_that_model_and_of_one_are_it() -> None
     for of in ROBUST.values():
         for count in (1, 2, 3, 4, 7):
             np.testing.assert_array_equal(of(models(np.repeat(one[None], count, axis=0))), one)
-        with pytest.raises(ValueError, match="nothing"):
+        with pytest.raises(ValueError, match="at least one"):
             of({})
 
 

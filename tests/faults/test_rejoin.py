@@ -171,11 +171,11 @@ def test_who_is_lost_before_take_off_is_missing_and_another_takes_the_place() ->
         bus.handler = client.handle
         client.join(request, make, 1.0)  # type: ignore[arg-type]
         if request.role == "leader":
-            assert "every UAV" not in world._gathering.missing
+            assert "every UAV" not in world._admission.missing
         elif not world._members.complete:
             first = bus
             first.close()
-            assert "1 UAVs without an agent" in world._gathering.missing
+            assert "1 UAVs without an agent" in world._admission.missing
     world.gather(0.0)
     for _ in world.fly():
         pass
