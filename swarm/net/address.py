@@ -1,4 +1,4 @@
-"""Where a process listens for something that is not the bus: a host and a port, loopback unless told otherwise."""
+"""Where a process listens: a host and a port, loopback unless told otherwise."""
 
 import socket
 from typing import NamedTuple
@@ -15,16 +15,27 @@ class Address(NamedTuple):
     port: int
 
     @classmethod
+    def of(cls, text: str) -> "Address | None":
+        """`[HOST:]PORT`; None where it is not."""
+        host, colon, port = text.rpartition(":")
+        if not (port.isascii() and port.isdigit() and int(port) < 2**16) or (colon and not host):
+            return None
+        return cls(host.strip("[]") or LOOPBACK, int(port))
+
+    @classmethod
     def parse(cls, flag: str, text: str) -> "Address":
         """`[HOST:]PORT`, as somebody gave it to `flag`.
 
         Raises:
             BadInput: it is not.
         """
-        host, colon, port = text.rpartition(":")
-        if not (port.isascii() and port.isdigit() and int(port) < 2**16) or (colon and not host):
+        if (address := cls.of(text)) is None:
             raise BadInput(f"{flag} {text}: write it as PORT or HOST:PORT, for example {flag}={LOOPBACK}:9464")
-        return cls(host.strip("[]") or LOOPBACK, int(port))
+        return address
+
+    def listen(self) -> socket.socket:
+        """A socket that listens there; OSError where none can."""
+        return socket.create_server(self, family=socket.AF_INET6 if ":" in self.host else socket.AF_INET)
 
     def free(self, flag: str) -> "Address":
         """Itself, if nobody listens there; port 0 becomes one that is free.
@@ -32,9 +43,8 @@ class Address(NamedTuple):
         Raises:
             BadInput: somebody does, or this machine is not there.
         """
-        family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
         try:
-            with socket.create_server((self.host, self.port), family=family) as server:
+            with self.listen() as server:
                 return Address(self.host, server.getsockname()[1])
         except OSError as error:
             raise self.refused(flag, error) from error

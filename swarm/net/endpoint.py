@@ -1,6 +1,7 @@
 """Endpoints: `tcp/HOST:PORT`, or `tls/HOST:PORT` for who has an identity."""
 
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.net.address import Address
 from meanflock.swarm.net.identity import Identity
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
@@ -12,7 +13,7 @@ def secured(endpoint: str, identity: Identity | None) -> str:
     Raises:
         BadInput: it cannot be.
     """
-    _host_and_port(endpoint)
+    _address(endpoint)
     protocol, _, address = endpoint.partition("/")
     if identity is None:
         if protocol in ("tls", "quic"):
@@ -29,20 +30,16 @@ def check_free(endpoint: str) -> None:
     Raises:
         BadInput: `endpoint` cannot be listened on.
     """
-    import socket  # only here: clients leave sockets to Zenoh
-
     try:
-        with socket.create_server(_host_and_port(endpoint)):
-            pass
+        _address(endpoint).listen().close()
     except OSError as error:
         reason = error.strerror or error
         raise BadInput(f"endpoint {endpoint}: {reason}; choose a free one, for example {DEFAULT_ENDPOINT}") from error
 
 
-def _host_and_port(endpoint: str) -> tuple[str, int]:
+def _address(endpoint: str) -> Address:
     """Raises BadInput where it is written otherwise."""
-    _, slash, address = endpoint.partition("/")
-    host, _, port = address.rpartition(":")
-    if not slash or not host or not (port.isascii() and port.isdigit() and int(port) < 2**16):
+    _, _, text = endpoint.partition("/")
+    if ":" not in text or (address := Address.of(text)) is None:
         raise BadInput(f"endpoint {endpoint}: write it as tcp/HOST:PORT, for example {DEFAULT_ENDPOINT}")
-    return host.strip("[]"), int(port)
+    return address

@@ -6,6 +6,7 @@ import pytest
 
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net.address import Address
+from meanflock.swarm.net.endpoint import check_free
 
 
 @pytest.mark.parametrize(
@@ -38,3 +39,14 @@ def test_any_free_port_is_one_that_can_be_had_and_a_taken_one_is_refused() -> No
             free.free("--metrics")
         with pytest.raises(BadInput, match=r"192.0.2.1:0: Cannot assign requested address; choose"):
             Address("192.0.2.1", 0).free("--metrics")
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "::1"])
+def test_an_endpoint_is_free_until_somebody_listens_there(host: str) -> None:
+    try:
+        free = Address(host, 0).free("--metrics")
+    except BadInput:
+        pytest.skip("this machine has no such address")
+    check_free(f"tcp/{free}")
+    with free.listen(), pytest.raises(BadInput, match=r"Address already in use.*choose a free one"):
+        check_free(f"tcp/{free}")
