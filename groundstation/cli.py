@@ -50,6 +50,7 @@ def main(arguments: list[str] | None = None) -> int:
         click.echo(f"error: {error.format_message()} See `{place} --help`.", err=True)
         code = EXIT_BAD_INPUT
     except click.Abort:
+        logs.tell("error: interrupted", logging.ERROR)
         code = EXIT_RUN_FAILED
     except SystemExit as leaving:
         code = leaving.code if isinstance(leaving.code, int) else EXIT_RUN_FAILED

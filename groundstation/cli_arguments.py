@@ -32,7 +32,7 @@ _OF_A_SCENARIO = {
         callback=_register,
         expose_value=False,
         is_eager=True,  # before anything asks for what is in it
-        help="A file with a controller, an aggregation rule, a channel or a vehicle of yours, repeatable.",
+        help="A file with a controller, an aggregation rule, a channel, a vehicle or a filter of yours, repeatable.",
     ),
 }
 

@@ -79,6 +79,9 @@ def run(
 ) -> None:
     """Fly a scenario, by default the paper's.
 
+    SCENARIO is a TOML file, or the name of one that comes with meanflock: crowd, faults, gusts, hierarchical, lossy,
+    obstacles, paper, paper-printed, paper-slow, streams, swap, unknown, windmap, windy.
+
     It leaves OUT/<id>/ with summary, time series, events and recording.
 
     \b

@@ -50,7 +50,9 @@ def certs_group() -> None:
 @click.option("--days", type=click.IntRange(1, 3650), default=90, show_default=True, help="They expire after that.")
 @click.option("--host", "hosts", multiple=True, metavar="NAME", help="Another name or address of the world's machine.")
 def certs_init(folder: Path, uavs: int, days: int, hosts: tuple[str, ...]) -> None:
-    """Make DIR with an authority and one certificate each for the world, leader, station and N agents.
+    """Make DIR with a certificate for every node.
+
+    An authority, and one certificate each for the world, leader, station and N agents.
 
     \b
     Example: meanflock certs init out/certs --uavs 4
@@ -78,7 +80,9 @@ def show(
     duration: float | None,
     settings: tuple[str, ...],
 ) -> None:
-    """Print a scenario, resolved, as TOML that can be flown again.
+    """Print a scenario as TOML, every key with its value.
+
+    It can be flown again, to the same bits.
 
     \b
     Example: meanflock scenario show --method hjb > my.toml
@@ -89,7 +93,9 @@ def show(
 @scenario_group.command()
 @scenario_arguments("method", "plugin")
 def schema(method: str | None) -> None:
-    """Print the JSON schema of scenario files: every key with its unit and bounds, and the options of a controller.
+    """Print the JSON schema of scenario files.
+
+    Every key with its unit and bounds, and the options of a controller.
 
     \b
     Example: meanflock scenario schema --method mfgfl-hf

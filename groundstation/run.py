@@ -256,7 +256,8 @@ def _listen(bus: ZenohBus, station: Station, swarm: Swarm, interrupted: Interrup
         if delivery is None and swarm.world_ended:  # nothing can come any more but what is on its way
             ended = ended or now
             if now - ended > _ON_ITS_WAY_S:
-                raise RunFailed(
-                    f"the world ended before this process had its last words; {folder.path} holds the flight up to "
-                    f"tick {folder.last_tick}: `meanflock resume {folder.path}` goes on with it"
-                )
+                why = "interrupted" if interrupted else "the world ended before this process had its last words"
+                if folder.last_tick < 0:
+                    raise RunFailed(f"{why}, before take-off; `meanflock run {folder.path / SCENARIO}` flies it")
+                held = f"{folder.path} holds the flight up to tick {folder.last_tick}"
+                raise RunFailed(f"{why}; {held}; {_go_on(folder.path)}")

@@ -31,13 +31,15 @@ class Fronts:
 
     def regret(self, kept: Mapping[str, Any]) -> float | None:
         """Mean over the UAVs of a flight, J; kept: of `flights.fly`. One that never arrived is taken by what it used
-        until the end; None where one was lost, for which no time is known."""
+        until the end; None where one was lost, for which no time is known, or used less than the whole way takes."""
         fronts = self.each()
         if fronts is None or kept["lost"]:
             return None
         above = []
         for least, arrival, energy in zip(fronts, kept["travel_s"], kept["energy_J"], strict=True):
             above.append(energy - least.least_J(self.scenario.duration if arrival is None else arrival))
+            if arrival is None and above[-1] < 0.0:  # it was cheap because it ended before it had flown
+                return None
         return float(np.mean(above))
 
     def mean(self, times_s: Floats) -> Floats | None:

@@ -207,5 +207,11 @@ def test_a_world_that_ended_unheard_is_noticed_and_the_run_can_be_resumed(
         left = subprocess.Popen([sys.executable, "-c", ""])
         swarm._children.append(Child("world", "worldsim", [], left, tmp_path / "log"))
         (tmp_path / "log").touch()
-        with pytest.raises(RunFailed, match=r"the world ended .* up to tick -1: `meanflock resume .*run`"):
+        with pytest.raises(
+            RunFailed, match=r"the world ended .*, before take-off; `meanflock run .*run/scenario\.toml`"
+        ):
             _listen(bus, Station(bus, "run", [folder]), swarm, Interrupted(), folder)
+        interrupted = Interrupted()
+        interrupted._note(signal.SIGINT, None)
+        with pytest.raises(RunFailed, match=r"^interrupted, before take-off; `meanflock run .*run/scenario\.toml`"):
+            _listen(bus, Station(bus, "run", [folder]), swarm, interrupted, folder)

@@ -27,6 +27,7 @@ from meanflock.swarm.errors import (
     MeanflockError,
     RunFailed,
 )
+from meanflock.swarm.scenarios import shipped
 from tests.polling import DEADLINE_S
 
 QUICK = ("run", "--in-process", "--no-record", "--quiet", "--uavs", "3", "--duration", "2")
@@ -316,13 +317,28 @@ def test_the_recorder_does_not_alter_the_flight(run) -> None:
     assert len(hashes) == 1
 
 
-def test_no_line_of_the_list_of_commands_is_cut_off_at_80_columns(run, monkeypatch) -> None:
+@pytest.mark.parametrize(("group", "least"), [((), 11), (("scenario",), 2), (("certs",), 1)])
+def test_no_line_of_the_list_of_commands_is_cut_off_at_80_columns(run, monkeypatch, group, least) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    code, out, _ = run("--help")
+    code, out, _ = run(*group, "--help")
     assert code == EXIT_DONE
     listed = out.partition("Commands:\n")[2].splitlines()
-    assert len(listed) > 10
+    assert len(listed) >= least
     assert [line for line in listed if line.endswith("...")] == []
+
+
+def test_help_names_every_scenario_that_can_be_flown_by_its_name(run) -> None:
+    said = run("run", "--help")[1]
+    assert [path.stem for path in shipped() if f"{path.stem}," not in said and f"{path.stem}." not in said] == []
+
+
+def test_who_is_interrupted_is_told_so(run, monkeypatch) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("meanflock.groundstation.plots.plot_compare", interrupt)
+    code, _, err = run("compare", "plan", "--seeds", "1", "--uavs", "2", "--duration", "1", "--quiet")
+    assert (code, err.strip()) == (EXIT_RUN_FAILED, "error: interrupted")
 
 
 def test_the_module_has_the_verbs_the_command_has(run) -> None:

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from meanflock.groundstation.leaderboard.front import Front, envelope, front, power
+from meanflock.groundstation.leaderboard.regret import Fronts
 from meanflock.swarm.scenario import Scenario
 
 PAPER = Scenario()
@@ -126,3 +127,11 @@ def test_a_cross_wind_is_flown_against_at_its_own_speed() -> None:
     there = front(PAPER, np.array([100.0, 0.0]), np.array([0.0, 3.0]))
     airspeed = np.hypot(100 / 20.0, 3.0) - PAPER.destination.radius / 20.0
     assert there.least_J(20.0) == pytest.approx(20.0 * power(PAPER, np.array([airspeed]))[0], rel=1e-4)
+
+
+def test_a_flight_that_ended_on_the_way_has_no_regret_for_being_cheap() -> None:
+    fronts = Fronts(load(None, ["uavs=2"]))
+    least = [each.least_J(PAPER.duration) for each in fronts.each() or ()]
+    flown = {"lost": 0, "travel_s": [None, None], "energy_J": [least[0] + 1.0, least[1] + 3.0]}
+    assert fronts.regret(flown) == pytest.approx(2.0)
+    assert fronts.regret(flown | {"energy_J": [least[0] + 1.0, least[1] - 0.1]}) is None
