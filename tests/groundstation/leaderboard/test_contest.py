@@ -98,7 +98,7 @@ def test_two_missions_by_two_rows_by_two_seeds(run, tmp_path, small) -> None:
             for key, cell in row.cells.items():
                 _is_of_its_flights(key, cell, row.column(key))
             assert "obstacle_hits" not in row.cells
-            assert row.cells["regret_J"].mean == pytest.approx(np.mean(row.column("regret_J")))
+            assert "regret_J" not in row.cells  # nobody flies the way in four seconds
     flown = [run.scalars for run in Store(tmp_path / "out").finished().values()]
     assert len(flown) == 8
     mean = np.mean([one["energy_mean_J"] for one in flown if one["method"] == "cruise"])
