@@ -14,7 +14,7 @@ from meanflock.swarm.libraries import needed
 
 with needed("the ground station", "ground"):
     from meanflock.groundstation.results import SCENARIO, SUMMARY, RunFolder
-    from meanflock.groundstation.run import Options, Outputs, unused
+    from meanflock.groundstation.run import Options, Outputs, go_on, unused
     from meanflock.groundstation.station import Station
     from meanflock.groundstation.timeseries_file import Past, past
     from meanflock.swarm import (
@@ -73,7 +73,10 @@ def _listen(
         if interrupted:
             raise RunFailed(f"interrupted; {folder.path} holds what was recorded")
         if lost is not None and time.monotonic() - lost > given.wait:
-            raise RunFailed(f"the world is gone; {folder.path} holds what was flown")
+            raise RunFailed(
+                "the world is gone; it was killed, as the system does with what takes too much memory, or cannot be "
+                f"reached; {folder.path} holds what was flown; {go_on(folder.path)}"
+            )
         delivery = bus.receive(0.2)
         if delivery is None:
             continue

@@ -272,11 +272,15 @@ class Swarm:
             )
 
 
+class ProcessDied(RunFailed):
+    """A process that a run cannot do without died."""
+
+
 def _failed(child: Child) -> MeanflockError:
     if child.process.returncode == EXIT_BAD_INPUT:
         why = child.errors()
         return BadInput(why[-1] if why else f"{child.name} was given what it cannot use:\n{child.last_lines()}")
-    return RunFailed(f"{child.name} {how_it_ended(child.process.returncode)}; its last lines:\n{child.last_lines()}")
+    return ProcessDied(f"{child.name} {how_it_ended(child.process.returncode)}; its last lines:\n{child.last_lines()}")
 
 
 def _import_path() -> dict[str, str]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from meanflock.groundstation import doctor
 from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.launch import Swarm
+from meanflock.groundstation.launch import ProcessDied, Swarm
 from meanflock.groundstation.progress import FlightProgress
 from meanflock.groundstation.results import CHECKPOINT, RECORDING, SCENARIO, RunFolder, to_toml
 from meanflock.groundstation.resume import Back
@@ -96,18 +96,23 @@ def fly(scenario: Scenario, options: Options, back: Back | None = None) -> Run:
         options = replace(options, metrics=options.metrics.free("--metrics"))
     doctor.tell_if_slow()
     start = None if back is None else back.start
+    died: ProcessDied | None = None
     with Outputs(scenario, run_id, options, None if back is None else back.past) as desk:
-        if options.in_process:
-            desk.summary = _in_process(scenario, run_id, options, desk.sinks, interrupted, start)
-        else:
-            desk.summary = _processes(scenario, run_id, options, desk, interrupted, start)
-    if interrupted:
-        raise RunFailed(f"interrupted; {desk.folder.path} holds what was flown; {_go_on(desk.folder.path)}")
+        try:
+            if options.in_process:
+                desk.summary = _in_process(scenario, run_id, options, desk.sinks, interrupted, start)
+            else:
+                desk.summary = _processes(scenario, run_id, options, desk, interrupted, start)
+        except ProcessDied as error:
+            died = error
+    if died is not None or interrupted:
+        why = "interrupted; " if died is None else f"{died}\n"
+        raise RunFailed(f"{why}{desk.folder.path} holds what was flown; {go_on(desk.folder.path)}") from died
     return Run(desk.folder.path, desk.summary)
 
 
-def _go_on(folder: Path) -> str:
-    """How to fly the rest of a run that was interrupted."""
+def go_on(folder: Path) -> str:
+    """How to fly the rest of a run that was interrupted, or whose world died."""
     if (folder / CHECKPOINT).exists():
         return f"`meanflock resume {folder}` flies the rest"
     return f"that is too little to resume, `meanflock run {folder / SCENARIO}` flies it again"
@@ -260,4 +265,4 @@ def _listen(bus: ZenohBus, station: Station, swarm: Swarm, interrupted: Interrup
                 if folder.last_tick < 0:
                     raise RunFailed(f"{why}, before take-off; `meanflock run {folder.path / SCENARIO}` flies it")
                 held = f"{folder.path} holds the flight up to tick {folder.last_tick}"
-                raise RunFailed(f"{why}; {held}; {_go_on(folder.path)}")
+                raise RunFailed(f"{why}; {held}; {go_on(folder.path)}")

@@ -91,6 +91,8 @@ def orphaned() -> bool:
 
 def how_it_ended(code: int) -> str:
     """The exit code of a process, or minus the signal that killed it, in words."""
+    if code == -signal.SIGKILL:
+        return "was killed by SIGKILL, as the system does with what takes too much memory"
     return f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
 
 

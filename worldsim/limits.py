@@ -11,6 +11,7 @@ from meanflock.swarm.declared import MAX_BROADCASTS, controller
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Quota
+from meanflock.swarm.net.identity import STATION
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.worldsim.members import LEADER
@@ -78,16 +79,18 @@ class Quotas:
 
     def _of(self, key: str) -> Quota:
         if key == keys.received(self._run):
-            return Quota(key, RECEIVED_BYTES)
+            return Quota(key, RECEIVED_BYTES, STATION)
+        if key == keys.telemetry(self._run):
+            return Quota(key, 0, STATION)
         try:
             name = keys.node_of(key).partition(".")[0]  # all lives of a node share its quota
         except MessageRejected:
             return _STRANGE
         if key.endswith("/join"):
-            return Quota(f"{name} joining", JOIN_BYTES)
+            return Quota(f"{name} joining", JOIN_BYTES, name)
         if not key.endswith("/act"):
-            return Quota(name, 0)
-        return Quota(name, self._leader if name == LEADER else self._agent)
+            return Quota(name, 0, name)
+        return Quota(name, self._leader if name == LEADER else self._agent, name)
 
 
 def _record(failure: str, begin: Callable[[], dict[str, Any]]) -> bytes:

@@ -70,10 +70,10 @@ def take_part(
         except BusError as error:
             if missed is not None:
                 return missed
+            if over() and not isinstance(error, Refused):
+                return "interrupted"
             if lost is None or isinstance(error, Refused):
                 raise
-            if over():
-                return "interrupted"
             raise lost from error
 
 

@@ -5,7 +5,6 @@ Settings were chosen by measurement, see docs/performance.md.
 """
 
 import logging
-import math
 import os
 import threading
 import time
@@ -22,21 +21,20 @@ os.environ.setdefault(
 import msgspec
 import zenoh
 
-from meanflock.swarm.errors import BadInput, BusError
+from meanflock.swarm.errors import BusError
 from meanflock.swarm.net.access import NOBODY
 from meanflock.swarm.net.backlog import LARGEST, Backlog
 from meanflock.swarm.net.bus import Delivery, Offer, Quota, Quotas
 from meanflock.swarm.net.endpoint import DEFAULT_ENDPOINT, check_free, secured
 from meanflock.swarm.net.identity import LEADER, Identity
+from meanflock.swarm.net.lease import lease
 from meanflock.swarm.net.links import Links
 from meanflock.swarm.net.refusals import FILTER, Refusals
 from meanflock.swarm.wire.control import MAX_BYTES
 
 log = logging.getLogger("meanflock.bus")
 
-LEASE = "MEANFLOCK_LEASE"  # a variable: seconds in which the other side must hear of this process
-_LEASE_S = (1.0, 10.0, 600.0)  # the least, where it is not set, the most
-_BATCH_BYTES = 8192  # of what is received in one piece
+_BATCH_BYTES = 4096  # of what is received in one piece
 _COMMON: Mapping[str, Any] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
@@ -47,8 +45,10 @@ _COMMON: Mapping[str, Any] = {
     "transport/shared_memory/enabled": False,
     "transport/link/rx/max_message_size": MAX_BYTES,
     # What is received is read into as much fresh memory as a batch may take. Of the default of 64 KiB, cleared for each
-    # small message, the caches keep nothing else.
+    # small message, the caches keep nothing else; and as much is held by each fragment of a message, however short.
     "transport/link/tx/batch_size": _BATCH_BYTES,
+    # With priorities a link may have sixteen messages under way in fragments; without, two. All of ours have the same.
+    "transport/unicast/qos/enabled": False,
 }
 _ASK_AGAIN_S = 0.05
 _KEY_BYTES = 1024  # a message on the way is longer by its key and the like
@@ -57,29 +57,9 @@ _LEADER_SESSIONS = 12  # one certificate for the leader and its standbys
 _RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
 
 
-def _lease() -> dict[str, int]:
-    """How long a link may be silent, and how long a message may wait for one, which is half of that.
-
-    Raises:
-        BadInput: the variable is no such number.
-    """
-    least, default, most = _LEASE_S
-    said = os.environ.get(LEASE) or str(default)
-    try:
-        lease_s = float(said)
-    except ValueError:
-        lease_s = math.nan
-    if not least <= lease_s <= most:
-        raise BadInput(f"{LEASE}={said}: seconds from {least:g} to {most:g}; {default:g} where it is not set")
-    return {
-        "transport/link/tx/lease": int(1e3 * lease_s),
-        "transport/link/tx/queue/congestion_control/block/wait_before_close": int(5e5 * lease_s),  # µs
-    }
-
-
 def _config(settings: dict[str, Any]) -> zenoh.Config:
     config = zenoh.Config()
-    for path, value in (settings | _lease()).items():
+    for path, value in (settings | lease()).items():
         config.insert_json5(path, msgspec.json.encode(value).decode())
     return config
 
@@ -104,6 +84,7 @@ class ZenohBus:
             said = str(error).split(" at /")[0]  # without the place in the library's source
             raise BusError(f"cannot open a Zenoh session: {said}") from error
         self._backlog = Backlog(quotas, refusals)
+        self._links: Links | None = None
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._declared: list[Any] = []
         self._closing = threading.Lock()
@@ -139,7 +120,7 @@ class ZenohBus:
             **_COMMON,
             "mode": "router",
             "listen/endpoints": [endpoint],
-            # Each link keeps up to 16 messages that have not arrived whole, one a priority and reliability.
+            # Each link keeps up to two messages that have not arrived whole.
             "transport/link/rx/max_message_size": min(max(2 * _BATCH_BYTES, largest + _KEY_BYTES), MAX_BYTES),
             "transport/unicast/max_sessions": 2 * nodes + 64,
         }
@@ -151,7 +132,7 @@ class ZenohBus:
                 log_filter = FILTER
         bus = cls(_config(settings), log_filter, quotas or _a_key_a_sender, refusals)
         if identity is not None:
-            bus._limit_links(Links(_sessions, refusals))
+            bus._limit_links(Links(_sessions, largest, refusals))
         return bus
 
     @classmethod
@@ -191,6 +172,8 @@ class ZenohBus:
                 express=True,
             )
             self._publishers[key] = publisher
+        if self._links is not None and (quota := self._backlog.quota(key)) is not None:
+            self._links.asked(quota.name)  # before: the answer may be here at once
         publisher.put(payload)
 
     def subscribe(self, key: str, offer: Offer | None = None) -> None:
@@ -199,6 +182,8 @@ class ZenohBus:
         def receive(sample: zenoh.Sample) -> None:
             name, payload = only or str(sample.key_expr), sample.payload
             size, quota = len(payload), self._backlog.quota(name)
+            if self._links is not None and quota is not None:
+                self._links.explained(quota.name, name, size)
             if quota is not None and size > quota.largest:
                 self._backlog.keep(Delivery("oversized", name, size=size), quota)
                 return
@@ -217,6 +202,8 @@ class ZenohBus:
         def receive(query: zenoh.Query) -> None:
             name, payload = str(query.key_expr), query.payload
             size, quota = len(payload or b""), self._backlog.quota(name)
+            if self._links is not None and quota is not None:
+                self._links.explained(quota.name, name, size)
             if quota is not None and size > quota.largest:
                 self._backlog.keep(Delivery("oversized", name, size=size), quota)
                 return
@@ -262,6 +249,7 @@ class ZenohBus:
             else:
                 links.closed(name, locator)
 
+        self._links = links
         self._declared.append(self._session.info.declare_link_events_listener(changed, history=True))
 
     def close(self) -> None:
@@ -269,6 +257,8 @@ class ZenohBus:
             if self._closed:
                 return
             self._closed = True
+        if self._links is not None:
+            self._links.close()
         try:
             self._session.close()
         except zenoh.ZError as error:  # a link on which nothing gets through any more

@@ -165,7 +165,8 @@ def test_a_killed_world_ends_the_run_with_its_name_and_leaves_no_orphan(command:
     next(p for p in processes_of(run) if "meanflock.worldsim" in p.cmdline()).kill()
     _, err = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 1
-    assert err.startswith("error: world was killed by SIGKILL")
+    assert err.startswith("error: world was killed by SIGKILL, as the system does with what takes too much memory")
+    assert way_on(command.folder) in err.splitlines()[-1]
     assert processes_of(run) == []
     assert len(pq.read_table(command.folder / "timeseries.parquet")) > 0
 

@@ -12,6 +12,7 @@ import pytest
 
 from meanflock.groundstation.cli import main
 from meanflock.groundstation.launch import free_endpoint
+from meanflock.swarm import scenario
 from meanflock.swarm.errors import BusError
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.endpoint import secured
@@ -19,13 +20,18 @@ from meanflock.swarm.net.identity import LEADER, Identity
 from meanflock.swarm.net.session import _COMMON, ZenohBus, _config, _tls
 from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Ready, Refusal
+from meanflock.worldsim.limits import Limits, Quotas
 from tests.polling import DEADLINE_S, until
-from tests.security.conftest import HELD, HOLD_TICK, RUN, UAVS, Flight, Folders, act_in
+from tests.security.conftest import HELD, HOLD_TICK, RUN, SETTINGS, UAVS, Flight, Folders, act_in
 
 pytestmark = pytest.mark.processes
 
 ME, VICTIM = "agent-3", f"agent-{HELD}"
 PATIENCE_S = 0.5
+
+
+FLOWN = scenario.load(None, SETTINGS)
+LONGEST = Quotas(RUN, FLOWN, Limits(FLOWN), rows_at_most=1).largest  # bytes of a message of anyone
 
 
 def forged() -> bytes:
@@ -263,7 +269,7 @@ def test_a_flood_of_oversize_frames_costs_neither_the_flight_nor_the_memory(flig
     before = most[0]
 
     def flood() -> None:
-        frame = bytes(15_000)  # what is longer than two batches of Zenoh's does not even reach the world
+        frame = bytes(LONGEST + 500)  # what is longer by a kilobyte does not even reach the world
         while not ended.is_set():
             attacker.put(keys.act(RUN, ME), frame)
 

@@ -11,7 +11,8 @@ import pytest
 
 from meanflock.swarm.errors import BadInput, BusError
 from meanflock.swarm.net.bus import Bus, Delivery, MemoryNetwork, matches
-from meanflock.swarm.net.session import LEASE, ZenohBus, _config
+from meanflock.swarm.net.lease import LEASE
+from meanflock.swarm.net.session import ZenohBus, _config
 from tests.polling import DEADLINE_S, until
 
 Open = Callable[[], Bus]
