@@ -16,14 +16,6 @@ class Fare:
         self._vehicle, self._price = scenario.vehicle, time_price_w
         self._through_air = scenario.vehicle.power_speed == "air"
 
-    def power(self, squared: Floats) -> Floats:
-        """W at the square of a speed, m²/s²; same shape."""
-        of = self._vehicle
-        induced = squared / (2.0 * of.induced_velocity**2)
-        lift = of.induced_power / np.sqrt(np.sqrt(1.0 + induced * induced) + induced)
-        blade = of.blade_power * (1.0 + 3.0 * squared / of.tip_speed**2)
-        return blade + lift + 0.5 * of.parasite_drag * squared * np.sqrt(squared)
-
     def best(self, along: Floats, across: Floats) -> tuple[Floats, Floats]:
         """The least J/m with that price, and the m/s over ground it takes.
 
@@ -33,6 +25,7 @@ class Fare:
         if not self._through_air:
             along, across = np.zeros_like(along), np.zeros_like(across)
         headway = SPEEDS_M_S - along[..., None]
-        each = (self.power(headway * headway + (across * across)[..., None]) + self._price) / SPEEDS_M_S
+        squared = headway * headway + (across * across)[..., None]
+        each = (self._vehicle.power(squared, np.sqrt(squared)) + self._price) / SPEEDS_M_S
         which = np.argmin(each, axis=-1)
         return np.take_along_axis(each, which[..., None], axis=-1)[..., 0], SPEEDS_M_S[which]

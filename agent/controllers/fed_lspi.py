@@ -53,15 +53,12 @@ class FedLspi(Controller):
         self.period_ticks = max(1, round(options.period / scenario.dt))
         self.parameters = lspi.GAINS if options.share else 0
         self._explores = round(options.exploration_time / scenario.dt)
+        self._launches = mission.launches(scenario)
         self._noise: dict[int, Floats] = {}
 
     @cached_property
     def _trajectory(self) -> Trajectory:
         return Trajectory(self.scenario, mission.starts(self.scenario), self.options.speed_m_s)
-
-    @cached_property
-    def _launches(self) -> NDArray[np.intp]:
-        return mission.launches(self.scenario)
 
     def prediction(self) -> AlongPlan:
         """How others expect a UAV to go on that is off its trajectory: it comes back to it."""

@@ -1,8 +1,7 @@
 """Straight to the goal at the speed that is best in the mean wind: what a map of the wind is measured against."""
 
 from collections.abc import Sequence
-from functools import cached_property
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta
@@ -13,6 +12,7 @@ from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.agent.travel import SLOWING_1_S, against_the_air, limited
 from meanflock.swarm import mission
+from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import POSITION, VELOCITY, States, norm
 
 LIMIT_M_S2 = 3.0
@@ -30,13 +30,9 @@ class Straight(Controller):
         time_price_w: Annotated[float, Meta(ge=0, description="what a second costs beside the energy, W")] = 0.05
         velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 1.0
 
-    @cached_property
-    def _goals(self) -> NDArray[np.float64]:
-        return mission.goals(self.scenario)
-
-    @cached_property
-    def _fare(self) -> Fare:
-        return Fare(self.scenario, self.options.time_price_w)
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
+        self._goals, self._fare = mission.goals(scenario), Fare(scenario, options.time_price_w)
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         way = self._goals[uavs] - plan[uavs, POSITION]

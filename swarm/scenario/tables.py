@@ -4,9 +4,11 @@ import math
 from typing import Annotated, Any, Literal, TypeAlias
 
 import msgspec
+import numpy as np
 from msgspec import Meta, field
 
 from meanflock.swarm.sharing import Sharing
+from meanflock.swarm.state import Floats
 from meanflock.swarm.table import Table as _Table
 
 Payload: TypeAlias = Literal[
@@ -221,6 +223,14 @@ class Vehicle(_Table, frozen=True):
     parasite_drag: Annotated[float, Meta(ge=0, description="λ2, parasite drag, W s³/m³")] = 0.0092
     tip_speed: Annotated[float, Meta(gt=0, description="ω_tip, speed of the blades' tips, m/s")] = 15.0
     induced_velocity: Annotated[float, Meta(gt=0, description="χ_o, induced velocity in hover, m/s")] = 1.612
+
+    def power(self, squared: Floats, speed: Floats) -> Floats:
+        """Blade profile + induced + parasite power in W, Eq. Power1, at speeds in m/s and their squares; same shape."""
+        blade = self.blade_power * (1.0 + 3.0 * squared / self.tip_speed**2)
+        # √(1+u²) − u = 1/(√(1+u²) + u): the printed form cancels to nothing at speed
+        induced = squared / (2.0 * self.induced_velocity**2)
+        lift = self.induced_power / np.sqrt(np.sqrt(1.0 + induced * induced) + induced)
+        return blade + lift + self.parasite_drag * squared * speed / 2.0
 
 
 class Metrics(_Table, frozen=True):

@@ -10,13 +10,13 @@ from meanflock.worldsim.vehicles.point_mass import PointMass
 AIR = {"vehicle.power_speed": "air", "wind.mean": [0.0, 0.0]}
 
 
-def test_power_is_that_of_the_vehicle() -> None:
+def test_a_metre_costs_what_the_vehicle_takes_for_it() -> None:
     scenario = scenario_of("paper", AIR)
-    speeds = np.linspace(0.0, 12.0, 50)
-    states = np.zeros((50, 4))
-    states[:, 2] = speeds
-    flown = PointMass(PointMass.Options(), scenario).power(states, {}, np.zeros((50, 2)))
-    assert Fare(scenario, 0.05).power(speeds**2) == pytest.approx(flown, rel=1e-12)
+    for price in (0.0, 0.05, 0.5):
+        cost, speed = Fare(scenario, price).best(np.zeros(1), np.zeros(1))
+        states = np.array([[0.0, 0.0, speed[0], 0.0]])
+        flown = PointMass(PointMass.Options(), scenario).power(states, {}, np.zeros((1, 2)))
+        assert cost == pytest.approx((flown + price) / speed, rel=1e-12)
 
 
 def test_the_best_speed_is_the_best_and_rises_with_the_price_of_time() -> None:
@@ -26,7 +26,7 @@ def test_the_best_speed_is_the_best_and_rises_with_the_price_of_time() -> None:
     for price in (0.0, 0.05, 0.5):
         fare = Fare(scenario, price)
         cost, speed = fare.best(still, still)
-        each = (fare.power(SPEEDS_M_S**2) + price) / SPEEDS_M_S
+        each = (scenario.vehicle.power(SPEEDS_M_S**2, SPEEDS_M_S) + price) / SPEEDS_M_S
         assert cost[0] == each.min()
         speeds.append(float(speed[0]))
     assert speeds == sorted(speeds)

@@ -42,17 +42,11 @@ class PointMass(Vehicle):
         return moved, hidden
 
     def power(self, states: state.States, hidden: Hidden, acceleration: state.Plane) -> state.Rows:
-        """Blade profile + induced + parasite power at speed ‖v‖ or, where `vehicle.power_speed` is air, ‖v − v_o(r)‖:
-        of the mean wind, without its noise."""
-        of = self._vehicle
+        """That of `[vehicle]` at speed ‖v‖ or, where `vehicle.power_speed` is air, ‖v − v_o(r)‖: of the mean wind,
+        without its noise."""
         if self._through_air:
             through = states[..., state.VELOCITY] - self._mean(states)
             speed = np.sqrt(state.dot(through, through))
         else:
             speed = state.speed(states)
-        squared = speed * speed
-        induced = squared / (2.0 * of.induced_velocity**2)
-        blade = of.blade_power * (1.0 + 3.0 * squared / of.tip_speed**2)
-        # √(1+u²) − u = 1/(√(1+u²) + u): the printed form cancels to nothing at speed
-        lift = of.induced_power / np.sqrt(np.sqrt(1.0 + induced * induced) + induced)
-        return blade + lift + of.parasite_drag * squared * speed / 2.0
+        return self._vehicle.power(speed * speed, speed)
