@@ -6,7 +6,6 @@ averages: one UAV's data are few and noisy, the errors of twenty-five are nearly
 """
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
@@ -15,20 +14,19 @@ from numpy.typing import NDArray
 
 from meanflock.agent import policy_iteration as lspi
 from meanflock.agent.controllers import base
-from meanflock.agent.controllers.base import Controller, Memory, Received, Rows, Step
-from meanflock.agent.controllers.trajectory import CRUISE_M_S, Trajectory
-from meanflock.agent.prediction import AlongPlan
+from meanflock.agent.controllers.base import Memory, Received, Rows, Step
+from meanflock.agent.controllers.planned import Planned
+from meanflock.agent.controllers.trajectory import CRUISE_M_S
 from meanflock.agent.travel import CruiseSpeed
 from meanflock.swarm import mission, seeds, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 
 
-class FedLspi(Controller):
+class FedLspi(Planned):
     """Follows the plan with gains that it learns; `share = false`: everybody for itself."""
 
     name = "fed-lspi"
-    broadcast_numbers = 0
     weights = lspi.GAINS
     diagnostics = ("tracking_cost", "k1", "k2", "k3_x", "k3_y")
     period_ticks = 20
@@ -55,14 +53,6 @@ class FedLspi(Controller):
         self._explores = round(options.exploration_time / scenario.dt)
         self._launches = mission.launches(scenario)
         self._noise: dict[int, Floats] = {}
-
-    @cached_property
-    def _trajectory(self) -> Trajectory:
-        return Trajectory(self.scenario, mission.starts(self.scenario), self.options.speed_m_s)
-
-    def prediction(self) -> AlongPlan:
-        """How others expect a UAV to go on that is off its trajectory: it comes back to it."""
-        return AlongPlan(self._trajectory.states, self.scenario.dt)
 
     def init(self, uavs: NDArray[np.intp], plan: state.States) -> Memory:
         rows, first = len(uavs), [self.options.k1, self.options.k2, 0.0, 0.0]

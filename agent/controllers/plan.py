@@ -6,27 +6,24 @@ goals differ, companions are those with the same goal; a UAV that has one of its
 """
 
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
-from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.agent.controllers.trajectory import CRUISE_M_S, Trajectory
-from meanflock.agent.prediction import AlongPlan
+from meanflock.agent.controllers.base import Memory, Received, Step
+from meanflock.agent.controllers.planned import Planned
+from meanflock.agent.controllers.trajectory import CRUISE_M_S
 from meanflock.agent.travel import CruiseSpeed, against_the_air
-from meanflock.swarm import mission
-from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import POSITION, VELOCITY, States
 
 
-class Plan(Controller):
+class Plan(Planned):
     """a = a* + k_p (r* − r) + k_v (v* − v) + c0 (v − v_o); sends nothing."""
 
     name = "plan"
-    broadcast_numbers = 0
 
     class Options(base.Options, frozen=True):
         """The options of `plan`."""
@@ -34,14 +31,6 @@ class Plan(Controller):
         speed_m_s: CruiseSpeed = CRUISE_M_S
         position_gain_1_s2: Annotated[float, Meta(gt=0, description="k_p, 1/s²")] = 4.0
         velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 4.0
-
-    def __init__(self, options: Any, scenario: Scenario) -> None:
-        super().__init__(options, scenario)
-        self._trajectory = Trajectory(scenario, mission.starts(scenario), options.speed_m_s)
-
-    def prediction(self) -> AlongPlan:
-        """How others expect a UAV to go on that is off its trajectory: it comes back to it."""
-        return AlongPlan(self._trajectory.states, self.scenario.dt)
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         return {"uav": uavs.astype(np.int32)}

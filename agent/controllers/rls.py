@@ -6,7 +6,6 @@ command, y = −c0 v + c0 v_o + noise, it estimates θ = (c0, c0 v_o), by which 
 """
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
@@ -14,11 +13,11 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
-from meanflock.agent.controllers.base import Controller, Memory, Received, Rows, Step
-from meanflock.agent.controllers.trajectory import CRUISE_M_S, Trajectory
+from meanflock.agent.controllers.base import Memory, Received, Rows, Step
+from meanflock.agent.controllers.planned import Planned
+from meanflock.agent.controllers.trajectory import CRUISE_M_S
 from meanflock.agent.elimination import product
 from meanflock.agent.policy_iteration import tracking
-from meanflock.agent.prediction import AlongPlan
 from meanflock.agent.travel import CruiseSpeed
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
@@ -28,11 +27,10 @@ NUMBERS = 3  # of θ: drag 1/s, and its product with the wind along x and y, m/s
 LOWEST, HIGHEST = np.array([0.0, -3.0, -3.0]), np.array([1.0, 3.0, 3.0])  # estimates that are flown
 
 
-class Rls(Controller):
+class Rls(Planned):
     """a = a* + k_p (r* − r) + k_v (v* − v) + θ1 v − (θ2, θ3); `share = false`: everybody for itself."""
 
     name = "rls"
-    broadcast_numbers = 0
     weights = NUMBERS
     diagnostics = ("tracking_cost", "drag", "push_x", "push_y")
     period_ticks = 20
@@ -50,19 +48,7 @@ class Rls(Controller):
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
-        self.parameters = NUMBERS if options.share else 0
-
-    @cached_property
-    def _trajectory(self) -> Trajectory:
-        return Trajectory(self.scenario, mission.starts(self.scenario), self.options.speed_m_s)
-
-    @cached_property
-    def _launches(self) -> NDArray[np.intp]:
-        return mission.launches(self.scenario)
-
-    def prediction(self) -> AlongPlan:
-        """How others expect a UAV to go on that is off its trajectory: it comes back to it."""
-        return AlongPlan(self._trajectory.states, self.scenario.dt)
+        self.parameters, self._launches = NUMBERS if options.share else 0, mission.launches(scenario)
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         rows, of = len(uavs), self.options
