@@ -1,0 +1,46 @@
+"""The published flights behind the filter: all that were asked for, and the page says what they say."""
+
+import json
+from collections import Counter
+
+import pytest
+
+from tests.test_docs import script_of
+
+
+@pytest.fixture(scope="module")
+def script():
+    return script_of("free_flights")
+
+
+@pytest.fixture(scope="module")
+def rows(script):
+    return json.loads(script.RESULTS.read_text(encoding="utf-8"))
+
+
+def test_every_case_was_flown_each_flight_with_a_seed_of_its_own(script, rows) -> None:
+    flown = [(row["method"], row["uavs"], row["sigma"], row["outage_percent"], row["seed"]) for row in rows]
+    assert flown == list(script.cases())
+    assert len({row["seed"] for row in rows}) == len(rows)
+    assert Counter(row["method"] for row in rows) == {"plan": 300, "fed-lspi": 100}
+
+
+def test_the_table_is_that_of_the_flights(script, rows) -> None:
+    page = script.PAGE.read_text(encoding="utf-8")
+    assert "\n".join(["", *script.table(rows), ""]) in page
+
+
+def test_what_the_page_promises_of_bits_holds(rows) -> None:
+    assert max(row["kbit"] for row in rows if row["method"] == "fed-lspi") < 200.0
+
+
+@pytest.mark.parametrize("case", [("plan", 25, 0.5, 50.0, 9126), ("fed-lspi", 25, 0.1, 0.03, 9301)])
+def test_a_flight_is_as_published(script, rows, case) -> None:
+    again = script.fly(*case)
+    (published,) = [row for row in rows if all(row[name] == again[name] for name in list(again)[:5])]
+    assert again == pytest.approx(published)
+
+
+def test_a_collision_would_be_counted(script, rows) -> None:
+    crashed = [dict(row, collisions_all=1) if row["seed"] == script.FIRST_SEED else row for row in rows]
+    assert "| 24 of 25 (" in script.table(crashed)[2]
