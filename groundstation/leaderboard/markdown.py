@@ -33,7 +33,7 @@ def how_flown(board: Board) -> str:
     first, last = board.seeds[0], board.seeds[-1]
     seeds = f"seeds {first} to {last}" if last > first else f"seed {first}"
     flights = sum(len(row.values["time_s"]) for course in board.courses for row in course.standings)
-    flown = f"{flights:,} flights: {len(board.courses)} missions, {len(rows(board))} rows"
+    flown = f"Flights: {flights:,}, missions: {len(board.courses)}, rows: {len(rows(board))}"
     return f"{flown}, {seeds}, the same for every row. Code {board.code}."
 
 

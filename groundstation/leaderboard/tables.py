@@ -117,7 +117,7 @@ def notes(course: Course) -> list[str]:
             said.append(f"{row.name}: {row.failed} of {len(row.values['time_s'])} flights failed: {row.why}")
         elif row.lost:
             said.append(
-                f"{row.name}: {row.lost} UAVs lost in all flights; the first: {row.why or 'by the fault script'}"
+                f"{row.name}: UAVs lost in all flights: {row.lost}; the first: {row.why or 'by the fault script'}"
             )
     by_reason: dict[str, list[str]] = {}
     for name, why in course.absent.items():
