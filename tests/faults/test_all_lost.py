@@ -22,7 +22,8 @@ class Patient(Lab):
         self.now = 0.0
         self.waits = 0
         self.while_waiting: dict[int, Callable[[], Any]] = {}
-        self.world._waiting._clock = self.world._admission._clock = lambda: self.now
+        for part in (self.world._waiting, self.world._admission, self.world._admission.unattended):
+            part._clock = lambda: self.now
         self.world._waiting._receive = self._wait
 
     def _wait(self, timeout_s: float) -> None:

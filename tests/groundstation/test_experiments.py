@@ -264,7 +264,7 @@ def test_diverged_runs_stay_and_are_counted(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "options",
-    [{"only": {"s1"}}, {"backend": "ray"}, {"backend": "dask"}, {"scheduler": "tcp://127.0.0.1:1"}],
+    [{"only": {"s1"}}, {"backend": "ray"}, {"scheduler": "tcp://127.0.0.1:1"}],
 )
 def test_what_cannot_be_asked_for(tmp_path: Path, options: dict[str, Any]) -> None:
     with pytest.raises(BadInput):
