@@ -14,19 +14,20 @@ from numpy.typing import NDArray
 
 from meanflock.agent import policy_iteration as lspi
 from meanflock.agent.controllers import base
-from meanflock.agent.controllers.base import Memory, Received, Rows, Step
-from meanflock.agent.controllers.planned import Planned
+from meanflock.agent.controllers.base import Memory, Received, Step
+from meanflock.agent.controllers.planned import PlannedLearner
 from meanflock.agent.controllers.trajectory import CRUISE_M_S
 from meanflock.agent.travel import CruiseSpeed
-from meanflock.swarm import mission, seeds, state
+from meanflock.swarm import seeds, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 
 
-class FedLspi(Planned):
+class FedLspi(PlannedLearner):
     """Follows the plan with gains that it learns; `share = false`: everybody for itself."""
 
     name = "fed-lspi"
+    learned = "gains"
     weights = lspi.GAINS
     diagnostics = ("tracking_cost", "k1", "k2", "k3_x", "k3_y")
     period_ticks = 20
@@ -49,9 +50,7 @@ class FedLspi(Planned):
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
         self.period_ticks = max(1, round(options.period / scenario.dt))
-        self.parameters = lspi.GAINS if options.share else 0
         self._explores = round(options.exploration_time / scenario.dt)
-        self._launches = mission.launches(scenario)
         self._noise: dict[int, Floats] = {}
 
     def init(self, uavs: NDArray[np.intp], plan: state.States) -> Memory:
@@ -80,22 +79,10 @@ class FedLspi(Planned):
         reported = np.concatenate([lspi.tracking(error)[:, None], gains], axis=1)
         return Step(after, acceleration + given, reported)
 
-    def get(self, memory: Memory) -> Floats:
-        return memory["gains"][:, : self.parameters]
-
-    def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
-        gains = memory["gains"].copy()
-        gains[rows] = models
-        return memory | {"gains": gains}
-
-    def report(self, memory: Memory) -> Floats:
-        return memory["gains"]
-
     def _learn(self, memory: Memory, tick: int, error: Floats) -> Memory:
         """The memory with what the last tick showed, and in the tick before a round with better gains."""
         squares, steps = memory["squares"], memory["steps"]
-        fresh = memory["tick"] == tick - 1  # no pause in between, and not on the ground
-        fresh &= tick > self._launches[memory["uav"]]
+        fresh = self._follows(memory, tick)
         if fresh.any():
             first, second = lspi.seen(memory["error"], memory["input"], error)
             squares = squares + np.where(fresh[:, None, None], first, 0.0)

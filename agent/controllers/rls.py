@@ -6,31 +6,31 @@ command, y = −c0 v + c0 v_o + noise, it estimates θ = (c0, c0 v_o), by which 
 """
 
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
-from meanflock.agent.controllers.base import Memory, Received, Rows, Step
-from meanflock.agent.controllers.planned import Planned
+from meanflock.agent.controllers.base import Memory, Received, Step
+from meanflock.agent.controllers.planned import PlannedLearner
 from meanflock.agent.controllers.trajectory import CRUISE_M_S
 from meanflock.agent.elimination import product
 from meanflock.agent.policy_iteration import tracking
 from meanflock.agent.travel import CruiseSpeed
-from meanflock.swarm import mission, state
-from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import POSITION, VELOCITY, Floats, States
+from meanflock.swarm import state
+from meanflock.swarm.state import POSITION, VELOCITY, States
 
 NUMBERS = 3  # of θ: drag 1/s, and its product with the wind along x and y, m/s²
 LOWEST, HIGHEST = np.array([0.0, -3.0, -3.0]), np.array([1.0, 3.0, 3.0])  # estimates that are flown
 
 
-class Rls(Planned):
+class Rls(PlannedLearner):
     """a = a* + k_p (r* − r) + k_v (v* − v) + θ1 v − (θ2, θ3); `share = false`: everybody for itself."""
 
     name = "rls"
+    learned = "estimate"
     weights = NUMBERS
     diagnostics = ("tracking_cost", "drag", "push_x", "push_y")
     period_ticks = 20
@@ -46,18 +46,12 @@ class Rls(Planned):
         noise: Annotated[float, Meta(gt=0, description="std that measured accelerations are taken to have, m/s²")] = 0.5
         forgetting: Annotated[float, Meta(gt=0, le=1, description="λ, what a tick still counts a tick later, 1")] = 1.0
 
-    def __init__(self, options: Any, scenario: Scenario) -> None:
-        super().__init__(options, scenario)
-        self.parameters, self._launches = NUMBERS if options.share else 0, mission.launches(scenario)
-
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         rows, of = len(uavs), self.options
         return {
             "uav": uavs.astype(np.int32),
             "estimate": np.zeros((rows, NUMBERS)),
-            "covariance": np.tile(
-                np.eye(NUMBERS) * (of.prior / of.noise) ** 2, (rows, 1, 1)
-            ),  # in units of the noise's
+            "covariance": np.tile(np.eye(NUMBERS) * (of.prior / of.noise) ** 2, (rows, 1, 1)),  # over that of the noise
             "velocity": np.zeros((rows, state.AXES)),
             "command": np.zeros((rows, state.AXES)),
             "tick": np.full(rows, -2, dtype=np.int32),  # of velocity and command
@@ -75,20 +69,9 @@ class Rls(Planned):
         reported = np.concatenate([tracking(off)[:, None], memory["estimate"]], axis=1)
         return Step(memory | after, command, reported)
 
-    def get(self, memory: Memory) -> Floats:
-        return memory["estimate"][:, : self.parameters]
-
-    def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
-        estimate = memory["estimate"].copy()
-        estimate[rows] = models
-        return memory | {"estimate": estimate}
-
-    def report(self, memory: Memory) -> Floats:
-        return memory["estimate"]
-
     def _learn(self, memory: Memory, tick: int, moving: state.Plane) -> Memory:
         """Estimate and covariance with what the last tick showed; nothing after a pause, or on the ground."""
-        fresh = (memory["tick"] == tick - 1) & (tick > self._launches[memory["uav"]])
+        fresh = self._follows(memory, tick)
         if not fresh.any():
             return {}
         estimate, covariance, before = memory["estimate"], memory["covariance"], memory["velocity"]
