@@ -26,8 +26,11 @@ from meanflock.worldsim.checkpoint import EVERY_TICKS
 from tests.polling import DEADLINE_S, until
 
 RUN = "faults"
-SETTINGS = ("uavs=3", "seed=7", "stop=duration", "federation.period=40", "method=mfgfl-h")
-ENDLESS = (*SETTINGS, "duration=100000")
+_SETTINGS = ("uavs=3", "seed=7", "stop=duration", "federation.period=40")
+SETTINGS = (*_SETTINGS, "method=mfgfl-h")
+# Whose agent comes back after thousands of ticks is far off and fast. There the paper's learners may diverge at once;
+# this one never does, so that who is lost at the end is lost by what the test did.
+ENDLESS = (*_SETTINGS, "duration=100000", "method=fed-lspi")
 
 
 @pytest.fixture(autouse=True)

@@ -24,7 +24,7 @@ from meanflock.swarm.process import Interrupted
 from tests.faults.conftest import Lab, events_in, spool_bytes
 from tests.polling import DEADLINE_S, until
 
-FLOWN = ("uavs=5", "seed=7", "duration=300", "stop=duration", "federation.period=40")
+FLOWN = ("uavs=5", "seed=7", "duration=300", "stop=duration", "federation.period=40", "method=fed-lspi")
 COMMAND = [sys.executable, "-m", "meanflock.groundstation.cli"]
 ENVIRONMENT = {**os.environ, "MEANFLOCK_BARRIER": "4"}
 linux = pytest.mark.skipif(sys.platform != "linux", reason="agents are forked on Linux only")
