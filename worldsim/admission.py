@@ -13,7 +13,7 @@ from meanflock.swarm.net.identity import STATION
 from meanflock.swarm.printable import printable
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import LOST, Event, Join, Message, Ready, Received, Refusal, Stop, Welcome
+from meanflock.swarm.wire.messages import LOST, OVER, Event, Join, Message, Ready, Received, Refusal, Stop, Welcome
 from meanflock.swarm.wire.tick import TYPES
 from meanflock.worldsim.barrier import Barrier
 from meanflock.worldsim.checkpoint import Resumption
@@ -217,8 +217,8 @@ class Admission:
             raise MessageRejected("wrong-kind", f"{type(join).__name__} as a question")
         if keys.node_of(delivery.key) != (asker := keys.asker(join.role, join.uav)):
             raise MessageRejected("wrong-name", f"a Join of {asker}")
-        if self.closed:
-            delivery.reply(control.encode(Refusal("the flight is over")))
+        if self.closed and join.role != STATION:  # who records may still fetch what waits
+            delivery.reply(control.encode(Refusal(OVER)))
             return
         name, uavs = STATION, np.zeros(0, dtype=np.intp)  # a ground station only asks what is flown
         if join.role != STATION:

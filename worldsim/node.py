@@ -175,15 +175,18 @@ class World:
             raise
 
     def _leave(self, why: str, linger_s: float) -> None:
-        """Everyone is told; what is left of the telemetry is handed over."""
+        """Everyone is told; what is left of the telemetry is handed over, as long as some of it is every `linger_s`."""
         self._admission.closed = True
         self.stop(why)
-        end = self._clock() + linger_s
+        outbox, since = self._reporter.outbox, self._clock()
         # What is on its way when a session closes may never arrive, so all of it is waited for, the summary too.
         back = self._stations > 0 and self.flight.over  # a recorder that was killed may be on its way back
-        while (self._admission.listeners or back) and not self._reporter.outbox.empty and self._clock() < end:
+        while (self._admission.listeners or back) and not outbox.empty and self._clock() - since < linger_s:
+            waiting = outbox.waiting
             self._reporter.publish()
             self._wait(0.1)
+            if outbox.waiting < waiting:
+                since = self._clock()
 
     def stop(self, reason: str) -> None:
         """Sends every node home."""

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from meanflock.swarm.errors import BusError, Refused, WorldGone
 from meanflock.swarm.net.bus import Bus
 from meanflock.swarm.net.client import Node, NodeClient
-from meanflock.swarm.wire.messages import LOST, Join, Welcome
+from meanflock.swarm.wire.messages import LOST, OVER, Join, Welcome
 
 log = logging.getLogger("meanflock.node")
 
@@ -28,8 +28,9 @@ def take_part(
     """Serves until the world says stop, and returns why.
 
     A node whose session is lost (its connection was reset, or cut for longer than the lease) has been missed by the
-    world: it opens another one and joins again, as a new node. So does one that was frozen and is told that it is taken
-    for lost, but only a few times, and not if another has its place by then.
+    world: it opens another one and joins again, as a new node; if the flight is over by then, it goes home. One that
+    was frozen and is told that it is taken for lost joins again too, but only a few times, and not if another has its
+    place by then.
 
     Args:
         connect: opens a session within so many seconds, or raises BusError.
@@ -70,6 +71,8 @@ def take_part(
         except BusError as error:
             if missed is not None:
                 return missed
+            if lost is not None and isinstance(error, Refused) and OVER in str(error):
+                return OVER
             if over() and not isinstance(error, Refused):
                 return "interrupted"
             if lost is None or isinstance(error, Refused):

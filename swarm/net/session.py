@@ -11,11 +11,12 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-# The runtime reads this once, when zenoh is loaded. One thread a task: the hand-over between threads is what a
-# small message costs. `rx` and `tx` must never share a pool: the router can then wait for itself for ever.
+# The runtime reads this once, when zenoh is loaded. The hand-over between threads is what a small message costs: the
+# one that waits for the sockets also reads them. What sends must have a thread of its own: the other one hands messages
+# to it (it tells everyone of a link that is gone), and would wait for itself.
 os.environ.setdefault(
     "ZENOH_RUNTIME",
-    "(acc:(handover:app),net:(handover:app),tx:(handover:app),app:(worker_threads:1),rx:(worker_threads:1))",
+    "(acc:(handover:app),net:(handover:app),rx:(handover:app),app:(worker_threads:1),tx:(worker_threads:1))",
 )
 
 import msgspec

@@ -110,6 +110,7 @@ class Stop(_Message, frozen=True, tag="stop"):
 
 
 LOST = "lost: "  # how the reason of a Stop begins that goes to a node the world does not wait for any more
+OVER = "the flight is over"  # the reason of the Refusal of a node that comes after the last tick
 
 
 class Event(_Message, frozen=True, tag="event"):

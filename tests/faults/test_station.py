@@ -13,9 +13,10 @@ from meanflock.groundstation.results import RunFolder
 from meanflock.groundstation.station import Station
 from meanflock.groundstation.timeseries_file import past
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Finished
+from meanflock.swarm.wire.messages import Finished, Join, Welcome
 from tests.faults.conftest import RUN, Lab, Told, scenario
 
 
@@ -123,6 +124,50 @@ def test_the_world_does_not_leave_before_its_summary_has_arrived() -> None:
     summary = lab.fly()
     assert station.summary == summary
     assert (len(waited), len(late)) == (3, 1)
+
+
+def test_a_station_that_starts_after_the_last_tick_is_let_in_and_sent_what_waits() -> None:
+    """As one does that takes the place of one that was killed."""
+    lab = Lab(scenario())
+    lab.engine.network.endpoints[1].close()
+    lab.world._stations = 1
+    told, answers = Told(), []
+
+    def start(_timeout_s: float) -> None:
+        if not answers:
+            bus = lab.engine.network.endpoint()
+            raw = bus.ask(keys.join(RUN, keys.asker("station")), control.encode(Join("station", 0)), 1.0)
+            answers.append(control.decode(raw))
+            bus.handler = Station(bus, RUN, [told]).handle
+
+    lab.world._wait = start  # type: ignore[method-assign]
+    lab.fly()
+    assert isinstance(answers[0], Welcome)
+    assert sum(len(block.states) for block in told.blocks) == 121
+    assert lab.world._reporter.outbox.empty
+
+
+@pytest.mark.parametrize(("every_s", "all_of_it"), [(8.0, True), (12.0, False)])
+def test_the_world_waits_for_a_slow_station_as_long_as_it_takes_something_now_and_then(
+    every_s: float, all_of_it: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("meanflock.groundstation.engine._BLOCK_ROWS", 40)
+    lab = Lab(scenario())
+    lab.engine.network.endpoints[1].close()
+    now = [0.0]
+    bus, slow = lab.engine.network.endpoint(), Told()
+    station, waiting = Station(bus, RUN, [slow]), []
+    bus.handler = waiting.append
+
+    def wait(timeout_s: float) -> None:
+        now[0] += timeout_s
+        if waiting and now[0] % every_s < timeout_s:
+            station.handle(waiting.pop(0))
+
+    lab.world._wait, lab.world._clock = wait, lambda: now[0]  # type: ignore[method-assign]
+    summary = lab.fly()
+    assert (station.summary == summary) is all_of_it
+    assert (sum(len(block.states) for block in slow.blocks) == 121) is all_of_it
 
 
 def test_a_folder_without_rows_cannot_be_taken_up(tmp_path: Path) -> None:

@@ -185,6 +185,8 @@ class Soak:
         self._check({process.returncode for process in going} == {0}, "somebody did not end with exit code 0")
         folders = list(self._out.iterdir())
         assert len(folders) == 1, f"{len(folders)} run folders"
+        kept = sorted(path.name for path in folders[0].iterdir())
+        assert "summary.json" in kept, f"no summary, but {kept}; mishaps: {dict(self.report.mishaps)}"
         self._look_at(folders[0], flock, nodes_lost)
         self._check("Traceback" not in flock.said(), f"somebody raised: {flock.said()}")
 

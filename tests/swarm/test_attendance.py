@@ -3,10 +3,11 @@
 import pytest
 
 from meanflock.agent.node import Agent
-from meanflock.swarm.errors import BusError
+from meanflock.swarm.errors import BusError, Refused, WorldGone
+from meanflock.swarm.net import attendance
 from meanflock.swarm.net.attendance import take_part
 from meanflock.swarm.net.bus import Bus, MemoryNetwork
-from meanflock.swarm.wire.messages import Join
+from meanflock.swarm.wire.messages import OVER, Join
 
 
 def nowhere(timeout_s: float) -> Bus:
@@ -21,3 +22,38 @@ def test_who_is_told_to_leave_before_there_is_a_world_leaves(connect) -> None:
 def test_who_finds_no_world_in_time_says_so() -> None:
     with pytest.raises(BusError, match="cannot open a session"):
         take_part(nowhere, "r", Join("agent", 1), Agent, 0.0, lambda: False, lambda: False)
+
+
+class Comer:
+    """A `NodeClient` that is let in `times` times, loses its session each time, and is refused from then on."""
+
+    times = 0
+
+    def __init__(self, bus: Bus, run: str) -> None:
+        pass
+
+    def join(self, *_: object) -> None:
+        if not Comer.times:
+            raise Refused(f"the world refused: {OVER}")
+        Comer.times -= 1
+
+    def serve(self, *_: object) -> str:
+        raise WorldGone("gone")
+
+
+@pytest.mark.parametrize("times", [0, 1, 2])
+def test_who_lost_its_session_and_comes_back_after_the_last_tick_goes_home_and_who_never_flew_is_refused(
+    times: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(attendance, "NodeClient", Comer)
+    Comer.times = times
+
+    def part() -> str:
+        network = MemoryNetwork()
+        return take_part(lambda _: network.endpoint(), "r", Join("agent", 1), Agent, 60.0, lambda: False, lambda: False)
+
+    if times:
+        assert part() == OVER
+    else:
+        with pytest.raises(Refused, match=OVER):
+            part()

@@ -187,9 +187,9 @@ def test_a_lease_that_is_none_is_bad_input_that_says_what_is_one(said: str, monk
 
 
 @pytest.mark.parametrize(
-    ("said", "lease_ms", "wait_us"), [(None, 10_000, 5_000_000), ("", 10_000, 5_000_000), ("2.5", 2500, 1_250_000)]
+    ("said", "lease_ms", "wait_us"), [(None, 10_000, 3_000_000), ("", 10_000, 3_000_000), ("2.5", 2500, 750_000)]
 )
-def test_a_message_waits_for_a_silent_link_for_half_of_its_lease(
+def test_a_message_waits_for_a_silent_link_for_three_tenths_of_its_lease(
     said: str | None, lease_ms: int, wait_us: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv(LEASE, raising=False)

@@ -1,0 +1,85 @@
+"""The links of a router, some of which end: the others go on."""
+
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from meanflock.groundstation.launch import free_endpoint
+from meanflock.swarm.net.session import ZenohBus
+from tests.polling import until
+
+DYING = 20
+
+
+class Router:
+    """A router, and its clients in processes of their own."""
+
+    def __init__(self) -> None:
+        self._endpoint = free_endpoint()
+        self.bus = ZenohBus.router(self._endpoint)
+        self.bus.watch("links/alive/*/*")
+        self.alive: set[str] = set()
+        self.gone: list[str] = []
+        self._processes: list[subprocess.Popen[bytes]] = []
+
+    def clients(self, name: str, count: int) -> "subprocess.Popen[bytes]":
+        """A process with so many sessions, all of which are there."""
+        line = [sys.executable, "-m", "tests.faults.clients", self._endpoint, name, str(count)]
+        self._processes.append(process := subprocess.Popen(line))
+        until(lambda: self.present(name) == count, f"{count} sessions of {name}", pause_s=0.0)
+        return process
+
+    def present(self, name: str) -> int:
+        """How many sessions of that name are there."""
+        while (delivery := self.bus.receive(0.01)) is not None:
+            if delivery.kind == "alive":
+                self.alive.add(delivery.key)
+            else:
+                self.alive.discard(delivery.key)
+                self.gone.append(delivery.key)
+        return sum(key.split("/")[2] == name for key in self.alive)
+
+    def close(self) -> None:
+        for process in self._processes:
+            process.kill()
+            process.wait()
+        self.bus.close()
+
+
+@pytest.fixture
+def router() -> Iterator[Router]:
+    one = Router()
+    yield one
+    one.close()
+
+
+@pytest.mark.processes
+def test_whoever_dies_while_much_is_sent_costs_nobody_else_the_link(router: Router) -> None:
+    """All are told of a link that ends, by a thread that must not be the one that sends: else the router waits for
+    itself, for as long as a lease, and closes links that are well."""
+    router.clients("listener", 1)
+    over = threading.Event()
+
+    def send(name: str, count: int, payload: bytes) -> None:
+        while not over.wait(0.0005):
+            for number in range(count):
+                router.bus.put(f"links/to/{name}/{number}", payload)
+
+    sending = [
+        threading.Thread(target=send, args=("listener", 1, bytes(300_000))),
+        threading.Thread(target=send, args=("dying", DYING, bytes(200))),
+    ]
+    for thread in sending:
+        thread.start()
+    try:
+        for _ in range(3):
+            router.clients("dying", DYING).kill()
+            until(lambda: router.present("dying") == 0, "the dead to be missed", pause_s=0.0)
+    finally:
+        over.set()
+        for thread in sending:
+            thread.join()
+    assert not [key for key in router.gone if "listener" in key]
