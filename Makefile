@@ -30,8 +30,9 @@ run: $(VENV)/.ground ## Fly the paper's scenario: 25 UAV processes, leader and w
 
 # What starts whole swarms comes last (tests/conftest.py), so that its deadlines do not compete with the unit tests for
 # the cores; mostly it waits, so two go at once. What shares a swarm, or something dear, is a group: all on one worker.
+# Bytecode is kept whatever the environment says: else each worker compiles all tests, and each process what changed.
 test: $(VENV)/.dev ## Run all tests but those of the containers (ARGS="-k rician")
-	@$(PYTEST) -n $(WORKERS) --dist loadgroup --no-loadscope-reorder --ignore=tests/compose $(ARGS)
+	@PYTHONDONTWRITEBYTECODE= $(PYTEST) -n $(WORKERS) --dist loadgroup --no-loadscope-reorder --ignore=tests/compose $(ARGS)
 
 check: $(VENV)/.dev ## Format, lint and types, changing nothing
 	$(BIN)/ruff format --check .

@@ -19,7 +19,11 @@ hypothesis.settings.load_profile("untimed")
 
 
 class MachineStoodStill(Exception):
-    """The machine did, during a test that failed. `--only-rerun` knows it by its name."""
+    """The machine did, during a test that failed."""
+
+
+# No other test has it: of each that may run again, a worker tells the first process and asks it, in 44 ms.
+AGAIN = pytest.mark.flaky(reruns=2, only_rerun=[MachineStoodStill.__name__])
 
 
 @cache
@@ -41,10 +45,30 @@ def _judged(item: pytest.Item) -> Generator[None, Any, Any]:
         raise
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """What starts processes comes last, when nothing else competes for the cores; the long trials of whole pages, which
     lie outside all rooms, first of those, so that no worker is left alone with them."""
     items.sort(key=lambda item: (item.get_closest_marker("processes") is not None, len(item.path.parts)))
+    for item in items:
+        if item.get_closest_marker("processes") is not None:
+            item.add_marker(AGAIN)
+    if config.getoption("loadgroup", False):  # this is a worker, and `--dist loadgroup` was asked for
+        for item in items:
+            _join(item)
+
+
+def _join(item: pytest.Item) -> None:
+    """One worker runs all tests of a file, so that it makes what they share once; of those that start processes, which
+    are long, only the tests of an `xdist_group`.
+
+    The scheduler knows a group by what stands behind the @ of a name. pytest-xdist writes it where pytest 9.2 does not
+    look for it any more, and then spreads groups over all workers without a word.
+    """
+    group = item.get_closest_marker("xdist_group")
+    if group is None and item.get_closest_marker("processes") is not None:
+        return
+    name = group.args[0] if group is not None else item.nodeid.partition("::")[0]
+    item._id = type(item._id).parse(f"{item.nodeid}@{name}")
 
 
 @pytest.hookimpl(wrapper=True)

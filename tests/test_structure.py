@@ -48,14 +48,25 @@ def name_of(path: Path) -> str:
 
 
 @cache
+def text(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+@cache
 def tree(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"), str(path))
+    return ast.parse(text(path), str(path))
 
 
+@cache
+def nodes(path: Path) -> list[ast.AST]:
+    return list(ast.walk(tree(path)))
+
+
+@cache
 def imported(path: Path) -> set[str]:
     """Dotted names of every import in a module, wherever it stands."""
     names: set[str] = set()
-    for node in ast.walk(tree(path)):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -78,7 +89,7 @@ def needed(path: Path) -> set[str]:
     """The modules of ours that a module imports, type-checking imports included; a package only where a name of its own
     is taken, not on the way to one of its modules."""
     names: set[str] = set()
-    for node in ast.walk(tree(path)):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -114,12 +125,13 @@ def documentable(body: list[ast.stmt]) -> Iterator[ast.FunctionDef | ast.AsyncFu
                 yield from documentable(node.body)
 
 
+@cache
 def promised() -> set[str]:
     """Methods a Protocol, or the base class of a kind of plug-in, documents once for all who keep its promise."""
     return {
         method.name
         for path in MODULES
-        for promise in ast.walk(tree(path))
+        for promise in nodes(path)
         if isinstance(promise, ast.ClassDef)
         and (path.name == "base.py" or any(dotted(base) == "Protocol" for base in promise.bases))
         for method in documentable(promise.body)
@@ -163,8 +175,8 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)
 def test_no_object_takes_a_page_to_be_made(path: Path) -> None:
-    lines = path.read_text(encoding="utf-8").splitlines()
-    for node in ast.walk(tree(path)):
+    lines = text(path).splitlines()
+    for node in nodes(path):
         if isinstance(node, ast.FunctionDef) and node.name == "__init__":
             body = node.body[1:] if ast.get_docstring(node) else node.body
             work = [] if not body else lines[body[0].lineno - 1 : body[-1].end_lineno]
@@ -175,8 +187,7 @@ def test_no_object_takes_a_page_to_be_made(path: Path) -> None:
 @pytest.mark.parametrize("path", MODULES, ids=name_of)
 def test_names_are_words_of_the_field(path: Path) -> None:
     """No metaphors of our own: a frame is sent and received, a controller has a memory, a process is forked."""
-    source = path.read_text(encoding="utf-8")
-    names = {t.string for t in tokenize.generate_tokens(io.StringIO(source).readline) if t.type == tokenize.NAME}
+    names = {t.string for t in tokenize.generate_tokens(io.StringIO(text(path)).readline) if t.type == tokenize.NAME}
     assert not sorted(name for name in names if PRIVATE.search(name))
 
 
@@ -186,7 +197,7 @@ def test_nobody_outside_the_kernels_knows_which_form_runs() -> None:
         name_of(path)
         for path in MODULES
         if {"meanflock.kernels.compiled", "meanflock.kernels.reference", "meanflock.kernels._native"} & imported(path)
-        or "kernels.BACKEND" in path.read_text(encoding="utf-8")
+        or "kernels.BACKEND" in text(path)
     }
     assert asks == {"kernels/__init__.py", "kernels/compiled.py", "groundstation/doctor.py", "worldsim/summary.py"}
 
@@ -201,7 +212,7 @@ def test_rerun_stays_with_the_recorder_and_what_it_shows() -> None:
 
 
 def test_one_file_sends_the_flight_to_rerun() -> None:
-    senders = {name_of(path) for path in MODULES if "rr.send_columns(" in path.read_text(encoding="utf-8")}
+    senders = {name_of(path) for path in MODULES if "rr.send_columns(" in text(path)}
     assert senders == {"groundstation/recording.py"}
 
 
@@ -230,7 +241,7 @@ def test_no_clock_of_a_flight_can_be_set_by_anybody() -> None:
     readers = {
         name_of(path)
         for path in MODULES
-        if any(isinstance(node, ast.Attribute) and dotted(node) in wall for node in ast.walk(tree(path)))
+        if any(isinstance(node, ast.Attribute) and dotted(node) in wall for node in nodes(path))
     }
     assert readers <= {f"groundstation/{name}.py" for name in ("run", "__main__", "certs", "doctor")}
 
@@ -259,7 +270,7 @@ def test_a_process_of_the_swarm_loads_only_what_it_needs(module: str) -> None:
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)
 def test_a_module_is_short_enough_to_read(path: Path) -> None:
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= 300
+    assert len(text(path).splitlines()) <= 300
 
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)
@@ -269,7 +280,7 @@ def test_nothing_is_pickled_evaluated_or_drawn_from_a_global_generator(path: Pat
     assert not libraries & {"pickle", "cPickle", "dill", "cloudpickle", "marshal", "shelve", "random"} - (
         {"random"} if seeds_them else set()
     )
-    for node in ast.walk(tree(path)):
+    for node in nodes(path):
         where = f"{name_of(path)}:{getattr(node, 'lineno', 0)}"
         if isinstance(node, ast.Attribute):
             full = dotted(node)
@@ -287,7 +298,7 @@ def test_what_flies_makes_its_generators_in_one_place_only() -> None:
         name_of(path)
         for path in MODULES
         if not name_of(path).startswith(("groundstation/", "meanflock/testing/"))
-        for node in ast.walk(tree(path))
+        for node in nodes(path)
         if isinstance(node, ast.Call) and dotted(node.func).endswith("default_rng")
     }
     assert makers == {"swarm/seeds.py"}

@@ -24,8 +24,6 @@ from meanflock.swarm.scenario import load
 from tests.groundstation.map_rows import map_rows
 from tests.groundstation.synthetic import results, row
 
-pytestmark = pytest.mark.xdist_group("figures")  # all of one drawing
-
 METRICS = ("energy_mean_J", "t_avg_censored_s", "phi_A_tavg", "phi_C_tavg")
 CURVES = (
     "energy_trip_mean_J",
