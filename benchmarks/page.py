@@ -48,8 +48,8 @@ process of the swarm* above. `agent/blocklist.py` keeps NumPy and msgspec from l
 **Zenoh's settings**, chosen in `swarm/net/session.py`: lockstep without learning, one 32-byte broadcast and N replies
 of 64 bytes, ticks a second, on two shared cores. What sends has a thread of its own, since a router without one waited
 for itself when a link ended, and closed others; one thread does all else, since that of the sockets had to wake the one
-that read them (a tick of 25 processes took 2.96 ms, takes 2.59). Bare Zenoh costs an agent 136 µs of CPU a tick, hand-overs between threads, which is why
-several UAVs in one process are so much cheaper than as many processes.
+that read them (a tick of 25 processes took 2.96 ms, takes 2.59). Bare Zenoh costs an agent 136 µs of CPU a tick,
+hand-overs between threads, which is why several UAVs in one process are so much cheaper than as many processes.
 
 | | 4 processes | 25 | 64 |
 |---|---:|---:|---:|

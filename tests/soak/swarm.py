@@ -44,7 +44,7 @@ class Flock:
         self.scenario, self.out, self.ticks = scenario(uavs, ticks, seed), out, ticks
         self.children = Children(f"soak-{seed}")
         self.tick = -1  # of the last row told
-        self.ended = False
+        self.finished = False  # the summary has been told
         self.events: list[Event] = []
         self.tokens: set[str] = set()  # of agents, leaders and the station, by name
         self._next_block = 0
@@ -102,11 +102,17 @@ class Flock:
         except MessageRejected:
             return
         if isinstance(message, Finished):
-            self.ended = True
+            self.finished = True
         if isinstance(message, Telemetry) and message.block >= self._next_block:  # a new station is told old ones again
             self._next_block = message.block + 1
             self.tick = message.first_tick + len(message.states) - 1
             self.events += message.events
+
+    @property
+    def ended(self) -> bool:
+        """Whether the flight is over. The world waits for who records, not for who listens here: it may have left
+        before the last of what it told arrived."""
+        return self.finished or self.world.poll() == 0
 
     def count(self, kind: str, *uavs: int) -> int:
         """How many events of a kind were told, of exactly these UAVs."""
