@@ -6,6 +6,7 @@ registered here is refused.
 """
 
 import hashlib
+import importlib.machinery
 import importlib.util
 import os
 import sys
@@ -19,6 +20,7 @@ import msgspec
 
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.libraries import lacking
+from meanflock.swarm.source_read import SourceRead
 
 Door: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle", "filter"]
 
@@ -130,13 +132,15 @@ def load_file(path: Path) -> list[Plugin]:
     except OSError as error:
         raise BadInput(f"--plugin {path}: {error.strerror}; name a readable Python file") from error
     module_name = f"meanflock_plugin_{path.stem}_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]}"
-    spec = importlib.util.spec_from_file_location(module_name, path)
-    if spec is None or spec.loader is None:
+    if path.suffix != ".py":
         raise BadInput(f"--plugin {path}: not a Python file; its name must end in .py")
+    loader = SourceRead(module_name, path, source)
+    spec = importlib.machinery.ModuleSpec(module_name, loader, origin=str(path))
+    spec.has_location = True
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module
     try:
-        spec.loader.exec_module(module)
+        loader.exec_module(module)
     except (Exception, SystemExit) as error:
         del sys.modules[module_name]
         raise BadInput(f"--plugin {path}: {last_line(error)}") from error

@@ -93,6 +93,16 @@ def test_a_file_that_is_not_called_so_is_bad_input(tmp_path: Path) -> None:
         plugins.load_file(written(tmp_path, GOOD, "mine.txt"))
 
 
+def test_a_file_that_changed_is_run_as_it_is_now_however_soon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    for number in (1, 2, 3):
+        path = written(tmp_path, f"{GOOD}\nMine.number = {number}\n")
+        os.utime(path, (1e9, 1e9))  # a file of the same length, of the same second
+        plugins.load_file(path)
+        assert plugins.load("controller", "mine").number == number  # type: ignore[attr-defined]
+    assert list(tmp_path.iterdir()) == [path]
+
+
 def test_two_of_one_name_are_refused_with_both_places(tmp_path: Path) -> None:
     plugins.load_file(first := written(tmp_path, GOOD))
     with pytest.raises(BadInput, match="two controllers are named 'mine'") as caught:
