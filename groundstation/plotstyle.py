@@ -146,6 +146,8 @@ _RC: Any = {
     "svg.fonttype": "path",  # looks the same on a machine without the font
 }
 
+_LAID_OUT: Any = {"figure.constrained_layout.use": False, "figure.autolayout": False}
+
 
 @contextmanager
 def style() -> Iterator[None]:
@@ -162,15 +164,22 @@ def figure(width_in: float, height_in: float) -> Figure:
 
 
 def save(made: Figure, folder: Path, name: str) -> list[Path]:
-    """Writes `name`.png and `name`.svg, each whole or not at all; equal figures give equal bytes."""
+    """Writes `name`.png and `name`.svg, each whole or not at all; equal figures give equal bytes.
+
+    Where everything goes is worked out for the first, and is the same in the second.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
+    layout = made.get_layout_engine()
     for form, metadata in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):
         drawn = io.BytesIO()
         with style():
             made.savefig(drawn, format=form, metadata=metadata)
         paths.append(folder / f"{name}.{form}")
         durable.replace(paths[-1], drawn.getbuffer())
+        with mpl.rc_context(_LAID_OUT):
+            made.set_layout_engine()
+    made.set_layout_engine(layout)
     return paths
 
 
