@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?=
 ARGS ?=
-WORKERS ?= 2
+WORKERS ?=
 COMPOSE ?= docker compose
 CERTS ?=
 SECURE = $(if $(CERTS),-f docker-compose.yml -f $(CERTS)/compose.yaml --profile secure)
@@ -29,10 +29,11 @@ run: $(VENV)/.ground ## Fly the paper's scenario: 25 UAV processes, leader and w
 	@$(BIN)/meanflock run $(ARGS)
 
 # What starts whole swarms comes last (tests/conftest.py), so that its deadlines do not compete with the unit tests for
-# the cores; mostly it waits, so two go at once. What shares a swarm, or something dear, is a group: all on one worker.
+# the cores; half of the time it waits, so three go at once, also on two cores. What shares a swarm, or something dear,
+# is a group: all on one worker.
 # Bytecode is kept whatever the environment says: else each worker compiles all tests, and each process what changed.
 test: $(VENV)/.dev ## Run all tests but those of the containers (ARGS="-k rician")
-	@PYTHONDONTWRITEBYTECODE= $(PYTEST) -n $(WORKERS) --dist loadgroup --no-loadscope-reorder --ignore=tests/compose $(ARGS)
+	@PYTHONDONTWRITEBYTECODE= $(PYTEST) -n $(or $(WORKERS),3) --dist loadgroup --no-loadscope-reorder --ignore=tests/compose $(ARGS)
 
 check: $(VENV)/.dev ## Format, lint and types, changing nothing
 	$(BIN)/ruff format --check .
@@ -72,7 +73,7 @@ up: images ## The same run in containers, recorded into runs/ (MEANFLOCK_UAVS=25
 
 test-compose: ## Test the containers, on whichever container engine is running
 	@if [ -d tests/compose ]; then \
-		$(MAKE) --no-print-directory $(VENV)/.dev images && $(PYTEST) --timeout 600 -n $(WORKERS) tests/compose tests/test_packaging.py $(ARGS); \
+		$(MAKE) --no-print-directory $(VENV)/.dev images && $(PYTEST) --timeout 600 -n $(or $(WORKERS),2) tests/compose tests/test_packaging.py $(ARGS); \
 	else \
 		echo "test-compose: there is no tests/compose, so nothing to test"; \
 	fi

@@ -20,12 +20,18 @@ Spawn = Callable[..., "subprocess.Popen[str]"]
 
 
 def processes_of(text: str) -> list[psutil.Process]:
-    """Living processes with `text` in their command line, this one excepted."""
+    """Living processes of this worker's tests with `text` in their command line, this one excepted.
+
+    Runs are named by the second: another worker may fly one of the same name.
+    """
+    ours = {name: os.environ.get(name) for name in ("PYTEST_XDIST_TESTRUNUID", "PYTEST_XDIST_WORKER")}
     found = []
-    for process in psutil.process_iter(["cmdline", "status"]):
-        alive = process.info["status"] != psutil.STATUS_ZOMBIE
-        if alive and process.pid != os.getpid() and any(text in part for part in process.info["cmdline"] or []):
-            found.append(process)
+    for process in psutil.process_iter(["cmdline", "status", "environ"]):
+        alive = process.info["status"] != psutil.STATUS_ZOMBIE and process.pid != os.getpid()
+        if alive and any(text in part for part in process.info["cmdline"] or []):
+            environ = process.info["environ"] or {}
+            if {name: environ.get(name) for name in ours} == ours:
+                found.append(process)
     return found
 
 
