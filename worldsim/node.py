@@ -181,12 +181,10 @@ class World:
         outbox, since = self._reporter.outbox, self._clock()
         # What is on its way when a session closes may never arrive, so all of it is waited for, the summary too.
         back = self._stations > 0 and self.flight.over  # a recorder that was killed may be on its way back
-        while (self._admission.listeners or back) and not outbox.empty and self._clock() - since < linger_s:
-            waiting = outbox.waiting
+        while (self._admission.listeners or back) and (waiting := outbox.waiting) and self._clock() - since < linger_s:
             self._reporter.publish()
             self._wait(0.1)
-            if outbox.waiting < waiting:
-                since = self._clock()
+            since = self._clock() if outbox.waiting < waiting else since
 
     def stop(self, reason: str) -> None:
         """Sends every node home."""
