@@ -17,7 +17,7 @@ from tests.polling import DEADLINE_S
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 
-FLOWN = (*SETTINGS, "duration=200")
+FLOWN = (*SETTINGS, "duration=400")
 
 
 @pytest.fixture(scope="module")
@@ -85,4 +85,4 @@ def test_a_run_whose_leader_station_and_world_are_killed_at_random_ticks_is_resu
     done = subprocess.run(line, capture_output=True, text=True, timeout=DEADLINE_S)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["trajectory_sha256"] == undisturbed
-    assert pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist() == list(range(2001))
+    assert pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist() == list(range(4001))

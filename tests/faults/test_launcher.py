@@ -24,9 +24,10 @@ from meanflock.swarm.process import Interrupted
 from tests.faults.conftest import Lab, events_in, spool_bytes
 from tests.polling import DEADLINE_S, until
 
-FLOWN = ("uavs=5", "seed=7", "duration=300", "stop=duration", "federation.period=40", "method=fed-lspi")
+FLOWN = ("uavs=5", "seed=7", "duration=600", "stop=duration", "federation.period=40", "method=fed-lspi")
 COMMAND = [sys.executable, "-m", "meanflock.groundstation.cli"]
 ENVIRONMENT = {**os.environ, "MEANFLOCK_BARRIER": "4"}
+endless = pytest.mark.parametrize("launched", [["duration=100000"]], indirect=True)
 linux = pytest.mark.skipif(sys.platform != "linux", reason="agents are forked on Linux only")
 
 
@@ -74,6 +75,12 @@ class Launched:
         """Waits for the command to end well; what it printed."""
         return json.loads(self.ended(0)[0])
 
+    def interrupted(self) -> dict[str, Any]:
+        """Ends a flight that would not end; its summary."""
+        self.process.send_signal(signal.SIGINT)
+        self.ended(1)
+        return json.loads((self.folder / "summary.json").read_text())
+
 
 @pytest.fixture
 def launched(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Launched]:
@@ -92,6 +99,7 @@ def undisturbed() -> str:
 
 @linux
 @pytest.mark.processes
+@endless
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGHUP])
 def test_a_killed_agent_costs_its_own_uav_alone_and_another_takes_its_place(
     number: signal.Signals, launched: Launched
@@ -107,14 +115,13 @@ def test_a_killed_agent_costs_its_own_uav_alone_and_another_takes_its_place(
     another = launched.agents()[0]
     assert another not in agents
     assert os.sched_getscheduler(another.pid) == os.SCHED_BATCH
-    summary = launched.summary()
-    assert (summary["ticks"], summary["lost"]) == (3000, 0)
-    assert (summary["nodes_lost"], summary["nodes_rejoined"]) == (1, 1)
+    summary = launched.interrupted()
+    assert (summary["lost"], summary["nodes_lost"], summary["nodes_rejoined"]) == (0, 1, 1)
 
 
 @linux
 @pytest.mark.processes
-@pytest.mark.parametrize("launched", [["duration=100000"]], indirect=True)
+@endless
 def test_an_agent_that_dies_again_and_again_stays_away_and_the_others_fly_on(launched: Launched) -> None:
     for deaths in range(1, 7):
         if deaths > 1:
@@ -123,9 +130,7 @@ def test_an_agent_that_dies_again_and_again_stays_away_and_the_others_fly_on(lau
         launched.told("lost", deaths)
     flown = spool_bytes(launched.out)
     until(lambda: spool_bytes(launched.out) > flown + 100_000, "the others fly on")
-    launched.process.send_signal(signal.SIGINT)
-    launched.ended(1)
-    summary = json.loads((launched.folder / "summary.json").read_text())
+    summary = launched.interrupted()
     assert summary["lost"] == 1
     assert (summary["nodes_lost"], summary["nodes_rejoined"]) == (6, 5)
 
@@ -143,13 +148,15 @@ def test_the_process_that_agents_are_forked_from_can_die_alone(launched: Launche
 
 
 @pytest.mark.processes
+@endless
 def test_a_killed_leader_is_started_again(launched: Launched) -> None:
     launched.of("leader").kill()
     (rejoined,) = launched.told("rejoined", 1)
     assert rejoined["text"] == "leader.2 stands by"
-    summary = launched.summary()
+    rounds = len(launched.told("round", 1))
+    launched.told("round", rounds + 5)
+    summary = launched.interrupted()
     assert (summary["lost"], summary["nodes_lost"], summary["nodes_rejoined"]) == (0, 1, 1)
-    assert summary["rounds"] > 50
 
 
 @linux
