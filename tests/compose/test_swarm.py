@@ -147,7 +147,7 @@ def compose(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Compose]
     shutil.rmtree(out, ignore_errors=True)
 
 
-LONG = "seed=7 duration=150 stop=duration"
+LONG = "seed=7 duration=400 stop=duration"
 # Whose agent comes back after thousands of ticks is far off and fast. There the paper's learners may diverge at once;
 # these two never do, so that who is lost at the end is lost by what the test did.
 ENDLESS = "seed=7 duration=100000 stop=duration method=fed-lspi"
@@ -274,7 +274,7 @@ def test_a_paused_agent_stalls_nobody_longer_than_the_barrier(compose: Compose) 
     summary = compose.finished()
     docker("unpause", compose.container("agent", 1))
     assert summary["lost"] == 1
-    assert summary["ticks"] == 1500
+    assert summary["ticks"] == 4000
 
 
 def test_an_agent_cut_off_beyond_the_lease_is_lost_and_comes_back_when_it_can(compose: Compose) -> None:
