@@ -31,6 +31,11 @@ endless = pytest.mark.parametrize("launched", [["duration=100000"]], indirect=Tr
 linux = pytest.mark.skipif(sys.platform != "linux", reason="agents are forked on Linux only")
 
 
+def _hang_up_ends() -> None:
+    """SIGHUP ends a process, also where the tests are run by `nohup`."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
 class Launched:
     """`meanflock run` of `FLOWN`, and its processes."""
 
@@ -39,7 +44,7 @@ class Launched:
         settings = [word for setting in (*FLOWN, *more) for word in ("--set", setting)]
         line = [*COMMAND, "run", "--out", str(out), "--no-record", "--quiet", "--json", *settings]
         self.process = subprocess.Popen(
-            line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT
+            line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT, preexec_fn=_hang_up_ends
         )
         until(lambda: spool_bytes(out) > 20_000, "telemetry")
 
