@@ -1,7 +1,6 @@
 """`python -m tests.faults.clients ENDPOINT NAME COUNT`: clients in a process of their own, with tokens, that listen."""
 
 import sys
-import time
 
 from meanflock.swarm.net.session import ZenohBus
 
@@ -16,7 +15,6 @@ def main(endpoint: str, name: str, count: str) -> None:
     while True:
         for bus in sessions:
             bus.receive(0.01)
-        time.sleep(0.001)
 
 
 if __name__ == "__main__":
