@@ -17,21 +17,36 @@ from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, M
 from meanflock.swarm.net.refusals import divert
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+class _InOrder(click.Group):
+    """Lists its commands in the order in which one meets them: fly, look, compare, prepare."""
+
+    def list_commands(self, _ctx: click.Context) -> list[str]:
+        """In the order they were added."""
+        return list(self.commands)
+
+
+@click.group(cls=_InOrder, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(__version__, prog_name="meanflock")
 def cli() -> None:
-    """A swarm of UAVs that learns, in flight and over a radio it pays for by the bit, to travel as a flock.
+    """Fly swarms of UAVs that learn in flight, over a simulated radio on which every bit is counted.
 
     \b
-    Exit codes: 0 done, 1 the run failed or was interrupted, 2 bad input (nothing was written).
     Example: meanflock run --method mfgfl-hf --seed 7
+
+    \b
+    Exit codes:
+      0  done
+      1  the run failed or was interrupted
+      2  bad input; nothing was written
     """
 
 
-for _command in (run, resume, view, picture, plot, compare, sweep, leaderboard, paper, plugins_command, doctor):
+_FLY = (run, resume)
+_LOOK = (view, picture, plot)
+_STUDY = (compare, sweep, leaderboard, paper)
+_PREPARE = (doctor, plugins_command, scenario_group, certs_group)
+for _command in (*_FLY, *_LOOK, *_STUDY, *_PREPARE):
     cli.add_command(_command)
-for _group in (certs_group, scenario_group):
-    cli.add_command(_group)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -8,7 +8,7 @@ import click
 
 from meanflock.swarm import logs, plugins
 
-_METHODS = " | ".join(plugins.names("controller"))
+_METHODS = ", ".join(plugins.names("controller"))
 
 
 def _register(_context: click.Context, _parameter: click.Parameter, files: tuple[Path, ...]) -> None:
@@ -17,12 +17,16 @@ def _register(_context: click.Context, _parameter: click.Parameter, files: tuple
 
 _OF_A_SCENARIO = {
     "file": click.argument("file", metavar="[SCENARIO]", required=False, type=click.Path(path_type=Path)),
-    "method": click.option("--method", metavar="NAME", help=f"{_METHODS}"),
+    "method": click.option("--method", metavar="NAME", help=f"The controller: {_METHODS}."),
     "uavs": click.option("--uavs", type=int, metavar="N", help="Number of UAVs."),
-    "seed": click.option("--seed", type=int, metavar="S", help="Seed of all randomness."),
-    "duration": click.option("--duration", type=float, metavar="SECONDS", help="The run ends at the latest then."),
+    "seed": click.option("--seed", type=int, metavar="S", help="Seed of all random numbers."),
+    "duration": click.option("--duration", type=float, metavar="SECONDS", help="Longest simulated time of a flight."),
     "settings": click.option(
-        "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Any scenario key, e.g. wind.sigma=0.2."
+        "--set",
+        "settings",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help="Set any key of the scenario, e.g. wind.sigma=0.2; repeatable.",
     ),
     "plugin": click.option(
         "--plugin",
@@ -32,7 +36,7 @@ _OF_A_SCENARIO = {
         callback=_register,
         expose_value=False,
         is_eager=True,  # before anything asks for what is in it
-        help="A file with a controller, an aggregation rule, a channel, a vehicle or a filter of yours, repeatable.",
+        help="Load your own controller, aggregation rule, channel, vehicle or filter; repeatable.",
     ),
 }
 
@@ -48,21 +52,37 @@ def scenario_arguments(*names: str) -> Callable[[Any], Any]:
     return decorate
 
 
+uavs_per_process_option = click.option(
+    "--uavs-per-process",
+    type=click.IntRange(1),
+    default=1,
+    show_default=True,
+    metavar="M",
+    help="UAVs that one agent process flies.",
+)
+in_process_option = click.option("--in-process", is_flag=True, help="Fly in this process, without the network.")
+tls_option = click.option(
+    "--tls",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Use mutual TLS, with certificates of `meanflock certs init`.",
+)
+
 _TOLD = (
     click.option(
         "--metrics",
         envvar="MEANFLOCK_METRICS",
         metavar="[HOST:]PORT",
-        help="Where Prometheus can read the run; 0 for any free port.",
+        help="Serve metrics to Prometheus here; port 0: any free one.",
     ),
     click.option(
         "--log-format",
         type=click.Choice((logs.TEXT, logs.JSON)),
         envvar="MEANFLOCK_LOG_FORMAT",
-        help="Pass on the logs of all processes, on stderr; with json it has nothing else.",
+        help="Print the logs of all processes on stderr; with json, nothing else.",
     ),
-    click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object, nothing else."),
-    click.option("--quiet", is_flag=True, help="No progress bar."),
+    click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object on stdout."),
+    click.option("--quiet", is_flag=True, help="Show no progress bar."),
 )
 
 

@@ -11,7 +11,13 @@ from rich.console import Console
 
 from meanflock.groundstation import display
 from meanflock.groundstation import doctor as checks
-from meanflock.groundstation.cli_arguments import scenario_arguments, telling
+from meanflock.groundstation.cli_arguments import (
+    in_process_option,
+    scenario_arguments,
+    telling,
+    tls_option,
+    uavs_per_process_option,
+)
 from meanflock.groundstation.progress import summary_table
 from meanflock.groundstation.results import EVENTS, said_of_loss
 from meanflock.groundstation.resume import back
@@ -36,25 +42,34 @@ class _Run(click.Command):
 
 @click.command(cls=_Run)
 @scenario_arguments()
-@click.option("--in-process", is_flag=True, help="All nodes in this process, without the network.")
-@click.option("--uavs-per-process", type=click.IntRange(1), default=1, show_default=True, metavar="M")
+@in_process_option
+@uavs_per_process_option
 @click.option(
     "--realtime",
     is_flag=False,
     flag_value="1",
     metavar="[FACTOR]",
-    help="Ticks follow the wall clock, FACTOR (default 1) times faster; late commands are held.",
+    help="Fly in real time, or FACTOR times faster; late commands are held.",
 )
-@click.option("--faults", type=click.Path(path_type=Path), metavar="FILE", help="A fault script: [[faults]] in TOML.")
-@click.option("--record/--no-record", default=True, show_default=True, help="Write recording.rrd.")
-@click.option("--view", is_flag=True, help="Stream live to a Rerun viewer.")
-@click.option("--out", type=click.Path(path_type=Path), default=Path("runs"), show_default=True, metavar="DIR")
+@click.option(
+    "--faults", type=click.Path(path_type=Path), metavar="FILE", help="Inject the faults of this script (TOML)."
+)
+@click.option("--record/--no-record", default=True, show_default=True, help="Write recording.rrd for the Rerun viewer.")
+@click.option("--view", is_flag=True, help="Watch live in the Rerun viewer; needs a display.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("runs"),
+    show_default=True,
+    metavar="DIR",
+    help="Where run folders are made.",
+)
 @click.option(
     "--endpoint",
     metavar="ADDRESS",
-    help="Where the world listens, e.g. tcp/127.0.0.1:7447. [default: a free port]",
+    help="Where the world listens, e.g. tcp/127.0.0.1:7447.  [default: a free port of this machine]",
 )
-@click.option("--tls", type=click.Path(path_type=Path), metavar="DIR", help="Mutual TLS; see `meanflock certs init`.")
+@tls_option
 @telling
 def run(
     file: Path | None,
@@ -77,15 +92,15 @@ def run(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Fly a scenario, by default the paper's.
+    """Fly a scenario once, by default the paper's.
 
     SCENARIO is a TOML file, or the name of one that comes with meanflock: crowd, faults, gusts, hierarchical, lossy,
     obstacles, paper, paper-printed, paper-slow, streams, swap, unknown, windmap, windy.
 
-    It leaves OUT/<id>/ with summary, time series, events and recording.
+    Results are written to OUT/<id>/: summary, time series, events, recording.
 
     \b
-    Example: meanflock run --method hjb --uavs 9 --seed 3 --set wind.sigma=0.2
+    Example: meanflock run --method hjb --uavs 9 --set wind.sigma=0.2
     """
     quiet = quiet or log_format == logs.JSON
     script = scenario.read_faults(faults) if faults is not None else None
@@ -115,10 +130,10 @@ def run(
 @click.command()
 @click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
 @scenario_arguments("plugin")
-@click.option("--in-process", is_flag=True, help="All nodes in this process, without the network.")
-@click.option("--uavs-per-process", type=click.IntRange(1), default=1, show_default=True, metavar="M")
-@click.option("--tls", type=click.Path(path_type=Path), metavar="DIR", help="Mutual TLS; see `meanflock certs init`.")
-@click.option("--record/--no-record", default=True, show_default=True, help="Go on with recording.rrd.")
+@in_process_option
+@uavs_per_process_option
+@tls_option
+@click.option("--record/--no-record", default=True, show_default=True, help="Continue recording.rrd.")
 @telling
 def resume(
     folder: Path,
@@ -131,9 +146,9 @@ def resume(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Go on with a run that did not finish.
+    """Resume a run that did not finish, from its last checkpoint.
 
-    From its last checkpoint, to the end it would have had.
+    RUN is its folder. The result is the same as without the interruption.
 
     \b
     Example: meanflock resume runs/20261121-101500-mfgfl-hf-s7

@@ -8,7 +8,7 @@ import click
 from rich.console import Console
 
 from meanflock.groundstation.cli_arguments import scenario_arguments
-from meanflock.groundstation.cli_study import (
+from meanflock.groundstation.cli_study_arguments import (
     backend_option,
     jobs_option,
     out_option,
@@ -50,13 +50,33 @@ def _names(given: Sequence[str]) -> list[str]:
 
 
 @click.command(cls=_Lists)
-@click.option("--missions", multiple=True, default=("all",), metavar="NAME…", help="Which, or all.  [default: all]")
 @click.option(
-    "--controllers", multiple=True, default=("all",), metavar="NAME…", help="Rows or controllers.  [default: all rows]"
+    "--missions", multiple=True, default=("all",), metavar="NAME…", help="Missions to fly, or all.  [default: all]"
+)
+@click.option(
+    "--controllers",
+    multiple=True,
+    default=("all",),
+    metavar="NAME…",
+    help="Controllers or named rows, or all.  [default: all]",
 )
 @scenario_arguments("plugin")
-@click.option("--seeds", type=click.IntRange(1), default=30, show_default=True, metavar="K", help="Flights of each.")
-@click.option("--first-seed", type=click.IntRange(0), default=_FIRST_SEED, show_default=True, metavar="S")
+@click.option(
+    "--seeds",
+    type=click.IntRange(1),
+    default=30,
+    show_default=True,
+    metavar="K",
+    help="Flights of each, with one seed each.",
+)
+@click.option(
+    "--first-seed",
+    type=click.IntRange(0),
+    default=_FIRST_SEED,
+    show_default=True,
+    metavar="S",
+    help="First of the seeds.",
+)
 @jobs_option
 @backend_option
 @scheduler_option
@@ -73,13 +93,14 @@ def leaderboard(
     out: Path,
     quiet: bool,
 ) -> None:
-    """Fly every controller over the same missions and seeds.
+    """Rank controllers over the same missions and seeds.
 
-    It writes tables with intervals, the Pareto plots, and who is best where that can be told.
+    Writes tables with 95 % intervals, which controller is significantly best at what, and Pareto plots. Repeat an
+    interrupted command to fly only what is missing.
 
     \b
-    Interrupt and repeat it as you like: a finished run is never flown twice.
-    Example: meanflock leaderboard --missions paper --controllers mfgfl-h spring --plugin spring.py --seeds 4
+    Example:
+      meanflock leaderboard --missions paper --controllers mfgfl-h plan --seeds 4
     """
     from meanflock.groundstation.backends import processes, terminable
     from meanflock.groundstation.leaderboard import missions as known

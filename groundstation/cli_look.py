@@ -12,11 +12,11 @@ _run = click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
 
 @click.command()
 @_run
-@click.option("--web", is_flag=True, help="For a browser, at the address it prints; needs no display.")
+@click.option("--web", is_flag=True, help="Show it in a browser, at the address printed; needs no display.")
 def view(folder: Path, web: bool) -> None:
     """Open a finished run in the Rerun viewer.
 
-    It ends when the window is closed, or with Ctrl-C.
+    RUN is its folder, or a file.rrd. Ends when the window is closed, or with Ctrl-C.
 
     \b
     Example: meanflock view runs/20261121-101500-mfgfl-hf-s7
@@ -39,16 +39,21 @@ def view(folder: Path, web: bool) -> None:
 
 @click.command()
 @_run
-@click.option("--at", "at_s", type=float, metavar="SECONDS", help="Of the flight.  [default: its end]")
-@click.option("-o", "--output", "png", required=True, type=click.Path(path_type=Path), metavar="FILE.png")
-@click.option("--size", default="1920x1080", show_default=True, metavar="WIDTHxHEIGHT", help="In pixels.")
+@click.option(
+    "--at", "at_s", type=float, metavar="SECONDS", help="Simulated time to draw.  [default: the end of the flight]"
+)
+@click.option(
+    "-o", "--output", "png", required=True, type=click.Path(path_type=Path), metavar="FILE.png", help="File to write."
+)
+@click.option("--size", default="1920x1080", show_default=True, metavar="WIDTHxHEIGHT", help="Size in pixels.")
 def picture(folder: Path, at_s: float | None, png: Path, size: str) -> None:
-    """Draw a finished run into a PNG file.
+    """Save the Rerun view of a finished run as a PNG file.
 
-    What the Rerun viewer shows of it; needs no display.
+    RUN is its folder, or a file.rrd. Needs no display.
 
     \b
-    Example: meanflock picture runs/20261121-101500-mfgfl-hf-s7 --at 40 -o out/swarm.png
+    Example:
+      meanflock picture runs/20261121-101500-mfgfl-hf-s7 --at 40 -o swarm.png
     """
     from meanflock.groundstation.screenshot import pixels, screenshot
 
@@ -64,9 +69,9 @@ def picture(folder: Path, at_s: float | None, png: Path, size: str) -> None:
 @click.command()
 @click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
 def plot(folder: Path) -> None:
-    """Plot a finished run's paths and curves.
+    """Plot paths and time series of a finished run.
 
-    As PNG and SVG, in RUN/plots.
+    RUN is its folder; the plots are written to RUN/plots, as PNG and SVG.
 
     \b
     Example: meanflock plot runs/20261121-101500-mfgfl-hf-s7

@@ -12,12 +12,12 @@ _NARROW, _WIDE = 80, 110  # columns
 
 @click.command("plugins")
 @scenario_arguments("plugin")
-@click.option("--json", "as_json", is_flag=True, help="As one JSON array.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON array on stdout.")
 def plugins_command(as_json: bool) -> None:
-    """List plug-ins by kind, with their options.
+    """List controllers and all other plug-ins, with their options.
 
-    Controllers, aggregation rules, channels, vehicles and filters: name, where it is from, what it is, and the
-    options a scenario can set.
+    The other kinds are aggregation rules, channels, vehicles and filters. Each has its name, the package or file it
+    comes from, a description, and the options that a scenario can set.
 
     \b
     Example: meanflock plugins --plugin mine.py

@@ -9,21 +9,30 @@ from rich.table import Table
 
 from meanflock.groundstation import catalogue
 from meanflock.groundstation import doctor as checks
-from meanflock.groundstation.cli_arguments import scenario_arguments
+from meanflock.groundstation.cli_arguments import scenario_arguments, uavs_per_process_option
 from meanflock.groundstation.results import to_toml
 from meanflock.swarm import __version__, scenario
 from meanflock.swarm.errors import EXIT_RUN_FAILED
 
 
 @click.command()
-@click.option("--uavs", type=click.IntRange(1), default=25, show_default=True, metavar="N")
-@click.option("--uavs-per-process", type=click.IntRange(1), default=1, show_default=True, metavar="M")
-@click.option("--out", type=click.Path(path_type=Path), default=Path("runs"), show_default=True, metavar="DIR")
-@click.option("--tls", type=click.Path(path_type=Path), metavar="DIR", help="Also look at these certificates.")
+@click.option(
+    "--uavs", type=click.IntRange(1), default=25, show_default=True, metavar="N", help="Number of UAVs to be flown."
+)
+@uavs_per_process_option
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("runs"),
+    show_default=True,
+    metavar="DIR",
+    help="Where run folders would be made.",
+)
+@click.option("--tls", type=click.Path(path_type=Path), metavar="DIR", help="Check the certificates in DIR too.")
 def doctor(uavs: int, uavs_per_process: int, out: Path, tls: Path | None) -> None:
-    """Say what would fail here before it does.
+    """Check whether a run of N UAVs would work on this machine.
 
-    What this machine has, beside what a run of N UAVs needs. Exit code 1 if anything would fail.
+    Every finding that is not ok says what to do. The exit code is 1 if anything would fail.
 
     \b
     Example: meanflock doctor --uavs 64
@@ -41,18 +50,43 @@ def doctor(uavs: int, uavs_per_process: int, out: Path, tls: Path | None) -> Non
 
 @click.group("certs")
 def certs_group() -> None:
-    """Make certificates: who is who on the network. See docs/security.md."""
+    """Make TLS certificates for the nodes of a swarm.
+
+    \b
+    Example: meanflock certs init out/certs --uavs 4
+    """
 
 
 @certs_group.command("init")
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
-@click.option("--uavs", type=click.IntRange(1, 10_000), default=25, show_default=True, metavar="N")
-@click.option("--days", type=click.IntRange(1, 3650), default=90, show_default=True, help="They expire after that.")
-@click.option("--host", "hosts", multiple=True, metavar="NAME", help="Another name or address of the world's machine.")
+@click.option(
+    "--uavs",
+    type=click.IntRange(1, 10_000),
+    default=25,
+    show_default=True,
+    metavar="N",
+    help="Number of agents.",
+)
+@click.option(
+    "--days",
+    type=click.IntRange(1, 3650),
+    default=90,
+    show_default=True,
+    metavar="DAYS",
+    help="Days until they expire.",
+)
+@click.option(
+    "--host",
+    "hosts",
+    multiple=True,
+    metavar="NAME",
+    help="Another name or address of the world's machine; repeatable.",
+)
 def certs_init(folder: Path, uavs: int, days: int, hosts: tuple[str, ...]) -> None:
-    """Make DIR with a certificate for every node.
+    """Make a certificate for every node, in the new folder DIR.
 
-    An authority, and one certificate each for the world, leader, station and N agents.
+    That is a certificate authority, and one certificate each for the world, the leader, the ground station and N
+    agents. What TLS protects: docs/security.md.
 
     \b
     Example: meanflock certs init out/certs --uavs 4
@@ -67,7 +101,11 @@ def certs_init(folder: Path, uavs: int, days: int, hosts: tuple[str, ...]) -> No
 
 @click.group("scenario")
 def scenario_group() -> None:
-    """Look at scenarios."""
+    """Print a scenario, or the schema of scenario files.
+
+    \b
+    Example: meanflock scenario show paper > my.toml
+    """
 
 
 @scenario_group.command()
@@ -80,9 +118,9 @@ def show(
     duration: float | None,
     settings: tuple[str, ...],
 ) -> None:
-    """Print a scenario as TOML, every key with its value.
+    """Print a scenario as TOML, with the value of every key.
 
-    It can be flown again, to the same bits.
+    The output is a scenario file that `meanflock run` accepts.
 
     \b
     Example: meanflock scenario show --method hjb > my.toml
@@ -95,7 +133,7 @@ def show(
 def schema(method: str | None) -> None:
     """Print the JSON schema of scenario files.
 
-    Every key with its unit and bounds, and the options of a controller.
+    It has the unit and the bounds of every key and, with --method, the options of that controller.
 
     \b
     Example: meanflock scenario schema --method mfgfl-hf

@@ -1,16 +1,25 @@
 """Commands that fly many times: compare, sweep, paper."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from meanflock.groundstation.backends import BACKENDS
 from meanflock.groundstation.cli_arguments import scenario_arguments
+from meanflock.groundstation.cli_study_arguments import (
+    SEEDS,
+    backend_option,
+    jobs_option,
+    out_option,
+    progress_of,
+    quiet_option,
+    scenario_option,
+    scheduler_option,
+    seeds_option,
+)
 from meanflock.groundstation.doctor import tell_if_slow
 from meanflock.groundstation.durable import check_folder
 from meanflock.swarm import scenario, scenarios
@@ -20,56 +29,6 @@ from meanflock.swarm.scenario import Scenario
 if TYPE_CHECKING:
     from meanflock.groundstation import study
 
-_SEEDS = 8
-_seeds = click.option("--seeds", type=click.IntRange(1), metavar="K", help=f"Runs of each.  [default: {_SEEDS}]")
-
-
-def _number_of_jobs(_context: click.Context, _option: click.Parameter, jobs: int) -> int:
-    if jobs == 0:
-        raise BadInput("--jobs 0: give a number of processes, or -1 for one a core")
-    return jobs
-
-
-jobs_option = click.option(
-    "--jobs",
-    type=int,
-    default=-1,
-    metavar="J",
-    help="Processes; -1 for one a core.  [default: -1]",
-    callback=_number_of_jobs,
-)
-backend_option = click.option("--backend", type=click.Choice(BACKENDS), default="loky", show_default=True)
-scheduler_option = click.option(
-    "--scheduler", metavar="ADDRESS", help="Of dask, e.g. tcp://127.0.0.1:8786; unset: this machine."
-)
-quiet_option = click.option("--quiet", is_flag=True, help="No progress bar.")
-
-
-def out_option(default: str) -> Callable[[Any], Any]:
-    """`--out`, with where it is without one."""
-    return click.option(
-        "--out", type=click.Path(path_type=Path), default=Path(default), show_default=True, metavar="DIR"
-    )
-
-
-@contextmanager
-def progress_of(what: str, quiet: bool) -> Iterator[Callable[[int, int], None]]:
-    """A bar with the time left, on stderr; told of the runs finished and wanted."""
-    console = Console(stderr=True)
-    bar = Progress(
-        TextColumn(f"[bold]{what}"),
-        BarColumn(bar_width=24),
-        MofNCompleteColumn(),
-        TextColumn("runs"),
-        TimeRemainingColumn(compact=True),
-        console=console,
-        disable=quiet or not console.is_terminal,
-        transient=True,
-    )
-    with bar:
-        task = bar.add_task(what, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
-
 
 def _report(paths: list[Path]) -> None:
     for path in paths:
@@ -78,11 +37,11 @@ def _report(paths: list[Path]) -> None:
 
 @click.command()
 @click.argument("methods", nargs=-1, required=True, metavar="METHOD…")
-@click.option("--scenario", "file", type=click.Path(path_type=Path), metavar="SCENARIO.toml")
+@scenario_option
 @scenario_arguments("uavs", "seed", "duration", "settings", "plugin")
-@_seeds
+@seeds_option
 @jobs_option
-@click.option("--record", is_flag=True, help="Record the first seed's flights side by side: OUT/compare.rrd.")
+@click.option("--record", is_flag=True, help="Record the flights of the first seed side by side, in OUT/compare.rrd.")
 @out_option("out/compare")
 @quiet_option
 def compare(
@@ -95,19 +54,19 @@ def compare(
     quiet: bool,
     **given: Any,
 ) -> None:
-    """Fly METHODs over the same seeds, side by side.
+    """Compare controllers over the same seeds.
 
-    A table of means, the same as CSV, and a plot with 95 % intervals.
+    Prints a table of means, and writes it as CSV and as a plot with 95 % intervals. Repeat an interrupted command to
+    fly only what is missing.
 
     \b
-    Interrupt and repeat it as you like: a finished run is never flown twice.
     Example: meanflock compare hjb mfgfl-hf --seeds 4 --duration 200
     """
     from meanflock.groundstation import plots, study, swept
 
     swept.refuse_setting("method", given["settings"], "is what is compared")
     scenarios = {(method,): scenario.load(file, method=method, **given) for method in dict.fromkeys(methods)}
-    points = {names: study.seeded(flown, seeds or _SEEDS) for names, flown in scenarios.items()}
+    points = {names: study.seeded(flown, seeds or SEEDS) for names, flown in scenarios.items()}
     flown = _fly("compare", points, jobs, out, quiet)
     _show("compare", ("method",), flown, scenarios, out)
     _report(plots.write({"compare": plots.plot_compare({method: runs for (method,), runs in flown.items()})}, out))
@@ -120,10 +79,10 @@ def compare(
 
 @click.command()
 @click.argument("swept", metavar="KEY=V1,V2,…")
-@click.option("--methods", metavar="M1,M2,…", help="[default: the scenario's]")
-@click.option("--scenario", "file", type=click.Path(path_type=Path), metavar="SCENARIO.toml")
+@click.option("--methods", metavar="M1,M2,…", help="Controllers to sweep with.  [default: the scenario's]")
+@scenario_option
 @scenario_arguments("uavs", "seed", "duration", "settings", "plugin")
-@_seeds
+@seeds_option
 @jobs_option
 @out_option("out/sweep")
 @quiet_option
@@ -138,13 +97,13 @@ def sweep(
     settings: tuple[str, ...],
     **given: Any,
 ) -> None:
-    """Fly a scenario for several values of one key.
+    """Compare several values of one scenario key.
 
-    A table of means, the same as CSV, and a plot of what changes, with 95 % intervals.
+    Prints a table of means, and writes it as CSV and as a plot with 95 % intervals. Repeat an interrupted command to
+    fly only what is missing.
 
     \b
-    Interrupt and repeat it as you like: a finished run is never flown twice.
-    Example: meanflock sweep wind.sigma=0.1,0.3 --methods hjb,mfgfl-hf --seeds 4 --duration 200
+    Example: meanflock sweep wind.sigma=0.1,0.3 --methods hjb,mfgfl-hf --seeds 4
     """
     from meanflock.groundstation import plots, study
     from meanflock.groundstation.swept import Swept, refuse_setting
@@ -162,7 +121,7 @@ def sweep(
         for name in names:
             one = scenario.load(file, (*settings, varied.setting(value)), method=name, **given)
             scenarios[(value,) if varied.key == "method" else (value, str(one.method))] = one
-    each = 1 if varied.key == "seed" else seeds or _SEEDS
+    each = 1 if varied.key == "seed" else seeds or SEEDS
     flown = _fly("sweep", {at: study.seeded(one, each) for at, one in scenarios.items()}, jobs, out, quiet)
     columns = ("method",) if varied.key == "method" else (with_unit(varied.key), "method")
     _show("sweep", columns, flown, scenarios, out)
@@ -214,16 +173,29 @@ def _show(
 
 @click.command()
 @click.option(
-    "--seeds", type=click.IntRange(1), default=30, show_default=True, metavar="K", help="A point; 2: a quick look."
+    "--seeds",
+    type=click.IntRange(1),
+    default=30,
+    show_default=True,
+    metavar="K",
+    help="Flights of each point; 2 for a quick look.",
 )
-@click.option("--only", multiple=True, metavar="FIG", help="fig2 … fig8, map; repeatable: only what these need.")
+@click.option("--only", multiple=True, metavar="FIG", help="fig2 … fig8 or map: fly only what it needs; repeatable.")
 @click.option(
-    "--scenario", "name", metavar="NAME", help="paper-slow, paper-printed or a file: judge it in the paper's place."
+    "--scenario",
+    "name",
+    metavar="NAME",
+    help="Judge this scenario instead: paper-slow, paper-printed or a file.  [default: paper]",
 )
 @jobs_option
 @backend_option
 @scheduler_option
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="[default: out/paper, or out/NAME]")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Where results are written.  [default: out/paper, or out/NAME]",
+)
 @quiet_option
 def paper(
     seeds: int,
@@ -235,12 +207,11 @@ def paper(
     out: Path | None,
     quiet: bool,
 ) -> None:
-    """Fly the paper's experiments and judge its claims.
+    """Repeat the paper's experiments and test its claims.
 
-    It writes figures, tables, and a verdict for each of the paper's claims.
+    Writes figures, tables, and a verdict for each claim. Repeat an interrupted command to fly only what is missing.
 
     \b
-    Interrupt and repeat it as you like: a finished run is never flown twice.
     Example: meanflock paper --seeds 2 --out out/paper
     """
     from meanflock.groundstation.paper.experiments import run_grid
