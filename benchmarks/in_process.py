@@ -8,8 +8,8 @@ import numpy as np
 from benchmarks.bare_numpy import learner_operations
 from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms, per_tick_ms
 from meanflock import kernels
-from meanflock.agent.learner import Learner
-from meanflock.agent.tables import tables
+from meanflock.agent.controllers.mean_field.learner import Learner
+from meanflock.agent.controllers.mean_field.tables import tables
 from meanflock.groundstation.engine import Engine
 from meanflock.kernels import reference
 from meanflock.kernels.weights import NUMBERS

@@ -1,1 +1,1 @@
-"""Who flies a UAV: the base class of every controller, and a controller a file."""
+"""Who flies a UAV: the base classes of controllers and filters, and a controller a file; families have packages."""

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.agent.prediction import Prediction
+from meanflock.agent.controllers.prediction import Prediction
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Plane, States
 from meanflock.swarm.wire.messages import NOBODY

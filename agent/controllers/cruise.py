@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.agent.controllers.trajectory import CRUISE_M_S
-from meanflock.agent.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel, against_the_air
+from meanflock.agent.controllers.planned.trajectory import CRUISE_M_S
+from meanflock.agent.controllers.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel, against_the_air
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import VELOCITY, States
 

@@ -13,10 +13,10 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from meanflock import kernels
-from meanflock.agent.closest import Closest, closest, closest_discs, with_obstacles
 from meanflock.agent.controllers.base import Controller, Options
 from meanflock.agent.controllers.filtered import Filter, Floats
-from meanflock.agent.travel import against_the_air
+from meanflock.agent.controllers.sharing.closest import Closest, closest, closest_discs, with_obstacles
+from meanflock.agent.controllers.travel import against_the_air
 from meanflock.swarm import mission
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Plane, Rows, States

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from meanflock.agent.tables import DENSITY_EXPONENTS, VALUE_EXPONENTS, scales, tables
+from meanflock.agent.controllers.mean_field.tables import DENSITY_EXPONENTS, VALUE_EXPONENTS, scales, tables
 from meanflock.groundstation.engine import Engine
 from meanflock.kernels import features, fpk, hjb
 from meanflock.kernels.weights import DENSITY, DENSITY_FEATURES, VALUE, VALUE_FEATURES

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import integrate, linalg, optimize
 
-from meanflock.agent.tables import tables
+from meanflock.agent.controllers.mean_field.tables import tables
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.paper import optimum, theory
 from meanflock.groundstation.paper.measure import LONG_S, filter_moments, long_flight, measure, measured

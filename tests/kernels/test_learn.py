@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from meanflock.agent.learner import Learner
-from meanflock.agent.tables import tables
+from meanflock.agent.controllers.mean_field.learner import Learner
+from meanflock.agent.controllers.mean_field.tables import tables
 from meanflock.kernels import reference
 from meanflock.kernels import weights as layout
 from meanflock.kernels.tables import Tables, packed

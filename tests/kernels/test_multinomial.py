@@ -5,8 +5,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from meanflock.agent.learner import Learner
-from meanflock.agent.tables import offsets, tables
+from meanflock.agent.controllers.mean_field.learner import Learner
+from meanflock.agent.controllers.mean_field.tables import offsets, tables
 from meanflock.kernels import features, fpk, interaction, reference
 from meanflock.kernels import weights as layout
 from meanflock.swarm import state

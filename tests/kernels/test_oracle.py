@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from meanflock.agent.tables import DENSITY_EXPONENTS, VALUE_EXPONENTS, tables
+from meanflock.agent.controllers.mean_field.tables import DENSITY_EXPONENTS, VALUE_EXPONENTS, tables
 from meanflock.kernels import Tables, features, fpk, hjb
 from meanflock.kernels import weights as layout
 from meanflock.swarm import state

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from meanflock.agent.controllers.mean_field import MeanField
+from meanflock.agent.controllers.mean_field.methods import MeanField
 from meanflock.kernels import weights
 from meanflock.swarm import plugins
 from meanflock.swarm.rounds import Rounds

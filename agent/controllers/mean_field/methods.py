@@ -1,0 +1,164 @@
+"""The paper's methods: networks that learn the HJB and FPK equations in flight, Algorithms 1 to 3.
+
+What a UAV has learned is one row [ŵ_H0 (54), ŵ_H1 (54), ŵ_F0 (69), ŵ_F1 (69)]; a method shares a contiguous part of it.
+All of it is about the origin: where UAVs have goals of their own, each sees every state from its goal.
+"""
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
+from meanflock.agent.controllers.mean_field.learner import Learner
+from meanflock.agent.controllers.mean_field.separation import Separation
+from meanflock.kernels.weights import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, VALUE, VALUE_FEATURES
+from meanflock.swarm import mission, plausible
+from meanflock.swarm.ascending import distinct
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import SIZE, Floats, States
+from meanflock.swarm.wire.messages import NOBODY
+
+
+class MeanField(Controller):
+    """The learners, and what is common to all methods that have them."""
+
+    learns_density = True
+    shared = slice(0, 0)  # of the weights: the model of the federation
+    weights = MODEL_FLOATS
+    diagnostics: tuple[str, ...] = ("hjb_residual", "fpk_residual", "phi_G")
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
+        self.parameters = self.shared.stop - self.shared.start
+        # Ticks between two broadcasts of the own state; 0 for none: the mission plan has said it once.
+        self.state_period = scenario.federation.state_period
+        self.separation = Separation(scenario) if scenario.cost.separation else None
+        self.pairwise = self.state_period > 0 or self.separation is not None
+        if self.state_period and self.separation is not None and self.learns_density:
+            raise BadInput(
+                f"`federation.state_period` {self.state_period} and `cost.separation` {scenario.cost.separation}: with "
+                "a separation every state is shared in every tick; leave one of them out"
+            )
+        self._plausible = plausible.check(scenario)
+
+    @cached_property
+    def learner(self) -> Learner:
+        """The networks' step; its tables take a millisecond."""
+        return Learner(self.scenario, learns_density=self.learns_density)
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        goals = mission.goal_states(self.scenario)
+        if goals.any():
+            fitted = [self.learner.init(1, plan - goal) for goal in goals[uavs]]
+            memory: Memory = {"weights": np.concatenate([np.zeros((0, MODEL_FLOATS)), *fitted]), "goal": goals[uavs]}
+        else:
+            memory = {"weights": self.learner.init(len(uavs), plan)}
+        if self.state_period:  # the mission plan, then whatever the radio brings
+            memory |= {"known": np.repeat(plan[None], len(uavs), axis=0), "uav": uavs.astype(np.int32)}
+        if self.separation is not None:
+            memory |= self.separation.init(uavs, plan)
+        return memory
+
+    def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
+        weights, known, refused = memory["weights"], None, NOBODY
+        goal = memory.get("goal")
+        if self.state_period:
+            known, fresh, _, refused = self._take_in(memory["known"], received)
+            if self.learns_density and len(fresh):  # only rows that received something: another row is another UAV
+                of = known if goal is None else known - goal[:, None]
+                weights = self.learner.refit(weights, distinct(fresh), of)
+            known[np.arange(len(own)), memory["uav"]] = own
+            memory = memory | {"known": known}
+        states = own if goal is None else own - goal
+        known = known if goal is None or known is None else known - goal[:, None]
+        weights, numbers = self.learner.step(weights, states, known)
+        speaks, action = self.state_period and tick and tick % self.state_period == 0, numbers[:, :2]
+        if self.separation is not None:
+            states_received, row, source, refused = self._take_in(memory["believed"], received)
+            memory, pushed = self.separation.step(memory, tick, own, states_received, (row, source))
+            action, speaks = action + pushed, tick > 0
+        return Step(
+            memory | {"weights": weights},
+            action,
+            numbers[:, 2:] if self.learns_density else numbers[:, 2::2],  # without e_F
+            (Broadcast(own),) if speaks else (),
+            refused,
+        )
+
+    def get(self, memory: Memory) -> Floats:
+        return memory["weights"][:, self.shared]
+
+    def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
+        weights = memory["weights"].copy()
+        weights[rows, self.shared] = models
+        return memory | {"weights": weights}
+
+    def report(self, memory: Memory) -> Floats:
+        return memory["weights"]
+
+    def _take_in(self, known: Floats, received: Sequence[Received]) -> tuple[Floats, Rows, Rows, NDArray[np.int32]]:
+        """What rows know (M, N, 4) with the states received; which row received one of which UAV; and whose were not
+        believed."""
+        known, refused = known.copy(), []
+        by: list[NDArray[Any]] = [NOBODY]
+        of: list[NDArray[Any]] = [NOBODY]
+        for frames in received:
+            if frames.number or frames.payload.shape[1] != SIZE or frames.payload.dtype.kind != "f":
+                continue  # not a state
+            sent, row = frames.links[:, 0], frames.links[:, 1]
+            sane = self._plausible(frames.payload)
+            if not sane.all():
+                refused.append(frames.source[~sane])
+                sent, row = sent[sane[sent]], row[sane[sent]]
+            known[row, frames.source[sent]] = frames.payload[sent]
+            by.append(row)
+            of.append(frames.source[sent])
+        whose = distinct(np.concatenate(refused)).astype(np.int32) if refused else NOBODY
+        return known, np.concatenate(by).astype(np.intp), np.concatenate(of).astype(np.intp), whose
+
+
+class Hjb(MeanField):
+    """Learns the value alone; every state, every tick, to every UAV in range."""
+
+    name = "hjb"
+    learns_density = False
+    diagnostics = ("hjb_residual", "phi_G")
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
+        self.state_period, self.pairwise = 1, True
+
+
+class Mfg(MeanField):
+    """Learns value and density; shares the initial states only, or states every n_s ticks."""
+
+    name = "mfg"
+
+
+class MfgflH(MeanField):
+    """Like mfg, and value models are averaged."""
+
+    name = "mfgfl-h"
+    shared = VALUE
+    parts = (VALUE_FEATURES,) * 2
+
+
+class MfgflF(MeanField):
+    """Like mfg, and density models are averaged."""
+
+    name = "mfgfl-f"
+    shared = DENSITY
+    parts = (DENSITY_FEATURES,) * 2
+
+
+class MfgflHf(MeanField):
+    """Like mfg, and both models are averaged, every 200 ticks."""
+
+    name = "mfgfl-hf"
+    shared = slice(VALUE.start, DENSITY.stop)
+    parts = (VALUE_FEATURES,) * 2 + (DENSITY_FEATURES,) * 2
+    period_ticks = 200

@@ -1,0 +1,43 @@
+"""Concurrent trajectories (Turpin, Michael and Kumar, Concurrent assignment and planning of trajectories for large
+teams of robots, ICRA 2013), tracked: everybody knows them before take-off, and nobody says anything on the way.
+
+The assignment is that of the formation: a UAV's slot is its place in it, drawn together about the goal of all. Where
+goals differ, companions are those with the same goal; a UAV that has one of its own goes there.
+"""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from meanflock.agent.controllers import base
+from meanflock.agent.controllers.base import Memory, Received, Step
+from meanflock.agent.controllers.planned.base import Planned
+from meanflock.agent.controllers.planned.trajectory import CRUISE_M_S
+from meanflock.agent.controllers.travel import CruiseSpeed, against_the_air
+from meanflock.swarm.state import POSITION, VELOCITY, States
+
+
+class Plan(Planned):
+    """a = a* + k_p (r* − r) + k_v (v* − v) + c0 (v − v_o); sends nothing."""
+
+    name = "plan"
+
+    class Options(base.Options, frozen=True):
+        """The options of `plan`."""
+
+        speed_m_s: CruiseSpeed = CRUISE_M_S
+        position_gain_1_s2: Annotated[float, Meta(gt=0, description="k_p, 1/s²")] = 4.0
+        velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 4.0
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        return {"uav": uavs.astype(np.int32)}
+
+    def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
+        uavs, of = memory["uav"], self.options
+        position, velocity, acceleration = (ideal[uavs] for ideal in self._trajectory.at(tick))
+        acceleration = acceleration + of.position_gain_1_s2 * (position - own[:, POSITION])
+        acceleration += of.velocity_gain_1_s * (velocity - own[:, VELOCITY])
+        return Step(memory, acceleration + against_the_air(self.scenario, own))

@@ -1,0 +1,88 @@
+"""Recursive least squares (Ljung, System Identification, 2nd ed. 1999, section 11.2): drag and wind, found in flight.
+
+Every UAV knows its trajectory (`trajectory.py`) and neither drag nor wind. From what its velocity does beyond the
+command, y = −c0 v + c0 v_o + noise, it estimates θ = (c0, c0 v_o), by which it undoes the air. The federation averages
+θ.
+"""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from meanflock.agent.controllers import base
+from meanflock.agent.controllers.base import Memory, Received, Step
+from meanflock.agent.controllers.elimination import product
+from meanflock.agent.controllers.planned.base import PlannedLearner
+from meanflock.agent.controllers.planned.policy_iteration import tracking
+from meanflock.agent.controllers.planned.trajectory import CRUISE_M_S
+from meanflock.agent.controllers.travel import CruiseSpeed
+from meanflock.swarm import state
+from meanflock.swarm.state import POSITION, VELOCITY, States
+
+NUMBERS = 3  # of θ: drag 1/s, and its product with the wind along x and y, m/s²
+LOWEST, HIGHEST = np.array([0.0, -3.0, -3.0]), np.array([1.0, 3.0, 3.0])  # estimates that are flown
+
+
+class Rls(PlannedLearner):
+    """a = a* + k_p (r* − r) + k_v (v* − v) + θ1 v − (θ2, θ3); `share = false`: everybody for itself."""
+
+    name = "rls"
+    learned = "estimate"
+    weights = NUMBERS
+    diagnostics = ("tracking_cost", "drag", "push_x", "push_y")
+    period_ticks = 20
+
+    class Options(base.Options, frozen=True):
+        """The options of `rls`."""
+
+        speed_m_s: CruiseSpeed = CRUISE_M_S
+        share: Annotated[bool, Meta(description="whether the federation averages the estimates")] = True
+        position_gain_1_s2: Annotated[float, Meta(gt=0, description="k_p, 1/s²")] = 4.0
+        velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 4.0
+        prior: Annotated[float, Meta(gt=0, description="std of θ before take-off, about zero, 1/s and m/s²")] = 0.3
+        noise: Annotated[float, Meta(gt=0, description="std that measured accelerations are taken to have, m/s²")] = 0.5
+        forgetting: Annotated[float, Meta(gt=0, le=1, description="λ, what a tick still counts a tick later, 1")] = 1.0
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        rows, of = len(uavs), self.options
+        return {
+            "uav": uavs.astype(np.int32),
+            "estimate": np.zeros((rows, NUMBERS)),
+            "covariance": np.tile(np.eye(NUMBERS) * (of.prior / of.noise) ** 2, (rows, 1, 1)),  # over that of the noise
+            "velocity": np.zeros((rows, state.AXES)),
+            "command": np.zeros((rows, state.AXES)),
+            "tick": np.full(rows, -2, dtype=np.int32),  # of velocity and command
+        }
+
+    def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
+        uavs, of, moving = memory["uav"], self.options, own[:, VELOCITY]
+        position, velocity, acceleration = (ideal[uavs] for ideal in self._trajectory.at(tick))
+        memory = memory | self._learn(memory, tick, moving)
+        estimate = np.clip(memory["estimate"], LOWEST, HIGHEST)
+        off = np.stack([own[:, POSITION] - position, moving - velocity], axis=-1)
+        command = acceleration - of.position_gain_1_s2 * off[..., 0] - of.velocity_gain_1_s * off[..., 1]
+        command += estimate[:, :1] * moving - estimate[:, 1:]
+        after = {"velocity": moving.copy(), "command": command, "tick": np.full(len(own), tick, dtype=np.int32)}
+        reported = np.concatenate([tracking(off)[:, None], memory["estimate"]], axis=1)
+        return Step(memory | after, command, reported)
+
+    def _learn(self, memory: Memory, tick: int, moving: state.Plane) -> Memory:
+        """Estimate and covariance with what the last tick showed; nothing after a pause, or on the ground."""
+        fresh = self._follows(memory, tick)
+        if not fresh.any():
+            return {}
+        estimate, covariance, before = memory["estimate"], memory["covariance"], memory["velocity"]
+        beyond = (moving - before) / self.scenario.dt - memory["command"]
+        for axis in range(state.AXES):
+            features = np.zeros((len(moving), NUMBERS))  # rows that learn nothing have zeros, which change nothing
+            features[:, 0], features[:, 1 + axis] = -before[:, axis] * fresh, fresh
+            spread = product(covariance, features[:, :, None])
+            gain = spread / (1.0 + product(features[:, None, :], spread))
+            missed = beyond[:, axis] - product(features[:, None, :], estimate[:, :, None])[:, 0, 0]
+            estimate = estimate + gain[..., 0] * missed[:, None]
+            covariance = covariance - gain * spread.transpose(0, 2, 1)
+        decay = np.where(fresh, self.options.forgetting, 1.0)
+        return {"estimate": estimate, "covariance": covariance / decay[:, None, None]}

@@ -1,0 +1,104 @@
+"""Flocking of Olfati-Saber (Flocking for multi-agent dynamic systems: algorithms and theory, IEEE Transactions on
+Automatic Control 51(3), 2006): his Algorithm 3, a lattice by gradient, consensus on velocity, agents
+on the edges of obstacles, and a way to the goal."""
+
+import math
+from typing import Annotated, Any
+
+import numpy as np
+from msgspec import Meta
+
+from meanflock.agent.controllers.base import Memory, Step
+from meanflock.agent.controllers.sharing.base import SharingController
+from meanflock.agent.controllers.sharing.near import Near, edges, near, summed
+from meanflock.agent.controllers.travel import limited
+from meanflock.swarm import mission, state
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.sharing import Sharing
+from meanflock.swarm.state import POSITION, VELOCITY, VX, VY, Plane, Rows, States
+
+
+def bump(z: Rows, h: float) -> Rows:
+    """ρ_h(z), his Eq. 10: 1 until h, from there smoothly to 0 at 1."""
+    falling = 0.5 * (1.0 + np.cos(math.pi * (z - h) / (1.0 - h)))
+    return np.where(z < h, 1.0, np.where(z <= 1.0, falling, 0.0))
+
+
+class OlfatiSaber(SharingController):
+    """u = gradient + consensus + saturated way to the goal, + c0 (v − v_o)."""
+
+    name = "olfati-saber"
+
+    class Options(Sharing, frozen=True):
+        """The options of `olfati-saber`, by their names in the source where it has them."""
+
+        d_m: Annotated[float, Meta(gt=0, description="d, distance in the lattice, m")] = 1.3
+        r_m: Annotated[float, Meta(gt=0, description="r, who is farther is no neighbour, m")] = 1.56
+        epsilon_1_m2: Annotated[float, Meta(gt=0, description="ε of the σ-norm, 1/m²")] = 0.1
+        h: Annotated[float, Meta(ge=0, lt=1, description="h of the bump function")] = 0.2
+        a: Annotated[float, Meta(gt=0, description="a of the action function, at most b, m/s²")] = 5.0
+        b: Annotated[float, Meta(gt=0, description="b of the action function, m/s²")] = 5.0
+        c1: Annotated[float, Meta(ge=0, description="weight of the gradient")] = 1.0
+        c2_1_s: Annotated[float, Meta(ge=0, description="weight of the consensus, 1/s")] = 2.0
+        d_obstacle_m: Annotated[
+            float, Meta(gt=0, description="d', who is farther off an obstacle does not feel it, m")
+        ] = 1.5
+        c1_obstacle_m_s2: Annotated[float, Meta(ge=0, description="weight of its gradient, m/s²")] = 3.0
+        c2_obstacle_1_s: Annotated[float, Meta(ge=0, description="weight of its consensus, 1/s")] = 0.5
+        pull_m_s2: Annotated[float, Meta(gt=0, description="pull to the goal from afar, m/s²")] = 0.9
+        near_m: Annotated[float, Meta(gt=0, description="distance within which it is a spring, m")] = 2.0
+        damping_1_s: Annotated[float, Meta(gt=0, description="of the own velocity, 1/s")] = 0.4
+        acceleration_max_m_s2: Annotated[float, Meta(gt=0, description="limit on ‖u‖ before drag, m/s²")] = 3.0
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        if options.a > options.b:
+            raise ValueError(f"`a` {options.a} is greater than `b` {options.b}; the action function wants 0 < a ≤ b")
+        super().__init__(options, scenario)
+        self._goals = mission.goals(scenario)
+        self._range, self._distance = self._sigma(options.r_m**2), self._sigma(options.d_m**2)
+        self._shift = abs(options.a - options.b) / math.sqrt(4.0 * options.a * options.b)
+
+    def fly(self, memory: Memory, own: States, others: States) -> Step:
+        """See `SharingController.fly`."""
+        uavs, of = memory["neighbour_uav"], self.options
+        pairs = near(own, others, uavs, of.r_m)
+        way = (self._goals[uavs] - own[:, POSITION]) / of.near_m
+        way /= np.sqrt(1.0 + state.dot(way, way))[:, None]
+        acceleration = of.pull_m_s2 * way - of.damping_1_s * own[:, VELOCITY]
+        acceleration += summed(pairs.row, self._of_pairs(pairs), len(own))
+        if len(self._obstacles):
+            acceleration += self._of_obstacles(own)
+        return Step(memory, limited(acceleration, of.acceleration_max_m_s2))
+
+    def _of_pairs(self, pairs: Near) -> Plane:
+        """c1 φ_α(‖Δ‖σ) n + c2 ρ_h (Δv), his Eq. 23, of pairs, (P, 2) m/s²."""
+        of = self.options
+        squared = pairs.distance * pairs.distance
+        sigma = self._sigma(squared)
+        weight = bump(sigma / self._range, of.h)
+        z = sigma - self._distance + self._shift
+        action = weight * 0.5 * ((of.a + of.b) * z / np.sqrt(1.0 + z * z) + (of.a - of.b))
+        # n = Δ/√(1 + ε‖Δ‖²), his Eq. 9; of two in one place it is 0
+        along = (of.c1 * action / np.sqrt(1.0 + of.epsilon_1_m2 * squared))[:, None] * pairs.apart
+        return -along - (of.c2_1_s * weight)[:, None] * pairs.closing
+
+    def _of_obstacles(self, own: States) -> Plane:
+        """c1 φ_β(‖Δ‖σ) n̂ + c2 ρ_h (p̂ − p), his Eq. 56 to 59: agents on the edges go along with a UAV, (M, 2) m/s²."""
+        of = self.options
+        edge, x, y = edges(own, self._obstacles)
+        gap = np.maximum(edge, 0.0)
+        sigma, reach = self._sigma(gap * gap), self._sigma(of.d_obstacle_m**2)
+        weight, z = bump(sigma / reach, of.h), sigma - reach
+        action = of.c1_obstacle_m_s2 * weight * (1.0 - z / np.sqrt(1.0 + z * z))
+        # Its velocity is that of the UAV along the edge, by μ = R/(R + gap) slower.
+        along = own[:, VY, None] * x - own[:, VX, None] * y
+        slower = self._obstacles[:, 2] / (self._obstacles[:, 2] + gap) * along
+        damping = of.c2_obstacle_1_s * weight
+        ax = action * x + damping * (-y * slower - own[:, VX, None])
+        ay = action * y + damping * (x * slower - own[:, VY, None])
+        return np.stack([np.add.reduce(ax, axis=1), np.add.reduce(ay, axis=1)], axis=-1)
+
+    def _sigma(self, squared: Any) -> Any:
+        """‖z‖σ = (√(1 + ε‖z‖²) − 1)/ε of ‖z‖², his Eq. 8."""
+        epsilon = self.options.epsilon_1_m2
+        return (np.sqrt(1.0 + epsilon * squared) - 1.0) / epsilon

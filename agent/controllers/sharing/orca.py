@@ -1,0 +1,111 @@
+"""Optimal reciprocal collision avoidance: of all velocities that leave the next seconds free of collisions if everybody
+chooses so, the one nearest to what was wished for.
+
+Van den Berg, Guy, Lin and Manocha, Reciprocal n-body collision avoidance, Robotics Research (ISRR), 2011. Where no
+velocity is free, the source's third program takes the least violation; so does this.
+"""
+
+from typing import Annotated, Any
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from meanflock import kernels
+from meanflock.agent.controllers.base import Memory, Step
+from meanflock.agent.controllers.planned.trajectory import CRUISE_M_S
+from meanflock.agent.controllers.sharing.base import SharingController
+from meanflock.agent.controllers.sharing.closest import Closest, closest, closest_discs, with_obstacles
+from meanflock.agent.controllers.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.sharing import Sharing
+from meanflock.swarm.state import VELOCITY, Plane, Rows, States
+
+INFEASIBLE_M_S = 1e-6  # what may be missing of a half-plane that is still called kept
+
+
+class Orca(SharingController):
+    """a = k_v (v_orca − v) + c0 (v − v_o); v_orca nearest to the velocity of `cruise`, turned a little to the right if
+    so wished."""
+
+    name = "orca"
+    diagnostics = ("infeasible", "unsent")
+
+    class Options(Sharing, frozen=True):
+        """The options of `orca`."""
+
+        speed_m_s: CruiseSpeed = CRUISE_M_S
+        slowing_1_s: Slowing = SLOWING_1_S
+        velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 2.0
+        radius_m: Annotated[float, Meta(gt=0, description="combined radius of two UAVs, m")] = 0.7
+        horizon_s: Annotated[float, Meta(gt=0, description="τ, for which a velocity must be free, s")] = 1.0
+        right_bias: Annotated[
+            float, Meta(ge=0, le=1, description="how much of the wished velocity is added to its right")
+        ] = 0.0
+        speed_max_m_s: Annotated[float, Meta(gt=0, description="limit on the velocity chosen, m/s")] = 4.0
+        neighbours: Annotated[int, Meta(ge=1, le=32, description="of the closest UAVs, so many are kept off")] = 10
+        obstacles: Annotated[int, Meta(ge=1, le=32, description="of the closest obstacles, so many are kept off")] = 4
+        reach_m: Annotated[float, Meta(gt=0, description="who is farther is not looked at, m")] = 15.0
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
+        self._travel = Travel(scenario, options.speed_m_s, options.slowing_1_s, stays=True)
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        return super().init(uavs, plan) | self._travel.init(uavs)
+
+    def fly(self, memory: Memory, own: States, others: States) -> Step:
+        """See `SharingController.fly`."""
+        memory, wished = self._travel.velocity(memory, own)
+        wished = wished + self.options.right_bias * np.stack([wished[:, 1], -wished[:, 0]], axis=-1)
+        velocity, missing = self.velocity(own, others, memory["neighbour_uav"], wished)
+        acceleration = self.options.velocity_gain_1_s * (velocity - own[:, VELOCITY])
+        return Step(memory, acceleration, (missing > INFEASIBLE_M_S)[:, None].astype(np.float64))
+
+    def velocity(self, own: States, others: States, uavs: NDArray[np.integer], wished: Plane) -> tuple[Plane, Rows]:
+        """What rows (M, 4) choose instead of the velocities they wish for, (M, 2) m/s; and what is missing, (M,) m/s.
+
+        `others`: (M, N, 4), where they take all to be. `uavs`: (M,), the numbers of the rows.
+        """
+        of, dt = self.options, self.scenario.dt
+        near = closest(own, others, uavs, of.reach_m, of.neighbours)
+        normals, bounds = half_planes(near, own, of.radius_m, of.horizon_s, dt, 0.5)
+        if len(self._obstacles):
+            discs, radii = closest_discs(own, self._obstacles, of.reach_m, of.obstacles)
+            more, least = half_planes(discs, own, radii + 0.5 * of.radius_m, of.horizon_s, dt, 1.0)
+            normals, bounds = with_obstacles(normals, bounds, more, least)
+        chosen, missing = np.empty((len(own), 2)), np.empty(len(own))
+        kernels.nearest(np.ascontiguousarray(wished), normals, bounds, of.speed_max_m_s, chosen, missing)
+        return chosen, missing
+
+
+def half_planes(
+    near: Closest, own: States, radius: float | Rows, horizon_s: float, dt: float, share: float
+) -> tuple[Plane, Rows]:
+    """Normals (M, K, 2) and bounds (M, K) of the velocities that avoid: n·v ≥ n·(v_own + share · u); no normal where
+    there is nobody.
+
+    u is the least change of the relative velocity that takes it out of the velocity obstacle (their Eq. 2 to 5), a cone
+    about −`away` cut off by a disc; of two that touch already, out of what keeps them touching for a tick.
+    """
+    x, y, v_x, v_y = -near.away[..., 0], -near.away[..., 1], near.closing[..., 0], near.closing[..., 1]
+    squared = np.where(near.there, near.squared, 1.0)
+    touching = squared <= radius * radius
+    rate = np.where(touching, 1.0 / dt, 1.0 / horizon_s)
+    # From the centre of the disc that cuts the cone off.
+    w_x, w_y = v_x - rate * x, v_y - rate * y
+    length = np.sqrt(w_x * w_x + w_y * w_y)
+    along = w_x * x + w_y * y
+    disc = touching | ((along < 0.0) & (along * along > radius * radius * (length * length)))
+    unit = np.where(length > 0.0, length, 1.0)
+    # In the very centre every direction is as good; off the other is one.
+    apart = np.sqrt(squared)
+    out_x, out_y = np.where(length > 0.0, w_x / unit, -x / apart), np.where(length > 0.0, w_y / unit, -y / apart)
+    # The legs of the cone, and the side on which the relative velocity is.
+    leg = np.sqrt(np.where(touching, 0.0, squared - radius * radius))
+    side = np.where(x * w_y - y * w_x > 0.0, 1.0, -1.0)
+    leg_x, leg_y = side * (x * leg - side * y * radius) / squared, side * (y * leg + side * x * radius) / squared
+    n_x, n_y = np.where(disc, out_x, -leg_y), np.where(disc, out_y, leg_x)
+    off = np.where(disc, radius * rate - length, -(v_x * n_x + v_y * n_y))  # how far u leads along n
+    bounds = n_x * own[:, None, 2] + n_y * own[:, None, 3] + share * off
+    return np.where(near.there[..., None], np.stack([n_x, n_y], axis=-1), 0.0), bounds

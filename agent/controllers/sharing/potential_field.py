@@ -1,0 +1,75 @@
+"""The artificial potential field of Khatib (Real-time obstacle avoidance for manipulators and mobile robots,
+International Journal of Robotics Research 5(1), 1986): pulled to the goal at a limited speed, repelled by what is near.
+
+Other UAVs are repelled as discs that are where they are predicted to be, and so are the obstacles of the mission.
+"""
+
+from typing import Annotated, Any
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from meanflock.agent.controllers.base import Memory, Step
+from meanflock.agent.controllers.planned.trajectory import CRUISE_M_S
+from meanflock.agent.controllers.sharing.base import SharingController
+from meanflock.agent.controllers.sharing.near import edges, near, summed
+from meanflock.agent.controllers.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel, limited
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.sharing import Sharing
+from meanflock.swarm.state import VELOCITY, Plane, Rows, States
+
+
+class PotentialField(SharingController):
+    """a = k_v (v_ref − v) + Σ η (1/ρ − 1/ρ0)/ρ² ∇ρ + c0 (v − v_o), ρ the distance from an edge; ‖·‖ limited."""
+
+    name = "potential-field"
+
+    class Options(Sharing, frozen=True):
+        """The options of `potential-field`, by their names in the source where it has them."""
+
+        speed_m_s: CruiseSpeed = CRUISE_M_S
+        slowing_1_s: Slowing = SLOWING_1_S
+        velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 1.0
+        eta_m3_s2: Annotated[float, Meta(ge=0, description="η, strength of the repulsion by UAVs, m³/s²")] = 1.0
+        rho0_m: Annotated[float, Meta(gt=0, description="ρ0, from which on UAVs are not felt, m")] = 1.5
+        radius_m: Annotated[
+            float, Meta(ge=0, description="of a UAV: so much earlier it keeps off others and obstacles, m")
+        ] = 0.35
+        obstacle_eta_m3_s2: Annotated[
+            float, Meta(ge=0, description="η, strength of the repulsion by obstacles, m³/s²")
+        ] = 10.0
+        obstacle_rho0_m: Annotated[float, Meta(gt=0, description="ρ0, from which on obstacles are not felt, m")] = 3.0
+        acceleration_max_m_s2: Annotated[float, Meta(gt=0, description="limit on ‖a‖ before drag, m/s²")] = 3.0
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
+        self._travel = Travel(scenario, options.speed_m_s, options.slowing_1_s)
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        return super().init(uavs, plan) | self._travel.init(uavs)
+
+    def fly(self, memory: Memory, own: States, others: States) -> Step:
+        """See `SharingController.fly`."""
+        of = self.options
+        memory, velocity = self._travel.velocity(memory, own)
+        acceleration = of.velocity_gain_1_s * (velocity - own[:, VELOCITY])
+        pairs = near(own, others, memory["neighbour_uav"], of.rho0_m + of.radius_m)
+        force = repulsion(pairs.distance - of.radius_m, of.rho0_m, of.eta_m3_s2, of.acceleration_max_m_s2)
+        acceleration += summed(pairs.row, force[:, None] * pairs.away, len(own))
+        if len(self._obstacles):
+            acceleration += self._off_obstacles(own)
+        return Step(memory, limited(acceleration, of.acceleration_max_m_s2))
+
+    def _off_obstacles(self, own: States) -> Plane:
+        """Repulsion of rows by all obstacles, (M, 2) m/s²."""
+        of = self.options
+        edge, x, y = edges(own, self._obstacles)
+        force = repulsion(edge - of.radius_m, of.obstacle_rho0_m, of.obstacle_eta_m3_s2, of.acceleration_max_m_s2)
+        return np.stack([np.add.reduce(force * x, axis=1), np.add.reduce(force * y, axis=1)], axis=-1)
+
+
+def repulsion(rho_m: Rows, rho0_m: float, eta: float, most: float) -> Rows:
+    """η (1/ρ − 1/ρ0)/ρ², his Eq. 20, of distances (…,) from an edge; 0 beyond ρ0, and `most` m/s² where it is more."""
+    rho = np.maximum(rho_m, 1e-3 * rho0_m)
+    return np.minimum(eta * np.maximum(1.0 / rho - 1.0 / rho0_m, 0.0) / (rho * rho), most)

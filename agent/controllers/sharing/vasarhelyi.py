@@ -1,0 +1,101 @@
+"""Flocking of Vásárhelyi et al. (Optimized flocking of autonomous drones in confined environments, Science Robotics 3,
+2018): a wished velocity, repulsion of who is close, and friction against who closes in faster than a brake allows."""
+
+from typing import Annotated, Any
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from meanflock.agent.controllers.base import Memory, Step
+from meanflock.agent.controllers.planned.trajectory import CRUISE_M_S
+from meanflock.agent.controllers.sharing.base import SharingController
+from meanflock.agent.controllers.sharing.near import NOWHERE_M, Near, edges, near, summed
+from meanflock.agent.controllers.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel, limited
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.sharing import Sharing
+from meanflock.swarm.state import VELOCITY, VX, VY, Floats, Plane, Rows, States
+
+
+def braking(distance_m: Rows, slope_1_s: float, acceleration: float) -> Rows:
+    """D(r, a, p), their Eq. 3: the speed from which one can stop within r; linear near the end. (P,) m/s."""
+    positive = np.maximum(distance_m, 0.0)
+    linear = positive * slope_1_s
+    root = np.sqrt(np.maximum(2.0 * acceleration * positive - (acceleration / slope_1_s) ** 2, 0.0))
+    return np.where(linear < acceleration / slope_1_s, linear, root)
+
+
+class Vasarhelyi(SharingController):
+    """a = (v_d − v)/τ + c0 (v − v_o), v_d = v_ref + repulsion + friction; v_ref is that of `cruise`."""
+
+    name = "vasarhelyi"
+
+    class Options(Sharing, frozen=True):
+        """The options of `vasarhelyi`, by their names in the source where it has them."""
+
+        speed_m_s: CruiseSpeed = CRUISE_M_S
+        slowing_1_s: Slowing = SLOWING_1_S
+        delta_m: Annotated[float, Meta(gt=0, description="δ of an event, m")] = 0.2
+        velocity_delta_m_s: Annotated[
+            float, Meta(ge=0, description="the same of the velocity, which friction goes by; 0: not looked at, m/s")
+        ] = 0.3
+        repeats: Annotated[int, Meta(ge=1, le=16, description="r, ticks in a row in which an event is sent")] = 4
+        p_rep_1_s: Annotated[float, Meta(ge=0, description="strength of the repulsion, 1/s")] = 2.0
+        r0_rep_m: Annotated[float, Meta(gt=0, description="who is nearer is repelled, m")] = 1.3
+        c_frict: Annotated[float, Meta(ge=0, le=1, description="strength of the friction")] = 0.3
+        v_frict_m_s: Annotated[float, Meta(ge=0, description="difference of velocities always left, m/s")] = 0.1
+        r0_frict_m: Annotated[float, Meta(ge=0, description="where a brake has ended, m")] = 0.5
+        a_frict_m_s2: Annotated[float, Meta(gt=0, description="of the brake, m/s²")] = 0.5
+        p_frict_1_s: Annotated[float, Meta(gt=0, description="slope of the brake's end, 1/s")] = 1.5
+        range_m: Annotated[float, Meta(gt=0, description="who is farther is not looked at, m")] = 25.0
+        v_shill_m_s: Annotated[float, Meta(ge=0, description="speed off an obstacle of its `shill` agents, m/s")] = 4.0
+        r0_shill_m: Annotated[float, Meta(ge=0, description="where a brake for an obstacle has ended, m")] = 0.5
+        a_shill_m_s2: Annotated[float, Meta(gt=0, description="of that brake, m/s²")] = 4.0
+        p_shill_1_s: Annotated[float, Meta(gt=0, description="slope of that brake's end, 1/s")] = 3.0
+        v_max_m_s: Annotated[float, Meta(gt=0, description="limit on v_d, m/s")] = 4.0
+        tau_s: Annotated[float, Meta(gt=0, description="τ in which v_d is taken up, s")] = 0.6
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
+        self._travel = Travel(scenario, options.speed_m_s, options.slowing_1_s)
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        return super().init(uavs, plan) | self._travel.init(uavs)
+
+    def fly(self, memory: Memory, own: States, others: States) -> Step:
+        """See `SharingController.fly`."""
+        memory, velocity = self._travel.velocity(memory, own)
+        pairs = near(own, others, memory["neighbour_uav"], self.options.range_m, self._matters)
+        velocity += summed(pairs.row, self._push(pairs), len(own))
+        if len(self._obstacles):
+            velocity += self._off_obstacles(own)
+        velocity = limited(velocity, self.options.v_max_m_s)
+        return Step(memory, (velocity - own[:, VELOCITY]) / self.options.tau_s)
+
+    def _matters(self, squared: Floats, difference_squared: Floats) -> NDArray[np.bool_]:
+        """Which pairs can push at all. √(2ar − a²/p²) is nowhere more than D(r, a, p)."""
+        of = self.options
+        least = 2.0 * of.a_frict_m_s2 * (np.sqrt(squared) - of.r0_frict_m) - (of.a_frict_m_s2 / of.p_frict_1_s) ** 2
+        np.maximum(least, of.v_frict_m_s**2, out=least)
+        return (difference_squared > least) | (squared < of.r0_rep_m**2)
+
+    def _off_obstacles(self, own: States) -> Plane:
+        """Agents that come off the nearest points of all obstacles, whose velocity is to be matched: their Eq. 5 and 6,
+        (M, 2) m/s."""
+        of = self.options
+        edge, x, y = edges(own, self._obstacles)
+        vx, vy = own[:, VX, None] - of.v_shill_m_s * x, own[:, VY, None] - of.v_shill_m_s * y
+        difference = np.sqrt(vx * vx + vy * vy)
+        allowed = braking(edge - of.r0_shill_m, of.p_shill_1_s, of.a_shill_m_s2)
+        share = np.maximum(difference - allowed, 0.0) / np.maximum(difference, NOWHERE_M)
+        return -np.stack([np.add.reduce(share * vx, axis=1), np.add.reduce(share * vy, axis=1)], axis=-1)
+
+    def _push(self, pairs: Near) -> Plane:
+        """Repulsion (their Eq. 1) and friction (Eq. 2, 4) of pairs, (P, 2) m/s."""
+        of = self.options
+        repulsion = of.p_rep_1_s * np.maximum(of.r0_rep_m - pairs.distance, 0.0)
+        difference = np.sqrt(state.dot(pairs.closing, pairs.closing))
+        allowed = np.maximum(of.v_frict_m_s, braking(pairs.distance - of.r0_frict_m, of.p_frict_1_s, of.a_frict_m_s2))
+        friction = of.c_frict * np.maximum(difference - allowed, 0.0) / np.maximum(difference, NOWHERE_M)
+        return repulsion[:, None] * pairs.away - friction[:, None] * pairs.closing

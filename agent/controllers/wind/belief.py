@@ -1,0 +1,103 @@
+"""A map of the wind in a corridor: what its nodes are thought to be, from measurements that are few and noisy.
+
+The wind between nodes is interpolated bilinearly, so a measurement counts for four of them, each with its share. What
+was measured is kept as information, additive and a number a node: λ = Σ φ/R and η = Σ φ w/R (the matrix Σ φφᵀ/R, its
+rows added up on the diagonal). Before any measurement the wind is a Gaussian field with a rational quadratic kernel;
+its mean given the information is K (1 + ΛK)⁻¹ η (Rasmussen and Williams 2006, 2.25, in the form without an inverse).
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.agent.controllers.elimination import product, solve
+from meanflock.swarm.state import AXES, Floats
+
+INFORMATION = AXES + 1  # η along x and y, and λ
+
+
+class WindGrid:
+    """Nodes along a corridor, with what is thought of them before any measurement.
+
+    Attributes:
+        nodes: (F, 2) m, where they are. count: F.
+    """
+
+    def __init__(
+        self, origin: Floats, along: Floats, length_m: float, width_m: float, spacing_m: float, rms: float, scale: float
+    ) -> None:
+        """Args:
+        origin: (2,) one end of the corridor's middle. along: (2,) unit vector towards the other end. width_m: from the
+            middle to each side. spacing_m: of the nodes, at the most. rms: m/s, of each component of the wind.
+            scale: m, over which it changes.
+        """
+        self._origin, self._along = origin, along
+        self._across = np.array([-along[1], along[0]])
+        self._shape = tuple(max(1, math.ceil(extent / spacing_m)) for extent in (length_m, 2.0 * width_m))
+        self._steps = (length_m / self._shape[0], 2.0 * width_m / self._shape[1])
+        self._width = width_m
+        columns, rows = (count + 1 for count in self._shape)
+        self._columns = columns
+        first, second = np.divmod(np.arange(columns * rows), columns)[::-1]
+        self.nodes = (
+            origin
+            + (first * self._steps[0])[:, None] * along
+            + (second * self._steps[1] - width_m)[:, None] * self._across
+        )
+        self.count = len(self.nodes)
+        apart = ((self.nodes[:, None] - self.nodes[None]) ** 2).sum(axis=-1)
+        near = 1.0 + apart / (4.0 * scale * scale)
+        self._prior = rms * rms / (near * near)
+
+    def shares(self, places: Floats) -> tuple[NDArray[np.intp], Floats]:
+        """The nodes about places (…, 2) m and their shares, both (…, 4); beyond the edge as at the edge."""
+        off = places - self._origin
+        first = off[..., 0] * self._along[0] + off[..., 1] * self._along[1]
+        second = off[..., 0] * self._across[0] + off[..., 1] * self._across[1] + self._width
+        cells, parts = [], []
+        for distance, step, count in (
+            (first, self._steps[0], self._shape[0]),
+            (second, self._steps[1], self._shape[1]),
+        ):
+            within = np.clip(distance / step, 0.0, count)
+            cell = np.minimum(within.astype(np.intp), count - 1)
+            cells.append(cell)
+            parts.append(within - cell)
+        corner = cells[1] * self._columns + cells[0]
+        (u, v), row = parts, self._columns
+        which = np.stack([corner, corner + 1, corner + row, corner + row + 1], axis=-1)
+        share = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=-1)
+        return which, share
+
+    def at(self, maps: Floats, places: Floats) -> Floats:
+        """The wind of maps (M, F, 2) at places (M, …, 2): (M, …, 2) m/s."""
+        which, share = self.shares(places)
+        row = np.arange(len(maps)).reshape(-1, *(1,) * (which.ndim - 1))
+        corners = maps[row, which] * share[..., None]
+        return corners[..., 0, :] + corners[..., 1, :] + (corners[..., 2, :] + corners[..., 3, :])
+
+    def informed(self, rows: NDArray[np.intp], places: Floats, wind: Floats, precision: Floats, count: int) -> Floats:
+        """The information, (count, F, 3), that `rows` (L,) have from measurements, added up in their order.
+
+        Args:
+            places, wind: (L, 2), m and m/s. precision: (L,), 1/R, s²/m².
+        """
+        which, share = self.shares(places)
+        one = np.ones((len(rows), 1))
+        weighted = np.concatenate([wind, one], axis=1)[:, None] * (share * precision[:, None])[..., None]
+        information = np.zeros((count, self.count, INFORMATION))
+        np.add.at(information, (rows[:, None], which), weighted)
+        return information
+
+    def mean(self, information: Floats, base: Floats | None = None) -> Floats:
+        """The wind at the nodes, (M, F, 2) m/s, given information (M, F, 3).
+
+        Args:
+            base: (M, F, 2), what was thought without it, if not nothing.
+        """
+        known = information[..., AXES:]
+        news = information[..., :AXES] if base is None else information[..., :AXES] - known * base
+        system = np.eye(self.count) + known * self._prior
+        thought = product(self._prior, solve(system, news))
+        return thought if base is None else base + thought

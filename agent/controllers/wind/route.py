@@ -1,0 +1,95 @@
+"""The cheapest way to a goal through a map of the wind, by dynamic programming (Bellman 1957) backwards from the goal.
+
+A corridor has stations across it, every few metres from the goal back, and places abreast at each. From a place one
+goes to one of the nearest at the next station, straight, at the speed over ground that costs least there.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.agent.controllers.wind.airspeed import Fare
+from meanflock.agent.controllers.wind.belief import WindGrid
+from meanflock.swarm.state import Floats
+
+STATION_M, ABREAST_M = 6.0, 3.0
+BESIDE_J_M = 1.0  # for a metre beside the goal: more than any metre of a way costs
+REACH = 2  # places to either side that are reached from one station to the next
+
+
+class Router:
+    """Ways along a corridor of a length, to goals that may differ from row to row."""
+
+    def __init__(self, fare: Fare, along: Floats, length_m: float, width_m: float, mean: Floats) -> None:
+        """Args:
+        along: (2,) unit vector from the goal back. length_m: of the longest way. width_m: to each side. mean: (2,)
+            m/s, the wind on which maps are on top.
+        """
+        self._fare, self._along, self._mean = fare, along, mean
+        self._across = np.array([-along[1], along[0]])
+        self._middle = max(REACH, math.ceil(width_m / ABREAST_M))
+        self.stations = max(2, math.ceil(length_m / STATION_M) + 1)
+        self._offsets = ABREAST_M * np.arange(-self._middle, self._middle + 1)
+        slope = ABREAST_M * np.arange(-REACH, REACH + 1) / STATION_M
+        self._stretch = np.sqrt(1.0 + slope * slope)
+        self._heading = (-along + slope[:, None] * self._across) / self._stretch[:, None]  # (moves, 2), to the goal
+
+    def ways(self, grid: WindGrid, maps: Floats, goals: Floats, own: Floats) -> tuple[Floats, Floats]:
+        """The way of each row from station to station: offsets (M, S) m abreast of the goal, station 0 being the goal,
+        and speeds over ground (M, S), m/s, towards it. Stations farther than a row is are not of its way.
+
+        Args:
+            maps: (M, F, 2). goals, own: (M, 2) m, where to and from where.
+        """
+        rows, row = len(maps), np.arange(len(maps))
+        move, speed = self._policy(grid, maps, goals)
+        station, offset = self.locate(own - goals)
+        at = np.clip(np.rint(offset / ABREAST_M).astype(np.intp) + self._middle, 0, len(self._offsets) - 1)
+        ways, speeds = np.zeros((rows, self.stations)), np.ones((rows, self.stations))
+        first = np.clip(np.ceil(station / STATION_M).astype(np.intp), 1, self.stations - 1)
+        for k in range(self.stations - 1, 0, -1):
+            ways[:, k] = self._offsets[at]
+            speeds[:, k] = speed[row, k, at]
+            at = np.where(k <= first, np.clip(at + move[row, k, at], 0, len(self._offsets) - 1), at)
+        speeds[:, 0] = speeds[:, 1]
+        return ways, speeds
+
+    def locate(self, off: Floats) -> tuple[Floats, Floats]:
+        """How far from the goal along the corridor, and how far abreast, (M,) m each, of places off the goal (M, 2)."""
+        along, across = self._along, self._across
+        return off[:, 0] * along[0] + off[:, 1] * along[1], off[:, 0] * across[0] + off[:, 1] * across[1]
+
+    def ahead(self, ways: Floats, speeds: Floats, off: Floats, look_m: float) -> tuple[Floats, Floats]:
+        """Where to look, (M, 2) m off the goal, `look_m` farther on the way, and how fast to go there, (M,) m/s."""
+        station, _ = self.locate(off)
+        row, last = np.arange(len(off)), self.stations - 1
+        there = np.clip(station - look_m, 0.0, last * STATION_M) / STATION_M
+        cell = np.minimum(there.astype(np.intp), last - 1)
+        part = there - cell
+        abreast = ways[row, cell] + part * (ways[row, cell + 1] - ways[row, cell])
+        here = np.clip(np.ceil(station / STATION_M).astype(np.intp), 1, last)
+        place = (there * STATION_M)[:, None] * self._along + abreast[:, None] * self._across
+        return place, speeds[row, here]
+
+    def _policy(self, grid: WindGrid, maps: Floats, goals: Floats) -> tuple[NDArray[np.intp], Floats]:
+        """The best move (M, S, Y) from every place, in places abreast, and the speed (M, S, Y) there."""
+        rows, abreast = len(maps), len(self._offsets)
+        moves = np.zeros((rows, self.stations, abreast), dtype=np.intp)
+        speeds = np.ones((rows, self.stations, abreast))
+        left = np.tile(BESIDE_J_M * np.abs(self._offsets), (rows, 1))
+        beyond = np.full((rows, REACH), np.inf)
+        for k in range(1, self.stations):
+            places = goals[:, None] + ((k - 0.5) * STATION_M) * self._along + self._offsets[:, None] * self._across
+            wind = grid.at(maps, places) + self._mean  # halfway to the next station
+            x, y = wind[..., :1], wind[..., 1:]
+            along = x * self._heading[:, 0] + y * self._heading[:, 1]
+            across = y * self._heading[:, 0] - x * self._heading[:, 1]
+            a_metre, speed = self._fare.best(along, across)  # (M, Y, moves)
+            padded = np.concatenate([beyond, left, beyond], axis=1)
+            then = np.stack([padded[:, move : move + abreast] for move in range(2 * REACH + 1)], axis=-1)
+            total = a_metre * (self._stretch * STATION_M) + then
+            best = np.argmin(total, axis=-1)
+            left = np.take_along_axis(total, best[..., None], axis=-1)[..., 0]
+            moves[:, k], speeds[:, k] = best - REACH, np.take_along_axis(speed, best[..., None], axis=-1)[..., 0]
+        return moves, speeds

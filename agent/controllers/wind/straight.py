@@ -1,0 +1,48 @@
+"""Straight to the goal at the speed that is best in the mean wind: what a map of the wind is measured against."""
+
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from meanflock.agent.controllers import base
+from meanflock.agent.controllers.base import Controller, Memory, Received, Step
+from meanflock.agent.controllers.travel import SLOWING_1_S, against_the_air, limited
+from meanflock.agent.controllers.wind.airspeed import Fare
+from meanflock.swarm import mission
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import POSITION, VELOCITY, States, norm
+
+LIMIT_M_S2 = 3.0
+
+
+class Straight(Controller):
+    """v_ref to the goal, a = k_v (v_ref − v) + c0 (v − v_o); sends nothing."""
+
+    name = "straight"
+    broadcast_numbers = 0
+
+    class Options(base.Options, frozen=True):
+        """The options of `straight`."""
+
+        time_price_w: Annotated[float, Meta(ge=0, description="what a second costs beside the energy, W")] = 0.05
+        velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 1.0
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
+        self._goals, self._fare = mission.goals(scenario), Fare(scenario, options.time_price_w)
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        way = self._goals[uavs] - plan[uavs, POSITION]
+        heading = way / np.maximum(norm(way), 1e-9)[:, None]
+        x, y = self.scenario.wind.mean
+        along, across = x * heading[:, 0] + y * heading[:, 1], y * heading[:, 0] - x * heading[:, 1]
+        return {"uav": uavs.astype(np.int32), "speed": self._fare.best(along, across)[1]}
+
+    def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
+        way = self._goals[memory["uav"]] - own[:, POSITION]
+        wanted = way * np.minimum(memory["speed"] / np.maximum(norm(way), 1e-9), SLOWING_1_S)[:, None]
+        acceleration = self.options.velocity_gain_1_s * (wanted - own[:, VELOCITY])
+        return Step(memory, limited(acceleration, LIMIT_M_S2) + against_the_air(self.scenario, own))

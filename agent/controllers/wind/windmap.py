@@ -1,0 +1,230 @@
+"""A map of the wind, learned on the way and flown by: who shares what of it.
+
+A UAV feels the wind where it is, v̇ = a − c0 (v − w(r)) + noise, so every tick is a measurement of w, a noisy one. It
+keeps what it measured as information at the nodes of a map (`belief.py`) and every few seconds takes the cheapest
+way through that map (`route.py`). What others know reaches it by the radio:
+
+- `none`: not at all.
+- `weights`: the federation averages the winds at the nodes. Who was never there says what it began with, and counts as
+  much.
+- `precision`: winds and their precisions, for the rule of aggregation `precision`.
+- `measurements`: everybody broadcasts the mean of its measurements of two seconds, and where it took them.
+"""
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from meanflock.agent.controllers import base
+from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
+from meanflock.agent.controllers.travel import SLOWING_1_S, limited
+from meanflock.agent.controllers.wind.airspeed import Fare
+from meanflock.agent.controllers.wind.belief import INFORMATION, WindGrid
+from meanflock.agent.controllers.wind.corridor import Corridor
+from meanflock.agent.controllers.wind.route import Router
+from meanflock.agent.controllers.wind.straight import LIMIT_M_S2
+from meanflock.swarm import state
+from meanflock.swarm.ascending import distinct
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import AXES, POSITION, VELOCITY, Floats, States
+from meanflock.swarm.wire.messages import NOBODY
+
+SAID = 4  # numbers of a measurement: x, y, and the wind along x and y
+BEYOND = 6.0  # standard deviations of a measurement that is none: something else moved the craft
+LOOK_M = 6.0  # how far ahead on its way a UAV flies to
+
+
+class Windmap(Controller):
+    """Measures the wind, maps it, flies by the map."""
+
+    name = "windmap"
+    diagnostics = ("wind_x_m_s", "wind_y_m_s", "mapped")
+
+    class Options(base.Options, frozen=True):
+        """What is mapped, and what is shared of it."""
+
+        share: Annotated[
+            Literal["none", "weights", "precision", "measurements"], Meta(description="what the others are told")
+        ] = "none"
+        time_price_w: Annotated[float, Meta(ge=0, description="what a second costs beside the energy, W")] = 0.05
+        spacing_m: Annotated[float, Meta(gt=0, description="of the nodes of the map, m")] = 15.0
+        width_m: Annotated[float, Meta(gt=0, description="of the map, from its middle to each side, m")] = 30.0
+        rms_m_s: Annotated[
+            float, Meta(gt=0, description="of the wind to be expected on top of the mean, an axis, m/s")
+        ] = 0.7
+        scale_m: Annotated[float, Meta(gt=0, description="over which that wind changes, m")] = 30.0
+        replan_s: Annotated[float, Meta(gt=0, description="between two looks at the map, s")] = 5.0
+        period_s: Annotated[float, Meta(gt=0, description="between two rounds, where the map is federated, s")] = 20.0
+        speak_s: Annotated[float, Meta(gt=0, description="that a broadcast measurement takes, s")] = 2.0
+        velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 1.0
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
+        dt, wind = scenario.dt, scenario.wind
+        self._drag, self._mean = max(wind.drag, 1e-6), np.array(wind.mean)
+        self._deviation = max(wind.sigma, 1e-3) / np.sqrt(dt) / self._drag  # of a tick's measurement, m/s
+        self._speaks, self._replans = (max(1, round(each / dt)) for each in (options.speak_s, options.replan_s))
+        self.period_ticks = max(1, round(options.period_s / dt))
+        self.broadcast_numbers = SAID if options.share == "measurements" else 0
+        numbers = {"weights": AXES, "precision": INFORMATION}.get(options.share, 0)
+        self.parameters = numbers * self._grid.count if numbers else 0
+        self.parts = (self._grid.count,) * numbers
+
+    @cached_property
+    def _corridor(self) -> Corridor:
+        return Corridor(self.scenario)
+
+    @cached_property
+    def _grid(self) -> WindGrid:
+        of, way = self.options, self._corridor
+        margin = of.spacing_m
+        origin = way.goal - margin * way.back
+        return WindGrid(origin, way.back, way.length_m + 2 * margin, of.width_m, of.spacing_m, of.rms_m_s, of.scale_m)
+
+    @cached_property
+    def _router(self) -> Router:
+        way, of = self._corridor, self.options
+        return Router(Fare(self.scenario, of.time_price_w), way.back, way.length_m, of.width_m, self._mean)
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        rows, nodes, stations = len(uavs), self._grid.count, self._router.stations
+        memory: Memory = {
+            "uav": uavs.astype(np.int32),
+            "state": plan[uavs],
+            "commanded": np.zeros((rows, AXES)),
+            "tick": np.full(rows, -2, dtype=np.int32),  # of these two
+            "information": np.zeros((rows, nodes, INFORMATION)),  # own, or since the last global model
+            "map": np.zeros((rows, nodes, AXES)),
+            "ways": np.zeros((rows, stations)),
+            "speeds": np.ones((rows, stations)),
+        }
+        if self.options.share == "weights":
+            memory["shared"] = np.zeros((rows, nodes, AXES))  # the global model
+        if self.options.share == "precision":
+            memory["shared"] = np.zeros((rows, nodes, INFORMATION))
+        if self.options.share == "measurements":
+            memory["said"] = np.zeros((rows, SAID + 1))  # sums of what is said next, and of how many
+        return memory
+
+    def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
+        uavs = memory["uav"]
+        refused = NOBODY
+        memory, wind, sound = self._measure(memory, tick, own)
+        broadcasts: tuple[Broadcast, ...] = ()
+        if self.options.share == "measurements":
+            memory, refused = self._receive(memory, received)
+            memory, broadcasts = self._speak(memory, tick, wind, sound)
+        goals, since = self._corridor.goals[uavs], tick - self._corridor.launches[uavs]
+        due = (since >= 0) & (since % self._replans == 0)
+        if due.any():
+            memory = self._look(memory, np.flatnonzero(due), goals, own)
+        felt = self._grid.at(memory["map"], own[:, POSITION]) + self._mean
+        off = own[:, POSITION] - goals
+        place, speed = self._router.ahead(memory["ways"], memory["speeds"], off, LOOK_M)
+        towards = place - off
+        pace = np.minimum(speed, SLOWING_1_S * state.norm(off)) / np.maximum(state.norm(towards), 1e-9)
+        wanted = self.options.velocity_gain_1_s * (towards * pace[:, None] - own[:, VELOCITY])
+        acceleration = limited(wanted, LIMIT_M_S2) + self._drag * (own[:, VELOCITY] - felt)
+        known = self._information(memory)[..., AXES]
+        mapped = (known / (known + self.options.rms_m_s**-2)).mean(axis=1)
+        after = memory | {
+            "state": own,
+            "commanded": acceleration,
+            "tick": np.full(len(own), tick, dtype=np.int32),
+        }
+        reported = np.concatenate([felt, mapped[:, None]], axis=1)
+        return Step(after, acceleration, reported, broadcasts, refused)
+
+    def get(self, memory: Memory) -> Floats:
+        share, rows = self.options.share, len(memory["uav"])
+        if not self.parameters:
+            return np.zeros((rows, 0))
+        model = self._believed(memory) if share == "weights" else _joined(memory["shared"], memory["information"])
+        return model.transpose(0, 2, 1).reshape(rows, -1)
+
+    def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
+        shared, information = memory["shared"].copy(), memory["information"].copy()
+        shared[rows] = models.reshape(len(models), -1, self._grid.count).transpose(0, 2, 1)
+        information[rows] = 0.0  # what was uploaded of it is in the global model
+        return memory | {"shared": shared, "information": information}
+
+    def _measure(self, memory: Memory, tick: int, own: States) -> tuple[Memory, Floats, NDArray[np.bool_]]:
+        """The memory with the last tick's measurement; the wind on top of the mean, (M, 2); and where it is one."""
+        before = memory["state"]
+        fresh = (memory["tick"] == tick - 1) & (tick > self._corridor.launches[memory["uav"]])
+        change = (own[:, VELOCITY] - before[:, VELOCITY]) / self.scenario.dt - memory["commanded"]
+        wind = before[:, VELOCITY] + change / self._drag - self._mean
+        sound = fresh & (np.abs(wind) < self._most(1)).all(axis=1)
+        rows = np.flatnonzero(sound)
+        if not len(rows):
+            return memory, wind, sound
+        each = np.full(len(rows), self._deviation**-2)
+        news = self._grid.informed(rows, before[rows, POSITION], wind[rows], each, len(own))
+        return memory | {"information": memory["information"] + news}, wind, sound
+
+    def _most(self, ticks: int) -> float:
+        """How strong a measured wind can be, m/s, as the mean of so many ticks."""
+        return float(BEYOND * np.sqrt(self._deviation**2 / ticks + self.options.rms_m_s**2))
+
+    def _speak(
+        self, memory: Memory, tick: int, wind: Floats, sound: NDArray[np.bool_]
+    ) -> tuple[Memory, tuple[Broadcast, ...]]:
+        """The memory after, and the means of the measurements since the last broadcast: who has half of them speaks."""
+        now = np.concatenate([memory["state"][:, POSITION], wind, np.ones((len(wind), 1))], axis=1)
+        said = memory["said"] + np.where(sound[:, None], now, 0.0)
+        if tick % self._speaks:
+            return memory | {"said": said}, ()
+        rows = np.flatnonzero(2.0 * said[:, SAID] >= self._speaks)
+        payload = said[rows, :SAID] / said[rows, SAID:]
+        return memory | {"said": np.zeros_like(said)}, (Broadcast(payload, rows),)
+
+    def _receive(self, memory: Memory, received: Sequence[Received]) -> tuple[Memory, NDArray[np.int32]]:
+        """The memory with the measurements of others in it; and whose are not believed."""
+        refused = [np.zeros(0, dtype=np.intp)]
+        information = memory["information"]
+        for frames in received:
+            if frames.number or frames.payload.shape[1] != SAID or frames.payload.dtype.kind != "f":
+                continue
+            sane = (np.abs(frames.payload[:, AXES:]) < self._most(self._speaks)).all(axis=1)
+            refused.append(frames.source[~sane])
+            links = frames.links[sane[frames.links[:, 0]]]
+            links = links[np.lexsort((frames.source[links[:, 0]], links[:, 1]))]  # a row's sum in the order of UAVs
+            measured = frames.payload[links[:, 0]]
+            each = np.full(len(links), self._speaks * self._deviation**-2)
+            news = self._grid.informed(links[:, 1], measured[:, :AXES], measured[:, AXES:], each, len(information))
+            information = information + news
+        return memory | {"information": information}, distinct(np.concatenate(refused)).astype(np.int32)
+
+    def _look(self, memory: Memory, rows: Rows, goals: Floats, own: States) -> Memory:
+        """The memory after some rows looked at their maps and chose their ways."""
+        maps, ways, speeds = memory["map"].copy(), memory["ways"].copy(), memory["speeds"].copy()
+        maps[rows] = self._believed({name: array[rows] for name, array in memory.items()})
+        ways[rows], speeds[rows] = self._router.ways(self._grid, maps[rows], goals[rows], own[rows, POSITION])
+        return memory | {"map": maps, "ways": ways, "speeds": speeds}
+
+    def _believed(self, memory: Memory) -> Floats:
+        """The wind on top of the mean at the nodes, (M, F, 2)."""
+        base = memory["shared"] if self.options.share == "weights" else None
+        return self._grid.mean(self._information(memory), base)
+
+    def _information(self, memory: Memory) -> Floats:
+        """All that rows know, (M, F, 3). A global model says what a UAV knows on average: all together know N times
+        that."""
+        if self.options.share != "precision":
+            return memory["information"]
+        shared = memory["shared"]
+        precision = self.scenario.uavs * np.maximum(shared[..., AXES:], 0.0)
+        return memory["information"] + np.concatenate([shared[..., :AXES] * precision, precision], axis=-1)
+
+
+def _joined(shared: Floats, information: Floats) -> Floats:
+    """Winds and precisions (M, F, 3), and information (M, F, 3) on top: winds and precisions; the former themselves
+    where there is nothing on top."""
+    precision = np.maximum(shared[..., AXES:], 0.0)
+    total = precision + information[..., AXES:]
+    wind = (shared[..., :AXES] * precision + information[..., :AXES]) / np.where(total > 0.0, total, 1.0)
+    return np.where(information[..., AXES:] > 0.0, np.concatenate([wind, total], axis=-1), shared)

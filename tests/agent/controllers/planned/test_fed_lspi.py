@@ -1,0 +1,82 @@
+"""fed-lspi in flight: it finds the best gains without being told what moves it, and sharing makes it better."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import meanflock as mf
+from meanflock.agent.controllers.planned.trajectory import Trajectory
+from meanflock.settings import scenario_of
+from meanflock.swarm import mission, plugins
+
+GAINS = ("k1", "k2", "k3_x", "k3_y")
+BEST = np.array(
+    [0.922, 1.297, 0.244, 0.0]
+)  # of a Riccati equation, see test_policy_iteration.py; drag · wind at cruise
+
+
+def flown(seed: int, **options: Any) -> mf.Run:
+    settings = {f"controller.{name}": value for name, value in options.items()}
+    return mf.fly(mf.Scenario(), method="fed-lspi", seed=seed, **settings)
+
+
+def reported(run: mf.Run, name: str) -> np.ndarray:
+    """(T, N)"""
+    return np.array(run.frame().column(name).to_pylist(), dtype=np.float64)
+
+
+@pytest.fixture(scope="module")
+def shared() -> mf.Run:
+    return flown(1)
+
+
+def test_all_arrive_with_gains_near_the_best(shared: mf.Run) -> None:
+    assert shared.summary["arrived"] == 25
+    assert shared.summary["t_avg_s"] == pytest.approx(79.6, abs=0.2)
+    mean = np.array([reported(shared, name)[780].mean() for name in GAINS])
+    assert mean[:3] == pytest.approx(BEST[:3], rel=0.2)
+    assert mean[3] == pytest.approx(0.0, abs=0.05)
+
+
+def test_models_of_four_numbers_are_all_that_is_sent(shared: mf.Run) -> None:
+    payload, rounds = shared.summary["payload_bits"], shared.summary["rounds"]
+    assert rounds == 40
+    assert payload["uplink"] <= rounds * 20 * 4 * 32
+    assert payload["total"] < 0.12e6
+
+
+def test_shared_gains_follow_the_plan_better_than_own_ones(shared: mf.Run) -> None:
+    alone = flown(1, share=False)
+    assert alone.summary["payload_bits"]["uplink"] == 0
+    together, apart = (reported(run, "tracking_cost")[:790].sum() for run in (shared, alone))
+    assert together < 0.7 * apart
+    spread = [np.std(reported(run, "k3_y")[400]) for run in (shared, alone)]
+    assert spread[0] < 0.7 * spread[1]
+
+
+def test_the_tracking_cost_is_that_of_the_states(shared: mf.Run) -> None:
+    trajectory = Trajectory(shared.scenario, mission.starts(shared.scenario))
+    off = shared.states[300] - trajectory.states(300)
+    expected = (off[:, :2] ** 2).sum(axis=1) + 0.5 * (off[:, 2:] ** 2).sum(axis=1)
+    assert reported(shared, "tracking_cost")[301] == pytest.approx(expected, rel=1e-4)
+
+
+def test_on_the_ground_nothing_is_learned() -> None:
+    start = {"start.formation": "waves", "start.interval": 10.0, "start.group": 5}
+    controller: Any = plugins.create("controller", "fed-lspi", {}, scenario_of("paper", start, uavs=10))
+    plan = mission.starts(controller.scenario)
+    memory = controller.init(np.arange(10), plan)
+    for tick in range(90):
+        memory = controller.step(memory, tick, plan, ()).memory
+    assert (memory["squares"][:5, 9, 9] == 89).all()  # how often a tick's features were seen
+    assert (memory["squares"][5:] == 0).all()
+
+
+def test_a_pause_is_no_tick() -> None:
+    controller: Any = plugins.create("controller", "fed-lspi", {}, mf.Scenario())
+    plan = mission.starts(controller.scenario)
+    memory = controller.init(np.arange(25), plan)
+    for tick in (0, 1, 2, 7, 8):
+        memory = controller.step(memory, tick, plan, ()).memory
+    assert (memory["squares"][:, 9, 9] == 3).all()

@@ -1,0 +1,73 @@
+"""Concurrent trajectories: from rest to rest within their limits, exact derivatives, and nobody meets."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from meanflock.agent.controllers.planned.trajectory import BRAKE_M_S2, CRUISE_M_S, Trajectory, Trapezoid, slots
+from meanflock.swarm.mission import starts
+from meanflock.swarm.scenario import Scenario
+
+
+@given(length=st.floats(0.0, 500.0), cruise=st.floats(0.1, 20.0), up=st.floats(0.1, 5.0), down=st.floats(0.1, 5.0))
+def test_a_way_is_covered_from_rest_to_rest_within_the_limits(
+    length: float, cruise: float, up: float, down: float
+) -> None:
+    profile = Trapezoid(np.array([length]), cruise, up, down)
+    end = float(profile.duration_s[0])
+    times = np.linspace(0.0, end, 400)
+    covered, speed, change = (np.array([profile.at(t)[k][0] for t in times]) for k in range(3))
+    assert covered[0] == 0.0
+    assert covered[-1] == pytest.approx(length, abs=1e-9)
+    assert (np.diff(covered) >= -1e-9).all()
+    assert speed.max() <= cruise * (1 + 1e-12)
+    assert change.max() <= up
+    assert change.min() >= -down
+    # the speed is the slope of the way: the trapezoid rule is exact but in the two intervals with a corner
+    slope = 0.5 * (speed[1:] + speed[:-1]) * np.diff(times)
+    corner = (up + down) * (end / 399) ** 2
+    assert np.abs(np.diff(covered)[:-1] - slope[:-1]).max(initial=0.0) <= corner + 1e-9
+    for before_or_after in (-1.0, end + 1.0):
+        assert [float(part[0]) for part in profile.at(before_or_after)[1:]] == [0.0, 0.0]
+
+
+def test_a_way_of_nothing_takes_no_time() -> None:
+    assert Trapezoid(np.zeros(1)).duration_s[0] == 0.0
+
+
+@pytest.mark.parametrize("uavs", [1, 2, 25, 64])
+def test_everybody_arrives_together_and_keeps_apart(uavs: int) -> None:
+    scenario = Scenario(uavs=uavs)
+    plan = starts(scenario)
+    trajectory = Trajectory(scenario, plan)
+    positions = np.array([trajectory.at(tick)[0] for tick in range(0, 1000, 5)])
+    assert (positions[0] == plan[:, :2]).all()
+    assert positions[-1] == pytest.approx(trajectory.slots, abs=1e-9)
+    assert np.hypot(*trajectory.slots.T).max() < scenario.destination.radius
+    apart = np.linalg.norm(positions[:, :, None] - positions[:, None], axis=-1)
+    apart[:, np.arange(uavs), np.arange(uavs)] = np.inf
+    ends = min(apart[0].min(), apart[-1].min())
+    assert uavs == 1 or apart.min() >= ends - 1e-9
+    _, velocity, change = trajectory.at(200)
+    assert np.hypot(*velocity.T) == pytest.approx(CRUISE_M_S, rel=0.05)
+    assert (change == 0.0).all()
+
+
+def test_velocities_and_accelerations_are_the_slopes() -> None:
+    trajectory = Trajectory(Scenario(dt=1e-4), starts(Scenario()))
+    for tick in (5_000, 300_000, 800_000):  # up, at cruise, down
+        (before, slow, _), (here, velocity, change), (after, fast, _) = (
+            trajectory.at(at) for at in (tick - 1, tick, tick + 1)
+        )
+        assert (after - before) / 2e-4 == pytest.approx(velocity, abs=1e-6)
+        assert (fast - slow) / 2e-4 == pytest.approx(change, abs=1e-6)
+        assert (here != before).any()
+    assert np.hypot(*change.T) == pytest.approx(BRAKE_M_S2, rel=0.05)
+
+
+def test_slots_are_those_who_share_a_goal_drawn_together() -> None:
+    starts = np.array([[0.0, 0.0], [2.0, 0.0], [100.0, 0.0], [100.0, 80.0], [5.0, 5.0]])
+    goals = np.array([[9.0, 9.0], [9.0, 9.0], [-9.0, 0.0], [-9.0, 0.0], [1.0, 2.0]])
+    ends = slots(starts, goals, 4.0)
+    assert ends == pytest.approx(np.array([[8, 9], [10, 9], [-9, -4], [-9, 4], [1, 2]]))

@@ -1,0 +1,88 @@
+"""The lattice: forces are gradients, vanish at its distance and add up to nothing; and the swarm keeps apart."""
+
+import numpy as np
+import pytest
+
+import meanflock as mf
+from meanflock.agent.controllers.sharing.olfati_saber import OlfatiSaber, bump
+from meanflock.swarm.errors import BadInput
+from tests.agent.controllers.by_hand import DISCS, accelerations, made
+
+UNLIMITED = "controller.acceleration_max_m_s2=1e9"
+ALONE = (UNLIMITED, "controller.pull_m_s2=1e-12", "controller.damping_1_s=1e-12")
+
+
+def pair(distance: float, *settings: str) -> np.ndarray:
+    states = np.array([[0.0, 0, 0, 0], [distance, 0, 0, 0]])
+    return accelerations("olfati-saber", states, *ALONE, *settings)
+
+
+def test_the_bump_falls_smoothly_from_one_to_nothing() -> None:
+    z = np.linspace(0.0, 1.2, 1201)
+    value = bump(z, 0.2)
+    assert (value[z < 0.2] == 1.0).all()
+    assert not value[z > 1.0].any()
+    assert (np.diff(value) <= 0.0).all()
+    assert np.abs(np.diff(value)).max() < 2.1e-3  # π/2/0.8 a unit of z
+    assert bump(np.array([0.6]), 0.2)[0] == pytest.approx(0.5)
+
+
+def test_a_pair_is_repelled_within_the_distance_attracted_beyond_and_at_rest_at_it() -> None:
+    np.testing.assert_allclose(pair(1.3), 0.0, atol=1e-10)
+    assert pair(0.9)[0, 0] < -0.1
+    assert pair(1.42)[0, 0] > 1e-3
+    np.testing.assert_allclose(pair(1.57), 0.0, atol=1e-10)
+    np.testing.assert_allclose(pair(0.0), 0.0, atol=1e-10)
+
+
+def test_the_force_of_a_pair_is_that_of_the_source() -> None:
+    """At 0.9 m, worked by hand: ‖z‖σ = (√(1+.1·.81) − 1)/.1 and so on."""
+    sigma, lattice, reach = ((np.sqrt(1 + 0.1 * d * d) - 1) / 0.1 for d in (0.9, 1.3, 1.56))
+    weight = 0.5 * (1 + np.cos(np.pi * (sigma / reach - 0.2) / 0.8))
+    z = sigma - lattice
+    force = weight * 5.0 * z / np.sqrt(1 + z * z) * 0.9 / np.sqrt(1 + 0.1 * 0.81)
+    np.testing.assert_allclose(pair(0.9), [[force, 0.0], [-force, 0.0]], rtol=1e-9, atol=1e-10)
+
+
+def test_velocities_come_together_and_the_whole_swarm_is_pushed_nowhere() -> None:
+    draw = np.random.default_rng(1)
+    states = np.concatenate([draw.uniform(-2, 2, (12, 2)), draw.normal(0, 1, (12, 2))], axis=1)
+    forces = accelerations("olfati-saber", states, *ALONE)
+    assert np.abs(forces).max() > 0.5
+    np.testing.assert_allclose(forces.sum(axis=0), 0.0, atol=1e-9)
+    matched = accelerations("olfati-saber", states, *ALONE, "controller.c1=0")
+    assert (matched * (states[:, 2:] - states[:, 2:].mean(axis=0))).sum() < 0.0
+
+
+def test_alone_it_ends_up_at_cruise_speed() -> None:
+    run = mf.fly("paper", method="olfati-saber", uavs=1, duration=30, **{"wind.sigma": 0.0})
+    assert np.hypot(*run.states[-1, 0, 2:]) == pytest.approx(2.25, rel=1e-3)
+
+
+def test_an_obstacle_repels_and_stops_who_comes_near() -> None:
+    far, near = np.array([[20.0, 0.0, -2.0, 0.0]]), np.array([[12.5, 0.0, -2.0, 1.0]])
+    np.testing.assert_array_equal(accelerations("olfati-saber", far, DISCS), accelerations("olfati-saber", far))
+    push = accelerations("olfati-saber", near, DISCS, UNLIMITED) - accelerations("olfati-saber", near)
+    assert push[0, 0] > 1.0
+    np.testing.assert_allclose(push[0, 1], -0.5 * 0.2, rtol=1e-9)  # along the edge the agent is a fifth slower
+
+
+def test_what_it_asks_of_the_craft_is_limited() -> None:
+    crowded = np.concatenate([np.random.default_rng(2).uniform(-1, 1, (30, 2)), np.zeros((30, 2))], axis=1)
+    assert np.hypot(*accelerations("olfati-saber", crowded, UNLIMITED).T).max() > 3.5
+    assert np.hypot(*accelerations("olfati-saber", crowded).T).max() == pytest.approx(3.0)
+
+
+def test_an_a_beyond_b_is_refused() -> None:
+    with pytest.raises(BadInput, match=r"`a` 6\.0 is greater than `b` 5\.0"):
+        made("olfati-saber", "controller.a=6.0")
+    lopsided: OlfatiSaber = made("olfati-saber", "controller.a=2.0")  # type: ignore[assignment]
+    assert lopsided.options.a == 2.0
+
+
+@pytest.mark.parametrize("broadcast", ["event", "tick"])
+def test_it_arrives_without_a_collision(broadcast: str) -> None:
+    run = mf.fly("paper", method="olfati-saber", seed=4, **{"controller.broadcast": broadcast})
+    assert run.summary["arrived"] == 25
+    assert run.summary["collisions"] == 0
+    assert run.summary["t_avg_s"] < 86.0

@@ -1,0 +1,118 @@
+"""Optimal reciprocal collision avoidance: velocities as another implementation has them, and flights."""
+
+from typing import Any
+
+import msgspec
+import numpy as np
+import pyrvo
+import pytest
+
+import meanflock as mf
+from meanflock.agent.controllers.sharing.closest import closest
+from meanflock.agent.controllers.sharing.orca import Orca, half_planes
+from meanflock.swarm.scenario import Obstacle, Scenario, load
+
+SPEED_MAX = 4.0
+
+
+def by_pyrvo(own: np.ndarray, wished: np.ndarray, radius: float, horizon: float) -> np.ndarray:
+    simulator = pyrvo.RVOSimulator(0.1, 15.0, 10, horizon, horizon, radius / 2.0, SPEED_MAX)
+    for number, (state, velocity) in enumerate(zip(own.tolist(), wished.tolist(), strict=True)):
+        simulator.add_agent((state[0], state[1]))
+        simulator.set_agent_velocity(number, (state[2], state[3]))
+        simulator.set_agent_pref_velocity(number, (velocity[0], velocity[1]))
+    simulator.do_step()
+    return np.array([tuple(simulator.get_agent_velocity(number).to_tuple()) for number in range(len(own))])
+
+
+def ours(own: np.ndarray, wished: np.ndarray, **options: Any) -> tuple[np.ndarray, np.ndarray]:
+    made = Orca(Orca.Options(speed_max_m_s=SPEED_MAX, **options), Scenario(uavs=len(own)))
+    return made.velocity(own, np.repeat(own[None], len(own), axis=0), np.arange(len(own)), wished)
+
+
+@pytest.mark.parametrize(("radius", "horizon"), [(0.7, 1.0), (0.9, 3.0)])
+@pytest.mark.parametrize("spread", [1.0, 2.5, 6.0])  # most touch; some do; few are near
+def test_velocities_are_those_of_pyrvo(radius: float, horizon: float, spread: float) -> None:
+    """10⁴ and more; it computes in single precision, and takes for parallel what is 1e-5 apart."""
+    draw = np.random.default_rng(int(10 * spread + horizon))
+    errors, kept = [], []
+    while len(errors) < 1700:
+        uavs = int(draw.integers(2, 9))
+        own = draw.normal(size=(uavs, 4)) * [spread, spread, 1.5, 1.5]
+        wished = 1.5 * draw.normal(size=(uavs, 2))
+        velocity, missing = ours(own, wished, radius_m=radius, horizon_s=horizon)
+        errors += np.linalg.norm(velocity - by_pyrvo(own, wished, radius, horizon), axis=1).tolist()
+        kept += (missing <= 0.0).tolist()
+    assert np.median(errors) < 3e-7
+    feasible = np.array(errors)[np.array(kept)]
+    assert len(feasible) > 400
+    assert np.quantile(feasible, 0.99) < 1e-4
+    assert np.quantile(errors, 0.95) < 1e-2
+
+
+def test_two_who_meet_head_on_share_the_way_out() -> None:
+    own = np.array([[0.0, 0.0, 1.0, 0.0], [1.5, 0.0, -1.0, 0.0]])
+    velocity, missing = ours(own, own[:, 2:])
+    assert not missing.any()
+    relative = velocity[0] - velocity[1]
+    away = own[1, :2] - own[0, :2]
+    along = np.clip(relative @ away / (relative @ relative), 0.0, 1.0)
+    assert np.linalg.norm(away - along * relative) == pytest.approx(0.7, abs=1e-9)  # of the next second
+    np.testing.assert_allclose(velocity[0], -velocity[1], atol=1e-12)
+
+
+def test_where_the_relative_velocity_is_the_very_centre_there_is_a_way_out() -> None:
+    own = np.array([[0.0, 0.0, 5.0, 0.0], [0.5, 0.0, 0.0, 0.0]])  # two that touch, a tick from being one
+    everyone = np.repeat(own[None], 2, axis=0)
+    near = closest(own, everyone, np.arange(2), 9.0, 9)
+    normals, bounds = half_planes(near, own, 0.7, 1.0, 0.1, 0.5)
+    np.testing.assert_allclose(normals[:, 0], [[-1.0, 0.0], [1.0, 0.0]], atol=1e-12)
+    np.testing.assert_allclose(bounds[:, 0], [-1.5, 3.5], atol=1e-12)
+
+
+def test_alone_the_velocity_is_the_wished_one_turned_to_the_right() -> None:
+    made = Orca(Orca.Options(right_bias=0.3), Scenario(uavs=1))
+    own, plan = np.array([[50.0, 0.0, -2.25, 0.0]]), np.array([[60.0, 0.0, 0.0, 0.0]])
+    step = made.step(made.init(np.array([0]), plan), 0, own, ())
+    still = made.scenario.wind.drag * (own[:, 2:] - made.scenario.wind.mean)
+    np.testing.assert_allclose(step.acceleration - still, [[0.0, 2.0 * 0.3 * 2.25]], atol=1e-12)
+
+
+SWAP = {
+    "uavs": 24,
+    "start.formation": "circle",
+    "start.radius": 12.0,
+    "destination.goals": "opposite",
+    "destination.radius": 1.5,
+    "controller.radius_m": 0.9,
+    "controller.horizon_s": 3.0,
+    "duration": 60,
+}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_swap_through_one_point_needs_a_rule_of_the_road(seed: int) -> None:
+    run = mf.fly("paper", method="orca", seed=seed, **{**SWAP, "controller.right_bias": 0.3}).summary
+    assert (run["collisions_all"], run["arrived"], run["lost"]) == (0, 24, 0)
+    without = mf.fly("paper", method="orca", seed=seed, **SWAP).summary
+    assert without["t_max_s"] is None or without["t_max_s"] > run["t_max_s"]
+
+
+def test_the_paper_s_mission_is_flown_free_of_collisions_for_a_hundredth_of_the_bits() -> None:
+    every_tick, events = (
+        mf.fly("paper", method="orca", seed=4, **{"controller.broadcast": speaks}).summary
+        for speaks in ("tick", "event")
+    )
+    for summary in (every_tick, events):
+        assert (summary["collisions_all"], summary["arrived"]) == (0, 25)
+        assert set(summary["diagnostics"]) == {"infeasible", "unsent"}
+    assert events["payload_bits"]["state"] < 0.02 * every_tick["payload_bits"]["state"]
+
+
+def test_discs_are_gone_round() -> None:
+    discs = (Obstacle(centre=(75.0, 50.3), radius=3.0), Obstacle(centre=(40.0, 26.0), radius=2.0))
+    of = msgspec.structs.replace(load(None, ["uavs=9", "duration=120"], method="orca", seed=1), obstacles=discs)
+    summary = mf.fly(of).summary
+    assert (summary["obstacle_hits"], summary["arrived"], summary["collisions_all"]) == (0, 9, 0)
+    blind = mf.fly(msgspec.structs.replace(of, method="cruise")).summary
+    assert blind["obstacle_hits"] > 4

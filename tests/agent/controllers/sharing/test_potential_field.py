@@ -1,0 +1,50 @@
+"""The repulsion is the slope of Khatib's potential; who comes near is pushed off, and so is who comes near a disc."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+import meanflock as mf
+from meanflock.agent.controllers.sharing.potential_field import repulsion
+from tests.agent.controllers.by_hand import DISCS, accelerations
+
+
+@given(rho=st.floats(0.05, 4.9), rho0=st.floats(0.2, 5.0), eta=st.floats(0.1, 10.0))
+def test_the_force_is_the_slope_of_the_potential(rho: float, rho0: float, eta: float) -> None:
+    def potential(at: float) -> float:
+        return 0.5 * eta * (1.0 / at - 1.0 / rho0) ** 2 if at < rho0 else 0.0
+
+    step = 1e-5 * rho
+    slope = (potential(rho - step) - potential(rho + step)) / (2 * step)
+    force = float(repulsion(np.array([rho]), rho0, eta, np.inf)[0])
+    assert abs(force - slope) <= 1e-4 * max(abs(slope), eta / rho**2 * 1e-2, eta / rho0**2)
+
+
+def test_it_is_limited_and_points_out_of_a_disc_one_has_entered() -> None:
+    forces = repulsion(np.array([-1.0, 0.0, 1e-6, 0.3, 2.0, 9.0]), 2.0, 1.0, 3.0)
+    assert forces.tolist() == [3.0, 3.0, 3.0, 3.0, 0.0, 0.0]
+    inside = np.array([[11.0, 0.5, 0.0, 0.0]])
+    push = accelerations("potential-field", inside, DISCS) - accelerations("potential-field", inside)
+    assert push[0, 0] > 2.0
+    assert push[0, 1] > 1.0
+
+
+def test_two_push_each_other_apart_as_strongly() -> None:
+    states = np.array([[50.0, 50.0, 0, 0], [50.8, 50.0, 0, 0]])
+    rho = 0.8 - 0.35
+    both = np.hypot(*accelerations("potential-field", states).T)
+    assert (both <= 3.0 + 1e-9).all()
+    weak = "controller.eta_m3_s2=0.01"
+    push = accelerations("potential-field", states, weak) - accelerations("cruise", states)
+    force = 0.01 * (1.0 / rho - 1.0 / 1.5) / rho**2
+    np.testing.assert_allclose(push, [[-force, 0.0], [force, 0.0]], rtol=1e-9, atol=1e-12)
+
+
+def test_it_goes_round_a_disc_in_the_way() -> None:
+    disc = [{"centre": [75.0, 50.0], "radius": 5.0}]
+    through, round_it = (
+        mf.fly("paper", method=method, uavs=4, seed=2, obstacles=disc) for method in ("cruise", "potential-field")
+    )
+    nearest = [np.hypot(*(run.states[..., :2] - [75.0, 50.0]).reshape(-1, 2).T).min() for run in (through, round_it)]
+    assert nearest[0] < 5.0 < nearest[1]
+    assert round_it.summary["arrived"] == 4
