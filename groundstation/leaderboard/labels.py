@@ -1,59 +1,231 @@
-"""Names beside the points of a plot, where there is room: none covers another, or a point."""
+"""Names beside the points of a plot: none covers another, a point or an error bar where there is room elsewhere."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
 
+import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.transforms import Bbox
+from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
+from matplotlib.text import Text
+from numpy.typing import NDArray
 
-Named = tuple[str, float, float, str, bool]  # name, x, y, colour, whether it stands out
+Floats = NDArray[np.float64]
 
 _SIZE, _LARGE = 6.8, 8.5  # points
-_POINT_PX = 9.0  # half a side of the square a point takes
-_LEADER = {"arrowstyle": "-", "linewidth": 0.5, "shrinkB": 3, "alpha": 0.7}
-_RINGS, _DIRECTIONS = 14, 16  # places that are tried around a point
+_POINT_PX = 6.0  # half a side of the square a point takes
+_GAP_PX = 3.0  # between a point and its name
+_LEADER_PX = 14.0  # a name farther from its point than this has a line to it
+_RING_PX, _RINGS, _DIRECTIONS = 6.0, 26, 24  # places that are tried around a point
+_ON_A_NAME, _ON_A_POINT, _ON_A_LINE = 3000.0, 700.0, 120.0  # what a place costs, beside its distance in pixels
+_LEADER_OVER_A_NAME, _LEADER_OVER_A_LEADER, _LEADER_OVER_A_POINT = 400.0, 150.0, 90.0
+_NEARER_TO_ANOTHER = 60.0
+_LONG_PX = 60.0  # a leader so long costs twice what its length is
+_SWEEPS = 6  # in which every name is placed anew, the others where they are
+_ORDERS = ((0.0, -1.0), (0.0, 1.0), (1.0, 0.0), (-1.0, 0.0))  # directions in which one begins: the best result is kept
 
 
-def label(ax: Axes, named: Sequence[Named]) -> None:
-    """Writes the names; the plot's limits and size are those it keeps, and it has been laid out."""
+class Named(NamedTuple):
+    """A point and what it is called; large: it stands out."""
+
+    name: str
+    x: float
+    y: float
+    tone: str
+    large: bool = False
+
+
+class Placed(NamedTuple):
+    """Where a name stands: its box [left, low, right, high], (4,) px, and its point, (2,) px."""
+
+    box: Floats
+    point: Floats
+
+    @property
+    def leader(self) -> Floats:
+        """From the point to the nearest of the box, [x, y, x, y], px."""
+        return np.concatenate([self.point, np.clip(self.point, self.box[:2], self.box[2:])])
+
+    @property
+    def is_far(self) -> bool:
+        """Whether it takes a line to see whose name it is."""
+        return math.dist(self.leader[:2], self.leader[2:]) > _LEADER_PX
+
+
+def label(ax: Axes, named: Sequence[Named], lines: Sequence[Floats] = ()) -> None:
+    """Writes the names; the plot's limits and size are those it keeps, and it has been laid out.
+
+    Args:
+        lines: what else names keep off, where they can: polylines (K, 2), in the plot's coordinates.
+    """
     figure = ax.get_figure(root=True)
     assert figure is not None
     renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
-    frame = ax.get_window_extent(renderer)
-    places = [ax.transData.transform((x, y)) for _, x, y, _, _ in named]
-    taken = [Bbox.from_extents(x - _POINT_PX, y - _POINT_PX, x + _POINT_PX, y + _POINT_PX) for x, y in places]
-    for (name, _, _, tone, large), (x, y) in sorted(zip(named, places, strict=True), key=lambda one: -one[1][1]):
-        text = ax.annotate(
-            name, (x, y), xycoords="figure pixels", xytext=(x, y), textcoords="figure pixels", color=tone,
-            fontsize=_LARGE if large else _SIZE, fontweight="bold" if large else "normal", ha="left", va="center",
-            annotation_clip=False, zorder=6,
-        )  # fmt: skip
-        size = text.get_window_extent(renderer)
-        text.remove()
-        for left, low in _around(x, y, size.width, size.height):
-            box = Bbox.from_bounds(left, low, size.width, size.height)
-            inside = frame.x0 <= box.x0 and box.x1 <= frame.x1 and frame.y0 <= box.y0 and box.y1 <= frame.y1
-            if inside and not any(box.overlaps(other) for other in taken):
-                break
-        else:
-            box = Bbox.from_bounds(x, y, size.width, size.height)
-        taken.append(box)
-        far = math.hypot(max(box.x0 - x, 0, x - box.x1), max(box.y0 - y, 0, y - box.y1)) > 2.2 * _POINT_PX
-        to_data = ax.transData.inverted().transform
-        ax.annotate(
-            name, tuple(to_data((x, y))), xytext=tuple(to_data((box.x0, (box.y0 + box.y1) / 2))), color=tone,
-            textcoords="data", fontsize=_LARGE if large else _SIZE, fontweight="bold" if large else "normal",
-            ha="left", va="center", zorder=6,
-            arrowprops={**_LEADER, "color": tone} if far else None,
-        )  # fmt: skip
+    texts = [_text(ax, one) for one in named]
+    sizes = [text.get_window_extent(renderer) for text in texts]
+    points = ax.transData.transform([(one.x, one.y) for one in named]).reshape(-1, 2)
+    legend = ax.get_legend()
+    kept_free = [np.array(legend.get_window_extent(renderer).extents)] if legend is not None else []
+    frame = np.array(ax.get_window_extent(renderer).extents)
+    placed = place(points, [(size.width, size.height) for size in sizes], frame, _segments(ax, lines), kept_free)
+    to_axes = ax.transAxes.inverted().transform
+    for one, text, where in zip(named, texts, placed, strict=True):
+        left, middle = to_axes((where.box[0], (where.box[1] + where.box[3]) / 2))
+        text.set_position((left, middle))
+        if where.is_far:
+            (x0, y0), (x1, y1) = to_axes(where.leader.reshape(2, 2))
+            way = Line2D([x0, x1], [y0, y1], transform=ax.transAxes, color=one.tone, linewidth=0.6, alpha=0.8)
+            way.set_zorder(4)
+            ax.add_line(way).set_in_layout(False)
 
 
-def _around(x: float, y: float, width: float, height: float) -> Iterator[tuple[float, float]]:
-    """Left lower corners of boxes around a point, near ones first."""
+def place(
+    points: Floats,
+    sizes: Sequence[tuple[float, float]],
+    frame: Floats,
+    segments: Floats,
+    kept_free: Sequence[Floats] = (),
+) -> list[Placed]:
+    """Where the names of `points` (P, 2) stand, whose texts are of `sizes` width and height; all of it in pixels.
+
+    Every name takes the cheapest place around its point, the others where they are, until nothing changes; of several
+    orders in which they do, the cheapest result is taken.
+
+    Args:
+        frame: [left, low, right, high] that holds them. segments: (S, 4), lines to keep off. kept_free: boxes likewise.
+    """
+    squares = np.concatenate([points - _POINT_PX, points + _POINT_PX], axis=1)
+    tried = [_around(point, *size, frame) for point, size in zip(points, sizes, strict=True)]
+    fixed = [
+        _lengths(boxes, point)
+        + _ON_A_POINT * _overlaps(boxes, np.delete(squares, k, axis=0)).sum(axis=1)
+        + _ON_A_NAME * _overlaps(boxes, np.array(kept_free).reshape(-1, 4)).sum(axis=1)
+        + _ON_A_LINE * _crosses(boxes, segments).sum(axis=1)
+        + _LEADER_OVER_A_POINT * _crosses(squares, _leaders(boxes, point)).sum(axis=0)
+        + _NEARER_TO_ANOTHER * _is_nearer_to_another(boxes, points, k)
+        for k, (boxes, point) in enumerate(zip(tried, points, strict=True))
+    ]
+    found = [_settled(points, tried, fixed, np.argsort(points @ np.array(order), kind="stable")) for order in _ORDERS]
+    chosen, _ = min(found, key=lambda one: one[1])
+    return [Placed(tried[k][chosen[k]], points[k]) for k in range(len(points))]
+
+
+def _settled(
+    points: Floats, tried: Sequence[Floats], fixed: Sequence[Floats], order: Iterable[int]
+) -> tuple[dict[int, int], float]:
+    """The place of every name, by its number in `tried`, and what all of them cost, placed in an order."""
+    chosen: dict[int, int] = {}
+    cost = 0.0
+    for _ in range(_SWEEPS):
+        before, cost = dict(chosen), 0.0
+        for k in order:
+            others = [Placed(tried[j][at], points[j]) for j, at in chosen.items() if j != k]
+            costs = fixed[k] + _beside(tried[k], points[k], others)
+            chosen[k] = int(np.argmin(costs))
+            cost += float(costs[chosen[k]])
+        if chosen == before:
+            break
+    return chosen, cost
+
+
+def _beside(boxes: Floats, point: Floats, others: Sequence[Placed]) -> Floats | float:
+    """What each place costs for what stands already."""
+    if not others:
+        return 0.0
+    leaders = _leaders(boxes, point)
+    theirs = np.array([other.box for other in others])
+    ways = np.array([other.leader for other in others if other.is_far]).reshape(-1, 4)
+    return (
+        _ON_A_NAME * _overlaps(boxes, theirs).sum(axis=1)
+        + _LEADER_OVER_A_NAME * _crosses(theirs, leaders).sum(axis=0)
+        + _LEADER_OVER_A_NAME * _crosses(boxes, ways).sum(axis=1)
+        + _LEADER_OVER_A_LEADER * _meet(leaders, ways).sum(axis=1)
+    )
+
+
+def _text(ax: Axes, one: Named) -> Text:
+    size, weight = (_LARGE, "bold") if one.large else (_SIZE, "normal")
+    text = ax.text(0.5, 0.5, one.name, transform=ax.transAxes, color=one.tone, fontsize=size, fontweight=weight)
+    text.set(ha="left", va="center", zorder=6, in_layout=False)
+    text.set_path_effects([withStroke(linewidth=1.4, foreground="white")])
+    return text
+
+
+def _segments(ax: Axes, lines: Sequence[Floats]) -> Floats:
+    pieces = [ax.transData.transform(line) for line in lines if len(line) > 1]
+    return np.concatenate([np.concatenate([p[:-1], p[1:]], axis=1) for p in pieces] or [np.empty((0, 4))])
+
+
+def _around(point: Floats, width: float, height: float, frame: Floats) -> Floats:
+    """Boxes (B, 4) around a point that lie in the frame, near ones first; where none does, one on the point."""
+    boxes = np.array(list(_rings(point, width, height)))
+    inside = (boxes[:, :2] >= frame[:2]).all(axis=1) & (boxes[:, 2:] <= frame[2:]).all(axis=1)
+    return boxes[inside] if inside.any() else boxes[:1]
+
+
+def _rings(point: Floats, width: float, height: float) -> Iterator[tuple[float, float, float, float]]:
+    x, y = point
     for ring in range(_RINGS):
-        gap = _POINT_PX + 2.0 + 7.0 * ring
+        gap = _POINT_PX + _GAP_PX + _RING_PX * ring
         for turn in range(_DIRECTIONS):
             angle = 2.0 * math.pi * turn / _DIRECTIONS
-            middle_x = x + math.cos(angle) * (gap + width / 2)
-            middle_y = y + math.sin(angle) * (gap + height / 2)
-            yield middle_x - width / 2, middle_y - height / 2
+            left, low = x + math.cos(angle) * (gap + width / 2), y + math.sin(angle) * (gap + height / 2)
+            yield left - width / 2, low - height / 2, left + width / 2, low + height / 2
+
+
+def _leaders(boxes: Floats, point: Floats) -> Floats:
+    """(B, 4): from the point to the nearest of each box; none, so to say, where the box is near."""
+    ends = np.clip(point, boxes[:, :2], boxes[:, 2:])
+    near = np.hypot(*(ends - point).T) <= _LEADER_PX
+    return np.concatenate([np.broadcast_to(np.where(near[:, None], ends, point), ends.shape), ends], axis=1)
+
+
+def _lengths(boxes: Floats, point: Floats) -> Floats:
+    """What the distance of each box from the point costs."""
+    gaps = np.clip(point, boxes[:, :2], boxes[:, 2:]) - point
+    far = np.hypot(gaps[:, 0], gaps[:, 1])
+    cost: Floats = far * (1.0 + far / _LONG_PX)
+    return cost
+
+
+def _is_nearer_to_another(boxes: Floats, points: Floats, own: int) -> NDArray[np.bool_]:
+    """(B,): whether somebody would take the name for that of another point."""
+    gaps = np.clip(points[None], boxes[:, None, :2], boxes[:, None, 2:]) - points[None]  # (B, P, 2)
+    far = np.hypot(gaps[..., 0], gaps[..., 1])
+    found: NDArray[np.bool_] = far.min(axis=1) < far[:, own] - _GAP_PX
+    return found
+
+
+def _overlaps(boxes: Floats, others: Floats) -> NDArray[np.bool_]:
+    """(B, O): whether box and box have a point in common."""
+    one, other = boxes[:, None], others[None]
+    found: NDArray[np.bool_] = np.all(one[..., :2] < other[..., 2:], axis=-1) & np.all(
+        other[..., :2] < one[..., 2:], axis=-1
+    )
+    return found
+
+
+def _crosses(boxes: Floats, segments: Floats) -> NDArray[np.bool_]:
+    """(B, S): whether a segment has a point in the box: what the box's slabs leave of it, an axis after the other."""
+    start, way = segments[None, :, :2], segments[None, :, 2:] - segments[None, :, :2]
+    way = np.where(way == 0.0, 1e-9, way)
+    low, high = (boxes[:, None, :2] - start) / way, (boxes[:, None, 2:] - start) / way
+    first = np.minimum(low, high).max(axis=-1)
+    last = np.maximum(low, high).min(axis=-1)
+    found: NDArray[np.bool_] = (
+        (first < last) & (last > 0.0) & (first < 1.0) & (np.hypot(*np.moveaxis(way, -1, 0)) > 1e-6)
+    )
+    return found
+
+
+def _meet(segments: Floats, others: Floats) -> NDArray[np.bool_]:
+    """(S, O): whether two segments cross: the ends of each lie on both sides of the other."""
+    a, b, c, d = segments[:, None, :2], segments[:, None, 2:], others[None, :, :2], others[None, :, 2:]
+    return (_turn(a, b, c) * _turn(a, b, d) < 0.0) & (_turn(c, d, a) * _turn(c, d, b) < 0.0)
+
+
+def _turn(a: Floats, b: Floats, c: Floats) -> Floats:
+    """Twice the area of the triangle, positive where a → b → c turns left."""
+    area: Floats = (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (c[..., 0] - a[..., 0])
+    return area

@@ -1,7 +1,7 @@
 """The pictures of a mission: time and energy with the front, and bits and collisions; a row a point."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from meanflock.groundstation import plotstyle
 from meanflock.groundstation.leaderboard.board import Cell, Course, Standing
-from meanflock.groundstation.leaderboard.labels import label
+from meanflock.groundstation.leaderboard.labels import Named, label
 from meanflock.groundstation.leaderboard.marks import COMPETES
 
 YOURS = "#CC2222"
@@ -26,13 +26,15 @@ def draw(course: Course) -> Figure:
     """Both plots of a mission, side by side."""
     rows = [row for row in course.standings if drawn(row)]
     with plotstyle.style():
-        made = plotstyle.figure(plotstyle.PAGE_IN * 1.25, 4.6)
+        made = plotstyle.figure(plotstyle.PAGE_IN * 1.25, 5.2)
         left, right = made.subplots(1, 2)
         _time_energy(left, course, rows)
         _bits_collisions(right, rows)
         made.draw_without_rendering()
-        for ax, keys in ((left, ("time_s", "energy_J")), (right, ("kbit", "collisions_all"))):
-            label(ax, [(row.name, *_means(row, keys), _tone(row), row.yours) for row in rows])
+        front = [np.column_stack([course.front_s, course.front_J])]
+        for ax, keys, lines in ((left, ("time_s", "energy_J"), front), (right, ("kbit", "collisions_all"), [])):
+            named = [Named(row.name, *_means(row, keys), _tone(row), row.yours) for row in rows]
+            label(ax, named, [*lines, *(bar for row in rows for bar in _bars(row, keys))])
     return made
 
 
@@ -85,7 +87,7 @@ def _bits_collisions(ax: Axes, rows: Sequence[Standing]) -> None:
     ax.set_xscale("symlog", linthresh=_LEAST_KBIT)
     ax.set_yscale("symlog", linthresh=_LEAST_PAIRS)
     ax.set_xlim(-0.15, max(10.0, *(row.cells["kbit"].mean for row in rows)) * 4)
-    ax.set_ylim(-0.025, max(1.0, *(row.cells["collisions_all"].mean for row in rows)) * 2.5)
+    ax.set_ylim(-0.06, max(1.0, *(row.cells["collisions_all"].mean for row in rows)) * 2.5)
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_formatter(FuncFormatter(_plain))
     ax.set_xlabel("sent until the last arrival (kbit)")
@@ -125,10 +127,20 @@ def _means(row: Standing, keys: tuple[str, str]) -> tuple[float, float]:
     return row.cells[keys[0]].mean, row.cells[keys[1]].mean
 
 
+def _bars(row: Standing, keys: tuple[str, str]) -> Iterator[NDArray[np.float64]]:
+    """Both intervals of a row, as lines in the plot's coordinates."""
+    means = np.array(_means(row, keys))
+    for axis, cell in enumerate(row.cells[key] for key in keys):
+        if cell.low is not None and cell.high is not None:
+            bar = np.stack([means, means])
+            bar[:, axis] = max(cell.low, 0.0), cell.high
+            yield bar
+
+
 def _frame(ax: Axes, x: Sequence[float], y: Sequence[float]) -> None:
     """Limits that hold the points, with room for their names."""
     ax.set_xlim(min(x) / 1.35, max(x) * 1.5)
-    ax.set_ylim(min(y) / 1.5, max(y) * 1.4)
+    ax.set_ylim(min(y) / 1.9, max(y) * 1.4)
 
 
 def _plain(value: float, _: int | None = None) -> str:
