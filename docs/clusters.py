@@ -2,17 +2,17 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
 
 from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.station import Kept
 from meanflock.swarm import scenario
 from meanflock.swarm.clusters import Clusters
 from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.wire.messages import FrameKind, Telemetry
+from meanflock.swarm.wire.messages import FrameKind
 
 PAGE = Path(__file__).with_name("scaling.md")
 UAVS = (100, 400)
@@ -45,7 +45,8 @@ def main() -> None:
         f"|{'---|' * 10}",
     ]
     for (radio, uavs, count), seeds in flown.items():
-        mean = {name: np.mean(values) for name, values in _columns([next(measured) for _ in seeds]).items()}
+        rows = [next(measured) for _ in seeds]
+        mean = {name: np.mean([row[name] for row in rows]) for name in rows[0]}
         cells = (
             f"{mean['heard']:.1f}", f"{mean['kbit']:,.0f}", f"{mean['airtime']:.2f}", f"{mean['queue']:.2f}",
             f"{mean['lost']:.1f}", f"{mean['share']:.1f}", f"{mean['ticks']:.0f}",
@@ -60,10 +61,11 @@ def main() -> None:
 
 def measure(of: Scenario) -> dict[str, float]:
     """What a round of one flight came to, on the way up; means over its rounds."""
-    summary = Engine(of, "clusters", sinks=[links := _Links()]).complete()
+    summary = Engine(of, "clusters", sinks=[kept := Kept()]).complete()
     up = [summary["radio"]["traffic"][name] for name in ("uplink", "relay")]
     rounds, leader = summary["rounds"], of.federation.leader
-    sent = links.of(FrameKind.UPLOAD, FrameKind.RELAY)
+    links = np.concatenate([block.links for block in kept.blocks])
+    sent = links[np.isin(links[:, 3], (FrameKind.UPLOAD, FrameKind.RELAY))]
     slot_ms = of.radio.coherence_time_s * 1e3
     return {
         "heard": np.count_nonzero(sent[:, 2] == leader) / rounds,
@@ -76,20 +78,6 @@ def measure(of: Scenario) -> dict[str, float]:
     }
 
 
-class _Links:
-    """A sink that keeps the links."""
-
-    def __init__(self) -> None:
-        self._kept: list[np.ndarray] = []
-
-    def write(self, block: Telemetry) -> None:
-        self._kept.append(block.links)
-
-    def of(self, *kinds: FrameKind) -> np.ndarray:
-        links = np.concatenate(self._kept)
-        return links[np.isin(links[:, 3], kinds)]
-
-
 def _share(of: Scenario, sent: np.ndarray, number: int) -> float:
     """Percent of the models of a round that are in its mean."""
     of_round = sent[(sent[:, 0] >= number * of.period_ticks) & (sent[:, 0] < (number + 1) * of.period_ticks)]
@@ -98,10 +86,6 @@ def _share(of: Scenario, sent: np.ndarray, number: int) -> float:
     source = Rounds(of).participants(number)
     lost = np.isin(source, uploads) | np.isin(Clusters(of).head_of[source], relays)
     return float(100 * (1 - lost.mean()))
-
-
-def _columns(rows: list[dict[str, float]]) -> dict[str, list[Any]]:
-    return {name: [row[name] for row in rows] for name in rows[0]}
 
 
 if __name__ == "__main__":

@@ -35,11 +35,7 @@ class EventLog:
 
     def append(self, events: Iterable[Event]) -> None:
         """Writes events, a line each. Raises OSError where there is no room; a part may be there."""
-        lines = []
-        for event in events:
-            row = {"tick": event.tick, "sim_time_s": round(event.tick * self._dt, 6), "kind": event.kind}
-            lines.append(json.dumps({**row, "text": event.text, "uavs": list(event.uavs)}) + "\n")
-        self.write("".join(lines).encode())
+        self.write("".join(json.dumps(row_of(event, self._dt)) + "\n" for event in events).encode())
 
     def write(self, content: bytes) -> None:
         """Appends bytes."""
@@ -56,6 +52,12 @@ class EventLog:
     def close(self) -> None:
         """No more events; the folder is free for another."""
         self._file.close()
+
+
+def row_of(event: Event, dt: float) -> dict[str, Any]:
+    """An event as a line of the file says it; a tick takes `dt` seconds."""
+    row = {"tick": event.tick, "sim_time_s": round(event.tick * dt, 6), "kind": event.kind}
+    return {**row, "text": event.text, "uavs": list(event.uavs)}
 
 
 def lock(file: IO[Any], folder: Path) -> None:

@@ -24,6 +24,17 @@ class Sink(Protocol):
         """Takes the next block; blocks come in order, each once."""
 
 
+class Kept:
+    """A sink that keeps the telemetry of a flight in memory."""
+
+    def __init__(self) -> None:
+        self.blocks: list[Telemetry] = []
+
+    def write(self, block: Telemetry) -> None:
+        """Takes the next block."""
+        self.blocks.append(block)
+
+
 class Station:
     """One recording listener."""
 
@@ -32,7 +43,6 @@ class Station:
         bus: Bus,
         run: str,
         sinks: Sequence[Sink],
-        name: str = "station",
         first_block: int | None = None,
         uavs: int | None = None,
     ) -> None:
@@ -46,7 +56,7 @@ class Station:
         self.missed_blocks = 0
         self.dropped: Counter[str] = Counter()
         bus.subscribe(keys.telemetry(run))
-        bus.announce(keys.alive(run, "station", name))
+        bus.announce(keys.alive(run, "station", "station"))
 
     def handle(self, delivery: Delivery) -> None:
         """One delivery; what is not telemetry of this run is dropped, counted and logged."""

@@ -7,8 +7,8 @@ from typing import Any
 
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.results import RECORDING, RunFolder
-from meanflock.groundstation.station import Sink
-from meanflock.runs import Kept, Run
+from meanflock.groundstation.station import Kept, Sink
+from meanflock.runs import Run
 from meanflock.settings import scenario_of
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.plugins import load_files

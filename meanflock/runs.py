@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from meanflock.groundstation.event_log import row_of
 from meanflock.groundstation.results import EVENTS, RECORDING, SCENARIO, SUMMARY, alone
 from meanflock.groundstation.series import rows_of, states_of
 from meanflock.groundstation.timeseries_file import TIMESERIES, read_table, recover
@@ -17,17 +18,6 @@ from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Telemetry
-
-
-class Kept:
-    """A sink that keeps the telemetry of a flight in memory."""
-
-    def __init__(self) -> None:
-        self.blocks: list[Telemetry] = []
-
-    def write(self, block: Telemetry) -> None:
-        """Takes the next block."""
-        self.blocks.append(block)
 
 
 class Run:
@@ -53,18 +43,7 @@ class Run:
     def events(self) -> list[dict[str, Any]]:
         """What happened: tick, sim_time_s, kind, text, uavs."""
         if self._blocks:
-            dt = self.scenario.dt
-            return [
-                {
-                    "tick": event.tick,
-                    "sim_time_s": round(event.tick * dt, 6),
-                    "kind": event.kind,
-                    "text": event.text,
-                    "uavs": list(event.uavs),
-                }
-                for block in self._blocks
-                for event in block.events
-            ]
+            return [row_of(event, self.scenario.dt) for block in self._blocks for event in block.events]
         assert self.folder is not None
         return [json.loads(line) for line in (self.folder / EVENTS).read_text(encoding="utf-8").splitlines()]
 

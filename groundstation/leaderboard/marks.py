@@ -20,12 +20,12 @@ COMPETES = 0.99  # of the UAVs arrived: who stays behind saves all else, and is 
 Floats = NDArray[np.float64]
 
 
-def holm(p_values: Sequence[float], alpha: float = ALPHA) -> list[bool]:
-    """Which hypotheses Holm's step-down method rejects, at most one in 1/alpha families with any wrongly."""
+def holm(p_values: Sequence[float]) -> list[bool]:
+    """Which hypotheses Holm's step-down method rejects, at most one in 1/ALPHA families with any wrongly."""
     order = np.argsort(p_values, kind="stable")
     rejected = [False] * len(order)
     for left, number in enumerate(order):
-        if not p_values[number] <= alpha / (len(order) - left):
+        if not p_values[number] <= ALPHA / (len(order) - left):
             break
         rejected[number] = True
     return rejected

@@ -78,10 +78,6 @@ def _mean(check: Check, point: float | None, values: Mapping[int, float]) -> Est
     return statistics.mean(list(values.values()))
 
 
-def _subjects(check: Check) -> tuple[str, ...]:
-    return check.subject or ("",)
-
-
 def named(*parts: str) -> str:
     """The parts that say something, joined."""
     return ", ".join(part for part in parts if part)
@@ -104,93 +100,90 @@ def _value(found: Findings, view: View, check: Check, method: str, point: float 
 # -- one function a kind of check: every one yields tests --------------------------------------------------------------
 
 
-def _pairs(view: View, check: Check, found: Findings) -> Iterator[tuple[str, str, float | None, list[Floats]]]:
-    """Subject, against, point and the two paired columns, of every comparison of the check."""
+def _single(view: View, check: Check, found: Findings) -> Iterator[tuple[str, str, float | None, dict[int, float]]]:
+    """Subject, where, point and values by seed, of everything the check looks at by itself."""
     for point in _cells(view, check):
-        for subject in check.subject:
-            mine = _value(found, view, check, subject, point)
-            for other in check.against:
-                theirs = _value(found, view, check, other, point)
-                yield subject, other, point, paired(mine, theirs)
+        for subject in check.subject or ("",):
+            yield subject, _label(check, point), point, _value(found, view, check, subject, point)
+
+
+def _pairs(view: View, check: Check, found: Findings) -> Iterator[tuple[str, str, str, list[Floats]]]:
+    """Subject, against, where and the two paired columns, of every comparison of the check."""
+    for subject, where, point, mine in _single(view, check, found):
+        for other in check.against:
+            theirs = _value(found, view, check, other, point)
+            yield subject, other, where, paired(mine, theirs)
 
 
 def _order(view: View, check: Check, found: Findings) -> Tests:
     judge = above if check.direction == "higher" else below
-    for subject, other, point, columns in _pairs(view, check, found):
-        where = _label(check, point)
+    for subject, other, where, columns in _pairs(view, check, found):
         what = named(f"{check.metric}: {subject} − {other}", where)
         yield where, judge(what, statistics.difference(*columns), 0.0, strict=True)
 
 
 def _ratio(view: View, check: Check, found: Findings) -> Tests:
     assert check.threshold is not None
-    for subject, other, point, columns in _pairs(view, check, found):
-        where = _label(check, point)
-        what = named(f"{check.metric}: {subject} / {other}", where)
-        yield where, below(what, statistics.ratio(*columns), check.threshold)
+    for what, where, estimate in _ratios(view, check, found):
+        yield where, below(what, estimate, check.threshold)
+
+
+def _ratios(view: View, check: Check, found: Findings) -> Iterator[tuple[str, str, Estimate]]:
+    for subject, other, where, columns in _pairs(view, check, found):
+        yield named(f"{check.metric}: {subject} / {other}", where), where, statistics.ratio(*columns)
+
+
+def _means(view: View, check: Check, found: Findings) -> Iterator[tuple[str, str, Estimate]]:
+    for subject, where, point, values in _single(view, check, found):
+        yield named(check.metric, subject, where), where, _mean(check, point, values)
 
 
 def _equal(view: View, check: Check, found: Findings) -> Tests:
     assert check.threshold is not None
     low, high = check.threshold * (1 - check.tolerance), check.threshold * (1 + check.tolerance)
-    if check.against:
-        for subject, other, point, columns in _pairs(view, check, found):
-            where = _label(check, point)
-            what = named(f"{check.metric}: {subject} / {other}", where)
-            yield where, within(what, statistics.ratio(*columns), low, high)
-        return
-    for point in _cells(view, check):
-        for subject in _subjects(check):
-            where = _label(check, point)
-            values = _value(found, view, check, subject, point)
-            estimate = _mean(check, point, values)
-            yield where, within(named(check.metric, subject, where), estimate, low, high)
+    for what, where, estimate in (_ratios if check.against else _means)(view, check, found):
+        yield where, within(what, estimate, low, high)
 
 
 def _bound(view: View, check: Check, found: Findings) -> Tests:
     assert check.threshold is not None
     judge = above if check.direction == "higher" else below
-    for point in _cells(view, check):
-        for subject in _subjects(check):
-            where = _label(check, point)
-            estimate = _mean(check, point, _value(found, view, check, subject, point))
-            yield where, judge(named(check.metric, subject, where), estimate, check.threshold, strict=True)
+    for what, where, estimate in _means(view, check, found):
+        yield where, judge(what, estimate, check.threshold, strict=True)
 
 
 def _share(view: View, check: Check, found: Findings) -> Tests:
     assert check.threshold is not None
-    for point in _cells(view, check):
-        for subject in _subjects(check):
-            where = _label(check, point)
-            values = np.array(list(_value(found, view, check, subject, point).values()))
-            values = values[~np.isnan(values)]
-            hits = values > 0 if check.event == "some" else values == 0
-            certain = _is_certain(check, point) and len(hits) == 1
-            estimate = statistics.exact(float(hits[0])) if certain else statistics.share(hits)
-            what = f"share of runs with {'some' if check.event == 'some' else 'no'} {check.metric}"
-            if estimate.n:
-                found.values[what, subject, where] = estimate
-            yield where, above(named(what, subject, where), estimate, check.threshold, strict=True)
+    what = f"share of runs with {'some' if check.event == 'some' else 'no'} {check.metric}"
+    for subject, where, point, by_seed in _single(view, check, found):
+        values = np.array(list(by_seed.values()))
+        values = values[~np.isnan(values)]
+        hits = values > 0 if check.event == "some" else values == 0
+        certain = _is_certain(check, point) and len(hits) == 1
+        estimate = statistics.exact(float(hits[0])) if certain else statistics.share(hits)
+        if estimate.n:
+            found.values[what, subject, where] = estimate
+        yield where, above(named(what, subject, where), estimate, check.threshold, strict=True)
 
 
 def _rate(view: View, check: Check, found: Findings) -> Tests:
     assert check.threshold is not None
-    for subject in _subjects(check):
+    limit = check.threshold * (1 + check.tolerance)
+    for subject in check.subject or ("",):
         estimate = statistics.rate(list(_value(found, view, check, subject, check.at).values()))
-        limit = check.threshold * (1 + check.tolerance)
         yield "", below(named(f"{check.metric} a run", subject), estimate, limit, strict=True)
 
 
-def _table(view: View, check: Check, found: Findings, method: str) -> tuple[list[float], Floats]:
-    """The grid and a row a seed, (seeds, K), of the seeds that flew at every point."""
+def _tables(view: View, check: Check, found: Findings, *methods: str) -> tuple[list[float], list[Floats]]:
+    """The grid and for each method a row a seed, (seeds, K), of the seeds that all of them flew at every point."""
     grid = _points(view, check)
-    columns = [_value(found, view, check, method, point) for point in grid]
-    return grid, np.array(paired(*columns)).T.reshape(-1, max(1, len(grid)))
+    columns = paired(*(_value(found, view, check, method, point) for method in methods for point in grid))
+    return grid, [np.array(columns[k * len(grid) : (k + 1) * len(grid)]).T for k in range(len(methods))]
 
 
 def _trend(view: View, check: Check, found: Findings) -> Tests:
     for subject in check.subject:
-        grid, rows = _table(view, check, found, subject)
+        grid, (rows,) = _tables(view, check, found, subject)
         if len(grid) < 2:
             found.missing.append(named(f"a grid of {check.experiment}", subject))
             continue
@@ -207,23 +200,19 @@ def _trend(view: View, check: Check, found: Findings) -> Tests:
 
 def _slope(view: View, check: Check, found: Findings) -> Tests:
     for subject in check.subject:
-        grid, _ = _table(view, check, found, subject)
-        if len(grid) < 2:
-            found.missing.append(named(f"a grid of {check.experiment}", subject))
-            continue
         for other in check.against:
-            columns = [_by_seed(view, check, name, point) for name in (subject, other) for point in grid]
-            for point in grid:
-                _value(found, view, check, other, point)
-            both = np.array(paired(*columns)).T.reshape(-1, 2 * len(grid))
-            gap = statistics.slopes(grid, both[:, : len(grid)]) - statistics.slopes(grid, both[:, len(grid) :])
+            grid, (mine, theirs) = _tables(view, check, found, subject, other)
+            if len(grid) < 2:
+                found.missing.append(named(f"a grid of {check.experiment}", subject))
+                continue
+            gap = statistics.slopes(grid, mine) - statistics.slopes(grid, theirs)
             yield "", below(f"slope of {check.metric}: {subject} − {other}", statistics.mean(gap), 0.0, strict=True)
 
 
 def _point(view: View, check: Check, found: Findings) -> Tests:
     assert check.at is not None
     for subject in check.subject:
-        grid, rows = _table(view, check, found, subject)
+        grid, (rows,) = _tables(view, check, found, subject)
         others = [k for k, point in enumerate(grid) if abs(point - check.at) > 1e-9]
         if len(others) != len(grid) - 1 or not others:
             found.missing.append(named(check.metric, subject, _label(check, check.at)))

@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.paper import optimum, theory
+from meanflock.groundstation.paper.grid import LEARNING
 from meanflock.groundstation.paper.methods import Method
 from meanflock.groundstation.paper.view import keep_measured, load_measured
+from meanflock.groundstation.station import Kept
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.wire.messages import Status, Telemetry
+from meanflock.swarm.wire.messages import Status
 
 Floats = NDArray[np.float64]
 
@@ -25,17 +27,6 @@ NOISE = 0.02  # ε_F: as large as the paper lets the residual be
 RELATIVE_STEP = 0.003  # μ over its bound: small
 _EXCITED = 1.0 / 30.0  # directions with at least this share of λ_max are followed
 REPEATS = 800
-GAP_METHODS = (Method.HJB, Method.MFG, Method.MFGFL_H, Method.MFGFL_F, Method.MFGFL_HF)
-
-
-class _Keep:
-    """A sink that keeps what a gap needs."""
-
-    def __init__(self) -> None:
-        self.blocks: list[Telemetry] = []
-
-    def write(self, block: Telemetry) -> None:
-        self.blocks.append(block)
 
 
 def long_flight(scenario: Scenario, seconds: float) -> dict[str, float]:
@@ -97,7 +88,7 @@ def trip_states(scenario: Scenario) -> Floats:
 def gap(scenario: Scenario) -> tuple[float, float]:
     """Median over UAVs of realised over optimal cost, the optimum without noise; and the same without the distance left
     at arrival; see `optimum.gaps`."""
-    kept = _Keep()
+    kept = Kept()
     engine = Engine(scenario, "gap", sinks=[kept])
     engine.complete()
     states = np.concatenate([block.states for block in kept.blocks])
@@ -118,7 +109,7 @@ def measure_seed(scenario: Scenario, seconds: float) -> dict[str, float]:
         keep(str(method), long_flight(msgspec.structs.replace(scenario, method=method), seconds))
     plain = msgspec.structs.replace(scenario, method=Method.MFG)
     keep("fpk", filter_moments(plain, trip_states(plain)))
-    for method in GAP_METHODS:
+    for method in LEARNING:
         whole, moving = gap(msgspec.structs.replace(scenario, method=method))
         keep("gap", {str(method): whole, f"{method}_moving": moving})
     return found

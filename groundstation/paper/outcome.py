@@ -2,6 +2,7 @@
 
 import enum
 import math
+import operator
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -50,45 +51,29 @@ def show(estimate: Estimate) -> str:
 
 def below(what: str, estimate: Estimate, limit: float, strict: bool = False) -> Test:
     """Holds if the whole interval is ≤ `limit` (< if strict), fails if all of it is not."""
-    sign, at_limit = ("<", estimate.low == limit) if strict else ("≤", False)
-    holds = estimate.high < limit or (not strict and estimate.high == limit)
-    return _judge(
-        what, estimate, f"{sign} {limit:.4g}", holds, estimate.low > limit or at_limit, -math.inf, limit, strict
-    )
+    return _judge(what, estimate, f"{'<' if strict else '≤'} {limit:.4g}", -math.inf, limit, strict)
 
 
 def above(what: str, estimate: Estimate, limit: float, strict: bool = False) -> Test:
     """Holds if the whole interval is ≥ `limit` (> if strict), fails if all of it is not."""
-    sign, at_limit = (">", estimate.high == limit) if strict else ("≥", False)
-    holds = estimate.low > limit or (not strict and estimate.low == limit)
-    return _judge(
-        what, estimate, f"{sign} {limit:.4g}", holds, estimate.high < limit or at_limit, limit, math.inf, strict
-    )
+    return _judge(what, estimate, f"{'>' if strict else '≥'} {limit:.4g}", limit, math.inf, strict)
 
 
 def within(what: str, estimate: Estimate, low: float, high: float) -> Test:
     """Holds if the whole interval lies in [low, high], fails if all of it lies outside on one side."""
-    inside = estimate.low >= low and estimate.high <= high
-    outside = estimate.low > high or estimate.high < low
-    return _judge(what, estimate, f"in [{low:.4g}, {high:.4g}]", inside, outside, low, high)
+    return _judge(what, estimate, f"in [{low:.4g}, {high:.4g}]", low, high, strict=False)
 
 
-def _judge(
-    what: str,
-    estimate: Estimate,
-    need: str,
-    holds: bool,
-    fails: bool,
-    floor: float,
-    ceiling: float,
-    strict: bool = False,
-) -> Test:
+def _judge(what: str, estimate: Estimate, need: str, floor: float, ceiling: float, strict: bool) -> Test:
+    on_its_side = operator.lt if strict else operator.le
     if math.isnan(estimate.value) or (estimate.n < 2 and estimate.low != estimate.high):
         outcome = Outcome.UNKNOWN
-    elif holds:
+    elif on_its_side(floor, estimate.low) and on_its_side(estimate.high, ceiling):
         outcome = Outcome.HOLDS
+    elif on_its_side(floor, estimate.high) and on_its_side(estimate.low, ceiling):
+        outcome = Outcome.UNDECIDED
     else:
-        outcome = Outcome.FAILS if fails else Outcome.UNDECIDED
+        outcome = Outcome.FAILS
     return Test(what, estimate, need, outcome, floor, ceiling, strict)
 
 

@@ -23,15 +23,14 @@ def write_report(
     records: Sequence[Mapping[str, Any]],
     out: Path,
     measured: Mapping[str, Sequence[float]] | None = None,
-    figures: Path | None = None,
 ) -> list[Path]:
     """Writes report.md, report.html and claims.json into `out`.
 
     Args:
-        records: of `verdict.evaluate`. measured: of `measure.measure`. figures: the folder `draw` wrote into, by
-            default `out`/figures; figures that are not there are left out.
+        records: of `verdict.evaluate`. measured: of `measure.measure`. Figures that `draw` did not write into
+            `out`/figures are left out.
     """
-    folder = figures or out / "figures"
+    folder = out / "figures"
     drawn = {name: folder / f"{name}.png" for name in FIGURES if (folder / f"{name}.png").is_file()}
     out.mkdir(parents=True, exist_ok=True)
     view = View.of(results, measured)

@@ -9,6 +9,8 @@ from meanflock.groundstation.paper.figures import FIGURES
 from meanflock.groundstation.paper.report_claims import RULE, values
 from meanflock.groundstation.paper.report_sections import Section, Table
 
+_MOST = 8  # numbers of a claim
+
 
 def _cell(text: str) -> str:
     return text.replace("|", "\\|").replace("\n", " ")
@@ -20,9 +22,9 @@ def _table(table: Table) -> list[str]:
     return lines + [f"| {' | '.join(map(_cell, row))} |" for row in rows]
 
 
-def _few(lines: list[str], most: int = 8) -> list[str]:
+def _few(lines: list[str]) -> list[str]:
     """The first lines, and how many more claims.json has."""
-    return lines if len(lines) <= most else [*lines[:most], f"… {len(lines) - most} more in claims.json"]
+    return lines if len(lines) <= _MOST else [*lines[:_MOST], f"… {len(lines) - _MOST} more in claims.json"]
 
 
 def markdown(
@@ -55,8 +57,8 @@ def markdown(
     lines += _table((("id", "figure", "claim", "measured", "verdict", "why"), rows))
     lines += ["", "## Figures", ""]
     for name, path in drawn.items():
-        where = path.relative_to(out) if path.is_relative_to(out) else path
-        lines += [f"![{name}]({where.as_posix()})", "", f"**{figures.titled(name)}.** {FIGURES[name][1]}", ""]
+        where = path.relative_to(out).as_posix()
+        lines += [f"![{name}]({where})", "", f"**{figures.titled(name)}.** {FIGURES[name][1]}", ""]
     for heading, words, table in sections:
         lines += [f"## {heading}", "", words, "", *_table(table), ""]
     return "\n".join(lines)

@@ -57,7 +57,7 @@ def _known(*columns: ArrayLike) -> list[Floats]:
     return [array[keep] for array in arrays]
 
 
-def mean(values: ArrayLike, *, confidence: float = CONFIDENCE) -> Estimate:
+def mean(values: ArrayLike) -> Estimate:
     """Mean of a value a seed, with the t interval; one seed alone, or an infinite value, has no interval."""
     (kept,) = _known(values)
     n = len(kept)
@@ -68,7 +68,7 @@ def mean(values: ArrayLike, *, confidence: float = CONFIDENCE) -> Estimate:
     centre = float(kept.mean())
     if n == 1:
         return _unbounded(centre, 1)
-    half = _t(n, confidence) * float(kept.std(ddof=1)) / math.sqrt(n)
+    half = _t(n, CONFIDENCE) * float(kept.std(ddof=1)) / math.sqrt(n)
     return Estimate(centre, centre - half, centre + half, n)
 
 
@@ -104,17 +104,8 @@ def ratio(first: ArrayLike, second: ArrayLike, *, confidence: float = CONFIDENCE
     return Estimate(theta, min(low, theta), max(high, theta), n)
 
 
-def slope(x: ArrayLike, rows: ArrayLike) -> Estimate:
-    """Mean over seeds of the least-squares slope of a seed's row against x.
-
-    Args:
-        x: (K,) grid points. rows: (seeds, K); a seed with a missing point is left out.
-    """
-    return mean(slopes(x, rows))
-
-
 def slopes(x: ArrayLike, rows: ArrayLike) -> Floats:
-    """The slope of every seed's row against x, `(seeds,)`; NaN for a seed with a missing point."""
+    """Least-squares slopes of the seeds' rows, `(seeds, K)`, against x, `(K,)`; NaN for a seed with a missing point."""
     grid = np.asarray(x, dtype=np.float64)
     table = np.atleast_2d(np.asarray(rows, dtype=np.float64))
     centred = grid - grid.mean()

@@ -57,14 +57,14 @@ def interaction_term(flown: Trace) -> Floats:
     return np.stack([interaction.empirical(states, states[None], cost.epsilon, cost.beta) for states in flown.states])
 
 
-def collisions(flown: Trace, dt: float = 0.1) -> Floats:
+def collisions(flown: Trace) -> Floats:
     """Where and when each pair first came within r_coll, both on the way: rows (t in s, x in m, y in m).
 
     A trace has every second tick. The tick between is not lost: a position is the one before plus dt times the new
     velocity, so r(k − 1) = r(k) − dt v(k), exactly.
     """
     position, velocity = flown.states[..., state.POSITION], flown.states[..., state.VELOCITY]
-    radius = Scenario().metrics.collision_radius
+    dt, radius = Scenario().dt, Scenario().metrics.collision_radius
     met: dict[tuple[int, int], tuple[float, float, float]] = {}
     for k in range(len(flown.times)):
         on_way = flown.status[max(k - 1, 0)] == Status.FLYING

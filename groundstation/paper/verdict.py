@@ -1,13 +1,4 @@
-"""Verdicts on claims, computed from the tables.
-
-The rule, the same for every claim. A check **holds** if the whole 95 % interval over seeds lies on the claimed side of
-its threshold, **fails** if the whole interval lies on the other side, and is **undecided** if the threshold lies in the
-interval. A claim is **reproduced** if each of its checks holds, **not reproduced** if one fails, and **undecided** if
-none fails and one is undecided, or left open for want of data. It is **not testable** if it says why no data could
-decide, or if all data for it are missing or come from a single seed. Seeds are paired between methods. A best case
-("up to") is the comparison with the largest lower bound, its interval widened (Bonferroni) to hold for all comparisons
-at once; it fails only if all do.
-"""
+"""Verdicts on claims, computed from the tables by one rule for all: `report_claims.RULE`."""
 
 import math
 from collections.abc import Mapping, Sequence

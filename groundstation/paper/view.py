@@ -44,11 +44,9 @@ class Frame:
     def __getitem__(self, name: str) -> NDArray[Any]:
         """A column: float64 for numbers and truth values, objects for text, `(rows, n)` for lists."""
         column = self._table.column(name).combine_chunks()
-        if pa.types.is_list(column.type) or pa.types.is_large_list(column.type):
+        if pa.types.is_list(column.type):
             return np.array(column.to_pylist(), dtype=np.float64)
-        if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
-            return np.array(column.to_pylist(), dtype=object)
-        if pa.types.is_dictionary(column.type):
+        if pa.types.is_string(column.type):
             return np.array(column.to_pylist(), dtype=object)
         return column.cast(pa.float64()).to_numpy(zero_copy_only=False)
 
