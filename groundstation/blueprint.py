@@ -200,15 +200,17 @@ def blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.Bluepri
     )
 
 
-def swarm_map(scenario: Scenario, name: str, part: str = "") -> rrb.Spatial2DView:
-    """The map of a flight; `part`: under which its entities lie, where it is not alone in its recording."""
+def swarm_map(scenario: Scenario, name: str, part: str = "", rows: int = 1) -> rrb.Spatial2DView:
+    """The map of a flight; `part`: under which its entities lie, where it is not alone in its recording. rows: of maps
+    below each other.
+    """
     root = f"/{part}" if part else ""
     return rrb.Spatial2DView(
         origin=root or "/",
         contents=[f"{root}/{MAP}/**", f"- {root}/{CLOSE_UP}/**"],
         name=name,
         background=_CANVAS,
-        visual_bounds=_map_bounds(scenario),
+        visual_bounds=_map_bounds(scenario, rows),
         overrides={f"{part}/{entity}" if part else entity: last for entity, last in _recent(scenario).items()},
     )
 
@@ -248,9 +250,11 @@ def _recent(scenario: Scenario) -> dict[Any, rrb.VisibleTimeRanges]:
     }
 
 
-def _map_bounds(scenario: Scenario) -> rrb.VisualBounds2D:
+def _map_bounds(scenario: Scenario, rows: int) -> rrb.VisualBounds2D:
     """What the map shows with a margin, in the view's own y-down metres."""
     low, high = recording_mission.box(scenario)
+    if rows > 1:
+        low, _ = recording_mission.key_box(scenario, rows)
     margin = 0.04 * float(np.max(high - low))
     return rrb.VisualBounds2D(
         x_range=[low[0] - margin, high[0] + margin], y_range=[-high[1] - margin, -low[1] + margin]

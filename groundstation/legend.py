@@ -1,6 +1,7 @@
 """What of the map stays where it is: the mission, wind, scale, and a key to the colours."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -16,34 +17,63 @@ from meanflock.swarm.faults import Gust, Jam, Kill, Partition, Pause
 from meanflock.swarm.scenario import Scenario
 
 _COLUMNS, _COLUMN, _ROW = 4, 0.095, 0.085  # of the key, steps as shares of the map's width
+_LOW_ROW = 0.0625  # a row of a key beside the map, as a share of the heights of all maps in a column
 _SAMPLE = 0.035  # length of a sample, likewise
 _SCALE = 0.16  # of the bar that shows the scale, at the most
 _CORNERS = np.arange(11) * (math.pi / 5) + math.pi / 2
 STAR = np.stack([np.cos(_CORNERS), np.sin(_CORNERS)], axis=-1) * np.where(np.arange(11) % 2, 0.4, 1.0)[:, None]
 
 
-def log(stream: Logs, scenario: Scenario, reported: Reported) -> None:
-    """Logs the map's fixed parts, and those of the close-up on the leader."""
+class Layout(NamedTuple):
+    """Where the key stands: left and top, its columns and rows, the length of a sample and of the scale at most, m.
+
+    area: the corners of all of it.
+    """
+
+    left: float
+    top: float
+    columns: int
+    column: float
+    row: float
+    sample: float
+    scale: float
+    area: recording_mission.Corners
+
+
+def layout(scenario: Scenario, words: int, rows: int = 1) -> Layout:
+    """The place for a key of so many `words`: in a free corner of the map or, of several `rows` of maps, beside it."""
+    if rows > 1:
+        low, high = recording_mission.key_box(scenario, rows)
+        column, row = float(high[0] - low[0]) / 2, _LOW_ROW * rows * float(high[1] - low[1])
+        return Layout(low[0] + column / 2, high[1] - row / 2, 2, column, row, 0.16 * column, 0.7 * column, (low, high))
     low, high = recording_mission.box(scenario)
     width = float(high[0] - low[0])
     x, y = mission.starts(scenario)[:, state.POSITION].mean(axis=0)
-
     # The way leads from the start to the goal, so the corner beside the start is free; else there is room on the right.
-    key, column, row = _key(scenario), _COLUMN * width, _ROW * width
-    rows = 2 + math.ceil(len(key) / _COLUMNS)
+    column, row = _COLUMN * width, _ROW * width
+    lines = 2 + math.ceil(words / _COLUMNS)
     on_the_right = x < 0 or recording_mission.is_about_its_start(scenario)
     left = float(high[0] - (_COLUMNS - 0.5) * column if on_the_right else low[0] + column / 2)
-    top = float(high[1] - row / 2 if y >= 0 else low[1] + rows * row)
-    of_key = np.array([left - column / 2, top - rows * row]), np.array([left + (_COLUMNS - 0.5) * column, top + row])
-    recording_mission.log(stream, scenario, of_key)
-    _log_wind(stream, scenario, (left + 0.5 * column, top), 0.6 * row)
-    _log_scale(stream, "map/legend/scale", (left + 2.5 * column, top), _SCALE * width)
-    _log_colours(stream, left, left + (_COLUMNS - 1) * column, top - row, reported.has_phi_g)
+    top = float(high[1] - row / 2 if y >= 0 else low[1] + lines * row)
+    area = np.array([left - column / 2, top - lines * row]), np.array([left + (_COLUMNS - 0.5) * column, top + row])
+    return Layout(left, top, _COLUMNS, column, row, _SAMPLE * width, _SCALE * width, area)
+
+
+def log(stream: Logs, scenario: Scenario, reported: Reported, rows: int = 1) -> None:
+    """Logs the map's fixed parts, and those of the close-up on the leader; `rows`: of maps below each other."""
+    key = _key(scenario)
+    where = layout(scenario, len(key), rows)
+    left, top, column, row = where.left, where.top, where.column, where.row
+    recording_mission.log(stream, scenario, where.area)
+    quarter = (where.columns - 2) * column / 4  # wind and scale in the middle of either half
+    _log_wind(stream, scenario, (left + quarter, top), 0.6 * row)
+    _log_scale(stream, "map/legend/scale", (left + (where.columns / 2) * column + quarter, top), where.scale)
+    _log_colours(stream, left, left + (where.columns - 1) * column, top - row, 0.2 * where.sample, reported.has_phi_g)
     for number, (word, color, shape, thickness) in enumerate(key):
-        at = left + number % _COLUMNS * column, top - (2 + number // _COLUMNS) * row
+        at = left + number % where.columns * column, top - (2 + number // where.columns) * row
         entity = f"map/legend/{word.replace(' ', '_')}"
-        line(stream, entity, shape * _SAMPLE * width / 2 + at, color, thickness)
-        label(stream, f"{entity}/word", (at[0], at[1] - 0.2 * _SAMPLE * width), word, color)
+        line(stream, entity, shape * where.sample / 2 + at, color, thickness)
+        label(stream, f"{entity}/word", (at[0], at[1] - 0.2 * where.sample), word, color)
     _log_close_up(stream, scenario)
 
 
@@ -73,7 +103,7 @@ def _key(scenario: Scenario) -> list[tuple[str, int, NDArray[np.float64], float]
     return key
 
 
-def _log_colours(stream: Logs, left: float, right: float, y: float, of_phi_g: bool) -> None:
+def _log_colours(stream: Logs, left: float, right: float, y: float, gap: float, of_phi_g: bool) -> None:
     """A bar with the colours of φ_G, or of speed, with its ends."""
     if of_phi_g:
         entity, low, high = "map/legend/phi_G", f"φ_G ≤ {palette.PHI_G_LOW:g}", f"≥ {palette.PHI_G_HIGH:g} s⁻²"
@@ -85,8 +115,8 @@ def _log_colours(stream: Logs, left: float, right: float, y: float, of_phi_g: bo
         strips.astype(np.float32), colors=palette.viridis(np.linspace(0, 1, 32)), radii=rr.Radius.ui_points(3.0)
     )
     stream.log(entity, bar, static=True)
-    label(stream, f"{entity}/low", (left, y), low, palette.GREY)
-    label(stream, f"{entity}/high", (right, y), high, palette.GREY)
+    label(stream, f"{entity}/low", (left, y - gap), low, palette.GREY)
+    label(stream, f"{entity}/high", (right, y - gap), high, palette.GREY)
 
 
 def _log_wind(stream: Logs, scenario: Scenario, at: Point, length: float) -> None:

@@ -16,6 +16,7 @@ from meanflock.worldsim.wind import MeanWind
 
 ROOM = 0.22  # around a goal, as a share of the way there
 BESIDE = 0.45  # of the mission's width, for the key to the map, where there is no room within
+KEY = 0.36  # width of a key beside the map, as a share of the heights of all maps in a column
 ARROWS = 14  # of the wind, along the longer side of the map
 ARROW = 0.8  # length of the longest, as a share of their distance
 
@@ -39,6 +40,13 @@ def box(scenario: Scenario) -> Corners:
     if is_about_its_start(scenario):
         high = high + np.array([BESIDE * float(high[0] - low[0]), 0.0])
     return low, high
+
+
+def key_box(scenario: Scenario, rows: int) -> Corners:
+    """Left of what the map shows: the key of a map that is one of `rows` below each other, and so lower than wide."""
+    low, high = box(scenario)
+    width = KEY * rows * float(high[1] - low[1])
+    return np.array([low[0] - width, low[1]]), np.array([low[0], high[1]])
 
 
 def start_box(scenario: Scenario) -> Corners:

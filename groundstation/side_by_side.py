@@ -1,5 +1,6 @@
 """A recording of several flights side by side on one timeline: who is where at the same moment, at what cost."""
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,8 +21,6 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Telemetry
 
 _TRAFFIC = ("uplink_bits", "relay_bits", "broadcast_bits", "state_bits")
-_COLUMNS = 2  # of maps
-_LINES = (palette.ORANGE, palette.BLUE, palette.GREEN, palette.VIOLET, palette.WHITE, palette.RED)
 # What the flights show in one plot: entity below the part of each, and what it is.
 ENERGY, BITS = "shared/energy", "shared/bits"
 COLLISIONS, ARRIVED = "shared/collisions", "shared/arrived"
@@ -38,6 +37,12 @@ def part_of(name: str) -> str:
     return rr.escape_entity_path_part(name)
 
 
+def shape(count: int) -> tuple[int, int]:
+    """Rows and columns of so many maps."""
+    columns = math.ceil(math.sqrt(count))
+    return math.ceil(count / columns), columns
+
+
 def record(flights: Mapping[str, Scenario], path: Path) -> dict[str, dict[str, Any]]:
     """Flies every scenario once in this process, into one recording; their summaries.
 
@@ -51,8 +56,11 @@ def record(flights: Mapping[str, Scenario], path: Path) -> dict[str, dict[str, A
     """
     durable.check_writable(path)
     stream = rr.RecordingStream(APPLICATION, recording_id=f"compare {' '.join(flights)}")
+    rows, _ = shape(len(flights))
     writers = {
-        name: _Beside(flown, stream, part=part_of(name), color=_LINES[number % len(_LINES)], name=name)
+        name: _Beside(
+            flown, stream, part=part_of(name), color=palette.LINES[number % len(palette.LINES)], name=name, rows=rows
+        )
         for number, (name, flown) in enumerate(flights.items())
     }
     stream.set_sinks(rr.FileSink(path), default_blueprint=_blueprint(flights))
@@ -71,8 +79,10 @@ def record(flights: Mapping[str, Scenario], path: Path) -> dict[str, dict[str, A
 class _Beside(Writer):
     """Sends a flight under its part, and a line for each plot that all flights share."""
 
-    def __init__(self, scenario: Scenario, stream: rr.RecordingStream, part: str, name: str, color: int) -> None:
-        super().__init__(scenario, stream, part=part)
+    def __init__(
+        self, scenario: Scenario, stream: rr.RecordingStream, part: str, name: str, color: int, rows: int
+    ) -> None:
+        super().__init__(scenario, stream, part=part, rows=rows)
         self._name, self._color = name, color
 
     def log_fixed(self) -> None:
@@ -100,7 +110,8 @@ def _shared(ticks: Ticks, blocks: Iterable[Telemetry]) -> Iterator[Sent]:
 
 def _blueprint(flights: Mapping[str, Scenario]) -> rrb.Blueprint:
     """A map for every flight, and below them the plots they share."""
-    maps = [look.swarm_map(flown, name, part_of(name)) for name, flown in flights.items()]
+    rows, columns = shape(len(flights))
+    maps = [look.swarm_map(flown, name, part_of(name), rows) for name, flown in flights.items()]
     plots = [
         rrb.TimeSeriesView(
             origin="/",
@@ -112,9 +123,7 @@ def _blueprint(flights: Mapping[str, Scenario]) -> rrb.Blueprint:
         for entity, title in _TITLES.items()
     ]
     return rrb.Blueprint(
-        rrb.Vertical(
-            rrb.Grid(*maps, grid_columns=min(_COLUMNS, len(maps))), rrb.Horizontal(*plots), row_shares=[3, 1.2]
-        ),
+        rrb.Vertical(rrb.Grid(*maps, grid_columns=columns), rrb.Horizontal(*plots), row_shares=[3, 1.2]),
         look.time_panel(live=False),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),

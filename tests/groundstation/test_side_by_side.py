@@ -4,11 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rerun as rr
 from rerun.chunk import RrdReader
 
 from meanflock.groundstation import blueprint as look
-from meanflock.groundstation import side_by_side
+from meanflock.groundstation import legend, side_by_side
 from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.reported import Reported
 from meanflock.groundstation.viewer import verify
 from meanflock.swarm import state
 from meanflock.swarm.errors import EXIT_DONE
@@ -91,3 +93,57 @@ def test_compare_leaves_it_where_it_was_asked_for(run, tmp_path) -> None:
         "mfg",
         "hjb",
     }
+
+
+WINDOW_PX = (1920.0, 1080.0)
+LETTER_PX, LINE_PX, PADDING_PX = 7.2, 14.0, 8.0  # of the viewer's labels
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 6, 9])
+@pytest.mark.parametrize("mission", ["paper", "swap", "obstacles", "hierarchical"])
+def test_no_words_of_a_maps_key_cover_each_other_however_many_maps_there_are(count, mission) -> None:
+    flown = load(Path(mission))
+    rows, columns = side_by_side.shape(count)
+    bounds = (
+        look.swarm_map(flown, "map", "map", rows).properties["VisualBounds2D"].range.as_arrow_array().to_pylist()[0]
+    )
+    across, up = bounds["x_range"][1] - bounds["x_range"][0], bounds["y_range"][1] - bounds["y_range"][0]
+    title, plots, frame = 30.0, 280.0, 70.0
+    high = (WINDOW_PX[1] - plots - frame) / rows - title
+    scale = min(WINDOW_PX[0] / columns / across, high / up)  # pixels a metre
+    stream = Labels()
+    legend.log(stream, flown, Reported.by(flown.declared), rows)
+    boxes = [
+        (x * scale - w / 2, -y * scale, x * scale + w / 2, -y * scale + LINE_PX)
+        for (x, y), word in stream.words
+        for w in [LETTER_PX * len(word) + PADDING_PX]
+    ]
+    assert len(boxes) >= 7
+    covered = [
+        (stream.words[i][1], stream.words[j][1])
+        for i, a in enumerate(boxes)
+        for j, b in enumerate(boxes[:i])
+        if a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+    ]
+    assert covered == []
+    inside = [bounds["x_range"][0] * scale <= box[0] and box[2] <= bounds["x_range"][1] * scale for box in boxes]
+    assert all(inside) or across * scale < WINDOW_PX[0] / columns - 100.0  # a wide window has room beside its bounds
+
+
+class Labels:
+    """What is written into the key of a map, and where, m."""
+
+    def __init__(self) -> None:
+        self.words: list[tuple[tuple[float, float], str]] = []
+
+    def log(self, entity: str, *parts: object, static: bool = False) -> None:
+        assert static
+        if entity.startswith("map/legend/"):
+            for part in parts:
+                for batch in part.as_component_batches():
+                    if batch.component_descriptor().component == "Points2D:labels":
+                        word = batch.as_arrow_array().to_pylist()[0]
+                    if batch.component_descriptor().component == "Points2D:positions":
+                        place = tuple(batch.as_arrow_array().to_pylist()[0])
+                if isinstance(part, rr.Points2D):
+                    self.words.append((place, word))
