@@ -311,8 +311,8 @@ def test_diagnostics_of_ones_own_are_drawn_under_their_names(tmp_path: Path) -> 
 def test_trails_have_the_colours_of_phi_g_where_it_is_reported_else_of_speed(tmp_path: Path) -> None:
     for names, entity, ends in (
         (("hjb_residual", "phi_G"), "phi_G", ["φ_G ≤ 0.001", "≥ 1 s⁻²"]),
-        (("hjb_residual",), "speed", ["speed 0", "≥ 15 m/s"]),
-        ((), "speed", ["speed 0", "≥ 15 m/s"]),
+        (("hjb_residual",), "speed", ["speed 0", "≥ 5 m/s"]),
+        ((), "speed", ["speed 0", "≥ 5 m/s"]),
     ):
         path = tmp_path / f"{len(names)}.rrd"
         blocks = of_a_stranger(path, names, 3)
