@@ -1,6 +1,6 @@
-"""Arguments that several commands take: what a scenario is made of, and what a flight tells."""
+"""Arguments that several commands take: what a scenario is made of, where results go, and what a flight tells."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +8,7 @@ import click
 
 from meanflock.swarm import logs, plugins
 
+PATH = click.Path(path_type=Path)
 _METHODS = ", ".join(plugins.names("controller"))
 
 
@@ -16,7 +17,7 @@ def _register(_context: click.Context, _parameter: click.Parameter, files: tuple
 
 
 _OF_A_SCENARIO = {
-    "file": click.argument("file", metavar="[SCENARIO]", required=False, type=click.Path(path_type=Path)),
+    "file": click.argument("file", metavar="[SCENARIO]", required=False, type=PATH),
     "method": click.option("--method", metavar="NAME", help=f"The controller: {_METHODS}."),
     "uavs": click.option("--uavs", type=int, metavar="N", help="Number of UAVs."),
     "seed": click.option("--seed", type=int, metavar="S", help="Seed of all random numbers."),
@@ -31,7 +32,7 @@ _OF_A_SCENARIO = {
     "plugin": click.option(
         "--plugin",
         multiple=True,
-        type=click.Path(path_type=Path),
+        type=PATH,
         metavar="FILE.py",
         callback=_register,
         expose_value=False,
@@ -52,6 +53,19 @@ def scenario_arguments(*names: str) -> Callable[[Any], Any]:
     return decorate
 
 
+def out_option(default: str, about: str = "Where results are written.") -> Callable[[Any], Any]:
+    """`--out`, with where it is without one."""
+    return click.option("--out", type=PATH, default=Path(default), show_default=True, metavar="DIR", help=about)
+
+
+def report(paths: Iterable[Path]) -> None:
+    """Says what was written."""
+    for path in paths:
+        click.echo(str(path))
+
+
+run_argument = click.argument("folder", metavar="RUN", type=PATH)
+quiet_option = click.option("--quiet", is_flag=True, help="Show no progress bar.")
 uavs_per_process_option = click.option(
     "--uavs-per-process",
     type=click.IntRange(1),
@@ -62,10 +76,7 @@ uavs_per_process_option = click.option(
 )
 in_process_option = click.option("--in-process", is_flag=True, help="Fly in this process, without the network.")
 tls_option = click.option(
-    "--tls",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="Use mutual TLS, with certificates of `meanflock certs init`.",
+    "--tls", type=PATH, metavar="DIR", help="Use mutual TLS, with certificates of `meanflock certs init`."
 )
 
 _TOLD = (
@@ -82,7 +93,7 @@ _TOLD = (
         help="Print the logs of all processes on stderr; with json, nothing else.",
     ),
     click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object on stdout."),
-    click.option("--quiet", is_flag=True, help="Show no progress bar."),
+    quiet_option,
 )
 
 

@@ -1,23 +1,19 @@
 """The command `leaderboard`: controllers over missions."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 
 import click
 from rich.console import Console
 
-from meanflock.groundstation.cli_arguments import scenario_arguments
+from meanflock.groundstation.cli_arguments import out_option, quiet_option, report, scenario_arguments
 from meanflock.groundstation.cli_study_arguments import (
     backend_option,
     jobs_option,
-    out_option,
     progress_of,
-    quiet_option,
     scheduler_option,
+    store_in,
 )
-from meanflock.groundstation.doctor import tell_if_slow
-from meanflock.groundstation.durable import check_folder
 from meanflock.swarm.errors import BadInput
 
 _FIRST_SEED = 8001
@@ -104,35 +100,25 @@ def leaderboard(
     """
     from meanflock.groundstation.backends import processes, terminable
     from meanflock.groundstation.leaderboard import missions as known
-    from meanflock.groundstation.leaderboard import report, rows, terminal
+    from meanflock.groundstation.leaderboard import rows, tables, terminal
     from meanflock.groundstation.leaderboard.contest import Contest
-    from meanflock.groundstation.paper.store import Store
+    from meanflock.groundstation.leaderboard.report import write
 
     if backend != "dask" and scheduler is not None:
         raise BadInput(f"--scheduler {scheduler}: is of dask; add --backend dask, or leave it out")
     contest = Contest(known.chosen(_names(missions)), rows.chosen(_names(controllers)), seeds, first_seed)
-    new = not out.exists()
-    store = Store(out)
-    check_folder(out, "--out")
-    tell_if_slow()
-    try:
-        with (
-            progress_of("leaderboard", quiet) as progress,
-            terminable(),
-            processes(backend, scheduler, None if jobs < 0 else jobs),
-        ):
-            board = contest.fly(jobs, progress, store)
-    except BadInput:  # nothing was flown: the folders are empty, or hold what was there before
-        for folder in (store.data / "jobs", store.data, *([out] if new else [])):
-            with suppress(OSError):
-                folder.rmdir()
-        raise
+    with (
+        store_in(out) as store,
+        progress_of("leaderboard", quiet) as progress,
+        terminable(),
+        processes(backend, scheduler, None if jobs < 0 else jobs),
+    ):
+        board = contest.fly(jobs, progress, store)
     console = Console()
     for course in board.courses:
         console.print(terminal.table(course))
-        for note in terminal.notes(course):
+        for note in tables.notes(course):
             console.print(note, style="dim", markup=False, highlight=False)
         console.print()
     console.print(terminal.CAPTION, style="dim italic", highlight=False)
-    for path in report.write(board, out):
-        click.echo(str(path))
+    report(write(board, out))

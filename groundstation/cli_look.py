@@ -4,14 +4,13 @@ from pathlib import Path
 
 import click
 
+from meanflock.groundstation.cli_arguments import PATH, report, run_argument
 from meanflock.groundstation.results import RECORDING, alone, completed
 from meanflock.swarm.errors import BadInput
 
-_run = click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
-
 
 @click.command()
-@_run
+@run_argument
 @click.option("--web", is_flag=True, help="Show it in a browser, at the address printed; needs no display.")
 def view(folder: Path, web: bool) -> None:
     """Open a finished run in the Rerun viewer.
@@ -38,13 +37,11 @@ def view(folder: Path, web: bool) -> None:
 
 
 @click.command()
-@_run
+@run_argument
 @click.option(
     "--at", "at_s", type=float, metavar="SECONDS", help="Simulated time to draw.  [default: the end of the flight]"
 )
-@click.option(
-    "-o", "--output", "png", required=True, type=click.Path(path_type=Path), metavar="FILE.png", help="File to write."
-)
+@click.option("-o", "--output", "png", required=True, type=PATH, metavar="FILE.png", help="File to write.")
 @click.option("--size", default="1920x1080", show_default=True, metavar="WIDTHxHEIGHT", help="Size in pixels.")
 def picture(folder: Path, at_s: float | None, png: Path, size: str) -> None:
     """Save the Rerun view of a finished run as a PNG file.
@@ -67,7 +64,7 @@ def picture(folder: Path, at_s: float | None, png: Path, size: str) -> None:
 
 
 @click.command()
-@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+@run_argument
 def plot(folder: Path) -> None:
     """Plot paths and time series of a finished run.
 
@@ -82,8 +79,7 @@ def plot(folder: Path) -> None:
         raise BadInput(f"{folder}: no such run; name the folder of one")
     with alone(folder):
         completed(folder)
-    for path in plots.write(plots.plot_run(folder), folder / "plots"):
-        click.echo(str(path))
+    report(plots.write(plots.plot_run(folder), folder / "plots"))
 
 
 def _recording(folder: Path) -> Path:

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.console import Console
@@ -9,7 +10,7 @@ from rich.table import Table
 
 from meanflock.groundstation import catalogue
 from meanflock.groundstation import doctor as checks
-from meanflock.groundstation.cli_arguments import scenario_arguments, uavs_per_process_option
+from meanflock.groundstation.cli_arguments import PATH, out_option, scenario_arguments, uavs_per_process_option
 from meanflock.groundstation.results import to_toml
 from meanflock.swarm import __version__, scenario
 from meanflock.swarm.errors import EXIT_RUN_FAILED
@@ -20,15 +21,8 @@ from meanflock.swarm.errors import EXIT_RUN_FAILED
     "--uavs", type=click.IntRange(1), default=25, show_default=True, metavar="N", help="Number of UAVs to be flown."
 )
 @uavs_per_process_option
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    default=Path("runs"),
-    show_default=True,
-    metavar="DIR",
-    help="Where run folders would be made.",
-)
-@click.option("--tls", type=click.Path(path_type=Path), metavar="DIR", help="Check the certificates in DIR too.")
+@out_option("runs", "Where run folders would be made.")
+@click.option("--tls", type=PATH, metavar="DIR", help="Check the certificates in DIR too.")
 def doctor(uavs: int, uavs_per_process: int, out: Path, tls: Path | None) -> None:
     """Check whether a run of N UAVs would work on this machine.
 
@@ -58,7 +52,7 @@ def certs_group() -> None:
 
 
 @certs_group.command("init")
-@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@click.argument("folder", metavar="DIR", type=PATH)
 @click.option(
     "--uavs",
     type=click.IntRange(1, 10_000),
@@ -110,14 +104,7 @@ def scenario_group() -> None:
 
 @scenario_group.command()
 @scenario_arguments()
-def show(
-    file: Path | None,
-    method: str | None,
-    uavs: int | None,
-    seed: int | None,
-    duration: float | None,
-    settings: tuple[str, ...],
-) -> None:
+def show(file: Path | None, settings: tuple[str, ...], **options: Any) -> None:
     """Print a scenario as TOML, with the value of every key.
 
     The output is a scenario file that `meanflock run` accepts.
@@ -125,7 +112,7 @@ def show(
     \b
     Example: meanflock scenario show --method hjb > my.toml
     """
-    click.echo(to_toml(scenario.load(file, settings, method=method, uavs=uavs, seed=seed, duration=duration)), nl=False)
+    click.echo(to_toml(scenario.load(file, settings, **options)), nl=False)
 
 
 @scenario_group.command()

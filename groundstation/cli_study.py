@@ -1,38 +1,30 @@
 """Commands that fly many times: compare, sweep, paper."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
 
-from meanflock.groundstation.cli_arguments import scenario_arguments
+from meanflock.groundstation.cli_arguments import PATH, out_option, quiet_option, report, scenario_arguments
 from meanflock.groundstation.cli_study_arguments import (
     SEEDS,
     backend_option,
     jobs_option,
-    out_option,
     progress_of,
-    quiet_option,
     scenario_option,
     scheduler_option,
     seeds_option,
+    store_in,
 )
 from meanflock.groundstation.doctor import tell_if_slow
-from meanflock.groundstation.durable import check_folder
 from meanflock.swarm import scenario, scenarios
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 
 if TYPE_CHECKING:
     from meanflock.groundstation import study
-
-
-def _report(paths: list[Path]) -> None:
-    for path in paths:
-        click.echo(str(path))
 
 
 @click.command()
@@ -69,12 +61,12 @@ def compare(
     points = {names: study.seeded(flown, seeds or SEEDS) for names, flown in scenarios.items()}
     flown = _fly("compare", points, jobs, out, quiet)
     _show("compare", ("method",), flown, scenarios, out)
-    _report(plots.write({"compare": plots.plot_compare({method: runs for (method,), runs in flown.items()})}, out))
+    report(plots.write({"compare": plots.plot_compare({method: runs for (method,), runs in flown.items()})}, out))
     if record:
         from meanflock.groundstation import side_by_side  # rerun takes a third of a second to load
 
         side_by_side.record({method: flown for (method,), flown in scenarios.items()}, out / "compare.rrd")
-        _report([out / "compare.rrd"])
+        report([out / "compare.rrd"])
 
 
 @click.command()
@@ -128,7 +120,7 @@ def sweep(
     points: dict[Any, dict[str, study.Summaries]] = {}
     for (value, *_), runs in flown.items():
         points.setdefault(value, {})[runs[0]["method"]] = runs
-    _report(plots.write({"sweep": plots.plot_sweep(varied.key, points)}, out))
+    report(plots.write({"sweep": plots.plot_sweep(varied.key, points)}, out))
 
 
 def _fly(
@@ -136,20 +128,9 @@ def _fly(
 ) -> "dict[Any, study.Summaries]":
     """The summaries of all runs; those that are in `out` already are not flown again."""
     from meanflock.groundstation import study
-    from meanflock.groundstation.paper.store import Store
 
-    new = not out.exists()
-    store = Store(out)
-    check_folder(out, "--out")
-    tell_if_slow()
-    try:
-        with progress_of(what, quiet) as progress:
-            return study.fly_all(points, jobs, progress, store)
-    except BadInput:  # nothing was flown: the folders are empty, or hold what was there before
-        for folder in (store.data / "jobs", store.data, *([out] if new else [])):
-            with suppress(OSError):
-                folder.rmdir()
-        raise
+    with store_in(out) as store, progress_of(what, quiet) as progress:
+        return study.fly_all(points, jobs, progress, store)
 
 
 def _show(
@@ -168,7 +149,7 @@ def _show(
     title = f"{what}: {sizes.pop()} UAVs" if len(sizes) == 1 else what
     Console().print(means.table(title, [one.duration for one in scenarios.values()]))
     study.save(flown.values(), out / "runs.jsonl")
-    _report([out / "runs.jsonl", means.write_csv(out / f"{what}.csv")])
+    report([out / "runs.jsonl", means.write_csv(out / f"{what}.csv")])
 
 
 @click.command()
@@ -190,12 +171,7 @@ def _show(
 @jobs_option
 @backend_option
 @scheduler_option
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="Where results are written.  [default: out/paper, or out/NAME]",
-)
+@click.option("--out", type=PATH, metavar="DIR", help="Where results are written.  [default: out/paper, or out/NAME]")
 @quiet_option
 def paper(
     seeds: int,
@@ -237,7 +213,7 @@ def paper(
     paths = write_report(results, records, out, theory)
     for verdict, number in counts(records).items():
         click.echo(f"{verdict}: {number}", err=True)
-    _report(paths)
+    report(paths)
 
 
 def _scenario_file(name: str) -> Path:

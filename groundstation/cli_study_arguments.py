@@ -1,16 +1,22 @@
-"""Options of the commands that fly many times, and their progress bar."""
+"""Options of the commands that fly many times, their progress bar, and what keeps their flights."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from meanflock.groundstation.backends import BACKENDS
+from meanflock.groundstation.cli_arguments import PATH
+from meanflock.groundstation.doctor import tell_if_slow
+from meanflock.groundstation.durable import check_folder
 from meanflock.swarm.errors import BadInput
+
+if TYPE_CHECKING:
+    from meanflock.groundstation.paper.store import Store
 
 SEEDS = 8
 seeds_option = click.option(
@@ -35,7 +41,7 @@ jobs_option = click.option(
 scenario_option = click.option(
     "--scenario",
     "file",
-    type=click.Path(path_type=Path),
+    type=PATH,
     metavar="SCENARIO",
     help="A TOML file, or the name of a shipped scenario.  [default: the paper's]",
 )
@@ -51,19 +57,6 @@ scheduler_option = click.option(
     metavar="ADDRESS",
     help="Dask scheduler, e.g. tcp://127.0.0.1:8786.  [default: a cluster on this machine]",
 )
-quiet_option = click.option("--quiet", is_flag=True, help="Show no progress bar.")
-
-
-def out_option(default: str) -> Callable[[Any], Any]:
-    """`--out`, with where it is without one."""
-    return click.option(
-        "--out",
-        type=click.Path(path_type=Path),
-        default=Path(default),
-        show_default=True,
-        metavar="DIR",
-        help="Where results are written.",
-    )
 
 
 @contextmanager
@@ -83,3 +76,21 @@ def progress_of(what: str, quiet: bool) -> Iterator[Callable[[int, int], None]]:
     with bar:
         task = bar.add_task(what, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+@contextmanager
+def store_in(out: Path) -> Iterator["Store"]:
+    """What keeps flights in `out`; where none could be flown, the folders that were made for them go again."""
+    from meanflock.groundstation.paper.store import Store
+
+    new = not out.exists()
+    store = Store(out)
+    check_folder(out, "--out")
+    tell_if_slow()
+    try:
+        yield store
+    except BadInput:  # nothing was flown: the folders are empty, or hold what was there before
+        for folder in (store.data / "jobs", store.data, *([out] if new else [])):
+            with suppress(OSError):
+                folder.rmdir()
+        raise

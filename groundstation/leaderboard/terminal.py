@@ -30,8 +30,3 @@ def table(course: Course) -> Table:
         ]
         made.add_row(Text(row.name, "red bold" if row.yours else ""), str(flown), *cells)
     return made
-
-
-def notes(course: Course) -> list[str]:
-    """What is to be known of single rows."""
-    return tables.notes(course)
