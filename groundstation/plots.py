@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from meanflock.groundstation import plot_mission, plotstyle
@@ -126,7 +128,7 @@ def _run_paths(table: pa.Table, flown: plot_mission.Flown, folder: Path) -> Figu
     ax.set_ylabel("$y$ (m)")
     end = line(table, "sim_time_s")[-1]
     arrived = int(line(table, "arrived")[-1])
-    who = f"{plotstyle.name(flown.method)}, seed {flown.seed}: " if flown.method else ""
+    who = f"{flown.method}, seed {flown.seed}: " if flown.method else ""
     plotstyle.titled(
         ax,
         "",
@@ -195,40 +197,49 @@ def plot_compare(runs: Mapping[str, Summaries], metrics: Sequence[tuple[str, str
     Args:
         runs: method → the summaries of its runs. metrics: (key of a summary, title).
     """
-    methods = list(runs)
+    methods, looks = list(runs), plotstyle.looks(runs)
     columns = 2 if len(metrics) > 1 else 1
     rows = -(-len(metrics) // columns)
     with plotstyle.style():
-        made = plotstyle.figure(plotstyle.PAGE_IN, rows * (0.75 + 0.2 * len(methods)) + 0.1)
+        made = plotstyle.figure(plotstyle.PAGE_IN, rows * (0.75 + 0.2 * len(methods)) + 0.3)
         axes = made.subplots(rows, columns, sharey=True, squeeze=False).ravel()
         for letter, (key, title), ax in zip("abcdefghij", metrics, axes, strict=False):
             for place, method in enumerate(methods):
                 values = np.array([number(summary, key) for summary in runs[method]])
-                estimate = statistics.mean(values)
-                tone = plotstyle.colour(method)
-                ax.plot(
-                    values, np.full(len(values), place), linestyle="", marker="o", markersize=3, color=tone, alpha=0.3
-                )
-                if estimate.bounded:
-                    ax.plot([estimate.low, estimate.high], [place, place], color=tone, linewidth=2.0)
-                ax.plot(
-                    [estimate.value],
-                    [place],
-                    marker=plotstyle.marker(method),
-                    markersize=6,
-                    color=tone,
-                    markeredgecolor="white",
-                )
+                _row(ax, place, values, looks[method])
             ax.set_ylim(len(methods) - 0.5, -0.5)
-            ax.set_yticks(range(len(methods)), [plotstyle.name(method) for method in methods])
+            ax.set_yticks(range(len(methods)), methods)
             ax.grid(visible=False, axis="y")
             plotstyle.titled(ax, letter, title)
             ax.set_xlabel(_label(key))
             if key.startswith("payload_bits"):
                 plotstyle.bit_axis(ax.xaxis)
+            if key == "arrived":
+                most = max(number(summary, "uavs") for summaries in runs.values() for summary in summaries)
+                ax.set_xlim(-0.03 * most, 1.03 * most)
+                ax.xaxis.set_major_locator(MaxNLocator(integer=True))
         for ax in axes[len(metrics) :]:
             ax.set_visible(False)
+        _explained(made, [len(summaries) for summaries in runs.values()], "pale: single flights; ")
     return made
+
+
+def _row(ax: Axes, place: int, values: Floats, look: plotstyle.Look) -> None:
+    """A method's flights, their mean and its interval."""
+    estimate = statistics.mean(values)
+    pale: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 3, "alpha": 0.3}
+    ax.plot(values, np.full(len(values), place), color=look.colour, **pale)
+    if estimate.bounded:
+        ax.plot([estimate.low, estimate.high], [place, place], color=look.colour, linewidth=2.0)
+    mean: dict[str, Any] = {"marker": look.marker, "markersize": 6, "markeredgecolor": "white"}
+    ax.plot([estimate.value], [place], color=look.colour, **mean)
+
+
+def _explained(made: Figure, flights: Sequence[int], before: str = "") -> None:
+    """What points and bars are, below all panels."""
+    least, most = min(flights), max(flights)
+    counted = f"{most} flight{'s' * (most > 1)}" if least == most else f"{least} to {most} flights"
+    made.supxlabel(f"{before}mean and 95 % interval over {counted}", fontsize=7, color=plotstyle.INK)
 
 
 def plot_sweep(
@@ -244,10 +255,11 @@ def plot_sweep(
     numeric = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
     x = np.array(values if numeric else range(len(values)), dtype=np.float64)
     methods = list(dict.fromkeys(method for runs in points.values() for method in runs))
+    looks = plotstyle.looks(methods)
     columns = 2 if len(metrics) > 1 else 1
     rows = -(-len(metrics) // columns)
     with plotstyle.style():
-        made = plotstyle.figure(plotstyle.PAGE_IN, 1.75 * rows + 0.45)
+        made = plotstyle.figure(plotstyle.PAGE_IN, 1.75 * rows + 0.65)
         axes = made.subplots(rows, columns, sharex=True, squeeze=False).ravel()
         for letter, (metric, title), ax in zip("abcdefghij", metrics, axes, strict=False):
             for place, method in enumerate(methods):
@@ -257,7 +269,7 @@ def plot_sweep(
                     for runs in points.values()
                 ]
                 middle, low, high = (np.array([getattr(e, end) for e in estimates]) for end in ("value", "low", "high"))
-                plotstyle.dots(ax, method, x + beside, middle, low, high)
+                plotstyle.dots(ax, looks[method], x + beside, middle, low, high)
             plotstyle.titled(ax, letter, title)
             ax.set_ylabel(_label(metric))
             if metric.startswith("payload_bits"):
@@ -268,5 +280,6 @@ def plot_sweep(
             ax.set_visible(False)
         for ax in axes[-columns:]:
             ax.set_xlabel(with_unit(key))
-        plotstyle.legend(made, methods, markers=True)
+        plotstyle.legend(made, methods, markers=True, looks=looks)
+        _explained(made, [len(summaries) for runs in points.values() for summaries in runs.values()])
     return made

@@ -3,12 +3,11 @@
 import io
 import re
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from string import ascii_lowercase
 from typing import Any
-from zlib import crc32
 
 import matplotlib as mpl
 import numpy as np
@@ -21,6 +20,9 @@ from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullForma
 from numpy.typing import NDArray
 
 from meanflock.groundstation import durable
+from meanflock.groundstation.looks import Look, colour, look, looks, marker, name
+
+__all__ = ("Look", "colour", "look", "looks", "marker", "name")  # of looks.py, beside all that is below
 
 Floats = NDArray[np.float64]
 
@@ -28,24 +30,6 @@ COLUMN_IN = 4.6  # drawn a little larger than a printed column (3.5 in); text is
 PAGE_IN = 7.6
 DPI = 200
 
-# Okabe and Ito's palette, told apart with every common colour vision; marker and dash say the same once more.
-COLOURS = {
-    "hjb": "#D55E00",
-    "mfg": "#7F7F7F",
-    "mfgfl-h": "#E69F00",
-    "mfgfl-f": "#009E73",
-    "mfgfl-hf": "#0072B2",
-    "offline": "#CC79A7",
-}
-MARKERS = {"hjb": "s", "mfg": "D", "mfgfl-h": "^", "mfgfl-f": "v", "mfgfl-hf": "o", "offline": "X"}
-DASHES: dict[str, tuple[float, tuple[float, ...]]] = {
-    "hjb": (0, (5, 1.6)),
-    "mfg": (0, (1, 1.2)),
-    "mfgfl-h": (0, (3, 1, 1, 1)),
-    "mfgfl-f": (0, (2, 1)),
-    "mfgfl-hf": (0, ()),
-    "offline": (0, (6, 1, 1, 1, 1, 1)),
-}
 STAR: dict[str, Any] = {  # a collision, wherever paths are drawn
     "linestyle": "",
     "marker": "*",
@@ -53,19 +37,6 @@ STAR: dict[str, Any] = {  # a collision, wherever paths are drawn
     "color": "#CC2222",
     "markeredgecolor": "white",
     "markeredgewidth": 0.4,
-}
-WIDTHS = {"mfgfl-hf": 1.9}  # of the lines that stand out, points
-# Of methods that have no look of their own: each by its name, so that it is the same in every figure.
-OTHER_COLOURS = ("#56B4E9", "#332288", "#882255", "#999933", "#661100", "#44AA99")
-OTHER_MARKERS = ("P", "8", "<", ">", "p", "h", "d")
-OTHER_DASHES: tuple[tuple[float, tuple[float, ...]], ...] = ((0, (4, 1)), (0, (1, 0.8)), (0, (4, 1, 1, 1)), (0, (7, 2)))
-NAMES = {
-    "hjb": "Hjb",
-    "mfg": "Mfg",
-    "mfgfl-h": "MfgFL-H",
-    "mfgfl-f": "MfgFL-F",
-    "mfgfl-hf": "MfgFL-HF",
-    "offline": "Offline",
 }
 INK, PALE, GOAL = "#222222", "#9A9A9A", "#2E8B57"
 RING: dict[str, Any] = {  # the goal, in a legend
@@ -183,26 +154,6 @@ def save(made: Figure, folder: Path, name: str) -> list[Path]:
     return paths
 
 
-def colour(method: str) -> str:
-    """A method's colour in every figure."""
-    return COLOURS.get(method) or OTHER_COLOURS[crc32(method.encode()) % len(OTHER_COLOURS)]
-
-
-def marker(method: str) -> str:
-    """The marker of its points."""
-    return MARKERS.get(method) or OTHER_MARKERS[crc32(method.encode()) % len(OTHER_MARKERS)]
-
-
-def dash(method: str) -> tuple[float, tuple[float, ...]]:
-    """The dashes of its lines."""
-    return DASHES.get(method) or OTHER_DASHES[crc32(method.encode()) % len(OTHER_DASHES)]
-
-
-def name(method: str) -> str:
-    """A method as the paper writes it."""
-    return NAMES.get(method, method)
-
-
 def axis(column: str) -> str:
     """The label of an axis; a column without one is called by its own name, which carries its unit."""
     return AXES.get(column, column)
@@ -229,19 +180,21 @@ def tex(text: str) -> str:
     return _SYMBOL.sub(lambda found: f"${_TEX[found.group()]}$", text)
 
 
-def legend(made: Figure, methods: Sequence[str], markers: bool = False, extra: Sequence[Line2D] = ()) -> None:
-    """One legend above all panels."""
-    handles = [
-        Line2D(
-            [],
-            [],
-            color=colour(method),
-            linestyle="-" if markers else dash(method),
-            marker=marker(method) if markers else None,
-            label=name(method),
-        )
-        for method in methods
-    ]
+def legend(
+    made: Figure,
+    methods: Sequence[str],
+    markers: bool = False,
+    extra: Sequence[Line2D] = (),
+    looks: Mapping[str, Look] | None = None,
+) -> None:
+    """One legend above all panels; with `looks` those and the names as they are typed, else those of the paper."""
+    handles = []
+    for method in methods:
+        seen = look(method) if looks is None else looks[method]
+        handle = Line2D([], [], color=seen.colour, label=name(method) if looks is None else method)
+        handle.set_linestyle("-" if markers else seen.dash)
+        handle.set_marker(seen.marker if markers else "")
+        handles.append(handle)
     handles += list(extra)
     made.legend(
         handles=handles, loc="outside upper center", ncols=min(len(handles), 4), handlelength=2.6, columnspacing=1.4
@@ -252,18 +205,19 @@ def curve(ax: Axes, method: str, x: Floats, y: Floats, low: Floats | None = None
     """A method's line over x, and a band where one is given."""
     if low is not None and high is not None:
         ax.fill_between(x, low, high, color=colour(method), alpha=0.16, linewidth=0)
-    ax.plot(x, y, color=colour(method), linestyle=dash(method), linewidth=WIDTHS.get(method, 1.4))
+    seen = look(method)
+    ax.plot(x, y, color=seen.colour, linestyle=seen.dash, linewidth=seen.width)
 
 
-def dots(ax: Axes, method: str, x: Floats, y: Floats, low: Floats, high: Floats) -> None:
+def dots(ax: Axes, seen: Look, x: Floats, y: Floats, low: Floats, high: Floats) -> None:
     """A method's points with their intervals, joined; an end that is not finite is not drawn."""
     bars = np.nan_to_num(np.stack([y - low, high - y]), nan=0.0, posinf=0.0, neginf=0.0)
     ax.errorbar(
         x,
         y,
         yerr=np.maximum(bars, 0.0),
-        color=colour(method),
-        marker=marker(method),
+        color=seen.colour,
+        marker=seen.marker,
         markeredgecolor="white",
         markeredgewidth=0.5,
         linewidth=1.3,

@@ -32,7 +32,7 @@ def _four_panels(view: View, experiment: str, methods: Sequence[str]) -> Figure 
                 np.array([getattr(each, end) for each in estimates]) for end in ("value", "low", "high")
             )
             x = np.array(points) + spread * (k - (len(methods) - 1) / 2)
-            plotstyle.dots(ax, method, x, middle, low, high)
+            plotstyle.dots(ax, plotstyle.look(method), x, middle, low, high)
         if metric == "phi_C_tavg":
             sizes = view.runs.where(experiment=experiment)
             floor = [1.0 / sizes.where(**{COORDINATE[experiment]: point})["uavs"][0] for point in points]

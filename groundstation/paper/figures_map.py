@@ -1,6 +1,7 @@
 """The map of regimes: how many claims hold in every setting of the designed search."""
 
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import NullLocator
 
 from meanflock.groundstation import plotstyle
@@ -42,7 +43,7 @@ def regime_map(view: View) -> Figure | None:
                     ha="left",
                     fontsize=7,
                     zorder=4,
-                    bbox={"boxstyle": "round,pad=0.1", "facecolor": "white", "linewidth": 0, "alpha": 0.7},
+                    path_effects=[withStroke(linewidth=2.0, foreground="white")],  # hides no point
                 )
         ax.set_xscale("log")
         ax.set_yscale("log")
@@ -51,7 +52,7 @@ def regime_map(view: View) -> Figure | None:
         ax.xaxis.set_minor_locator(NullLocator())
         ax.yaxis.set_minor_locator(NullLocator())
         ax.set_xlabel("$\\kappa$ (1/s)")
-        plotstyle.titled(ax, letter, "coefficients of the polynomial" if multinomial else "coefficients of one")
+        plotstyle.titled(ax, letter, "multinomial coefficients" if multinomial else "all coefficients 1")
     axes[0].set_ylabel("velocity scale $L_v$ (m/s)")
     made.colorbar(shown, ax=axes, label=f"claims that hold (of {len(found[0].held)})", fraction=0.04)
     return made

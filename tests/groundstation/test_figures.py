@@ -9,7 +9,7 @@ import pyarrow as pa
 import pytest
 from matplotlib.figure import Figure
 
-from meanflock.groundstation import plots, plotstyle
+from meanflock.groundstation import looks, plots, plotstyle
 from meanflock.groundstation.paper import figures, report
 from meanflock.groundstation.paper.figures_curves import Bundle, bundle
 from meanflock.groundstation.paper.grid import COMPARED, FEDERATED, PERIODS, SIGMAS, UAVS
@@ -150,13 +150,13 @@ def test_every_axis_has_a_unit(name: str, tables: Results) -> None:
     with plotstyle.style():
         made = figures.FIGURES[name][0](View.of(tables))
     assert made is not None
-    methods = set(plotstyle.NAMES.values())
+    methods = set(looks.NAMES.values())
     for label in every_axis(made):
         assert "(" in label or label in methods or "N$" in label or "n_0" in label, label
 
 
 def test_a_method_has_one_colour_marker_and_dash() -> None:
-    for look in (plotstyle.COLOURS, plotstyle.MARKERS, plotstyle.DASHES, plotstyle.NAMES):
+    for look in (looks.COLOURS, looks.MARKERS, looks.DASHES, looks.NAMES):
         assert set(look) == set(Method)
         assert len({str(each) for each in look.values()}) == len(look)
 
@@ -278,6 +278,7 @@ def test_no_run_is_bad_input(tmp_path: Path) -> None:
 def summaries(level: float, seeds: int = 4) -> list[dict[str, Any]]:
     return [
         {
+            "uavs": 4,
             "arrived": 3,
             "t_avg_censored_s": level + seed,
             "energy_mean_J": level,
@@ -294,7 +295,7 @@ def test_comparison_has_a_row_a_method_and_a_panel_a_metric() -> None:
     made = plots.plot_compare({"hjb": summaries(20.0), "mfgfl-hf": summaries(18.0)})
     panels = [ax for ax in made.axes if ax.get_visible()]
     assert len(panels) == len(plots.COMPARED)
-    assert [text.get_text() for text in panels[0].get_yticklabels()] == ["Hjb", "MfgFL-HF"]
+    assert [text.get_text() for text in panels[0].get_yticklabels()] == ["hjb", "mfgfl-hf"]
 
 
 @pytest.mark.parametrize("values", [(0.1, 0.2, 0.3), ("amplitude", "power")])

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.console import Console
 
+from meanflock.groundstation import looks as looks_of
 from meanflock.groundstation import panels, plots, plotstyle, quantities
 from meanflock.groundstation.paper import figures_grids
 from meanflock.groundstation.progress import summary_table
@@ -188,16 +189,37 @@ def test_a_run_of_before_lacks_columns_and_is_plotted_all_the_same(of_a_stranger
 
 def test_a_method_nobody_knows_has_a_look_of_its_own_in_every_figure() -> None:
     strangers = [f"mine-{number}" for number in range(50)]
-    looks = {name: (plotstyle.colour(name), plotstyle.marker(name), plotstyle.dash(name)) for name in strangers}
+    looks = {name: (each.colour, each.marker, each.dash) for name in strangers for each in [plotstyle.look(name)]}
     assert looks["mine-0"] == ("#999933", "P", (0, (7, 2)))  # today and on every machine
     assert len(set(looks.values())) > 20
-    known = {(plotstyle.colour(name), plotstyle.marker(name)) for name in plotstyle.NAMES}
+    known = {(plotstyle.colour(name), plotstyle.marker(name)) for name in looks_of.NAMES}
     assert not known & {(tone, marker) for tone, marker, _ in looks.values()}
-    summary = {key: 1.0 for key, _ in plots.COMPARED} | {"payload_bits": {"total": 8.0}}
+    summary = {key: 1.0 for key, _ in plots.COMPARED} | {"payload_bits": {"total": 8.0}, "uavs": 4}
     made = plots.plot_compare({"hjb": [summary, summary], "mine-0": [summary]})
-    assert [label.get_text() for label in made.axes[0].get_yticklabels()] == ["Hjb", "mine-0"]
+    assert [label.get_text() for label in made.axes[0].get_yticklabels()] == ["hjb", "mine-0"]
     made = plots.plot_sweep("wind.sigma", {0.1: {"mine-0": [summary]}, 0.2: {"mine-0": [summary]}})
     assert [text.get_text() for text in made.legends[0].get_texts()] == ["mine-0"]
+
+
+def test_methods_of_one_figure_are_told_apart() -> None:
+    assert plotstyle.colour("plan") == plotstyle.colour("orca")  # each alone has this one
+    looks = plotstyle.looks(["plan", "orca", "hjb", "cruise", "lqr", "vasarhelyi", "rls"])
+    assert list(looks)[:3] == ["plan", "orca", "hjb"]
+    assert len({each.colour for each in looks.values()}) == len(looks)
+    assert len({each.marker for each in looks.values()}) == len(looks)
+    assert looks["hjb"] == plotstyle.look("hjb")
+    assert looks["plan"] == plotstyle.look("plan")
+    assert len(plotstyle.looks([f"mine-{number}" for number in range(50)])) == 50
+
+
+def test_the_comparison_says_how_many_flights_and_shows_arrivals_of_all() -> None:
+    summary = {key: 1.0 for key, _ in plots.COMPARED} | {"payload_bits": {"total": 8.0}, "uavs": 9}
+    made = plots.plot_compare({"plan": [summary] * 3, "orca": [summary] * 3})
+    assert made.get_supxlabel() == "pale: single flights; mean and 95 % interval over 3 flights"
+    arrivals = next(ax for ax in made.axes if "arrived" in ax.get_xlabel())
+    low, high = arrivals.get_xlim()
+    assert low <= 0.0
+    assert 9.0 <= high < 10.0
 
 
 def test_panels_are_lettered_past_the_alphabet() -> None:
