@@ -12,7 +12,7 @@ FOLDER = "plugins"
 
 
 def files(flown: Scenario) -> dict[str, bytes]:
-    """Name and contents of every file that has a plug-in of the scenario.
+    """Name and contents of every file that has a plug-in of the scenario; a class of this process is in none.
 
     Raises:
         BadInput: one is not what was loaded, or cannot be read; or a plug-in is not installed here.
@@ -20,7 +20,7 @@ def files(flown: Scenario) -> dict[str, bytes]:
     found: dict[str, bytes] = {}
     for door, name, fingerprint in flown.plugins():
         plugin = plugins.find(door, name)
-        if not plugins.is_file(plugin):
+        if not plugins.is_file(plugin) or plugin.source == plugins.HERE:
             continue
         path = Path(plugin.source)
         try:

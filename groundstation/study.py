@@ -31,6 +31,10 @@ Fly = Callable[[Scenario], dict[str, Any]]
 STUDY = "study"
 
 
+class Interrupted(RunFailed):
+    """By Ctrl-C, as the command tells it; from Python it is a KeyboardInterrupt."""
+
+
 def seeded(flown: Scenario, count: int) -> list[Scenario]:
     """The scenario with its own seed and the `count` − 1 after it."""
     return [msgspec.structs.replace(flown, seed=flown.seed + k) for k in range(count)]
@@ -43,6 +47,7 @@ def fly_all(
     store: Store,
     study: str = STUDY,
     fly: Fly | None = None,
+    keeps: bool = True,
 ) -> dict[Any, Summaries]:
     """Flies what `store` does not have yet, in `jobs` processes, without a bus: the first flight of each point, the
     second of each, and so on, so that the time left can be told from the time it took.
@@ -51,13 +56,14 @@ def fly_all(
         points: by whatever tells them apart, scenarios that differ in their seeds only.
         progress: called with the runs finished and wanted.
         study: what keeps them, the first word of their names in the store. fly: flies one and says what is kept of it,
-            in whatever process; None for its summary.
+            in whatever process; None for its summary. keeps: whether `store` outlives this call.
 
     Returns:
         For each point the summaries of its runs, in the order of its scenarios.
 
     Raises:
-        RunFailed: interrupted, disk full or a process died; what was finished is kept, the same call flies the rest.
+        RunFailed: disk full or a process died, or interrupted (Interrupted); what was finished is kept, the same call
+            flies the rest.
     """
     keys = {name: [key_of(flown, study) for flown in flights] for name, flights in points.items()}
     finished = {key: run.scalars for key, run in store.finished().items()}
@@ -76,20 +82,29 @@ def fly_all(
             done += len(runs)
             progress(done, total)
     except KeyboardInterrupt:
-        raise RunFailed(f"interrupted; {_kept(done, total, store)}") from None
+        raise Interrupted(f"interrupted; {_kept(done, total, store if keeps else None)}") from None
     except BrokenProcessPool as error:
-        raise RunFailed(f"a process died, perhaps for want of memory; {_kept(done, total, store)}") from error
+        raise RunFailed(
+            f"a process died, perhaps for want of memory; {_kept(done, total, store if keeps else None)}"
+        ) from error
     return {name: [finished[key] for key in keys[name]] for name in points}
 
 
-def _kept(done: int, total: int, store: Store) -> str:
+def _kept(done: int, total: int, store: Store | None) -> str:
+    if store is None:
+        return f"{done} of {total} runs were flown and nothing is kept: name a folder for them, out=…"
     return f"{done} of {total} runs are kept in {store.data}: repeat the command to fly the rest"
 
 
 def key_of(flown: Scenario, study: str = STUDY) -> str:
-    """The name of a run in the store, where the paper's grid may keep its own; another if a plug-in's code changed."""
-    own = (plugins.find(door, name) for door, name, _ in flown.plugins())
-    return ":".join([study, flown.sha256(), *(_contents(plugin) for plugin in own if plugins.is_file(plugin))])
+    """The name of a run in the store, where the paper's grid may keep its own; another if a plug-in's file, or the
+    version of its package, has changed.
+    """
+    found = (plugins.find(door, name) for door, name, _ in flown.plugins())
+    theirs = (
+        plugin for plugin in found if not plugin.reference.startswith("meanflock.")
+    )  # the store knows our version
+    return ":".join([study, flown.sha256(), *map(_contents, theirs)])
 
 
 def _contents(plugin: plugins.Plugin) -> str:

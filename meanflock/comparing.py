@@ -5,14 +5,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from meanflock.groundstation import study
 from meanflock.groundstation.means import METRICS, Means
 from meanflock.groundstation.paper import statistics
 from meanflock.groundstation.paper.store import Store
 from meanflock.groundstation.plots import number
-from meanflock.settings import scenario_of
+from meanflock.settings import load_plugins, plain, scenario_of
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.plugins import load_files
 from meanflock.swarm.scenario import Scenario
 
 Progress = Callable[[int, int], None]  # flights finished, and wanted
@@ -43,6 +44,10 @@ class Comparison:
     def __len__(self) -> int:
         return len(self.means.points)
 
+    def __repr__(self) -> str:
+        flights = sum(map(len, self.means.points.values()))
+        return f"<Comparison of {len(self)} points of {', '.join(self.means.names)}: {flights} flights>"
+
     @property
     def summaries(self) -> Mapping[tuple[Any, ...], Sequence[Mapping[str, Any]]]:
         """The summaries of all flights, by point."""
@@ -50,11 +55,11 @@ class Comparison:
 
 
 def compare(
-    methods: Sequence[str | type],
+    methods: Sequence[str | type] | str | type,
     *,
     seeds: int = 8,
     scenario: str | Path | Scenario | None = "paper",
-    plugin: str | Path | None = None,
+    plugin: str | Path | Sequence[str | Path] | None = None,
     jobs: int = -1,
     out: str | Path | None = None,
     progress: Progress | None = None,
@@ -63,34 +68,32 @@ def compare(
     """Flies several controllers over the same seeds.
 
     Args:
-        methods: names, or classes of yours. seeds: flights of each, from the scenario's seed on. jobs: processes; −1:
-            one a core; a class that is in no file is flown in this one. out: a folder in which finished flights are
-            kept: the same call flies the rest. settings: dotted keys of the scenario.
+        methods: names, or classes of yours; or one alone. seeds: flights of each, from the scenario's seed on. plugin:
+            a file with plug-ins, or several. jobs: processes; −1: one a core; a class that is in no file is flown in
+            this one. out: a folder in which finished flights are kept: the same call flies the rest. settings: dotted
+            keys of the scenario.
 
     Raises:
-        BadInput: something asked for cannot be had. RunFailed: interrupted, or a process died.
+        BadInput: something asked for cannot be had. RunFailed: a process died.
     """
-    if plugin is not None:
-        load_files([plugin])
-    if not methods:
+    load_plugins(plugin)
+    if not (named := _several(methods)):
         raise BadInput("compare: name a controller or more")
     points = {}
-    for method in methods:
+    for method in named:
         flown = scenario_of(scenario, settings, method=method)
-        points[(flown.method,)] = study.seeded(flown, seeds)
-    return Comparison(
-        ("method",), _fly(points, 1 if any(isinstance(m, type) for m in methods) else jobs, out, progress)
-    )
+        points[(flown.method,)] = study.seeded(flown, _count(seeds))
+    return Comparison(("method",), _fly(points, _processes(jobs, named), out, progress))
 
 
 def sweep(
     key: str,
     values: Sequence[Any],
     *,
-    methods: Sequence[str | type] | None = None,
+    methods: Sequence[str | type] | str | type | None = None,
     seeds: int = 8,
     scenario: str | Path | Scenario | None = "paper",
-    plugin: str | Path | None = None,
+    plugin: str | Path | Sequence[str | Path] | None = None,
     jobs: int = -1,
     out: str | Path | None = None,
     progress: Progress | None = None,
@@ -99,26 +102,56 @@ def sweep(
     """Flies a scenario for several values of one dotted key, and each with several controllers if asked to.
 
     Raises:
-        BadInput: something asked for cannot be had. RunFailed: interrupted, or a process died.
+        BadInput: something asked for cannot be had. RunFailed: a process died.
     """
-    if plugin is not None:
-        load_files([plugin])
+    load_plugins(plugin)
     if key in settings:
         raise BadInput(f"{key} is what is swept; leave it out of the settings")
-    points = {}
+    points, named = {}, _several(methods)
     for value in values:
-        for method in methods or (None,):
+        for method in named or (None,):
             flown = scenario_of(scenario, {**settings, key: value}, method=method)
-            points[value, flown.method] = study.seeded(flown, seeds)
-    alone = any(isinstance(method, type) for method in methods or ())
-    return Comparison((key, "method"), _fly(points, 1 if alone else jobs, out, progress))
+            points[_hashable(value), flown.method] = study.seeded(flown, _count(seeds))
+    if not points:
+        raise BadInput(f"sweep: give {key} a value or more")
+    return Comparison((key, "method"), _fly(points, _processes(jobs, named), out, progress))
+
+
+def _several(methods: Sequence[str | type] | str | type | None) -> list[str | type]:
+    """Controllers, also where one was named alone."""
+    return [methods] if isinstance(methods, str | type) else list(methods or ())
+
+
+def _processes(jobs: int, methods: Sequence[str | type]) -> int:
+    """How many fly; a class that is in no file flies here."""
+    return 1 if any(isinstance(method, type) for method in methods) else jobs
+
+
+def _count(seeds: Any) -> int:
+    """Flights a point.
+
+    Raises:
+        BadInput: it is no number of them.
+    """
+    if not isinstance(seeds, int | np.integer) or seeds < 1:
+        raise BadInput(f"seeds: {seeds!r}; give how many to fly, one or more: from `seed` on, each the one after it")
+    return int(seeds)
+
+
+def _hashable(value: Any) -> Any:
+    """A value as part of a point: a list as a tuple."""
+    value = plain(value)
+    return tuple(map(_hashable, value)) if isinstance(value, list) else value
 
 
 def _fly(
     points: Mapping[Any, Sequence[Scenario]], jobs: int, out: str | Path | None, progress: Progress | None
 ) -> dict[Any, study.Summaries]:
     show = progress or (lambda _done, _total: None)
-    if out is not None:
-        return study.fly_all(points, jobs, show, Store(Path(out)))
-    with tempfile.TemporaryDirectory(prefix="meanflock-") as folder:
-        return study.fly_all(points, jobs, show, Store(Path(folder)))
+    try:
+        if out is not None:
+            return study.fly_all(points, jobs, show, Store(Path(out)))
+        with tempfile.TemporaryDirectory(prefix="meanflock-") as folder:
+            return study.fly_all(points, jobs, show, Store(Path(folder)), keeps=False)
+    except study.Interrupted as error:
+        raise KeyboardInterrupt(str(error)) from None

@@ -1,17 +1,17 @@
 """`mf.fly`: one flight in this process and thread."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from meanflock.groundstation import columns
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.results import RECORDING, RunFolder
 from meanflock.groundstation.station import Kept, Sink
 from meanflock.runs import Run
-from meanflock.settings import scenario_of
+from meanflock.settings import load_plugins, scenario_of
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.plugins import load_files
 from meanflock.swarm.scenario import Scenario
 
 Progress = Callable[[int, int], None]  # ticks flown, and at the most to be flown
@@ -24,7 +24,7 @@ def fly(
     uavs: int | None = None,
     seed: int | None = None,
     duration: float | None = None,
-    plugin: str | Path | None = None,
+    plugin: str | Path | Sequence[str | Path] | None = None,
     out: str | Path | None = None,
     record: bool = False,
     progress: Progress | None = None,
@@ -34,9 +34,9 @@ def fly(
 
     Args:
         scenario: the name of a shipped one, a TOML file, or a Scenario. method: the controller, by name or as a class.
-        duration: s, at the longest. plugin: a file with plug-ins. out: a folder in which the run leaves one of its own,
-            as `meanflock run` does; None: nothing is written. record: a Rerun recording in it, too. progress: called
-            every hundred ticks. settings: any dotted key of the scenario, `**{"wind.sigma": 0.2}`.
+        duration: s, at the longest. plugin: a file with plug-ins, or several. out: a folder in which the run leaves one
+            of its own, as `meanflock run` does; None: nothing is written. record: a Rerun recording in it, too.
+            progress: called every hundred ticks. settings: any dotted key of the scenario, `**{"wind.sigma": 0.2}`.
 
     Returns:
         The run: `.summary`, `.states`, `.events`, `.frame()`.
@@ -44,12 +44,12 @@ def fly(
     Raises:
         BadInput: something asked for cannot be had; nothing was flown. RunFailed: the flight failed.
     """
-    if plugin is not None:
-        load_files([plugin])
+    load_plugins(plugin)
     if record and out is None:
         raise BadInput("record=True: name the folder for it, out=…")
     options = {"method": method, "uavs": uavs, "seed": seed, "duration": duration}
     flown = scenario_of(scenario, settings, **options)
+    columns.check(flown.method, flown.declared.diagnostics)
     kept = Kept()
     with ExitStack() as stack:
         sinks: list[Sink] = [kept]

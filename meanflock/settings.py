@@ -1,15 +1,41 @@
 """A scenario from what somebody wrote in Python: a name or a file, options, and dotted keys."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from meanflock.swarm import plugins, scenarios
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, from_table
 from meanflock.swarm.toml import put, read
+
+
+def load_plugins(given: str | Path | Sequence[str | Path] | None) -> None:
+    """Registers the plug-ins of a file or several, for this process and those it starts.
+
+    Raises:
+        BadInput: one cannot be used.
+    """
+    if given is not None:
+        plugins.load_files([given] if isinstance(given, str | Path) else given)
+
+
+def plain(value: Any) -> Any:
+    """What somebody wrote, as a TOML file could have it: numbers and arrays of NumPy are numbers and lists.
+
+    Raises:
+        TypeError: it is something else.
+    """
+    return msgspec.to_builtins(value, enc_hook=_of_numpy)
+
+
+def _of_numpy(value: Any) -> Any:
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} is no value of a scenario")
 
 
 def scenario_of(scenario: str | Path | Scenario | None, settings: Mapping[str, Any], **options: Any) -> Scenario:
@@ -23,7 +49,7 @@ def scenario_of(scenario: str | Path | Scenario | None, settings: Mapping[str, A
         BadInput: no such scenario, or a key or value that is none.
     """
     if isinstance(scenario, Scenario):
-        table: dict[str, Any] = msgspec.to_builtins(scenario)
+        table: dict[str, Any] = plain(scenario)
     elif scenario is None:
         table = {}
     else:
@@ -33,9 +59,11 @@ def scenario_of(scenario: str | Path | Scenario | None, settings: Mapping[str, A
     if isinstance(method, type):
         plugins.register(method)
         options["method"] = method.name  # type: ignore[attr-defined]
+    elif not isinstance(method, str | None):
+        raise BadInput(f"method: {method!r} is no name of a controller and no class; give one of these")
     for key, value in {**{k: v for k, v in options.items() if v is not None}, **settings}.items():
         try:
-            put(table, key, msgspec.to_builtins(value))
+            put(table, key, plain(value))
         except TypeError as error:
             raise BadInput(f"{key}: {error}; give a number, a text, a list or a dict") from error
     flown = from_table(table, "scenario")

@@ -8,6 +8,7 @@ import pytest
 
 import meanflock as mf
 from meanflock.groundstation import study
+from meanflock.swarm import plugins
 
 SMALL: dict[str, Any] = {"uavs": 2, "duration": 3.0, "jobs": 1}
 
@@ -50,6 +51,10 @@ def test_what_is_kept_is_not_flown_again(tmp_path: Path, monkeypatch: pytest.Mon
     ("call", "says"),
     [
         (lambda: mf.compare([], seeds=2, **SMALL), "name a controller"),
+        (lambda: mf.compare(["mfg"], seeds=0, **SMALL), "seeds: 0; give how many"),
+        (lambda: mf.compare(["mfg"], seeds=[1, 2], **SMALL), r"seeds: \[1, 2\]; give how many"),
+        (lambda: mf.sweep("wind.sigma", [0.1], seeds=0, **SMALL), "seeds: 0; give how many"),
+        (lambda: mf.sweep("wind.sigma", [], **SMALL), "a value or more"),
         (lambda: mf.compare(["nobody"], seeds=2, **SMALL), "'nobody' is not installed"),
         (lambda: mf.sweep("wind.sigma", [0.1, -1.0], **SMALL), "wind.sigma"),
         (lambda: mf.sweep("wind.sgima", [0.1, 0.2], **SMALL), "sgima"),
@@ -62,3 +67,46 @@ def test_what_cannot_be_compared_is_refused_before_anything_is_flown(
     monkeypatch.setattr(study, "fly_all", lambda *_, **__: pytest.fail("flown in vain"))
     with pytest.raises(mf.BadInput, match=says):
         call()
+
+
+def test_one_controller_alone_may_be_named_without_a_list() -> None:
+    assert [row["method"] for row in mf.compare("mfg", seeds=1, **SMALL)] == ["mfg"]
+    rows = mf.sweep("wind.sigma", np.linspace(0.1, 0.2, 2), methods="mfg", seeds=np.int64(1), **SMALL)
+    assert [(row["wind.sigma"], row["method"]) for row in rows] == [(0.1, "mfg"), (0.2, "mfg")]
+
+
+def test_values_of_a_sweep_may_be_lists() -> None:
+    found = mf.sweep("wind.mean", [[1.0, -1.0], (0.0, 0.0)], methods=["mfg"], seeds=1, **SMALL)
+    assert [row["wind.mean"] for row in found] == [(1.0, -1.0), (0.0, 0.0)]
+    assert repr(found) == "<Comparison of 2 points of wind.mean, method: 2 flights>"
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_ctrl_c_is_one_and_says_what_is_kept(kept: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(study.Store, "add", interrupted)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        mf.compare("mfg", seeds=2, out=tmp_path if kept else None, **SMALL)
+    assert f"kept in {tmp_path / 'data'}" in str(caught.value) if kept else "nothing is kept: name" in str(caught.value)
+
+
+def test_flights_of_another_version_of_a_package_are_flown_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "stranger.py").write_text(
+        "import meanflock as mf\n\nclass Still(mf.Controller):\n    name = 'still'\n"
+        "    def step(self, memory, tick, own, received):\n        return mf.Step(memory, 0.0 * own[:, :2])\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def key(version: str) -> str:
+        plugin = plugins.Plugin("controller", "still", f"stranger {version}", "stranger:Still", f"stranger {version}")
+        installed = {**plugins._packaged(), ("controller", "still"): (plugin,)}
+        with monkeypatch.context() as patch:
+            patch.setattr(plugins, "_packaged", lambda: installed)
+            return study.key_of(mf.Scenario(method="still"))
+
+    assert key("1.0") == key("1.0") != key("1.1")
+    assert study.key_of(mf.Scenario(method="mfg")).count(":") == 1

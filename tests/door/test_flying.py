@@ -81,6 +81,59 @@ def test_a_class_is_a_method(registered: None) -> None:
     assert run.summary["arrived"] == 0
 
 
+def test_a_class_leaves_a_folder_too(tmp_path: Path, registered: None) -> None:
+    run = mf.fly(method=Still, out=tmp_path, record=True, **SMALL)
+    assert run.folder is not None
+    again = mf.open(run.folder)
+    np.testing.assert_array_equal(again.states, run.states)
+    assert run.recording == again.recording is not None
+
+
+def test_numbers_and_arrays_of_numpy_are_values(registered: None) -> None:
+    settings: dict[str, Any] = {"wind.sigma": np.float64(0.2), "wind.mean": np.array([0.5, -0.5])}
+    run = mf.fly(method=Still, uavs=np.int64(4), seed=np.int32(3), duration=np.float32(6.0), **settings)
+    assert (run.scenario.seed, run.scenario.wind.sigma, run.scenario.wind.mean) == (3, 0.2, (0.5, -0.5))
+    assert mf.fly(mf.Scenario(uavs=1, duration=np.float64(1.0))).summary["ticks"] == 10
+
+
+def test_files_of_plugins_are_one_or_several(tmp_path: Path, registered: None) -> None:
+    head = "import numpy as np\nimport meanflock as mf\n"
+    (one := tmp_path / "still.py").write_text(
+        f"{head}class One(mf.Controller):\n    name = 'one'\n    parameters = 1\n"
+        "    def init(self, uavs, plan):\n        return {'w': np.ones((len(uavs), 1))}\n"
+        "    def step(self, memory, tick, own, received):\n        return mf.Step(memory, 0.0 * own[:, :2])\n"
+        "    def get(self, memory):\n        return memory['w']\n"
+        "    def set(self, memory, rows, models):\n        return memory\n"
+    )
+    (other := tmp_path / "least.py").write_text(
+        f"{head}class Least(mf.Aggregator):\n    name = 'least'\n"
+        "    def step(self, state, models, uavs, round_):\n        return state, models.min(axis=0)\n"
+    )
+    run = mf.fly(method="one", plugin=[one, str(other)], **SMALL, **{"federation.aggregation": "least"})
+    assert run.summary["method"] == "one"
+
+
+def test_a_plugin_that_calls_it_a_day_ends_no_process_but_its_own_part(registered: None) -> None:
+    class Leaves(Still):
+        name = "leaves"
+
+        def step(self, memory: dict[str, np.ndarray], tick: int, own: np.ndarray, received: Any) -> mf.Step:
+            raise SystemExit(3)
+
+    run = mf.fly(method=Leaves, **SMALL)
+    assert run.summary["lost"] == 4
+    assert any("SystemExit: 3" in event["text"] for event in run.events)
+
+
+def test_a_diagnostic_called_as_a_column_is_refused_before_the_flight(registered: None) -> None:
+    class Clash(Still):
+        name = "clash"
+        diagnostics = ("x_m",)
+
+    with pytest.raises(mf.BadInput, match="x_m: the time series has columns of that name"):
+        mf.fly(method=Clash, **SMALL)
+
+
 def test_a_scenario_is_a_name_a_file_a_scenario_or_nothing(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text('method = "mfg"\nuavs = 4\nseed = 3\nduration = 6.0\n')
@@ -107,6 +160,8 @@ def test_a_scenario_is_a_name_a_file_a_scenario_or_nothing(tmp_path: Path) -> No
         ("paper", {"uavs": 0}, "uavs"),
         ("paper", {"method": "nobody"}, "'nobody' is not installed here"),
         ("paper", {"method": int}, "derive a class from meanflock.Controller"),
+        ("paper", {"method": object()}, "is no name of a controller and no class; give one of these"),
+        ("paper", {"plugin": ["nowhere.py"]}, "nowhere.py"),
         ("paper", {"plugin": "nowhere.py"}, "nowhere.py"),
         ("paper", {"record": True}, "out="),
         ("nowhere.toml", {}, "nowhere.toml"),
