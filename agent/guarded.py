@@ -17,9 +17,11 @@ from meanflock.agent.rows import (
     row_of,
     step_each_alone,
 )
-from meanflock.swarm import plugins, state
+from meanflock.swarm import state
 from meanflock.swarm.declared import controller
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.failures import FAILURES, last_line
+from meanflock.swarm.model import BEYOND_SENSE
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask
 
@@ -63,12 +65,17 @@ class Guarded:
             BadInput: it failed.
         """
         try:
-            return checked_memory(self._controller.init(self._uavs, plan), len(self._uavs))
-        except Exception as error:
-            uavs = ", ".join(map(str, self._uavs))
+            return self._begun(self._uavs, plan)
+        except FAILURES as error:
+            alone = each_alone(range(len(self._uavs)), lambda row: self._begun(self._uavs[row : row + 1], plan))
+            failed = [uav for row, uav in enumerate(self._uavs) if row not in alone] or self._uavs
+            uavs = ", ".join(map(str, failed))
             raise BadInput(
-                f"controller {self._method!r} failed in `init` with UAV {uavs}: {plugins.reason(error)}"
+                f"controller {self._method!r} failed in `init` with UAV {uavs}: {last_line(error)}"
             ) from error
+
+    def _begun(self, uavs: Rows, plan: Floats) -> Memory:
+        return checked_memory(self._controller.init(uavs, plan), len(uavs))
 
     def step(self, memory: Memory, tick: int, own: Floats, received: Sequence[Received]) -> tuple[Step, Floats, float]:
         """The step of all rows, their commands (M, 2 + K), and the largest |number| of these: of rows in which the
@@ -77,7 +84,7 @@ class Guarded:
         try:
             step = self._controller.step(memory, tick, own, received)
             return step, *checked_step(step, memory, self._blank, self._declared)
-        except Exception as error:
+        except FAILURES as error:
             step, commands = step_each_alone(self._controller, memory, tick, own, received, self._declared)
             self._break(np.flatnonzero(np.isnan(commands).any(axis=-1)), error)
             return step, commands, float(np.abs(commands).max(initial=0.0))
@@ -94,7 +101,7 @@ class Guarded:
         """The memory after some rows were given a global model (len(rows), parameters)."""
         try:
             return checked_again(self._controller.set(memory, rows, models), memory)
-        except Exception as error:
+        except FAILURES as error:
             places = {row: slice(place, place + 1) for place, row in enumerate(rows.tolist())}
             alone = each_alone(places, lambda row: self._taught(row_of(memory, row), models[places[row]]))
             self._break([row for row in places if row not in alone], error)
@@ -107,6 +114,18 @@ class Guarded:
             if len(bad):
                 self._break(bad, ValueError(f"memory[{name!r}] has numbers that are not finite"))
 
+    def note_beyond(self, commands: Floats, rows: Mask) -> None:
+        """Takes note of `rows` (M,) whose commands (M, 2 + K) have left all bounds, and says which number of the first
+        of them it was. Of those that are broken it is known why.
+        """
+        rows = rows & ~self._known
+        if not rows.any():
+            return
+        first = commands[np.flatnonzero(rows)[0]]
+        column = int(np.flatnonzero(~(np.abs(first) < BEYOND_SENSE))[0])
+        name = ("acceleration along x", "acceleration along y", *self._declared.diagnostics)[column]
+        self._complain(rows, f"its {name} is {first[column]:g}")
+
     def _taught(self, alone: Memory, model: Floats) -> Memory:
         return checked_again(self._controller.set(alone, np.zeros(1, dtype=np.intp), model), alone)
 
@@ -114,20 +133,24 @@ class Guarded:
         call, rows = getattr(self._controller, name), len(self._uavs)
         try:
             return checked_table(name, call(memory), rows, width)
-        except Exception as error:
+        except FAILURES as error:
             alone = each_alone(range(rows), lambda row: checked_table(name, call(row_of(memory, row)), 1, width))
             self._break([row for row in asked if row not in alone], error)
             return np.concatenate([alone.get(row, np.zeros((1, width))) for row in range(rows)])
 
-    def _break(self, rows: Rows | list[int], error: Exception) -> None:
+    def _break(self, rows: Rows | list[int], error: BaseException) -> None:
         """Takes note of rows in which it has failed."""
         broken = np.zeros(len(self._uavs), dtype=bool)
         broken[rows] = True
         if self.asleep is not None:
             broken = broken & ~self.asleep
         self.broken = self.or_broken(broken)
-        if len(uavs := self._uavs[broken & ~self._known]):
-            self._known = self._known | broken
-            log.warning("controller %r failed: %s", self._method, plugins.reason(error), exc_info=error)
-            names = ", ".join(map(str, uavs))
-            self._complaints.append(f"controller {self._method!r} failed with UAV {names}: {plugins.reason(error)}")
+        if (unheard := broken & ~self._known).any():
+            log.warning("controller %r failed: %s", self._method, last_line(error), exc_info=error)
+            self._complain(unheard, last_line(error))
+
+    def _complain(self, rows: Mask, why: str) -> None:
+        """Once of every row."""
+        self._known = self._known | rows
+        names = ", ".join(map(str, self._uavs[rows]))
+        self._complaints.append(f"controller {self._method!r} failed with UAV {names}: {why}")

@@ -129,7 +129,9 @@ class Agent:
 
     def _silence(self, commands: Floats) -> None:
         """Zeros what failed rows remember and say, so that nothing non-finite ever leaves or spreads."""
-        self._failed = self._failed | ~np.all(np.abs(commands) < BEYOND_SENSE, axis=-1)
+        beyond = ~np.all(np.abs(commands) < BEYOND_SENSE, axis=-1)
+        self._controller.note_beyond(commands, beyond & ~self._failed)
+        self._failed = self._failed | beyond
         self._any_failed = bool(self._failed.any())
         commands[self._failed] = 0.0
         nothing = {name: np.zeros_like(array) for name, array in self._memory.items()}

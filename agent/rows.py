@@ -11,6 +11,7 @@ from meanflock import kernels
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
 from meanflock.swarm.ascending import distinct
 from meanflock.swarm.declared import MAX_BROADCASTS, Declared
+from meanflock.swarm.failures import FAILURES
 from meanflock.swarm.state import AXES, Floats, Mask
 from meanflock.swarm.wire.control import MAX_AXES, TRAVELS
 
@@ -28,6 +29,8 @@ def checked_memory(memory: Memory, rows: int) -> Memory:
     if not isinstance(memory, dict):
         raise TypeError(f"the memory is a {type(memory).__name__}; expected a dict of arrays")
     for name, array in memory.items():
+        if not isinstance(name, str):
+            raise TypeError(f"memory[{name!r}]: its name must be a text")
         if not isinstance(array, np.ndarray) or array.dtype not in TRAVELS or array.ndim > MAX_AXES:
             raise TypeError(f"memory[{name!r}] is no array of numbers that can be kept in a checkpoint")
         if not array.ndim or len(array) != rows:
@@ -80,6 +83,8 @@ def checked_step(step: Step, before: Memory, blank: Floats, declared: Declared) 
     try:
         largest = kernels.columns(step.acceleration, step.diagnostics, commands, AXES)
     except (AttributeError, TypeError, ValueError):  # numbers of another dtype, or of another shape
+        if not isinstance(step, Step):
+            raise TypeError(f"`step` returns a {type(step).__name__}; expected mf.Step(memory, acceleration)") from None
         largest = kernels.columns(*_tables(step, len(blank), declared), commands, AXES)
     checked_again(step.memory, before)
     if step.broadcasts:
@@ -94,15 +99,17 @@ def _tables(step: Step, rows: int, declared: Declared) -> tuple[Floats, Floats]:
     acceleration, columns = np.asarray(step.acceleration, dtype=np.float64), len(declared.diagnostics)
     if acceleration.shape != (rows, AXES):
         raise ValueError(f"acceleration has shape {acceleration.shape}; expected {(rows, AXES)}")
-    if step.diagnostics is None:
+    if step.diagnostics is None and columns:
         raise ValueError(f"no diagnostics; expected shape {(rows, columns)}")
-    diagnostics = np.asarray(step.diagnostics, dtype=np.float64)
+    diagnostics = np.zeros((rows, 0)) if step.diagnostics is None else np.asarray(step.diagnostics, dtype=np.float64)
     if diagnostics.shape != (rows, columns):
         raise ValueError(f"diagnostics have shape {diagnostics.shape}; expected {(rows, columns)}")
     return acceleration, diagnostics
 
 
 def _check_broadcasts(broadcasts: Sequence[Broadcast], rows: int, declared: Declared) -> None:
+    if not isinstance(broadcasts, (tuple, list)) or not all(isinstance(one, Broadcast) for one in broadcasts):
+        raise TypeError("`broadcasts` must be a tuple or list of mf.Broadcast")
     if len(broadcasts) > MAX_BROADCASTS:
         raise ValueError(f"{len(broadcasts)} broadcasts; at most {MAX_BROADCASTS} in a tick")
     for broadcast in broadcasts:
@@ -113,6 +120,8 @@ def _check_broadcasts(broadcasts: Sequence[Broadcast], rows: int, declared: Decl
 
 def _check_broadcast(broadcast: Broadcast, rows: int) -> None:
     said, speaks = broadcast.payload, broadcast.rows
+    if not isinstance(said, np.ndarray):
+        raise TypeError(f"a broadcast of a {type(said).__name__}; expected an array, a row of numbers for each sender")
     speaking = rows if speaks is None else len(speaks)
     if said.ndim != 2 or len(said) != speaking or not said.shape[1]:
         raise ValueError(f"a broadcast has shape {said.shape}; expected ({speaking}, 1 …)")
@@ -156,7 +165,7 @@ def each_alone(rows: Iterable[int], ask: Callable[[int], Answer]) -> dict[int, A
     """What is answered for every row by itself, after it failed for all together; rows that fail alone are left out."""
     answers = {}
     for row in rows:
-        with suppress(Exception):
+        with suppress(*FAILURES):
             answers[row] = ask(row)
     return answers
 

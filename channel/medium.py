@@ -19,6 +19,7 @@ from meanflock.channel.meter import Meter
 from meanflock.swarm import plugins, state
 from meanflock.swarm.clusters import Clusters
 from meanflock.swarm.errors import RunFailed
+from meanflock.swarm.failures import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator, random_state, set_random_state
 from meanflock.swarm.wire.messages import FrameKind, Frames
@@ -133,8 +134,8 @@ class Medium:
             expected = self._channel.expected(distance, bits)
             if expected is not None:
                 expected = float(expected[0]), float(expected[1])
-        except Exception as error:
-            raise self._wrong(f"failed: {type(error).__name__}: {error}") from error
+        except FAILURES as error:
+            raise self._wrong(f"failed: {last_line(error)}") from error
         for name, array, dtype in (("slots", slots, np.int64), ("delivered", delivered, np.bool_)):
             if not isinstance(array, np.ndarray) or array.shape != (count,) or array.dtype != dtype:
                 found = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__

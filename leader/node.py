@@ -9,6 +9,7 @@ from meanflock.leader.aggregators.base import Aggregator, State
 from meanflock.swarm import plugins, state
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.failures import FAILURES, last_line
 from meanflock.swarm.mean import pooled, refuse, stacked
 from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import decode
@@ -72,8 +73,8 @@ class Leader:
             begun = self._rule.init(parameters)
             _recorded(begun)
             return begun
-        except Exception as error:
-            raise BadInput(f"aggregator {name!r} failed in `init`: {plugins.reason(error)}") from error
+        except FAILURES as error:
+            raise BadInput(f"aggregator {name!r} failed in `init`: {last_line(error)}") from error
 
     def _broadcast(self, number: int, arrived: dict[int, Floats]) -> tuple[Frames, ...]:
         model = self._averaged(number, arrived)
@@ -98,8 +99,8 @@ class Leader:
             if not np.isfinite(model).all():
                 raise ValueError("the model is not finite")
             self._kept = _recorded(after)
-        except Exception as error:
-            self.complaints.append(f"aggregator {name!r} failed in round {number}: {plugins.reason(error)}")
+        except FAILURES as error:
+            self.complaints.append(f"aggregator {name!r} failed in round {number}: {last_line(error)}")
             return None
         self._state = after
         return np.asarray(model, dtype=np.float64)
@@ -122,6 +123,8 @@ def _recorded(state_: State) -> bytes:
     if not isinstance(state_, dict):
         raise TypeError(f"the state is a {type(state_).__name__}; expected a dict of arrays")
     for name, array in state_.items():
+        if not isinstance(name, str):
+            raise TypeError(f"state[{name!r}]: its name must be a text")
         if not isinstance(array, np.ndarray) or array.dtype not in TRAVELS or array.ndim > MAX_AXES:
             raise TypeError(f"state[{name!r}] is no array of numbers that can be kept in a checkpoint")
         if not np.isfinite(array).all():

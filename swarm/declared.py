@@ -6,6 +6,7 @@ import msgspec
 
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.failures import FAILURES
 
 MAX_PARAMETERS = 1_000_000  # floats of a model: 8 MB, and no radio carries it
 MAX_DIAGNOSTICS = 100  # columns of a message are counted in one byte
@@ -81,7 +82,7 @@ def of(made: Any, name: str) -> Declared:
         return _checked(made, name)
     except BadInput:
         raise
-    except Exception as error:  # a class attribute may be anything
+    except FAILURES as error:  # a class attribute may be anything
         raise BadInput(f"controller {name!r}: a declaration cannot be read: {type(error).__name__}: {error}") from error
 
 

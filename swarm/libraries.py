@@ -24,7 +24,7 @@ def needed(by: str, extra: str = "") -> Iterator[None]:
         raise SystemExit(EXIT_BAD_INPUT) from None
 
 
-def lacking(error: Exception, by: str, extra: str = "") -> str:
+def lacking(error: BaseException, by: str, extra: str = "") -> str:
     """What to install where `error` says that a library which is needed `by` somebody is not there; else nothing."""
     library = ((isinstance(error, ModuleNotFoundError) and error.name) or "").partition(".")[0]
     if library in ("meanflock", "") or _is_there(library):

@@ -9,16 +9,18 @@ import hashlib
 import importlib.machinery
 import importlib.util
 import os
+import re
 import sys
-import traceback
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import msgspec
 
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.failures import FAILURES, last_line
 from meanflock.swarm.libraries import lacking
 from meanflock.swarm.source_read import SourceRead
 
@@ -34,6 +36,7 @@ NEEDED: dict[Door, tuple[str, ...]] = {  # what a class must have; the rest has 
 }
 HERE = "this process"  # the source of a class that is in no file
 NO_PLUGIN = "derive a class from meanflock.Controller, Aggregator, Channel, Vehicle or Filter and give it a `name`"
+PLAIN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")  # names: they are parts of those of files and of keys
 FILES = "MEANFLOCK_PLUGINS"  # a variable: the files a process registers when it starts, as PATH separates them
 
 
@@ -114,7 +117,7 @@ def load(door: Door, name: str) -> type:
         found: Any = importlib.import_module(module)
         for part in attribute.split("."):
             found = getattr(found, part)
-    except Exception as error:
+    except FAILURES as error:
         what = f"{door} {name!r} of {plugin.source}"
         ours = lacking(error, what, "world") if module.startswith("meanflock.") else ""
         raise BadInput(ours or f"{what}: {last_line(error)}") from error
@@ -141,20 +144,31 @@ def load_file(path: Path) -> list[Plugin]:
     sys.modules[module_name] = module
     try:
         loader.exec_module(module)
-    except (Exception, SystemExit) as error:
+    except FAILURES as error:
         del sys.modules[module_name]
         raise BadInput(f"--plugin {path}: {last_line(error)}") from error
     found = []
-    for attribute, value in vars(module).items():
-        key = _key(value) if getattr(value, "__module__", None) == module_name else None
-        if key is None:
-            continue
+    for key, (attribute, value) in _defined(module, f"--plugin {path}").items():
         if key in _files and _files[key][0].source != str(path):
             raise BadInput(f"--plugin {path}: two {key[0]}s are named {key[1]!r}, the other in {_files[key][0].source}")
         plugin = Plugin(*key, str(path), attribute, fingerprint(source))
         found.append(_register(plugin, value, f"--plugin {path}: "))
     if not found:
         raise BadInput(f"--plugin {path}: no plug-in in it; {NO_PLUGIN}")
+    return found
+
+
+def _defined(module: ModuleType, where: str) -> dict[tuple[Door, str], tuple[str, type]]:
+    """The plug-ins that a module defines, by door and name, and what they are called in it."""
+    found: dict[tuple[Door, str], tuple[str, type]] = {}
+    for attribute, value in vars(module).items():
+        key = _key(value) if getattr(value, "__module__", None) == module.__name__ else None
+        if key is None:
+            continue
+        other, made = found.setdefault(key, (attribute, value))
+        if made is not value:
+            both = f"{other} and {attribute}"
+            raise BadInput(f"{where}: two {key[0]}s are named {key[1]!r}, {both}; give one of them another `name`")
     return found
 
 
@@ -243,7 +257,7 @@ def create(door: Door, name: str, options: dict[str, Any], *context: Any) -> Any
         return made(typed, *context)
     except BadInput:
         raise
-    except Exception as error:
+    except FAILURES as error:
         raise BadInput(f"{door} {name!r} cannot be made: {last_line(error)}") from error
 
 
@@ -271,6 +285,8 @@ def _register(plugin: Plugin, made: type, where: str = "") -> Plugin:
 def _checked(door: Door, name: str, found: Any, source: str) -> type:
     if not isinstance(found, type):
         raise BadInput(f"{door} {name!r} of {source} is a {type(found).__name__}; it must be a class")
+    if not PLAIN.fullmatch(name):
+        raise BadInput(f"{door} {name!r} of {source}: a name is up to 64 of A-Z, a-z, 0-9, '-', '_' and '.'")
     lacking = [method for method in NEEDED[door] if not callable(getattr(found, method, None))]
     lacking += [method for method in dir(found) if getattr(getattr(found, method, None), "__isabstractmethod__", False)]
     if lacking:
@@ -279,18 +295,3 @@ def _checked(door: Door, name: str, found: Any, source: str) -> type:
     if not (isinstance(options, type) and issubclass(options, msgspec.Struct)):
         raise BadInput(f"{door} {name!r} of {source}: `Options` must be a msgspec.Struct")
     return found
-
-
-def last_line(error: BaseException) -> str:
-    """What went wrong, and the line of the plug-in it went wrong in."""
-    frames = traceback.extract_tb(error.__traceback__)
-    file, line = (frames[-1].filename, frames[-1].lineno) if frames else ("", 0)
-    if isinstance(error, SyntaxError) and error.filename:  # raised by who reads the file
-        file, line = error.filename, error.lineno
-    where = f" ({Path(file).name}, line {line})" if file else ""
-    return reason(error) + where
-
-
-def reason(error: BaseException) -> str:
-    """What went wrong, in a line."""
-    return traceback.format_exception_only(error)[-1].strip()

@@ -24,6 +24,8 @@ def generator(seed: int, stream: str, index: int = 0) -> np.random.Generator:
     Raises:
         ValueError: `stream` is not one of `STREAMS`.
     """
+    if stream not in STREAMS:
+        raise ValueError(f"no stream {stream!r}; there are {', '.join(STREAMS)}")
     return np.random.default_rng(np.random.SeedSequence(entropy=seed, spawn_key=(STREAMS.index(stream), index)))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from meanflock.swarm import mission, plugins, state
 from meanflock.swarm.declared import MAX_BROADCASTS, controller
 from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.failures import FAILURES, last_line
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Quota
 from meanflock.swarm.net.identity import STATION
@@ -56,8 +57,11 @@ def _begun(flyer: Any, scenario: Scenario) -> dict[str, Any]:
     one_row = isinstance(memory, dict) and all(
         np.shape(array)[:1] == (1,) for array in memory.values()
     )  # else: its agent
-    if wanted[1] and one_row and (shape := np.shape(flyer.get(memory))) != wanted:
-        raise BadInput(f"controller {scenario.method!r}: `get` returns shape {shape}; expected {wanted}")
+    if wanted[1] and one_row:
+        model = flyer.get(memory)
+        if (shape := np.shape(model)) != wanted:
+            raise BadInput(f"controller {scenario.method!r}: `get` returns shape {shape}; expected {wanted}")
+        flyer.set(memory, np.arange(1), np.array(model, dtype=np.float64))  # what cannot take one learns of nobody
     return memory
 
 
@@ -99,8 +103,8 @@ def _record(failure: str, begin: Callable[[], dict[str, Any]]) -> bytes:
         memory = begin()
     except BadInput:
         raise
-    except Exception as error:
-        raise BadInput(f"{failure}: {plugins.last_line(error)}") from error
+    except FAILURES as error:
+        raise BadInput(f"{failure}: {last_line(error)}") from error
     try:
         return control.encode_record(memory)
     except (KeyError, TypeError, ValueError, OverflowError) as error:

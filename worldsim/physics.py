@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm import plugins, state
-from meanflock.swarm.errors import RunFailed
+from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.failures import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.vehicles.base import Hidden, Vehicle
 
@@ -35,11 +36,19 @@ class Physics:
         self._vehicle: Vehicle = plugins.create("vehicle", chosen.model, chosen.options, scenario.flown())
 
     def init(self, uavs: int) -> Hidden:
-        """The hidden state of so many UAVs at take-off."""
+        """The hidden state of so many UAVs at take-off; BadInput where the vehicle cannot begin."""
+        try:
+            return self._begun(uavs)
+        except RunFailed as error:
+            raise BadInput(str(error)) from error
+
+    def _begun(self, uavs: int) -> Hidden:
         hidden = self._asked("init", uavs)
         if not isinstance(hidden, dict) or not all(isinstance(part, np.ndarray) for part in hidden.values()):
             raise self._wrong("`init` must give a dict of arrays")
         for name, part in hidden.items():
+            if not isinstance(name, str):
+                raise self._wrong(f"hidden state {name!r} of `init`: its name must be a text")
             self._check(f"hidden state {name!r} of `init`", part, (uavs, *part.shape[1:]), part.dtype)
         return hidden
 
@@ -86,8 +95,8 @@ class Physics:
     def _asked(self, method: str, *arguments: Any) -> Any:
         try:
             return getattr(self._vehicle, method)(*arguments)
-        except Exception as error:
-            raise self._wrong(f"`{method}` failed: {type(error).__name__}: {error}") from error
+        except FAILURES as error:
+            raise self._wrong(f"`{method}` failed: {last_line(error)}") from error
 
     def _check_hidden(self, before: Hidden, after: Any) -> None:
         if not isinstance(after, dict) or after.keys() != before.keys():

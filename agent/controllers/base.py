@@ -103,10 +103,14 @@ class Controller:
 
     def get(self, memory: Memory) -> NDArray[np.float64]:
         """The models that are uploaded, (M, parameters)."""
+        if self.parameters:
+            raise NotImplementedError("a controller that declares `parameters` must override `get`")
         return np.zeros((len(next(iter(memory.values()), ())), 0))
 
     def set(self, memory: Memory, rows: Rows, models: NDArray[np.float64]) -> Memory:
         """The memory after a global model, (len(rows), parameters), reached some rows."""
+        if self.parameters:
+            raise NotImplementedError("a controller that declares `parameters` must override `set`")
         return memory
 
     def prediction(self) -> Prediction | None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from meanflock.agent.controllers.base import Controller, Memory, Options, Received, Rows, Step
 from meanflock.agent.controllers.sharing.neighbours import Neighbours
 from meanflock.swarm.ascending import distinct
+from meanflock.swarm.failures import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Plane, States
 
@@ -38,6 +39,8 @@ class Filter:
         self.options, self.scenario, self.inner = options, scenario, inner
         self.parameters, self.parts, self.weights = inner.parameters, inner.parts, inner.weights
         self.period_ticks = inner.period_ticks
+        if isinstance(self.columns, str):
+            raise TypeError(f"`columns` is a text; write ({self.columns!r},)")
         theirs = tuple(inner.diagnostics)
         mine = tuple(PREFIX + name if name in theirs else name for name in (*self.columns, "unsent"))
         self.diagnostics = (*theirs, *mine)
@@ -74,7 +77,7 @@ class Filter:
             raise ValueError(f"acceleration has shape {np.shape(wanted)}; expected {(len(own), 2)}")
         mine, refused = self._neighbours.receive(mine, tick, received, _OWN)
         others = self._neighbours.states(mine, tick)
-        acceleration, reported = self.admit(own, others, mine["neighbour_uav"], wanted)
+        acceleration, reported = self._admitted(own, others, mine["neighbour_uav"], wanted)
         mine, said = self._neighbours.speak(mine, tick, own)
         theirs_reported = () if step.diagnostics is None else (step.diagnostics,)
         return Step(
@@ -84,6 +87,20 @@ class Filter:
             (said, *step.broadcasts),
             step.refused if not len(refused) else distinct(np.concatenate([step.refused, refused])).astype(np.int32),
         )
+
+    def _admitted(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Plane) -> tuple[Plane, Floats]:
+        """What the filter makes of it; whatever is wrong with that is said of the filter and not of the controller."""
+        try:
+            acceleration, reported = self.admit(own, others, uavs, wanted)
+        except FAILURES as error:
+            raise RuntimeError(f"filter {self.name!r}: {last_line(error)}") from error
+        for what, table, shape in (
+            ("accelerations", acceleration, (len(own), 2)),
+            ("columns", reported, (len(own), len(self.columns))),
+        ):
+            if np.shape(table) != shape:
+                raise ValueError(f"filter {self.name!r}: `admit` returns {what} {np.shape(table)}; expected {shape}")
+        return acceleration, reported
 
     def get(self, memory: Memory) -> Floats:
         """See `Controller.get`."""

@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 
 from meanflock.leader.aggregators.base import Aggregator, State
+from meanflock.swarm.failures import FAILURES
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.control import decode_record, encode_record
 from meanflock.testing.error import alike, copies, fail, make, same, text_of, with_other_randomness
@@ -48,7 +49,7 @@ def check_aggregator(
                 before = copies(given)
                 try:
                     state, model = rule.step(state, models, uavs, number)
-                except Exception as error:
+                except FAILURES as error:
                     what = f"`step` with {len(uavs)} models failed: {text_of(error)}"
                     fail(aggregator, what, "any number from one on must do")
                 if not all(same(one, other) for one, other in zip(before, given, strict=True)):

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from meanflock.swarm.failures import FAILURES
 from meanflock.swarm.scenario import Scenario
 from meanflock.testing.error import fail, make, same, text_of, with_other_randomness
 from meanflock.testing.pace import SLOW_MS, check_pace
@@ -41,7 +42,7 @@ def check_channel(
                         made = make(channel, options or {}, flown)
                     try:
                         slots, delivered = made.transmit(distance, bits, rng)
-                    except Exception as error:
+                    except FAILURES as error:
                         what = f"`transmit` over {links} links failed: {text_of(error)}"
                         fail(channel, what, "any number of links must do")
                     if not same(given, distance):

@@ -20,7 +20,7 @@ def fail(of: type, what: str, mend: str) -> NoReturn:
     raise ConformanceError(f"{of.__name__}: {what}; {mend}")
 
 
-def text_of(error: Exception) -> str:
+def text_of(error: BaseException) -> str:
     """An exception in a line."""
     return f"{type(error).__name__}: {error}"
 

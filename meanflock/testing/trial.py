@@ -10,6 +10,7 @@ from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.agent.rows import checked_memory, checked_step, of_row
 from meanflock.swarm import declared as declarations
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.failures import FAILURES
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import AXES, States
@@ -73,7 +74,7 @@ class PointSwarm:
         """The memory of UAVs with numbers (M,), a row each."""
         try:
             return checked_memory(made.init(uavs, self.plan.copy()), len(uavs))
-        except Exception as error:
+        except FAILURES as error:
             fail(
                 self.controller,
                 f"`init` with {len(uavs)} UAVs failed: {_words(error)}",
@@ -84,7 +85,7 @@ class PointSwarm:
         """A step of UAVs in states `own`, (M, 4)."""
         try:
             return made.step(memory, tick, own, received)
-        except Exception as error:
+        except FAILURES as error:
             fail(self.controller, f"`step` with {len(own)} UAVs failed in tick {tick}: {_words(error)}", "mend it")
 
     def checked(self, step: Step, before: Memory, rows: int) -> NDArray[np.float64]:
@@ -92,7 +93,7 @@ class PointSwarm:
         try:
             blank = np.zeros((rows, AXES + len(self.declared.diagnostics)))
             commands, _ = checked_step(step, before, blank, self.declared)
-        except Exception as error:
+        except FAILURES as error:
             fail(
                 self.controller, f"`step` returned what a flight cannot use: {_words(error)}", "return what is declared"
             )
@@ -193,5 +194,5 @@ def _read_back(memory: Memory) -> Memory:
     return {name: np.array(array) for name, array in kept.items()}
 
 
-def _words(error: Exception) -> str:
+def _words(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}"

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from meanflock.swarm.failures import FAILURES
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.control import decode_record, encode_record
 from meanflock.testing.error import copies, fail, make, same, text_of, with_other_randomness
@@ -46,7 +47,7 @@ def check_vehicle(
                 try:
                     states, hidden = made.step(states, hidden, push, noise)
                     power = made.power(states, hidden, push)
-                except Exception as error:
+                except FAILURES as error:
                     what = f"`step` or `power` of {len(push)} UAVs failed: {text_of(error)}"
                     fail(vehicle, what, "any number of UAVs must do")
                 if _forms(hidden) != forms:

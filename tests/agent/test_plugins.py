@@ -132,9 +132,17 @@ def fails(*_: Any) -> Any:
     raise KeyError("weights")
 
 
+def leaves(self: Honest, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+    if self.is_time(memory):
+        raise SystemExit(3)
+    return Honest.step(self, memory, tick, own, received)
+
+
 GOES_WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "raises": ({"step": raises}, "ZeroDivisionError: nothing to divide by"),
-    "returns nothing": ({"step": returns("step", lambda _: None)}, "AttributeError"),
+    "calls it a day": ({"step": leaves}, "SystemExit: 3 (test_plugins.py, line"),
+    "returns nothing": ({"step": returns("step", lambda _: None)}, "`step` returns a NoneType; expected mf.Step("),
+    "returns an acceleration": ({"step": returns("step", lambda good: good.acceleration)}, "`step` returns a ndarray"),
     "an acceleration of three axes": (
         {"step": changed(acceleration=lambda good, bad: np.zeros((len(bad), 3)))},
         "acceleration has shape",
@@ -163,18 +171,27 @@ GOES_WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"step": changed(broadcasts=lambda good, bad: (Broadcast(np.full((len(bad), 1), "x")),))},
         "a broadcast of",
     ),
+    "a broadcast of lists": (
+        {"step": changed(broadcasts=lambda good, bad: (Broadcast([[1.0]] * len(bad)),))},  # type: ignore[arg-type]
+        "a broadcast of a list; expected an array",
+    ),
+    "a broadcast that is none": (
+        {"step": changed(broadcasts=lambda good, bad: (np.zeros((len(bad), 4)),))},
+        "mf.Broadcast",
+    ),
+    "a broadcast alone": ({"step": changed(broadcasts=lambda good, bad: good.broadcasts[0])}, "of mf.Broadcast"),
     "refuses in words": ({"step": changed(refused=lambda good, bad: ["UAV 3"])}, "refused"),
     "an acceleration that is no number": (
         {"step": changed(acceleration=lambda good, bad: spoiled(good.acceleration, bad, np.nan))},
-        "",
+        "its acceleration along x is nan",
     ),
     "an acceleration without end": (
         {"step": changed(acceleration=lambda good, bad: spoiled(good.acceleration, bad, np.inf))},
-        "",
+        "its acceleration along x is inf",
     ),
     "a diagnostic that is no number": (
         {"step": changed(diagnostics=lambda good, bad: spoiled(good.diagnostics, bad, np.nan))},
-        "",
+        "its speed is nan",
     ),
     "get raises": ({"get": returns("get", fails)}, "KeyError: 'weights'"),
     "get of another shape": ({"get": returns("get", lambda good: good[:, :1])}, "`get` returns shape"),
@@ -206,11 +223,20 @@ def test_a_controller_that_goes_wrong_costs_its_own_uav_in_one_process_as_in_man
         assert len(lost) == 1
         assert f"UAV {BAD}" in lost[0]
         named = [said for kind, said in sink.events if "failed with UAV" in said]
-        assert len(named) == bool(text)
+        assert len(named) == 1
         assert all(f"UAV {BAD}: " in said and text in said for said in named)
     assert together[0]["trajectory_sha256"] == alone[0]["trajectory_sha256"]
     for one, other in zip(together[1].blocks, alone[1].blocks, strict=True):
         np.testing.assert_array_equal(one.diagnostics, other.diagnostics)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.int64, list])
+def test_accelerations_of_any_number_do_where_no_diagnostics_are_declared(kind: Any) -> None:
+    def step(self: Honest, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        push = np.round(-0.05 * own[:, :2])
+        return Step(memory, push.tolist() if kind is list else push.astype(kind))
+
+    assert fly(flown(wrong(diagnostics=(), step=step)))[0]["lost"] == 0
 
 
 def test_a_memory_that_no_checkpoint_can_keep_costs_its_own_uav_and_not_the_checkpoint(
@@ -261,8 +287,27 @@ def explodes(*_: Any) -> Any:
     raise OSError("no such table")
 
 
+def leaves_at_once(*_: Any) -> Any:
+    raise SystemExit(3)
+
+
+def fails_with_two(self: Honest, uavs: np.ndarray, plan: np.ndarray) -> Memory:
+    if (uavs % 2).any():
+        raise ValueError("an odd one")
+    return Honest.init(self, uavs, plan)
+
+
 BEGINS_WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "raises in init": ({"init": explodes}, r"failed in `init` with UAV 0: OSError: no such table"),
+    "calls it a day": ({"init": leaves_at_once}, r"failed in `init` with UAV 0: SystemExit: 3"),
+    "raises in the init of two": (
+        {"init": fails_with_two},
+        r"`init` with UAV 1, 3: ValueError: .* \(test_plugins.py, line",
+    ),
+    "names what it remembers by number": (
+        {"init": lambda self, *of: Honest.init(self, *of) | {1: of[0]}},
+        r"memory\[1\]: its name must be a text",
+    ),
     "raises when it is made": (
         {"__init__": explodes},
         r"be made: OSError: no such table \(test_plugins.py, line",
@@ -288,7 +333,8 @@ BEGINS_WRONG: dict[str, tuple[dict[str, Any], str]] = {
         r"`get` returns shape \(1, 1\); "
         r"expected \(1, 2\)",
     ),
-    "has no model": ({"get": Controller.get}, r"`get` returns shape \(1, 0\); expected \(1, 2\)"),
+    "has no model": ({"get": Controller.get}, r"declares `parameters` must override `get`"),
+    "takes no model": ({"set": Controller.set}, r"declares `parameters` must override `set`"),
     "fails to declare": ({"parameters": property(explodes)}, r"a declaration cannot be read: OSError"),
 }
 

@@ -133,6 +133,7 @@ def test_a_summary_has_the_closed_forms_there_are(disk, model: str, unknown: boo
         ("np.where(near, 1, 2), near", "np.where(near, 1, 2), near * 1", "delivered: int64"),
         ("np.where(near, 1, 2), near", "near", "failed: ValueError"),
         ("        near =", "        raise OSError('no antenna')\n        near =", "failed: OSError: no antenna"),
+        ("        near =", "        raise SystemExit(3)\n        near =", r"SystemExit: 3 \(\w+.py, line \d+\)"),
         ("class Options", "expected = lambda self, *given: (np.nan, 1.0)\n\n    class Options", "expected: "),
         ("class Options", "expected = lambda self, *given: 'many'\n\n    class Options", "failed: ValueError"),
     ],

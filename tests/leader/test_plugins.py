@@ -117,6 +117,10 @@ def explodes(*_: Any) -> Any:
     raise OSError("no such table")
 
 
+def leaves(*_: Any) -> Any:
+    raise SystemExit(3)
+
+
 def in_round_two(spoil: Any) -> Any:
     def step(self: Momentum, state: State, models: np.ndarray, uavs: np.ndarray, round_: int) -> Any:
         good = Momentum.step(self, state, models, uavs, round_)
@@ -127,7 +131,9 @@ def in_round_two(spoil: Any) -> Any:
 
 GOES_WRONG = {
     "raises": (explodes, "OSError: no such table"),
+    "calls it a day": (leaves, "SystemExit: 3 (test_plugins.py, line"),
     "returns nothing": (lambda state, model: None, "TypeError"),
+    "a state named by number": (lambda state, model: ({1: model}, model), "state[1]: its name must be a text"),
     "another shape": (lambda state, model: (state, model[:-1]), r"a model of shape (107,); expected (108,)"),
     "no number": (lambda state, model: (state, model * np.nan), "the model is not finite"),
     "a state that is no dict": (lambda state, model: ([1], model), "the state is a list"),

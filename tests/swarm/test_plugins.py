@@ -112,6 +112,26 @@ def test_two_of_one_name_are_refused_with_both_places(tmp_path: Path) -> None:
     assert plugins.load_file(first)  # the same again is the same
 
 
+TWICE = f"""{GOOD}
+class Better(Mine):
+    pass
+"""
+
+
+def test_two_of_one_name_in_a_file_are_refused_and_another_name_for_one_of_them_is_not(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match=r"two controllers are named 'mine', Mine and Better; give one of them another"):
+        plugins.load_file(written(tmp_path, TWICE))
+    assert not plugins._files
+    plugins.load_file(written(tmp_path, f"{GOOD}\nAlso = Mine\n"))
+    assert [plugin.name for plugin, _ in plugins._files.values()] == ["mine"]
+
+
+@pytest.mark.parametrize("name", ["../mine", "a/b", "a b", ".", "-x", "ä", "a*", "x" * 65, "a\nb"])
+def test_a_name_that_could_not_be_part_of_a_file_s_is_refused(name: str) -> None:
+    with pytest.raises(BadInput, match=r"a name is up to 64 of A-Z, a-z, 0-9"):
+        plugins.register(type("Mine", (mf.Controller,), {"name": name, "step": lambda *_: None}))
+
+
 @pytest.mark.parametrize("base", ["Controller", "Aggregator", "Channel", "Vehicle"])
 def test_a_class_derived_from_each_of_the_four_base_classes_is_found_by_its_name(base: str) -> None:
     methods = {method: lambda *_: None for method in ("step", "transmit", "power")}
@@ -160,6 +180,24 @@ def test_a_package_whose_entry_point_is_of_no_use_is_named(
     with pytest.raises(BadInput, match=text) as caught:
         plugins.load("controller", "odd")
     assert "'odd' of odd-package 2.0" in str(caught.value)
+    assert "line" not in str(caught.value)  # of ours that looks for it
+
+
+def test_a_package_that_ends_the_process_when_it_is_imported_is_bad_input_with_the_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written(tmp_path, "raise SystemExit('no such device')", "of_a_stranger.py")
+    monkeypatch.syspath_prepend(tmp_path)
+    plugin = Plugin("controller", "odd", "odd-package 2.0", "of_a_stranger:Odd", "odd-package 2.0")
+    monkeypatch.setattr(plugins, "_packaged", lambda: {("controller", "odd"): (plugin,)})
+    with pytest.raises(BadInput, match=r"odd-package 2.0: SystemExit: no such device \(of_a_stranger.py, line 1\)"):
+        plugins.load("controller", "odd")
+
+
+def test_the_place_of_an_error_is_in_the_plugin_and_not_in_what_it_calls(tmp_path: Path) -> None:
+    text = "import numpy as np\n\nnp.linalg.inv(np.zeros((2, 2)))"
+    with pytest.raises(BadInput, match=r"LinAlgError: Singular matrix \(mine.py, line 3\)"):
+        plugins.load_file(written(tmp_path, text))
 
 
 OPTIONS = {

@@ -46,7 +46,7 @@ def test_the_order_of_the_streams_is_part_of_every_result() -> None:
 
 
 def test_an_unknown_stream_is_refused() -> None:
-    with pytest.raises(ValueError, match="tuple"):
+    with pytest.raises(ValueError, match=r"no stream 'weather'; there are .*controller"):
         generator(1, "weather")
 
 

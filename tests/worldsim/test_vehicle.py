@@ -170,6 +170,7 @@ ENTRY = "        return np.concatenate("
         (ENTRY, "        states[0] = 0\n" + ENTRY, "ValueError: .*read-only"),
         ('"charge_J": hidden["charge_J"] - spent', '"charge_J": np.subtract(*[hidden["charge_J"]] * 3)', "read-only"),
         (ENTRY, "        raise KeyError('mass')\n" + ENTRY, "`step` failed: KeyError: 'mass'"),
+        (ENTRY, "        raise SystemExit(3)\n" + ENTRY, r"`step` failed: SystemExit: 3 \(\w+.py, line \d+\)"),
         ("np.abs(acceleration).sum(axis=-1)", "np.full(4, np.nan)", "power of UAV 0"),
         ("np.abs(acceleration).sum(axis=-1)", "1.0", "power: float, expected"),
         ("np.abs(acceleration).sum(axis=-1)", "np.abs(acceleration)", r"power: float64 \(4, 2\)"),
@@ -188,12 +189,14 @@ def test_a_wrong_vehicle_ends_the_run_and_says_what_is_wrong(glider, old: str, n
     [
         ("np.full(uavs, self.charge_J)", "np.full(3, self.charge_J)", "charge_J' of `init`: float64"),
         ("np.full(uavs, self.charge_J)", "self.charge_J", "dict of arrays"),
+        ("np.full(uavs, self.charge_J)", "exit(3)", "`init` failed: SystemExit: 3"),
+        ('{"charge_J"', '{7: np.zeros(uavs), "charge_J"', "hidden state 7 of `init`: its name must be a text"),
         ("np.full(uavs, self.charge_J)", "np.array(['x'] * uavs)", "neither numbers"),
     ],
 )
 def test_a_wrong_take_off_is_refused(glider, old: str, new: str, said: str) -> None:
     glider((old, new))
-    with pytest.raises(RunFailed, match=f"vehicle 'glider': .*{said}"):
+    with pytest.raises(BadInput, match=f"vehicle 'glider': .*{said}"):
         Flight(scenario())
 
 

@@ -143,6 +143,42 @@ def test_what_cannot_be_filtered_is_bad_input_of_one_line(settings: list[str], t
     assert len(str(caught.value).splitlines()) == 1
 
 
+class Open(plugins.load("filter", "ecbf")):  # type: ignore[misc]
+    """Lets everything through, from which the wrong ones are made."""
+
+    name = "open"
+    columns = ("touched",)
+
+    def admit(self, own: np.ndarray, others: np.ndarray, uavs: np.ndarray, wanted: np.ndarray) -> Any:
+        return wanted, np.zeros((len(own), 1))
+
+
+@pytest.mark.parametrize(
+    ("admit", "text"),
+    [
+        (lambda *_: 1 / 0, r"filter 'open': ZeroDivisionError: division by zero \(test_filtered.py, line \d+\)"),
+        (lambda *_: exit(3), "filter 'open': SystemExit: 3"),
+        (lambda *_: None, "filter 'open': TypeError: "),
+        (lambda _, own, *__: own, "filter 'open': ValueError: "),
+        (
+            lambda _, own, *__: (own, own[:, :1]),
+            r"filter 'open': .* accelerations \(6, 4\); expected \(6, 2\)",
+        ),
+        (lambda *of: (of[-1], np.zeros((6, 2))), r"filter 'open': `admit` returns columns \(6, 2\); expected \(6, 1\)"),
+        (lambda *of: (of[-1], None), r"filter 'open': `admit` returns columns \(\); expected \(6, 1\)"),
+    ],
+)
+def test_what_is_wrong_with_a_filter_is_said_of_it_and_not_of_the_controller(admit: Any, text: str) -> None:
+    made = type("Wrong", (Open,), {"admit": admit})(Ecbf.Options(), SMALL, Talker(Talker.Options(), SMALL))
+    with pytest.raises((RuntimeError, ValueError), match=text):
+        made.step(made.init(np.arange(6), np.zeros((6, 4))), 0, np.zeros((6, 4)), ())
+
+
+def test_columns_that_are_a_text_are_refused() -> None:
+    with pytest.raises(TypeError, match=r"write \('touched',\)"):
+        type("Wrong", (Open,), {"columns": "touched"})(Ecbf.Options(), SMALL, Talker(Talker.Options(), SMALL))
+
+
 def test_scenarios_without_a_filter_keep_their_hash_and_others_have_their_own() -> None:
     plain, some = Scenario(), Scenario(filter=Filter(kind="ecbf"))
     assert plain.sha256() == Scenario(filter=Filter()).sha256() != some.sha256()

@@ -1,0 +1,27 @@
+"""What a plug-in, which may be anybody's, can raise, and how it is told: in a line, with the place it went wrong in."""
+
+import traceback
+from pathlib import Path
+
+FAILURES = (Exception, SystemExit)  # what ends a script would else end a flight; Ctrl-C is the person's
+
+
+def last_line(error: BaseException) -> str:
+    """What went wrong, and the line of the plug-in in which it did, or in which that was called."""
+    if isinstance(error, SyntaxError) and error.filename:  # raised by who reads the file
+        return f"{reason(error)} ({Path(error.filename).name}, line {error.lineno})"
+    places = [  # top-level module, file and line, the innermost last
+        (str(frame.f_globals.get("__name__")).partition(".")[0], frame.f_code.co_filename, line)
+        for frame, line in traceback.walk_tb(error.__traceback__)
+    ]
+    theirs = [place for place in places if place[0] not in ("meanflock", "importlib")]
+    own = [place for place in theirs if place[0] == theirs[0][0]]  # and not of what it calls
+    if not own:
+        return reason(error)
+    _, file, line = own[-1]
+    return f"{reason(error)} ({Path(file).name}, line {line})"
+
+
+def reason(error: BaseException) -> str:
+    """What went wrong, in a line."""
+    return traceback.format_exception_only(error)[-1].strip()
