@@ -12,7 +12,8 @@ from types import TracebackType
 from typing import Any
 
 from benchmarks.machine import ROOT
-from meanflock.groundstation.launch import end_all, free_endpoint
+from meanflock.groundstation.children import end_all
+from meanflock.groundstation.launch import free_endpoint
 
 _COMMAND_S = 150.0
 

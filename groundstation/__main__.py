@@ -24,6 +24,8 @@ with needed("the ground station", "ground"):
     from meanflock.swarm.errors import BadInput, BusError, RunFailed
     from meanflock.swarm.net import keys
     from meanflock.swarm.net.address import Address
+    from meanflock.swarm.net.attendance import connected
+    from meanflock.swarm.net.bus import Bus
     from meanflock.swarm.net.identity import STATION
     from meanflock.swarm.net.session import ZenohBus
     from meanflock.swarm.process import Interrupted, flag, identity, main, parser
@@ -48,11 +50,11 @@ def _run() -> None:
     logs.start(given.log_format, run=given.run, node=STATION)
     serve = Address.parse("--rerun", given.rerun) if given.rerun else None
     interrupted = Interrupted()
-    bus = ZenohBus.client(given.endpoint, given.wait, identity(given.tls, STATION))
+    bus = _connect(given, interrupted)
     try:
         # Before anything is asked: a world that ends while the recorder is still loading is then not waited for.
         bus.watch(keys.alive(keys.check_run(given.run), "world", "world"))
-        welcome = _ask(bus, given.run, given.wait)
+        welcome = _ask(bus, given, interrupted)
         flown = scenario.decode(welcome.scenario)
         folder, so_far = _folder(given.resume, Path(given.out), given.run, flown, welcome.tick)
         with Outputs(flown, folder.name, Options(out=folder.parent, serve=serve, quiet=True), so_far) as desk:
@@ -65,7 +67,7 @@ def _run() -> None:
 
 
 def _listen(
-    bus: ZenohBus, station: Station, folder: RunFolder, given: Namespace, interrupted: Interrupted
+    bus: Bus, station: Station, folder: RunFolder, given: Namespace, interrupted: Interrupted
 ) -> dict[str, Any]:
     """Until the summary is there. A session that is lost opens itself again; the world then sends what was missed."""
     lost: float | None = None
@@ -84,7 +86,7 @@ def _listen(
             lost = time.monotonic()
         elif delivery.kind == "alive" and lost is not None:
             lost = None
-            if _ask(bus, given.run, given.wait).tick < folder.last_tick:
+            if _ask(bus, given, interrupted).tick < folder.last_tick:
                 raise RunFailed(f"another world has taken its place; {folder.path} holds what was flown of the first")
         else:
             station.handle(delivery)
@@ -117,10 +119,25 @@ def _of_this_flight(out: Path, run: str, flown: Scenario, tick: int) -> tuple[Pa
     return None
 
 
-def _ask(bus: ZenohBus, run: str, wait_s: float) -> Welcome:
+def _connect(given: Namespace, interrupted: Interrupted) -> Bus:
+    """A session with the world, for which it waits."""
+    who = identity(given.tls, STATION)
+    end = time.monotonic() + given.wait
+    try:
+        return connected(lambda left_s: ZenohBus.client(given.endpoint, left_s, who), end, interrupted.__bool__)
+    except BusError:
+        if interrupted:
+            raise RunFailed("interrupted while waiting for the world; nothing was recorded") from None
+        raise
+
+
+def _ask(bus: Bus, given: Namespace, interrupted: Interrupted) -> Welcome:
     """What the world flies, and how far it has come."""
+    run, wait_s = given.run, given.wait
     request = control.encode(Join("station", 0))
     for _ in range(max(1, round(wait_s / _ASK_S))):
+        if interrupted:
+            raise RunFailed("interrupted while waiting for the world's answer")
         answer = bus.ask(keys.join(run, keys.asker("station")), request, _ASK_S)
         if answer is not None:
             welcome = control.decode(answer)

@@ -9,14 +9,13 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 
 from meanflock import swarm
 from meanflock.agent import prefork
+from meanflock.groundstation.children import Child, end_all, kill_all, sweep
 from meanflock.swarm import logs
 from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput, MeanflockError, RunFailed
 from meanflock.swarm.net.address import Address
@@ -28,63 +27,16 @@ from meanflock.swarm.process import CHILD, how_it_ended
 
 log = logging.getLogger("meanflock.launch")
 
-LAST_LINES = 8
-_ERROR = "error: "  # before the line with which a process ends badly
 _FORKED = "agents"  # all of them, and the process they are forked from
-_TERM_GRACE_S = 5.0
+# Variables of processes that are started by hand: here it is the launcher that says what is flown.
+_OURS = {"ENDPOINT", "RUN", "TLS", "WAIT", "SCENARIO", "SET", "STATIONS", "REALTIME", "METRICS", "UAVS_PER_PROCESS"}
+_OURS |= {"RESUME", "ROWS", "UAV", "COUNT"}
 
 
 def free_endpoint() -> str:
     """A loopback endpoint nobody listens on."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         return f"tcp/127.0.0.1:{server.getsockname()[1]}"
-
-
-@dataclass
-class Child:
-    """One process of the swarm, and where its words go."""
-
-    name: str
-    module: str
-    command: list[str]
-    process: "subprocess.Popen[bytes]"
-    log: Path
-    given_up: bool = False  # it ended badly and is not started again
-    passed_on: int = 0  # bytes of the log that standard error has had
-
-    def last_lines(self) -> str:
-        """The end of what it said."""
-        said = self.log.read_text(encoding="utf-8", errors="replace").strip() or "(it said nothing)"
-        return "\n".join(f"    {line}" for line in printable_lines(said).split("\n")[-LAST_LINES:])
-
-    def errors(self) -> list[str]:
-        """What it said was wrong, a line each."""
-        said = printable_lines(self.log.read_text(encoding="utf-8", errors="replace")).split("\n")
-        return [line.removeprefix(_ERROR) for line in said if line.startswith(_ERROR)]
-
-
-def end_all(processes: Sequence["subprocess.Popen[bytes]"]) -> None:
-    """Ends those that still run: first asked, then killed."""
-    running = [process for process in processes if process.poll() is None]
-    for process in running:
-        process.terminate()
-        process.send_signal(signal.SIGCONT)  # one that is frozen hears nothing
-    end = time.monotonic() + _TERM_GRACE_S
-    for process in running:
-        try:
-            process.wait(max(0.0, end - time.monotonic()))
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-
-
-def sweep(group: int) -> None:
-    """Kills what is left of a process group whose leader is gone, and waits until it is gone."""
-    end = time.monotonic() + _TERM_GRACE_S
-    with suppress(ProcessLookupError):
-        while time.monotonic() < end:
-            os.killpg(group, signal.SIGKILL)
-            time.sleep(0.01)
 
 
 class Swarm:
@@ -127,7 +79,7 @@ class Swarm:
         """
         path = Path(self._logs.name) / "scenario.toml"
         path.write_text(scenario, encoding="utf-8")
-        extra = [f"--realtime={realtime or ''}", f"--metrics={metrics or ''}"]  # whatever the environment says
+        extra = [f"--realtime={realtime or ''}", f"--metrics={metrics or ''}"]
         extra += ["--uavs-per-process", str(rows)] if self._tls is not None else []
         if resume is not None:
             kept = path.with_name("resume.msgpack")
@@ -211,6 +163,11 @@ class Swarm:
             time.sleep(0.01)
         return True
 
+    def kill(self) -> None:
+        """Ends whatever runs at once: for a process that ends itself at once."""
+        kill_all([child.process for child in self._children])
+        self._logs.cleanup()
+
     def close(self) -> None:
         """Ends whatever still runs: first asked, then killed."""
         end_all([child.process for child in self._children])
@@ -267,7 +224,7 @@ class Swarm:
                 stdin=self._child_stdin,
                 stdout=subprocess.DEVNULL,
                 stderr=output,
-                env={**os.environ, **_import_path(), CHILD: "1"},
+                env={**_environment(), **_import_path(), CHILD: "1"},
                 start_new_session=True,  # Ctrl-C in the terminal is this process's to handle
             )
 
@@ -281,6 +238,11 @@ def _failed(child: Child) -> MeanflockError:
         why = child.errors()
         return BadInput(why[-1] if why else f"{child.name} was given what it cannot use:\n{child.last_lines()}")
     return ProcessDied(f"{child.name} {how_it_ended(child.process.returncode)}; its last lines:\n{child.last_lines()}")
+
+
+def _environment() -> dict[str, str]:
+    """That of this process without what would change what a child is told to fly."""
+    return {name: said for name, said in os.environ.items() if name.removeprefix("MEANFLOCK_") not in _OURS}
 
 
 def _import_path() -> dict[str, str]:

@@ -50,6 +50,11 @@ class FlightProgress:
     def __exit__(self, _t: type[BaseException] | None, _e: BaseException | None, _b: TracebackType | None) -> None:
         self._bar.stop()
 
+    def give_up(self) -> None:
+        """Gives a terminal its cursor back, and nothing else: the process ends now."""
+        if not self._bar.disable:
+            self._console.show_cursor()
+
     def say(self, text: str) -> None:
         """What is going on before the first tick."""
         self._bar.update(self._task, description=text)

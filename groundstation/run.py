@@ -1,6 +1,7 @@
 """One run, from a scenario to a finished folder: in this process, or on a swarm of processes."""
 
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -98,6 +99,7 @@ def fly(scenario: Scenario, options: Options, back: Back | None = None) -> Run:
     start = None if back is None else back.start
     died: ProcessDied | None = None
     with Outputs(scenario, run_id, options, None if back is None else back.past) as desk:
+        interrupted.at_once = desk.give_up
         try:
             if options.in_process:
                 desk.summary = _in_process(scenario, run_id, options, desk.sinks, interrupted, start)
@@ -118,6 +120,13 @@ def go_on(folder: Path) -> str:
     return f"that is too little to resume, `meanflock run {folder / SCENARIO}` flies it again"
 
 
+def _what_there_is(folder: RunFolder) -> str:
+    """Of a run that was interrupted: how to fly it, or the rest of it."""
+    if folder.last_tick < 0:
+        return f"before take-off; `meanflock run {folder.path / SCENARIO}` flies it"
+    return f"{folder.path} holds the flight up to tick {folder.last_tick}; {go_on(folder.path)}"
+
+
 class Outputs:
     """Everything that keeps or shows a run: folder, recording, viewer, progress. A context manager that completes them.
 
@@ -130,6 +139,7 @@ class Outputs:
         Raises BadInput, with nothing written, where a file or port cannot be had.
         """
         self.summary: dict[str, Any] = {}
+        self.kill: Callable[[], None] = lambda: None  # what flies it
         self._stack = ExitStack()
         with ExitStack() as opening:
             self.folder = opening.enter_context(RunFolder(options.out, run_id, scenario, past))
@@ -155,6 +165,12 @@ class Outputs:
 
     def __enter__(self) -> "Outputs":
         return self
+
+    def give_up(self) -> str:
+        """Completes nothing any more; what is said of it."""
+        self.kill()
+        self.progress.give_up()
+        return f"interrupted twice, nothing was completed; {_what_there_is(self.folder)}"
 
     def __exit__(self, *failure: Any) -> None:
         with self._stack.pop_all():  # closes everything, whatever comes of the summary
@@ -194,6 +210,7 @@ def _processes(
     start: Resumption | None,
 ) -> dict[str, Any]:
     with Swarm(run_id, options.endpoint, options.tls, options.log_format) as swarm:
+        desk.kill = swarm.kill
         desk.progress.say("starting processes")
         swarm.start_world(
             to_toml(scenario),
@@ -208,7 +225,7 @@ def _processes(
         if scenario.declared.is_federated or scenario.faults:  # else nobody waits for one: it may come after the flight
             swarm.start_leaders(scenario.leaders(0 if start is None else start.tick), _JOIN_S)
         swarm.start_agents(scenario.uavs, options.uavs_per_process, _JOIN_S)
-        bus = _connect(swarm, interrupted)
+        bus = _connect(swarm, interrupted, desk.folder)
         try:
             desk.progress.say("joining")
             first_block = None if start is None else start.block + 1
@@ -229,12 +246,12 @@ def _processes(
     return station.summary
 
 
-def _connect(swarm: Swarm, interrupted: Interrupted) -> ZenohBus:
+def _connect(swarm: Swarm, interrupted: Interrupted, folder: RunFolder) -> ZenohBus:
     """Waits for the world in short steps, so that a world that cannot start is noticed at once."""
     end = time.monotonic() + _CONNECT_S
     while True:
         if interrupted:
-            raise RunFailed("interrupted while the swarm was starting")
+            raise RunFailed(f"interrupted while the swarm was starting, {_what_there_is(folder)}")
         swarm.check()
         try:
             return swarm.connect(timeout_s=1.0)
@@ -254,7 +271,7 @@ def _listen(bus: ZenohBus, station: Station, swarm: Swarm, interrupted: Interrup
             asked = now
             swarm.interrupt()
         if asked and now - asked > _LAST_WORDS_S:
-            raise RunFailed("interrupted; the world did not answer any more")
+            raise RunFailed(f"interrupted, the world did not answer any more; {_what_there_is(folder)}")
         if not asked and now - checked > 0.1:
             checked = now
             swarm.check()
@@ -262,7 +279,4 @@ def _listen(bus: ZenohBus, station: Station, swarm: Swarm, interrupted: Interrup
             ended = ended or now
             if now - ended > _ON_ITS_WAY_S:
                 why = "interrupted" if interrupted else "the world ended before this process had its last words"
-                if folder.last_tick < 0:
-                    raise RunFailed(f"{why}, before take-off; `meanflock run {folder.path / SCENARIO}` flies it")
-                held = f"{folder.path} holds the flight up to tick {folder.last_tick}"
-                raise RunFailed(f"{why}; {held}; {go_on(folder.path)}")
+                raise RunFailed(f"{why}, {_what_there_is(folder)}")

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 
-from meanflock.swarm.errors import EXIT_BAD_INPUT
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_RUN_FAILED
 
 
 @contextmanager
@@ -13,10 +13,14 @@ def needed(by: str, extra: str = "") -> Iterator[None]:
     """Libraries that are imported while the context lasts are needed `by` somebody, and come with `extra` of ours.
 
     Raises:
-        SystemExit: one is not installed; a line on stderr says which, and what to install.
+        SystemExit: one is not installed, and a line on stderr says which, and what to install; or Ctrl-C came, which
+            nobody else listens for yet.
     """
     try:
         yield
+    except KeyboardInterrupt:
+        print("error: interrupted", file=sys.stderr)
+        raise SystemExit(EXIT_RUN_FAILED) from None
     except ModuleNotFoundError as missing:
         if not (what := lacking(missing, by, extra)):
             raise

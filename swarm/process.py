@@ -2,16 +2,18 @@
 
 import argparse
 import logging
+import math
 import os
 import select
 import signal
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
 from meanflock.swarm import logs, plugins
-from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_RUN_FAILED, MeanflockError
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_RUN_FAILED, BadInput, MeanflockError
 from meanflock.swarm.net.endpoint import DEFAULT_ENDPOINT
 from meanflock.swarm.net.identity import Identity
 
@@ -20,7 +22,7 @@ CHILD = "MEANFLOCK_CHILD"  # a variable: "1" where whoever started this process 
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
-        print(f"{self.prog}: {message}; see {self.prog} --help", file=sys.stderr)
+        print(f"error: {message}; see {self.prog} --help", file=sys.stderr)
         raise SystemExit(EXIT_BAD_INPUT)
 
 
@@ -31,7 +33,7 @@ def parser(module: str, what: str, example: str) -> argparse.ArgumentParser:
         BadInput: a file of plug-ins cannot be used.
     """
     result = _Parser(
-        prog=f"python -m {module}",
+        prog=f"python -m meanflock.{module}",
         description=what,
         epilog=f"example: {example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -39,7 +41,7 @@ def parser(module: str, what: str, example: str) -> argparse.ArgumentParser:
     flag(result, "--endpoint", DEFAULT_ENDPOINT, "where the world listens")
     flag(result, "--run", "swarm", "name of the run; nodes of other runs never meet")
     flag(result, "--tls", "", "folder of certificates; every link is then mutual TLS")
-    flag(result, "--wait", "60", "seconds to wait for the others", float)
+    flag(result, "--wait", "60", "seconds to wait for the others", seconds("--wait"))
     what = f"a file with plug-ins, repeatable (${plugins.FILES}: several, as PATH separates them)"
     result.add_argument("--plugin", action="append", metavar="FILE.py", type=_plugins_of, help=what)
     plugins.load_of_environment()
@@ -59,6 +61,21 @@ def flag(to: argparse.ArgumentParser, name: str, default: str, what: str, type_:
     to.add_argument(name, default=os.environ.get(variable, default), type=type_, help=text)
 
 
+def seconds(name: str, least: float = 0.0) -> Callable[[str], float]:
+    """Reads the flag of that name: a finite time, at least so long."""
+
+    def read(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not least <= value < math.inf:
+            raise BadInput(f"{name} {text}: seconds, at least {least:g}, for example {name} 30")
+        return value
+
+    return read
+
+
 def identity(tls: str, name: str) -> Identity | None:
     """Who this process is, where `--tls` was given."""
     return Identity(Path(tls), name) if tls else None
@@ -68,6 +85,7 @@ class Interrupted:
     """True once SIGINT or SIGTERM came; the first is a wish, the second ends the process at once."""
 
     def __init__(self) -> None:
+        self.at_once: Callable[[], str] | None = None  # what must be done by who ends at once; what a person is told
         self._came = False
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._note)
@@ -76,9 +94,14 @@ class Interrupted:
         return self._came
 
     def _note(self, number: int, _frame: object) -> None:
-        if self._came:
-            os._exit(128 + number)  # also as process 1 of a container, where the default action is ignored
-        self._came = True
+        if not self._came:
+            self._came = True
+            return
+        if self.at_once is not None:
+            with suppress(Exception):  # whatever it was in the middle of
+                logs.tell(f"error: {self.at_once()}", logging.ERROR)
+            os._exit(EXIT_RUN_FAILED)
+        os._exit(128 + number)  # also as process 1 of a container, where the default action is ignored
 
 
 def orphaned() -> bool:

@@ -17,7 +17,7 @@ with needed("the world", "world"):
     from meanflock.swarm.net.identity import WORLD
     from meanflock.swarm.net.refusals import Refusals
     from meanflock.swarm.net.session import ZenohBus
-    from meanflock.swarm.process import Interrupted, flag, identity, main, orphaned, parser
+    from meanflock.swarm.process import Interrupted, flag, identity, main, orphaned, parser, seconds
     from meanflock.worldsim.checkpoint import Resumption
     from meanflock.worldsim.limits import Limits, Quotas
     from meanflock.worldsim.members import MAX_LEADERS
@@ -36,7 +36,7 @@ def _run() -> None:
         "python -m meanflock.worldsim --run test --set uavs=4 --set method=hjb",
     )
     flag(options, "--scenario", "", "scenario file (TOML)")
-    flag(options, "--barrier", "10", "seconds a tick waits for a node before it is lost", float)
+    flag(options, "--barrier", "10", "seconds a tick waits for a node before it is lost", seconds("--barrier", 0.1))
     flag(options, "--stations", "0", "ground stations that must listen before the first tick", int)
     flag(options, "--realtime", "", "follow the wall clock, this many times faster")
     flag(options, "--metrics", "", "[HOST:]PORT on which Prometheus can read the run; 0 for any free port")
@@ -57,6 +57,8 @@ def _run() -> None:
     rows = given.uavs_per_process
     if rows < 1:
         raise BadInput(f"--uavs-per-process {rows}: an agent holds at least one UAV")
+    if given.stations < 0:
+        raise BadInput(f"--stations {given.stations}: 0 or more")
     rows_at_most = rows if given.tls else None
     interrupted = Interrupted()
     refusals = Refusals()
@@ -91,8 +93,12 @@ def _run() -> None:
                 from meanflock.worldsim.exporter import exported
 
             logs.tell(f"metrics at {stack.enter_context(exported(world.instruments, metrics))}")
-        world.gather(given.wait, interrupted.__bool__)
-        for tick in world.fly(interrupted.__bool__):
+
+        def over() -> bool:
+            return bool(interrupted) or orphaned()
+
+        world.gather(given.wait, over)
+        for tick in world.fly(over):
             if interrupted or (tick % 50 == 0 and orphaned()):
                 break
         linger_s = 0.0 if orphaned() else LINGER_S if world.flight.over else HURRIED_S

@@ -53,7 +53,7 @@ def take_part(
     while True:
         end = time.monotonic() + wait_s
         try:
-            bus = _connected(connect, end, over)
+            bus = connected(connect, end, over)
             try:
                 client = NodeClient(bus, run)
                 patience_s = 0.0 if missed else max(0.0, end - time.monotonic())
@@ -80,8 +80,12 @@ def take_part(
             raise lost from error
 
 
-def _connected(connect: Callable[[float], Bus], end: float, over: Callable[[], bool]) -> Bus:
-    """A session, opened before `end`."""
+def connected(connect: Callable[[float], Bus], end: float, over: Callable[[], bool]) -> Bus:
+    """A session, opened before `end` by the monotonic clock; whether it is `over` is asked between two attempts.
+
+    Raises:
+        BusError: not in time, or it is over.
+    """
     step_s = _STEP_S
     while True:
         left = end - time.monotonic()

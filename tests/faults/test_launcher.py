@@ -12,7 +12,8 @@ from typing import Any
 import psutil
 import pytest
 
-from meanflock.groundstation.launch import Child, Swarm
+from meanflock.groundstation.children import Child
+from meanflock.groundstation.launch import Swarm
 from meanflock.groundstation.results import CHECKPOINT, RunFolder
 from meanflock.groundstation.resume import back
 from meanflock.groundstation.run import _listen

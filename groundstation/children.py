@@ -1,0 +1,70 @@
+"""The processes that a launcher has started: what they said, and their ends."""
+
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from meanflock.swarm.printable import printable_lines
+
+LAST_LINES = 8
+_ERROR = "error: "  # before the line with which a process ends badly
+_TERM_GRACE_S = 5.0
+
+
+@dataclass
+class Child:
+    """One process of the swarm, and where its words go."""
+
+    name: str
+    module: str
+    command: list[str]
+    process: "subprocess.Popen[bytes]"
+    log: Path
+    given_up: bool = False  # it ended badly and is not started again
+    passed_on: int = 0  # bytes of the log that standard error has had
+
+    def last_lines(self) -> str:
+        """The end of what it said."""
+        said = self.log.read_text(encoding="utf-8", errors="replace").strip() or "(it said nothing)"
+        return "\n".join(f"    {line}" for line in printable_lines(said).split("\n")[-LAST_LINES:])
+
+    def errors(self) -> list[str]:
+        """What it said was wrong, a line each."""
+        said = printable_lines(self.log.read_text(encoding="utf-8", errors="replace")).split("\n")
+        return [line.removeprefix(_ERROR) for line in said if line.startswith(_ERROR)]
+
+
+def end_all(processes: Sequence["subprocess.Popen[bytes]"]) -> None:
+    """Ends those that still run: first asked, then killed."""
+    running = [process for process in processes if process.poll() is None]
+    for process in running:
+        process.terminate()
+        process.send_signal(signal.SIGCONT)  # one that is frozen hears nothing
+    end = time.monotonic() + _TERM_GRACE_S
+    for process in running:
+        try:
+            process.wait(max(0.0, end - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def sweep(group: int) -> None:
+    """Kills what is left of a process group whose leader is gone, and waits until it is gone."""
+    end = time.monotonic() + _TERM_GRACE_S
+    with suppress(ProcessLookupError):
+        while time.monotonic() < end:
+            os.killpg(group, signal.SIGKILL)
+            time.sleep(0.01)
+
+
+def kill_all(processes: Sequence["subprocess.Popen[bytes]"]) -> None:
+    """Kills those that still run and what they have forked, each of which leads a process group."""
+    for process in processes:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)

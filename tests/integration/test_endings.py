@@ -1,0 +1,71 @@
+"""How a command and its processes end: told twice, or while nobody flies yet; and what they do not listen to."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import psutil
+import pytest
+
+from meanflock.groundstation.launch import free_endpoint
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.process import CHILD
+from tests.integration.conftest import Command, Spawn, processes_of
+from tests.polling import DEADLINE_S, until
+
+pytestmark = pytest.mark.processes
+
+SOON_S = 40.0  # what takes a moment, on a machine that is busy
+ENDLESS = ("--uavs", "2", "--duration", "100000", "--set", "stop=duration", "--method", "plan", "--no-record")
+
+
+def test_ctrl_c_twice_ends_at_once_and_says_how_to_go_on_and_kills_even_who_is_frozen(
+    command: Command,
+) -> None:
+    process = command.start("--quiet", *ENDLESS)
+    run = command.flying()
+    (world,) = (p for p in processes_of(run) if "meanflock.worldsim" in p.cmdline())
+    world.suspend()  # the first Ctrl-C waits for it
+    until(lambda: process.poll() is not None or process.send_signal(signal.SIGINT), "its end")
+    _, err = process.communicate()
+    assert process.returncode == 1
+    assert err.startswith("error: interrupted twice, nothing was completed; ")
+    assert f"{command.folder}/scenario.toml" in err or f"meanflock resume {command.folder}" in err
+    until(lambda: not processes_of(run), "the end of all processes", SOON_S)
+
+
+def test_a_world_that_waits_for_its_nodes_does_not_outlive_its_launcher() -> None:
+    endpoint = free_endpoint()
+    line = [sys.executable, "-m", "meanflock.worldsim", "--endpoint", endpoint, "--run", "left", "--wait", "10000"]
+    with subprocess.Popen(line, stdin=subprocess.PIPE, env={**os.environ, CHILD: "1"}) as world:
+        try:
+            ZenohBus.client(endpoint, DEADLINE_S).close()
+            assert world.stdin is not None
+            world.stdin.close()  # all that a child sees of the end of its launcher
+            assert world.wait(SOON_S) == 1
+        finally:
+            world.kill()
+
+
+def test_a_ground_station_that_waits_for_a_world_hears_ctrl_c(tmp_path: Path, spawn: Spawn) -> None:
+    station = spawn("meanflock.groundstation", "--endpoint", free_endpoint(), "--out", str(tmp_path), "--wait", "10000")
+    until(lambda: psutil.Process(station.pid).num_threads() > 2, "it looks for the world")
+    station.send_signal(signal.SIGINT)
+    _, err = station.communicate(timeout=SOON_S)
+    assert (station.returncode, list(tmp_path.iterdir())) == (1, [])
+    assert "error: interrupted" in err
+
+
+def test_what_the_variables_of_the_processes_say_changes_nothing_of_what_a_command_flies(
+    command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flags = ("--uavs", "2", "--duration", "20", "--no-record")
+    expected = command.summary("--in-process", *flags)
+    for name, said in {"SET": "uavs=3 wind.sigma=2", "UAV": "1", "RESUME": "/nowhere", "TLS": "/nowhere"}.items():
+        monkeypatch.setenv(f"MEANFLOCK_{name}", said)
+    flown = command.summary(*flags)
+    assert [flown[key] for key in ("scenario_sha256", "trajectory_sha256")] == [
+        expected[key] for key in ("scenario_sha256", "trajectory_sha256")
+    ]
