@@ -21,7 +21,7 @@ from meanflock.worldsim.counters import Counters
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.limits import JOIN_BYTES, RECEIVED_BYTES, Limits
 from meanflock.worldsim.members import LEADER, JoinRefused, Member, Members
-from meanflock.worldsim.telemetry import Outbox
+from meanflock.worldsim.outbox import Outbox
 from meanflock.worldsim.unattended import Unattended
 
 log = logging.getLogger("meanflock.world")

@@ -32,8 +32,7 @@ class Awake:
         if not self._has_faults:
             self.uavs = ~flight.lost if flight.any_lost else self._all
             return
-        for event in script.events(tick):
-            self._reporter.rows.note(event)
+        self._reporter.events += script.events(tick)
         killed = script.killed(tick)
         flight.lose(killed, "lost", "killed by the fault script")
         lost = flight.lost

@@ -64,7 +64,7 @@ class Checkpoints:
                 "scenario": self._scenario.sha256(),
                 "plugins": [list(plugin) for plugin in self._scenario.plugins()],
                 "version": __version__,
-                "block": self._reporter.rows.block,
+                "block": self._reporter.block,
                 "flight": self._flight.snapshot(),
                 "air": self._air.snapshot(),
                 "counters": self._counters.snapshot(wall_s()),
@@ -78,7 +78,7 @@ class Checkpoints:
             }
         )
         if len(body) <= checkpoint.MAX_BYTES:
-            self._reporter.outbox.add(self._reporter.rows.take(body))
+            self._reporter.flush(body)
 
     def restore(self, resume: Resumption) -> None:
         """Goes on from a checkpoint.
@@ -102,6 +102,6 @@ class Checkpoints:
             self._commands.largest[...] = kept["largest"]
             self._commands.summed[...] = kept["summed"]
             self._leading.aggregation = kept["aggregation"]
-            self._reporter.rows.resume(kept["block"] + 1, self._flight.tick + 1)
+            self._reporter.begin(kept["block"] + 1, self._flight.tick + 1)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise BadInput(f"the run cannot be resumed: {error}") from error

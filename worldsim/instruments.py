@@ -8,7 +8,7 @@ from meanflock.worldsim.counters import Counters
 from meanflock.worldsim.durations import Durations
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.members import Members
-from meanflock.worldsim.telemetry import Outbox
+from meanflock.worldsim.outbox import Outbox
 
 
 @dataclass(frozen=True)

@@ -84,11 +84,11 @@ class World:
         self._rounds, self._script, self._heads = Rounds(scenario), Script(scenario), Heads(scenario)
         self._rounds.draw_ahead()
         self.flight, self.air = Flight(scenario), Medium(scenario)
-        self._counters, self._ticks = Counters(refused), Durations()
-        rows = block_rows if realtime is None else None
-        self._reporter = Reporter(scenario, bus, run, self.flight, block_rows=rows, keeps=telemetry)
+        counters, self._ticks = Counters(refused), Durations()
+        commands = Commands(scenario.uavs, len(self._declared.diagnostics))
+        rows, self._counters, self._commands = block_rows if realtime is None else None, counters, commands
+        self._reporter = Reporter(bus, run, self.flight, self.air, commands, counters, block_rows=rows, keeps=telemetry)
         self._note = self._reporter.note
-        self._commands = Commands(scenario.uavs, len(self._declared.diagnostics))
         self._awake = Awake(scenario, self._script, self.flight, self._reporter)
         self._leading = Leading(scenario, self._rounds, self._note)
         self._refused = Refused(self._rounds, self._counters, self._note)
@@ -146,7 +146,7 @@ class World:
         self._admission.flying = True
         self._leading.begin(self._members)
         if self._resumed is None:
-            self._reporter.add(self.air, self._commands, NO_LINKS, self._counters)
+            self._reporter.add(NO_LINKS)
         while self._has_agents(cancelled) and not self.flight.over:
             began = self._clock()
             if self._schedule is not None:
@@ -214,7 +214,7 @@ class World:
         # 6. Whoever listens is told.
         if reporting:
             self._report(tick, whole)
-        self._reporter.add(self.air, self._commands, links, self._counters)
+        self._reporter.add(links)
         self._reporter.publish()
 
     def _ask(self, tick: int, reporting: bool, whole: bool) -> None:
@@ -269,7 +269,7 @@ class World:
 
     def _report(self, tick: int, whole: bool) -> None:
         asked, acts = self._barrier.asked, self._barrier.acts
-        self._reporter.learned(tick, asked, acts, self._awake.uavs & ~self.flight.lost, self._counters)
+        self._reporter.learned(tick, asked, acts, self._awake.uavs & ~self.flight.lost)
         # What ends the whole run may take one by one: no checkpoint is taken so soon after a loss.
         settled = not self._admission.unattended.any_since(self._barrier_s)
         if whole and settled and self._awake.uavs[~self.flight.lost].all():

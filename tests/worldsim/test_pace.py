@@ -21,10 +21,13 @@ def fly(delay_s: Callable[[int, str], float], *settings: str, realtime: float | 
         flight.bus.delay_s = lambda node: delay_s(tick, node)
 
     heard: list[tuple[int, str, str]] = []
-    note = flight.world._reporter.rows.note
-    flight.world._reporter.rows.note = lambda event: (heard.append((event.tick, event.kind, event.text)), note(event))[
-        1
-    ]  # type: ignore[method-assign, func-returns-value]
+    begin = flight.world._reporter.begin
+
+    def begin_and_tell(block: int, first_tick: int) -> None:
+        heard.extend((event.tick, event.kind, event.text) for event in flight.world._reporter.events)
+        begin(block, first_tick)
+
+    flight.world._reporter.begin = begin_and_tell  # type: ignore[method-assign]
     summary = flight.fly(slow)
     told = heard + [(event.tick, event.kind, event.text) for event in flight.world.flight.events]
     return {**summary, "told": [entry for entry in told if entry[1] in ("slow", "lost")]}

@@ -8,7 +8,7 @@ import pytest
 from meanflock.groundstation.engine import Engine
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import FrameKind, Telemetry
-from meanflock.worldsim.telemetry import STATE_LINKS_EVERY_TICKS
+from meanflock.worldsim.reporter import STATE_LINKS_EVERY_TICKS
 
 
 class Told:
