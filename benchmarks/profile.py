@@ -50,7 +50,7 @@ WORLD: list[Part] = [
     ("meanflock.worldsim.inbound:Replies.read", "read and check answers"),
     ("meanflock.worldsim.node:World._collect", "collect commands and frames"),
     ("meanflock.worldsim.awake:Awake.begin", "fault script"),
-    ("meanflock.worldsim.checkpoints:Checkpoints.keep", "checkpoints"),
+    ("meanflock.worldsim.checkpoint:Checkpoints.keep", "checkpoints"),
     ("meanflock.worldsim.node:World._report", "telemetry"),
     ("meanflock.worldsim.reporter:Reporter.add", "telemetry"),
     ("meanflock.worldsim.reporter:Reporter.flush", "telemetry"),

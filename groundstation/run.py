@@ -194,7 +194,7 @@ def _in_process(
         if options.metrics is not None:
             from meanflock.worldsim.exporter import exported  # a library that most runs need not load
 
-            logs.tell(f"metrics at {stack.enter_context(exported(engine.world.instruments, options.metrics))}")
+            logs.tell(f"metrics at {stack.enter_context(exported(engine.world, options.metrics))}")
         for _ in engine.fly():
             if interrupted:
                 break

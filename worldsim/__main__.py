@@ -92,7 +92,7 @@ def _run() -> None:
             with needed("--metrics", "world"):  # a library that is loaded only where it is asked for
                 from meanflock.worldsim.exporter import exported
 
-            logs.tell(f"metrics at {stack.enter_context(exported(world.instruments, metrics))}")
+            logs.tell(f"metrics at {stack.enter_context(exported(world, metrics))}")
 
         def over() -> bool:
             return bool(interrupted) or orphaned()
@@ -111,7 +111,7 @@ def _run() -> None:
 def _see_off(world: World, bus: ZenohBus) -> None:
     """Waits until every node has gone home: what it was told last can be lost if the router closes before."""
     end = time.monotonic() + SEE_OFF_S
-    while world.attended and time.monotonic() < end:
+    while world.members.present and time.monotonic() < end:
         if (delivery := bus.receive(0.1)) is not None:
             world.handle(delivery)
 

@@ -1,6 +1,7 @@
 """The admission of the world: who comes, who goes, who comes back, and whether what they say is let in."""
 
 import logging
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -11,7 +12,6 @@ from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Bus, Delivery
 from meanflock.swarm.net.identity import STATION
 from meanflock.swarm.printable import printable
-from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import LOST, OVER, Event, Join, Message, Ready, Received, Refusal, Stop, Welcome
 from meanflock.swarm.wire.tick import TYPES
@@ -22,7 +22,6 @@ from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.limits import JOIN_BYTES, RECEIVED_BYTES, Limits
 from meanflock.worldsim.members import LEADER, JoinRefused, Member, Members
 from meanflock.worldsim.outbox import Outbox
-from meanflock.worldsim.unattended import Unattended
 
 log = logging.getLogger("meanflock.world")
 
@@ -37,7 +36,6 @@ class Admission:
 
     def __init__(
         self,
-        flown: Scenario,
         bus: Bus,
         run: str,
         members: Members,
@@ -55,9 +53,10 @@ class Admission:
         self.closed = False  # after the last: who leaves is not lost
         self.resumed: Resumption | None = None  # whose memory is handed out until then
         self.unfit: list[str] = []  # why nodes that were welcome cannot take part, after all
-        self.unattended = Unattended(clock)
+        self.unattended: dict[int, float] = {}  # UAVs whose agent was lost and that have no other yet: since when
         self.on_leader_lost: Callable[[], None] = lambda: None  # one that was asked in this tick
-        self._scenario, self._bus, self._run = flown, bus, run
+        flown = self._scenario = flight.scenario
+        self._bus, self._run = bus, run
         self._fingerprint, self._received = keys.fingerprint(run), keys.received(run)
         self._float = control.FLOAT_OF_BITS[flown.radio.bits_per_float]
         self._plan = flight.states.astype(self._float)
@@ -106,7 +105,7 @@ class Admission:
         self._counters.nodes_lost += self.flying
         self.dismiss(member, f"{LOST}{why}")
         if len(member.uavs) and self.flying:
-            self.unattended.lose(member.uavs)
+            self.unattended |= dict.fromkeys(member.uavs.tolist(), self._clock())
             self._flight.lose(member.uavs, "lost", f"{member.name}: {why}")
         else:
             self._note("lost", f"{member.name}: {why}")
@@ -124,6 +123,10 @@ class Admission:
             if not member.ready and self._clock() - member.since_s > patience_s:
                 self.lose(member, f"not ready after {patience_s:.0f} s")
 
+    def settled(self, for_s: float) -> bool:
+        """Whether no agent without a successor was lost within so many seconds: one may be on its way."""
+        return self._clock() - max(self.unattended.values(), default=-math.inf) >= for_s
+
     @property
     def complete(self) -> bool:
         """Whether every UAV has its agent, the rounds their leader, and whoever records is there."""
@@ -135,20 +138,25 @@ class Admission:
         absent = self.stations - len(self.listeners)
         return ", ".join(filter(None, [self.members.missing(), f"{absent} ground station" if absent > 0 else ""]))
 
-    def check(self, late_s: float | None, cancelled: bool, stop: Callable[[str], None]) -> None:
-        """Everyone is sent home by `stop` where the swarm will not be complete. `late_s`: the time that is over.
+    def stop(self, why: str) -> None:
+        """Sends every node home."""
+        for member in self.members.present:
+            self._stop(member.name, why)
+
+    def check(self, late_s: float | None, cancelled: bool) -> None:
+        """Everyone is sent home where the swarm will not be complete. `late_s`: the time that is over.
 
         Raises:
             BadInput: a node cannot take part. RunFailed: not in time, or interrupted; the message says who is missing.
         """
         if self.unfit:
-            stop("a node cannot take part")
+            self.stop("a node cannot take part")
             raise BadInput(self.unfit[0])
         if cancelled:
-            stop("interrupted")
+            self.stop("interrupted")
             raise RunFailed(f"interrupted while waiting for {self.missing}")
         if late_s is not None:
-            stop("the swarm is not complete")
+            self.stop("the swarm is not complete")
             raise RunFailed(f"after {late_s:.0f} s the swarm still waits for {self.missing}")
 
     # -- messages -----------------------------------------------------------------------------------------------
@@ -202,7 +210,8 @@ class Admission:
             return
         member.ready = True
         self._counters.nodes_rejoined += self.flying
-        self.unattended.attend(member.uavs)
+        for uav in member.uavs.tolist():
+            self.unattended.pop(uav, None)
         if self.flying and member.role == LEADER:
             self._note("rejoined", f"{member.name} stands by")
         elif self.flying:

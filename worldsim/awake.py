@@ -5,7 +5,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.admission import Admission
 from meanflock.worldsim.faults import Script
 from meanflock.worldsim.flight import Flight
@@ -16,9 +15,14 @@ from meanflock.worldsim.reporter import Reporter
 class Awake:
     """uavs: (N,), who is; as a rule all of them, and then `everyone` is true."""
 
-    def __init__(self, scenario: Scenario, script: Script, flight: Flight, reporter: Reporter) -> None:
-        self._has_faults, self._script, self._flight, self._reporter = bool(scenario.faults), script, flight, reporter
-        self._all: NDArray[np.bool_] = np.ones(scenario.uavs, dtype=bool)
+    def __init__(self, script: Script, flight: Flight, reporter: Reporter) -> None:
+        self._has_faults, self._script, self._flight, self._reporter = (
+            bool(flight.scenario.faults),
+            script,
+            flight,
+            reporter,
+        )
+        self._all: NDArray[np.bool_] = np.ones(flight.scenario.uavs, dtype=bool)
         self.uavs = self._all
 
     @property

@@ -5,7 +5,7 @@ world may have no disk, and whoever has the one has the other. The hash of the t
 middle, so whoever resumes a run also brings the states of all ticks flown, which the run folder has.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,11 +13,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.channel.medium import Medium
+from meanflock.swarm import __version__
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire import control
+from meanflock.worldsim.barrier import Barrier
+from meanflock.worldsim.commands import Commands
+from meanflock.worldsim.counters import Counters
+from meanflock.worldsim.flight import Flight
+from meanflock.worldsim.heads import Heads
+from meanflock.worldsim.leading import Leading
 from meanflock.worldsim.members import Member
+from meanflock.worldsim.reporter import Reporter
 
 SCHEMA = 5
 EVERY_TICKS = 100
@@ -25,14 +34,14 @@ MAX_BYTES = 24 * 2**20  # a larger one would push the telemetry out of the outbo
 
 
 class Memories:
-    """What the UAVs replied to a request for all that their controllers remember."""
+    """What the UAVs replied to a request for all that their controllers remember.
+
+    arrays: (N, …) each, by name; zeros where a UAV is lost and nobody could be asked. known: (N,), whose it has.
+    """
 
     def __init__(self, uavs: int) -> None:
-        self._uavs = uavs
-        self._arrays: dict[str, NDArray[Any]] = {}  # (N, …) each
-        self._names: set[str] | None = None  # of the first reply; all have the same
-        self._bytes = 0  # of all these arrays
-        self._from: NDArray[np.bool_] = np.zeros(uavs, dtype=bool)
+        self.arrays: dict[str, NDArray[Any]] = {}
+        self.known: NDArray[np.bool_] = np.zeros(uavs, dtype=bool)
 
     def take(self, member: Member, record: Mapping[str, Any]) -> None:
         """Enters the reply of one node.
@@ -40,35 +49,25 @@ class Memories:
         Raises:
             MessageRejected: its arrays are not of its rows, not like those of the others, or too large for everyone's.
         """
-        if self._names is None:
-            self._names = set(record)
-        if set(record) != self._names:
-            raise MessageRejected("wrong-shape", f"a memory of {sorted(record)}, expected {sorted(self._names)}")
+        uavs = len(self.known)
         for name, array in record.items():
             if not isinstance(array, np.ndarray) or not array.ndim or len(array) != member.rows:
                 raise MessageRejected("wrong-shape", f"memory {name!r}: expected {member.rows} rows")
-            whole = self._arrays.get(name)
-            if whole is None:
-                row_bytes = array.nbytes // member.rows
-                self._bytes += row_bytes * self._uavs
-                if self._bytes > MAX_MEMORY_BYTES:
-                    raise MessageRejected(
-                        "oversized", f"memory {name!r}: {row_bytes} bytes of each of {self._uavs} UAVs"
-                    )
-                whole = self._arrays[name] = np.zeros((self._uavs, *array.shape[1:]), array.dtype)
-            if whole.shape[1:] != array.shape[1:] or whole.dtype != array.dtype:
-                raise MessageRejected("wrong-shape", f"memory {name!r}: {array.shape} {array.dtype}, unlike the others")
+        if not self.known.any():  # the first: all have arrays like it
+            row_bytes = sum(array.nbytes for array in record.values()) // member.rows
+            if row_bytes * uavs > MAX_MEMORY_BYTES:
+                raise MessageRejected("oversized", f"a memory of {row_bytes} bytes of each of {uavs} UAVs")
+            self.arrays = {name: np.zeros((uavs, *array.shape[1:]), array.dtype) for name, array in record.items()}
+        if (form := _form(record)) != (wanted := _form(self.arrays)):
+            raise MessageRejected("wrong-shape", f"a memory of {form}, expected {wanted} as of the others")
         for name, array in record.items():
-            self._arrays[name][member.place] = array
-        self._from[member.place] = True
+            self.arrays[name][member.place] = array
+        self.known[member.place] = True
 
-    def complete(self, needed: NDArray[np.bool_]) -> bool:
-        """Whether every UAV that is `needed` (N,) has replied."""
-        return bool(self._from[needed].all())
 
-    def snapshot(self) -> dict[str, NDArray[Any]]:
-        """All of it; zeros where a UAV is lost and nobody could be asked."""
-        return self._arrays
+def _form(arrays: Mapping[str, NDArray[Any]]) -> dict[str, str]:
+    """The type and shape of a row, by name."""
+    return {name: f"{array.dtype} {array.shape[1:]}" for name, array in arrays.items()}
 
 
 @dataclass(frozen=True)
@@ -122,9 +121,90 @@ class Resumption:
         return Resumption(_checked(record["checkpoint"]), record["history"])
 
 
-def encode(parts: Mapping[str, Any]) -> bytes:
-    """The bytes of a checkpoint, as telemetry carries them."""
-    return control.encode_record({"schema": SCHEMA, **parts})
+class Checkpoints:
+    """All parts of a world that a checkpoint is of."""
+
+    def __init__(
+        self,
+        flight: Flight,
+        air: Medium,
+        counters: Counters,
+        commands: Commands,
+        heads: Heads,
+        leading: Leading,
+        reporter: Reporter,
+    ) -> None:
+        self._scenario, self._flight, self._air, self._counters = flight.scenario, flight, air, counters
+        self._commands, self._heads, self._leading, self._reporter = commands, heads, leading, reporter
+        self._memories: Memories | None = None  # where, in the last tick, all were asked for what they remember
+
+    def collect(self, barrier: Barrier, drop: Callable[[MessageRejected, str], None]) -> None:
+        """Takes what everyone who is not lost replied to a request for it; nothing where somebody did not."""
+        memories = Memories(self._scenario.uavs)
+        for name, act in barrier.acts.items():
+            member = barrier.asked[name]
+            if member.rows and act.memory:
+                try:
+                    memories.take(member, control.decode_record(act.memory))
+                except MessageRejected as error:
+                    drop(error, f"the memory of {name}")
+        self._memories = memories if memories.known[~self._flight.lost].all() else None
+
+    def keep(self, wall_s: Callable[[], float]) -> None:
+        """A checkpoint, if everyone said what it remembers in the last tick; it goes out with all rows before it.
+
+        `wall_s`: how long the flight has taken so far.
+        """
+        memories, self._memories = self._memories, None
+        if memories is None or self._reporter.outbox.holds_checkpoint:
+            return
+        body = control.encode_record(
+            {
+                "schema": SCHEMA,
+                "scenario": self._scenario.sha256(),
+                "plugins": [list(plugin) for plugin in self._scenario.plugins()],
+                "version": __version__,
+                "block": self._reporter.block,
+                "flight": self._flight.snapshot(),
+                "air": self._air.snapshot(),
+                "counters": self._counters.snapshot(wall_s()),
+                "uploads": self._leading.uploads.snapshot(),
+                "heads": self._heads.snapshot(),
+                "commands": self._commands.accelerations,
+                "largest": self._commands.largest,
+                "summed": self._commands.summed,
+                "memory": memories.arrays,
+                "aggregation": self._leading.aggregation,
+            }
+        )
+        if len(body) <= MAX_BYTES:
+            self._reporter.flush(body)
+
+    def restore(self, resume: Resumption) -> None:
+        """Goes on from a checkpoint.
+
+        Raises:
+            BadInput: it is of another scenario, or of other plug-ins, or incomplete.
+        """
+        kept: Any = resume.checkpoint
+        if kept.get("scenario") != self._scenario.sha256():
+            raise BadInput("the checkpoint is of another scenario; resume a run with its own scenario.toml")
+        for was, now in zip(kept.get("plugins", ()), self._scenario.plugins(), strict=False):
+            if tuple(was) != now:
+                raise BadInput(f"the checkpoint is of {was[0]} {was[1]!r} of {was[2]}; here it is of {now[2]}")
+        try:
+            self._flight.restore(kept["flight"], resume.history)
+            self._air.restore(kept["air"])
+            self._counters.restore(kept["counters"])
+            self._leading.uploads.restore(kept["uploads"])
+            self._heads.restore(kept["heads"])
+            self._commands.accelerations[...] = kept["commands"]
+            self._commands.largest[...] = kept["largest"]
+            self._commands.summed[...] = kept["summed"]
+            self._leading.aggregation = kept["aggregation"]
+            self._reporter.begin(kept["block"] + 1, self._flight.tick + 1)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise BadInput(f"the run cannot be resumed: {error}") from error
 
 
 def _record(raw: bytes, what: str) -> dict[str, Any]:

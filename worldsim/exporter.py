@@ -21,7 +21,7 @@ from meanflock.swarm import __version__
 from meanflock.swarm.net.address import Address
 from meanflock.swarm.wire.messages import Status
 from meanflock.worldsim.durations import Durations
-from meanflock.worldsim.instruments import Instruments
+from meanflock.worldsim.node import World
 
 _OF_TRAFFIC = {  # field of `Traffic` → metric, what it counts
     "payload_bits": ("payload_bits", "Bits of payload, once a transmission."),
@@ -33,10 +33,10 @@ _OF_TRAFFIC = {  # field of `Traffic` → metric, what it counts
 
 
 class Exporter(Collector):
-    """The instruments of one run as metric families. Unknown is absent, never 0."""
+    """What one run shows, as metric families. Unknown is absent, never 0."""
 
-    def __init__(self, instruments: Instruments) -> None:
-        self._of = instruments
+    def __init__(self, world: World) -> None:
+        self._of = world
 
     def collect(self) -> Iterator[Metric]:
         """Everything, as it is now."""
@@ -65,7 +65,7 @@ class Exporter(Collector):
         for field, (name, what) in _OF_TRAFFIC.items():
             family = CounterMetricFamily(f"meanflock_{name}", what, labels=["traffic"])
             for kind, traffic in TRAFFIC.items():
-                family.add_metric([traffic], getattr(self._of.meter.traffic[kind], field))
+                family.add_metric([traffic], getattr(self._of.air.meter.traffic[kind], field))
             yield family
 
     def _protocol(self) -> Iterator[Metric]:
@@ -98,14 +98,14 @@ class Exporter(Collector):
 
 
 @contextmanager
-def exported(instruments: Instruments, address: Address) -> Iterator[str]:
+def exported(world: World, address: Address) -> Iterator[str]:
     """Serves the metrics of a run for as long as the context lasts; its value is the URL.
 
     Raises:
         BadInput: nobody can listen at `address`.
     """
     shown = CollectorRegistry()
-    shown.register(Exporter(instruments))
+    shown.register(Exporter(world))
     ProcessCollector("", lambda: "self", "/proc", shown)  # memory, CPU and files of this process, under the usual names
     try:
         server, thread = start_http_server(address.port, address.host, shown)

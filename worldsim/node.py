@@ -14,14 +14,12 @@ from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Bus
 from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Act, Frames, Stop
-from meanflock.worldsim import checkpoint, inbox
+from meanflock.swarm.wire.messages import Act, Frames
+from meanflock.worldsim import inbox
 from meanflock.worldsim.admission import Admission
 from meanflock.worldsim.awake import Awake
 from meanflock.worldsim.barrier import Barrier
-from meanflock.worldsim.checkpoint import Resumption
-from meanflock.worldsim.checkpoints import Checkpoints
+from meanflock.worldsim.checkpoint import EVERY_TICKS, Checkpoints, Resumption
 from meanflock.worldsim.commands import Commands
 from meanflock.worldsim.counters import Counters
 from meanflock.worldsim.durations import Durations
@@ -29,12 +27,10 @@ from meanflock.worldsim.faults import Script
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.heads import Heads
 from meanflock.worldsim.inbound import Replies
-from meanflock.worldsim.instruments import Instruments
 from meanflock.worldsim.leading import Leading
 from meanflock.worldsim.members import LEADER, Member, Members
 from meanflock.worldsim.merger import FrameMerger
 from meanflock.worldsim.pace import Pace
-from meanflock.worldsim.refused import Refused
 from meanflock.worldsim.reporter import Reporter
 from meanflock.worldsim.schedule import Schedule
 from meanflock.worldsim.summary import summary
@@ -42,11 +38,14 @@ from meanflock.worldsim.waiting import Waiting
 
 REPORT_EVERY_TICKS = 10
 
-Clock = Callable[[], float]
-
 
 class World:
-    """One run, from the first node that joins to the summary."""
+    """One run, from the first node that joins to the summary.
+
+    Its public parts may be looked at while it flies, from any thread, and nothing in them changed. listeners: ground
+    stations that are there. waits: at the barrier, from the last question of a tick to the last answer. ticks: how long
+    they took in all.
+    """
 
     def __init__(
         self,
@@ -61,10 +60,10 @@ class World:
         rows_at_most: int | None = None,
         refused: Counter[str] | None = None,
         resume: Resumption | None = None,
-        checkpoint_every: int = checkpoint.EVERY_TICKS,
+        checkpoint_every: int = EVERY_TICKS,
         block_rows: int = 50,
         telemetry: bool = True,
-        clock: Clock = time.monotonic,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """`barrier_s`: how long a tick waits for a node before the node is lost. `realtime`: ticks follow the wall
         clock, this many times faster. `stations`: how many recording listeners must be there before the first tick.
@@ -77,30 +76,26 @@ class World:
             BadInput: what is to be resumed is of another scenario, or incomplete.
         """
         self._scenario, self._declared, self._clock = scenario, scenario.declared, clock
-        self._bus, self._run, self._fingerprint = bus, run, keys.fingerprint(run)
-        self._mode, self._stations, self._barrier_s = mode, stations, barrier_s
+        self._bus, self.run, self.mode, self._stations, self._barrier_s = bus, run, mode, stations, barrier_s
         self._schedule = None if realtime is None else Schedule(realtime, scenario.dt)
         self._checkpoint_every, self._resumed = checkpoint_every, resume
         self._rounds, self._script, self._heads = Rounds(scenario), Script(scenario), Heads(scenario)
         self._rounds.draw_ahead()
         self.flight, self.air = Flight(scenario), Medium(scenario)
-        counters, self._ticks = Counters(refused), Durations()
+        counters, self.ticks = Counters(refused), Durations()
         commands = Commands(scenario.uavs, len(self._declared.diagnostics))
-        rows, self._counters, self._commands = block_rows if realtime is None else None, counters, commands
+        rows, self.counters, self._commands = block_rows if realtime is None else None, counters, commands
         self._reporter = Reporter(bus, run, self.flight, self.air, commands, counters, block_rows=rows, keeps=telemetry)
-        self._note = self._reporter.note
-        self._awake = Awake(scenario, self._script, self.flight, self._reporter)
+        self._note, self.outbox = self._reporter.note, self._reporter.outbox
+        self._awake = Awake(self._script, self.flight, self._reporter)
         self._leading = Leading(scenario, self._rounds, self._note)
-        self._refused = Refused(self._rounds, self._counters, self._note)
         self._begin()
         self._connect(rows_at_most)
-        self.handle = self._admission.handle  # one delivery; never raises for what the network sent
 
     def _begin(self) -> None:
         """At tick 0, or where a run that is resumed goes on."""
-        scenario, counters = self._scenario, self._counters
         self._checkpoints = Checkpoints(
-            scenario, self.flight, self.air, counters, self._commands, self._heads, self._leading, self._reporter
+            self.flight, self.air, self.counters, self._commands, self._heads, self._leading, self._reporter
         )
         if self._resumed is not None:
             self._checkpoints.restore(self._resumed)
@@ -109,19 +104,23 @@ class World:
 
     def _connect(self, rows_at_most: int | None) -> None:
         """Whoever the world talks to: who may take part, the barrier of a tick, and what is waited for."""
-        scenario, bus, run, note, counters = self._scenario, self._bus, self._run, self._note, self._counters
+        scenario, bus, run, note, counters = self._scenario, self._bus, self.run, self._note, self.counters
         federated = self._declared.is_federated
         wanted = scenario.leaders(self.flight.tick) if federated else 0
-        members = self._members = Members(scenario.uavs, wanted, standbys=federated, rows_at_most=rows_at_most)
-        barrier = self._barrier = Barrier(bus, run, Replies(scenario, self._fingerprint))
+        members = self.members = Members(scenario.uavs, wanted, standbys=federated, rows_at_most=rows_at_most)
+        barrier = self._barrier = Barrier(bus, run, Replies(scenario, keys.fingerprint(run)))
         admission = self._admission = Admission(
-            scenario, bus, run, members, self.flight, barrier, self._reporter.outbox, counters, note, self._clock
+            bus, run, members, self.flight, barrier, self.outbox, counters, note, self._clock
         )
+        self.handle = admission.handle  # one delivery; never raises for what the network sent
+        self.stop = admission.stop  # sends every node home
+        self.listeners = admission.listeners
         admission.resumed, admission.stations = self._resumed, self._stations
         admission.on_leader_lost = self._ask_leader
         self._merger = FrameMerger(self._rounds, counters, admission.drop, note)
         pace, patience_s = Pace(scenario.pace, note), self._barrier_s
         self._waiting = Waiting(barrier, admission, counters, self._schedule, patience_s, pace, self._wait, self._clock)
+        self.waits = self._waiting.took
 
     def gather(self, timeout_s: float, cancelled: Callable[[], bool] = lambda: False) -> None:
         """Waits until every UAV has its agent, and the rounds their leader; `cancelled` is asked now and then.
@@ -131,10 +130,9 @@ class World:
         """
         end = self._clock() + timeout_s
         while not self._admission.complete:
-            late_s = timeout_s if self._clock() > end else None
-            self._admission.check(late_s, cancelled(), self.stop)
+            self._admission.check(timeout_s if self._clock() > end else None, cancelled())
             self._wait(0.1)
-        nodes = f"{len(self._members.present)} nodes hold {self._scenario.uavs} UAVs"
+        nodes = f"{len(self.members.present)} nodes hold {self._scenario.uavs} UAVs"
         again = "" if self._resumed is None else f" and go on from tick {self.flight.tick}"
         self._note("resumed" if again else "joined", nodes + again)
 
@@ -144,7 +142,7 @@ class World:
         """
         self._started = self._clock()
         self._admission.flying = True
-        self._leading.begin(self._members)
+        self._leading.begin(self.members)
         if self._resumed is None:
             self._reporter.add(NO_LINKS)
         while self._has_agents(cancelled) and not self.flight.over:
@@ -152,16 +150,16 @@ class World:
             if self._schedule is not None:
                 self._schedule.begin(began)
             self._tick()
-            self._ticks.add(self._clock() - began)
+            self.ticks.add(self._clock() - began)
             yield self.flight.tick
 
     def finish(self, linger_s: float = 10.0) -> dict[str, Any]:
         """Ends the run: everyone is told, the last block is handed over, the summary made."""
-        record = summary(self.flight, self.air.meter, self._run, self._mode, self._wall_s(), self._protocol())
+        record = summary(self.flight, self.air.meter, self.run, self.mode, self.wall_s(), self._protocol())
         self._note("finished", f"{record['arrived']} of {self._scenario.uavs} arrived")
         finished = self._reporter.finish(record)
         self._leave("finished", linger_s)
-        if not self._reporter.outbox.empty:
+        if not self.outbox.empty:
             self._reporter.repeat(finished)
         return record
 
@@ -178,25 +176,20 @@ class World:
         """Everyone is told; what is left of the telemetry is handed over, as long as some of it is every `linger_s`."""
         self._admission.closed = True
         self.stop(why)
-        outbox, since = self._reporter.outbox, self._clock()
+        since = self._clock()
         # What is on its way when a session closes may never arrive, so all of it is waited for, the summary too.
         back = self._stations > 0 and self.flight.over  # a recorder that was killed may be on its way back
-        while (self._admission.listeners or back) and (waiting := outbox.waiting) and self._clock() - since < linger_s:
+        while (self.listeners or back) and (waiting := self.outbox.waiting) and self._clock() - since < linger_s:
             self._reporter.publish()
             self._wait(0.1)
-            since = self._clock() if outbox.waiting < waiting else since
-
-    def stop(self, reason: str) -> None:
-        """Sends every node home."""
-        for member in self._members.present:
-            self._bus.put(keys.sense(self._run, member.name), control.encode(Stop(self._fingerprint, reason)))
+            since = self._clock() if self.outbox.waiting < waiting else since
 
     def _tick(self) -> None:
         tick = self.flight.tick
         # 1. What must be kept is kept, who never came is given up, what the script says goes wrong.
-        self._checkpoints.keep(self._wall_s)
+        self._checkpoints.keep(self.wall_s)
         self._admission.expire(self._barrier_s)
-        self._awake.begin(tick, self._members, self._admission, self._note)
+        self._awake.begin(tick, self.members, self._admission, self._note)
         # 2. Ask: every node gets its own states and what its radios received.
         reporting = tick % REPORT_EVERY_TICKS == 0
         whole = reporting and self._checkpoint_every > 0 and tick % self._checkpoint_every == 0
@@ -223,7 +216,7 @@ class World:
         self._heads.receive(due, self._awake.uavs)
         self._barrier.open(tick, reporting)
         self._ask_leader()  # first: in a round it has the most to do, and all others wait for it
-        asked = [member for member in self._members.present if member.role != LEADER and member.ready]
+        asked = [member for member in self.members.present if member.role != LEADER and member.ready]
         if not self._awake.everyone and not self._awake.uavs.all():
             asked = [member for member in asked if self._awake.uavs[member.uavs].any()]
         received = inbox.of_agents(due, self._awake.uavs)
@@ -234,7 +227,7 @@ class World:
             self._barrier.ask(member, self.flight.states[member.place], own, whole)
 
     def _ask_leader(self) -> None:
-        self._leading.ask(self.flight.tick, self._members, self._barrier)
+        self._leading.ask(self.flight.tick, self.members, self._barrier)
 
     def _wait(self, timeout_s: float) -> None:
         if (delivery := self._bus.receive(timeout_s)) is not None:
@@ -244,10 +237,12 @@ class World:
         """Commands and diagnostics into their rows; frames of one kind joined, sources ascending."""
         barrier = self._barrier
         barrier.close()
+        disbelieved: set[int] = set()
         for name, member in barrier.asked.items():
             if (act := barrier.acts.get(name)) is not None and (len(act.refused) or len(act.lost) or act.memory):
-                self._regard(member, act)
-        self._refused.close()
+                disbelieved |= self._regard(member, act)
+        if disbelieved:
+            self._disbelieve(disbelieved)
         insane = self._commands.store(barrier.commands, barrier.replied, self._awake.uavs, self.flight.on_way)
         if len(insane):
             self.flight.lose(insane, "diverged", "an answer beyond all bounds")
@@ -258,43 +253,44 @@ class World:
             self._commands.accelerations[idle] = 0.0
         return frames
 
-    def _regard(self, member: Member, act: Act) -> None:
-        """What a node says of others, or of its own UAVs; and what the aggregation remembers."""
+    def _regard(self, member: Member, act: Act) -> set[int]:
+        """What a node says of its own UAVs, and what the aggregation remembers; returns the UAVs whose states it
+        refuses. A leader refuses uploads, and so does a head when it averages."""
         if len(act.lost):
             self.flight.lose(act.lost.astype(np.intp), "diverged", "the controller failed or left the finite numbers")
         if member.role == LEADER and act.memory:
             self._leading.aggregation = act.memory
+        if member.role != LEADER and not self._rounds.relays(act.tick):
+            return set(act.refused.tolist())
         if len(act.refused):
-            self._refused.take(member, act)
+            self.counters.uploads_refused += len(act.refused)
+            self._note("refused", f"uploads of UAV {', '.join(map(str, act.refused))} were not averaged")
+        return set()
+
+    def _disbelieve(self, uavs: set[int]) -> None:
+        """Their states count once a tick, however many nodes refuse them; they are named once a run."""
+        self.counters.states_refused += len(uavs)
+        if new := sorted(uavs - self.counters.disbelieved):
+            self.counters.disbelieved |= uavs
+            self._note("refused", f"states of UAV {', '.join(map(str, new))} were not believed: no UAV can be so")
 
     def _report(self, tick: int, whole: bool) -> None:
         asked, acts = self._barrier.asked, self._barrier.acts
         self._reporter.learned(tick, asked, acts, self._awake.uavs & ~self.flight.lost)
         # What ends the whole run may take one by one: no checkpoint is taken so soon after a loss.
-        settled = not self._admission.unattended.any_since(self._barrier_s)
+        settled = self._admission.settled(self._barrier_s)
         if whole and settled and self._awake.uavs[~self.flight.lost].all():
             self._checkpoints.collect(self._barrier, self._admission.drop)
 
-    def _wall_s(self) -> float:
-        return self._counters.wall_s + self._clock() - self._started
+    def wall_s(self) -> float:
+        """Flown so far, from the first tick on."""
+        return self.counters.wall_s + self._clock() - self._started
 
     def _protocol(self) -> dict[str, Any]:
-        figures, dropped = self._commands.figures(self._declared.diagnostics), self._reporter.outbox.dropped
-        return self._counters.summary(*figures, schedule=self._schedule, blocks_dropped=dropped)
+        figures, dropped = self._commands.figures(self._declared.diagnostics), self.outbox.dropped
+        return self.counters.summary(*figures, schedule=self._schedule, blocks_dropped=dropped)
 
     @property
     def diagnostics(self) -> np.ndarray:
         """What the controllers reported of the last tick, `(N, K)`, as in `Telemetry`."""
         return self._commands.diagnostics
-
-    @property
-    def instruments(self) -> Instruments:
-        """What can be read of the run at any moment."""
-        listeners, outbox, waits = self._admission.listeners, self._reporter.outbox, self._waiting.took
-        counted = (self.air.meter, self._counters, self._members, listeners, outbox, waits, self._ticks)
-        return Instruments(self._run, self._mode, self.flight, *counted, self._wall_s)
-
-    @property
-    def attended(self) -> bool:
-        """Whether any node has not gone home yet."""
-        return bool(self._members.present)

@@ -22,7 +22,7 @@ class Patient(Lab):
         self.now = 0.0
         self.waits = 0
         self.while_waiting: dict[int, Callable[[], Any]] = {}
-        for part in (self.world._waiting, self.world._admission, self.world._admission.unattended):
+        for part in (self.world._waiting, self.world._admission):
             part._clock = lambda: self.now
         self.world._waiting._receive = self._wait
 
@@ -32,7 +32,7 @@ class Patient(Lab):
         self.while_waiting.get(self.waits, lambda: None)()
 
     def kill_all(self) -> None:
-        for member in list(self.world._members.present):
+        for member in list(self.world.members.present):
             if member.role == "agent":
                 self.kill(member.name)
 

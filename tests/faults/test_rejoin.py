@@ -98,9 +98,9 @@ def test_the_old_process_that_comes_back_is_refused_and_told_to_go_home_and_its_
     def thaw() -> None:
         client.stopped = None
         old.handler = client.handle
-        before = lab.world._counters.drops.copy()
+        before = lab.world.counters.drops.copy()
         old.put(keys.act(RUN, "agent-1"), control.encode(Act(NUMBER, 60, np.zeros((1, 5)))))
-        assert lab.world._counters.drops - before == {"unknown-node": 1}
+        assert lab.world.counters.drops - before == {"unknown-node": 1}
         assert "lost" in (client.stopped or "")
         client.stopped = None
         old.put(keys.act(RUN, "agent-1"), control.encode(Ready(NUMBER)))
@@ -172,7 +172,7 @@ def test_who_is_lost_before_take_off_is_missing_and_another_takes_the_place() ->
         client.join(request, make, 1.0)  # type: ignore[arg-type]
         if request.role == "leader":
             assert "every UAV" not in world._admission.missing
-        elif not world._members.complete:
+        elif not world.members.complete:
             first = bus
             first.close()
             assert "1 UAVs without an agent" in world._admission.missing

@@ -42,7 +42,7 @@ def test_beyond_its_bound_the_world_gives_up_the_oldest_blocks_and_counts_them(m
     lab.engine.network.endpoints.remove(bus)
     most = 0
     for _ in lab.engine.fly():
-        most = max(most, lab.world._reporter.outbox._bytes)
+        most = max(most, lab.world.outbox._bytes)
     assert most <= 60_000
     told = Told()
     late = lab.engine.network.endpoint()
@@ -144,7 +144,7 @@ def test_a_station_that_starts_after_the_last_tick_is_let_in_and_sent_what_waits
     lab.fly()
     assert isinstance(answers[0], Welcome)
     assert sum(len(block.states) for block in told.blocks) == 121
-    assert lab.world._reporter.outbox.empty
+    assert lab.world.outbox.empty
 
 
 @pytest.mark.parametrize(("every_s", "all_of_it"), [(8.0, True), (12.0, False)])

@@ -158,7 +158,7 @@ class Siege:
     # -- the world ------------------------------------------------------------------------------------------------
 
     def _at_world(self, raw: bytes, message: Any) -> None:
-        names = [*self._world._members._by_name, "agent-77", "nobody"]
+        names = [*self._world.members._by_name, "agent-77", "nobody"]
         match self._turn // 4 % 8:
             case 0:
                 role = message.role if isinstance(message, Join) else "agent"
@@ -173,9 +173,9 @@ class Siege:
                     return
                 delivery = Delivery("message", keys.act(RUN, name), raw)
         self.thrown["world"] += 1
-        before = self._world.instruments.counters.drops.total()
+        before = self._world.counters.drops.total()
         self._world.handle(delivery)
-        dropped = self._world.instruments.counters.drops.total() - before
+        dropped = self._world.counters.drops.total() - before
         if dropped != 1 and not (dropped == 0 and isinstance(message, HARMLESS)):
             raise Broken(f"{dropped} drops counted for {type(message).__name__} under {delivery.key}: {raw.hex()}")
         for answer in self._answers:
@@ -184,7 +184,7 @@ class Siege:
 
     def _is_its_word(self, name: str, raw: bytes, message: Any) -> bool:
         """Whether that is what the node may say in this moment: whoever can say it under its key is that node."""
-        barrier, member = self._world._barrier, self._world._members.get(name)
+        barrier, member = self._world._barrier, self._world.members.get(name)
         if member is None or member.lost:
             return False
         if isinstance(message, Event | Refusal):

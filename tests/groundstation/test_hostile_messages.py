@@ -118,9 +118,9 @@ def test_hostile_messages_are_dropped_counted_by_reason_and_change_nothing() -> 
         if tick % 7:
             continue
         for node, raw, reason in hostile(tick - 1):
-            before = engine.world._counters.drops.copy()
+            before = engine.world.counters.drops.copy()
             engine.world.handle(Delivery("message", keys.act(RUN, node), raw))
-            found = engine.world._counters.drops - before
+            found = engine.world.counters.drops - before
             assert found == {reason: 1}, (node, reason, found)
             expected[reason] = expected.get(reason, 0) + 1
     summary = engine.world.finish()
@@ -145,9 +145,9 @@ def test_hostile_bytes_in_place_of_a_model_are_dropped_and_change_nothing() -> N
         acts = [(act(asked, outbox=(batch(payload=sent),)), reason) for sent, reason in payloads]
         acts.append((act(asked, outbox=(batch(payload=good),)), "duplicate"))  # else well
         for message, reason in acts if tick % 7 == 0 else ():
-            before = engine.world.instruments.counters.drops.copy()
+            before = engine.world.counters.drops.copy()
             engine.world.handle(Delivery("message", keys.act(RUN, "agent-0"), write_act(message)))
-            assert engine.world.instruments.counters.drops - before == {reason: 1}
+            assert engine.world.counters.drops - before == {reason: 1}
     assert steady(engine.world.finish()) == steady(honest)
 
 
@@ -206,7 +206,7 @@ def test_who_asks_under_the_name_of_another_is_dropped_without_an_answer() -> No
     for name, join in (("agent-1", Join("agent", 1, 2)), ("agent", Join("leader", 0)), ("x", Join("agent", 1))):
         engine.world.handle(Delivery("question", keys.join(RUN, name), control.encode(join), replies.append))
     assert not replies
-    assert engine.world._counters.drops == {"wrong-name": 3}
+    assert engine.world.counters.drops == {"wrong-name": 3}
 
 
 # -- finite, well-formed and absurd -------------------------------------------------------------------------------
@@ -296,9 +296,9 @@ def test_no_key_raises_or_is_shown_as_it_came(caplog: pytest.LogCaptureFixture) 
                 Delivery("gone", key),
                 Delivery("oversized", key, size=10**9),
             ):
-                before = engine.world.instruments.counters.drops.total()
+                before = engine.world.counters.drops.total()
                 engine.world.handle(delivery)
-                assert engine.world.instruments.counters.drops.total() == before + 1, delivery
+                assert engine.world.counters.drops.total() == before + 1, delivery
     summary = engine.world.finish()
     assert summary["dropped_messages"] == {"wrong-key": 4 * len(HOSTILE_KEYS), "oversized": len(HOSTILE_KEYS)}
     assert not replies

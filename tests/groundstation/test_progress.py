@@ -41,7 +41,7 @@ def test_commands_that_are_held_are_in_the_line_and_in_the_table() -> None:
     for tick in engine.fly():
         if tick == 3:
             assert "held" not in line.line
-            engine.world.instruments.counters.late(1234)
+            engine.world.counters.late(1234)
     table = shown(engine)
     assert "held 1234 in 1 late ticks" in line.line
     assert "1,234" in table

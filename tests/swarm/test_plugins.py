@@ -282,7 +282,7 @@ def test_a_world_one_of_whose_nodes_lacks_the_plugin_does_not_take_off_and_says_
     engine = Engine(load(None, ["uavs=2"], method="hjb"), "hosts")
     world = engine.world
     world._admission.unfit.append("agent-1 on host far-away: controller 'lent' is not installed here")
-    world._members._by_name["agent-0"].ready = False
+    world.members._by_name["agent-0"].ready = False
     with pytest.raises(BadInput, match="host far-away"):
         world.gather(0.0)
 

@@ -62,7 +62,7 @@ def engine() -> Engine:
 
 @pytest.fixture
 def url(engine: Engine) -> Iterator[str]:
-    with exported(engine.world.instruments, ANY) as url:
+    with exported(engine.world, ANY) as url:
         yield url
 
 
@@ -76,7 +76,7 @@ def test_every_number_is_the_summarys(engine: Engine, url: str) -> None:
     summary: dict[str, Any] = engine.world.finish()
     assert scraped("ticks_total") == summary["ticks"] == 120
     assert scraped("simulated_seconds_total") == summary["sim_time_s"]
-    fastest = summary["sim_time_s"] / engine.world.instruments.ticks.total_s
+    fastest = summary["sim_time_s"] / engine.world.ticks.total_s
     assert 0.0 < summary["real_time_factor"] <= scraped("real_time_factor") <= fastest
     assert scraped("rounds_total") == summary["rounds"] > 0
     for traffic, bill in summary["radio"]["traffic"].items():
@@ -104,7 +104,7 @@ def test_the_histograms_hold_every_tick(engine: Engine, url: str) -> None:
         buckets = [scraped(f"{name}_bucket", le=f"{bound:g}") for bound in BOUNDS_S]
         assert buckets == sorted(buckets)
         assert buckets[-1] <= scraped(f"{name}_bucket", le="+Inf") == scraped(f"{name}_count") == 120
-    assert 0.0 < scraped("barrier_wait_seconds_sum") < scraped("tick_seconds_sum") < engine.world.instruments.wall_s()
+    assert 0.0 < scraped("barrier_wait_seconds_sum") < scraped("tick_seconds_sum") < engine.world.wall_s()
 
 
 def test_before_the_first_tick_the_unknown_is_absent_and_nodes_are_counted_as_they_come_and_go(
@@ -131,7 +131,7 @@ def test_telemetry_nobody_acknowledges_is_seen_waiting(engine: Engine, url: str)
     for _ in engine.fly():
         pass
     scraped = Scrape(url)
-    assert scraped("telemetry_blocks_unacknowledged") == len(engine.world._reporter.outbox._waiting) >= 2
+    assert scraped("telemetry_blocks_unacknowledged") == len(engine.world.outbox._waiting) >= 2
     assert scraped("telemetry_blocks_dropped_total") == 0
     assert scraped("nodes_alive", role="station") == 0
 
@@ -162,7 +162,7 @@ def test_a_flight_somebody_reads_all_the_time_is_the_same_flight() -> None:
         except Exception as error:
             wrong.append(error)
 
-    with exported(watched.world.instruments, ANY) as url:
+    with exported(watched.world, ANY) as url:
         readers = [threading.Thread(target=read, args=(url,)) for _ in range(2)]
         for reader in readers:
             reader.start()
@@ -178,10 +178,10 @@ def test_a_flight_somebody_reads_all_the_time_is_the_same_flight() -> None:
 
 
 def test_the_port_is_open_exactly_as_long_as_it_was_asked_for(engine: Engine) -> None:
-    with exported(engine.world.instruments, ANY) as url:
+    with exported(engine.world, ANY) as url:
         port = int(url.removesuffix("/metrics").rpartition(":")[2])
         with pytest.raises(BadInput, match=f"--metrics 127.0.0.1:{port}: .*free port"):
-            exported(engine.world.instruments, Address("127.0.0.1", port)).__enter__()
+            exported(engine.world, Address("127.0.0.1", port)).__enter__()
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(("127.0.0.1", port), timeout=5)
 

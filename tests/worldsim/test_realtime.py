@@ -154,7 +154,7 @@ def test_telemetry_says_how_many_are_held_while_it_flies() -> None:
 
     flown = load(None, ["uavs=2", "method=mfg", "duration=1", 'stop="duration"'])
     engine = Engine(flown, RUN, sinks=[Keep()], realtime=100.0)
-    counters = engine.world.instruments.counters
+    counters = engine.world.counters
     for tick in engine.fly():
         if tick == 5:
             counters.late(3)
@@ -164,7 +164,7 @@ def test_telemetry_says_how_many_are_held_while_it_flies() -> None:
     assert columns[5].tolist() == [0, 0]
     assert (columns[6:] - columns[5]).min() >= 1
     assert columns[-1].tolist() == [summary["held_commands"], summary["realtime"]["deadline_misses"]]
-    assert engine.world.instruments.outbox.empty
+    assert engine.world.outbox.empty
 
 
 def test_in_lockstep_there_is_no_real_time_to_report() -> None:
