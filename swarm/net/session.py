@@ -76,7 +76,7 @@ class ZenohBus:
         refusals: Refusals | None = None,
     ) -> None:
         """Use `router` or `client`. `quotas`: no sender may have more than a backlog of messages waiting, none of them
-        longer than its quota says.
+        longer than its quota says. `refusals`: where what is not taken in is counted.
         """
         zenoh.init_log_from_env_or(log_filter)
         try:
@@ -84,7 +84,8 @@ class ZenohBus:
         except zenoh.ZError as error:
             said = str(error).split(" at /")[0]  # without the place in the library's source
             raise BusError(f"cannot open a Zenoh session: {said}") from error
-        self._backlog = Backlog(quotas, refusals)
+        self._quotas, self._refusals = quotas, refusals or Refusals()
+        self._backlog = Backlog(quotas, self._refusals)
         self._links: Links | None = None
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._declared: list[Any] = []
@@ -133,7 +134,7 @@ class ZenohBus:
                 log_filter = FILTER
         bus = cls(_config(settings), log_filter, quotas or _a_key_a_sender, refusals)
         if identity is not None:
-            bus._limit_links(Links(_sessions, largest, refusals))
+            bus._limit_links(largest)
         return bus
 
     @classmethod
@@ -173,8 +174,8 @@ class ZenohBus:
                 express=True,
             )
             self._publishers[key] = publisher
-        if self._links is not None and (quota := self._backlog.quota(key)) is not None:
-            self._links.asked(quota.name)  # before: the answer may be here at once
+        if self._links is not None and self._quotas is not None:
+            self._links.asked(self._quotas(key).name)  # before: the answer may be here at once
         publisher.put(payload)
 
     def subscribe(self, key: str, offer: Offer | None = None) -> None:
@@ -182,11 +183,7 @@ class ZenohBus:
 
         def receive(sample: zenoh.Sample) -> None:
             name, payload = only or str(sample.key_expr), sample.payload
-            size, quota = len(payload), self._backlog.quota(name)
-            if self._links is not None and quota is not None:
-                self._links.explained(quota.name, name, size)
-            if quota is not None and size > quota.largest:
-                self._backlog.keep(Delivery("oversized", name, size=size), quota)
+            if not self._takes(name, len(payload)):
                 return
             try:
                 if offer is not None and offer(name, payload.to_bytes()):
@@ -194,27 +191,21 @@ class ZenohBus:
             except Exception:  # in Zenoh's thread nobody else would hear of it
                 if not self._closed:
                     log.exception("the message under %s was not taken", name)
-            if self._backlog.has_room(name, size, quota):
-                self._backlog.put(Delivery("message", name, payload.to_bytes()), quota)
+            self._backlog.keep(Delivery("message", name, payload.to_bytes()))
 
         self._declared.append(self._session.declare_subscriber(key, receive))
 
     def answer(self, key: str) -> None:
         def receive(query: zenoh.Query) -> None:
             name, payload = str(query.key_expr), query.payload
-            size, quota = len(payload or b""), self._backlog.quota(name)
-            if self._links is not None and quota is not None:
-                self._links.explained(quota.name, name, size)
-            if quota is not None and size > quota.largest:
-                self._backlog.keep(Delivery("oversized", name, size=size), quota)
+            if not self._takes(name, len(payload or b"")):
                 return
 
             def reply(answer: bytes) -> None:
                 with query:
                     query.reply(query.key_expr, answer)
 
-            if self._backlog.has_room(name, size, quota):
-                self._backlog.put(Delivery("question", name, payload.to_bytes() if payload else b"", reply), quota)
+            self._backlog.keep(Delivery("question", name, payload.to_bytes() if payload else b"", reply))
 
         self._declared.append(self._session.declare_queryable(key, receive))
 
@@ -233,24 +224,36 @@ class ZenohBus:
 
     def watch(self, key: str) -> None:
         def receive(sample: zenoh.Sample) -> None:
-            kind = "alive" if sample.kind == zenoh.SampleKind.PUT else "gone"
-            name = str(sample.key_expr)
-            self._backlog.keep(Delivery(kind, name), self._backlog.quota(name))  # type: ignore[arg-type]
+            came = sample.kind == zenoh.SampleKind.PUT
+            self._backlog.keep(Delivery("alive" if came else "gone", str(sample.key_expr)))
 
         self._declared.append(self._session.liveliness().declare_subscriber(key, receive, history=True))
 
     def receive(self, timeout_s: float) -> Delivery | None:
         return self._backlog.receive(timeout_s)
 
-    def _limit_links(self, links: Links) -> None:
+    def _takes(self, key: str, size: int) -> bool:
+        """Whether what came is no longer than its sender may send; else it is received as so many bytes."""
+        if self._quotas is None:
+            return True
+        _, largest, name = self._quotas(key)
+        if self._links is not None:
+            self._links.explained(name, key, size)
+        if size > largest:
+            self._backlog.keep(Delivery("oversized", key, size=size))
+        return size <= largest
+
+    def _limit_links(self, largest: int) -> None:
+        links = self._links = Links(_sessions, largest, self._refusals)
+        links.start()
+
         def changed(event: zenoh.LinkEvent) -> None:
             name, locator = event.link.auth_identifier or "", str(event.link.dst)
             if event.kind == zenoh.SampleKind.PUT:
                 links.opened(name, str(event.link.zid), locator)
             else:
-                links.closed(name, locator)
+                links.closed(locator)
 
-        self._links = links
         self._declared.append(self._session.info.declare_link_events_listener(changed, history=True))
 
     def close(self) -> None:

@@ -8,7 +8,8 @@ from contextlib import suppress
 import pytest
 
 from meanflock.swarm.net import sockets
-from meanflock.swarm.net.overhead import ALLOWED_BYTES, MESSAGE_BYTES, Overhead
+from meanflock.swarm.net.links import ALLOWED_BYTES, MESSAGE_BYTES, Links
+from meanflock.swarm.net.refusals import Refusals
 from tests.polling import until
 
 pytestmark = pytest.mark.skipif(not sockets.can_count(), reason="this system does not count the bytes of a socket")
@@ -61,53 +62,64 @@ def test_a_link_that_is_shut_down_delivers_nothing_that_waits_and_no_file_is_lef
     assert not sockets.shut_down("nowhere")
 
 
-def test_messages_explain_themselves_and_as_much_around_as_were_asked_for(pair: Pair) -> None:
-    cut: list[tuple[str, str]] = []
-    overhead = Overhead(LARGEST, lambda *link: cut.append(link))
-    overhead.opened("agent-0", pair.locator)
+@pytest.fixture
+def links() -> Links:
+    return Links(lambda name: 1, LARGEST, Refusals())
+
+
+def test_messages_explain_themselves_and_as_much_around_as_were_asked_for(pair: Pair, links: Links) -> None:
+    links.opened("agent-0", "session", pair.locator)
     pair.send(ALLOWED_BYTES + LARGEST)  # its handshake and the like
     around = len(KEY) + MESSAGE_BYTES
     for _ in range(1000):
-        overhead.asked("agent-0")
+        links.asked("agent-0")
         pair.send(100 + around)
-        overhead.explained("agent-0", KEY, 100)
-    assert (overhead.look(), cut) == ([], [])
+        links.explained("agent-0", KEY, 100)
+    assert links.look() == []
     for _ in range(10):  # nobody asked
         pair.send(100 + around)
-        overhead.explained("agent-0", KEY, 100)
-    until(lambda: pair.locator in overhead.look() or pair.send(100), "the link named")
-    assert cut[0] == ("agent-0", pair.locator)
+        links.explained("agent-0", KEY, 100)
+    until(lambda: pair.locator in links.look() or pair.send(100), "the link named")
+    assert pair.near.recv(1) == b""  # it is shut down
 
 
-def test_what_another_sent_or_this_one_before_explains_nothing(pair: Pair) -> None:
-    cut: list[str] = []
-    overhead = Overhead(LARGEST, lambda _, locator: cut.append(locator))
-    overhead.explained("agent-0", KEY, 10**6)
-    overhead.opened("agent-0", pair.locator)
-    overhead.explained("agent-1", KEY, 10**6)
+def test_what_another_sent_or_this_one_before_explains_nothing(pair: Pair, links: Links) -> None:
+    links.explained("agent-0", KEY, 10**6)
+    links.opened("agent-0", "session", pair.locator)
+    links.explained("agent-1", KEY, 10**6)
     pair.send(2 * ALLOWED_BYTES)
-    assert overhead.look() == cut == [pair.locator]
-    overhead.closed(pair.locator)
-    assert overhead.look() == []
+    assert links.look() == [pair.locator]
+    links.closed(pair.locator)
+    assert links.look() == []
 
 
-def test_a_flood_is_noticed_without_being_looked_for(pair: Pair) -> None:
-    cut = threading.Event()
-    overhead = Overhead(LARGEST, lambda *_: cut.set())
-    overhead.start()
-    overhead.opened("agent-0", pair.locator)
+def test_a_flood_is_noticed_without_being_looked_for(pair: Pair, links: Links) -> None:
+    links.start()
+    links.opened("agent-0", "session", pair.locator)
     pair.send(2 * ALLOWED_BYTES)
-    assert cut.wait(60.0)
-    overhead.close()
-    assert not overhead.is_alive()
+    until(lambda: refused(links), "the link shut down")
+    links.close()
+    assert not links.is_alive()
 
 
-def test_a_socket_that_is_gone_is_no_link_of_anybody(pair: Pair) -> None:
-    overhead = Overhead(LARGEST, lambda *_: None)
-    overhead.opened("agent-0", pair.locator)
+def test_a_socket_that_is_gone_is_no_link_of_anybody(pair: Pair, links: Links) -> None:
+    links.opened("agent-0", "session", pair.locator)
     pair.send(2 * ALLOWED_BYTES)
-    assert overhead.look() == [pair.locator]
+    assert links.look() == [pair.locator]
     pair.near.close()
     with suppress(OSError):
         pair.far.close()
-    assert overhead.look() == []
+    assert links.look() == []
+
+
+def test_one_link_more_than_a_certificate_may_have_is_shut_down_and_counted(pair: Pair, links: Links) -> None:
+    links.opened("agent-0", "session", "tls/127.0.0.1:1")
+    links.opened("agent-1", "session", pair.locator)
+    assert not refused(links)
+    links.opened("agent-0", "session", pair.locator)
+    assert refused(links) == 1
+    assert pair.near.recv(1) == b""
+
+
+def refused(links: Links) -> int:
+    return links._refusals.counts["refused-session"]
