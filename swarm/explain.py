@@ -19,21 +19,26 @@ _WORDS = {
 }
 
 
-def explain(message: str, root: type) -> str:
-    """A message of msgspec about a table that should be a `root`, as a person can use it."""
+def explain(message: str, root: type, where: str = "", mend: str = MEND) -> str:
+    """A message of msgspec about a table that should be a `root`, as a person can use it.
+
+    `where`: the key of that table, if it is not the whole. `mend`: what lists its keys.
+    """
     text, _, path = message.partition(" - at ")
     place = path.strip("`").removeprefix("$").removeprefix(".")
-    prefix = f"{place}: " if place else ""
+    whole = ".".join(filter(None, (where, place)))
+    prefix = f"{whole}: " if whole else ""
     unknown = re.search(r"unknown field `(.*)`", text)
     if unknown:
-        meant = _meant(root, place, unknown[1])
-        return f"{prefix}there is no key `{unknown[1]}`{f'; did you mean `{meant}`?' if meant else ''}; {MEND}"
+        meant = ".".join(filter(None, (where, _meant(root, place, unknown[1]))))
+        meant = f"; did you mean `{meant}`?" if meant != where else ""
+        return f"{prefix}there is no key `{unknown[1]}`{meant}; {mend}"
     if text.startswith("Invalid "):
         choices = _choices(root, place)
-        return f"{prefix}{text}{f'; choose one of {choices}' if choices else ''}; {MEND}"
+        return f"{prefix}{text}{f'; choose one of {choices}' if choices else ''}; {mend}"
     text = re.sub(r"`(\w+)`", lambda found: _WORDS.get(found[1], found[0]), text)
     text = text.replace("Expected ", "expected ", 1)
-    return prefix + (text if ";" in text else f"{text}; {MEND}")
+    return prefix + (text if ";" in text else f"{text}; {mend}")
 
 
 def _parts(kind: inspect.Type) -> list[inspect.Type]:

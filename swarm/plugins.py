@@ -6,8 +6,7 @@ registered here is refused.
 """
 
 import hashlib
-import importlib.machinery
-import importlib.util
+import importlib
 import os
 import re
 import sys
@@ -71,12 +70,9 @@ def _packaged() -> dict[tuple[Door, str], tuple[Plugin, ...]]:
 
 def installed() -> list[Plugin]:
     """All plug-ins there are, by kind and name."""
-    packaged = [plugin for plugins in _packaged().values() for plugin in plugins]
-    doors = list(GROUPS)
-    return sorted(
-        [*packaged, *(plugin for plugin, _ in _files.values())],
-        key=lambda plugin: (doors.index(plugin.door), plugin.name),
-    )
+    found = [plugin for plugins in _packaged().values() for plugin in plugins]
+    found += [plugin for plugin, _ in _files.values()]
+    return sorted(found, key=lambda plugin: (list(GROUPS).index(plugin.door), plugin.name))
 
 
 def names(door: Door) -> list[str]:
@@ -130,31 +126,29 @@ def load_file(path: Path) -> list[Plugin]:
     Raises:
         BadInput: the file cannot be read or run, or there is none in it.
     """
+    where, path = f"--plugin {path}", path.resolve()  # a file is the same one, however somebody named it
     try:
         source = path.read_bytes()
     except OSError as error:
-        raise BadInput(f"--plugin {path}: {error.strerror}; name a readable Python file") from error
-    module_name = f"meanflock_plugin_{path.stem}_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]}"
+        raise BadInput(f"{where}: {error.strerror}; name a readable Python file") from error
     if path.suffix != ".py":
-        raise BadInput(f"--plugin {path}: not a Python file; its name must end in .py")
-    loader = SourceRead(module_name, path, source)
-    spec = importlib.machinery.ModuleSpec(module_name, loader, origin=str(path))
-    spec.has_location = True
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[module_name] = module
+        raise BadInput(f"{where}: not a Python file; its name must end in .py")
+    name = f"meanflock_plugin_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+    module = sys.modules[name] = ModuleType(name)
+    module.__file__ = str(path)
     try:
-        loader.exec_module(module)
+        SourceRead(name, path, source).exec_module(module)
     except FAILURES as error:
-        del sys.modules[module_name]
-        raise BadInput(f"--plugin {path}: {last_line(error)}") from error
+        del sys.modules[name]
+        raise BadInput(f"{where}: {last_line(error)}") from error
     found = []
-    for key, (attribute, value) in _defined(module, f"--plugin {path}").items():
+    for key, (attribute, value) in _defined(module, where).items():
         if key in _files and _files[key][0].source != str(path):
-            raise BadInput(f"--plugin {path}: two {key[0]}s are named {key[1]!r}, the other in {_files[key][0].source}")
+            raise BadInput(f"{where}: two {key[0]}s are named {key[1]!r}, the other in {_files[key][0].source}")
         plugin = Plugin(*key, str(path), attribute, fingerprint(source))
-        found.append(_register(plugin, value, f"--plugin {path}: "))
+        found.append(_register(plugin, value, f"{where}: "))
     if not found:
-        raise BadInput(f"--plugin {path}: no plug-in in it; {NO_PLUGIN}")
+        raise BadInput(f"{where}: no plug-in in it; {NO_PLUGIN}")
     return found
 
 
@@ -241,18 +235,15 @@ def create(door: Door, name: str, options: dict[str, Any], *context: Any) -> Any
     Raises:
         BadInput: like `load`; or the options do not fit, or the class cannot be made of them.
     """
-    made = load(door, name)
-    where = options_table(door)
+    made: Any = load(door, name)
     try:
-        typed = msgspec.convert(options, made.Options)  # type: ignore[attr-defined]
+        typed = msgspec.convert(options, made.Options)
     except msgspec.ValidationError as error:
-        text, _, place = str(error).partition(" - at ")
-        key = place.strip("`").removeprefix("$").removeprefix(".")
-        text = text.replace("Object contains unknown field", "there is no option")
-        lists = f"scenario schema --method {name}` lists the options"
-        if door != "controller":
-            lists = f"plugins` lists the options of {name!r}"
-        raise BadInput(f"{where}{'.' + key if key else ''}: {text}; `meanflock {lists}") from error
+        from meanflock.swarm.explain import explain  # only here: nodes are sent options that are sound
+
+        asked = f"scenario schema --method {name}" if door == "controller" else "plugins"
+        mend = f"`meanflock {asked}` lists the options of {name!r}"
+        raise BadInput(explain(str(error), made.Options, options_table(door), mend)) from error
     try:
         return made(typed, *context)
     except BadInput:

@@ -63,8 +63,8 @@ QUICK = ("run", "--in-process", "--no-record", "--quiet", "--uavs", "3", "--dura
         (("--metrics", "everywhere"), "--metrics everywhere: write it as PORT or HOST:PORT"),
         (("--log-format", "xml"), "json"),
         (("--no-such-flag",), "--no-such-flag"),
-        (("--set", "controller.sped=2"), "controller: there is no option `sped`"),
-        (("--set", "federation.options.beta=2"), "federation.options: there is no option `beta`"),
+        (("--set", "controller.sped=2"), "controller: there is no key `sped`"),
+        (("--set", "federation.options.beta=2"), "federation.options: there is no key `beta`"),
     ],
 )
 def test_bad_input_is_one_line_that_names_it_and_nothing_is_written(run, tmp_path, flags, says) -> None:

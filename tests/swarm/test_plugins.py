@@ -132,6 +132,15 @@ def test_a_name_that_could_not_be_part_of_a_file_s_is_refused(name: str) -> None
         plugins.register(type("Mine", (mf.Controller,), {"name": name, "step": lambda *_: None}))
 
 
+def test_a_file_is_the_same_one_however_it_was_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = written(tmp_path, GOOD)
+    monkeypatch.setenv(plugins.FILES, path.name)  # as somebody set it, and named it once more on the command line
+    plugins.load_of_environment()
+    plugins.load_files([path])
+    assert plugins.find("controller", "mine").source == str(path)
+
+
 @pytest.mark.parametrize("base", ["Controller", "Aggregator", "Channel", "Vehicle"])
 def test_a_class_derived_from_each_of_the_four_base_classes_is_found_by_its_name(base: str) -> None:
     methods = {method: lambda *_: None for method in ("step", "transmit", "power")}
@@ -202,8 +211,8 @@ def test_the_place_of_an_error_is_in_the_plugin_and_not_in_what_it_calls(tmp_pat
 
 OPTIONS = {
     "beyond a bound": ("controller.stiffness=-1", r"controller\.stiffness: .*> 0"),
-    "of another type": ("controller.stiffness=soft", r"controller\.stiffness: .*float"),
-    "unknown": ("controller.stifness=1", r"controller: .*`stifness`"),
+    "of another type": ("controller.stiffness=soft", r"controller\.stiffness: expected a number, got text"),
+    "unknown": ("controller.stifness=1", r"controller: .*`stifness`; did you mean `controller\.stiffness`\?"),
 }
 
 
@@ -320,8 +329,8 @@ def test_a_plugin_that_cannot_begin_ends_the_command_with_exit_code_2_and_one_li
             (),
             "failed in `init` with UAV 1: ZeroDivisionError",
         ),
-        (GOOD, ("--set", "vehicle.options.mass=2"), "vehicle.options: there is no option `mass`"),
-        (GOOD, ("--set", "federation.options.beta=2"), "federation.options: there is no option `beta`"),
+        (GOOD, ("--set", "vehicle.options.mass=2"), "vehicle.options: there is no key `mass`"),
+        (GOOD, ("--set", "federation.options.beta=2"), "federation.options: there is no key `beta`"),
     ],
     ids=["in every init", "in the init of one", "a vehicle's option", "a rule's option"],
 )
