@@ -140,10 +140,5 @@ class Barrier:
 
     @property
     def silent(self) -> int:
-        """How many that is."""
+        """How many that is; nobody, where the tick is complete."""
         return len(self._silent)
-
-    @property
-    def complete(self) -> bool:
-        """Whether everyone has."""
-        return not self._silent

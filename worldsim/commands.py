@@ -1,6 +1,5 @@
 """What the agents command and report of themselves: the numbers of their replies, each in the row of its UAV."""
 
-from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -37,7 +36,3 @@ class Commands:
         self.largest = np.maximum(self.largest, np.abs(self.diagnostics).max(axis=0, initial=0.0))
         self.summed = self.summed + np.add.reduce(self.diagnostics[on_way], axis=0)
         return np.flatnonzero(replied & ~sane)
-
-    def figures(self, names: Sequence[str]) -> tuple[dict[str, float], dict[str, float]]:
-        """`summed` and `largest` by the names of the diagnostics."""
-        return dict(zip(names, self.summed.tolist(), strict=True)), dict(zip(names, self.largest.tolist(), strict=True))

@@ -1,10 +1,7 @@
 """What the world counts of the protocol: rounds, losses, drops, residuals. The flight and the radio keep their own."""
 
 from collections import Counter
-from collections.abc import Mapping
 from typing import Any
-
-from meanflock.worldsim.schedule import Schedule
 
 
 class Counters:
@@ -56,37 +53,3 @@ class Counters:
 
     def _numbers(self) -> dict[str, int | float]:
         return {name: value for name, value in vars(self).items() if isinstance(value, int | float)}
-
-    def summary(
-        self,
-        diagnostics: Mapping[str, float],
-        largest: Mapping[str, float],
-        *,
-        schedule: Schedule | None,
-        blocks_dropped: int,
-    ) -> dict[str, Any]:
-        """Its part of the summary. `diagnostics`: the sum of each over UAVs on the way and ticks.
-
-        `largest`: the largest |value| of each. `schedule`: of a flight in real time."""
-        return {
-            "rounds": self.rounds,
-            "diagnostics": dict(diagnostics),
-            "diagnostics_max": dict(largest),
-            "hjb_residual_max": largest.get("hjb_residual"),
-            "fpk_residual_max": largest.get("fpk_residual"),
-            "weight_spread_final": self.spread,
-            "nodes_lost": self.nodes_lost,
-            "nodes_rejoined": self.nodes_rejoined,
-            "uploads_refused": self.uploads_refused,
-            "states_refused": self.states_refused,
-            "dropped_messages": dict(self.dropped),
-            "held_commands": None if schedule is None else self.held,
-            "realtime": None
-            if schedule is None
-            else {
-                "factor": schedule.factor,
-                "deadline_misses": self.deadline_misses,
-                "tick_start_jitter_ms": schedule.jitter_ms(),
-            },
-            "telemetry_blocks_dropped": blocks_dropped,
-        }

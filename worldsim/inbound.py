@@ -18,6 +18,8 @@ from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from meanflock.swarm.wire.relay import Relay
 from meanflock.worldsim.members import LEADER, Member
 
+_OF_LEADERS = (FrameKind.GLOBAL,)
+
 
 class Replies:
     """The Acts of a run, as they must be."""
@@ -27,6 +29,8 @@ class Replies:
         self._columns = state.AXES + len(scenario.declared.diagnostics)
         self._weights, self._most_said = scenario.declared.weights, scenario.declared.broadcast_numbers
         self._relay = Relay(scenario) if scenario.federation.clusters > 1 else None
+        uploads = (FrameKind.UPLOAD,) if scenario.declared.is_federated else ()
+        self._of_agents = (FrameKind.STATE, *uploads, *((FrameKind.RELAY,) if self._relay else ()))
         self._head_of = Clusters(scenario).head_of
         self._up, self._down = payload.upload(scenario), payload.broadcast(scenario)
         self._float = FLOAT_OF_BITS[scenario.radio.bits_per_float]
@@ -80,17 +84,15 @@ class Replies:
 
     def _check_outbox(self, member: Member, outbox: tuple[Frames, ...]) -> None:
         if len(outbox) > 1:
-            named = {(frames.kind, frames.round) for frames in outbox}
-            rounds = {frames.kind for frames in outbox if frames.kind != FrameKind.STATE}
-            others = sum(frames.kind != FrameKind.STATE for frames in outbox)
-            if len(named) != len(outbox) or len(rounds) != others or len(outbox) > MAX_BROADCASTS + len(FrameKind):
+            named = {(frames.kind, frames.round if frames.kind == FrameKind.STATE else 0) for frames in outbox}
+            if len(named) != len(outbox) or len(outbox) > MAX_BROADCASTS + len(FrameKind):
                 raise MessageRejected("wrong-shape", "two batches of one kind in one outbox, or too many")
         for frames in outbox:
             self._check_frames(member, frames)
 
     def _check_frames(self, member: Member, frames: Frames) -> None:
         kind, source, said = frames.kind, frames.source, frames.payload
-        if kind not in self._sayable(member):
+        if kind not in (_OF_LEADERS if member.role == LEADER else self._of_agents):
             raise MessageRejected("wrong-kind", f"{kind.name} frames from {member.name}")
         if kind == FrameKind.STATE:
             if said.dtype.kind == "f" and said.dtype != self._float:
@@ -107,14 +109,6 @@ class Replies:
             raise MessageRejected("wrong-shape", f"frames of {member.name} name UAVs {source.tolist()}")
         if frames.links is not None:
             raise MessageRejected("wrong-shape", "only the world says which links carried a frame")
-
-    def _sayable(self, member: Member) -> tuple[FrameKind, ...]:
-        if member.role == LEADER:
-            return (FrameKind.GLOBAL,)
-        if not self._scenario.declared.is_federated:
-            return (FrameKind.STATE,)
-        relays = (FrameKind.RELAY,) if self._relay is not None else ()
-        return FrameKind.UPLOAD, FrameKind.STATE, *relays
 
 
 def stray(frames: Frames, tick: int, rounds: Rounds, averaged: int) -> MessageRejected | None:

@@ -33,7 +33,7 @@ from meanflock.worldsim.merger import FrameMerger
 from meanflock.worldsim.pace import Pace
 from meanflock.worldsim.reporter import Reporter
 from meanflock.worldsim.schedule import Schedule
-from meanflock.worldsim.summary import summary
+from meanflock.worldsim.summary import protocol_summary, summary
 from meanflock.worldsim.waiting import Waiting
 
 REPORT_EVERY_TICKS = 10
@@ -155,11 +155,13 @@ class World:
 
     def finish(self, linger_s: float = 10.0) -> dict[str, Any]:
         """Ends the run: everyone is told, the last block is handed over, the summary made."""
-        record = summary(self.flight, self.air.meter, self.run, self.mode, self.wall_s(), self._protocol())
+        record = summary(self.flight, self.air.meter, self.run, self.mode, self.wall_s())
+        names, dropped = self._declared.diagnostics, self.outbox.dropped
+        record |= protocol_summary(self.counters, self._commands, names, self._schedule, dropped)
         self._note("finished", f"{record['arrived']} of {self._scenario.uavs} arrived")
         finished = self._reporter.finish(record)
         self._leave("finished", linger_s)
-        if not self.outbox.empty:
+        if self.outbox.waiting:
             self._reporter.repeat(finished)
         return record
 
@@ -285,10 +287,6 @@ class World:
     def wall_s(self) -> float:
         """Flown so far, from the first tick on."""
         return self.counters.wall_s + self._clock() - self._started
-
-    def _protocol(self) -> dict[str, Any]:
-        figures, dropped = self._commands.figures(self._declared.diagnostics), self.outbox.dropped
-        return self.counters.summary(*figures, schedule=self._schedule, blocks_dropped=dropped)
 
     @property
     def diagnostics(self) -> np.ndarray:

@@ -63,8 +63,3 @@ class Outbox:
     def waiting(self) -> int:
         """How many blocks are not safe yet."""
         return len(self._waiting)
-
-    @property
-    def empty(self) -> bool:
-        """Whether everything is safe."""
-        return not self._waiting

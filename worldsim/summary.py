@@ -1,6 +1,6 @@
 """The summary of a run: what was flown, what it cost and how well it went. Unknown is None, never 0."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,10 @@ from meanflock import kernels
 from meanflock.channel.meter import TRAFFIC, Meter, Traffic
 from meanflock.swarm import __version__
 from meanflock.swarm.wire.messages import Status
+from meanflock.worldsim.commands import Commands
+from meanflock.worldsim.counters import Counters
 from meanflock.worldsim.flight import Flight
+from meanflock.worldsim.schedule import Schedule
 
 SCHEMA = 1
 MAX_LINKS_LISTED = 1000
@@ -104,15 +107,37 @@ def _observed(bill: Traffic) -> dict[str, Any]:
     }
 
 
-def summary(
-    flight: Flight,
-    meter: Meter,
-    run_id: str,
-    mode: str,
-    wall_time_s: float,
-    protocol: Mapping[str, Any],
+def protocol_summary(
+    counters: Counters, commands: Commands, names: Sequence[str], schedule: Schedule | None, blocks_dropped: int
 ) -> dict[str, Any]:
-    """The whole record; `protocol` is what only the node knows: rounds, residuals, drops."""
+    """What only the node knows. `names`: of the diagnostics. `schedule`: of a flight in real time."""
+    largest = dict(zip(names, commands.largest.tolist(), strict=True))
+    return {
+        "rounds": counters.rounds,
+        "diagnostics": dict(zip(names, commands.summed.tolist(), strict=True)),
+        "diagnostics_max": largest,
+        "hjb_residual_max": largest.get("hjb_residual"),
+        "fpk_residual_max": largest.get("fpk_residual"),
+        "weight_spread_final": counters.spread,
+        "nodes_lost": counters.nodes_lost,
+        "nodes_rejoined": counters.nodes_rejoined,
+        "uploads_refused": counters.uploads_refused,
+        "states_refused": counters.states_refused,
+        "dropped_messages": dict(counters.dropped),
+        "held_commands": None if schedule is None else counters.held,
+        "realtime": None
+        if schedule is None
+        else {
+            "factor": schedule.factor,
+            "deadline_misses": counters.deadline_misses,
+            "tick_start_jitter_ms": schedule.jitter_ms(),
+        },
+        "telemetry_blocks_dropped": blocks_dropped,
+    }
+
+
+def summary(flight: Flight, meter: Meter, run_id: str, mode: str, wall_time_s: float) -> dict[str, Any]:
+    """What was flown, and how well it went, all but what `protocol_summary` says."""
     scenario = flight.scenario
     return {
         "schema": SCHEMA,
@@ -128,5 +153,4 @@ def summary(
         "real_time_factor": flight.time_s / wall_time_s if wall_time_s > 0 else None,
         **flight_summary(flight),
         **radio_summary(meter, all_arrived=bool((flight.arrival_tick >= 0).all())),
-        **protocol,
     }

@@ -68,7 +68,7 @@ class Waiting:
         now = self._clock()
         waited = asked = 0.0
         self._pace.begin()
-        while not self._barrier.complete:
+        while self._barrier.silent:
             before = now
             self._receive(0.1)
             now = self._clock()
@@ -92,7 +92,7 @@ class Waiting:
         for _ in range(len(self._barrier.asked)):  # what is there already, however late the tick itself began
             self._receive(0.0)
         while (left := end - (now := self._clock())) > 0:
-            if answered is None and self._barrier.complete:
+            if answered is None and not self._barrier.silent:
                 answered = now
             self._receive(left)
         self._counters.late(sum(len(self._barrier.asked[name].uavs) for name in self._barrier.missing))

@@ -144,7 +144,7 @@ def test_a_station_that_starts_after_the_last_tick_is_let_in_and_sent_what_waits
     lab.fly()
     assert isinstance(answers[0], Welcome)
     assert sum(len(block.states) for block in told.blocks) == 121
-    assert lab.world.outbox.empty
+    assert not lab.world.outbox.waiting
 
 
 @pytest.mark.parametrize(("every_s", "all_of_it"), [(8.0, True), (12.0, False)])

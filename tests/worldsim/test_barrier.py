@@ -76,9 +76,9 @@ def test_a_leader_has_no_models_to_report_and_is_told_what_the_aggregation_remem
     delivery = stand.agent.receive(0.0)
     assert delivery is not None
     assert delivery.payload == tick.write_sense(Sense(FINGERPRINT, TICK, np.zeros((0, 4)), False, memory=b"\x80"))
-    assert not stand.barrier.complete
+    assert stand.barrier.silent
     stand.barrier.take(leader, tick.write_act(Act(FINGERPRINT, TICK, np.zeros((0, 2)))))
-    assert stand.barrier.complete
+    assert not stand.barrier.silent
 
 
 @pytest.mark.parametrize("models", [None, MODELS])
@@ -182,7 +182,7 @@ def test_the_last_reply_is_left_to_who_waits() -> None:
     assert stand.barrier.missing == ["agent-2"]
     assert not stand.barrier.offer(keys.act(RUN, "agent-2"), reply(rows=1))
     stand.barrier.take(other, reply(rows=1))
-    assert stand.barrier.complete
+    assert not stand.barrier.silent
     assert list(stand.barrier.acts) == ["agent-0", "agent-2"]
 
 
@@ -220,7 +220,7 @@ def test_whoever_waits_wakes_however_replies_come_in_two_threads() -> None:
             for member in crowd.values():
                 barrier.ask(member, np.zeros((1, 4)))
             asked.put(number)
-            while not barrier.complete:
+            while barrier.silent:
                 name, raw = waiting.get(timeout=DEADLINE_S)
                 barrier.take(crowd[name], raw)
             barrier.close()

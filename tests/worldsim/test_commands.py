@@ -5,6 +5,8 @@ import pytest
 
 from meanflock.swarm.model import BEYOND_SENSE
 from meanflock.worldsim.commands import Commands
+from meanflock.worldsim.counters import Counters
+from meanflock.worldsim.summary import protocol_summary
 
 UAVS = 5
 ALL = np.ones(UAVS, dtype=bool)
@@ -57,6 +59,6 @@ def test_diagnostics_of_those_on_the_way_add_up() -> None:
     commands.store(numbers, ALL, ALL, ALL)
     twice = commands.diagnostics[on_way].sum(axis=0) + commands.diagnostics.sum(axis=0)
     np.testing.assert_allclose(commands.summed, twice, rtol=1e-12)
-    summed, largest = commands.figures(["a", "b", "c"])
-    assert list(summed.values()) == commands.summed.tolist()
-    assert list(largest.values()) == commands.largest.tolist()
+    said_of = protocol_summary(Counters(), commands, ["a", "b", "c"], None, 0)
+    assert list(said_of["diagnostics"].values()) == commands.summed.tolist()
+    assert said_of["diagnostics_max"] == dict(zip("abc", commands.largest.tolist(), strict=True))
