@@ -14,6 +14,7 @@ from meanflock.groundstation.cli_study_arguments import (
     scheduler_option,
     store_in,
 )
+from meanflock.groundstation.terminal import console_for
 from meanflock.swarm.errors import BadInput
 
 _FIRST_SEED = 8001
@@ -116,7 +117,8 @@ def leaderboard(
         board = contest.fly(jobs, progress, store)
     console = Console()
     for course in board.courses:
-        console.print(terminal.table(course))
+        table = terminal.table(course)
+        console_for(table).print(table)
         for note in tables.notes(course):
             console.print(note, style="dim", markup=False, highlight=False)
         console.print()

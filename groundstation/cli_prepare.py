@@ -32,7 +32,9 @@ def doctor(uavs: int, uavs_per_process: int, out: Path, tls: Path | None) -> Non
     Example: meanflock doctor --uavs 64
     """
     findings = checks.examine(uavs, uavs_per_process, out, tls)
-    table = Table("what", "verdict", "found", "mend", title=f"meanflock {__version__}")
+    table = Table(title=f"meanflock {__version__}")
+    for heading in ("what", "verdict", "found", "what to do"):
+        table.add_column(heading, overflow="fold")
     colours = {"ok": "green", "warning": "yellow", "fails": "red"}
     for finding in findings:
         colour = colours[finding.verdict]

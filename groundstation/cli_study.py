@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import Console
 
 from meanflock.groundstation.cli_arguments import PATH, out_option, quiet_option, report, scenario_arguments
 from meanflock.groundstation.cli_study_arguments import (
@@ -19,6 +18,7 @@ from meanflock.groundstation.cli_study_arguments import (
     store_in,
 )
 from meanflock.groundstation.doctor import tell_if_slow
+from meanflock.groundstation.terminal import console_for
 from meanflock.swarm import scenario, scenarios
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
@@ -147,7 +147,8 @@ def _show(
     means = Means(columns, flown)
     sizes = {one.uavs for one in scenarios.values()}
     title = f"{what}: {sizes.pop()} UAVs" if len(sizes) == 1 else what
-    Console().print(means.table(title, [one.duration for one in scenarios.values()]))
+    table = means.table(title, [one.duration for one in scenarios.values()])
+    console_for(table).print(table)
     study.save(flown.values(), out / "runs.jsonl")
     report([out / "runs.jsonl", means.write_csv(out / f"{what}.csv")])
 

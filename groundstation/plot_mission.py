@@ -47,7 +47,7 @@ def draw(ax: Axes, of: Flown) -> None:
     """Draws goals and obstacles, on top of what ends there, and names them in the legend."""
     goals, radius = mission.goals(of), of.destination.radius
     for x, y, size in mission.obstacles(of).tolist():
-        ax.add_patch(Circle((x, y), size, facecolor=plotstyle.PALE, edgecolor=plotstyle.INK, linewidth=0.5, zorder=0.5))
+        ax.add_patch(Circle((x, y), size, facecolor=plotstyle.PALE, edgecolor=plotstyle.INK, linewidth=0.5, zorder=0.9))
     if len(of.obstacles):
         ax.plot([], [], linestyle="", marker="o", color=plotstyle.PALE, label="obstacles")
     if (goals == goals[0]).all():

@@ -134,7 +134,7 @@ def _run_paths(table: pa.Table, flown: plot_mission.Flown, folder: Path) -> Figu
         "",
         f"{who}{arrived} of {x.shape[1]} arrived in {end:.0f} s",
     )
-    made.legend(loc="outside lower center", ncols=4, handletextpad=0.2, columnspacing=1.2)
+    made.legend(loc="outside lower center", ncols=5, handletextpad=0.2, columnspacing=1.2)
     if shaded:
         label = plotstyle.tex(f"{FIELDS[PHI_G].name} as a UAV reports it ({FIELDS[PHI_G].unit})")
         made.colorbar(ScalarMappable(_PHI, "viridis"), ax=ax, extend="both", label=label)

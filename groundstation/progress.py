@@ -41,6 +41,7 @@ class FlightProgress:
         # flying, bar, n/of, ticks, detail and time left, with a column between each two
         fixed = len("flying") + bar + 2 * len(str(scenario.max_ticks)) + 1 + len("ticks") + len("0:00:00") + 5
         self._room = self._console.width - fixed
+        self._first: tuple[float, float] | None = None  # when the first ticks came, and to which simulated time, s
         self._task = self._bar.add_task("starting", total=scenario.max_ticks, detail="")
 
     def __enter__(self) -> "FlightProgress":
@@ -63,12 +64,14 @@ class FlightProgress:
         """Shows the last row of a block."""
         tick = block.first_tick + len(block.states) - 1
         row = block.swarm[-1]
-        elapsed = self._bar.tasks[0].elapsed or 0.0
+        now = self._bar.tasks[0].elapsed or 0.0
         seconds = tick * self._scenario.dt
+        self._first = self._first or (now, seconds)  # start-up is no part of the flight
+        elapsed, flown = now - self._first[0], seconds - self._first[1]
         bits = sum(row[_COLUMN[f"{name}_bits"]] for name in TRAFFIC.values())
         parts = [
             f"{seconds:.1f} s",
-            f"×{seconds / elapsed if elapsed else 0:.0f}",
+            f"×{flown / elapsed:.0f}" if flown and elapsed else "×–",
             f"arrived {row[_COLUMN['arrived']]:.0f}/{self._scenario.uavs}",
             f"{bits / 1e6:.2f} Mbit",
             f"outages {row[_COLUMN['outages']]:.0f}",

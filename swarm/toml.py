@@ -18,7 +18,7 @@ def read(path: Path, what: str) -> dict[str, Any]:
         return _parse(scenarios.found(path).read_text(encoding="utf-8"))
     except OSError as error:
         named = path.parent == scenarios.FOLDER or not path.suffix
-        there = f", or one of {', '.join(map(str, scenarios.shipped()))}" if named else ""
+        there = f", or name one of {', '.join(file.stem for file in scenarios.shipped())}" if named else ""
         raise BadInput(f"{path}: {error.strerror}; give a readable {what}{there}") from error
     except ValueError as error:  # of the parser, or bytes that are no UTF-8
         raise BadInput(f"{path}: not TOML: {error}") from error

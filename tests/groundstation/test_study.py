@@ -12,12 +12,14 @@ from typing import Any
 import psutil
 import pytest
 from rich.console import Console
+from rich.table import Column, Table
 
 import meanflock as mf
 from meanflock.groundstation import study
 from meanflock.groundstation.means import WIDTH, Means
 from meanflock.groundstation.paper.store import Store
 from meanflock.groundstation.swept import Swept
+from meanflock.groundstation.terminal import console_for
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput
 from meanflock.swarm.scenario import Scenario, load
@@ -286,3 +288,15 @@ def test_a_plugin_that_changed_or_came_later_is_flown_as_it_is_now(
     first = energy("one", -0.01)
     assert energy("other", -0.02) != first
     assert energy("one", -0.02) == energy("other", -0.02) != first
+
+
+@pytest.mark.parametrize("columns", [20, 40, 80, 120])
+def test_no_number_of_a_table_is_cut_however_narrow_the_terminal(columns, monkeypatch, capsys) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    table = Table(Column("method", no_wrap=True), *(Column(f"quantity {k}", no_wrap=True) for k in range(5)))
+    table.add_row("mfgfl-hf", *(f"{1234.5 + k}" for k in range(5)))
+    console_for(table).print(table)
+    shown = capsys.readouterr().out
+    assert "…" not in shown
+    assert all(f"{1234.5 + k}" in shown for k in range(5))
+    assert "mfgfl-hf" in shown

@@ -452,13 +452,11 @@ def test_a_shipped_scenario_is_found_from_any_folder_and_one_s_own_comes_first(
     monkeypatch.chdir(tmp_path)
     assert load(Path("scenarios/hierarchical.toml")).federation.clusters == 5
     assert len(scenario.read_faults(Path("scenarios/faults.toml"))) > 3
-    with pytest.raises(
-        BadInput, match=r"scenarios/none\.toml: .* or one of scenarios/crowd\.toml, scenarios/faults\.toml, "
-    ):
+    with pytest.raises(BadInput, match=r"scenarios/none\.toml: .* or name one of crowd, faults, "):
         load(Path("scenarios/none.toml"))
     with pytest.raises(BadInput, match=r"give a readable scenario file$"):
         load(Path("paper.toml"))
-    with pytest.raises(BadInput, match=r"swop: .* scenarios/streams\.toml, scenarios/swap\.toml, "):
+    with pytest.raises(BadInput, match=r"swop: .* streams, swap, "):
         load(Path("swop"))
     assert load(Path("swap")).destination.goals == "opposite"
     own = tmp_path / "scenarios" / "hierarchical.toml"
