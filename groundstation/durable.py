@@ -6,7 +6,7 @@ from collections.abc import Callable
 from io import FileIO
 from pathlib import Path
 
-from meanflock.swarm.errors import BadInput
+from meanflock.swarm.errors import BadInput, RunFailed
 
 
 def replace(path: Path, content: bytes | memoryview) -> None:
@@ -20,6 +20,19 @@ def replace(path: Path, content: bytes | memoryview) -> None:
     except OSError:
         part.unlink(missing_ok=True)
         raise
+
+
+def put(path: Path, content: bytes | memoryview, mend: str = "make room and repeat the command") -> Path:
+    """`replace`, for a command's own file; returns where it is.
+
+    Raises:
+        RunFailed: it cannot be written; `mend` says what then.
+    """
+    try:
+        replace(path, content)
+    except OSError as error:
+        raise RunFailed(f"{path}: {error.strerror}; {mend}") from error
+    return path
 
 
 def write(file: FileIO, content: bytes | memoryview) -> None:

@@ -14,7 +14,6 @@ from rich.table import Table
 from meanflock.groundstation import durable
 from meanflock.groundstation.paper import statistics
 from meanflock.groundstation.plots import number
-from meanflock.swarm.errors import RunFailed
 
 Summaries = Sequence[Mapping[str, Any]]
 
@@ -95,11 +94,7 @@ class Means:
                 row.append("" if found.value != found.value else found.value)
                 row += [found.low, found.high] if found.bounded else ["", ""]
             lines.writerow(row)
-        try:
-            durable.replace(path, text.getvalue().encode())
-        except OSError as error:
-            raise RunFailed(f"{path}: {error.strerror}; make room and repeat the command") from error
-        return path
+        return durable.put(path, text.getvalue().encode())
 
     @staticmethod
     def _mean(summaries: Summaries, key: str) -> float:

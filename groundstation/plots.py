@@ -11,8 +11,6 @@ import numpy as np
 import pyarrow as pa
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -45,7 +43,6 @@ COMPARED = tuple(  # key of a summary, title of its panel
         "arrived",
     )
 )
-_PHI = LogNorm(1e-3, 1e0, clip=True)
 _MAX_SEGMENTS = 60_000  # of all paths
 
 
@@ -99,17 +96,10 @@ def _run_paths(table: pa.Table, flown: plot_mission.Flown, folder: Path) -> Figu
     x, y = grid(table, "x_m"), grid(table, "y_m")
     step = max(1, len(x) // MAX_POINTS, len(x) * x.shape[1] // _MAX_SEGMENTS)
     position = np.stack([x, y], axis=-1)[::step]
-    segments = np.stack([position[:-1], position[1:]], axis=-2).reshape(-1, 2, 2)
     made = plotstyle.figure(plotstyle.COLUMN_IN * 1.1, 3.9)
     ax = made.subplots()
     shaded = PHI_G in diagnostics_in(table.schema)
-    if shaded:
-        lines = LineCollection(list(segments), norm=_PHI, cmap="viridis", linewidths=0.7, rasterized=True)
-        lines.set_array(grid(table, PHI_G)[::step][1:].ravel())
-    else:
-        tone = plotstyle.colour(flown.method)
-        lines = LineCollection(list(segments), colors=tone, linewidths=0.7, rasterized=True)
-    ax.add_collection(lines)
+    plotstyle.paths(ax, position, grid(table, PHI_G)[::step] if shaded else plotstyle.colour(flown.method))
     ax.plot(x[0], y[0], linestyle="", marker="s", markersize=2.0, color=plotstyle.PALE, label="start")
     ax.plot(x[-1], y[-1], linestyle="", marker="o", markersize=2.4, color=plotstyle.INK, label="end")
     met = [
@@ -129,15 +119,11 @@ def _run_paths(table: pa.Table, flown: plot_mission.Flown, folder: Path) -> Figu
     end = line(table, "sim_time_s")[-1]
     arrived = int(line(table, "arrived")[-1])
     who = f"{flown.method}, seed {flown.seed}: " if flown.method else ""
-    plotstyle.titled(
-        ax,
-        "",
-        f"{who}{arrived} of {x.shape[1]} arrived in {end:.0f} s",
-    )
+    plotstyle.titled(ax, "", f"{who}{arrived} of {x.shape[1]} arrived in {end:.0f} s")
     made.legend(loc="outside lower center", ncols=5, handletextpad=0.2, columnspacing=1.2)
     if shaded:
         label = plotstyle.tex(f"{FIELDS[PHI_G].name} as a UAV reports it ({FIELDS[PHI_G].unit})")
-        made.colorbar(ScalarMappable(_PHI, "viridis"), ax=ax, extend="both", label=label)
+        made.colorbar(ScalarMappable(**plotstyle.PHI_G), ax=ax, extend="both", label=label)
     return made
 
 
@@ -191,26 +177,32 @@ def _label(key: str) -> str:
     return plotstyle.axis(key.removesuffix(".total"))
 
 
-def plot_compare(runs: Mapping[str, Summaries], metrics: Sequence[tuple[str, str]] = COMPARED) -> Figure:
-    """A panel a metric, a method a row: every run as a pale dot, the mean with its 95 % interval over seeds.
+def _panels(metrics: Sequence[tuple[str, str]], row_in: float, more_in: float, share: str) -> tuple[Figure, list[Axes]]:
+    """A figure with two panels a row, a metric each, which share an axis; rows are so high, and all so much more."""
+    rows = -(-len(metrics) // 2)
+    made = plotstyle.figure(plotstyle.PAGE_IN, rows * row_in + more_in)
+    axes = list(made.subplots(rows, 2, sharex=share == "x", sharey=share == "y").ravel())
+    for letter, (_, title), ax in zip("abcdefghij", metrics, axes, strict=False):
+        plotstyle.titled(ax, letter, title)
+    for ax in axes[len(metrics) :]:
+        ax.set_visible(False)
+    return made, axes
 
-    Args:
-        runs: method → the summaries of its runs. metrics: (key of a summary, title).
+
+def plot_compare(runs: Mapping[str, Summaries]) -> Figure:
+    """A panel a metric, a method a row: every run as a pale dot, the mean with its 95 % interval over seeds; by method
+    the summaries of its runs.
     """
     methods, looks = list(runs), plotstyle.looks(runs)
-    columns = 2 if len(metrics) > 1 else 1
-    rows = -(-len(metrics) // columns)
     with plotstyle.style():
-        made = plotstyle.figure(plotstyle.PAGE_IN, rows * (0.75 + 0.2 * len(methods)) + 0.3)
-        axes = made.subplots(rows, columns, sharey=True, squeeze=False).ravel()
-        for letter, (key, title), ax in zip("abcdefghij", metrics, axes, strict=False):
+        made, axes = _panels(COMPARED, 0.75 + 0.2 * len(methods), 0.3, "y")
+        for (key, _), ax in zip(COMPARED, axes, strict=False):
             for place, method in enumerate(methods):
                 values = np.array([number(summary, key) for summary in runs[method]])
                 _row(ax, place, values, looks[method])
             ax.set_ylim(len(methods) - 0.5, -0.5)
             ax.set_yticks(range(len(methods)), methods)
             ax.grid(visible=False, axis="y")
-            plotstyle.titled(ax, letter, title)
             ax.set_xlabel(_label(key))
             if key.startswith("payload_bits"):
                 plotstyle.bit_axis(ax.xaxis)
@@ -218,8 +210,6 @@ def plot_compare(runs: Mapping[str, Summaries], metrics: Sequence[tuple[str, str
                 most = max(number(summary, "uavs") for summaries in runs.values() for summary in summaries)
                 ax.set_xlim(-0.03 * most, 1.03 * most)
                 ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-        for ax in axes[len(metrics) :]:
-            ax.set_visible(False)
         _explained(made, [len(summaries) for summaries in runs.values()], "pale: single flights; ")
     return made
 
@@ -242,9 +232,7 @@ def _explained(made: Figure, flights: Sequence[int], before: str = "") -> None:
     made.supxlabel(f"{before}mean and 95 % interval over {counted}", fontsize=7, color=plotstyle.INK)
 
 
-def plot_sweep(
-    key: str, points: Mapping[Any, Mapping[str, Summaries]], metrics: Sequence[tuple[str, str]] = COMPARED[:4]
-) -> Figure:
+def plot_sweep(key: str, points: Mapping[Any, Mapping[str, Summaries]]) -> Figure:
     """A panel a metric along the swept key: mean over seeds with 95 % interval, a line a method.
 
     Args:
@@ -256,29 +244,22 @@ def plot_sweep(
     x = np.array(values if numeric else range(len(values)), dtype=np.float64)
     methods = list(dict.fromkeys(method for runs in points.values() for method in runs))
     looks = plotstyle.looks(methods)
-    columns = 2 if len(metrics) > 1 else 1
-    rows = -(-len(metrics) // columns)
     with plotstyle.style():
-        made = plotstyle.figure(plotstyle.PAGE_IN, 1.75 * rows + 0.65)
-        axes = made.subplots(rows, columns, sharex=True, squeeze=False).ravel()
-        for letter, (metric, title), ax in zip("abcdefghij", metrics, axes, strict=False):
+        made, axes = _panels(COMPARED[:4], 1.75, 0.65, "x")
+        for (metric, _), ax in zip(COMPARED[:4], axes, strict=True):
             for place, method in enumerate(methods):
                 beside = 0.012 * (x.max() - x.min()) * (place - (len(methods) - 1) / 2)
                 estimates = [
                     statistics.mean([number(summary, metric) for summary in runs.get(method, ())])
                     for runs in points.values()
                 ]
-                middle, low, high = (np.array([getattr(e, end) for e in estimates]) for end in ("value", "low", "high"))
-                plotstyle.dots(ax, looks[method], x + beside, middle, low, high)
-            plotstyle.titled(ax, letter, title)
+                plotstyle.dots(ax, looks[method], x + beside, estimates)
             ax.set_ylabel(_label(metric))
             if metric.startswith("payload_bits"):
                 plotstyle.bit_axis(ax.yaxis)
             if not numeric:
                 ax.set_xticks(x, [str(value) for value in values])
-        for ax in axes[len(metrics) :]:
-            ax.set_visible(False)
-        for ax in axes[-columns:]:
+        for ax in axes[-2:]:
             ax.set_xlabel(with_unit(key))
         plotstyle.legend(made, methods, markers=True, looks=looks)
         _explained(made, [len(summaries) for runs in points.values() for summaries in runs.values()])

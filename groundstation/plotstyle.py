@@ -14,6 +14,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
@@ -21,6 +23,7 @@ from numpy.typing import NDArray
 
 from meanflock.groundstation import durable
 from meanflock.groundstation.looks import Look, colour, look, looks, marker, name
+from meanflock.groundstation.paper.statistics import Estimate
 
 __all__ = ("Look", "colour", "look", "looks", "marker", "name")  # of looks.py, beside all that is below
 
@@ -47,6 +50,7 @@ RING: dict[str, Any] = {  # the goal, in a legend
     "markerfacecolor": "none",
     "markeredgewidth": 1.6,
 }
+PHI_G: dict[str, Any] = {"norm": LogNorm(1e-3, 1e0, clip=True), "cmap": "viridis"}  # its colours
 LETTERS_IN = 17.0  # letters of a title that an inch has room for
 _TEX = {"φ_A": r"\phi_A", "φ_C": r"\phi_C", "φ_G": r"\phi_G", "|e_H|": "|e_H|", "|e_F|": "|e_F|"}
 _SYMBOL = re.compile("|".join(map(re.escape, _TEX)))
@@ -58,28 +62,18 @@ AXES = {  # column of a table or summary → what an axis calls it, with its uni
     "sigma": r"wind $\sigma$ (m s$^{-1}$ s$^{-1/2}$)",
     "energy_J": "energy (J)",
     "energy_mean_J": "energy (J)",
-    "energy_std_J": "std of energy (J)",
-    "t_avg_s": r"$T_\mathrm{avg}$ (s)",
     "t_avg_censored_s": r"$T_\mathrm{avg}$ (s)",
-    "t_max_s": r"$T_\mathrm{max}$ (s)",
     "phi_A": r"$\phi_A$ (m/s)",
-    "phi_C": r"$\phi_C$, self-pairs too (1)",
     "phi_A_tavg": r"$\phi_A(T_\mathrm{avg})$ (m/s)",
     "phi_C_tavg": r"$\phi_C(T_\mathrm{avg})$ (1)",
     "phi_C_distinct": r"$\phi_C$, distinct pairs (1)",
     "collisions": "collisions (pairs)",
-    "speed_max_m_s": "top speed (m/s)",
-    "speed_mean_m_s": "mean speed (m/s)",
-    "distance_mean_m": "distance flown (m)",
     "payload_bits": "payload (bits)",
     "bits": "payload (bits)",
     "arrived": "arrived (UAVs)",
     "hjb_residual": r"$|e_H|$ (m/s)",
-    "hjb_residual_max": r"largest $|e_H|$ (m/s)",
     "fpk_residual": r"$|e_F|$ (1/s)",
-    "fpk_residual_max": r"largest $|e_F|$ (1/s)",
     "phi_G": r"$\phi_G$ (1/s²)",
-    "weight_spread_final": "spread of the models (1)",
 }
 
 _RC: Any = {
@@ -209,8 +203,18 @@ def curve(ax: Axes, method: str, x: Floats, y: Floats, low: Floats | None = None
     ax.plot(x, y, color=seen.colour, linestyle=seen.dash, linewidth=seen.width)
 
 
-def dots(ax: Axes, seen: Look, x: Floats, y: Floats, low: Floats, high: Floats) -> None:
+def paths(ax: Axes, position: Floats, colour: str | Floats, width: float = 0.7) -> None:
+    """Paths `(T, N, 2)` in one colour, or coloured by φ_G `(T, N)`."""
+    segments = np.stack([position[:-1], position[1:]], axis=-2).reshape(-1, 2, 2)
+    look: dict[str, Any] = {"colors": colour}
+    if not isinstance(colour, str):
+        look = {"array": colour[1:].ravel(), **PHI_G}
+    ax.add_collection(LineCollection(list(segments), linewidths=width, rasterized=True, **look))
+
+
+def dots(ax: Axes, seen: Look, x: Floats, estimates: Sequence[Estimate]) -> None:
     """A method's points with their intervals, joined; an end that is not finite is not drawn."""
+    y, low, high = (np.array([getattr(each, end) for each in estimates]) for end in ("value", "low", "high"))
     bars = np.nan_to_num(np.stack([y - low, high - y]), nan=0.0, posinf=0.0, neginf=0.0)
     ax.errorbar(
         x,

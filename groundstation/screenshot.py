@@ -62,10 +62,7 @@ def screenshot(path: Path, png: Path, at_s: float | None, size: tuple[int, int] 
             ) from error
         finally:
             end(viewer)
-    try:
-        durable.replace(png, picture)
-    except OSError as error:
-        raise RunFailed(f"{png}: {error.strerror}; the picture is not written") from error
+    durable.put(png, picture, "the picture is not written")
 
 
 def _render(viewer: "subprocess.Popen[bytes]", url: str, at_s: float | None) -> bytes:

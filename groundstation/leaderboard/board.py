@@ -14,7 +14,7 @@ from meanflock.groundstation.leaderboard import marks
 from meanflock.groundstation.leaderboard.measures import BY_KEY
 from meanflock.groundstation.paper import statistics
 from meanflock.groundstation.paper.statistics import Estimate
-from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.errors import BadInput
 
 SCHEMA = 1
 FILE = "leaderboard.json"
@@ -102,11 +102,7 @@ class Board(msgspec.Struct, frozen=True):
         Raises:
             RunFailed: the disk is full.
         """
-        try:
-            durable.replace(out / FILE, self.encode())
-        except OSError as error:
-            raise RunFailed(f"{out / FILE}: {error.strerror}; make room and repeat the command") from error
-        return out / FILE
+        return durable.put(out / FILE, self.encode())
 
 
 def _json(value: Any) -> str:

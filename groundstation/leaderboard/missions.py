@@ -1,7 +1,6 @@
 """The missions of a leaderboard: scenarios, without who flies them."""
 
 from collections.abc import Iterable
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -40,14 +39,10 @@ class Mission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return table
 
 
-class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    mission: tuple[Mission, ...]
-
-
 def shipped() -> tuple[Mission, ...]:
     """The missions of missions.toml, in their order."""
-    text = files("meanflock.groundstation.leaderboard").joinpath("missions.toml").read_text(encoding="utf-8")
-    return msgspec.toml.decode(text.encode(), type=_File).mission
+    text = Path(__file__).with_name("missions.toml").read_bytes()
+    return msgspec.toml.decode(text, type=dict[str, tuple[Mission, ...]])["mission"]
 
 
 def chosen(names: Iterable[str]) -> list[Mission]:

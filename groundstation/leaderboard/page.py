@@ -3,7 +3,6 @@
 import base64
 from collections.abc import Mapping, Sequence
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 
 from meanflock.groundstation.leaderboard import markdown, tables
@@ -14,7 +13,7 @@ from meanflock.groundstation.leaderboard.tables import Text
 
 def html(board: Board, pictures: Mapping[str, Path]) -> str:
     """The text of the file. pictures: a PNG for a mission's name."""
-    css = files("meanflock.groundstation.leaderboard").joinpath("page.css").read_text(encoding="utf-8")
+    css = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
     links = " · ".join(f"<a href='#{escape(course.name)}'>{escape(course.title)}</a>" for course in board.courses)
     columns = "".join(f"<dt>{escape(measure.titled)}</dt><dd>{escape(measure.about)}</dd>" for measure in MEASURES)
     read = escape(tables.HOW_TO_READ).replace("**Bold**", "<b>Bold</b>")

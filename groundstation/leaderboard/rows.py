@@ -1,7 +1,7 @@
 """The rows of a leaderboard: a controller, and with which settings it flies."""
 
-from collections.abc import Iterable, Sequence
-from importlib.resources import files
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -51,14 +51,10 @@ class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return flown
 
 
-class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    row: tuple[Row, ...]
-
-
 def shipped() -> tuple[Row, ...]:
     """The rows of rows.toml, in their order."""
-    text = files("meanflock.groundstation.leaderboard").joinpath("rows.toml").read_text(encoding="utf-8")
-    return msgspec.toml.decode(text.encode(), type=_File).row
+    text = Path(__file__).with_name("rows.toml").read_bytes()
+    return msgspec.toml.decode(text, type=dict[str, tuple[Row, ...]])["row"]
 
 
 def chosen(names: Iterable[str]) -> list[Row]:
@@ -82,11 +78,7 @@ def chosen(names: Iterable[str]) -> list[Row]:
         else:
             others = [other for other in installed if other not in table]
             raise BadInput(
-                f"--controllers {name}: no such row or controller; rows are {_listed(table)}; other controllers are "
-                f"{_listed(others)}; a file of yours is named with --plugin FILE.py"
+                f"--controllers {name}: no such row or controller; rows are {', '.join(table)}; other controllers are "
+                f"{', '.join(others) or 'none'}; a file of yours is named with --plugin FILE.py"
             )
     return list(rows.values())
-
-
-def _listed(names: Sequence[str] | Iterable[str]) -> str:
-    return ", ".join(names) or "none"

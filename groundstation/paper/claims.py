@@ -1,7 +1,6 @@
 """The paper's claims as typed records, read from `claims.toml`."""
 
-import tomllib
-from importlib.resources import files
+from pathlib import Path
 from typing import Annotated, Literal
 
 import msgspec
@@ -81,5 +80,4 @@ def own() -> list[Claim]:
 
 
 def _read(name: str) -> list[Claim]:
-    text = files("meanflock.groundstation.paper").joinpath(name).read_text(encoding="utf-8")
-    return msgspec.convert(tomllib.loads(text)["claim"], list[Claim])
+    return msgspec.toml.decode(Path(__file__).with_name(name).read_bytes(), type=dict[str, list[Claim]])["claim"]

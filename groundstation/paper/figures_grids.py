@@ -27,12 +27,8 @@ def _four_panels(view: View, experiment: str, methods: Sequence[str]) -> Figure 
     for letter, (metric, title), ax in zip("abcd", CRITERIA, axes, strict=True):
         for k, method in enumerate(methods):
             values = [list(view.cell(experiment, method, point).by_seed(metric).values()) for point in points]
-            estimates = [statistics.mean(each) for each in values]
-            middle, low, high = (
-                np.array([getattr(each, end) for each in estimates]) for end in ("value", "low", "high")
-            )
             x = np.array(points) + spread * (k - (len(methods) - 1) / 2)
-            plotstyle.dots(ax, plotstyle.look(method), x, middle, low, high)
+            plotstyle.dots(ax, plotstyle.look(method), x, list(map(statistics.mean, values)))
         if metric == "phi_C_tavg":
             sizes = view.runs.where(experiment=experiment)
             floor = [1.0 / sizes.where(**{COORDINATE[experiment]: point})["uavs"][0] for point in points]

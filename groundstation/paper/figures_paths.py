@@ -5,8 +5,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
@@ -25,8 +23,6 @@ Floats = NDArray[np.float64]
 
 SNAPSHOTS_S = (40.0, 125.0)
 _EVERY = 5  # samples of a trace from one drawn point to the next: 1 s
-_PHI = LogNorm(1e-3, 1e0, clip=True)
-_CMAP = "viridis"
 _SEPARATED = "start.spacing=6"
 
 
@@ -49,16 +45,8 @@ def _stars(ax: Axes, met: Floats) -> None:
 
 
 def _paths(ax: Axes, position: Floats, colour: str | Floats, width: float = 0.7) -> None:
-    """Paths `(T, N, 2)` in one colour, or coloured by φ_G `(T, N)`, and dots where the UAVs are at last."""
-    segments = np.stack([position[:-1], position[1:]], axis=-2).reshape(-1, 2, 2)
-    lines = LineCollection(list(segments), linewidths=width, rasterized=True, zorder=2)
-    if isinstance(colour, str):
-        lines.set_color(colour)
-    else:
-        lines.set_array(colour[1:].ravel())
-        lines.set_cmap(_CMAP)
-        lines.set_norm(_PHI)
-    ax.add_collection(lines)
+    """Paths as `plotstyle.paths` draws them, and dots where the UAVs are at last."""
+    plotstyle.paths(ax, position, colour, width)
     last = position[-1]
     ax.plot(last[:, 0], last[:, 1], linestyle="", marker="o", markersize=1.8, color=plotstyle.INK, markeredgewidth=0)
 
@@ -110,7 +98,13 @@ def trajectories(view: View) -> Figure | None:
     grid[-1, -1].set_xlabel(plotstyle.axis("t_s"))
     grid[0, -1].set_title(r"value weights $\hat w_{H1}$ of UAV 0 (m/s)", loc="left", fontsize=8, pad=3)
     bar = made.colorbar(
-        ScalarMappable(_PHI, _CMAP), ax=grid[:, :-1], location="top", shrink=0.5, aspect=45, extend="both", pad=0.012
+        ScalarMappable(**plotstyle.PHI_G),
+        ax=grid[:, :-1],
+        location="top",
+        shrink=0.5,
+        aspect=45,
+        extend="both",
+        pad=0.012,
     )
     bar.set_label(r"interaction term $\phi_G$ of a UAV (1/s$^2$)")
     return made

@@ -3,7 +3,6 @@
 import base64
 from collections.abc import Mapping, Sequence
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +66,7 @@ def html(
     Args:
         records: of `verdict.evaluate`. tally: how many of them have each verdict. drawn: a picture for a figure's name.
     """
-    css = files("meanflock.groundstation.paper").joinpath("report.css").read_text(encoding="utf-8")
+    css = Path(__file__).with_name("report.css").read_text(encoding="utf-8")
     seen = "".join(
         f"<span class='{name.replace(' ', '-')}'><b>{count}</b> {name}</span>" for name, count in tally.items()
     )

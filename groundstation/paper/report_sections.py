@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Sequence
-from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 
@@ -91,7 +91,7 @@ def diverged(view: View) -> Table:
 
 def readings() -> Table:
     """The paper's slips and gaps, and how they are read."""
-    text = files("meanflock.groundstation.paper").joinpath("readings.toml").read_text(encoding="utf-8")
+    text = Path(__file__).with_name("readings.toml").read_text(encoding="utf-8")
     items = tomllib.loads(text)["reading"]
     rows = [[item["topic"], item["printed"], item["reading"], item["where"]] for item in items]
     return ("what", "in the paper", "our reading", "where to change it"), rows

@@ -5,7 +5,7 @@ The rule by which settings are ranked is in docs/reproduction.md, and was writte
 """
 
 import tomllib
-from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 from scipy.stats import qmc
@@ -36,7 +36,7 @@ def design() -> list[tuple[str, ...]]:
 
 def best() -> list[tuple[str, ...]]:
     """The ten settings of the highest score; `regimes.best` found them, and docs/reproduction.md has the rule."""
-    text = files("meanflock.groundstation.paper").joinpath("best.toml").read_text(encoding="utf-8")
+    text = Path(__file__).with_name("best.toml").read_text(encoding="utf-8")
     return [tuple(settings) for settings in tomllib.loads(text)["settings"]]
 
 

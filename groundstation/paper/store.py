@@ -62,12 +62,7 @@ class Store:
 
     def write(self, path: Path, raw: bytes | memoryview) -> None:
         """Writes a file whole or not at all; raises RunFailed."""
-        try:
-            durable.replace(path, raw)
-        except OSError as error:
-            raise RunFailed(
-                f"{path}: {error.strerror}; the runs finished so far are kept: make room and repeat the command"
-            ) from error
+        durable.put(path, raw, "the runs finished so far are kept: make room and repeat the command")
 
     def save(self, name: str, table: pa.Table) -> None:
         """Writes one of the tables."""

@@ -308,9 +308,9 @@ def test_sweep_runs_along_numbers_or_names(values: tuple[Any, ...], tmp_path: Pa
 
 
 def test_one_seed_has_no_interval_and_still_a_dot() -> None:
-    assert plots.plot_compare({"hjb": summaries(20.0, 1)}, [("t_avg_censored_s", "travel time")]).axes
+    assert plots.plot_compare({"hjb": summaries(20.0, 1)}).axes
 
 
 def test_unknown_metric_is_bad_input() -> None:
     with pytest.raises(BadInput, match="nonsense"):
-        plots.plot_compare({"hjb": summaries(1.0)}, [("nonsense", "x")])
+        plots.number(summaries(1.0)[0], "nonsense")
