@@ -40,14 +40,14 @@ check: $(VENV)/.dev ## Format, lint and types, changing nothing
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
-format: $(VENV)/.dev ## Mend format and what the linter can mend by itself
+format: $(VENV)/.dev ## Apply the format, and fix what the linter can fix
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
 bench: $(VENV)/.dev ## Run the benchmarks
 	@$(BIN)/python -m benchmarks $(ARGS)
 
-peers: $(VENV)/.dev ## Set up the peers that `make bench` races with, each in an environment of its own (ARGS="pyrvo pfl")
+peers: $(VENV)/.dev ## Install the software that `make bench` compares with, each in an environment of its own (ARGS="pyrvo pfl")
 	@$(BIN)/python -m benchmarks.peers --setup $(ARGS)
 
 fuzz: $(VENV)/.dev ## Throw a million mutated messages at a flight (ARGS="--count 10000")
@@ -59,7 +59,7 @@ soak: $(VENV)/.dev ## Fly 10,000 ticks on processes that are killed, frozen and 
 robustness: $(VENV)/.ground ## Fly swarms with malicious UAVs and write docs/robustness.md
 	@$(BIN)/python docs/robustness.py $(ARGS)
 
-picture: $(VENV)/.ground ## Draw the README's picture again (needs a software or hardware Vulkan driver)
+picture: $(VENV)/.ground ## Draw the README's pictures again (needs a software or hardware Vulkan driver)
 	@$(BIN)/python docs/picture.py $(ARGS)
 
 images: ## Build the container images (BASE_IMAGE=... for another Python image)

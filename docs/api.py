@@ -1,4 +1,4 @@
-"""Writes api.md, the reference of the Python door, from signatures and docstrings."""
+"""Writes api.md, the reference of the Python API, from signatures and docstrings."""
 
 import ast
 import inspect
@@ -41,7 +41,7 @@ MEMBERS = {"Scenario": ("period_ticks", "participants", "max_ticks", "sha256"), 
 def page() -> str:
     """The whole page."""
     lines = [
-        "# The Python door",
+        "# The Python API",
         "",
         "Written by `python docs/api.py` from signatures and docstrings; a test holds it to the code. Everything here",
         "is a name of `meanflock`, by custom `import meanflock as mf`, and loaded when it is first used;",
