@@ -92,55 +92,36 @@ def graph(flown: Scenario) -> tuple[list[str], NDArray[np.float64]]:
 def log_static(stream: Logs, scenario: Scenario, reported: Reported) -> None:
     """Logs what does not change in flight: how marks look that move, and names and colours of all series."""
 
-    def log(entity: str, *parts: rr.AsComponents) -> None:
-        first, *others = parts
-        stream.log(entity, first, *others, static=True)
+    def log(entity: str, part: rr.AsComponents) -> None:
+        stream.log(entity, part, static=True)
 
+    size = rr.Radius.ui_points
     log(MAP, rr.Transform3D(scale=[1.0, -1.0, 1.0]))  # 2-D views are y-down
     numbers = [f"UAV {uav}" for uav in range(scenario.uavs)]  # of the one under the mouse
-    dots = rr.Points2D.from_fields(radii=rr.Radius.ui_points(3.0), labels=numbers, show_labels=False, draw_order=30.0)
+    dots = rr.Points2D.from_fields(radii=size(3.0), labels=numbers, show_labels=False, draw_order=30.0)
     log(UAVS, dots)
-    log(VELOCITY, rr.Arrows2D.from_fields(colors=[palette.WHITE], radii=rr.Radius.ui_points(0.6), draw_order=25.0))
-    log(TRAILS, rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(0.9), draw_order=10.0))
-    log(MODEL_LINKS, rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(1.0), draw_order=15.0))
-    log(STATE_LINKS, rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(0.3), draw_order=14.0))
-    log(
-        COLLISIONS,
-        rr.LineStrips2D.from_fields(colors=[palette.COLLISION], radii=rr.Radius.ui_points(1.2), draw_order=40.0),
-    )
-    log(
-        f"{LEADER}/ring",
-        rr.Points2D([(0.0, 0.0)], radii=rr.Radius.ui_points(5.5), colors=[palette.WHITE], draw_order=20.0),
-    )
+    log(VELOCITY, rr.Arrows2D.from_fields(colors=[palette.WHITE], radii=size(0.6), draw_order=25.0))
+    log(TRAILS, rr.LineStrips2D.from_fields(radii=size(0.9), draw_order=10.0))
+    log(MODEL_LINKS, rr.LineStrips2D.from_fields(radii=size(1.0), draw_order=15.0))
+    log(STATE_LINKS, rr.LineStrips2D.from_fields(radii=size(0.3), draw_order=14.0))
+    log(COLLISIONS, rr.LineStrips2D.from_fields(colors=[palette.COLLISION], radii=size(1.2), draw_order=40.0))
+    log(f"{LEADER}/ring", rr.Points2D([(0.0, 0.0)], radii=size(5.5), colors=[palette.WHITE], draw_order=20.0))
     log(CLOSE_UP, rr.Transform3D(scale=[1.0, -1.0, 1.0]))  # undoes that of the map: the view's origin has y down again
-    log(HEADS, rr.Points2D.from_fields(radii=rr.Radius.ui_points(5.5), colors=[palette.HEAD], draw_order=19.0))
-    log(HALOS, rr.Points2D.from_fields(radii=rr.Radius.ui_points(6.5), draw_order=18.0))
-    log(JAMS, rr.LineStrips2D.from_fields(colors=[palette.JAMMED], radii=rr.Radius.ui_points(1.0), draw_order=16.0))
-    log(GUSTS, rr.Arrows2D.from_fields(colors=[palette.GUST], radii=rr.Radius.ui_points(0.8), draw_order=26.0))
-    log(AREAS, rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(1.5), draw_order=5.0))
+    log(HEADS, rr.Points2D.from_fields(radii=size(5.5), colors=[palette.HEAD], draw_order=19.0))
+    log(HALOS, rr.Points2D.from_fields(radii=size(6.5), draw_order=18.0))
+    log(JAMS, rr.LineStrips2D.from_fields(colors=[palette.JAMMED], radii=size(1.0), draw_order=16.0))
+    log(GUSTS, rr.Arrows2D.from_fields(colors=[palette.GUST], radii=size(0.8), draw_order=26.0))
+    log(AREAS, rr.LineStrips2D.from_fields(radii=size(1.5), draw_order=5.0))
     log(WORDS, rr.Points2D.from_fields(colors=[palette.WHITE], radii=0.0, show_labels=True))
 
-    plots = [
-        panels.ENERGY,
-        panels.SPEED,
-        panels.BITS,
-        panels.ALIGNMENT,
-        panels.RISK,
-        panels.FAILURES,
-        *map(panels.diagnostic, reported.diagnostics),
-    ]
+    plots = [*panels.OF_EVERY_FLIGHT, *map(panels.diagnostic, reported.diagnostics)]
     for plot in plots + [panels.SPREAD] * (reported.weights > 0):
-        log(
-            plot.entity,
-            rr.SeriesLines(names=plot.names, colors=_rgba(plot.colors), widths=plot.widths or 2.0),
-        )
+        log(plot.entity, rr.SeriesLines(names=plot.names, colors=_rgba(plot.colors), widths=plot.widths or 2.0))
     log(panels.HITS, rr.SeriesPoints(names="collision", colors=palette.COLLISION, markers="asterisk", marker_sizes=5.0))
     if reported.weights:
         names = [f"weight {number}" for number in reported.drawn]
-        log(
-            panels.WEIGHTS,
-            rr.SeriesLines(names=names, colors=palette.viridis(np.linspace(0.0, 1.0, len(names))), widths=1.0),
-        )
+        shades = palette.viridis(np.linspace(0.0, 1.0, len(names)))
+        log(panels.WEIGHTS, rr.SeriesLines(names=names, colors=shades, widths=1.0))
     if scenario.uavs <= LARGE_SWARM:
         texts = [lane(uav, now) for uav in range(scenario.uavs) for now in Lane]
         colors = _rgba(tuple(LANE_COLORS[now] for now in Lane) * scenario.uavs)
@@ -161,43 +142,29 @@ def blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.Bluepri
         overrides={**_recent(scenario), UAVS: rr.Points2D.from_fields(radii=radius)},
     )
     of_grid, beside = learned(leader, reported)
+    said = rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
     details: list[rrb.View | rrb.Container] = [
-        rrb.TextLogView(
-            origin=f"/{EVENTS}",
-            name="events",
-            columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]),
-        ),
+        rrb.TextLogView(origin=f"/{EVENTS}", name="events", columns=said),
         *tabs(beside, "learning" if reported.weights else "diagnostics"),
     ]
     if scenario.uavs <= LARGE_SWARM:
         lanes = rrb.StateTimelineView(origin=f"/{LANES}", name="UAVs", time_view=whole_flight())
         details = [lanes, *details, rrb.GraphView(origin=f"/{ROUND}", name="last round")]
-    grid = rrb.Grid(
-        series(panels.ENERGY),
-        series(panels.SPEED),
-        series(panels.BITS),
-        series(panels.FAILURES),
-        series(panels.ALIGNMENT),
-        series(panels.RISK),
-        *of_grid,
-        grid_columns=2,
+    grid = rrb.Grid(*map(series, panels.OF_EVERY_FLIGHT), *of_grid, grid_columns=2)
+    below = rrb.Horizontal(close_up, rrb.Tabs(*details, active_tab=0), column_shares=[2, 3])
+    return shown(rrb.Horizontal(rrb.Vertical(maps, below, row_shares=[4, 3]), grid, column_shares=[1, 1]), live)
+
+
+def shown(views: rrb.Container, live: bool) -> rrb.Blueprint:
+    """Views, and nothing else of the viewer; it follows a live flight and plays a finished one from its start."""
+    time_panel = rrb.TimePanel(
+        state="collapsed",
+        timeline=TIMELINE,
+        play_state="following" if live else "playing",
+        playback_speed=1.0 if live else 10.0,
     )
-    return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(
-                maps,
-                rrb.Horizontal(close_up, rrb.Tabs(*details, active_tab=0), column_shares=[2, 3]),
-                row_shares=[4, 3],
-            ),
-            grid,
-            column_shares=[1, 1],
-        ),
-        time_panel(live),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        auto_layout=False,
-        auto_views=False,
-    )
+    others = rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed")
+    return rrb.Blueprint(views, time_panel, *others, auto_layout=False, auto_views=False)
 
 
 def swarm_map(scenario: Scenario, name: str, part: str = "", rows: int = 1) -> rrb.Spatial2DView:
@@ -212,16 +179,6 @@ def swarm_map(scenario: Scenario, name: str, part: str = "", rows: int = 1) -> r
         background=_CANVAS,
         visual_bounds=_map_bounds(scenario, rows),
         overrides={f"{part}/{entity}" if part else entity: last for entity, last in _recent(scenario).items()},
-    )
-
-
-def time_panel(live: bool) -> rrb.TimePanel:
-    """Follows a live flight, plays a finished one from its start."""
-    return rrb.TimePanel(
-        state="collapsed",
-        timeline=TIMELINE,
-        play_state="following" if live else "playing",
-        playback_speed=1.0 if live else 10.0,
     )
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from meanflock.channel.meter import TRAFFIC
 from meanflock.groundstation import quantities
 from meanflock.groundstation.palette import BLUE, COLLISION, GREEN, GREY, ORANGE, RED, VIOLET, WHITE
 from meanflock.groundstation.reported import PHI_G, Reported
@@ -33,7 +34,7 @@ SPEED = Plot("plots/speed", quantities.SPEED.title("mean, min, max"), _RANGE, _R
 BITS = Plot(
     "plots/bits",
     f"{quantities.PAYLOAD.name}, Mbit",
-    ("uplink", "relay", "broadcast", "state"),
+    tuple(TRAFFIC.values()),
     (BLUE, GREEN, ORANGE, VIOLET),
     legend=True,
 )
@@ -52,6 +53,7 @@ FAILURES = Plot(
     (RED, COLLISION),
     legend=True,
 )
+OF_EVERY_FLIGHT = (ENERGY, SPEED, BITS, FAILURES, ALIGNMENT, RISK)
 SPREAD = Plot("plots/spread", quantities.SPREAD.title("RMS distance from their mean"), ("spread",), (VIOLET,))
 WEIGHTS = "plots/weights"
 

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.channel.meter import TRAFFIC
 from meanflock.groundstation import panels
 from meanflock.groundstation.lines import log_sizes, span
 from meanflock.groundstation.recording_columns import Floats, Sent, Ticks, scalars
@@ -14,6 +15,7 @@ from meanflock.swarm import state
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, Telemetry
 
 COLUMN = {name: index for index, name in enumerate(SWARM_COLUMNS)}
+BITS_SENT = [COLUMN[f"{name}_bits"] for name in TRAFFIC.values()]
 
 
 def plot_rows(
@@ -34,9 +36,8 @@ def plot_rows(
     def columns(*names: str) -> NDArray[np.float64]:
         return swarm[:, [COLUMN[name] for name in names]]
 
-    bits = columns("uplink_bits", "relay_bits", "broadcast_bits", "state_bits") / 1e6
     yield from scalars(panels.SPEED.entity, ticks, span(state.speed(states)))
-    yield from scalars(panels.BITS.entity, ticks, bits)
+    yield from scalars(panels.BITS.entity, ticks, swarm[:, BITS_SENT] / 1e6)
     yield from scalars(panels.ALIGNMENT.entity, ticks, columns("phi_A"))
     yield from scalars(panels.RISK.entity, ticks, columns("phi_C", "phi_C_distinct"))
     yield from scalars(panels.FAILURES.entity, ticks, columns("outages", "collisions"))

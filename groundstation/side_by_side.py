@@ -1,7 +1,7 @@
 """A recording of several flights side by side on one timeline: who is where at the same moment, at what cost."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +14,12 @@ from meanflock.groundstation import durable, palette, quantities
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.plot_views import whole_flight
 from meanflock.groundstation.recording import APPLICATION, Writer, close
-from meanflock.groundstation.recording_columns import Sent, Ticks, scalars
+from meanflock.groundstation.recording_columns import scalars
 from meanflock.groundstation.recording_part import Part
-from meanflock.groundstation.recording_plots import COLUMN
+from meanflock.groundstation.recording_plots import BITS_SENT, COLUMN
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Telemetry
 
-_TRAFFIC = ("uplink_bits", "relay_bits", "broadcast_bits", "state_bits")
 # What the flights show in one plot: entity below the part of each, and what it is.
 ENERGY, BITS = "shared/energy", "shared/bits"
 COLLISIONS, ARRIVED = "shared/collisions", "shared/arrived"
@@ -96,16 +95,14 @@ class _Beside(Writer):
     def _send_blocks(self, blocks: list[Telemetry]) -> None:
         super()._send_blocks(blocks)
         ticks = np.concatenate([block.first_tick + np.arange(len(block.states)) for block in blocks])
-        self._send(_shared(ticks, blocks))
-
-
-def _shared(ticks: Ticks, blocks: Iterable[Telemetry]) -> Iterator[Sent]:
-    swarm = np.concatenate([block.swarm for block in blocks])
-    energy = np.concatenate([block.energy for block in blocks])
-    yield from scalars(ENERGY, ticks, energy.mean(axis=1))
-    yield from scalars(BITS, ticks, swarm[:, [COLUMN[name] for name in _TRAFFIC]].sum(axis=1) / 1e6)
-    yield from scalars(COLLISIONS, ticks, swarm[:, COLUMN["collisions"]])
-    yield from scalars(ARRIVED, ticks, swarm[:, COLUMN["arrived"]])
+        swarm = np.concatenate([block.swarm for block in blocks])
+        for entity, values in (
+            (ENERGY, np.concatenate([block.energy for block in blocks]).mean(axis=1)),
+            (BITS, swarm[:, BITS_SENT].sum(axis=1) / 1e6),
+            (COLLISIONS, swarm[:, COLUMN["collisions"]]),
+            (ARRIVED, swarm[:, COLUMN["arrived"]]),
+        ):
+            self._send(scalars(entity, ticks, values))
 
 
 def _blueprint(flights: Mapping[str, Scenario]) -> rrb.Blueprint:
@@ -122,11 +119,5 @@ def _blueprint(flights: Mapping[str, Scenario]) -> rrb.Blueprint:
         )
         for entity, title in _TITLES.items()
     ]
-    return rrb.Blueprint(
-        rrb.Vertical(rrb.Grid(*maps, grid_columns=columns), rrb.Horizontal(*plots), row_shares=[3, 1.2]),
-        look.time_panel(live=False),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        auto_layout=False,
-        auto_views=False,
-    )
+    views = rrb.Vertical(rrb.Grid(*maps, grid_columns=columns), rrb.Horizontal(*plots), row_shares=[3, 1.2])
+    return look.shown(views, live=False)
