@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -62,20 +62,32 @@ class Means:
         for name in self.names:
             table.add_column(_broken(name), overflow="fold", no_wrap=name == "method")
         table.add_column("n", justify="right", no_wrap=True)
-        most = max(self._mean(summaries, "payload_bits.total") for summaries in self.points.values())
+        rows = list(self.rows())
+        most = max(row["payload_bits"] for _, row in rows)
         scale, prefix = next(((scale, prefix) for scale, prefix in _PREFIXES if most >= scale), (1.0, ""))
         for metric in METRICS:
             table.add_column(metric.heading.format(prefix), justify="right", no_wrap=True)
-        for values, summaries in self.points.items():
-            cells = []
-            for metric in METRICS:
-                mean = self._mean(summaries, metric.key) / (scale if metric.key == "payload_bits.total" else 1.0)
-                shown = "–" if mean != mean else f"{mean:.4g}"  # not a number: nobody knows it
-                cells.append(f"{shown}/{summaries[0]['uavs']}" if metric.key == "arrived" else shown)
-            table.add_row(*map(str, values), str(len(summaries)), *cells)
+        for values, row in rows:
+            row["payload_bits"] /= scale
+            cells = ["–" if (mean := row[metric.column]) is None else f"{mean:.4g}" for metric in METRICS]
+            cells[0] += f"/{row['uavs']}"  # of the arrivals
+            table.add_row(*map(str, values), str(row["n"]), *cells)
         if Console(width=10 * WIDTH).measure(table).maximum > WIDTH:
             table.padding = 0
         return table
+
+    def rows(self) -> Iterator[tuple[tuple[Any, ...], dict[str, Any]]]:
+        """Of each point its values, and by name `n` (flights), `uavs`, and of every metric the mean under its column
+        and the ends of its 95 % interval under `…_low` and `…_high`; None where unknown.
+        """
+        for values, summaries in self.points.items():
+            row: dict[str, Any] = {"n": len(summaries), "uavs": summaries[0]["uavs"]}
+            for metric in METRICS:
+                found = statistics.mean([number(summary, metric.key) for summary in summaries])
+                low, high = (found.low, found.high) if found.bounded else (None, None)
+                row[metric.column] = None if found.value != found.value else found.value
+                row |= {f"{metric.column}_low": low, f"{metric.column}_high": high}
+            yield values, row
 
     def write_csv(self, path: Path) -> Path:
         """Writes means and the ends of their 95 % intervals; an empty cell is unknown.
@@ -85,20 +97,10 @@ class Means:
         """
         text = io.StringIO()
         lines = csv.writer(text, lineterminator="\n")
-        columns = [f"{metric.column}{end}" for metric in METRICS for end in ("", "_low", "_high")]
-        lines.writerow([*self.names, "n", "uavs", *columns])
-        for values, summaries in self.points.items():
-            row: list[Any] = [*values, len(summaries), summaries[0]["uavs"]]
-            for metric in METRICS:
-                found = statistics.mean([number(summary, metric.key) for summary in summaries])
-                row.append("" if found.value != found.value else found.value)
-                row += [found.low, found.high] if found.bounded else ["", ""]
-            lines.writerow(row)
+        rows = list(self.rows())
+        lines.writerow([*self.names, *rows[0][1]])
+        lines.writerows([*values, *row.values()] for values, row in rows)
         return durable.put(path, text.getvalue().encode())
-
-    @staticmethod
-    def _mean(summaries: Summaries, key: str) -> float:
-        return statistics.mean([number(summary, key) for summary in summaries]).value
 
 
 def _broken(name: str) -> str:

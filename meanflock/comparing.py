@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 
 from meanflock.groundstation import study
-from meanflock.groundstation.means import METRICS, Means
-from meanflock.groundstation.paper import statistics
+from meanflock.groundstation.means import Means
 from meanflock.groundstation.paper.store import Store
-from meanflock.groundstation.plots import number
 from meanflock.settings import load_plugins, plain, scenario_of
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
@@ -31,15 +29,8 @@ class Comparison:
         self.means = Means(names, flown)
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        for values, summaries in self.means.points.items():
-            row = dict(zip(self.means.names, values, strict=True))
-            row |= {"n": len(summaries), "uavs": summaries[0]["uavs"]}
-            for metric in METRICS:
-                found = statistics.mean([number(summary, metric.key) for summary in summaries])
-                row[metric.column] = None if found.value != found.value else found.value
-                row[f"{metric.column}_low"] = found.low if found.bounded else None
-                row[f"{metric.column}_high"] = found.high if found.bounded else None
-            yield row
+        for values, row in self.means.rows():
+            yield dict(zip(self.means.names, values, strict=True)) | row
 
     def __len__(self) -> int:
         return len(self.means.points)

@@ -7,7 +7,6 @@ from typing import Any
 
 from meanflock.groundstation import columns
 from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.results import RECORDING, RunFolder
 from meanflock.groundstation.station import Kept, Sink
 from meanflock.runs import Run
 from meanflock.settings import load_plugins, scenario_of
@@ -52,24 +51,19 @@ def fly(
     columns.check(flown.method, flown.declared.diagnostics)
     kept = Kept()
     with ExitStack() as stack:
+        desk, run_id = None, f"{flown.method}-s{flown.seed}"
         sinks: list[Sink] = [kept]
-        folder: RunFolder | None = None
-        run_id = f"{flown.method}-s{flown.seed}"
         if out is not None:
-            from meanflock.groundstation.run import new_run_id
+            from meanflock.groundstation.run import Options, Outputs, new_run_id
 
             run_id = new_run_id(flown, Path(out))
-            folder = stack.enter_context(RunFolder(Path(out), run_id, flown))
-            sinks.append(folder)
-            if record:
-                from meanflock.groundstation.recording import Recorder  # rerun takes a third of a second to load
-
-                sinks.append(stack.enter_context(Recorder(flown, run_id, folder.path / RECORDING)))
+            desk = stack.enter_context(Outputs(flown, run_id, Options(Path(out), record=record, quiet=True)))
+            sinks += desk.sinks
         engine = Engine(flown, run_id, sinks=sinks)
         for tick in engine.fly():
             if progress is not None and tick % 100 == 0:
                 progress(tick, flown.max_ticks)
         summary = engine.world.finish()
-        if folder is not None:
-            folder.summarise(summary)
-    return Run(flown, summary, kept.blocks, None if folder is None else folder.path)
+        if desk is not None:
+            desk.summary = summary
+    return Run(flown, summary, kept.blocks, None if desk is None else desk.folder.path)
