@@ -1,6 +1,7 @@
 """The plug-in files of a run, copied into its folder, so that it says what flew; they are never imported from there."""
 
 import hashlib
+from collections.abc import Sequence
 from pathlib import Path
 
 from meanflock.groundstation import durable
@@ -54,11 +55,30 @@ def check(folder: Path, flown: Scenario) -> None:
     try:
         flown.plugins()
     except BadInput as error:
-        copies = sorted((folder / FOLDER).glob("*.py"))
-        if not copies:
+        if not (copies := _copies(folder)):
             raise
-        given = " ".join(f"--plugin {path}" for path in copies)
         raise BadInput(
             f"{folder}: {str(error).partition(';')[0]}; name the file of that plug-in again, or read the copy of what "
-            f"flew and name that: meanflock resume {folder} {given}"
+            f"flew and name that: {copies}"
         ) from error
+
+
+def check_unchanged(folder: Path, flown: Scenario, was: Sequence[Sequence[str]]) -> None:
+    """Lets through a run whose plug-ins are those that flew; `was`: door, name and fingerprint of each.
+
+    Raises:
+        BadInput: one is another; the message names the copies in the folder.
+    """
+    for before, now in zip(was, flown.plugins(), strict=False):
+        if tuple(before) != now:
+            copies = _copies(folder)
+            mend = f"read the copy of what flew and name that: {copies}" if copies else "install that version again"
+            raise BadInput(
+                f"{folder}: it flew {before[0]} {before[1]!r} of {before[2]}; here it is of {now[2]}; {mend}"
+            )
+
+
+def _copies(folder: Path) -> str:
+    """The command that goes on with the copies of the plug-ins of a run; nothing where there are none."""
+    given = [f"--plugin {path}" for path in sorted((folder / FOLDER).glob("*.py"))]
+    return f"meanflock resume {folder} {' '.join(given)}" if given else ""

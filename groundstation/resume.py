@@ -46,4 +46,5 @@ def back(folder: Path) -> Back:
     kept = read_checkpoint(folder)
     rows = past(folder, kept["tick"]).rows
     start = Resumption.of(kept["body"], states_of(rows))
+    flown_plugins.check_unchanged(folder, flown, start.checkpoint.get("plugins", ()))
     return Back(folder, flown, Past(rows, kept["block"] + 1, kept["events_bytes"]), start)

@@ -19,6 +19,7 @@ from meanflock.groundstation.results import CHECKPOINT, RunFolder
 from meanflock.groundstation.resume import back
 from meanflock.groundstation.series import states_of
 from meanflock.groundstation.viewer import verify
+from meanflock.swarm import plugins
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
@@ -27,6 +28,7 @@ from tests.methods import METHODS
 from tests.polling import DEADLINE_S, until
 
 LATER = "duration=35"  # checkpoints in ticks 1, 101, 201 and 301
+SPRING = Path(__file__).parents[2] / "examples" / "spring.py"
 TIMING = {"wall_time_s", "real_time_factor", "mode"}
 FAULTS = """faults=[{kind="pause", tick=190, duration_s=3.0, uavs=[1]}, {kind="kill", tick=60, uavs=[2]},
     {kind="partition", tick=195, duration_s=3.0, uavs=[4]}, {kind="leader-loss", tick=150},
@@ -249,6 +251,25 @@ def test_what_cannot_be_resumed_is_bad_input_in_one_line_and_nothing_is_touched(
     assert main(["resume", str(folder), "--in-process", "--no-record", "--quiet"]) == 2
     (folder / "scenario.toml").write_text(other)
     assert resumed(folder)["ticks"] == 350
+
+
+@pytest.mark.parametrize("more", [(), ("--in-process",)])
+def test_a_run_whose_plugin_was_changed_since_is_refused_with_the_copy_that_flew(
+    more: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(plugins, "_files", dict(plugins._files))
+    monkeypatch.delenv(plugins.FILES, raising=False)
+    mine = tmp_path / "mine.py"
+    mine.write_text(SPRING.read_text(encoding="utf-8"), encoding="utf-8")
+    plugins.load_file(mine)
+    folder = dead(tmp_path / "runs", scenario(LATER, method="spring"), 150)
+    mine.write_text(SPRING.read_text(encoding="utf-8") + "\n", encoding="utf-8")
+    line = ["resume", str(folder), "--no-record", "--quiet", *more]
+    assert main([*line, "--plugin", str(mine)]) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    copy = str(folder / "plugins" / "mine.py")
+    assert f"controller 'spring' of {plugins.fingerprint(Path(copy).read_bytes())}; here it is of " in said
+    assert said.endswith(f"read the copy of what flew and name that: meanflock resume {folder} --plugin {copy}")
 
 
 def test_a_run_that_is_still_being_written_is_not_resumed(tmp_path: Path) -> None:
