@@ -130,7 +130,10 @@ class Medium:
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool), (0.0, 0.0)
         try:
             distance = self._distance(states, links)
-            slots, delivered = self._channel.transmit(distance, bits, self._rng)
+            answer = self._channel.transmit(distance, bits, self._rng)
+            if not isinstance(answer, tuple) or len(answer) != 2:
+                raise TypeError(f"`transmit` returns a {type(answer).__name__}; expected slots and delivered")
+            slots, delivered = answer
             expected = self._channel.expected(distance, bits)
             if expected is not None:
                 expected = float(expected[0]), float(expected[1])

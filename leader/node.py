@@ -93,7 +93,10 @@ class Leader:
         width, name = self._scenario.declared.parameters, self._scenario.federation.aggregation
         uavs = np.array(sorted(arrived), dtype=np.intp)
         try:
-            after, model = self._rule.step(self._state, stacked(arrived), uavs, number)
+            answer = self._rule.step(self._state, stacked(arrived), uavs, number)
+            if not isinstance(answer, tuple) or len(answer) != 2:
+                raise TypeError(f"`step` returns a {type(answer).__name__}; expected the state and the model")
+            after, model = answer
             if np.shape(model) != (width,):
                 raise ValueError(f"a model of shape {np.shape(model)}; expected ({width},)")
             if not np.isfinite(model).all():

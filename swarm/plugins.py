@@ -8,34 +8,24 @@ registered here is refused.
 import hashlib
 import importlib
 import os
-import re
 import sys
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Literal, NamedTuple, TypeAlias, get_args
+from typing import Any, NamedTuple, get_args
 
 import msgspec
 
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.failures import FAILURES, last_line
 from meanflock.swarm.libraries import lacking
+from meanflock.swarm.plugin_class import Door, checked
 from meanflock.swarm.source_read import SourceRead
 
-Door: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle", "filter"]
-
 GROUPS: dict[Door, str] = {door: f"meanflock.{door}s" for door in get_args(Door)}
-NEEDED: dict[Door, tuple[str, ...]] = {  # what a class must have; the rest has defaults in the base classes
-    "controller": ("init", "step"),
-    "aggregator": ("step",),
-    "channel": ("transmit",),
-    "vehicle": ("step", "power"),
-    "filter": ("init", "step"),
-}
 HERE = "this process"  # the source of a class that is in no file
 NO_PLUGIN = "derive a class from meanflock.Controller, Aggregator, Channel, Vehicle or Filter and give it a `name`"
-PLAIN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")  # names: they are parts of those of files and of keys
 FILES = "MEANFLOCK_PLUGINS"  # a variable: the files a process registers when it starts, as PATH separates them
 
 
@@ -90,8 +80,8 @@ def find(door: Door, name: str) -> Plugin:
     candidates = [*_packaged().get(key, ()), *([_files[key][0]] if key in _files else [])]
     if not candidates:
         raise BadInput(
-            f"{door} {name!r} is not installed here; there are {', '.join(names(door)) or 'none'}; "
-            "install its package, or name its file: --plugin FILE.py"
+            f"{door} {name!r} is not installed here; install its package, or name its file: --plugin FILE.py; "
+            f"there are {', '.join(names(door)) or 'none'}"
         )
     if len(candidates) > 1:
         where = " and ".join(f"{plugin.reference} ({plugin.source})" for plugin in candidates)
@@ -117,7 +107,7 @@ def load(door: Door, name: str) -> type:
         what = f"{door} {name!r} of {plugin.source}"
         ours = lacking(error, what, "world") if module.startswith("meanflock.") else ""
         raise BadInput(ours or f"{what}: {last_line(error)}") from error
-    return _checked(door, name, found, plugin.source)
+    return checked(door, name, found, plugin.source)
 
 
 def load_file(path: Path) -> list[Plugin]:
@@ -143,7 +133,7 @@ def load_file(path: Path) -> list[Plugin]:
         raise BadInput(f"{where}: {last_line(error)}") from error
     found = []
     for key, (attribute, value) in _defined(module, where).items():
-        if key in _files and _files[key][0].source != str(path):
+        if key in _files and _files[key][0].source not in (str(path), HERE):
             raise BadInput(f"{where}: two {key[0]}s are named {key[1]!r}, the other in {_files[key][0].source}")
         plugin = Plugin(*key, str(path), attribute, fingerprint(source))
         found.append(_register(plugin, value, f"{where}: "))
@@ -269,20 +259,5 @@ def _register(plugin: Plugin, made: type, where: str = "") -> Plugin:
     if key in _packaged():
         there = f"{plugin.door} {plugin.name!r} is installed already, of {_packaged()[key][0].source}"
         raise BadInput(f"{where}{there}; give yours another name")
-    _files[key] = plugin, _checked(*key, made, plugin.source)
+    _files[key] = plugin, checked(*key, made, plugin.source)
     return plugin
-
-
-def _checked(door: Door, name: str, found: Any, source: str) -> type:
-    if not isinstance(found, type):
-        raise BadInput(f"{door} {name!r} of {source} is a {type(found).__name__}; it must be a class")
-    if not PLAIN.fullmatch(name):
-        raise BadInput(f"{door} {name!r} of {source}: a name is up to 64 of A-Z, a-z, 0-9, '-', '_' and '.'")
-    lacking = [method for method in NEEDED[door] if not callable(getattr(found, method, None))]
-    lacking += [method for method in dir(found) if getattr(getattr(found, method, None), "__isabstractmethod__", False)]
-    if lacking:
-        raise BadInput(f"{door} {name!r} of {source} lacks {' and '.join(f'`{method}`' for method in lacking)}")
-    options = getattr(found, "Options", None)
-    if not (isinstance(options, type) and issubclass(options, msgspec.Struct)):
-        raise BadInput(f"{door} {name!r} of {source}: `Options` must be a msgspec.Struct")
-    return found

@@ -131,7 +131,7 @@ def test_a_summary_has_the_closed_forms_there_are(disk, model: str, unknown: boo
         ("np.where(near, 1, 2), near", "np.where(near, 0, 2), near", "slots from 0 to 2"),
         ("np.where(near, 1, 2), near", "np.where(near, 1, 10**6 + 1), near", "slots from 1 to 1000001"),
         ("np.where(near, 1, 2), near", "np.where(near, 1, 2), near * 1", "delivered: int64"),
-        ("np.where(near, 1, 2), near", "near", "failed: ValueError"),
+        ("np.where(near, 1, 2), near", "near", "failed: TypeError: `transmit` returns a ndarray"),
         ("        near =", "        raise OSError('no antenna')\n        near =", "failed: OSError: no antenna"),
         ("        near =", "        raise SystemExit(3)\n        near =", r"SystemExit: 3 \(\w+.py, line \d+\)"),
         ("class Options", "expected = lambda self, *given: (np.nan, 1.0)\n\n    class Options", "expected: "),
@@ -147,7 +147,7 @@ def test_a_wrong_channel_ends_the_run_and_says_what_is_wrong(disk, old: str, new
 
 
 def test_what_is_not_installed_or_does_not_fit_is_bad_input(disk) -> None:
-    with pytest.raises(BadInput, match="'disk' is not installed here; there are ideal, rice"):
+    with pytest.raises(BadInput, match=r"'disk' is not installed here; .*; there are ideal, rice"):
         Medium(scenario("radio.model=disk"))
     with pytest.raises(BadInput, match=r"radio\.options"):
         Medium(scenario("radio.options.radius_m=3.0"))

@@ -132,7 +132,7 @@ def in_round_two(spoil: Any) -> Any:
 GOES_WRONG = {
     "raises": (explodes, "OSError: no such table"),
     "calls it a day": (leaves, "SystemExit: 3 (test_plugins.py, line"),
-    "returns nothing": (lambda state, model: None, "TypeError"),
+    "returns nothing": (lambda state, model: None, "`step` returns a NoneType; expected the state and the model"),
     "a state named by number": (lambda state, model: ({1: model}, model), "state[1]: its name must be a text"),
     "another shape": (lambda state, model: (state, model[:-1]), r"a model of shape (107,); expected (108,)"),
     "no number": (lambda state, model: (state, model * np.nan), "the model is not finite"),

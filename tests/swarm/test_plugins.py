@@ -103,13 +103,21 @@ def test_a_file_that_changed_is_run_as_it_is_now_however_soon(tmp_path: Path, mo
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_two_of_one_name_are_refused_with_both_places(tmp_path: Path) -> None:
+def test_two_of_one_name_are_refused_with_both_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plugins.load_file(first := written(tmp_path, GOOD))
     with pytest.raises(BadInput, match="two controllers are named 'mine'") as caught:
         plugins.load_file(second := written(tmp_path, GOOD, "other.py"))
     assert str(first) in str(caught.value)
     assert str(second) in str(caught.value)
     assert plugins.load_file(first)  # the same again is the same
+    monkeypatch.chdir(tmp_path)
+    assert plugins.load_file(Path(first.name))  # by whatever path
+
+
+def test_a_file_takes_the_place_of_the_class_that_a_notebook_had_of_it(tmp_path: Path) -> None:
+    plugins.register(type("Mine", (mf.Controller,), {"name": "mine", "step": lambda *_: None}))
+    (plugin,) = plugins.load_file(path := written(tmp_path, GOOD))
+    assert (plugin.source, plugins.find("controller", "mine")) == (str(path), plugin)
 
 
 TWICE = f"""{GOOD}

@@ -362,7 +362,7 @@ def test_the_schema_describes_every_leaf_key() -> None:
 
 def test_a_method_nobody_knows_is_named_with_those_there_are_and_how_to_have_it() -> None:
     with pytest.raises(
-        BadInput, match=r"'telepathy' is not installed here; there are .*hjb, .*mfgfl-hf.*--plugin"
+        BadInput, match=r"'telepathy' is not installed here; .*--plugin.*; there are .*hjb, .*mfgfl-hf"
     ) as e:
         load(None, method="telepathy").declared  # noqa: B018  # asked for where it is needed first
     assert "\n" not in str(e.value)
