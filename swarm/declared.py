@@ -63,15 +63,6 @@ def filtered(made: Any, scenario: Any) -> Any:
     return plugins.create("filter", scenario.filter.kind, scenario.filter.options, scenario, made)
 
 
-def declared(scenario: Any) -> Declared:
-    """What a scenario's controller declares.
-
-    Raises:
-        BadInput: like `controller`; or a declaration is of no use.
-    """
-    return of(controller(scenario), scenario.method)
-
-
 def of(made: Any, name: str) -> Declared:
     """What an instance of the controller `name` declares.
 

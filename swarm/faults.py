@@ -46,12 +46,7 @@ class _Fault(Table, frozen=True, tag_field="kind", omit_defaults=True):
 class _OfSome(_Fault, frozen=True, kw_only=True):
     """A fault of named UAVs."""
 
-    uavs: Uavs
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.uavs:
-            raise ValueError("`uavs` names nobody")
+    uavs: Annotated[Uavs, Meta(min_length=1)]
 
 
 class _Where(_Fault, frozen=True, kw_only=True):

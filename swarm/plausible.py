@@ -1,19 +1,16 @@
 """Whether a state that somebody broadcast is one that a UAV can have: a lie beyond it is not believed."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm.mission import starts
+from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import POSITION, VELOCITY
 
-if TYPE_CHECKING:
-    from meanflock.swarm.scenario import Scenario
 
-
-def check(scenario: "Scenario") -> Callable[[NDArray[np.float64]], NDArray[np.bool_]]:
+def check(scenario: Scenario) -> Callable[[NDArray[np.float64]], NDArray[np.bool_]]:
     """Returns a function from states (S, 4) to which of them can be, (S,).
 
     No UAV is faster than `radio.plausible_speed`, nor farther from the origin than any can have come from its start at

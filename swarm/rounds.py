@@ -64,20 +64,18 @@ class Rounds:
         if not self._period:
             return
         most = max(_DRAWN_AT_ONCE, min(_DRAWN_AHEAD, _UAVS_AHEAD // self._scenario.participants))
-        end = 1 + min(most, self._scenario.max_ticks // self._period)
-        self._draw_all(range(1, end))
-
-    def _draw_all(self, numbers: range) -> None:
-        self._drawn = {number: self._draw(number) for number in numbers}
+        self._draw_next(1, min(most, self._scenario.max_ticks // self._period))
 
     def _draws(self, number: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         if number not in self._drawn:
-            self._draw_all(range(number, number + _DRAWN_AT_ONCE))
+            self._draw_next(number, _DRAWN_AT_ONCE)
         return self._drawn[number]
 
-    def _draw(self, number: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        draw = generator(self._scenario.seed, "participants", number)
-        drawn = np.sort(draw.choice(self._scenario.uavs, self._scenario.participants, replace=False))
-        rows = np.flatnonzero(contains(drawn, self._uavs))
-        drawn.flags.writeable = rows.flags.writeable = False
-        return drawn, rows
+    def _draw_next(self, first: int, count: int) -> None:
+        self._drawn = {}
+        for number in range(first, first + count):
+            draw = generator(self._scenario.seed, "participants", number)
+            drawn = np.sort(draw.choice(self._scenario.uavs, self._scenario.participants, replace=False))
+            rows = np.flatnonzero(contains(drawn, self._uavs))
+            drawn.flags.writeable = rows.flags.writeable = False
+            self._drawn[number] = drawn, rows

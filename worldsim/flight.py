@@ -163,9 +163,7 @@ class Flight:
 
         `gust`: (N, 2) in m/s², of the air: it spares nobody who flies.
         """
-        scenario, on_way, waiting = self.scenario, self.status == FLYING, self.waiting
-        if waiting is not None:
-            on_way &= ~waiting
+        scenario, on_way, waiting = self.scenario, self.on_way, self.waiting
         if (idle := self.idle) is not None:
             accelerations = np.where(idle[:, None], 0.0, accelerations)
         felt = accelerations if gust is None else accelerations + gust

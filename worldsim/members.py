@@ -1,12 +1,12 @@
 """Who takes part: the nodes of a run, the UAVs each holds, who leads, and who is still there."""
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.swarm.election import elect
 from meanflock.swarm.errors import MeanflockError
 from meanflock.swarm.net.identity import LEADER
 from meanflock.swarm.wire.messages import Join
@@ -142,3 +142,12 @@ class Members:
         if (taken := np.setdiff1d(wanted, self._free)).size:
             raise JoinRefused(f"UAV {taken[0]} has its agent already", for_now=True)
         return wanted
+
+
+def elect(living: Iterable[str], incumbent: str | None = None) -> str | None:
+    """Who leads: the incumbent while it lives, then the lowest name among the `living`; None where nobody lives.
+
+    All agreed on this beforehand, so nobody has to negotiate when the leader is gone; it depends on the set only.
+    """
+    names = set(living)
+    return incumbent if incumbent in names else min(names, default=None)

@@ -5,6 +5,7 @@ listener that comes back is sent what it missed.
 """
 
 from collections import deque
+from itertools import islice
 
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Finished, Telemetry
@@ -49,7 +50,7 @@ class Outbox:
 
     def next(self) -> list[bytes]:
         """Blocks to send now: in order, at most a window of them unacknowledged."""
-        ready = [(n, raw) for n, raw in list(self._waiting)[:WINDOW_BLOCKS] if n > self._sent_up_to]
+        ready = [(n, raw) for n, raw in islice(self._waiting, WINDOW_BLOCKS) if n > self._sent_up_to]
         if ready:
             self._sent_up_to = ready[-1][0]
         return [raw for _, raw in ready]

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable
 from typing import NamedTuple
 
-from meanflock.swarm import pace
+from meanflock.swarm.scenario import tables
 from meanflock.worldsim.barrier import Barrier
 from meanflock.worldsim.members import LEADER
 
@@ -28,7 +28,7 @@ class Pace:
 
     FORGIVEN_TICKS = 100
 
-    def __init__(self, rules: pace.Pace, note: Note) -> None:
+    def __init__(self, rules: tables.Pace, note: Note) -> None:
         """`note`: takes the event of a warning."""
         self._rules, self._note = rules, note
         self._accounts: dict[str, _Account] = {}

@@ -9,9 +9,8 @@ from msgspec import Meta, field
 from numpy.typing import NDArray
 
 from meanflock.swarm import mission
-from meanflock.swarm.declared import NO_FILTER, Declared, declared
+from meanflock.swarm.declared import NO_FILTER, Declared, controller, of
 from meanflock.swarm.faults import Fault, LeaderLoss
-from meanflock.swarm.pace import Pace
 from meanflock.swarm.plugins import Door, find
 from meanflock.swarm.scenario import tables
 from meanflock.swarm.table import Table as _Table
@@ -39,8 +38,6 @@ LATER = (
     *("cost.separation", "cost.separation_range", "learner.multinomial"),
     "filter",
 )
-
-_PAYLOAD_BITS: dict[tables.Payload, int] = {"float64": 64, "float32": 32, "float16": 16, "int8": 8}  # a weight
 
 
 class Scenario(_Table, frozen=True, dict=True):
@@ -73,7 +70,7 @@ class Scenario(_Table, frozen=True, dict=True):
     radio: tables.Radio = field(default_factory=tables.Radio)
     vehicle: tables.Vehicle = field(default_factory=tables.Vehicle)
     metrics: tables.Metrics = field(default_factory=tables.Metrics)
-    pace: Pace = field(default_factory=Pace)
+    pace: tables.Pace = field(default_factory=tables.Pace)
     faults: Annotated[tuple[Fault, ...], Meta(description="the fault script")] = ()
 
     def __post_init__(self) -> None:
@@ -89,7 +86,7 @@ class Scenario(_Table, frozen=True, dict=True):
                 raise ValueError(f"`dt` {self.dt} s is unstable with `{key}` {drag} 1/s; keep dt·drag < 2")
         for key in ("payload", "broadcast_payload"):
             wanted, radio_bits = getattr(self.federation, key), self.radio.bits_per_float
-            if wanted is not None and _PAYLOAD_BITS[wanted] > radio_bits:
+            if wanted is not None and _bits(wanted) > radio_bits:
                 raise ValueError(
                     f"`federation.{key}` {wanted} is wider than a float of the radio, `radio.bits_per_float` "
                     f"{radio_bits}; take a narrower payload or a wider float"
@@ -136,7 +133,7 @@ class Scenario(_Table, frozen=True, dict=True):
         Raises:
             BadInput: the controller is not installed here, or its options do not fit.
         """
-        return declared(self)
+        return of(controller(self), self.method)
 
     @property
     def period_ticks(self) -> int:
@@ -161,7 +158,7 @@ class Scenario(_Table, frozen=True, dict=True):
     @property
     def keeps_residuals(self) -> bool:
         """Whether every UAV keeps what rounding took from its last upload: where that is narrower than a float."""
-        narrower = _PAYLOAD_BITS[self.upload_payload] < self.radio.bits_per_float
+        narrower = _bits(self.upload_payload) < self.radio.bits_per_float
         return self.declared.is_federated and self.federation.error_feedback and narrower
 
     @property
@@ -251,3 +248,8 @@ class Scenario(_Table, frozen=True, dict=True):
         import hashlib  # only here: it loads OpenSSL, and an agent never asks
 
         return hashlib.sha256(msgspec.json.encode(table, order="sorted")).hexdigest()
+
+
+def _bits(payload: tables.Payload) -> int:
+    """Of a weight."""
+    return 8 * np.dtype(payload).itemsize

@@ -238,3 +238,15 @@ class Metrics(_Table, frozen=True):
 
     collision_radius: Annotated[float, Meta(gt=0, description="r_coll, nearer than this is a collision, m")] = 0.1
     hazard_radius: Annotated[float, Meta(gt=0, description="r_C, nearer than this is a risk, m")] = math.sqrt(2.0) / 2.0
+
+
+class Pace(_Table, frozen=True):
+    """Which replies are slow, and how many of one node a flight in lockstep takes; in seconds of the wall clock."""
+
+    slow_s: Annotated[float, Meta(gt=0, description="a reply is slow if it takes longer than this and …, s")] = 2.0
+    slow_factor: Annotated[
+        float, Meta(ge=1, description="… longer than this many times what half of the nodes took")
+    ] = 10.0
+    slow_ticks: Annotated[
+        int, Meta(ge=1, description="slow replies after which a node is lost; one in 100 ticks is forgiven")
+    ] = 50

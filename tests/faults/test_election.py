@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from meanflock.swarm.election import elect
 from meanflock.swarm.wire.messages import FrameKind, Frames
+from meanflock.worldsim.members import elect
 from tests.faults.conftest import Lab, scenario
 
 NAMES = st.sets(st.sampled_from(["leader", "leader.2", "leader.3", "leader.10", "b"]))

@@ -164,7 +164,7 @@ def test_a_scripted_loss_of_the_leader_is_taken_over_by_the_standby_started_for_
 BAD = {
     "no time": ('[[faults]]\nkind = "kill"\nuavs = [1]', "tick"),
     "two times": ('[[faults]]\nkind = "kill"\nuavs = [1]\ntick = 1\ntime_s = 1.0', "one of them"),
-    "nobody": ('[[faults]]\nkind = "kill"\nuavs = []\ntick = 1', "nobody"),
+    "nobody": ('[[faults]]\nkind = "kill"\nuavs = []\ntick = 1', "expected a list of length >= 1"),
     "an unknown kind": ('[[faults]]\nkind = "flood"\ntick = 1', "flood"),
     "an unknown key": ('[[faults]]\nkind = "kill"\nuavs = [1]\ntick = 1\nwhy = "x"', "why"),
     "a negative UAV": ('[[faults]]\nkind = "kill"\nuavs = [-1]\ntick = 1', "uavs"),
