@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meanflock.agent.controllers import mean_field
 from meanflock.agent.node import Agent
 from meanflock.groundstation import engine as rooms
 from meanflock.groundstation.engine import Engine
@@ -91,7 +90,7 @@ def flown(*settings: str) -> Scenario:
 
 
 def believing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mean_field.plausible, "check", lambda scenario: lambda states: np.ones(len(states), bool))
+    monkeypatch.setattr(plausible, "check", lambda scenario: lambda states: np.ones(len(states), bool))
 
 
 def test_honest_flights_are_what_they_are_without_the_check(monkeypatch: pytest.MonkeyPatch) -> None:
