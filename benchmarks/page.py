@@ -144,11 +144,16 @@ def _row(figure: dict[str, Any]) -> str:
     spread = f"{number(figure['min'])}–{number(figure['max'])}" if figure["samples"] > 1 else ""
     ratio = ""
     if figure["ratio"] is not None:
-        ratio = f"{figure['ratio']:.2f}"
+        ratio = _ratio(figure["ratio"])
         if figure["samples"] > 1:
-            ratio += f" ({figure['ratio_min']:.2f}–{figure['ratio_max']:.2f})"
+            ratio += f" ({_ratio(figure['ratio_min'])}–{_ratio(figure['ratio_max'])})"
     name = figure["name"] + (f"; {figure['note']}" if figure["note"] else "")
     return f"| {name} | {figure['unit']} | {number(figure['median'])} | {spread} | {ratio} | {verdict(figure)} |"
+
+
+def _ratio(value: float) -> str:
+    """Two decimals, or two figures of what is less than a tenth."""
+    return f"{value:.2f}" if value >= 0.1 else f"{value:.2g}"
 
 
 def number(value: float | None) -> str:

@@ -8,6 +8,7 @@ import argparse
 import importlib
 import json
 import resource
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -47,7 +48,7 @@ WORLD: list[Part] = [
     ("meanflock.worldsim.barrier:Barrier.ask", "address and fill inboxes"),
     ("meanflock.worldsim.waiting:Waiting.for_answers", "barrier, the loop"),
     ("meanflock.worldsim.admission:Admission.handle", "take in replies"),
-    ("meanflock.worldsim.inbound:Replies.read", "read and check answers"),
+    ("meanflock.worldsim.inbound:Replies.read", "read and check replies"),
     ("meanflock.worldsim.node:World._collect", "collect commands and frames"),
     ("meanflock.worldsim.awake:Awake.begin", "fault script"),
     ("meanflock.worldsim.checkpoint:Checkpoints.keep", "checkpoints"),
@@ -74,7 +75,7 @@ class Stopwatch:
         self.ns: Counter[str] = Counter()
         self.calls: Counter[str] = Counter()
         self._clock = clock
-        self._inner = [0]
+        self._local = threading.local()  # of each thread: what it spent in wrapped functions within those under way
         self._undo: list[tuple[Any, str, Any]] = []
         self.absent: list[str] = []  # names that are no longer there
 
@@ -107,9 +108,10 @@ class Stopwatch:
         self.calls.clear()
 
     def _timed(self, original: Callable[..., Any], label: str) -> Callable[..., Any]:
-        clock, inner, ns, calls = self._clock, self._inner, self.ns, self.calls
+        clock, local, ns, calls = self._clock, self._local, self.ns, self.calls
 
         def timed(*args: Any, **named: Any) -> Any:
+            inner: list[int] = local.__dict__.setdefault("inner", [0])
             inner.append(0)
             start = clock()
             try:
@@ -190,7 +192,7 @@ def _networked(effort: Effort) -> dict[str, Any]:
             bus.announce(keys.alive(children.run, "world", "world"))
             report, out = children.folder / "agent.json", children.folder / "runs"
             watch.wrap(
-                [*CODEC, *WORLD, *ZENOH_BUS, ("meanflock.swarm.net.session:ZenohBus.receive", "wait for answers")]
+                [*CODEC, *WORLD, *ZENOH_BUS, ("meanflock.swarm.net.session:ZenohBus.receive", "wait for replies")]
             )
             world = World(flown, bus, children.run, stations=1)
             children.start("meanflock.groundstation", "--out", str(out), "--rerun", "")

@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 import psutil
 import pytest
 
-from benchmarks import peers, profile, scaling, store
+from benchmarks import page, peers, profile, scaling, store
 from benchmarks.peer import environment
 from benchmarks.processes import BenchmarkFailed
 from tests.polling import DEADLINE_S
@@ -232,3 +233,29 @@ def test_what_a_tick_is_taken_apart_into_is_there() -> None:
     with profile.Stopwatch() as watch:
         watch.wrap([*profile.LEARNER, *profile.CODEC, *profile.WORLD, *profile.MEMORY_BUS, *profile.ZENOH_BUS])
         assert watch.absent == []
+
+
+def test_a_part_is_not_charged_for_what_another_thread_does_meanwhile() -> None:
+    began, ended = threading.Event(), threading.Event()
+
+    def waits() -> None:
+        began.set()
+        ended.wait(DEADLINE_S)
+
+    watch = profile.Stopwatch()
+    outer, inner = watch._timed(waits, "waits"), watch._timed(lambda: time.sleep(0.02), "works")
+    thread = threading.Thread(target=outer)
+    thread.start()
+    began.wait(DEADLINE_S)
+    inner()
+    ended.set()
+    thread.join()
+    assert watch.ns["works"] >= 0.02e9
+    assert watch.ns["waits"] >= watch.ns["works"]  # all of it, where one stack for both had taken the work off
+
+
+def test_a_ratio_below_a_hundredth_is_not_written_as_nothing() -> None:
+    figure = {"name": "ours", "note": "", "unit": "ms", "median": 0.2, "min": 0.2, "max": 0.2, "samples": 2}
+    bounds = dict.fromkeys(("target", "stretch", "ratio_target", "ratio_stretch"))
+    row = page._row(figure | bounds | {"ratio": 0.0023, "ratio_min": 0.002, "ratio_max": 0.104, "better": "lower"})
+    assert "| 0.0023 (0.002–0.10) |" in row
