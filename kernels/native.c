@@ -13,14 +13,18 @@
 
 enum { D = sizeof(double), MOST_ARRAYS = 5, READ = 0, WRITTEN = PyBUF_WRITABLE };
 
-/* The arrays of a call, as far as they are held. */
+/* The arrays of a call, as far as they are held, and the room it works in. */
 typedef struct {
     Py_buffer view[MOST_ARRAYS];
     int held;
+    double *room;
 } Arrays;
 
-static void let_go(Arrays *arrays) {
+/* Lets go of them all; returns `result`. */
+static PyObject *done(Arrays *arrays, PyObject *result) {
     while (arrays->held) PyBuffer_Release(&arrays->view[--arrays->held]);
+    PyMem_Free(arrays->room);
+    return result;
 }
 
 /* Holds one more array, contiguous unless `flags` ask for strides; NULL and an exception where it does not hold numbers
@@ -37,21 +41,29 @@ static Py_buffer *hold(Arrays *arrays, PyObject *array, const char *name, const 
     return NULL;
 }
 
-static Py_buffer *doubles(Arrays *arrays, PyObject *array, const char *name, int flags) {
-    return hold(arrays, array, name, "d", D, flags);
-}
-
 static int fits(const Py_buffer *view, const char *name, Py_ssize_t bytes) {
     if (view == NULL) return 0;
     if (view->len != bytes) PyErr_Format(PyExc_ValueError, "%s: %zd bytes, expected %zd", name, view->len, bytes);
     return view->len == bytes;
 }
 
+/* Holds an array of so many doubles; 0 and an exception where it is none. */
+static int doubles(Arrays *arrays, PyObject *array, const char *name, Py_ssize_t count, int flags) {
+    return fits(hold(arrays, array, name, "d", D, flags), name, count * D);
+}
+
+/* Holds an array of so many rows, to be read, each of as many items of `width` doubles: how many; -1 and an exception
+ * where it is none. */
+static Py_ssize_t items(Arrays *arrays, PyObject *array, const char *name, Py_ssize_t rows, int width) {
+    const Py_buffer *view = hold(arrays, array, name, "d", D, READ);
+    const Py_ssize_t each = view == NULL || !rows ? 0 : view->len / (rows * width * D);
+    return fits(view, name, rows * each * width * D) ? each : -1;
+}
+
 /* Room for so many doubles and one more; NULL and an exception without memory. */
-static double *room_for(Py_ssize_t count) {
-    double *room = PyMem_Malloc((count + 1) * D);
-    if (room == NULL) PyErr_NoMemory();
-    return room;
+static double *room_for(Arrays *arrays, Py_ssize_t count) {
+    if ((arrays->room = PyMem_Malloc((count + 1) * D)) == NULL) PyErr_NoMemory();
+    return arrays->room;
 }
 
 /* ---- learn ---- */
@@ -84,18 +96,17 @@ static PyObject *tables(PyObject *module, PyObject *args) {
     Arrays arrays = {.held = 0};
     const Py_ssize_t split = offsetof(Tables, value_first), end = offsetof(Tables, starts) + sizeof((Tables *)0)->starts;
     if (!PyArg_ParseTuple(args, "OO:tables", &numbers, &indices)) return NULL;
+    if (!doubles(&arrays, numbers, "numbers", split / D, READ)
+        || !fits(hold(&arrays, indices, "indices", "il", 4, READ), "indices", end - split))
+        return done(&arrays, NULL);
     Tables *t = PyMem_Calloc(1, sizeof *t);
-    if (t == NULL) return PyErr_NoMemory();
-    if (fits(doubles(&arrays, numbers, "numbers", READ), "numbers", split)
-        && fits(hold(&arrays, indices, "indices", "il", 4, READ), "indices", end - split)) {
-        memcpy(t, arrays.view[0].buf, split);
-        memcpy((char *)t + split, arrays.view[1].buf, end - split);
-        if (sound(t)) capsule = PyCapsule_New(t, NAME, forget);
-        else PyErr_SetString(PyExc_ValueError, "an index of the tables points outside of them");
-    }
+    if (t == NULL) return done(&arrays, PyErr_NoMemory());
+    memcpy(t, arrays.view[0].buf, split);
+    memcpy((char *)t + split, arrays.view[1].buf, end - split);
+    if (sound(t)) capsule = PyCapsule_New(t, NAME, forget);
+    else PyErr_SetString(PyExc_ValueError, "an index of the tables points outside of them");
     if (capsule == NULL) PyMem_Free(t);
-    let_go(&arrays);
-    return capsule;
+    return done(&arrays, capsule);
 }
 
 /* Three rows are stepped at once, too, with a lane to spare; two are as quick one by one. */
@@ -108,104 +119,83 @@ static void step_rows(const Tables *t, const Rows *rows, Py_ssize_t count) {
     for (; from < count; from++) step_one(t, rows, from, 1);
 }
 
-/* φ_G of all rows into their numbers: as it is given, (M,), or of the states they know, (M, N, 4). 0 and an exception without memory. */
-static int interaction(const Tables *t, const Rows *rows, Py_ssize_t count, const Py_buffer *around) {
-    const Py_ssize_t each = count ? around->len / count : 0, others = each / (SIZE * D);
-    double phi_g, *products = room_for(others);
-    for (Py_ssize_t m = 0; m < count && products != NULL; m++) {
-        const char *known = (const char *)around->buf + m * each;
-        if (each == D) memcpy(&phi_g, known, D);
+/* φ_G of all rows into their numbers: as it is given, (M,), or of the states they know, (M, N, 4). */
+static int interaction(Arrays *arrays, PyObject *around, const Tables *t, const Rows *rows, Py_ssize_t count) {
+    const Py_ssize_t each = items(arrays, around, "around", count, 1), others = each / SIZE;
+    double phi_g, *products;
+    if (each < 0) return 0;
+    if (count && each != 1 && (each == 0 || each % SIZE)) {
+        PyErr_Format(PyExc_ValueError, "around: %zd bytes for %zd rows", arrays->view[4].len, count);
+        return 0;
+    }
+    if ((products = room_for(arrays, others)) == NULL) return 0;
+    for (Py_ssize_t m = 0; m < count; m++) {
+        const char *known = (const char *)arrays->view[4].buf + m * each * D;
+        if (each == 1) memcpy(&phi_g, known, D);
         else phi_g = empirical(t, rows->states + m * SIZE * D, known, others, products);
         memcpy(rows->numbers + (m * NUMBERS + 4) * D, &phi_g, D);
     }
-    PyMem_Free(products);
-    return products != NULL;
+    return 1;
 }
 
 static PyObject *learn(PyObject *module, PyObject *args) {
-    PyObject *capsule, *states, *weights, *around, *weights_out, *numbers, *result = NULL;
+    PyObject *capsule, *states, *weights, *around, *weights_out, *numbers;
     Arrays arrays = {.held = 0};
     if (!PyArg_ParseTuple(args, "OOOOOO:learn", &capsule, &states, &weights, &around, &weights_out, &numbers)) return NULL;
     const Tables *t = PyCapsule_GetPointer(capsule, NAME);
-    const Py_buffer *s = t == NULL ? NULL : doubles(&arrays, states, "states", READ), *known = NULL;
-    if (s == NULL) goto done;
-    const Py_ssize_t count = s->len / (SIZE * D);
-    if (!fits(s, "states", count * SIZE * D)
-        || !fits(doubles(&arrays, weights, "weights", READ), "weights", count * WEIGHTS * D)
-        || !fits(doubles(&arrays, weights_out, "weights_out", WRITTEN), "weights_out", count * WEIGHTS * D)
-        || !fits(doubles(&arrays, numbers, "numbers", WRITTEN), "numbers", count * NUMBERS * D))
-        goto done;
-    if (around != Py_None) {
-        if ((known = doubles(&arrays, around, "around", READ)) == NULL) goto done;
-        const Py_ssize_t a_row = count ? known->len / count : 0;
-        if (known->len != a_row * count || (count && a_row != D && (a_row == 0 || a_row % (SIZE * D)))) {
-            PyErr_Format(PyExc_ValueError, "around: %zd bytes for %zd rows", known->len, count);
-            goto done;
-        }
-    }
-    const Rows rows = {s->buf, arrays.view[1].buf, arrays.view[2].buf, arrays.view[3].buf, known == NULL};
-    if (known != NULL && !interaction(t, &rows, count, known)) goto done;
+    const Py_ssize_t count = t == NULL ? -1 : items(&arrays, states, "states", 1, SIZE);
+    if (count < 0 || !doubles(&arrays, weights, "weights", count * WEIGHTS, READ)
+        || !doubles(&arrays, weights_out, "weights_out", count * WEIGHTS, WRITTEN)
+        || !doubles(&arrays, numbers, "numbers", count * NUMBERS, WRITTEN))
+        return done(&arrays, NULL);
+    const Py_buffer *of = arrays.view;
+    const Rows rows = {of[0].buf, of[1].buf, of[2].buf, of[3].buf, around == Py_None};
+    if (around != Py_None && !interaction(&arrays, around, t, &rows, count)) return done(&arrays, NULL);
     step_rows(t, &rows, count);
-    result = Py_NewRef(Py_None);
-done:
-    let_go(&arrays);
-    return result;
+    return done(&arrays, Py_NewRef(Py_None));
 }
 
 /* ---- pairs ---- */
 
 static PyObject *measure(PyObject *module, PyObject *args) {
-    PyObject *states, *found, *result = NULL;
+    PyObject *states, *found;
     Arrays arrays = {.held = 0};
-    double hazard, collision, *room = NULL;
+    double hazard, collision, *room;
     if (!PyArg_ParseTuple(args, "OddO:pairs", &states, &hazard, &collision, &found)) return NULL;
-    const Py_buffer *s = doubles(&arrays, states, "states", READ);
-    const Py_buffer *to = s == NULL ? NULL : hold(&arrays, found, "found", "lq", 8, WRITTEN);
-    if (to == NULL) goto done;
-    const Py_ssize_t n = s->len / (SIZE * D), most = to->len / 16; /* of pairs of 8 bytes each */
-    if (!fits(s, "states", n * SIZE * D) || !fits(to, "found", most * 16)) goto done;
-    if ((room = room_for(pairs_room(n))) == NULL) goto done;
+    const Py_ssize_t n = items(&arrays, states, "states", 1, SIZE);
+    const Py_buffer *to = n < 0 ? NULL : hold(&arrays, found, "found", "lq", 8, WRITTEN);
+    const Py_ssize_t most = to == NULL ? 0 : to->len / 16; /* of pairs of 8 bytes each */
+    if (!fits(to, "found", most * 16) || (room = room_for(&arrays, pairs_room(n))) == NULL) return done(&arrays, NULL);
     for (Py_ssize_t i = 0; i < n; i++)
-        for (int k = 0; k < SIZE; k++) memcpy(room + k * n + i, (const char *)s->buf + (i * SIZE + k) * D, D);
+        for (int k = 0; k < SIZE; k++) memcpy(room + k * n + i, (const char *)arrays.view[0].buf + (i * SIZE + k) * D, D);
     const Measured seen = pairs(n, room, hazard, collision, to->buf, most);
-    result = Py_BuildValue("dLLd", seen.speed_difference, (long long)seen.near, (long long)seen.touching, seen.nearest);
-done:
-    PyMem_Free(room);
-    let_go(&arrays);
-    return result;
+    return done(&arrays, Py_BuildValue("dLLd", seen.speed_difference, (long long)seen.near, (long long)seen.touching,
+                                       seen.nearest));
 }
 
 /* ---- nearest ---- */
 
 static PyObject *nearest_of_all(PyObject *module, PyObject *args) {
-    PyObject *wanted, *normals, *bounds, *found, *missing, *result = NULL;
+    PyObject *wanted, *normals, *bounds, *found, *missing;
     Arrays arrays = {.held = 0};
-    double limit, *room = NULL;
+    double limit, *room;
     if (!PyArg_ParseTuple(args, "OOOdOO:nearest", &wanted, &normals, &bounds, &limit, &found, &missing)) return NULL;
-    const Py_buffer *w = doubles(&arrays, wanted, "wanted", READ);
-    const Py_buffer *n = w == NULL ? NULL : doubles(&arrays, normals, "normals", READ);
-    if (n == NULL) goto done;
-    const Py_ssize_t rows = w->len / (2 * D), count = rows ? n->len / (rows * 2 * D) : 0;
-    if (!fits(w, "wanted", rows * 2 * D) || !fits(n, "normals", rows * count * 2 * D)
-        || !fits(doubles(&arrays, bounds, "bounds", READ), "bounds", rows * count * D)
-        || !fits(doubles(&arrays, found, "found", WRITTEN), "found", rows * 2 * D)
-        || !fits(doubles(&arrays, missing, "missing", WRITTEN), "missing", rows * D))
-        goto done;
-    if ((room = room_for(10 * count)) == NULL) goto done; /* of a row at a time, for arrays may begin anywhere */
+    const Py_ssize_t rows = items(&arrays, wanted, "wanted", 1, 2);
+    const Py_ssize_t count = rows < 0 ? -1 : items(&arrays, normals, "normals", rows, 2);
+    if (count < 0 || !doubles(&arrays, bounds, "bounds", rows * count, READ)
+        || !doubles(&arrays, found, "found", rows * 2, WRITTEN) || !doubles(&arrays, missing, "missing", rows, WRITTEN)
+        || (room = room_for(&arrays, 10 * count)) == NULL) /* of a row at a time, for arrays may begin anywhere */
+        return done(&arrays, NULL);
     for (Py_ssize_t m = 0; m < rows; m++) {
         double point[2], a[2], *row_bounds = room + 2 * count;
-        memcpy(point, (const char *)w->buf + m * 2 * D, 2 * D);
-        memcpy(room, (const char *)n->buf + m * count * 2 * D, count * 2 * D);
+        memcpy(point, (const char *)arrays.view[0].buf + m * 2 * D, 2 * D);
+        memcpy(room, (const char *)arrays.view[1].buf + m * count * 2 * D, count * 2 * D);
         memcpy(row_bounds, (const char *)arrays.view[2].buf + m * count * D, count * D);
         const double need = nearest(point, room, row_bounds, count, limit, row_bounds + count, a);
         memcpy((char *)arrays.view[3].buf + m * 2 * D, a, 2 * D);
         memcpy((char *)arrays.view[4].buf + m * D, &need, D);
     }
-    result = Py_NewRef(Py_None);
-done:
-    PyMem_Free(room);
-    let_go(&arrays);
-    return result;
+    return done(&arrays, Py_NewRef(Py_None));
 }
 
 /* ---- columns ---- */
@@ -220,60 +210,50 @@ static double largest(const char *numbers, Py_ssize_t count) {
 }
 
 static PyObject *columns(PyObject *module, PyObject *args) {
-    PyObject *from[2], *out, *result = NULL;
+    PyObject *from[2], *out;
     Arrays arrays = {.held = 0};
     int first;
     if (!PyArg_ParseTuple(args, "OOOi:columns", &from[0], &from[1], &out, &first)) return NULL;
-    const Py_buffer *to = doubles(&arrays, out, "out", WRITTEN);
+    const Py_buffer *to = hold(&arrays, out, "out", "d", D, WRITTEN);
     const int tables = from[1] == Py_None ? 1 : 2;
-    if (to == NULL) goto done;
+    if (to == NULL) return done(&arrays, NULL);
     int fit = to->ndim == 2 && first >= 0 && first <= to->shape[1] && (tables == 2 || first == to->shape[1]);
     for (int k = 0; k < tables && fit; k++) {
         const Py_buffer *part = hold(&arrays, from[k], "columns", "d", D, PyBUF_STRIDES);
-        if (part == NULL) goto done;
+        if (part == NULL) return done(&arrays, NULL);
         fit = part->ndim == 2 && part->shape[0] == to->shape[0] && part->shape[1] == (k ? to->shape[1] - first : first);
     }
     if (!fit) {
         PyErr_SetString(PyExc_ValueError, "columns: not float64 of as many rows and columns as there is room for");
-        goto done;
+        return done(&arrays, NULL);
     }
     char *at = to->buf;
     for (Py_ssize_t row = 0; row < to->shape[0]; row++)
         for (const Py_buffer *part = arrays.view + 1; part <= arrays.view + tables; part++)
             for (Py_ssize_t k = 0; k < part->shape[1]; k++, at += D)
                 memcpy(at, (char *)part->buf + row * part->strides[0] + k * part->strides[1], D);
-    result = PyFloat_FromDouble(largest(to->buf, to->shape[0] * to->shape[1]));
-done:
-    let_go(&arrays);
-    return result;
+    return done(&arrays, PyFloat_FromDouble(largest(to->buf, to->shape[0] * to->shape[1])));
 }
 
 /* ---- repel ---- */
 
 static PyObject *push(PyObject *module, PyObject *args) {
-    PyObject *states, *known, *pushed, *result = NULL;
+    PyObject *states, *known, *pushed;
     Arrays arrays = {.held = 0};
-    double weight, range, *room = NULL;
+    double weight, range, *room;
     if (!PyArg_ParseTuple(args, "OOddO:repel", &states, &known, &weight, &range, &pushed)) return NULL;
-    const Py_buffer *s = doubles(&arrays, states, "states", READ);
-    const Py_buffer *of = s == NULL ? NULL : doubles(&arrays, known, "known", READ);
-    const Py_buffer *to = of == NULL ? NULL : doubles(&arrays, pushed, "pushed", WRITTEN);
-    if (to == NULL) goto done;
-    const Py_ssize_t rows = s->len / (SIZE * D), each = rows ? of->len / rows : 0, others = each / (SIZE * D);
-    if (!fits(s, "states", rows * SIZE * D) || !fits(of, "known", rows * others * SIZE * D)
-        || !fits(to, "pushed", rows * AXES * D))
-        goto done;
-    if ((room = room_for(2 * others)) == NULL) goto done;
+    const Py_ssize_t rows = items(&arrays, states, "states", 1, SIZE);
+    const Py_ssize_t others = rows < 0 ? -1 : items(&arrays, known, "known", rows, SIZE);
+    if (others < 0 || !doubles(&arrays, pushed, "pushed", rows * AXES, WRITTEN)
+        || (room = room_for(&arrays, 2 * others)) == NULL)
+        return done(&arrays, NULL);
     for (Py_ssize_t m = 0; m < rows; m++) {
+        const char *state = (const char *)arrays.view[0].buf + m * SIZE * D;
         double found[AXES];
-        repel((const char *)s->buf + m * SIZE * D, (const char *)of->buf + m * each, others, weight, range, room, found);
-        memcpy((char *)to->buf + m * AXES * D, found, sizeof found);
+        repel(state, (const char *)arrays.view[1].buf + m * others * SIZE * D, others, weight, range, room, found);
+        memcpy((char *)arrays.view[2].buf + m * AXES * D, found, sizeof found);
     }
-    result = Py_NewRef(Py_None);
-done:
-    PyMem_Free(room);
-    let_go(&arrays);
-    return result;
+    return done(&arrays, Py_NewRef(Py_None));
 }
 
 /* The docstrings are those of kernels/reference.py, halfplanes.py, separation.py and kernels/wire.py. */

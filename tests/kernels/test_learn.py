@@ -134,7 +134,7 @@ READ_ONLY.flags.writeable = False
         ("weights", np.zeros((2, 108)), "weights: .* expected"),
         ("around", np.zeros((2, 9, 3)), "around: .* 2 rows"),
         ("around", np.zeros((2, 0, 4)), "around: 0 bytes"),
-        ("around", np.zeros(3), "around: .* 2 rows"),
+        ("around", np.zeros(3), "around: 24 bytes, expected 16"),
         ("around", np.zeros(2, np.float32), "around: format f"),
         ("weights_out", np.zeros((3, 246)), "weights_out: .* expected"),
         ("weights_out", bytes(8 * 2 * 246), "(?i)writable"),
