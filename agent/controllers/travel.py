@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from meanflock.agent.controllers.base import Memory
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import AXES, POSITION, VELOCITY, Plane, States
+from meanflock.swarm.state import AXES, POSITION, VELOCITY, Plane, Rows, States
 
 SLOWING_1_S = 0.5
 # Options of a controller that travels.
@@ -37,9 +37,7 @@ class Travel:
         """The memory after, and where to and how fast, (M, 2) m/s: min(speed, slowing · distance) towards the goal."""
         if self._stays:
             memory = self._arrive(memory, own)
-        way = memory["travel_end"] - own[:, POSITION]
-        distance = np.maximum(np.sqrt(state.dot(way, way)), 1e-9)
-        return memory, way * np.minimum(self._speed / distance, self._slowing)[:, None]
+        return memory, towards(memory["travel_end"], own, self._speed, self._slowing)
 
     def _arrive(self, memory: Memory, own: States) -> Memory:
         arrived = memory["travel_arrived"]
@@ -51,6 +49,12 @@ class Travel:
         return memory | {"travel_arrived": arrived | reached, "travel_end": end}
 
 
+def towards(end: Plane, own: States, speed_m_s: Rows | float, slowing_1_s: float) -> Plane:
+    """min(speed, slowing · distance) from where rows (M, 4) are to their ends, (M, 2) m: (M, 2) m/s."""
+    way = end - own[:, POSITION]
+    return way * np.minimum(speed_m_s / np.maximum(state.norm(way), 1e-9), slowing_1_s)[:, None]
+
+
 def against_the_air(scenario: Scenario, own: States) -> Plane:
     """c0(v − v_o), (M, 2) m/s²: what undoes drag and mean wind as they are known before take-off."""
     return scenario.wind.drag * (own[:, VELOCITY] - np.array(scenario.wind.mean))
@@ -58,5 +62,4 @@ def against_the_air(scenario: Scenario, own: States) -> Plane:
 
 def limited(vectors: Plane, most: float) -> Plane:
     """Vectors (M, 2) made as long as `most` where they are longer."""
-    length = np.sqrt(state.dot(vectors, vectors))
-    return vectors * np.minimum(1.0, most / np.maximum(length, 1e-9))[:, None]
+    return vectors * np.minimum(1.0, most / np.maximum(state.norm(vectors), 1e-9))[:, None]

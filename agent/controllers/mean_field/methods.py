@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
+from meanflock.agent.controllers.believed import believed, of_kind
 from meanflock.agent.controllers.mean_field.learner import Learner
 from meanflock.agent.controllers.mean_field.separation import Separation
 from meanflock.kernels.weights import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, VALUE, VALUE_FEATURES
@@ -103,22 +104,14 @@ class MeanField(Controller):
     def _take_in(self, known: Floats, received: Sequence[Received]) -> tuple[Floats, Rows, Rows, NDArray[np.int32]]:
         """What rows know (M, N, 4) with the states received; which row received one of which UAV; and whose were not
         believed."""
-        known, refused = known.copy(), []
-        by: list[NDArray[Any]] = [NOBODY]
-        of: list[NDArray[Any]] = [NOBODY]
-        for frames in received:
-            if frames.number or frames.payload.shape[1] != SIZE or frames.payload.dtype.kind != "f":
-                continue  # not a state
-            sent, row = frames.links[:, 0], frames.links[:, 1]
-            sane = self._plausible(frames.payload)
-            if not sane.all():
-                refused.append(frames.source[~sane])
-                sent, row = sent[sane[sent]], row[sane[sent]]
-            known[row, frames.source[sent]] = frames.payload[sent]
-            by.append(row)
-            of.append(frames.source[sent])
-        whose = distinct(np.concatenate(refused)).astype(np.int32) if refused else NOBODY
-        return known, np.concatenate(by).astype(np.intp), np.concatenate(of).astype(np.intp), whose
+        frames, refused = believed(of_kind(received, SIZE), self._plausible)
+        known, rows, sources = known.copy(), [NOBODY], [NOBODY]
+        for states in frames:
+            sent, row = states.links.T
+            known[row, states.source[sent]] = states.payload[sent]
+            rows.append(row)
+            sources.append(states.source[sent])
+        return known, np.concatenate(rows).astype(np.intp), np.concatenate(sources).astype(np.intp), refused
 
 
 class Hjb(MeanField):

@@ -21,6 +21,7 @@ from meanflock.swarm.state import Floats
 
 Indices = NDArray[np.intp]
 Products = tuple[Indices, Indices, Floats]  # first and second of the 28 powers, and a factor
+Power = tuple[int, int, int]  # of which coordinate, which, and how often it is derived by it
 
 VALUE_DEGREE = 6
 DENSITY_DEGREE = 4
@@ -129,36 +130,36 @@ def _coefficient(degree: int, exponents: list[int]) -> float:
 
 def _value_products(scale: Floats, multinomial: bool) -> Products:
     """Of σ_H, ∂σ_H/∂r, ∂σ_H/∂v, ∂²σ_H/∂v²: a feature belongs to one axis, so it has one derivative by each."""
-    first, second, factor = [], [], []
+    features = []
     for by_position, by_velocity in ((0, 0), (1, 0), (0, 1), (0, 2)):
         for row in VALUE_EXPONENTS.tolist():
             axis = state.X if row[state.X] or row[state.VX] else state.Y
-            i, j = row[axis], row[axis + state.VX]
-            inside = i >= by_position and j >= by_velocity
-            falling = perm(i, by_position) * perm(j, by_velocity)
-            first.append(axis * POWERS + (i - by_position if inside else 0))
-            second.append((axis + state.VX) * POWERS + (j - by_velocity if inside else 0))
-            unit = scale[axis] ** by_position * scale[axis + state.VX] ** by_velocity
-            coefficient = _coefficient(VALUE_DEGREE, row) if multinomial else 1.0
-            factor.append(coefficient * (falling / unit) if inside else 0.0)
-    return np.array(first), np.array(second), np.array(factor)
+            powers = (axis, row[axis], by_position), (axis + state.VX, row[axis + state.VX], by_velocity)
+            features.append((*powers, _coefficient(VALUE_DEGREE, row) if multinomial else 1.0))
+    return _products(scale, features)
 
 
 def _pair_products(scale: Floats, pairs: list[tuple[int, int]]) -> Products:
     """Of pairs of positions, then of velocities, and of the derivatives of each that the FPK operator takes."""
-    first, second, factor = [], [], []
     position, velocity = state.X, state.VX
-    for base, by_first, by_second in (
+    derivatives = (
         (position, 0, 0), (position, 1, 0), (position, 0, 1),
         (velocity, 0, 0), (velocity, 1, 0), (velocity, 0, 1), (velocity, 2, 0), (velocity, 0, 2),
-    ):  # fmt: skip
-        for i, j in pairs:
-            inside = i >= by_first and j >= by_second
-            falling = perm(i, by_first) * perm(j, by_second)
-            first.append(base * POWERS + max(i - by_first, 0))
-            second.append((base + 1) * POWERS + max(j - by_second, 0))
-            factor.append(falling / scale[base] ** (by_first + by_second) if inside else 0.0)
-    return np.array(first), np.array(second), np.array(factor)
+    )  # fmt: skip
+    return _products(scale, [((at, i, u), (at + 1, j, v), 1.0) for at, u, v in derivatives for i, j in pairs])
+
+
+def _products(scale: Floats, features: list[tuple[Power, Power, float]]) -> Products:
+    """Of features, each of two powers and what stands before them."""
+    places, factors = [], []
+    for *powers, coefficient in features:
+        inside = all(exponent >= by for _, exponent, by in powers)
+        places.append([axis * POWERS + (exponent - by if inside else 0) for axis, exponent, by in powers])
+        falling = prod(perm(exponent, by) for _, exponent, by in powers)
+        unit = prod(scale[axis] ** by for axis, _, by in powers)
+        factors.append(coefficient * (falling / unit) if inside else 0.0)
+    first, second = np.array(places).T
+    return first, second, np.array(factors)
 
 
 def _expansion(terms: Indices) -> tuple[Indices, Indices, Indices]:

@@ -3,18 +3,24 @@
 from functools import cached_property
 from typing import Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from meanflock.agent.controllers.base import Controller, Memory, Rows
 from meanflock.agent.controllers.planned.trajectory import Trajectory
 from meanflock.agent.controllers.prediction import AlongPlan
 from meanflock.swarm import mission
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, Mask
+from meanflock.swarm.state import POSITION, VELOCITY, Floats, Mask, Plane, States
 
 
 class Planned(Controller):
     """Base class of them; the cruise speed is their option `speed_m_s`."""
 
     broadcast_numbers = 0
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        return {"uav": uavs.astype(np.int32)}
 
     @cached_property
     def _trajectory(self) -> Trajectory:
@@ -24,10 +30,16 @@ class Planned(Controller):
         """How others expect a UAV to go on that is off its trajectory: it comes back to it."""
         return AlongPlan(self._trajectory.states, self.scenario.dt)
 
+    def _off(self, uavs: Rows, tick: int, own: States) -> tuple[Floats, Plane]:
+        """How far off their trajectories rows (M, 4) are, (M, 2 axes, 2) m and m/s, and the accelerations there, (M, 2)
+        m/s²."""
+        position, velocity, acceleration = (ideal[uavs] for ideal in self._trajectory.at(tick))
+        return np.stack([own[:, POSITION] - position, own[:, VELOCITY] - velocity], axis=-1), acceleration
+
 
 class PlannedLearner(Planned):
     """Base class of those that learn to follow them: what they learn is an array of their memory, (M, weights), which
-    the federation averages where their option `share` says so. The memory has `uav` and the `tick` it last saw, too.
+    the federation averages where their option `share` says so. The memory has the `tick` it last saw, too.
     """
 
     learned: ClassVar[str]  # the name of that array
@@ -36,6 +48,9 @@ class PlannedLearner(Planned):
         super().__init__(options, scenario)
         self.parameters = (self.weights or 0) if options.share else 0
         self._launches = mission.launches(scenario)
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        return super().init(uavs, plan) | {"tick": np.full(len(uavs), -2, dtype=np.int32)}
 
     def get(self, memory: Memory) -> Floats:
         return memory[self.learned][:, : self.parameters]

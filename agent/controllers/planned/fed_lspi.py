@@ -55,20 +55,17 @@ class FedLspi(PlannedLearner):
 
     def init(self, uavs: NDArray[np.intp], plan: state.States) -> Memory:
         rows, first = len(uavs), [self.options.k1, self.options.k2, 0.0, 0.0]
-        return {
-            "uav": np.array(uavs, dtype=np.int32),
+        return super().init(uavs, plan) | {
             "gains": np.tile(np.array(first), (rows, 1)),
             "squares": np.zeros((rows, lspi.PAIRS, lspi.PAIRS)),
             "steps": np.zeros((rows, lspi.PAIRS, lspi.STATES)),
-            "error": np.zeros((rows, state.AXES, 2)),
+            "error": np.zeros((rows, state.AXES, 2)),  # and input, of `tick`
             "input": np.zeros((rows, state.AXES)),
-            "tick": np.full(rows, -2, dtype=np.int32),  # of error and input
         }
 
     def step(self, memory: Memory, tick: int, own: state.States, received: Sequence[Received]) -> Step:
         uavs = memory["uav"]
-        position, velocity, acceleration = (part[uavs] for part in self._trajectory.at(tick))
-        error = np.stack([own[:, state.POSITION] - position, own[:, state.VELOCITY] - velocity], axis=-1)
+        error, acceleration = self._off(uavs, tick, own)
         memory = self._learn(memory, tick, error)
         gains = memory["gains"]
         wanted = lspi.inputs(gains, error)

@@ -8,16 +8,14 @@ goals differ, companions are those with the same goal; a UAV that has one of its
 from collections.abc import Sequence
 from typing import Annotated
 
-import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Memory, Received, Step
 from meanflock.agent.controllers.planned.base import Planned
 from meanflock.agent.controllers.planned.trajectory import CRUISE_M_S
 from meanflock.agent.controllers.travel import CruiseSpeed, against_the_air
-from meanflock.swarm.state import POSITION, VELOCITY, States
+from meanflock.swarm.state import States
 
 
 class Plan(Planned):
@@ -32,12 +30,8 @@ class Plan(Planned):
         position_gain_1_s2: Annotated[float, Meta(gt=0, description="k_p, 1/s²")] = 4.0
         velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 4.0
 
-    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
-        return {"uav": uavs.astype(np.int32)}
-
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
-        uavs, of = memory["uav"], self.options
-        position, velocity, acceleration = (ideal[uavs] for ideal in self._trajectory.at(tick))
-        acceleration = acceleration + of.position_gain_1_s2 * (position - own[:, POSITION])
-        acceleration += of.velocity_gain_1_s * (velocity - own[:, VELOCITY])
+        of = self.options
+        off, acceleration = self._off(memory["uav"], tick, own)
+        acceleration = acceleration - of.position_gain_1_s2 * off[..., 0] - of.velocity_gain_1_s * off[..., 1]
         return Step(memory, acceleration + against_the_air(self.scenario, own))

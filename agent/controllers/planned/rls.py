@@ -20,7 +20,7 @@ from meanflock.agent.controllers.planned.policy_iteration import tracking
 from meanflock.agent.controllers.planned.trajectory import CRUISE_M_S
 from meanflock.agent.controllers.travel import CruiseSpeed
 from meanflock.swarm import state
-from meanflock.swarm.state import POSITION, VELOCITY, States
+from meanflock.swarm.state import VELOCITY, States
 
 NUMBERS = 3  # of θ: drag 1/s, and its product with the wind along x and y, m/s²
 LOWEST, HIGHEST = np.array([0.0, -3.0, -3.0]), np.array([1.0, 3.0, 3.0])  # estimates that are flown
@@ -48,21 +48,18 @@ class Rls(PlannedLearner):
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         rows, of = len(uavs), self.options
-        return {
-            "uav": uavs.astype(np.int32),
+        return super().init(uavs, plan) | {
             "estimate": np.zeros((rows, NUMBERS)),
             "covariance": np.tile(np.eye(NUMBERS) * (of.prior / of.noise) ** 2, (rows, 1, 1)),  # over that of the noise
-            "velocity": np.zeros((rows, state.AXES)),
+            "velocity": np.zeros((rows, state.AXES)),  # and command, of `tick`
             "command": np.zeros((rows, state.AXES)),
-            "tick": np.full(rows, -2, dtype=np.int32),  # of velocity and command
         }
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
-        uavs, of, moving = memory["uav"], self.options, own[:, VELOCITY]
-        position, velocity, acceleration = (ideal[uavs] for ideal in self._trajectory.at(tick))
+        of, moving = self.options, own[:, VELOCITY]
+        off, acceleration = self._off(memory["uav"], tick, own)
         memory = memory | self._learn(memory, tick, moving)
         estimate = np.clip(memory["estimate"], LOWEST, HIGHEST)
-        off = np.stack([own[:, POSITION] - position, moving - velocity], axis=-1)
         command = acceleration - of.position_gain_1_s2 * off[..., 0] - of.velocity_gain_1_s * off[..., 1]
         command += estimate[:, :1] * moving - estimate[:, 1:]
         after = {"velocity": moving.copy(), "command": command, "tick": np.full(len(own), tick, dtype=np.int32)}

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
+from meanflock.agent.controllers.planned.trajectory import CRUISE_M_S
 from meanflock.agent.controllers.sharing.neighbours import Neighbours
-from meanflock.agent.controllers.travel import against_the_air
+from meanflock.agent.controllers.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel, against_the_air
 from meanflock.swarm import mission
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.sharing import Sharing
@@ -49,3 +50,23 @@ class SharingController(Controller):
             own: (M, 4). others: (M, N, 4), where each row takes all UAVs to be, itself as it last said.
         """
         raise NotImplementedError
+
+
+class Travelling(Sharing, frozen=True):
+    """The options of one that travels."""
+
+    speed_m_s: CruiseSpeed = CRUISE_M_S
+    slowing_1_s: Slowing = SLOWING_1_S
+
+
+class TravellingController(SharingController):
+    """Base class of those that would fly like `cruise` if they were alone; options derive from `Travelling`."""
+
+    stays: ClassVar[bool] = False  # who has arrived where that was
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
+        self._travel = Travel(scenario, options.speed_m_s, options.slowing_1_s, self.stays)
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        return super().init(uavs, plan) | self._travel.init(uavs)

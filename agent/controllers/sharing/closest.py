@@ -30,38 +30,38 @@ def closest(own: States, others: States, uavs: NDArray[np.integer], reach_m: flo
     Args:
         own: (M, 4) of the rows, which are `uavs` (M,). others: (M, N, 4), where they take all N to be.
     """
-    rows = np.arange(len(own))
     x, y = own[:, X, None] - others[:, :, X], own[:, Y, None] - others[:, :, Y]
     squared = x * x + y * y
-    squared[rows, uavs] = np.inf
-    within = squared <= reach_m * reach_m
-    count = min(most, int(within.sum(axis=1).max(initial=0)))
-    which = np.argsort(np.where(within, squared, np.inf), axis=1, kind="stable")[:, :count]
-    row = rows[:, None]
-    x, y, squared, there = x[row, which], y[row, which], squared[row, which], within[row, which]
-    if (same := there & (squared < NEVER_NEARER_M * NEVER_NEARER_M)).any():
-        side = np.where(uavs[:, None] < which, -NEVER_NEARER_M, NEVER_NEARER_M)
-        x, y = np.where(same, side, x), np.where(same, 0.0, y)
-        squared = np.where(same, NEVER_NEARER_M * NEVER_NEARER_M, squared)
+    squared[np.arange(len(own)), uavs] = np.inf
+    which, there = _first(squared, reach_m * reach_m, most)
+    row, right = np.arange(len(own))[:, None], np.where(uavs[:, None] < which, -1.0, 1.0)
     closing = own[:, None, VX:] - others[row, which, VX:]
-    return Closest(np.stack([x, y], axis=-1), closing, squared, there)
+    return _apart(x[row, which], y[row, which], closing, there, right)
 
 
 def closest_discs(own: States, discs: NDArray[np.float64], reach_m: float, most: int) -> tuple[Closest, Rows]:
     """The discs (D, 3) of x, y and radius whose edge is within reach, at most so many; and their radii, (M, K) m."""
-    rows = np.arange(len(own))[:, None]
     x, y = own[:, X, None] - discs[:, 0], own[:, Y, None] - discs[:, 1]
-    squared = x * x + y * y
-    edge = np.sqrt(squared) - discs[:, 2]
-    within = edge <= reach_m
+    which, there = _first(np.sqrt(x * x + y * y) - discs[:, 2], reach_m, most)
+    row, closing = np.arange(len(own))[:, None], np.broadcast_to(own[:, None, VX:], (*which.shape, 2))
+    return _apart(x[row, which], y[row, which], closing, there, 1.0), discs[which, 2]
+
+
+def _first(distance: Rows, reach: float, most: int) -> tuple[NDArray[np.intp], Mask]:
+    """Which columns are within reach, the least distance first, at most so many; and where there is one: (M, K)."""
+    within = distance <= reach
     count = min(most, int(within.sum(axis=1).max(initial=0)))
-    which = np.argsort(np.where(within, edge, np.inf), axis=1, kind="stable")[:, :count]
-    x, y, squared, there = x[rows, which], y[rows, which], squared[rows, which], within[rows, which]
-    same = squared < NEVER_NEARER_M * NEVER_NEARER_M
-    x = np.where(same, NEVER_NEARER_M, x)
-    squared = np.where(same, NEVER_NEARER_M * NEVER_NEARER_M, squared)
-    closing = np.broadcast_to(own[:, None, VX:], (*x.shape, 2))
-    return Closest(np.stack([x, y], axis=-1), closing, squared, there), discs[which, 2]
+    which = np.argsort(np.where(within, distance, np.inf), axis=1, kind="stable")[:, :count]
+    return which, np.take_along_axis(within, which, axis=1)
+
+
+def _apart(x: Rows, y: Rows, closing: Plane, there: Mask, right: Rows | float) -> Closest:
+    """`right`: 1 where a UAV that is in the very place is to be taken to the right of it, −1 to the left."""
+    squared = x * x + y * y
+    if (same := there & (squared < NEVER_NEARER_M * NEVER_NEARER_M)).any():
+        x, y = np.where(same, right * NEVER_NEARER_M, x), np.where(same, 0.0, y)
+        squared = np.where(same, NEVER_NEARER_M * NEVER_NEARER_M, squared)
+    return Closest(np.stack([x, y], axis=-1), closing, squared, there)
 
 
 def with_obstacles(normals: Plane, bounds: Rows, more: Plane, least: Rows) -> tuple[Plane, Rows]:

@@ -17,14 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Broadcast, Memory, Received
+from meanflock.agent.controllers.believed import believed, of_kind
 from meanflock.agent.controllers.prediction import ConstantVelocity, Prediction
 from meanflock.swarm import mission, plausible
-from meanflock.swarm.ascending import distinct
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.sharing import Sharing
 from meanflock.swarm.state import POSITION, SIZE, VX, VY, Floats, States, X, Y
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
-from meanflock.swarm.wire.messages import NOBODY
 
 FAR_M = 1e6  # where those are put of whom nothing is known: out of everybody's way
 UNIT = 0.01  # m and m/s, of an int16
@@ -69,20 +68,17 @@ class Neighbours:
     ) -> tuple[Memory, NDArray[np.int32]]:
         """The memory with the states of frames `number` in it, and whose of them are not believed, ascending, for
         `Step.refused`; what cannot be a state is left out."""
-        kept, sent_in, refused = memory["neighbour_kept"], memory["neighbour_tick"], NOBODY
-        for frames in received:
-            if not self._is_state(frames, number):
-                continue
-            if kept is memory["neighbour_kept"]:
-                kept, sent_in = kept.copy(), sent_in.copy()
-            states = self._decoded(frames.payload, frames.source) if self._events else frames.payload
-            sane = self._plausible(states)
-            sent, row = frames.links[:, 0], frames.links[:, 1]
-            if not sane.all():
-                refused = distinct(np.concatenate([refused, frames.source[~sane]])).astype(np.int32)
-                sent, row = sent[sane[sent]], row[sane[sent]]
-            source = frames.source[sent]
-            kept[row, :, source] = self._predict.keep(states, frames.source, tick - 1)[sent]
+        frames = of_kind(received, SIZE, np.int16 if self._events else np.float64, number)
+        if self._events:
+            frames = [Received(number, f.source, self._decoded(f.payload, f.source), f.links) for f in frames]
+        frames, refused = believed(frames, self._plausible)
+        if not frames:
+            return memory, refused
+        kept, sent_in = memory["neighbour_kept"].copy(), memory["neighbour_tick"].copy()
+        for states in frames:
+            sent, row = states.links.T
+            source = states.source[sent]
+            kept[row, :, source] = self._predict.keep(states.payload, states.source, tick - 1)[sent]
             sent_in[row, source] = tick - 1
         return memory | {"neighbour_kept": kept, "neighbour_tick": sent_in}, refused
 
@@ -141,14 +137,6 @@ class Neighbours:
         kept[rows, :, uav] = self._predict.keep(states, uav, tick)
         sent_in[rows, uav] = tick
         return memory | {"neighbour_kept": kept, "neighbour_tick": sent_in}
-
-    def _is_state(self, frames: Received, number: int) -> bool:
-        kind = frames.payload.dtype
-        return (
-            frames.number == number
-            and frames.payload.shape[1] == SIZE
-            and (kind == np.int16 if self._events else kind.kind == "f")
-        )
 
     def _decoded(self, numbers: NDArray[np.int16], uavs: NDArray[np.integer]) -> States:
         return numbers * UNIT + self._origin[uavs]

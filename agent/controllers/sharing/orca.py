@@ -5,7 +5,7 @@ Van den Berg, Guy, Lin and Manocha, Reciprocal n-body collision avoidance, Robot
 velocity is free, the source's third program takes the least violation; so does this.
 """
 
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
@@ -13,29 +13,24 @@ from numpy.typing import NDArray
 
 from meanflock import kernels
 from meanflock.agent.controllers.base import Memory, Step
-from meanflock.agent.controllers.planned.trajectory import CRUISE_M_S
-from meanflock.agent.controllers.sharing.base import SharingController
+from meanflock.agent.controllers.sharing.base import Travelling, TravellingController
 from meanflock.agent.controllers.sharing.closest import Closest, closest, closest_discs, with_obstacles
-from meanflock.agent.controllers.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel
-from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.sharing import Sharing
 from meanflock.swarm.state import VELOCITY, Plane, Rows, States
 
 INFEASIBLE_M_S = 1e-6  # what may be missing of a half-plane that is still called kept
 
 
-class Orca(SharingController):
+class Orca(TravellingController):
     """a = k_v (v_orca − v) + c0 (v − v_o); v_orca nearest to the velocity of `cruise`, turned a little to the right if
     so wished."""
 
     name = "orca"
     diagnostics = ("infeasible", "unsent")
+    stays = True
 
-    class Options(Sharing, frozen=True):
+    class Options(Travelling, frozen=True):
         """The options of `orca`."""
 
-        speed_m_s: CruiseSpeed = CRUISE_M_S
-        slowing_1_s: Slowing = SLOWING_1_S
         velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 2.0
         radius_m: Annotated[float, Meta(gt=0, description="combined radius of two UAVs, m")] = 0.7
         horizon_s: Annotated[float, Meta(gt=0, description="τ, for which a velocity must be free, s")] = 1.0
@@ -46,13 +41,6 @@ class Orca(SharingController):
         neighbours: Annotated[int, Meta(ge=1, le=32, description="of the closest UAVs, so many are kept off")] = 10
         obstacles: Annotated[int, Meta(ge=1, le=32, description="of the closest obstacles, so many are kept off")] = 4
         reach_m: Annotated[float, Meta(gt=0, description="who is farther is not looked at, m")] = 15.0
-
-    def __init__(self, options: Any, scenario: Scenario) -> None:
-        super().__init__(options, scenario)
-        self._travel = Travel(scenario, options.speed_m_s, options.slowing_1_s, stays=True)
-
-    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
-        return super().init(uavs, plan) | self._travel.init(uavs)
 
     def fly(self, memory: Memory, own: States, others: States) -> Step:
         """See `SharingController.fly`."""

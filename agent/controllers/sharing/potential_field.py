@@ -4,32 +4,26 @@ International Journal of Robotics Research 5(1), 1986): pulled to the goal at a 
 Other UAVs are repelled as discs that are where they are predicted to be, and so are the obstacles of the mission.
 """
 
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Memory, Step
-from meanflock.agent.controllers.planned.trajectory import CRUISE_M_S
-from meanflock.agent.controllers.sharing.base import SharingController
+from meanflock.agent.controllers.sharing.base import Travelling, TravellingController
 from meanflock.agent.controllers.sharing.near import edges, near, summed
-from meanflock.agent.controllers.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel, limited
-from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.sharing import Sharing
+from meanflock.agent.controllers.travel import limited
 from meanflock.swarm.state import VELOCITY, Plane, Rows, States
 
 
-class PotentialField(SharingController):
+class PotentialField(TravellingController):
     """a = k_v (v_ref − v) + Σ η (1/ρ − 1/ρ0)/ρ² ∇ρ + c0 (v − v_o), ρ the distance from an edge; ‖·‖ limited."""
 
     name = "potential-field"
 
-    class Options(Sharing, frozen=True):
+    class Options(Travelling, frozen=True):
         """The options of `potential-field`, by their names in the source where it has them."""
 
-        speed_m_s: CruiseSpeed = CRUISE_M_S
-        slowing_1_s: Slowing = SLOWING_1_S
         velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 1.0
         eta_m3_s2: Annotated[float, Meta(ge=0, description="η, strength of the repulsion by UAVs, m³/s²")] = 1.0
         rho0_m: Annotated[float, Meta(gt=0, description="ρ0, from which on UAVs are not felt, m")] = 1.5
@@ -41,13 +35,6 @@ class PotentialField(SharingController):
         ] = 10.0
         obstacle_rho0_m: Annotated[float, Meta(gt=0, description="ρ0, from which on obstacles are not felt, m")] = 3.0
         acceleration_max_m_s2: Annotated[float, Meta(gt=0, description="limit on ‖a‖ before drag, m/s²")] = 3.0
-
-    def __init__(self, options: Any, scenario: Scenario) -> None:
-        super().__init__(options, scenario)
-        self._travel = Travel(scenario, options.speed_m_s, options.slowing_1_s)
-
-    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
-        return super().init(uavs, plan) | self._travel.init(uavs)
 
     def fly(self, memory: Memory, own: States, others: States) -> Step:
         """See `SharingController.fly`."""

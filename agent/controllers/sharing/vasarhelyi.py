@@ -1,20 +1,17 @@
 """Flocking of Vásárhelyi et al. (Optimized flocking of autonomous drones in confined environments, Science Robotics 3,
 2018): a wished velocity, repulsion of who is close, and friction against who closes in faster than a brake allows."""
 
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Memory, Step
-from meanflock.agent.controllers.planned.trajectory import CRUISE_M_S
-from meanflock.agent.controllers.sharing.base import SharingController
+from meanflock.agent.controllers.sharing.base import Travelling, TravellingController
 from meanflock.agent.controllers.sharing.near import NOWHERE_M, Near, edges, near, summed
-from meanflock.agent.controllers.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel, limited
+from meanflock.agent.controllers.travel import limited
 from meanflock.swarm import state
-from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.sharing import Sharing
 from meanflock.swarm.state import VELOCITY, VX, VY, Floats, Plane, Rows, States
 
 
@@ -26,16 +23,14 @@ def braking(distance_m: Rows, slope_1_s: float, acceleration: float) -> Rows:
     return np.where(linear < acceleration / slope_1_s, linear, root)
 
 
-class Vasarhelyi(SharingController):
+class Vasarhelyi(TravellingController):
     """a = (v_d − v)/τ + c0 (v − v_o), v_d = v_ref + repulsion + friction; v_ref is that of `cruise`."""
 
     name = "vasarhelyi"
 
-    class Options(Sharing, frozen=True):
+    class Options(Travelling, frozen=True):
         """The options of `vasarhelyi`, by their names in the source where it has them."""
 
-        speed_m_s: CruiseSpeed = CRUISE_M_S
-        slowing_1_s: Slowing = SLOWING_1_S
         delta_m: Annotated[float, Meta(gt=0, description="δ of an event, m")] = 0.2
         velocity_delta_m_s: Annotated[
             float, Meta(ge=0, description="the same of the velocity, which friction goes by; 0: not looked at, m/s")
@@ -55,13 +50,6 @@ class Vasarhelyi(SharingController):
         p_shill_1_s: Annotated[float, Meta(gt=0, description="slope of that brake's end, 1/s")] = 3.0
         v_max_m_s: Annotated[float, Meta(gt=0, description="limit on v_d, m/s")] = 4.0
         tau_s: Annotated[float, Meta(gt=0, description="τ in which v_d is taken up, s")] = 0.6
-
-    def __init__(self, options: Any, scenario: Scenario) -> None:
-        super().__init__(options, scenario)
-        self._travel = Travel(scenario, options.speed_m_s, options.slowing_1_s)
-
-    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
-        return super().init(uavs, plan) | self._travel.init(uavs)
 
     def fly(self, memory: Memory, own: States, others: States) -> Step:
         """See `SharingController.fly`."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.agent.controllers.travel import SLOWING_1_S, against_the_air, limited
+from meanflock.agent.controllers.travel import SLOWING_1_S, against_the_air, limited, towards
 from meanflock.agent.controllers.wind.airspeed import Fare
 from meanflock.swarm import mission
 from meanflock.swarm.scenario import Scenario
@@ -42,7 +42,6 @@ class Straight(Controller):
         return {"uav": uavs.astype(np.int32), "speed": self._fare.best(along, across)[1]}
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
-        way = self._goals[memory["uav"]] - own[:, POSITION]
-        wanted = way * np.minimum(memory["speed"] / np.maximum(norm(way), 1e-9), SLOWING_1_S)[:, None]
+        wanted = towards(self._goals[memory["uav"]], own, memory["speed"], SLOWING_1_S)
         acceleration = self.options.velocity_gain_1_s * (wanted - own[:, VELOCITY])
         return Step(memory, limited(acceleration, LIMIT_M_S2) + against_the_air(self.scenario, own))

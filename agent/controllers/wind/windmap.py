@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
+from meanflock.agent.controllers.believed import believed, of_kind
 from meanflock.agent.controllers.travel import SLOWING_1_S, limited
 from meanflock.agent.controllers.wind.airspeed import Fare
 from meanflock.agent.controllers.wind.belief import INFORMATION, WindGrid
@@ -28,7 +29,6 @@ from meanflock.agent.controllers.wind.corridor import Corridor
 from meanflock.agent.controllers.wind.route import Router
 from meanflock.agent.controllers.wind.straight import LIMIT_M_S2
 from meanflock.swarm import state
-from meanflock.swarm.ascending import distinct
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import AXES, POSITION, VELOCITY, Floats, States
 from meanflock.swarm.wire.messages import NOBODY
@@ -184,20 +184,15 @@ class Windmap(Controller):
 
     def _receive(self, memory: Memory, received: Sequence[Received]) -> tuple[Memory, NDArray[np.int32]]:
         """The memory with the measurements of others in it; and whose are not believed."""
-        refused = [np.zeros(0, dtype=np.intp)]
-        information = memory["information"]
-        for frames in received:
-            if frames.number or frames.payload.shape[1] != SAID or frames.payload.dtype.kind != "f":
-                continue
-            sane = (np.abs(frames.payload[:, AXES:]) < self._most(self._speaks)).all(axis=1)
-            refused.append(frames.source[~sane])
-            links = frames.links[sane[frames.links[:, 0]]]
-            links = links[np.lexsort((frames.source[links[:, 0]], links[:, 1]))]  # a row's sum in the order of UAVs
-            measured = frames.payload[links[:, 0]]
+        most, information = self._most(self._speaks), memory["information"]
+        frames, refused = believed(of_kind(received, SAID), lambda said: np.abs(said[:, AXES:]).max(axis=1) < most)
+        for said in frames:
+            links = said.links[np.lexsort((said.source[said.links[:, 0]], said.links[:, 1]))]  # by row, then by UAV
+            measured = said.payload[links[:, 0]]
             each = np.full(len(links), self._speaks * self._deviation**-2)
             news = self._grid.informed(links[:, 1], measured[:, :AXES], measured[:, AXES:], each, len(information))
             information = information + news
-        return memory | {"information": information}, distinct(np.concatenate(refused)).astype(np.int32)
+        return memory | {"information": information}, refused
 
     def _look(self, memory: Memory, rows: Rows, goals: Floats, own: States) -> Memory:
         """The memory after some rows looked at their maps and chose their ways."""
