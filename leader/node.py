@@ -55,7 +55,8 @@ class Leader:
         # 2. When the round closes, refuse what cannot be a model, average and broadcast the rest; a round in which
         #    nothing is left is void.
         number = self._rounds.closes(sense.tick)
-        arrived, refused = refuse(self._arrived.pop(number, {}) if number else {})
+        arrived, refused = refuse(self._arrived.get(number, {}))
+        self._arrived = {later: models for later, models in self._arrived.items() if later > number}
         self._kept = b""
         outbox = self._broadcast(number, arrived) if arrived else ()
         return Act(

@@ -111,6 +111,17 @@ def test_a_round_is_averaged_once_and_its_models_do_not_reach_the_next() -> None
     np.testing.assert_array_equal(act.outbox[0].payload[0], mean_of([5]))
 
 
+def test_an_upload_that_comes_after_its_round_was_closed_is_forgotten() -> None:
+    """On a channel whose messages may take longer than D_M."""
+    of = flown()
+    node = leader(of)
+    for number in (1, 2, 3):
+        node.act(sense(closing(of, number)))
+        node.act(sense(closing(of, number) + 1, upload([2, 5], number)))
+    assert not said(node.act(sense(closing(of, 4))))
+    assert not node._arrived  # or a long flight keeps them all
+
+
 def test_an_upload_of_another_round_is_not_averaged_into_this_one() -> None:
     of = flown()
     node = leader(of)
