@@ -7,7 +7,6 @@ from meanflock.swarm.ascending import contains, distinct
 from meanflock.swarm.clusters import Clusters
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.mean import refuse, relayed
-from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire import payload
@@ -22,7 +21,6 @@ class Heads:
         clusters = Clusters(scenario)
         self._heads = uavs[contains(distinct(clusters.heads), uavs)] if scenario.federation.clusters > 1 else uavs[:0]
         self._head_of = clusters.head_of
-        self._rounds = Rounds(scenario)
         self._up, self._relay = payload.upload(scenario), Relay(scenario)
         self._arrived: dict[tuple[int, int], dict[int, Floats]] = {}  # round and head → UAV → model
 
@@ -47,12 +45,9 @@ class Heads:
         for row, head in frames.links.tolist():
             self._arrived.setdefault((frames.round, head), {}).setdefault(int(frames.source[row]), models[row])
 
-    def relay(self, tick: int, silent: NDArray[np.intp]) -> tuple[list[Frames], list[int]]:
-        """What the heads, those among the UAVs `silent` excepted, send to the leader in this tick, and the UAVs whose
+    def relay(self, number: int, silent: NDArray[np.intp]) -> tuple[list[Frames], list[int]]:
+        """What the heads, those among the UAVs `silent` excepted, send to the leader in a round, and the UAVs whose
         upload they will not average. A head that has nothing to average sends nothing."""
-        number = self._rounds.relays(tick)
-        if not number:
-            return [], []
         relays, refused = {}, list[int]()
         for head in self._heads[~contains(distinct(silent), self._heads)].tolist():
             models, bad = refuse(self._arrived.get((number, head), {}))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.byzantine import Byzantine
-from meanflock.agent.controllers.base import Broadcast, Memory, Received
+from meanflock.agent.controllers.base import Broadcast, Received
 from meanflock.agent.feedback import Feedback
 from meanflock.agent.guarded import Guarded
 from meanflock.agent.heads import Heads
@@ -49,7 +49,6 @@ class Agent:
         self._up, self._down = payload.upload(self._scenario), payload.broadcast(self._scenario)
         self._feedback = Feedback(self._up, len(self.uavs), kept=self._scenario.keeps_residuals)
         self._period = self._scenario.period_ticks if self._declared.is_federated else 0  # of rounds; 0 without any
-        self._relays = self._scenario.federation.clusters > 1
         self._own = np.zeros(self._scenario.uavs, dtype=bool)
         self._own[self.uavs] = True
         self._failed = np.zeros(len(self.uavs), dtype=bool)
@@ -79,8 +78,7 @@ class Agent:
         # 0. Rows the fault script pauses are as they were when the tick is over, whatever the others do.
         asleep = self._asleep(tick) if self._pauses else None
         before, controller = self._memory, self._controller
-        if controller.broken is not None or asleep is not controller.asleep:
-            controller.begin(asleep)
+        controller.begin(asleep)
         # 1. Take in what the radio brought: a global model goes to the controller, as do frames of other UAVs, and the
         #    head of a cluster keeps the uploads of a round.
         received = self._receive(sense.inbox) if sense.inbox else ()
@@ -90,9 +88,9 @@ class Agent:
         refused: list[int] = []
         if self._period and tick % self._period == 0 and (number := self._rounds.opens(tick)):
             outbox += self._uploads(number, asleep)
-        if averages := self._relays and self._rounds.relays(tick) > 0:
+        if averages := self._rounds.relays(tick):
             silent = self._failed if asleep is None else self._failed | asleep
-            relays, refused = self._heads.relay(tick, self.uavs[controller.or_broken(silent)])
+            relays, refused = self._heads.relay(averages, self.uavs[controller.or_broken(silent)])
             outbox += relays
         # 3. Let the controller fly.
         step, commands, largest = controller.step(self._memory, tick, sense.states, received)
@@ -223,26 +221,19 @@ class Agent:
         return encode_record({name: np.ascontiguousarray(array) for name, array in kept.items()})
 
     def _resume(self, record: bytes) -> None:
-        """Goes on with what its rows had in memory; BadInput where that does not fit."""
+        """Goes on with what its rows had in memory, a record of `_kept`; BadInput where that does not fit."""
         try:
-            self._restore(decode_record(record))
+            kept = decode_record(record)
+            if (residuals := self._feedback.residuals) is not None:
+                found = kept.pop(_RESIDUALS, NOBODY)
+                self._feedback.residuals = expect("residuals", found, residuals.shape, np.float64).copy()
+            if set(kept) != set(self._memory):
+                raise MessageRejected("wrong-shape", f"a memory of {sorted(kept)}, expected {sorted(self._memory)}")
+            for name, array in self._memory.items():
+                self._memory[name] = expect(name, kept[name], array.shape, array.dtype).copy()
         except MessageRejected as error:
             uavs = ", ".join(map(str, self.uavs))
             raise BadInput(f"what UAV {uavs} had in memory does not fit this controller: {error}") from error
-
-    def _restore(self, kept: Memory) -> None:
-        """Goes on with a record of `_kept`.
-
-        Raises:
-            MessageRejected: it is of another controller.
-        """
-        if self._feedback.residuals is not None:
-            shape = self._feedback.residuals.shape
-            self._feedback.residuals = expect("residuals", kept.pop(_RESIDUALS, NOBODY), shape, np.float64).copy()
-        if set(kept) != set(self._memory):
-            raise MessageRejected("wrong-shape", f"a memory of {sorted(kept)}, expected {sorted(self._memory)}")
-        for name, array in self._memory.items():
-            self._memory[name] = expect(name, kept[name], array.shape, array.dtype).copy()
 
 
 def _within(numbers: NDArray[np.int32], end: int) -> bool:

@@ -26,6 +26,7 @@ class Channel:
 
     def __init__(self, options: "Channel.Options", scenario: Scenario) -> None:
         """`scenario`: for its `radio` and whatever else the channel goes by."""
+        self.options, self.scenario = options, scenario
 
     @abstractmethod
     def transmit(

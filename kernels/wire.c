@@ -22,27 +22,12 @@ static uint32_t number_at(const unsigned char *at) {
 
 static PyObject *refuse(const char *why) { return PyErr_SetString(PyExc_ValueError, why), NULL; }
 
-/* Whether so many bytes are finite floats of 2, 4 or 8 bytes each, wherever they begin. */
+/* Whether so many bytes are finite floats of 2, 4 or 8 bytes each, little-endian, wherever they begin. */
 static int all_finite(const unsigned char *at, size_t size, int item) {
+    const unsigned exponent = item == 8 ? 0x7ff0 : item == 4 ? 0x7f80 : 0x7c00; /* in the last two bytes */
     int sane = 1;
-    if (item == 8)
-        for (size_t i = 0; i < size; i += 8) {
-            uint64_t bits;
-            memcpy(&bits, at + i, sizeof bits);
-            sane &= (bits & 0x7ff0000000000000) != 0x7ff0000000000000;
-        }
-    else if (item == 4)
-        for (size_t i = 0; i < size; i += 4) {
-            uint32_t bits;
-            memcpy(&bits, at + i, sizeof bits);
-            sane &= (bits & 0x7f800000) != 0x7f800000;
-        }
-    else
-        for (size_t i = 0; i < size; i += 2) {
-            uint16_t bits;
-            memcpy(&bits, at + i, sizeof bits);
-            sane &= (bits & 0x7c00) != 0x7c00;
-        }
+    for (size_t i = (size_t)item - 2; i < size; i += (size_t)item)
+        sane &= ((at[i] | at[i + 1] << 8) & exponent) != exponent;
     return sane;
 }
 

@@ -5,7 +5,6 @@ from numpy.typing import NDArray
 
 from meanflock.channel.base import Channel, Floats
 from meanflock.channel.link import slots_needed
-from meanflock.swarm.scenario import Scenario
 
 
 class Ideal(Channel):
@@ -13,14 +12,11 @@ class Ideal(Channel):
 
     name = "ideal"
 
-    def __init__(self, options: Channel.Options, scenario: Scenario) -> None:
-        self._radio = scenario.radio
-
     def transmit(
         self, distance_m: Floats, bits: int, rng: np.random.Generator
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         links = len(distance_m)
-        return np.full(links, slots_needed(self._radio, bits), dtype=np.int64), np.ones(links, dtype=bool)
+        return np.full(links, slots_needed(self.scenario.radio, bits), dtype=np.int64), np.ones(links, dtype=bool)
 
     def expected(self, distance_m: Floats, bits: int) -> tuple[float, float]:
-        return 0.0, float(len(distance_m) * slots_needed(self._radio, bits))
+        return 0.0, float(len(distance_m) * slots_needed(self.scenario.radio, bits))

@@ -57,9 +57,9 @@ def one_round(of: Scenario, models: np.ndarray) -> tuple[np.ndarray | None, list
             if frames.kind == FrameKind.UPLOAD and of.federation.clusters > 1:
                 heads.check(frames)
                 heads.collect(frames)
-        said, refused = heads.relay(tick, np.zeros(0, dtype=np.intp))
-        assert not refused
-        if said:
+        if number := rounds.relays(tick):
+            said, refused = heads.relay(number, np.zeros(0, dtype=np.intp))
+            assert not refused
             relays = air.send(tick, said, states)
         kind = FrameKind.RELAY if of.federation.clusters > 1 else FrameKind.UPLOAD
         heard = tuple(

@@ -63,8 +63,7 @@ class Trajectory:
     """The trajectories of all UAVs of a scenario.
 
     Attributes:
-        starts, slots: (N, 2) m, from where to where. duration_s: (N,) from departure to rest; everybody departs when it
-        leaves the ground.
+        starts, slots: (N, 2) m, from where to where; everybody departs when it leaves the ground.
     """
 
     def __init__(self, scenario: Scenario, plan: state.States, cruise_m_s: float = CRUISE_M_S) -> None:
@@ -80,7 +79,6 @@ class Trajectory:
             common[rows] = math.fsum(common[rows]) / len(rows)
         self._profile = Trapezoid(common, cruise_m_s)
         self._way = way / np.where(common > 0.0, common, 1.0)[:, None]
-        self.duration_s = self._profile.duration_s
 
     def at(self, tick: int) -> tuple[Floats, Floats, Floats]:
         """Positions, velocities and accelerations (N, 2) in a tick, m, m/s and m/s²."""

@@ -70,9 +70,9 @@ class Windmap(Controller):
         self._speaks, self._replans = (max(1, round(each / dt)) for each in (options.speak_s, options.replan_s))
         self.period_ticks = max(1, round(options.period_s / dt))
         self.broadcast_numbers = SAID if options.share == "measurements" else 0
-        numbers = {"weights": AXES, "precision": INFORMATION}.get(options.share, 0)
-        self.parameters = numbers * self._grid.count if numbers else 0
-        self.parts = (self._grid.count,) * numbers
+        self._numbers = {"weights": AXES, "precision": INFORMATION}.get(options.share, 0)  # of a node that are shared
+        self.parts = (self._grid.count,) * self._numbers
+        self.parameters = sum(self.parts)
 
     @cached_property
     def _corridor(self) -> Corridor:
@@ -102,10 +102,8 @@ class Windmap(Controller):
             "ways": np.zeros((rows, stations)),
             "speeds": np.ones((rows, stations)),
         }
-        if self.options.share == "weights":
-            memory["shared"] = np.zeros((rows, nodes, AXES))  # the global model
-        if self.options.share == "precision":
-            memory["shared"] = np.zeros((rows, nodes, INFORMATION))
+        if self._numbers:
+            memory["shared"] = np.zeros((rows, nodes, self._numbers))  # the global model
         if self.options.share == "measurements":
             memory["said"] = np.zeros((rows, SAID + 1))  # sums of what is said next, and of how many
         return memory
@@ -140,11 +138,11 @@ class Windmap(Controller):
         return Step(after, acceleration, reported, broadcasts, refused)
 
     def get(self, memory: Memory) -> Floats:
-        share, rows = self.options.share, len(memory["uav"])
         if not self.parameters:
-            return np.zeros((rows, 0))
-        model = self._believed(memory) if share == "weights" else _joined(memory["shared"], memory["information"])
-        return model.transpose(0, 2, 1).reshape(rows, -1)
+            return super().get(memory)
+        averaged = self.options.share == "weights"
+        model = self._believed(memory) if averaged else _joined(memory["shared"], memory["information"])
+        return model.transpose(0, 2, 1).reshape(len(model), -1)
 
     def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
         shared, information = memory["shared"].copy(), memory["information"].copy()
