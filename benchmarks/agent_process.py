@@ -3,15 +3,14 @@
 import re
 import subprocess
 import time
-from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 
 import psutil
 
 from benchmarks import sizes
-from benchmarks.figure import Effort, Figure, Outcome, Say
-from benchmarks.lockstep_floor import FloorWorld
+from benchmarks.figure import Effort, Figure, Outcome, Say, per_call_ms
+from benchmarks.lockstep_floor import floor_of
 from benchmarks.processes import Children
 from meanflock.groundstation.station import Station
 from meanflock.swarm import scenario
@@ -134,19 +133,14 @@ def _floor() -> tuple[float, list[tuple[float, float]]]:
     asked = {name: (sizes.of(sizes.sense()), sizes.of(sizes.act())) for name in names}
     with Children("floor") as children:
         start = time.perf_counter()
-        world = FloorWorld(children.endpoint, children.run, names)
-        try:
+        with floor_of(children, names) as world:
             clients = children.start("benchmarks.lockstep_floor", "--imports", "--count", str(AGENTS))
             world.gather()
             world.tick(asked)
             first_s = time.perf_counter() - start
             for _ in range(TICKS_BEFORE_WEIGHING):
                 world.tick(asked)
-            weights = [memory_mib(client) for client in psutil.Process(clients.pid).children()]
-        finally:
-            world.close()
-            children.wait(2.0)
-    return first_s, weights
+            return first_s, [memory_mib(client) for client in psutil.Process(clients.pid).children()]
 
 
 def _join_agent() -> float:
@@ -155,27 +149,15 @@ def _join_agent() -> float:
         bus = ZenohBus.router(children.endpoint)
         try:
             world = World(scenario.load(None, method="mfg", uavs=1), bus, children.run)
-            seconds = _seconds(lambda: (children.start("meanflock.agent"), world.gather(_DEADLINE_S)))
+            ms = per_call_ms(lambda: (children.start("meanflock.agent"), world.gather(_DEADLINE_S)), 1)
             world.stop("weighed")
             children.wait(2.0)
         finally:
             bus.close()
-    return seconds
+    return ms / 1e3
 
 
 def _join_floor() -> float:
-    with Children("single") as children:
-        world = FloorWorld(children.endpoint, children.run, ["agent-0"])
-        try:
-            start = ("benchmarks.lockstep_floor", "--imports", "--node", "agent-0")
-            seconds = _seconds(lambda: (children.start(*start), world.gather()))
-        finally:
-            world.close()
-            children.wait(2.0)
-    return seconds
-
-
-def _seconds(work: Callable[[], object]) -> float:
-    start = time.perf_counter()
-    work()
-    return time.perf_counter() - start
+    with Children("single") as children, floor_of(children, ["agent-0"]) as world:
+        start = ("benchmarks.lockstep_floor", "--imports", "--node", "agent-0")
+        return per_call_ms(lambda: (children.start(*start), world.gather()), 1) / 1e3

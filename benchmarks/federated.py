@@ -1,12 +1,11 @@
 """One federated round: upload, average, broadcast, apply; on processes."""
 
-import time
 from collections.abc import Callable
 from statistics import median
 
 from benchmarks import sizes
-from benchmarks.figure import Effort, Figure, Outcome, Say
-from benchmarks.lockstep_floor import FloorWorld
+from benchmarks.figure import Effort, Figure, Outcome, Say, per_call_ms, per_tick_ms
+from benchmarks.lockstep_floor import floor_of
 from benchmarks.processes import Children
 from meanflock.swarm import scenario
 from meanflock.swarm.net.session import ZenohBus
@@ -37,10 +36,9 @@ def run(effort: Effort, say: Say) -> Outcome:
     names = [f"agent-{number}" for number in range(UAVS)]
     rounds: dict[str, list[float]] = {"swarm": [], "floor": []}
     ordinary: dict[str, list[float]] = {"swarm": [], "floor": []}
-    with Children("rounds") as swarm, Children("floor") as floor:
+    with Children("rounds") as swarm, Children("floor") as floor, floor_of(floor, [*names, "leader"]) as bare:
         say("starting 2 × 26 processes")
         bus = ZenohBus.router(swarm.endpoint)
-        bare = FloorWorld(floor.endpoint, floor.run, [*names, "leader"])
         try:
             world = World(flown, bus, swarm.run)
             swarm.start("meanflock.leader")
@@ -55,8 +53,8 @@ def run(effort: Effort, say: Say) -> Outcome:
                 next(ticks)
             for chunk in range(chunks):
                 say(f"round {chunk + 1} of {chunks}")
-                mine = [_ms(lambda: next(ticks)) for _ in range(CHUNK)]
-                its = [_ms(lambda k=k: bare.tick(shape(k))) for k in range(CHUNK)]
+                mine = [per_tick_ms(ticks, 1) for _ in range(CHUNK)]
+                its = [per_call_ms(lambda k=k: bare.tick(shape(k)), 1) for k in range(CHUNK)]
                 for who, times in (("swarm", mine), ("floor", its)):
                     rounds[who].append(sum(times[PERIOD : PERIOD + ROUND_TICKS]))
                     calm = [t for k, t in enumerate(times) if k % PERIOD >= ROUND_TICKS and k % REPORT_EVERY_TICKS]
@@ -66,9 +64,7 @@ def run(effort: Effort, say: Say) -> Outcome:
             world.stop("measured")
             swarm.wait(3.0)
         finally:
-            bare.close()
             bus.close()
-            floor.wait(2.0)
     payload = flown.participants * sizes.upload(_HF).payload.nbytes
     return _outcome(rounds, ordinary, uploads.wire_bytes, broadcasts.transmissions, payload)
 
@@ -109,9 +105,3 @@ def _outcome(
             Figure("its wire bytes, up", "B", [wire / rounds_flown], floor=models),
         ]
     )
-
-
-def _ms(work: Callable[[], object]) -> float:
-    start = time.perf_counter()
-    work()
-    return (time.perf_counter() - start) * 1e3

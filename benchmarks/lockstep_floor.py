@@ -9,12 +9,17 @@ import argparse
 import struct
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from meanflock.agent.prefork import fork
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.process import orphaned
+
+if TYPE_CHECKING:
+    from benchmarks.processes import Children
 
 _HEAD = struct.Struct("<II")  # tick, size of the answer wanted
 _HELLO = 0xFFFFFFFF
@@ -78,6 +83,17 @@ class FloorWorld:
             self._bus.put(key, b"")
         time.sleep(0.05)  # a router that closes at once takes its last words with it
         self._bus.close()
+
+
+@contextmanager
+def floor_of(children: "Children", names: Sequence[str]) -> Iterator[FloorWorld]:
+    """The world of such clients; they go home when it ends."""
+    world = FloorWorld(children.endpoint, children.run, names)
+    try:
+        yield world
+    finally:
+        world.close()
+        children.wait(2.0)
 
 
 def main() -> None:

@@ -4,7 +4,7 @@ import itertools
 
 from benchmarks import sizes
 from benchmarks.figure import Effort, Figure, Outcome, Say, per_call_ms
-from benchmarks.lockstep_floor import FloorWorld
+from benchmarks.lockstep_floor import floor_of
 from benchmarks.processes import Children, meanflock
 from meanflock.worldsim.node import REPORT_EVERY_TICKS
 
@@ -62,14 +62,9 @@ def floor_tick_ms(clients: int, ticks: int) -> float:
         for report in (False, True)
     )
     kinds = itertools.cycle([reported] + [asked] * (REPORT_EVERY_TICKS - 1))
-    with Children("floor") as children:
-        world = FloorWorld(children.endpoint, children.run, names)
-        try:
-            children.start("benchmarks.lockstep_floor", "--count", str(clients))
-            world.gather()
-            for _ in range(20):
-                world.tick(next(kinds))
-            return per_call_ms(lambda: world.tick(next(kinds)), ticks)
-        finally:
-            world.close()
-            children.wait(2.0)
+    with Children("floor") as children, floor_of(children, names) as world:
+        children.start("benchmarks.lockstep_floor", "--count", str(clients))
+        world.gather()
+        for _ in range(20):
+            world.tick(next(kinds))
+        return per_call_ms(lambda: world.tick(next(kinds)), ticks)

@@ -15,6 +15,7 @@ from benchmarks.machine import ROOT
 from meanflock.groundstation.children import end_all
 from meanflock.groundstation.launch import free_endpoint
 
+COMMAND = (sys.executable, "-m", "meanflock.groundstation.cli")
 _COMMAND_S = 150.0
 
 
@@ -88,17 +89,7 @@ def meanflock(*flags: str) -> tuple[dict[str, Any], float]:
         BenchmarkFailed: it failed; the text is the last line it said.
     """
     with tempfile.TemporaryDirectory(prefix="meanflock-bench-") as out:
-        command = [
-            sys.executable,
-            "-m",
-            "meanflock.groundstation.cli",
-            "run",
-            "--json",
-            "--quiet",
-            "--out",
-            out,
-            *flags,
-        ]
+        command = [*COMMAND, "run", "--json", "--quiet", "--out", out, *flags]
         start = time.perf_counter()
         printed, said, code = captured(command, _COMMAND_S)
         wall_s = time.perf_counter() - start

@@ -16,7 +16,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from benchmarks.figure import Effort, Figure, Outcome, Say
+from benchmarks.figure import Effort, Figure, Outcome, Say, per_tick_ms
 from meanflock.agent.node import Agent
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.client import NodeClient
@@ -160,20 +160,13 @@ def _in_process(effort: Effort) -> dict[str, Any]:
     from benchmarks.in_process import flight
 
     ticks = effort.of(1000, 200)
-    plain = flight("mfgfl-hf", UAVS).fly()
-    start = time.perf_counter()
-    for _ in range(ticks):
-        next(plain)
-    plain_us = (time.perf_counter() - start) / ticks * 1e6
+    plain_us = 1e3 * per_tick_ms(flight("mfgfl-hf", UAVS).fly(), ticks)
     with Stopwatch() as watch:
         watch.wrap([*LEARNER, *CODEC, *WORLD, *MEMORY_BUS])
         flown = flight("mfgfl-hf", UAVS).fly()
         next(flown)
         watch.clear()
-        start = time.perf_counter()
-        for _ in range(ticks):
-            next(flown)
-        total_us = (time.perf_counter() - start) / ticks * 1e6
+        total_us = 1e3 * per_tick_ms(flown, ticks)
     parts = watch.parts(ticks, total_us)
     return {"tick_us": total_us, "unprofiled_tick_us": plain_us, "parts": parts, "absent": watch.absent}
 
@@ -204,10 +197,8 @@ def _networked(effort: Effort) -> dict[str, Any]:
             for _ in range(20):
                 next(flight)
             watch.clear()
-            wall, cpu = time.perf_counter(), time.process_time()
-            for _ in range(ticks):
-                next(flight)
-            tick_us = (time.perf_counter() - wall) / ticks * 1e6
+            cpu = time.process_time()
+            tick_us = 1e3 * per_tick_ms(flight, ticks)
             cpu_us = (time.process_time() - cpu) / ticks * 1e6
             parts = watch.parts(ticks, tick_us)
             for _ in range(30):  # until the agent that weighs itself has written

@@ -4,7 +4,6 @@
 """
 
 import argparse
-import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from scipy.optimize import nnls
 from benchmarks import sizes, store
 from benchmarks.machine import BUSY_LOAD, ROOT
 from meanflock.channel.link import slots_needed
+from meanflock.groundstation.markdown import replaced
 from meanflock.kernels.weights import MODEL_FLOATS
 from meanflock.swarm import scenario, state
 from meanflock.swarm.wire import control
@@ -184,20 +184,6 @@ def draw(fitted: Fit, path: Path) -> None:
     figure.savefig(path, dpi=150, metadata={"Software": None})
 
 
-def rewritten(text: str, tables: dict[str, list[str]]) -> str:
-    """A page, what stands between `<!-- name -->` and `<!-- end -->` replaced.
-
-    Raises:
-        ValueError: it has no such place.
-    """
-    for name, lines in tables.items():
-        block = "\n".join([f"<!-- {name} -->", *lines, "<!-- end -->"])
-        text, found = re.subn(rf"<!-- {name} -->.*?<!-- end -->", lambda _, b=block: b, text, flags=re.DOTALL)
-        if found != 1:
-            raise ValueError(f"the page has {found} places for {name}; it needs one `<!-- {name} -->` … `<!-- end -->`")
-    return text
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Reads the record, writes page and picture."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.scaling", description=__doc__.splitlines()[0])
@@ -219,7 +205,10 @@ def main(arguments: list[str] | None = None) -> int:
         "bytes": sizes_table(record),
         "future": future_table(fitted),
     }
-    given.page.write_text(rewritten(given.page.read_text(encoding="utf-8"), tables), encoding="utf-8")
+    page = given.page.read_text(encoding="utf-8")
+    for name, lines in tables.items():
+        page = replaced(page, f"<!-- {name} -->", "<!-- end -->", lines)
+    given.page.write_text(page, encoding="utf-8")
     draw(fitted, given.picture)
     print(f"{given.page}\n{given.picture}")
     return 0

@@ -1,11 +1,10 @@
 """What encryption and certificates cost the swarm of processes."""
 
-import sys
 import tempfile
 from pathlib import Path
 
 from benchmarks.figure import Effort, Figure, Outcome, Say
-from benchmarks.processes import BenchmarkFailed, captured, meanflock
+from benchmarks.processes import COMMAND, BenchmarkFailed, captured, meanflock
 
 TITLE = "With TLS"
 ABOUT = (
@@ -17,15 +16,14 @@ UAVS = 25
 
 def run(effort: Effort, say: Say) -> Outcome:
     """With and without, in turns."""
-    command = [sys.executable, "-m", "meanflock.groundstation.cli"]
-    said, _, _ = captured([*command, "run", "--help"], 30.0)
+    said, _, _ = captured([*COMMAND, "run", "--help"], 30.0)
     if "--tls" not in said:
         raise BenchmarkFailed("meanflock run has no --tls")
     flags = ("--uavs", str(UAVS), "--set", "stop=duration", "--duration", str(effort.of(400, 60) / 10))
     ms: dict[str, list[float]] = {"plain": [], "tls": []}
     with tempfile.TemporaryDirectory(prefix="meanflock-bench-") as folder:
         certificates = str(Path(folder) / "certs")
-        _, said, code = captured([*command, "certs", "init", certificates, "--uavs", str(UAVS)], 60.0)
+        _, said, code = captured([*COMMAND, "certs", "init", certificates, "--uavs", str(UAVS)], 60.0)
         if code:
             raise BenchmarkFailed(f"meanflock certs init: {said.strip()}")
         for repeat in range(effort.of(3, 1)):

@@ -7,6 +7,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.markdown import replaced
 from meanflock.groundstation.station import Kept
 from meanflock.swarm import scenario
 from meanflock.swarm.clusters import Clusters
@@ -53,9 +54,7 @@ def main() -> None:
         )  # fmt: skip
         lines.append(f"| {radio} | {uavs} | {count} | {' | '.join(cells)} |")
     page = PAGE.read_text(encoding="utf-8")
-    before, start, rest = page.partition("<!-- clusters -->\n")
-    _, end, after = rest.partition("<!-- end -->")
-    PAGE.write_text("\n".join((before + start, *lines, "", end + after)), encoding="utf-8")
+    PAGE.write_text(replaced(page, "<!-- clusters -->", "<!-- end -->", ["", *lines, ""]), encoding="utf-8")
     print(PAGE)
 
 

@@ -11,6 +11,7 @@ from msgspec import structs
 from meanflock.agent.feedback import Feedback
 from meanflock.channel.link import slots_needed
 from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.markdown import replaced, table
 from meanflock.swarm import scenario
 from meanflock.swarm.declared import controller
 from meanflock.swarm.mean import fedavg
@@ -58,9 +59,7 @@ def main() -> None:
     }
     page = PAGE.read_text(encoding="utf-8")
     for name, lines in tables.items():
-        before, start, rest = page.partition(f"<!-- {name} -->\n")
-        _, end, after = rest.partition("<!-- end -->")
-        page = "\n".join((before + start, *lines, "", end + after))
+        page = replaced(page, f"<!-- {name} -->", "<!-- end -->", ["", *lines, ""])
     PAGE.write_text(page, encoding="utf-8")
     print(PAGE)
 
@@ -72,7 +71,7 @@ def fly(flown: Scenario, seeds: range) -> list[dict[str, Any]]:
 
 def transmissions() -> list[str]:
     """Bits, slots and wire bytes of one upload."""
-    lines = ["| method | payload | bits | slots K | wire bytes / payload bytes |", "|---|---|---|---|---|"]
+    rows = []
     for method in METHODS:
         for name in ("float64", "float32", "float16", "int8"):
             of = scenario.load(None, WRITTEN[name], method=method)
@@ -82,8 +81,8 @@ def transmissions() -> list[str]:
             bare = Act(2**31, 1000, np.ones((1, 2 + len(of.declared.diagnostics))))
             wire = len(write_act(structs.replace(bare, outbox=(sent,)))) - len(write_act(bare))
             slots = slots_needed(of.radio, coding.bits)
-            lines.append(f"| `{method}` | {name} | {coding.bits:,} | {slots} | {wire / coded.nbytes:.3f} |")
-    return lines
+            rows.append((f"`{method}`", name, f"{coding.bits:,}", f"{slots}", f"{wire / coded.nbytes:.3f}"))
+    return table(("method", "payload", "bits", "slots K", "wire bytes / payload bytes"), rows)
 
 
 def flights(runs: dict[Any, list[dict[str, Any]]], seeds: int) -> list[str]:
@@ -118,7 +117,7 @@ def flights(runs: dict[Any, list[dict[str, Any]]], seeds: int) -> list[str]:
 
 def rounding(seeds: range) -> list[str]:
     """What rounding takes from the mean of one round, and from the mean over all rounds of a flight."""
-    lines = ["| method | payload | feedback | one round | all rounds |", "|---|---|---|---|---|"]
+    rows = []
     for method in METHODS:
         of = scenario.load(None, CLEAR, method=method)
         heard = [uploads(scenario.load(None, (*CLEAR, f"seed={seed}"), method=method)) for seed in seeds]
@@ -127,8 +126,8 @@ def rounding(seeds: range) -> list[str]:
                 off = np.mean(
                     [distances(of, Coding(name, of.declared.parts), kept, rounds) for rounds in heard], axis=0
                 )  # type: ignore[arg-type]
-                lines.append(f"| `{method}` | {name} | {'yes' if kept else 'no'} | {off[0]:.1e} | {off[1]:.1e} |")
-    return lines
+                rows.append((f"`{method}`", name, "yes" if kept else "no", f"{off[0]:.1e}", f"{off[1]:.1e}"))
+    return table(("method", "payload", "feedback", "one round", "all rounds"), rows)
 
 
 def uploads(flown: Scenario) -> list[Frames]:

@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.progress import track
 
 from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.markdown import replaced
 from meanflock.groundstation.paper import statistics
 from meanflock.swarm import scenario
 
@@ -39,9 +40,9 @@ def main() -> None:
         flights = Parallel(n_jobs=given.jobs, return_as="generator")(delayed(fly)(*case) for case in work)
         rows = list(track(flights, "free flights", len(work), console=Console(stderr=True)))
         RESULTS.write_text("[\n" + ",\n".join(map(json.dumps, rows)) + "\n]\n", encoding="utf-8")
-    before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
     lines = table(json.loads(RESULTS.read_text(encoding="utf-8")))
-    PAGE.write_text("\n".join([before + BEGIN, "", *lines, "", END + rest.partition(END)[2]]), encoding="utf-8")
+    page = replaced(PAGE.read_text(encoding="utf-8"), BEGIN, END, ["", *lines, ""])
+    PAGE.write_text(page, encoding="utf-8")
     print(PAGE)
 
 

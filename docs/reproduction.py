@@ -17,6 +17,7 @@ import numpy as np
 from scipy.stats import binom
 
 from meanflock.groundstation.leaderboard.front import front
+from meanflock.groundstation.markdown import replaced
 from meanflock.groundstation.paper import regimes, statistics
 from meanflock.groundstation.paper.figures import draw
 from meanflock.groundstation.paper.store import load
@@ -171,31 +172,23 @@ def _ratio(record: Record, metric: str) -> str:
 def mapped(view: View) -> Record:
     """The map as plain values: every setting with its score, and those flown again with means and intervals."""
     found = regimes.places(view)
-    again = {place.setting: place for place in regimes.places(view, regimes.FOUND)}
+    again = regimes.places(view, regimes.FOUND)
     return {
         "claims": sorted(found[0].held, key=lambda name: int(name[1:])),
-        "settings": [
-            {
-                "setting": place.setting,
-                "score": round(place.score, 3),
-                "holds": {name: list(counts) for name, counts in place.held.items()},
-                "never_arrived": round(place.never_arrived, 4),
-            }
-            for place in found
-        ],
+        "settings": [_plain(place) for place in found],
         "best": [place.setting for place in regimes.best(found)],
         "paper-slow": regimes.slow(found).setting,
         "paper-printed": regimes.printed(found).setting,
-        "again": [
-            {
-                "setting": setting,
-                "score": round(place.score, 3),
-                "holds": {name: list(counts) for name, counts in place.held.items()},
-                "never_arrived": round(place.never_arrived, 4),
-                **_means(view, setting),
-            }
-            for setting, place in again.items()
-        ],
+        "again": [{**_plain(place), **_means(view, place.setting)} for place in again],
+    }
+
+
+def _plain(place: regimes.Place) -> Record:
+    return {
+        "setting": place.setting,
+        "score": round(place.score, 3),
+        "holds": {name: list(counts) for name, counts in place.held.items()},
+        "never_arrived": round(place.never_arrived, 4),
     }
 
 
@@ -269,8 +262,7 @@ def main(paper: Path, *others: Path) -> None:
             path.unlink()
     page = PAGE.read_text(encoding="utf-8")
     for (begin, end), lines in (((BEGIN, END), table(records)), (FINDINGS, findings(records, described))):
-        before, _, rest = page.partition(begin)
-        page = before + "\n".join([begin, "", *lines, "", end]) + rest.partition(end)[2]
+        page = replaced(page, begin, end, ["", *lines, ""])
     PAGE.write_text(page, encoding="utf-8")
 
 

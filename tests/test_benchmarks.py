@@ -220,13 +220,11 @@ def test_the_page_on_scaling_can_be_written_from_the_record_beside_it(tmp_path: 
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_record_without_the_races_and_a_page_without_the_places_are_said(tmp_path: Path, capsys: Any) -> None:
+def test_a_record_without_the_races_is_said(tmp_path: Path, capsys: Any) -> None:
     record = tmp_path / "other.json"
     record.write_text(json.dumps({"schema": store.SCHEMA, "races": {}}))
     assert scaling.main(["--json", str(record)]) == 2
     assert "--only scale scale_processes" in capsys.readouterr().err
-    with pytest.raises(ValueError, match="0 places for fit"):
-        scaling.rewritten("# A page\n", {"fit": []})
 
 
 def test_what_a_tick_is_taken_apart_into_is_there() -> None:

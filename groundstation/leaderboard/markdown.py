@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from meanflock.groundstation.leaderboard import tables
 from meanflock.groundstation.leaderboard.board import Board, Course, Standing
 from meanflock.groundstation.leaderboard.measures import MEASURES
+from meanflock.groundstation.markdown import table
 
 
 def markdown(board: Board, pictures: Mapping[str, str], introduction: str = "") -> str:
@@ -21,10 +22,10 @@ def markdown(board: Board, pictures: Mapping[str, str], introduction: str = "") 
         columns(),
     ]
     if len(board.courses) > 1:
-        parts += ["## Who is free of collisions where", tables.OVERVIEW, table(*_bold(tables.overview(board)))]
+        parts += ["## Who is free of collisions where", tables.OVERVIEW, _table(*_bold(tables.overview(board)))]
     for course in board.courses:
         parts += section(course, pictures)
-    parts += ["## The rows", table(("row", "controller and settings", "what it is"), tables.settings(rows(board)))]
+    parts += ["## The rows", _table(("row", "controller and settings", "what it is"), tables.settings(rows(board)))]
     return "\n\n".join(parts) + "\n"
 
 
@@ -46,7 +47,7 @@ def section(course: Course, pictures: Mapping[str, str]) -> list[str]:
     """Heading, words, table, notes and picture of a mission."""
     parts = [f"## {course.title}", f"`{course.name}`: {course.about or course.title}. {course.uavs} UAVs."]
     if course.standings:
-        parts.append(table(*_bold((tables.head(course), tables.body(course)))))
+        parts.append(_table(*_bold((tables.head(course), tables.body(course)))))
     if said := tables.notes(course):
         parts.append("\n".join(f"- {note}" for note in said))
     if course.name in pictures:
@@ -68,13 +69,5 @@ def _bold(shown: tuple[list[str], list[list[tables.Text]]]) -> tuple[list[str], 
     return head, [[f"**{cell.text}**" if cell.best else cell.text for cell in line] for line in lines]
 
 
-def table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    """A table; numbers are flush right but in the first column."""
-    marks = "|".join("---" for _ in head)
-    written = (f"| {' | '.join(_cell(text) for text in line)} |" for line in (head, *lines))
-    first, *rest = written
-    return "\n".join([first, f"|{marks}|", *rest])
-
-
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|").replace("\n", " ")
+def _table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    return "\n".join(table(head, lines))

@@ -4,22 +4,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from meanflock.groundstation.markdown import table
 from meanflock.groundstation.paper import figures
 from meanflock.groundstation.paper.figures import FIGURES
 from meanflock.groundstation.paper.report_claims import RULE, values
-from meanflock.groundstation.paper.report_sections import Section, Table
+from meanflock.groundstation.paper.report_sections import Section
 
 _MOST = 8  # numbers of a claim
-
-
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|").replace("\n", " ")
-
-
-def _table(table: Table) -> list[str]:
-    header, rows = table
-    lines = [f"| {' | '.join(header)} |", f"|{'---|' * len(header)}"]
-    return lines + [f"| {' | '.join(map(_cell, row))} |" for row in rows]
 
 
 def _few(lines: list[str]) -> list[str]:
@@ -54,11 +45,11 @@ def markdown(
         ]
         for record in records
     ]
-    lines += _table((("id", "figure", "claim", "measured", "verdict", "why"), rows))
+    lines += table(("id", "figure", "claim", "measured", "verdict", "why"), rows)
     lines += ["", "## Figures", ""]
     for name, path in drawn.items():
         where = path.relative_to(out).as_posix()
         lines += [f"![{name}]({where})", "", f"**{figures.titled(name)}.** {FIGURES[name][1]}", ""]
-    for heading, words, table in sections:
-        lines += [f"## {heading}", "", words, "", *_table(table), ""]
+    for heading, words, shown in sections:
+        lines += [f"## {heading}", "", words, "", *table(*shown), ""]
     return "\n".join(lines)

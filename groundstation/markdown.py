@@ -1,0 +1,25 @@
+"""Pages in Markdown: a table, and the part of a page that a program writes."""
+
+from collections.abc import Iterable, Sequence
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """A table, a line a row."""
+    first, *rest = (f"| {' | '.join(map(_cell, row))} |" for row in (head, *rows))
+    return [first, f"|{'---|' * len(head)}", *rest]
+
+
+def replaced(page: str, begin: str, end: str, lines: Iterable[str]) -> str:
+    """A page, what stands between two marks replaced by lines.
+
+    Raises:
+        ValueError: it has no such place, or several.
+    """
+    before, *there = page.split(begin)
+    if len(there) != 1 or end not in there[0]:
+        raise ValueError(f"the page has {len(there)} places for `{begin}` … `{end}`; it needs one")
+    return before + "\n".join([begin, *lines, end]) + there[0].partition(end)[2]
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("\n", " ")
