@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from meanflock.swarm import logs, plugins
+from meanflock.swarm import logs, plugins, scenario
 
 PATH = click.Path(path_type=Path)
 _METHODS = ", ".join(plugins.names("controller"))
@@ -51,6 +51,20 @@ def scenario_arguments(*names: str) -> Callable[[Any], Any]:
         return command
 
     return decorate
+
+
+def load_scenario(file: Path | None, settings: Iterable[str], **options: Any) -> scenario.Scenario:
+    """What those arguments say.
+
+    Raises:
+        BadInput: no scenario, or a flag and `--set` say a key each in their way.
+    """
+    from meanflock.groundstation.swept import refuse_setting
+
+    for key, value in options.items():
+        if value is not None:
+            refuse_setting(key, settings, f"is what --{key} says")
+    return scenario.load(file, settings, **options)
 
 
 def out_option(default: str, about: str = "Where results are written.") -> Callable[[Any], Any]:

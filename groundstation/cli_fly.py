@@ -15,6 +15,7 @@ from meanflock.groundstation import doctor as checks
 from meanflock.groundstation.cli_arguments import (
     PATH,
     in_process_option,
+    load_scenario,
     out_option,
     run_argument,
     scenario_arguments,
@@ -91,7 +92,7 @@ def run(
     Example: meanflock run --method hjb --uavs 9 --set wind.sigma=0.2
     """
     script = scenario.read_faults(faults) if faults is not None else None
-    flown = scenario.load(file, settings, method=method, uavs=uavs, seed=seed, duration=duration, faults=script)
+    flown = load_scenario(file, settings, method=method, uavs=uavs, seed=seed, duration=duration, faults=script)
     _refuse_if_too_large(flown, given["in_process"], given["uavs_per_process"])
     if view:
         display.check(

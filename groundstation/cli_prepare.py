@@ -10,9 +10,15 @@ from rich.table import Table
 
 from meanflock.groundstation import catalogue
 from meanflock.groundstation import doctor as checks
-from meanflock.groundstation.cli_arguments import PATH, out_option, scenario_arguments, uavs_per_process_option
+from meanflock.groundstation.cli_arguments import (
+    PATH,
+    load_scenario,
+    out_option,
+    scenario_arguments,
+    uavs_per_process_option,
+)
 from meanflock.groundstation.results import to_toml
-from meanflock.swarm import __version__, scenario
+from meanflock.swarm import __version__
 from meanflock.swarm.errors import EXIT_RUN_FAILED
 
 
@@ -114,7 +120,7 @@ def show(file: Path | None, settings: tuple[str, ...], **options: Any) -> None:
     \b
     Example: meanflock scenario show --method hjb > my.toml
     """
-    click.echo(to_toml(scenario.load(file, settings, **options)), nl=False)
+    click.echo(to_toml(load_scenario(file, settings, **options)), nl=False)
 
 
 @scenario_group.command()

@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from meanflock.groundstation.cli_arguments import PATH, out_option, quiet_option, report, scenario_arguments
+from meanflock.groundstation.cli_arguments import (
+    PATH,
+    load_scenario,
+    out_option,
+    quiet_option,
+    report,
+    scenario_arguments,
+)
 from meanflock.groundstation.cli_study_arguments import (
     SEEDS,
     backend_option,
@@ -57,7 +64,7 @@ def compare(
     from meanflock.groundstation import plots, study, swept
 
     swept.refuse_setting("method", given["settings"], "is what is compared")
-    scenarios = {(method,): scenario.load(file, method=method, **given) for method in dict.fromkeys(methods)}
+    scenarios = {(method,): load_scenario(file, method=method, **given) for method in dict.fromkeys(methods)}
     points = {names: study.seeded(flown, seeds or SEEDS) for names, flown in scenarios.items()}
     flown = _fly("compare", points, jobs, out, quiet)
     _show("compare", ("method",), flown, scenarios, out)
@@ -111,7 +118,7 @@ def sweep(
     scenarios: dict[tuple[Any, ...], Scenario] = {}
     for value in varied.values:
         for name in names:
-            one = scenario.load(file, (*settings, varied.setting(value)), method=name, **given)
+            one = load_scenario(file, (*settings, varied.setting(value)), method=name, **given)
             scenarios[(value,) if varied.key == "method" else (value, str(one.method))] = one
     each = 1 if varied.key == "seed" else seeds or SEEDS
     flown = _fly("sweep", {at: study.seeded(one, each) for at, one in scenarios.items()}, jobs, out, quiet)

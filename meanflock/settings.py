@@ -66,6 +66,6 @@ def scenario_of(scenario: str | Path | Scenario | None, settings: Mapping[str, A
             put(table, key, plain(value))
         except TypeError as error:
             raise BadInput(f"{key}: {error}; give a number, a text, a list or a dict") from error
-    flown = from_table(table, "scenario")
+    flown = from_table(table, "scenario", settings)
     flown.declared  # noqa: B018  # whoever cannot fly it hears of it now
     return flown

@@ -15,7 +15,7 @@ def read(path: Path, what: str) -> dict[str, Any]:
     from meanflock.swarm import scenarios  # only here: nodes are sent their scenario as JSON
 
     try:
-        return _parse(scenarios.found(path).read_text(encoding="utf-8"))
+        return _parse(scenarios.found(path).read_text(encoding="utf-8-sig"))  # some editors begin a file with a mark
     except OSError as error:
         named = path.parent == scenarios.FOLDER or not path.suffix
         there = f", or name one of {', '.join(file.stem for file in scenarios.shipped())}" if named else ""
@@ -28,11 +28,17 @@ def _parse(text: str) -> dict[str, Any]:
     """TOML, or ValueError."""
     import tomllib  # only here: nodes are sent their scenario as JSON
 
-    return tomllib.loads(text)
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError("lists or tables within each other, too deep to be read") from None
 
 
-def apply(table: dict[str, Any], setting: str) -> None:
+def apply(table: dict[str, Any], setting: str) -> str:
     """Sets one dotted key of `table` from the text `a.b=c`, c in TOML syntax; a bare word is a string.
+
+    Returns:
+        The key.
 
     Raises:
         BadInput: it is not written like that, or goes through something that is no table.
@@ -46,7 +52,9 @@ def apply(table: dict[str, Any], setting: str) -> None:
         value = text.strip()
         if value[:1] in tuple("[{\"'"):  # no bare word
             raise BadInput(f"--set {setting}: `{value}` is not TOML: {error}") from error
-    put(table, key.strip(), value, f"--set {setting}")
+    key = key.strip()
+    put(table, key, value, f"--set {setting}")
+    return key
 
 
 def put(table: dict[str, Any], key: str, value: Any, where: str = "") -> None:

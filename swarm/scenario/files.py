@@ -1,6 +1,6 @@
 """Scenarios read and written: TOML files and tables of plain values, and JSON between processes."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +9,7 @@ import msgspec
 from meanflock.swarm import toml
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.faults import Fault
+from meanflock.swarm.scenario import switches
 from meanflock.swarm.scenario.scenario import Scenario
 from meanflock.swarm.table import Table as _Table
 
@@ -62,30 +63,34 @@ def load(path: Path | None, settings: Iterable[str] = (), **options: Any) -> Sce
     """Reads a TOML file (none: the paper's scenario), then applies `a.b=c` settings, then named options.
 
     Raises:
-        BadInput: unreadable file, bad TOML, unknown key, wrong type or value out of range; the message names
-            the file or setting, the key and the bound.
+        BadInput: unreadable file, bad TOML, unknown key, wrong type or value out of range, or a key that does nothing
+            without another; the message names the file or setting, the key and the bound.
     """
     table: dict[str, Any] = {}
     where = "scenario"
     if path is not None:
         where = str(path)
         table = toml.read(path, "scenario file")
-    for setting in settings:
-        toml.apply(table, setting)
+    said = [toml.apply(table, setting) for setting in settings]
     table.update({name: value for name, value in options.items() if value is not None})
-    return from_table(table, where)
+    return from_table(table, where, said)
 
 
-def from_table(table: dict[str, Any], where: str) -> Scenario:
-    """The scenario a table of plain values says; `where` it comes from.
+def from_table(table: dict[str, Any], where: str, said: Collection[str] = ()) -> Scenario:
+    """The scenario a table of plain values says; `where` it comes from. `said`: dotted keys of it that were set one by
+    one, on top of a file or a scenario.
 
     Raises:
-        BadInput: unknown key, wrong type or value out of range.
+        BadInput: unknown key, wrong type or value out of range, or a key that does nothing without another.
     """
     try:
-        return msgspec.convert(table, Scenario)
+        flown = msgspec.convert(table, Scenario)
+        switches.check(table, said)
     except msgspec.ValidationError as error:
         raise BadInput(f"{where}: {_explain(error, Scenario)}") from error
+    except ValueError as error:
+        raise BadInput(f"{where}: {error}") from error
+    return flown
 
 
 def _explain(error: msgspec.ValidationError, kind: type) -> str:

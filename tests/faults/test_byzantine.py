@@ -170,7 +170,7 @@ def test_a_false_upload_is_false_in_a_narrow_payload_too(payload: str, kind: str
 @pytest.mark.parametrize("name", ["median", "krum"])
 def test_robust_rules_withstand_noise_in_bytes_as_they_do_in_floats(name: str) -> None:
     in_bytes = ("duration=15", "radio.target_snr_db=70", "federation.payload=int8", "federation.byzantine_kind=noise")
-    honest = Lab(scenario("uavs=10", "federation.fraction=1.0", *in_bytes))
+    honest = Lab(scenario("uavs=10", "federation.fraction=1.0", "federation.byzantine_fraction=0", *in_bytes))
     honest.fly()
     off = {}
     for aggregation in ("fedavg", name):
@@ -182,7 +182,7 @@ def test_robust_rules_withstand_noise_in_bytes_as_they_do_in_floats(name: str) -
 
 def test_with_robust_aggregation_a_fifth_of_noise_disturbs_the_flight_less_than_with_the_mean() -> None:
     noise = ("duration=20", "federation.byzantine_kind=noise", "radio.target_snr_db=70")
-    honest = Lab(scenario("uavs=10", "federation.fraction=1.0", *noise))
+    honest = Lab(scenario("uavs=10", "federation.fraction=1.0", "federation.byzantine_fraction=0", *noise))
     honest.fly()
     off = {}
     for name in ("fedavg", *ROBUST):

@@ -19,6 +19,7 @@ from meanflock.swarm import scenario
 from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput
 from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.scenario.switches import SWITCHES
 from tests.methods import METHODS
 
 MEND = "`meanflock scenario schema`"
@@ -121,6 +122,9 @@ BAD: dict[str, tuple[str, ...]] = {  # what is wrong: the text as TOML, then wha
     "no TOML": ("uavs = = 3", "TOML", "line 1"),
     "half a table": ("[wind\nsigma = 1.0", "TOML", "line 1"),
     "a key twice": ("uavs = 1\nuavs = 2", "TOML"),
+    "lists without end": ("x = " + "[" * 5000 + "]" * 5000, "TOML", "too deep"),
+    "an option of no filter": ("[filter.options]\nreach_m = 5.0", "`filter.options` does nothing", "filter.kind=ecbf"),
+    "a size of no field": ("[wind]\nfield_length = 5.0", "`wind.field_length` does nothing", "wind.field_rms"),
 }
 
 
@@ -171,6 +175,10 @@ def test_a_file_that_is_not_there_or_cannot_be_read_is_named(tmp_path: Path) -> 
         ("wind.mean=3", ("wind.mean", "expected a list, got a whole number")),
         ("federation.agregation=median", ("did you mean `federation.aggregation`?",)),
         ("..=1", ()),
+        ("filter.delta_m=1", ("`filter.delta_m` does nothing without `filter.kind`", "filter.kind=ecbf")),
+        ("filter.options.reach_m=9", ("`filter.options` does nothing", "filter.kind=ecbf")),
+        ("cost.separation_range=2", ("cost.separation_range", "cost.separation=")),
+        ("federation.byzantine_kind=noise", ("federation.byzantine_kind", "federation.byzantine_fraction=")),
     ],
 )
 def test_a_bad_setting_is_bad_input_with_one_line(setting: str, parts: tuple[str, ...]) -> None:
@@ -244,6 +252,32 @@ def test_options_win_over_settings_and_settings_over_the_file(tmp_path: Path) ->
     loaded = load(path, ["seed=3", "dt=0.3", "wind.sigma=0.3"], dt=0.4, method=None)
     assert (loaded.uavs, loaded.seed, loaded.dt) == (2, 3, 0.4)
     assert (loaded.wind.sigma, loaded.wind.drag, loaded.wind.mean) == (0.3, 0.2, (1.0, -1.0))
+
+
+def test_a_switch_that_is_off_where_it_was_said_to_be_is_what_was_wanted(tmp_path: Path) -> None:
+    path = tmp_path / "s.toml"
+    path.write_text('[filter]\nkind = "none"\ndelta_m = 0.5', encoding="utf-8")
+    assert load(path).filter.delta_m == 0.5  # as a run leaves it
+    assert load(None, ["filter.delta_m=0.5", "filter.kind=none"]).filter.delta_m == 0.5  # as in a sweep
+    with pytest.raises(BadInput, match="does nothing without"):
+        load(path, ["filter.delta_m=0.7"])
+    on = ["filter.kind=ecbf", "cost.separation=0.1", "wind.field_rms=0.5", "federation.byzantine_fraction=0.2"]
+    for switch in on:
+        assert load(None, [switch]) != load(None)
+
+
+def test_the_switches_are_keys_and_off_by_default() -> None:
+    plain = msgspec.to_builtins(load(None))
+    for table, key, off, example, others in SWITCHES:
+        assert plain[table][key] == off
+        assert set(others or ()) < set(plain[table])
+        load(None, [f"{table}.{key}={example}"])
+
+
+def test_a_file_may_begin_with_the_mark_some_editors_leave(tmp_path: Path) -> None:
+    path = tmp_path / "s.toml"
+    path.write_bytes(b"\xef\xbb\xbfuavs = 4\r\n")
+    assert load(path).uavs == 4
 
 
 def test_a_setting_is_a_bare_word_or_any_toml_value() -> None:
