@@ -76,8 +76,8 @@ def _listen(
             raise RunFailed(f"interrupted; {folder.path} holds what was recorded")
         if lost is not None and time.monotonic() - lost > given.wait:
             raise RunFailed(
-                "the world is gone: it ended, and its log says why, or was killed, as the system does with what takes too "
-                f"much memory, or cannot be reached; {folder.path} holds what was flown; {go_on(folder.path)}"
+                "the world is gone: it ended, and its log says why, or was killed, as the system does with what takes "
+                f"too much memory, or cannot be reached; {folder.path} holds what was flown; {go_on(folder.path)}"
             )
         delivery = bus.receive(0.2)
         if delivery is None:

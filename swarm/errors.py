@@ -32,7 +32,11 @@ class WorldGone(BusError):
 
 
 class Refused(BusError):
-    """The world answered that a node cannot take part."""
+    """The world answered that a node cannot take part; `over`: because the flight is over."""
+
+    def __init__(self, text: str, over: bool = False) -> None:
+        super().__init__(text)
+        self.over = over
 
 
 class MessageRejected(MeanflockError):

@@ -13,7 +13,7 @@ from meanflock.swarm.net.bus import Bus, Delivery
 from meanflock.swarm.net.identity import STATION
 from meanflock.swarm.printable import printable
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import LOST, OVER, Event, Join, Message, Ready, Received, Refusal, Stop, Welcome
+from meanflock.swarm.wire.messages import Event, Join, Message, Ready, Received, Refusal, Stop, Welcome
 from meanflock.swarm.wire.tick import TYPES
 from meanflock.worldsim.barrier import Barrier
 from meanflock.worldsim.checkpoint import Resumption
@@ -103,17 +103,17 @@ class Admission:
         about = {"tick": self._flight.tick, "peer": member.name, "uavs": member.uavs.tolist(), "reason": why}
         log.warning("lost %s: %s", member.name, why, extra=about)
         self._counters.nodes_lost += self.flying
-        self.dismiss(member, f"{LOST}{why}")
+        self.dismiss(member, why, lost=True)
         if len(member.uavs) and self.flying:
             self.unattended |= dict.fromkeys(member.uavs.tolist(), self._clock())
             self._flight.lose(member.uavs, "lost", f"{member.name}: {why}")
         else:
             self._note("lost", f"{member.name}: {why}")
 
-    def dismiss(self, member: Member, why: str) -> None:
-        """Sends a node home; its UAVs are free for another."""
+    def dismiss(self, member: Member, why: str, lost: bool = False) -> None:
+        """Sends a node home; its UAVs are free for another. `lost`: not because it has nothing left to do."""
         self.members.lose(member)
-        self._stop(member.name, why)
+        self._stop(member.name, why, lost)
         if self._barrier.forget(member.name) and member.role == LEADER:
             self.on_leader_lost()
 
@@ -166,7 +166,7 @@ class Admission:
         if member is None:
             raise MessageRejected("unknown-node", name)
         if member.lost:
-            self._stop(name, f"{LOST}nobody waits for this node any more")
+            self._stop(name, "nobody waits for this node any more", lost=True)
             raise MessageRejected("unknown-node", f"{name}, which was lost")
         try:
             if len(raw) > (most := self._limits.act(member.rows)):
@@ -227,7 +227,7 @@ class Admission:
         if keys.node_of(delivery.key) != (asker := keys.asker(join.role, join.uav)):
             raise MessageRejected("wrong-name", f"a Join of {asker}")
         if self.closed and join.role != STATION:  # who records may still fetch what waits
-            delivery.reply(control.encode(Refusal(OVER)))
+            delivery.reply(control.encode(Refusal("the flight is over", over=True)))
             return
         name, uavs = STATION, np.zeros(0, dtype=np.intp)  # a ground station only asks what is flown
         if join.role != STATION:
@@ -272,10 +272,11 @@ class Admission:
         if delivery.kind == "gone":
             self.lose(member, "its liveliness token vanished")
         elif member.lost:
-            self._stop(name, f"{LOST}nobody waits for this node any more")
+            self._stop(name, "nobody waits for this node any more", lost=True)
 
-    def _stop(self, name: str, why: str) -> None:
-        self._bus.put(keys.sense(self._run, name), control.encode(Stop(self._fingerprint, why)))
+    def _stop(self, name: str, why: str, lost: bool = False) -> None:
+        why = f"lost: {why}" if lost else why
+        self._bus.put(keys.sense(self._run, name), control.encode(Stop(self._fingerprint, why, lost)))
 
 
 def _peer(where: str) -> str:

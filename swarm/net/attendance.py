@@ -7,7 +7,7 @@ from collections.abc import Callable
 from meanflock.swarm.errors import BusError, Refused, WorldGone
 from meanflock.swarm.net.bus import Bus
 from meanflock.swarm.net.client import Node, NodeClient
-from meanflock.swarm.wire.messages import LOST, OVER, Join, Welcome
+from meanflock.swarm.wire.messages import Join, Welcome
 
 log = logging.getLogger("meanflock.node")
 
@@ -63,7 +63,7 @@ def take_part(
             finally:
                 bus.close()
             times += 1
-            if not missed.startswith(LOST) or times > _MISSED_AT_MOST:
+            if client.stopped is None or not client.stopped.lost or times > _MISSED_AT_MOST:
                 return missed
         except WorldGone as error:
             lost, missed = error, None
@@ -71,8 +71,8 @@ def take_part(
         except BusError as error:
             if missed is not None:
                 return missed
-            if lost is not None and isinstance(error, Refused) and OVER in str(error):
-                return OVER
+            if lost is not None and isinstance(error, Refused) and error.over:
+                return str(error)
             if over() and not isinstance(error, Refused):
                 return "interrupted"
             if lost is None or isinstance(error, Refused):

@@ -23,7 +23,6 @@ log = logging.getLogger("meanflock.node")
 
 _READY_AGAIN_S = 0.2  # until the first Sense: what is put right after a declaration can get lost
 _ASK_TIMEOUT_S = 2.0
-_GONE = "the world is gone"
 _REFUSED_AGAIN_S = 0.25  # a predecessor that was killed is missed within milliseconds, a frozen one at the barrier
 _MAX_DROP_LINES = 100  # in the log; the counter goes on
 
@@ -47,7 +46,8 @@ class NodeClient:
         self._last_tick = -1
         self._last_act = b""
         self._busy = threading.RLock()  # the node is asked by one thread at a time; again by the same, on a memory bus
-        self.stopped: str | None = None  # why the world sent everyone home
+        self.stopped: Stop | None = None  # with what the world sent it home
+        self._gone = False  # the world, without a word
         self.dropped: Counter[str] = Counter()
 
     def join(
@@ -85,7 +85,7 @@ class NodeClient:
         return welcome
 
     def serve(self, cancelled: Callable[[], bool], abandoned: Callable[[], bool]) -> str:
-        """Answers until the world says stop, and returns why.
+        """Answers until the world says stop (`stopped`), or it is told to end, and returns why.
 
         `cancelled` is asked after every delivery, `abandoned` only when there is nothing to do.
 
@@ -93,6 +93,8 @@ class NodeClient:
             WorldGone: the session with the world ended without a word.
         """
         while self.stopped is None:
+            if self._gone:
+                raise WorldGone(f"the world of run {self._run!r} is gone; `meanflock resume` goes on with its run")
             if cancelled():
                 return "interrupted"
             delivery = self._bus.receive(_READY_AGAIN_S)
@@ -102,14 +104,12 @@ class NodeClient:
                 return "the launcher is gone"
             elif self._last_tick < 0:
                 self._ready()
-        if self.stopped == _GONE:
-            raise WorldGone(f"the world of run {self._run!r} is gone; `meanflock resume` goes on with its run")
-        return self.stopped
+        return self.stopped.reason
 
     def handle(self, delivery: Delivery) -> None:
         """One delivery. What does not fit is dropped, counted and logged; the node is as it was."""
         if delivery.kind == "gone":
-            self.stopped = _GONE
+            self._gone = True
         elif delivery.kind == "message":
             with self._busy:
                 take = self._asked if delivery.payload[1:2] in tick.TYPES else self._control
@@ -149,7 +149,7 @@ class NodeClient:
                 message = control.decode(answer)
                 if not isinstance(message, Refusal):
                     return message
-                failure = Refused(f"the world refused: {message.reason}")
+                failure = Refused(f"the world refused: {message.reason}", message.over)
                 if not message.for_now:
                     raise failure
                 log.info("refused for now: %s", message.reason)
@@ -174,7 +174,7 @@ class NodeClient:
     def _control(self, key: str, raw: bytes) -> None:
         """Any other message: the last one."""
         try:
-            self.stopped = control.decode_as(Stop, raw, self._fingerprint).reason
+            self.stopped = control.decode_as(Stop, raw, self._fingerprint)
         except MessageRejected as error:
             self._drop(key, error)
 

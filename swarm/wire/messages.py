@@ -69,6 +69,7 @@ class Refusal(_Message, frozen=True, tag="refusal"):
 
     reason: str
     for_now: bool = False  # what stands against it may pass: a UAV is free again once its agent is lost
+    over: bool = False  # the flight is over
 
 
 class Ready(_Message, frozen=True, tag="ready"):
@@ -103,14 +104,11 @@ class Act(msgspec.Struct, frozen=True, eq=False):
 
 
 class Stop(_Message, frozen=True, tag="stop"):
-    """World to everyone: the flight is over."""
+    """World to a node: it can go home."""
 
     run: int
     reason: str
-
-
-LOST = "lost: "  # how the reason of a Stop begins that goes to a node the world does not wait for any more
-OVER = "the flight is over"  # the reason of the Refusal of a node that comes after the last tick
+    lost: bool = False  # the world does not wait for it any more; the flight may go on
 
 
 class Event(_Message, frozen=True, tag="event"):

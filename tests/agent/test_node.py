@@ -322,5 +322,5 @@ def test_what_is_old_foreign_or_broken_is_dropped_counted_and_never_answered() -
 def test_a_stop_of_this_run_ends_the_service() -> None:
     world = World(flown())
     world.ask(control.encode(Stop(NUMBER, "finished")))
-    assert world.client.stopped == "finished"
+    assert world.client.stopped.reason == "finished"
     assert world.client.serve(lambda: False, lambda: False) == "finished"

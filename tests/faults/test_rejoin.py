@@ -101,20 +101,20 @@ def test_the_old_process_that_comes_back_is_refused_and_told_to_go_home_and_its_
         before = lab.world.counters.drops.copy()
         old.put(keys.act(RUN, "agent-1"), control.encode(Act(NUMBER, 60, np.zeros((1, 5)))))
         assert lab.world.counters.drops - before == {"unknown-node": 1}
-        assert "lost" in (client.stopped or "")
+        assert client.stopped.lost
         client.stopped = None
         old.put(keys.act(RUN, "agent-1"), control.encode(Ready(NUMBER)))
-        assert "lost" in (client.stopped or "")
+        assert client.stopped.lost
         client.stopped = None
         lab.world.handle(Delivery("alive", keys.alive(RUN, "agent", "agent-1")))
-        assert "lost" in (client.stopped or "")
+        assert client.stopped.lost
 
     successor = {}
     summary = lab.fly({20: freeze, 40: lambda: successor.update(client=lab.agent()), 60: thaw})
     assert isinstance(control.decode(heard[0].payload), Stop)
     assert not [d for d in heard if not isinstance(control.decode(d.payload), Stop)]
     assert summary["lost"] == 0
-    assert successor["client"].stopped == "finished"
+    assert (successor["client"].stopped.reason, successor["client"].stopped.lost) == ("finished", False)
 
 
 def test_a_node_that_was_admitted_and_never_became_ready_frees_its_place_for_another() -> None:

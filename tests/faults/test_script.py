@@ -72,7 +72,8 @@ def test_a_killed_uav_falls_silent_and_flies_on_without_command_and_its_process_
     lab = Lab(flown('{kind="kill", tick=30, uavs=[1, 2]}'), uavs_per_node=1)
     client = lab.bus_of("agent-1").handler.__self__  # type: ignore[union-attr]
     summary = lab.fly({35: lambda: lab.agent()})  # a new process may take over
-    assert "killed" in client.stopped
+    assert "killed" in client.stopped.reason
+    assert not client.stopped.lost
     assert summary["lost"] == 1
     assert summary["nodes_lost"] == 0
     assert lab.told.kinds("lost", "rejoined") == [(30, "lost"), (35, "rejoined")]

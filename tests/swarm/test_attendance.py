@@ -1,5 +1,7 @@
 """Taking part in a run: a node that is told to leave while it still looks for the world leaves, and nothing failed."""
 
+from typing import ClassVar
+
 import pytest
 
 from meanflock.agent.node import Agent
@@ -7,7 +9,7 @@ from meanflock.swarm.errors import BusError, Refused, WorldGone
 from meanflock.swarm.net import attendance
 from meanflock.swarm.net.attendance import take_part
 from meanflock.swarm.net.bus import Bus, MemoryNetwork
-from meanflock.swarm.wire.messages import OVER, Join
+from meanflock.swarm.wire.messages import Join, Stop
 
 
 def nowhere(timeout_s: float) -> Bus:
@@ -25,7 +27,8 @@ def test_who_finds_no_world_in_time_says_so() -> None:
 
 
 class Comer:
-    """A `NodeClient` that is let in `times` times, loses its session each time, and is refused from then on."""
+    """A `NodeClient` that is let in `times` times, loses its session each time, and is refused from then on, in words
+    that say nothing."""
 
     times = 0
 
@@ -34,7 +37,7 @@ class Comer:
 
     def join(self, *_: object) -> None:
         if not Comer.times:
-            raise Refused(f"the world refused: {OVER}")
+            raise Refused("the world refused: no", over=True)
         Comer.times -= 1
 
     def serve(self, *_: object) -> str:
@@ -53,7 +56,30 @@ def test_who_lost_its_session_and_comes_back_after_the_last_tick_goes_home_and_w
         return take_part(lambda _: network.endpoint(), "r", Join("agent", 1), Agent, 60.0, lambda: False, lambda: False)
 
     if times:
-        assert part() == OVER
+        assert part() == "the world refused: no"
     else:
-        with pytest.raises(Refused, match=OVER):
+        with pytest.raises(Refused):
             part()
+
+
+class Sent(Comer):
+    """A `NodeClient` that the world sends home each time."""
+
+    stops: ClassVar[list[Stop]] = []
+
+    def join(self, *_: object) -> None:
+        pass
+
+    def serve(self, *_: object) -> str:
+        self.stopped = Sent.stops.pop(0)
+        return self.stopped.reason
+
+
+def test_who_is_taken_for_lost_joins_again_whatever_the_words_and_who_is_sent_home_goes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(attendance, "NodeClient", Sent)
+    Sent.stops = [Stop(1, "for a reason", lost=True), Stop(1, "lost: and found"), Stop(1, "never heard")]
+    network = MemoryNetwork()
+    why = take_part(lambda _: network.endpoint(), "r", Join("agent", 1), Agent, 60.0, lambda: False, lambda: False)
+    assert why == "lost: and found"
