@@ -45,7 +45,7 @@ class Guarded:
         self.broken: Mask | None = None
         self._method, self._declared = scenario.method, scenario.declared
         self._blank = np.zeros((len(uavs), state.AXES + len(self._declared.diagnostics)))  # commands
-        self._uavs, self._complaints = uavs, complaints
+        self._uavs, self._everyone, self._complaints = uavs, scenario.uavs, complaints
         self._controller: Controller = controller(scenario)
         self._known = np.zeros(len(uavs), dtype=bool)  # who has been complained of
         self.asleep: Mask | None = None
@@ -75,7 +75,7 @@ class Guarded:
             ) from error
 
     def _begun(self, uavs: Rows, plan: Floats) -> Memory:
-        return checked_memory(self._controller.init(uavs, plan), len(uavs))
+        return checked_memory(self._controller.init(uavs.copy(), plan), len(uavs))
 
     def step(self, memory: Memory, tick: int, own: Floats, received: Sequence[Received]) -> tuple[Step, Floats, float]:
         """The step of all rows, their commands (M, 2 + K), and the largest |number| of these: of rows in which the
@@ -83,9 +83,10 @@ class Guarded:
         """
         try:
             step = self._controller.step(memory, tick, own, received)
-            return step, *checked_step(step, memory, self._blank, self._declared)
+            return step, *checked_step(step, memory, self._blank, self._declared, self._everyone)
         except FAILURES as error:
-            step, commands = step_each_alone(self._controller, memory, tick, own, received, self._declared)
+            asked = self._controller, memory, tick, own, received
+            step, commands = step_each_alone(*asked, self._declared, self._everyone)
             self._break(np.flatnonzero(np.isnan(commands).any(axis=-1)), error)
             return step, commands, float(np.abs(commands).max(initial=0.0))
 

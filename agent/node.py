@@ -117,11 +117,16 @@ class Agent:
             tick,
             commands,
             self._names[self._failed],
-            np.array(refused, np.int32) if averages else distinct(step.refused).astype(np.int32),  # uploads, or states
+            np.array(refused, np.int32) if averages else self._others(step.refused),  # uploads, or states
             learned,
             self._kept() if sense.checkpoint else b"",
             tuple(outbox),
         )
+
+    def _others(self, refused: NDArray[np.integer]) -> NDArray[np.int32]:
+        """UAVs that are refused, each once; nobody refuses itself, though it may one in the row beside it."""
+        found = distinct(refused).astype(np.int32)
+        return found if len(self.uavs) > 1 else found[found != self._names[0]]
 
     # -- what goes out ------------------------------------------------------------------------------------------
 

@@ -72,9 +72,9 @@ def checked_table(name: str, table: Floats, rows: int, width: int) -> Floats:
     return numbers
 
 
-def checked_step(step: Step, before: Memory, blank: Floats, declared: Declared) -> tuple[Floats, float]:
+def checked_step(step: Step, before: Memory, blank: Floats, declared: Declared, uavs: int) -> tuple[Floats, float]:
     """The commands of a step from the memory `before`: accelerations, then diagnostics, in an array like `blank`
-    (M, 2 + K); and the largest |number| of them, NaN where one is.
+    (M, 2 + K); and the largest |number| of them, NaN where one is. uavs: of the swarm.
 
     Raises:
         TypeError, ValueError: something of it has not the shape it must have.
@@ -89,9 +89,16 @@ def checked_step(step: Step, before: Memory, blank: Floats, declared: Declared) 
     checked_again(step.memory, before)
     if step.broadcasts:
         _check_broadcasts(step.broadcasts, len(blank), declared)
-    if len(step.refused) and not (isinstance(step.refused, np.ndarray) and step.refused.dtype.kind == "i"):
-        raise TypeError("`refused` is no array of numbers of UAVs")
+    if len(step.refused):
+        _check_refused(step.refused, uavs)
     return commands, largest
+
+
+def _check_refused(refused: object, uavs: int) -> None:
+    if not (isinstance(refused, np.ndarray) and refused.ndim == 1 and refused.dtype.kind == "i"):
+        raise TypeError("`refused` is no array of numbers of UAVs")
+    if refused.min() < 0 or refused.max() >= uavs:
+        raise ValueError(f"`refused` names UAVs from {refused.min()} to {refused.max()}; there are 0 … {uavs - 1}")
 
 
 def _tables(step: Step, rows: int, declared: Declared) -> tuple[Floats, Floats]:
@@ -180,7 +187,13 @@ def put(memory: Memory, alone: Mapping[int, Memory]) -> Memory:
 
 
 def step_each_alone(
-    controller: Controller, memory: Memory, tick: int, own: Floats, received: Sequence[Received], declared: Declared
+    controller: Controller,
+    memory: Memory,
+    tick: int,
+    own: Floats,
+    received: Sequence[Received],
+    declared: Declared,
+    uavs: int,
 ) -> tuple[Step, Floats]:
     """The step of every row by itself. Of rows that fail the memory is as it was, and the commands are NaN."""
     rows, columns = len(own), AXES + len(declared.diagnostics)
@@ -190,7 +203,7 @@ def step_each_alone(
     def ask(row: int) -> Step:
         alone = row_of(memory, row)
         step = controller.step(alone, tick, own[row : row + 1], of_row(received, row))
-        numbers, _ = checked_step(step, alone, np.zeros((1, columns)), declared)
+        numbers, _ = checked_step(step, alone, np.zeros((1, columns)), declared, uavs)
         payloads = {
             number: broadcast.payload[0]
             for number, broadcast in enumerate(step.broadcasts)

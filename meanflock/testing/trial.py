@@ -92,7 +92,7 @@ class PointSwarm:
         """The commands of a step, (M, 2 + K), `before` being its memory of M rows: what is declared, and finite."""
         try:
             blank = np.zeros((rows, AXES + len(self.declared.diagnostics)))
-            commands, _ = checked_step(step, before, blank, self.declared)
+            commands, _ = checked_step(step, before, blank, self.declared, len(self.uavs))
         except FAILURES as error:
             fail(
                 self.controller, f"`step` returned what a flight cannot use: {_words(error)}", "return what is declared"

@@ -180,6 +180,18 @@ GOES_WRONG: dict[str, tuple[dict[str, Any], str]] = {
         "mf.Broadcast",
     ),
     "a broadcast alone": ({"step": changed(broadcasts=lambda good, bad: good.broadcasts[0])}, "of mf.Broadcast"),
+    "refuses who is not there": (
+        {"step": changed(refused=lambda good, bad: np.array([0, UAVS]))},
+        "`refused` names UAVs from 0 to 5; there are 0 … 4",
+    ),
+    "refuses who cannot be": (
+        {"step": changed(refused=lambda good, bad: np.array([-1]))},
+        "`refused` names UAVs from -1",
+    ),
+    "refuses a table": (
+        {"step": changed(refused=lambda good, bad: np.zeros((1, 2), int))},
+        "no array of numbers of UAVs",
+    ),
     "refuses in words": ({"step": changed(refused=lambda good, bad: ["UAV 3"])}, "refused"),
     "an acceleration that is no number": (
         {"step": changed(acceleration=lambda good, bad: spoiled(good.acceleration, bad, np.nan))},
@@ -237,6 +249,24 @@ def test_accelerations_of_any_number_do_where_no_diagnostics_are_declared(kind: 
         return Step(memory, push.tolist() if kind is list else push.astype(kind))
 
     assert fly(flown(wrong(diagnostics=(), step=step)))[0]["lost"] == 0
+
+
+def test_who_refuses_itself_is_not_lost_for_it_and_who_writes_to_what_init_is_given_harms_nobody() -> None:
+    def init(self: Honest, uavs: np.ndarray, plan: np.ndarray) -> Memory:
+        memory = Honest.init(self, uavs, plan)
+        uavs += 1
+        return memory
+
+    def step(self: Honest, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        good = Honest.step(self, memory, tick, own, received)
+        return Step(good.memory, good.acceleration, good.diagnostics, good.broadcasts, memory["uav"])
+
+    hashes = set()
+    for rows in (None, 1):
+        summary, _ = fly(flown(wrong(init=init, step=step), *QUIET), rows)
+        assert (summary["lost"], summary["nodes_lost"], summary["dropped_messages"]) == (0, 0, {})
+        hashes.add(summary["trajectory_sha256"])
+    assert hashes == {fly(flown(Honest, *QUIET))[0]["trajectory_sha256"]}
 
 
 def test_a_memory_that_no_checkpoint_can_keep_costs_its_own_uav_and_not_the_checkpoint(
