@@ -16,8 +16,11 @@ from meanflock.swarm.state import VELOCITY, States
 
 
 class Cruise(Controller):
-    """a = k_v (v_ref − v) + c0 (v − v_o), v_ref = min(speed, slowing · distance) towards the goal; stays where it
-    arrives; sends nothing."""
+    """Flies straight to its goal at one speed, and knows nothing of the others.
+
+    a = k_v (v_ref − v) + c0 (v − v_o), v_ref = min(speed, slowing · distance) towards the goal. It stays where it
+    arrives, and sends nothing.
+    """
 
     name = "cruise"
     broadcast_numbers = 0

@@ -25,7 +25,9 @@ INFEASIBLE_M_S2 = 1e-6  # what may be missing of a half-plane that is still call
 
 
 class Ecbf(Filter):
-    """The command nearest to the controller's that keeps every two UAVs, and every UAV and disc, apart.
+    """Exponential control barrier functions: keeps every two UAVs, and every UAV and obstacle, apart.
+
+    Of all commands that do, the one nearest to the controller's.
 
     What is limited to `acceleration_max_m_s2` is the motion, drag and mean wind as known beforehand taken off and added
     again; so a controller that wants more is limited even where nobody is near. Where not everything can be kept, the

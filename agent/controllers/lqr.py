@@ -21,7 +21,10 @@ from meanflock.swarm.state import POSITION, VELOCITY, States
 
 
 class Lqr(Controller):
-    """a = −k_r (r − goal) − k_v v + c0 (v − v_o); sends nothing."""
+    """Linear-quadratic regulator to its goal; knows nothing of the others.
+
+    a = −k_r (r − goal) − k_v v + c0 (v − v_o). It sends nothing.
+    """
 
     name = "lqr"
     broadcast_numbers = 0

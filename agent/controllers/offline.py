@@ -78,7 +78,10 @@ class OpenLoopPlan:
 
 
 class Offline(Controller):
-    """Flies the plan of its own start; `[offline]` limits speed and acceleration."""
+    """Flies a path computed before take-off, without looking where it is.
+
+    `[offline]` limits speed and acceleration.
+    """
 
     name = "offline"
 

@@ -8,7 +8,10 @@ from meanflock.swarm.mean import fedavg
 
 
 class FedAvg(Aggregator):
-    """The mean, added up in the order of the UAVs."""
+    """The mean of the models.
+
+    Added up in the order of the UAVs.
+    """
 
     name = "fedavg"
 

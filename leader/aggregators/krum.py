@@ -8,7 +8,9 @@ from meanflock.leader.aggregators.suspects import suspects
 
 
 class Krum(Aggregator):
-    """The model whose n − f − 2 nearest others are nearest, f = ⌈tolerance·n⌉.
+    """The model that is nearest to most others.
+
+    The one whose n − f − 2 nearest others are nearest, f = ⌈tolerance·n⌉.
 
     Of equally good ones, the first in lexicographic order of the weights. `federation.tolerance` is the share of
     uploads that are taken to be false.

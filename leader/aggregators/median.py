@@ -7,7 +7,10 @@ from meanflock.leader.aggregators.base import Aggregator, Floats, State
 
 
 class Median(Aggregator):
-    """The middle value of every coordinate, or the mean of both."""
+    """The median of every coordinate.
+
+    Of an even number of models, the mean of the middle two.
+    """
 
     name = "median"
 

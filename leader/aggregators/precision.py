@@ -11,7 +11,9 @@ from meanflock.leader.aggregators.base import Aggregator, Floats, State
 
 
 class Precision(Aggregator):
-    """A model is [means …, precisions]: some vectors of means, and one of the precisions, 1/variance, that they share.
+    """The mean weighted by precision, of models that carry their precisions.
+
+    A model is [means …, precisions]: some vectors of means, and one of the precisions, 1/variance, that they share.
 
     Of each quantity the global mean is Σ λ m / Σ λ, as that of the product of Gaussians, and the global precision the
     mean of λ: what everybody has from the last round counts once, not once for each. A precision below 0 counts as 0;

@@ -115,7 +115,7 @@ class MeanField(Controller):
 
 
 class Hjb(MeanField):
-    """Learns the value alone; every state, every tick, to every UAV in range."""
+    """Learns the value; broadcasts its state in every tick to every UAV in range."""
 
     name = "hjb"
     learns_density = False
@@ -127,13 +127,13 @@ class Hjb(MeanField):
 
 
 class Mfg(MeanField):
-    """Learns value and density; shares the initial states only, or states every n_s ticks."""
+    """Learns value and density; sends the initial states only, or states every n_s ticks."""
 
     name = "mfg"
 
 
 class MfgflH(MeanField):
-    """Like mfg, and value models are averaged."""
+    """Like `mfg`; the federation averages the value models."""
 
     name = "mfgfl-h"
     shared = VALUE
@@ -141,7 +141,7 @@ class MfgflH(MeanField):
 
 
 class MfgflF(MeanField):
-    """Like mfg, and density models are averaged."""
+    """Like `mfg`; the federation averages the density models."""
 
     name = "mfgfl-f"
     shared = DENSITY
@@ -149,7 +149,7 @@ class MfgflF(MeanField):
 
 
 class MfgflHf(MeanField):
-    """Like mfg, and both models are averaged, every 200 ticks."""
+    """Like `mfg`; the federation averages both models, every 200 ticks."""
 
     name = "mfgfl-hf"
     shared = slice(VALUE.start, DENSITY.stop)

@@ -24,7 +24,10 @@ from meanflock.swarm.state import Floats
 
 
 class FedLspi(PlannedLearner):
-    """Follows the plan with gains that it learns; `share = false`: everybody for itself."""
+    """Follows the trajectory of `plan` with gains that it learns by least-squares policy iteration.
+
+    With `share = false` every UAV learns alone.
+    """
 
     name = "fed-lspi"
     learned = "gains"

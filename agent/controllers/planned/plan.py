@@ -19,7 +19,10 @@ from meanflock.swarm.state import States
 
 
 class Plan(Planned):
-    """a = a* + k_p (r* − r) + k_v (v* − v) + c0 (v − v_o); sends nothing."""
+    """Follows a trajectory computed before take-off, as all others do; every UAV knows all of them.
+
+    a = a* + k_p (r* − r) + k_v (v* − v) + c0 (v − v_o). It sends nothing.
+    """
 
     name = "plan"
 

@@ -27,7 +27,11 @@ LOWEST, HIGHEST = np.array([0.0, -3.0, -3.0]), np.array([1.0, 3.0, 3.0])  # esti
 
 
 class Rls(PlannedLearner):
-    """a = a* + k_p (r* − r) + k_v (v* − v) + θ1 v − (θ2, θ3); `share = false`: everybody for itself."""
+    """Follows the trajectory of `plan`; identifies drag and wind by recursive least squares.
+
+    a = a* + k_p (r* − r) + k_v (v* − v) + θ1 v − (θ2, θ3). With `share = false` every UAV uses its own estimate
+    only.
+    """
 
     name = "rls"
     learned = "estimate"

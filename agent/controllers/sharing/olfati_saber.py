@@ -25,7 +25,10 @@ def bump(z: Rows, h: float) -> Rows:
 
 
 class OlfatiSaber(SharingController):
-    """u = gradient + consensus + saturated way to the goal, + c0 (v − v_o)."""
+    """Flocking in a lattice, after Olfati-Saber (2006).
+
+    u = gradient + consensus + saturated way to the goal, + c0 (v − v_o).
+    """
 
     name = "olfati-saber"
 

@@ -21,8 +21,11 @@ INFEASIBLE_M_S = 1e-6  # what may be missing of a half-plane that is still calle
 
 
 class Orca(TravellingController):
-    """a = k_v (v_orca − v) + c0 (v − v_o); v_orca nearest to the velocity of `cruise`, turned a little to the right if
-    so wished."""
+    """Optimal reciprocal collision avoidance, after van den Berg, Guy, Lin and Manocha (2011).
+
+    a = k_v (v_orca − v) + c0 (v − v_o); v_orca is nearest to the velocity of `cruise`, turned to the right by
+    `right_bias`.
+    """
 
     name = "orca"
     diagnostics = ("infeasible", "unsent")

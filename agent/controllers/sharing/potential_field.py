@@ -17,7 +17,10 @@ from meanflock.swarm.state import VELOCITY, Plane, Rows, States
 
 
 class PotentialField(TravellingController):
-    """a = k_v (v_ref − v) + Σ η (1/ρ − 1/ρ0)/ρ² ∇ρ + c0 (v − v_o), ρ the distance from an edge; ‖·‖ limited."""
+    """Artificial potential fields, after Khatib (1986).
+
+    a = k_v (v_ref − v) + Σ η (1/ρ − 1/ρ0)/ρ² ∇ρ + c0 (v − v_o), ρ the distance from an edge; ‖·‖ is limited.
+    """
 
     name = "potential-field"
 

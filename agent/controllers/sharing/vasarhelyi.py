@@ -24,7 +24,10 @@ def braking(distance_m: Rows, slope_1_s: float, acceleration: float) -> Rows:
 
 
 class Vasarhelyi(TravellingController):
-    """a = (v_d − v)/τ + c0 (v − v_o), v_d = v_ref + repulsion + friction; v_ref is that of `cruise`."""
+    """Flocking with repulsion and friction, after Vásárhelyi and others (2018).
+
+    a = (v_d − v)/τ + c0 (v − v_o), v_d = v_ref + repulsion + friction; v_ref is that of `cruise`.
+    """
 
     name = "vasarhelyi"
 

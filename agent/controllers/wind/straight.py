@@ -19,7 +19,10 @@ LIMIT_M_S2 = 3.0
 
 
 class Straight(Controller):
-    """v_ref to the goal, a = k_v (v_ref − v) + c0 (v − v_o); sends nothing."""
+    """Flies straight to its goal at the speed that costs least in the mean wind it was told.
+
+    a = k_v (v_ref − v) + c0 (v − v_o). It sends nothing.
+    """
 
     name = "straight"
     broadcast_numbers = 0

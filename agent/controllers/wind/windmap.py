@@ -39,7 +39,7 @@ LOOK_M = 6.0  # how far ahead on its way a UAV flies to
 
 
 class Windmap(Controller):
-    """Measures the wind, maps it, flies by the map."""
+    """Measures the wind, maps it, and flies by the map."""
 
     name = "windmap"
     diagnostics = ("wind_x_m_s", "wind_y_m_s", "mapped")
