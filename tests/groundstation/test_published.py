@@ -73,8 +73,8 @@ def test_readme_and_documentation_say_the_counts_that_were_found() -> None:
     first_screen = " ".join(readme.partition("\n![")[0].split())
     reproduced, refuted, undecided, untestable = counts.values()
     sentence = (
-        f"Of 53 claims of the paper {reproduced} are reproduced in it, {refuted} are not, "
-        f"{undecided} are left undecided by the data and {untestable} cannot be tested"
+        f"Of 53 claims of the paper {reproduced} are reproduced, {refuted} are not, "
+        f"{undecided} are undecided and {untestable} cannot be tested"
     )
     assert sentence in first_screen
     held = [reproduction.counted(RECORDS, name)[REPRODUCED] for name in ("paper", "paper-slow", "paper-printed")]
