@@ -170,7 +170,7 @@ the barrier's deadline, and the round is averaged without it. What a million mut
 
 ## False states
 
-Methods that broadcast states can be lied to in these, too. One of 25 UAVs flies `hjb` honestly and broadcasts its true
+A UAV can also broadcast false states. One of 25 UAVs flies `hjb` honestly and broadcasts its true
 position with a false velocity, in every tick; the paper's scenario, seeds 1 to 3
 (`tests/faults/test_implausible_states.py` flies it smaller).
 
@@ -182,8 +182,8 @@ position with a false velocity, in every tick; the paper's scenario, seeds 1 to 
 | 99 m/s, believed | 25, 25, 25 | 150, 171, 175 | 5, 17, 10 | 0 |
 
 A velocity above `radio.plausible_speed`, or a position that nobody can have come to at that speed, is not believed: the
-UAV stays where it was last believed to be. A lie below the bound is believed. At 99 m/s it hurries the others and
-breaks nothing here; a bound nearer to what the craft can fly leaves less room for lies, and less for other scenarios.
+UAV stays where it was last believed to be. A false state below the bound is used. At 99 m/s it hurries the others and
+breaks nothing here; a bound nearer to what the craft can fly admits fewer false states, but also fewer scenarios.
 
 ## What this does not show
 
