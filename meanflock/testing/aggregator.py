@@ -6,10 +6,20 @@ import msgspec
 import numpy as np
 
 from meanflock.leader.aggregators.base import Aggregator, State
-from meanflock.swarm.failures import FAILURES
+from meanflock.swarm.failures import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.control import decode_record, encode_record
-from meanflock.testing.error import alike, copies, fail, make, same, text_of, with_other_randomness
+from meanflock.testing.error import (
+    alike,
+    asked,
+    check_class,
+    check_kept,
+    copies,
+    fail,
+    make,
+    same,
+    with_other_randomness,
+)
 from meanflock.testing.pace import SLOW_MS, check_pace
 
 PARAMETERS, UAVS, ROUNDS = 12, 7, 5
@@ -31,6 +41,7 @@ def check_aggregator(
     Raises:
         ConformanceError: a check fails; the text says what to mend.
     """
+    check_class(aggregator, "aggregator")
     flown = msgspec.structs.replace(scenario or Scenario(), federation=Scenario().federation)
     options = options or {}
 
@@ -39,7 +50,7 @@ def check_aggregator(
 
         def run() -> tuple[list[np.ndarray], State]:
             rule: Aggregator = make(aggregator, options, flown)
-            state, averaged = rule.init(PARAMETERS), []
+            state, averaged = _begun(rule, PARAMETERS), []
             for number in range(1, ROUNDS + 1):
                 uavs = np.sort(draw.choice(50, 1 + number % UAVS, replace=False))
                 models = draw.standard_normal((len(uavs), PARAMETERS))
@@ -48,10 +59,14 @@ def check_aggregator(
                 given = [models, uavs, *state.values()]
                 before = copies(given)
                 try:
-                    state, model = rule.step(state, models, uavs, number)
+                    answer = rule.step(state, models, uavs, number)
                 except FAILURES as error:
-                    what = f"`step` with {len(uavs)} models failed: {text_of(error)}"
+                    what = f"`step` with {len(uavs)} models failed: {last_line(error)}"
                     fail(aggregator, what, "any number from one on must do")
+                if not isinstance(answer, tuple) or len(answer) != 2:
+                    fail(aggregator, f"`step` returns a {type(answer).__name__}", "return the state and the model")
+                state, model = answer
+                check_kept(aggregator, "state", state)
                 if not all(same(one, other) for one, other in zip(before, given, strict=True)):
                     fail(
                         aggregator, "`step` writes to an array it was given", "return new arrays; copy before you write"
@@ -78,7 +93,7 @@ def check_aggregator(
             fail(aggregator, why, mend)
 
     rule: Aggregator = make(aggregator, options, flown)
-    kept, uavs = rule.init(MODEL), np.arange(SWARM)
+    kept, uavs = _begun(rule, MODEL), np.arange(SWARM)
     many = np.random.default_rng(6).standard_normal((SWARM, MODEL))
 
     def average(number: int) -> None:
@@ -86,3 +101,10 @@ def check_aggregator(
         kept, _ = rule.step(kept, many, uavs, number)
 
     check_pace(aggregator, f"a round of {SWARM} models", slow_ms, average)
+
+
+def _begun(rule: Aggregator, parameters: int) -> State:
+    """What a rule remembers at first."""
+    state = asked(type(rule), rule.init, parameters, mend="return a dict of arrays")
+    check_kept(type(rule), "state", state)
+    return state

@@ -4,14 +4,16 @@ from typing import Any
 
 import numpy as np
 
-from meanflock.swarm.failures import FAILURES
+from meanflock.channel.medium import MOST_SLOTS
+from meanflock.swarm.failures import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
-from meanflock.testing.error import fail, make, same, text_of, with_other_randomness
+from meanflock.testing.error import asked, check_class, fail, make, same, with_other_randomness
 from meanflock.testing.pace import SLOW_MS, check_pace
 
 LINKS = 40
 ALL_LINKS = 25 * 24  # of the paper's swarm, for the time a message takes
 BITS = (1, 128, 3456, 7872)
+_EXPECTED = "return outages and slots of delivered messages, summed over the links; or None"
 
 
 def check_channel(
@@ -29,6 +31,7 @@ def check_channel(
     Raises:
         ConformanceError: a check fails; the text says what to mend.
     """
+    check_class(channel, "channel")
     flown = scenario or Scenario()
 
     def sent(seed: int, draw: int, afresh: bool = False) -> list[np.ndarray]:
@@ -41,13 +44,17 @@ def check_channel(
                     if afresh:
                         made = make(channel, options or {}, flown)
                     try:
-                        slots, delivered = made.transmit(distance, bits, rng)
+                        answer = made.transmit(distance, bits, rng)
                     except FAILURES as error:
-                        what = f"`transmit` over {links} links failed: {text_of(error)}"
+                        what = f"`transmit` over {links} links failed: {last_line(error)}"
                         fail(channel, what, "any number of links must do")
+                    if not isinstance(answer, tuple) or len(answer) != 2:
+                        fail(channel, f"`transmit` returns a {type(answer).__name__}", "return slots and delivered")
+                    slots, delivered = answer
                     if not same(given, distance):
                         fail(channel, "`transmit` writes to the distances", "copy before you write")
                     _check(channel, links, np.asarray(slots), np.asarray(delivered))
+                    _check_expected(channel, asked(channel, made.expected, distance, bits, mend=_EXPECTED))
                     all_sent += [np.asarray(slots), np.asarray(delivered)]
             return all_sent
 
@@ -82,3 +89,17 @@ def _check(channel: type, links: int, slots: np.ndarray, delivered: np.ndarray) 
         fail(channel, f"`transmit` returns {came}", "return slots as int64 and delivered as bool")
     if (slots < 1).any():
         fail(channel, "a message takes no slot at all", "a message takes one slot at least, lost ones too")
+    if (slots > MOST_SLOTS).any():
+        fail(channel, f"a message takes {slots.max()} slots", f"at most {MOST_SLOTS}")
+
+
+def _check_expected(channel: type, expected: Any) -> None:
+    if expected is None:
+        return
+    try:
+        outages, slots = expected
+        fine = bool(np.isfinite([float(outages), float(slots)]).all())
+    except FAILURES:
+        fine = False
+    if not fine:
+        fail(channel, f"`expected` returns {expected!r}", _EXPECTED)

@@ -6,8 +6,10 @@ import msgspec
 import numpy as np
 
 from meanflock.agent.controllers.base import Controller
+from meanflock.agent.rows import checked_again
+from meanflock.swarm import declared
 from meanflock.swarm.scenario import Scenario
-from meanflock.testing.error import alike, copies, fail, same
+from meanflock.testing.error import alike, asked, check_class, copies, fail, make, same
 from meanflock.testing.pace import SLOW_MS, check_pace
 from meanflock.testing.trial import PointSwarm, Trial
 
@@ -34,11 +36,27 @@ def check_controller(
     Raises:
         ConformanceError: a check fails; the text says what to mend.
     """
+    check_class(controller, "controller")
     flown = scenario or Scenario(uavs=UAVS)
     flown = msgspec.structs.replace(flown, method=controller.name, controller=dict(options or {}))
-    swarm = PointSwarm(controller, flown, options or {})
-    _empty_rows(swarm)
+
+    def made() -> Controller:
+        """As a flight makes it, behind the scenario's filter."""
+        alone: Controller = make(controller, options or {}, flown)
+        behind: Controller = declared.filtered(alone, flown)
+        return behind
+
+    check_swarm(PointSwarm(controller, flown, made), slow_ms)
+
+
+def check_swarm(swarm: PointSwarm, slow_ms: float) -> None:
+    """Everything that a flight relies on.
+
+    Raises:
+        ConformanceError: a check fails; the text says what to mend.
+    """
     _silence(swarm)
+    _empty_rows(swarm)
     together = swarm.trial()
     _pure(swarm)
     _deterministic(swarm, together)
@@ -105,32 +123,40 @@ def _checkpointed(swarm: PointSwarm, together: Trial) -> None:
 
 def _models(swarm: PointSwarm, together: Trial) -> None:
     """What is uploaded can be set, and reaches the rows it is for."""
-    made, parameters = swarm.make(), swarm.declared.parameters
-    for method, width, name in (
-        (made.get, parameters, "parameters"),
-        (made.report, swarm.declared.weights, "weights"),
+    made, parameters, of = swarm.make(), swarm.declared.parameters, swarm.controller
+    for called, method, width, name in (
+        ("get", made.get, parameters, "parameters"),
+        ("report", made.report, swarm.declared.weights, "weights"),
     ):
-        shape = np.shape(method(together.memory)) if width else (len(swarm.uavs), 0)
-        if shape != (len(swarm.uavs), width):
-            mend = f"return one row a UAV, `{name}` wide"
-            fail(
-                swarm.controller,
-                f"`{method.__name__}` returns shape {shape}, expected {(len(swarm.uavs), width)}",
-                mend,
-            )
+        if not width:
+            continue
+        expected, mend = (len(swarm.uavs), width), f"return one row a UAV, `{name}` wide"
+        table = asked(of, method, together.memory, mend=mend)
+        if np.shape(table) != expected:
+            fail(of, f"`{called}` returns shape {np.shape(table)}, expected {expected}", mend)
+        if not np.isfinite(table).all():
+            fail(of, f"`{called}` returns a number that is not finite", "guard divisions, roots and empty sums")
     if not parameters:
         return
     model = np.linspace(-1.0, 1.0, parameters)
     rows = np.array([0, len(swarm.uavs) - 1])
     before = {name: array.copy() for name, array in together.memory.items()}
-    after = made.set(together.memory, rows, np.stack([model, model]))
+    models = np.stack([model, model])
+    mend = "return the memory with `models` in its rows `rows`"
+    after = asked(of, made.set, together.memory, rows, models, mend=mend)
+    if not same(models, np.stack([model, model])) or not same(rows, np.array([0, len(swarm.uavs) - 1])):
+        fail(of, "`set` writes to an array it was given", _PURE)
     if (written := alike(before, together.memory)) is not None:
-        fail(swarm.controller, f"`set` writes to memory[{written!r}]", _PURE)
+        fail(of, f"`set` writes to memory[{written!r}]", _PURE)
+    try:
+        checked_again(after, together.memory)
+    except (TypeError, ValueError) as error:
+        fail(of, f"`set` returns what a flight cannot use: {error}", mend)
     got, had = made.get(after), made.get(together.memory)
     if not np.allclose(got[rows], model):
-        fail(swarm.controller, "`get` does not return what was `set`", "store the model in the memory")
+        fail(of, "`get` does not return what was `set`", "store the model in the memory")
     if not same(np.delete(got, rows, axis=0), np.delete(had, rows, axis=0)):
-        fail(swarm.controller, "`set` changes rows it was not told to", "write to `rows` only")
+        fail(of, "`set` changes rows it was not told to", "write to `rows` only")
 
 
 def _quick(swarm: PointSwarm, slow_ms: float) -> None:

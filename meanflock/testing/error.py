@@ -8,6 +8,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.failures import FAILURES, last_line
+from meanflock.swarm.plugin_class import Door, checked
+from meanflock.swarm.wire.control import MAX_AXES, TRAVELS
+
 T = TypeVar("T")
 
 
@@ -15,25 +20,54 @@ class ConformanceError(AssertionError):
     """A plug-in does not keep what a flight relies on; the text says what to mend."""
 
 
-def fail(of: type, what: str, mend: str) -> NoReturn:
+def fail(of: Any, what: str, mend: str) -> NoReturn:
     """Raises ConformanceError."""
-    raise ConformanceError(f"{of.__name__}: {what}; {mend}")
+    raise ConformanceError(f"{getattr(of, '__name__', repr(of))}: {what}; {mend}")
 
 
-def text_of(error: BaseException) -> str:
-    """An exception in a line."""
-    return f"{type(error).__name__}: {error}"
-
-
-def make(of: type, options: Mapping[str, Any], *context: Any) -> Any:
-    """An instance with such options, as a flight makes it."""
+def check_class(of: Any, door: Door) -> None:
+    """What a flight asks of the class itself, before it makes anything of it."""
+    if not isinstance(of, type):
+        fail(of, "it is no class", "pass the class itself, neither its name nor an instance")
     for attribute in ("name", "Options"):
         if not getattr(of, attribute, None):
             fail(of, f"it has no `{attribute}`", "derive it from the base class of its door and give it a name")
     try:
-        return of(msgspec.convert(dict(options), of.Options), *context)  # type: ignore[attr-defined]
+        checked(door, of.name, of, of.__module__)  # type: ignore[attr-defined]
+    except BadInput as error:
+        fail(of, str(error), "no flight takes it")
+
+
+def make(of: type, options: Mapping[str, Any], *context: Any) -> Any:
+    """An instance with such options, as a flight makes it."""
+    try:
+        typed = msgspec.convert(dict(options), of.Options)  # type: ignore[attr-defined]
     except msgspec.ValidationError as error:
         fail(of, f"its options {dict(options)} do not fit: {error}", "give every option a default, or pass `options`")
+    try:
+        return of(typed, *context)
+    except FAILURES as error:
+        fail(of, f"it cannot be made: {last_line(error)}", "`__init__` takes the options and the scenario, and no more")
+
+
+def asked(of: type, method: Callable[..., T], *given: Any, mend: str) -> T:
+    """What a method answers."""
+    try:
+        return method(*given)
+    except FAILURES as error:
+        fail(of, f"`{getattr(method, '__name__', 'it')}` failed: {last_line(error)}", mend)
+
+
+def check_kept(of: type, what: str, arrays: Any) -> None:
+    """What a plug-in remembers: arrays by name, finite, of a kind that a checkpoint keeps."""
+    if not isinstance(arrays, dict) or not all(isinstance(name, str) for name in arrays):
+        fail(of, f"{what} is a {type(arrays).__name__}", "return a dict of arrays, named by texts")
+    for name, array in arrays.items():
+        if not isinstance(array, np.ndarray) or array.dtype not in TRAVELS or array.ndim > MAX_AXES:
+            came = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
+            fail(of, f"{what}[{name!r}] is {came}", "remember arrays of numbers or booleans, which a checkpoint keeps")
+        if not np.isfinite(array).all():
+            fail(of, f"{what}[{name!r}] is not finite", "guard divisions, roots and empty sums")
 
 
 def same(one: NDArray[Any], other: NDArray[Any]) -> bool:

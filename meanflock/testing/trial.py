@@ -1,6 +1,6 @@
 """A trial flight of a controller: a swarm of points that it pushes, and a radio that loses some of their frames."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,12 +10,12 @@ from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.agent.rows import checked_memory, checked_step, of_row
 from meanflock.swarm import declared as declarations
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.failures import FAILURES
+from meanflock.swarm.failures import FAILURES, last_line
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import AXES, States
 from meanflock.swarm.wire.control import decode_record, encode_record
-from meanflock.testing.error import alike, fail, make, same, with_other_randomness
+from meanflock.testing.error import alike, asked, check_kept, fail, same, with_other_randomness
 
 TICKS = 40
 LOST = 0.2  # share of the frames that the radio loses in the trial
@@ -43,15 +43,15 @@ class Trial(NamedTuple):
 
 
 class PointSwarm:
-    """A small swarm of points under one controller class; whatever the class does wrong in it fails.
+    """A small swarm of points under instances of a class of controllers; whatever the class does wrong in it fails.
 
     Attributes:
-        controller: the class. declared: what it declares. uavs: numbers of the UAVs, (N,). plan: states in which they
-            begin, (N, 4), m and m/s.
+        controller: the class, of controllers or of what stands before one. make: an instance. declared: what it
+            declares. uavs: numbers of the UAVs, (N,). plan: states in which they begin, (N, 4), m and m/s.
     """
 
-    def __init__(self, controller: type[Controller], scenario: Scenario, options: dict[str, Any]) -> None:
-        self.controller, self._scenario, self._options = controller, scenario, options
+    def __init__(self, controller: Any, scenario: Scenario, make: Callable[[], Controller]) -> None:
+        self.controller, self._scenario, self.make = controller, scenario, make
         self.plan = starts(scenario)
         self.uavs = np.arange(scenario.uavs)
         draw = np.random.default_rng(0)
@@ -64,29 +64,28 @@ class PointSwarm:
         except BadInput as error:
             fail(controller, str(error), "mend the declaration")
 
-    def make(self) -> Controller:
-        """An instance, as a flight makes it, behind the scenario's filter."""
-        made: Controller = make(self.controller, self._options, self._scenario)
-        behind: Controller = declarations.filtered(made, self._scenario)
-        return behind
-
     def init(self, made: Controller, uavs: NDArray[np.intp]) -> Memory:
         """The memory of UAVs with numbers (M,), a row each."""
+        given = uavs.copy(), self.plan.copy()
         try:
-            return checked_memory(made.init(uavs, self.plan.copy()), len(uavs))
+            memory = checked_memory(made.init(*given), len(uavs))
         except FAILURES as error:
             fail(
                 self.controller,
-                f"`init` with {len(uavs)} UAVs failed: {_words(error)}",
+                f"`init` with {len(uavs)} UAVs failed: {last_line(error)}",
                 "return a dict of arrays, a row a UAV",
             )
+        if not same(given[0], uavs) or not same(given[1], self.plan):
+            fail(self.controller, "`init` writes to an array it was given", "return new arrays; copy before you write")
+        check_kept(self.controller, "memory", memory)
+        return memory
 
     def step(self, made: Controller, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         """A step of UAVs in states `own`, (M, 4)."""
         try:
             return made.step(memory, tick, own, received)
         except FAILURES as error:
-            fail(self.controller, f"`step` with {len(own)} UAVs failed in tick {tick}: {_words(error)}", "mend it")
+            fail(self.controller, f"`step` with {len(own)} UAVs failed in tick {tick}: {last_line(error)}", "mend it")
 
     def checked(self, step: Step, before: Memory, rows: int) -> NDArray[np.float64]:
         """The commands of a step, (M, 2 + K), `before` being its memory of M rows: what is declared, and finite."""
@@ -95,8 +94,15 @@ class PointSwarm:
             commands, _ = checked_step(step, before, blank, self.declared, len(self.uavs))
         except FAILURES as error:
             fail(
-                self.controller, f"`step` returned what a flight cannot use: {_words(error)}", "return what is declared"
+                self.controller,
+                f"`step` returned what a flight cannot use: {last_line(error)}",
+                "return what is declared",
             )
+        check_kept(self.controller, "memory", step.memory)
+        for number, broadcast in enumerate(step.broadcasts):
+            if not np.isfinite(broadcast.payload).all():
+                mend = "such a frame is not sent; guard divisions, roots and empty sums"
+                fail(self.controller, f"broadcast {number} has a number that is not finite", mend)
         if not np.isfinite(commands).all():
             fail(
                 self.controller, "`step` returned a number that is not finite", "guard divisions, roots and empty sums"
@@ -140,7 +146,7 @@ class PointSwarm:
                 for number, broadcast in enumerate(step.broadcasts):
                     rows = group if broadcast.rows is None else group[broadcast.rows]
                     sent.setdefault(number, []).append((rows, np.array(broadcast.payload)))
-            joined = [_joined(sent[number]) for number in sorted(sent)]
+            joined = [self._joined(number, sent[number]) for number in sorted(sent)]
             frames = [
                 received
                 for number, (source, payload) in enumerate(joined)
@@ -152,8 +158,21 @@ class PointSwarm:
         memory = {name: np.concatenate([one[name] for one in memories]) for name in memories[0]}
         models = np.zeros((len(own), 0))
         if self.declared.parameters:
-            models = np.concatenate([one.get(kept) for one, kept in zip(made, memories, strict=True)])
+            mend = "return one row a UAV, `parameters` wide"
+            found = [asked(self.controller, one.get, kept, mend=mend) for one, kept in zip(made, memories, strict=True)]
+            models = np.concatenate(found)
         return Trial(commands, broadcasts, memory, models)
+
+    def _joined(
+        self, number: int, sent: list[tuple[NDArray[np.intp], NDArray[Any]]]
+    ) -> tuple[NDArray[np.intp], NDArray[Any]]:
+        """A broadcast of all groups as one, sources ascending."""
+        if len({(payload.shape[1], payload.dtype.str) for _, payload in sent}) > 1:
+            what = f"broadcast {number} is {' and '.join(sorted({f'{p.shape[1]} × {p.dtype}' for _, p in sent}))}"
+            fail(self.controller, f"{what}, as the UAV is", "say as many numbers of one type, whoever says them")
+        source, payload = np.concatenate([rows for rows, _ in sent]), np.concatenate([payload for _, payload in sent])
+        order = np.argsort(source, kind="stable")
+        return source[order], payload[order]
 
     def _moved(self, own: States, acceleration: NDArray[np.float64], tick: int) -> States:
         dt = self._scenario.dt
@@ -183,16 +202,6 @@ def _for(group: NDArray[np.intp], frames: Sequence[Received]) -> tuple[Received,
     return tuple(own)
 
 
-def _joined(sent: list[tuple[NDArray[np.intp], NDArray[Any]]]) -> tuple[NDArray[np.intp], NDArray[Any]]:
-    source, payload = np.concatenate([rows for rows, _ in sent]), np.concatenate([payload for _, payload in sent])
-    order = np.argsort(source, kind="stable")
-    return source[order], payload[order]
-
-
 def _read_back(memory: Memory) -> Memory:
     kept = decode_record(encode_record({name: np.ascontiguousarray(array) for name, array in memory.items()}))
     return {name: np.array(array) for name, array in kept.items()}
-
-
-def _words(error: BaseException) -> str:
-    return f"{type(error).__name__}: {error}"

@@ -4,10 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from meanflock.swarm.failures import FAILURES
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.control import decode_record, encode_record
-from meanflock.testing.error import copies, fail, make, same, text_of, with_other_randomness
+from meanflock.testing.error import asked, check_class, check_kept, copies, fail, make, same, with_other_randomness
 from meanflock.testing.pace import SLOW_MS, check_pace
 
 UAVS, TICKS = 5, 30
@@ -28,6 +27,7 @@ def check_vehicle(
     Raises:
         ConformanceError: a check fails; the text says what to mend.
     """
+    check_class(vehicle, "vehicle")
     flown = scenario or Scenario(uavs=UAVS)
     draw = np.random.default_rng(3)
     start = draw.normal(0.0, 5.0, (UAVS, 4))
@@ -36,7 +36,7 @@ def check_vehicle(
     def flown_by(seed: int, rows: slice = slice(None), afresh: bool = False) -> list[np.ndarray]:
         def run() -> list[np.ndarray]:
             made, states, trace = make(vehicle, options or {}, flown), start[rows].copy(), []
-            hidden = made.init(len(states))
+            hidden = _begun(made, len(states))
             forms = _forms(hidden)
             for push, noise in zip(pushes[:, rows], noises[:, rows], strict=True):
                 if afresh:
@@ -44,12 +44,13 @@ def check_vehicle(
                     hidden = {name: np.array(array) for name, array in decode_record(encode_record(hidden)).items()}
                 given = [states, push, noise, *hidden.values()]
                 before = copies(given)
-                try:
-                    states, hidden = made.step(states, hidden, push, noise)
-                    power = made.power(states, hidden, push)
-                except FAILURES as error:
-                    what = f"`step` or `power` of {len(push)} UAVs failed: {text_of(error)}"
-                    fail(vehicle, what, "any number of UAVs must do")
+                answer = asked(vehicle, made.step, states, hidden, push, noise, mend="any number of UAVs must do")
+                if not isinstance(answer, tuple) or len(answer) != 2:
+                    came = f"`step` returns a {type(answer).__name__}"
+                    fail(vehicle, came, "return the states and the hidden state")
+                states, hidden = answer
+                check_kept(vehicle, "hidden", hidden)
+                power = asked(vehicle, made.power, states, hidden, push, mend="any number of UAVs must do")
                 if _forms(hidden) != forms:
                     fail(vehicle, f"`hidden` becomes {_forms(hidden)}; `init` made {forms}", "keep names and shapes")
                 if not all(same(one, other) for one, other in zip(before, given, strict=True)):
@@ -77,7 +78,7 @@ def check_vehicle(
         if not all(same(one[row : row + 1], other) for one, other in zip(together, alone, strict=True)):
             fail(vehicle, "a UAV moves otherwise beside others than alone", "compute every row from that row alone")
     made, states = make(vehicle, options or {}, flown), start
-    hidden = made.init(UAVS)
+    hidden = _begun(made, UAVS)
 
     def move(number: int) -> None:
         nonlocal states, hidden
@@ -85,6 +86,16 @@ def check_vehicle(
         made.power(states, hidden, pushes[number])
 
     check_pace(vehicle, f"a tick of {UAVS} UAVs", slow_ms, move)
+
+
+def _begun(made: Any, uavs: int) -> dict[str, np.ndarray]:
+    """The hidden state at take-off."""
+    hidden: dict[str, np.ndarray] = asked(type(made), made.init, uavs, mend="return a dict of arrays, a row a UAV")
+    check_kept(type(made), "hidden", hidden)
+    for name, array in hidden.items():
+        if array.shape[:1] != (uavs,):
+            fail(type(made), f"hidden[{name!r}] of {uavs} UAVs is {array.shape}", "return arrays with a row a UAV")
+    return hidden
 
 
 def _forms(hidden: dict[str, np.ndarray]) -> dict[str, str]:
@@ -95,6 +106,8 @@ def _check(vehicle: type, rows: int, states: np.ndarray, power: np.ndarray) -> N
     if states.shape != (rows, 4) or power.shape != (rows,):
         came = f"states {states.shape} and power {power.shape}"
         fail(vehicle, f"{came} of {rows} UAVs", f"return states {(rows, 4)} and power {(rows,)}")
+    if states.dtype != np.float64 or power.dtype != np.float64:
+        fail(vehicle, f"states are {states.dtype} and power is {power.dtype}", "return float64")
     if not (np.isfinite(states).all() and np.isfinite(power).all()):
         fail(vehicle, "a number is not finite", "guard divisions and roots")
     if (power < 0).any():

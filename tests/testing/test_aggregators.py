@@ -76,6 +76,31 @@ class Nameless(Good):
     name = ""
 
 
+class Leaves(Good):
+    def step(self, state, models, uavs, round_):  # type: ignore[no-untyped-def]
+        raise SystemExit(3)
+
+
+class ReturnsTheModel(Good):
+    def step(self, state, models, uavs, round_):  # type: ignore[no-untyped-def]
+        return models.mean(axis=0)
+
+
+class CannotBegin(Good):
+    def init(self, parameters):  # type: ignore[no-untyped-def]
+        raise OSError("no such table")
+
+
+class RemembersTexts(Good):
+    def init(self, parameters):  # type: ignore[no-untyped-def]
+        return {"last": np.zeros(parameters), "who": np.array(["me"])}
+
+
+class RemembersNoNumber(Good):
+    def step(self, state, models, uavs, round_):  # type: ignore[no-untyped-def]
+        return {"last": state["last"] + np.inf}, models.mean(axis=0)
+
+
 @pytest.mark.parametrize(
     ("wrong", "says", "mend"),
     [
@@ -87,6 +112,11 @@ class Nameless(Good):
         (NotFinite, "not finite", "guard divisions"),
         (NeedsThree, "failed: IndexError", "any number from one on must do"),
         (Nameless, "no `name`", "give it a name"),
+        (Leaves, r"`step` with \d models failed: SystemExit: 3", "any number from one on must do"),
+        (ReturnsTheModel, "`step` returns a ndarray", "return the state and the model"),
+        (CannotBegin, r"`init` failed: OSError: no such table \(test_aggregators.py, line \d+\)", "return a dict"),
+        (RemembersTexts, r"state\['who'\] is <U2 \(1,\)", "arrays of numbers or booleans"),
+        (RemembersNoNumber, r"state\['last'\] is not finite", "guard divisions"),
     ],
 )
 def test_a_wrong_one_is_told_what_to_mend(wrong: type[Aggregator], says: str, mend: str) -> None:

@@ -65,6 +65,27 @@ class TakesNoTime(Good):
         return np.where(delivered, slots, 0), delivered
 
 
+class ReturnsTheSlots(Good):
+    def transmit(self, distance_m, bits, rng):  # type: ignore[no-untyped-def]
+        return np.ones(len(distance_m), dtype=np.int64)
+
+
+class TakesForEver(Good):
+    def transmit(self, distance_m, bits, rng):  # type: ignore[no-untyped-def]
+        slots, delivered = super().transmit(distance_m, bits, rng)
+        return slots * 1_000_000, delivered
+
+
+class ExpectsNoNumber(Good):
+    def expected(self, distance_m, bits):  # type: ignore[no-untyped-def]
+        return float("nan"), 1.0
+
+
+class ExpectsOne(Good):
+    def expected(self, distance_m, bits):  # type: ignore[no-untyped-def]
+        return 1.0
+
+
 class NeedsALink(Good):
     def transmit(self, distance_m, bits, rng):  # type: ignore[no-untyped-def]
         assert distance_m[0] >= 0
@@ -80,6 +101,10 @@ class NeedsALink(Good):
         (OfAnotherShape, "returns shapes", r"return slots \(K,\)"),
         (OfAnotherType, "returns float64 and bool", "slots as int64"),
         (TakesNoTime, "no slot at all", "one slot at least"),
+        (ReturnsTheSlots, "`transmit` returns a ndarray", "return slots and delivered"),
+        (TakesForEver, r"a message takes \d+ slots", "at most 1000000"),
+        (ExpectsNoNumber, r"`expected` returns \(nan, 1.0\)", "return outages and slots"),
+        (ExpectsOne, "`expected` returns 1.0", "return outages and slots"),
         (NeedsALink, "over 0 links failed: IndexError", "any number of links must do"),
     ],
 )

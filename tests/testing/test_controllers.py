@@ -181,9 +181,119 @@ class WrongMemory(Good):
         return {"model": np.zeros(3)}
 
 
+class NotANumberBroadcast(Good):
+    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        step = super().step(memory, tick, own, received)
+        return Step(step.memory, step.acceleration, step.diagnostics, [Broadcast(own * np.inf)])
+
+
+class NotANumberMemory(Good):
+    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        step = super().step(memory, tick, own, received)
+        after = step.memory | {"heard": np.full(len(own), np.nan)}
+        return Step(after, step.acceleration, step.diagnostics, step.broadcasts)
+
+
+class NotANumberModel(Good):
+    def get(self, memory: Memory) -> np.ndarray:
+        return np.full((len(memory["model"]), 3), np.nan)
+
+
+class OtherWidths(Good):
+    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        step = super().step(memory, tick, own, received)
+        many = 1 + int(memory["uav"].sum() > 3)
+        return Step(step.memory, step.acceleration, step.diagnostics, [Broadcast(np.zeros((len(own), many)))])
+
+
+class RefusesNobody(Good):
+    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        step = super().step(memory, tick, own, received)
+        return Step(step.memory, step.acceleration, step.diagnostics, step.broadcasts, np.array([-1]))
+
+
+class Leaves(Good):
+    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        raise SystemExit(3)
+
+
+class CannotBeMade(Good):
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        raise OSError("no such device")
+
+
+class GetRaises(Good):
+    def get(self, memory: Memory) -> np.ndarray:
+        raise KeyError("weights")
+
+
+class SetRaises(Good):
+    def set(self, memory: Memory, rows: np.ndarray, models: np.ndarray) -> Memory:
+        raise KeyError("weights")
+
+
+class SetReturnsTheRows(Good):
+    def set(self, memory: Memory, rows: np.ndarray, models: np.ndarray) -> Memory:
+        return memory | {"model": models}
+
+
+class SetReturnsNothing(Good):
+    def set(self, memory: Memory, rows: np.ndarray, models: np.ndarray) -> Any:
+        return None
+
+
+class ReportRaises(Good):
+    weights = 2
+
+    def report(self, memory: Memory) -> np.ndarray:
+        raise KeyError("weights")
+
+
+class WritesToTheNumbers(Good):
+    def init(self, uavs: np.ndarray, plan: np.ndarray) -> Memory:
+        memory = super().init(uavs, plan)
+        uavs += 1
+        return memory
+
+
+class WritesToThePlan(Good):
+    def init(self, uavs: np.ndarray, plan: np.ndarray) -> Memory:
+        plan *= 2.0
+        return super().init(uavs, plan)
+
+
+class Elsewhere(Good):
+    name = "../elsewhere"
+
+
+class Silent(Controller):
+    name = "silent"
+
+
+class TakesNoModel(Good):
+    set = Controller.set
+
+
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
+        (NotANumberBroadcast, "broadcast 0 has a number that is not finite; such a frame is not sent"),
+        (NotANumberMemory, r"memory\['heard'\] is not finite; guard"),
+        (NotANumberModel, "`get` returns a number that is not finite; guard"),
+        (OtherWidths, "broadcast 0 is 1 × float64 and 2 × float64, as the UAV is; say as many"),
+        (RefusesNobody, "`refused` names UAVs from -1"),
+        (Leaves, r"failed in tick 0: SystemExit: 3 \(test_controllers.py, line \d+\)"),
+        (CannotBeMade, r"cannot be made: OSError: no such device \(test_controllers.py, line \d+\)"),
+        (GetRaises, "`get` failed: KeyError: 'weights'.*; return one row a UAV, `parameters` wide"),
+        (SetRaises, "`set` failed: KeyError: 'weights'.*; return the memory with `models`"),
+        (SetReturnsTheRows, r"`set` returns what a flight cannot use: memory\['model'\] is \(2, 3\)"),
+        (SetReturnsNothing, "`set` returns what a flight cannot use: the memory is a NoneType"),
+        (ReportRaises, "`report` failed: KeyError: 'weights'"),
+        (WritesToTheNumbers, "`init` writes to an array it was given; return new arrays"),
+        (WritesToThePlan, "`init` writes to an array it was given; return new arrays"),
+        (Elsewhere, "a name is up to 64 of"),
+        (Silent, "lacks `step`"),
+        (TakesNoModel, "declares `parameters` must override `set`"),
         (SeesAnotherRow, "beside others in one process than alone.*every row"),
         (DrawsItsOwn, "a second time.*mf.seeds"),
         (DrawsFromNumPy, "a second time.*mf.seeds"),
@@ -207,3 +317,9 @@ def test_a_wrong_one_is_told_what_to_mend(wrong: type[Controller], says: str) ->
 def test_a_slow_one_is_told_how_slow() -> None:
     with pytest.raises(ConformanceError, match=r"takes \d+ ms"):
         check_controller(Slow, slow_ms=3.0)
+
+
+@pytest.mark.parametrize("given", ["good", Good(Good.Options(), Scenario())])
+def test_what_is_no_class_is_told_so(given: Any) -> None:
+    with pytest.raises(ConformanceError, match="it is no class; pass the class itself"):
+        check_controller(given)

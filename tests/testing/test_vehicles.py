@@ -88,6 +88,31 @@ class ChangesItsForm(Good):
         return after, {"thrust": hidden["thrust"].astype(np.float32)}
 
 
+class ReturnsTheStates(Good):
+    def step(self, states, hidden, acceleration, noise):  # type: ignore[no-untyped-def]
+        return states
+
+
+class Leaves(Good):
+    def step(self, states, hidden, acceleration, noise):  # type: ignore[no-untyped-def]
+        raise SystemExit(3)
+
+
+class CannotBegin(Good):
+    def init(self, uavs: int) -> Hidden:
+        raise OSError("no such table")
+
+
+class BeginsWithOne(Good):
+    def init(self, uavs: int) -> Hidden:
+        return {"thrust": np.zeros((1, 2))}
+
+
+class OfSmallFloats(Good):
+    def power(self, states, hidden, acceleration):  # type: ignore[no-untyped-def]
+        return np.ones(len(states), dtype=np.float32)
+
+
 @pytest.mark.parametrize(
     ("wrong", "says", "mend"),
     [
@@ -98,7 +123,12 @@ class ChangesItsForm(Good):
         (OfAnotherShape, r"power \(5, 1\) of 5 UAVs", "return states"),
         (NotFinite, "not finite", "guard divisions"),
         (Generates, "below zero", "in watts"),
-        (NeedsAUav, "of 0 UAVs failed: IndexError", "any number of UAVs must do"),
+        (NeedsAUav, "`power` failed: IndexError", "any number of UAVs must do"),
+        (ReturnsTheStates, "`step` returns a ndarray", "return the states and the hidden state"),
+        (Leaves, r"`step` failed: SystemExit: 3 \(test_vehicles.py, line \d+\)", "any number of UAVs must do"),
+        (CannotBegin, "`init` failed: OSError: no such table", "return a dict of arrays"),
+        (BeginsWithOne, r"hidden\['thrust'\] of 5 UAVs is \(1, 2\)", "a row a UAV"),
+        (OfSmallFloats, "power is float32", "return float64"),
         (ChangesItsForm, "`hidden` becomes", "keep names and shapes"),
     ],
 )

@@ -1,0 +1,97 @@
+"""The conformance suite of filters."""
+
+from collections.abc import Sequence
+from typing import Any, cast
+
+import msgspec
+import numpy as np
+
+from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
+from meanflock.agent.controllers.filtered import Filter
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import States
+from meanflock.testing.controller import UAVS, check_swarm
+from meanflock.testing.error import asked, check_class, copies, fail, make, same
+from meanflock.testing.pace import SLOW_MS
+from meanflock.testing.trial import PointSwarm
+
+
+class Hasty(Controller):
+    """What the filter stands before: all hurry to the same place, with a model, a diagnostic and a broadcast."""
+
+    name = "hasty"
+    parameters = 2
+    diagnostics = ("frames",)
+
+    def init(self, uavs: Any, plan: States) -> Memory:
+        """A model of zeros."""
+        return {"model": np.zeros((len(uavs), 2)), "frames": np.zeros(len(uavs))}
+
+    def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
+        """To the origin; it counts the frames it receives."""
+        count = memory["frames"].copy()
+        for frames in received:
+            np.add.at(count, frames.links[:, 1], 1.0)
+        push = -2.0 * own[:, :2] + 0.01 * memory["model"]
+        return Step(memory | {"frames": count}, push, count[:, None], [Broadcast(own[:, :2])])
+
+    def get(self, memory: Memory) -> Any:
+        """The model."""
+        return memory["model"]
+
+    def set(self, memory: Memory, rows: Any, models: Any) -> Memory:
+        """The memory with it."""
+        model = memory["model"].copy()
+        model[rows] = models
+        return memory | {"model": model}
+
+
+def check_filter(
+    filter_: type[Filter],
+    options: dict[str, Any] | None = None,
+    scenario: Scenario | None = None,
+    slow_ms: float = SLOW_MS,
+) -> None:
+    """Flies a small swarm of points behind a filter and checks everything that a flight relies on.
+
+    Args:
+        filter_: the class. options: as in the table [filter.options]. scenario: another one than the paper's with six
+        UAVs; when states are broadcast is that of its [filter]. slow_ms: what a tick of all UAVs may take, median.
+
+    Raises:
+        ConformanceError: a check fails; the text says what to mend.
+    """
+    check_class(filter_, "filter")
+    flown, given = scenario or Scenario(uavs=UAVS), options or {}
+    kept = msgspec.structs.replace(flown.filter, kind=filter_.name, options=dict(given))
+    flown = msgspec.structs.replace(flown, method=Hasty.name, controller={}, filter=kept)
+
+    def made() -> Any:
+        return make(filter_, given, flown, Hasty(Hasty.Options(), flown))
+
+    swarm = PointSwarm(filter_, flown, made)
+    _admits(filter_, made(), swarm)
+    check_swarm(swarm, slow_ms)
+
+
+def _admits(of: type[Filter], made: Filter, swarm: PointSwarm) -> None:
+    """What it makes of commands: as many as there are, nothing of what it is given, and no number of what is none."""
+    uavs = len(swarm.uavs)
+    others = np.repeat(swarm.plan[None], uavs, axis=0)
+    wanted = np.linspace(-5.0, 5.0, 2 * uavs).reshape(uavs, 2)
+    given = [swarm.plan.copy(), others, swarm.uavs.copy(), wanted]
+    before = copies(given)
+    answer = asked(of, made.admit, *given, mend="any states must do")
+    if not isinstance(answer, tuple) or len(answer) != 2:
+        fail(of, f"`admit` returns a {type(answer).__name__}", "return the accelerations and what is reported of them")
+    expected = (uavs, 2), (uavs, len(made.columns))
+    if (shapes := tuple(map(np.shape, answer))) != expected:
+        fail(of, f"`admit` returns shapes {shapes}, expected {expected}", "return a row a UAV, `columns` wide")
+    if not all(same(one, other) for one, other in zip(before, given, strict=True)):
+        fail(of, "`admit` writes to an array it was given", "return new arrays; copy before you write")
+    wanted[0] = np.nan
+    with np.errstate(invalid="ignore"):
+        admitted, _ = cast(Any, asked(of, made.admit, *given, mend="a command that is no number must do, too"))
+    if np.isfinite(admitted[0]).all():
+        mend = "let it pass, so that the UAV is lost and not flown by chance"
+        fail(of, "it makes a number of a command that is none", mend)
