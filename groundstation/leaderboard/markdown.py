@@ -22,7 +22,7 @@ def markdown(board: Board, pictures: Mapping[str, str], introduction: str = "") 
         columns(),
     ]
     if len(board.courses) > 1:
-        parts += ["## Who is free of collisions where", tables.OVERVIEW, _table(*_bold(tables.overview(board)))]
+        parts += ["## Flights without collisions", tables.OVERVIEW, _table(*_bold(tables.overview(board)))]
     for course in board.courses:
         parts += section(course, pictures)
     parts += ["## The rows", _table(("row", "controller and settings", "what it is"), tables.settings(rows(board)))]

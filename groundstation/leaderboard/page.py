@@ -34,7 +34,7 @@ def html(board: Board, pictures: Mapping[str, Path]) -> str:
 def _overview(board: Board) -> str:
     if len(board.courses) < 2:
         return ""
-    heading, words = "Who is free of collisions where", escape(tables.OVERVIEW)
+    heading, words = "Flights without collisions", escape(tables.OVERVIEW)
     return f"<section><h2>{heading}</h2><p>{words}</p>{_table(*tables.overview(board), set())}</section>"
 
 

@@ -21,14 +21,15 @@ SHORT = {
     "kbit": "radio\n(kbit)",
 }
 OVERVIEW = (
-    "Share of flights free of any collision or hit, %, arrived UAVs counted too; bold where all were. How sure "
-    "that is, and what it cost, is in the table of each mission."
+    "Share of flights without any collision or hit, %, arrived UAVs included; bold: all flights. Intervals and "
+    "costs are in the table of each mission."
 )
 HOW_TO_READ = (
-    "Means over n flights with the 95 % interval over seeds: mean ± half its width (Student's t), of the share of free "
-    "flights its ends (Clopper and Pearson). A UAV that never arrived counts with the duration and with all it used. "
-    "**Bold**: told from every other row of the table, paired by seed, at most one table in twenty with any wrong mark "
-    "(Holm); rows in which fewer than 99 % of the UAVs arrived compete in arrivals only."
+    "Means over n flights with the 95 % interval over seeds: mean ± half its width (Student's t); for the share of "
+    "flights without a collision its ends (Clopper and Pearson). A UAV that never arrived counts with the duration and "
+    "with all its energy. **Bold**: significantly different from every other row of the table, paired by seed and "
+    "corrected after Holm, so that a table contains a wrong mark with a probability of at most 5 %. Rows in which "
+    "fewer than 99 % of the UAVs arrived are compared by arrivals only."
 )
 
 

@@ -8,7 +8,7 @@ from meanflock.groundstation.leaderboard import tables
 from meanflock.groundstation.leaderboard.board import Course
 from meanflock.groundstation.leaderboard.measures import BY_KEY
 
-CAPTION = "Means; the best that can be told from all others in bold. Intervals and all columns: leaderboard.md, .html"
+CAPTION = "Means; bold: significantly best of all rows. Intervals and all columns: leaderboard.md and .html"
 
 
 def table(course: Course) -> Table:
