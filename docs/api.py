@@ -43,8 +43,8 @@ def page() -> str:
     lines = [
         "# The Python API",
         "",
-        "Written by `python docs/api.py` from signatures and docstrings; a test holds it to the code. Everything here",
-        "is a name of `meanflock`, by custom `import meanflock as mf`, and loaded when it is first used;",
+        "Written by `python docs/api.py` from signatures and docstrings; a test compares it with the code. Everything",
+        "here is a name of `meanflock`, imported as `import meanflock as mf` and loaded when it is first used;",
         "`meanflock.testing` is imported by itself. Shapes: N UAVs of the swarm, M rows of a node, T ticks.",
     ]
     for title, (about, names) in SECTIONS.items():

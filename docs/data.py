@@ -13,9 +13,9 @@ _KNOWN = ("hjb_residual", "fpk_residual", "phi_G")  # diagnostics of the built-i
 def page() -> str:
     """The whole page."""
     lines = [
-        "# Data: what a run leaves, column by column",
+        "# Data: every column and field of a run",
         "",
-        "Written by `python docs/data.py`; a test holds it to the code. Unit 1: a number without one.",
+        "Written by `python docs/data.py`; a test compares it with the code. Unit 1: a number without one.",
         "",
         "## timeseries.parquet",
         "",

@@ -131,11 +131,11 @@ def page() -> str:
     """The whole page."""
     schema = scenario.schema()["$defs"]
     lines = [
-        "# Keys: what a scenario can say",
+        "# Scenario keys",
         "",
-        "Written by `python docs/keys.py`; a test holds it to the code. A scenario is a TOML file; what it leaves",
+        "Written by `python docs/keys.py`; a test compares it with the code. A scenario is a TOML file; what it leaves",
         "out has the default. Set a key for one flight with `--set wind.sigma=0.3`, or in Python with",
-        '`mf.fly("paper", **{"wind.sigma": 0.3})`. The wrong key, type or value is refused before anything flies.',
+        '`mf.fly("paper", **{"wind.sigma": 0.3})`. A wrong key, type or value is refused before anything flies.',
         "",
         f"*The paper*: **{PRINTED}**, the default is the value the paper prints; **{SILENT}**, the paper has",
         f"the quantity but no value; **{OURS}**, the paper has no such quantity. *Why*: the default's reason.",
