@@ -116,7 +116,7 @@ class Flight:
     @property
     def collisions(self) -> int:
         """Pairs that collided while both were on the way."""
-        return self.encounters.collisions
+        return len(self.encounters.collided)
 
     @property
     def waiting(self) -> NDArray[np.bool_] | None:

@@ -41,14 +41,17 @@ class Member:
 
 
 class Members:
-    """The nodes of a run of N UAVs, by name. UAVs without an agent are free: from the start, or since it was lost."""
+    """The nodes of a run of N UAVs, by name. UAVs without an agent are free: from the start, or since it was lost.
+
+    present: nodes that are not lost, in order of their UAVs, the leaders last.
+    """
 
     def __init__(self, uavs: int, leaders: int, *, standbys: bool = True, rows_at_most: int | None = None) -> None:
         """`leaders`: how many must be there before take-off. `standbys`: whether more than one leader can be of use.
         `rows_at_most`: how many UAVs one agent may hold; None for as many as it offers.
         """
         self._by_name: dict[str, Member] = {}
-        self._present: list[Member] = []  # replaced, never changed: other threads read it
+        self.present: list[Member] = []  # replaced, never changed: other threads read it
         self._uavs, self._rows_at_most = uavs, rows_at_most
         self._free = np.arange(uavs)
         self._leaders, self._standbys = leaders, standbys
@@ -103,11 +106,6 @@ class Members:
         return self._by_name.get(name)
 
     @property
-    def present(self) -> list[Member]:
-        """Nodes that are not lost, in order of their UAVs, the leaders last."""
-        return self._present
-
-    @property
     def complete(self) -> bool:
         """Whether every UAV has an agent that listens, and the leaders do where rounds need them."""
         led = len(self._living(LEADER)) >= self._leaders
@@ -125,7 +123,7 @@ class Members:
 
     def _sort(self) -> None:
         alive = [member for member in self._by_name.values() if not member.lost]
-        self._present = sorted(alive, key=lambda member: (member.role == LEADER, member.uavs[:1].tolist()))
+        self.present = sorted(alive, key=lambda member: (member.role == LEADER, member.uavs[:1].tolist()))
 
     def _living(self, role: str) -> list[Member]:
         return [member for member in self._by_name.values() if member.role == role and not member.lost]

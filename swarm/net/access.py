@@ -4,7 +4,6 @@ The router matches the common name of the certificate a link was opened with, wh
 key can show. The router's own session, the world, is not filtered: it is the one everyone trusts.
 """
 
-from collections.abc import Iterable
 from typing import Any
 
 from meanflock.swarm.net import keys
@@ -19,15 +18,19 @@ def rules(run: str, uavs: int, uavs_per_process: int) -> dict[str, Any]:
     for uav in range(0, uavs, uavs_per_process):
         name = keys.asker("agent", uav)
         who[name] = _node(run, "agent", name)
+    numbered = {
+        name: [
+            {"id": f"{name}/{number}", "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": under}
+            for number, (flow, messages, under) in enumerate(allowed)
+        ]
+        for name, allowed in who.items()
+    }
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": [rule for name, allowed in who.items() for rule in _numbered(name, allowed)],
+        "rules": [rule for its in numbered.values() for rule in its],
         "subjects": [{"id": name, "cert_common_names": [name]} for name in who],
-        "policies": [
-            {"rules": [rule["id"] for rule in _numbered(name, allowed)], "subjects": [name]}
-            for name, allowed in who.items()
-        ],
+        "policies": [{"rules": [rule["id"] for rule in its], "subjects": [name]} for name, its in numbered.items()],
     }
 
 
@@ -68,13 +71,6 @@ def _member(run: str, role: str, name: str) -> list[Rule]:
 def _lives(name: str) -> tuple[str, str]:
     """A node that comes back has a number behind its name: agent-3, agent-3.2, agent-3.3 …"""
     return name, f"{name}.$*"
-
-
-def _numbered(name: str, allowed: Iterable[Rule]) -> list[dict[str, Any]]:
-    return [
-        {"id": f"{name}/{number}", "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": under}
-        for number, (flow, messages, under) in enumerate(allowed)
-    ]
 
 
 NOBODY = rules("-", 0, 1)  # no run has that name

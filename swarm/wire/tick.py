@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock import kernels
-from meanflock.kernels.wire import ACT, DTYPES, FIRST, SENSE, Batch
+from meanflock.kernels.wire import ACT, DTYPES, FIRST, SENSE, Batch, Message
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.wire.messages import NOBODY, Act, FrameKind, Frames, Sense
 
@@ -35,10 +35,7 @@ def read_sense(raw: bytes, states: Table | None = None) -> Sense:
     Raises:
         MessageRejected: `malformed`, `wrong-shape`, `non-finite` or `wrong-kind`.
     """
-    try:
-        _, run, tick, flags, rows, columns, tables, batches = kernels.read(raw, SENSE, states)
-    except ValueError as error:
-        raise _rejected(error) from error
+    _, run, tick, flags, rows, columns, tables, batches = _read(raw, SENSE, states)
     if flags & ~(REPORT | CHECKPOINT):
         raise MessageRejected("malformed", f"flags {flags:#x} of a Sense")
     memory, size = tables
@@ -59,10 +56,7 @@ def read_act(raw: bytes, commands: Table | None = None) -> Act:
     Raises:
         MessageRejected: `malformed`, `wrong-shape`, `non-finite` or `wrong-kind`.
     """
-    try:
-        _, run, tick, flags, rows, columns, tables, batches = kernels.read(raw, ACT, commands)
-    except ValueError as error:
-        raise _rejected(error) from error
+    _, run, tick, flags, rows, columns, tables, batches = _read(raw, ACT, commands)
     if flags:
         raise MessageRejected("malformed", f"flags {flags:#x} of an Act")
     if commands is None:
@@ -150,10 +144,13 @@ def frames_out(frames: Iterable[Frames]) -> list[tuple[int, int, int, int, Any, 
     ]
 
 
-def _rejected(error: ValueError) -> MessageRejected:
-    """What `kernels.read` refused, by its reason."""
-    reason, _, detail = str(error).partition(": ")
-    return MessageRejected(reason, detail)
+def _read(raw: bytes, kind: int, into: Table | None) -> Message:
+    """The parts of a message of a kind, or MessageRejected for the reason `kernels.read` gives."""
+    try:
+        return kernels.read(raw, kind, into)
+    except ValueError as error:
+        reason, _, detail = str(error).partition(": ")
+        raise MessageRejected(reason, detail) from error
 
 
 def bytes_of_batch(frames: Frames) -> int:

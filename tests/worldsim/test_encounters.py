@@ -24,7 +24,7 @@ def test_an_arrived_uav_counts_among_all_collisions_and_not_among_those_on_the_w
     put(flight, 1, position=(12.0, 0.0), velocity=(-2.0, 0.0))
     idle(flight, 100)
     assert flight.collisions == 0
-    assert flight.encounters.collisions_all == 1
+    assert len(flight.encounters.touched) == 1
     assert flight_summary(flight)["closest_approach_m"] == pytest.approx(0.0, abs=0.11)
 
 
@@ -49,11 +49,11 @@ def test_a_disc_that_is_entered_is_counted_once_a_uav_and_disc_and_the_uav_flies
     put(flight, 1, position=(30.0, 2.0), velocity=(-2.0, 0.0))  # through both
     put(flight, 2, position=(30.0, -3.0), velocity=(-2.0, 0.0))  # along the edge: at its radius, which is outside
     idle(flight, 100)
-    assert flight.encounters.obstacle_hits == 3
+    assert flight.encounters.hit.sum() == 3
     assert sorted(uavs for kind, uavs in kinds(flight) if kind == "hit") == [(0,), (1,), (1,)]
     put(flight, 0, position=(20.0, 0.0))
     idle(flight, 5)
-    assert flight.encounters.obstacle_hits == 3
+    assert flight.encounters.hit.sum() == 3
 
 
 def test_discs_all_around_the_goal_end_the_flight_at_its_duration_with_everybody_counted() -> None:
@@ -95,14 +95,14 @@ def test_a_uav_before_its_launch_stands_still_and_counts_for_nothing() -> None:
     assert not flight.energy[2:].any()
     assert flight.effort.tolist() == [pytest.approx(9.5), pytest.approx(9.5), 0.0, 0.0]
     assert flight.distance[2:].tolist() == [0.0, 0.0]
-    assert flight.encounters.collisions_all == 1  # of the first wave: the second is on the ground
+    assert len(flight.encounters.touched) == 1  # of the first wave: the second is on the ground
     speeds = flight.mean_speed
     assert speeds is not None
     assert speeds == pytest.approx(flight.distance[:2].sum() / (2 * 19 * 0.1))
     idle(flight)
     flight.advance(push)
     assert (flight.states[2:] != start[2:]).all()
-    assert flight.encounters.collisions_all > 1
+    assert len(flight.encounters.touched) > 1
 
 
 def test_the_noise_of_those_in_the_air_is_not_that_of_who_leaves_when() -> None:
