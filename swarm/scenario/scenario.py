@@ -93,6 +93,12 @@ class Scenario(_Table, frozen=True, dict=True):
                 )
         self._check_clusters()
         mission.check(self)
+        widest = float(np.finfo(FLOAT_OF_BITS[self.radio.bits_per_float]).max)
+        if (farthest := float(np.abs(mission.starts(self)).max())) > widest:
+            raise ValueError(
+                f"`start` places a UAV {farthest:g} m out, and a float of the radio, `radio.bits_per_float` "
+                f"{self.radio.bits_per_float}, holds {widest:g} at most; start nearer, or take a wider float"
+            )
         for number, fault in enumerate(self.faults):
             if any(uav >= self.uavs for uav in getattr(fault, "uavs", ())):
                 raise ValueError(f"`faults[{number}].uavs` names UAV {max(fault.uavs)} of 0…{self.uavs - 1}")  # type: ignore[union-attr]

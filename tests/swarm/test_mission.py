@@ -110,6 +110,8 @@ def test_listed_places_and_goals_are_those() -> None:
         (["uavs=3", "start.positions=[[5, 2], [-1, 2], [5, 2.09]]"], "UAV 0 and UAV 2 start 0.09 m apart"),
         (["uavs=100", "start.formation=circle", "start.radius=1"], "start 0.0628.* m apart"),
         (["start.positions=[[1, inf]]", "uavs=1"], "`positions` must be a finite number"),
+        (["start.centre=[1e300, 0]"], r"`centre` must be a finite number within ±1e\+30, not 1e\+300"),
+        (["start.centre=[1e5, 0]", "radio.bits_per_float=16"], "`start` places a UAV 100003 m out.*65504"),
         (["start.formation=heap"], "choose one of"),
         (["destination.goals=across"], '"across" is of streams'),
         (["obstacles=[{centre=[1.0, 1.0], radius=2.0}]"], r"UAV 0 has its goal inside `obstacles\[0\]`"),

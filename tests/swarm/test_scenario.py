@@ -213,6 +213,9 @@ def test_a_setting_below_a_number_is_told_that_it_is_no_table(tmp_path: Path) ->
         "radio.coherence_time_s=5e-324",
         "radio.bandwidth_hz=5e-324",
         "dt=5e-324",
+        "radio.range_m=1e300",
+        "destination.radius=1e308",
+        'faults=[{kind="jam", time_s=1e300, duration_s=1e308, uavs=[0, 1]}]',
     ],
 )
 def test_a_number_too_large_or_small_to_compute_with_is_bad_input_before_the_flight(setting: str) -> None:
