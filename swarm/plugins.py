@@ -110,13 +110,13 @@ def load(door: Door, name: str) -> type:
     return checked(door, name, found, plugin.source)
 
 
-def load_file(path: Path) -> list[Plugin]:
+def load_file(path: Path | str) -> list[Plugin]:
     """Registers every plug-in of a file: its public classes with a `name` that are derived from a base class of ours.
 
     Raises:
         BadInput: the file cannot be read or run, or there is none in it.
     """
-    where, path = f"--plugin {path}", path.resolve()  # a file is the same one, however somebody named it
+    where, path = f"--plugin {path}", Path(path).resolve()  # a file is the same one, however somebody named it
     try:
         source = path.read_bytes()
     except OSError as error:
@@ -205,18 +205,7 @@ def hold(wanted: Iterable[tuple[str, str]]) -> None:
     held = {(plugin.source, plugin.fingerprint) for plugin, _ in _files.values()}
     for path, contents in wanted:
         if (path, contents) not in held:
-            load_file(Path(path))
-
-
-def load_of_environment() -> None:
-    """Registers the plug-ins of the files whoever started this process named.
-
-    Raises:
-        BadInput: like `load_file`.
-    """
-    for path in os.environ.get(FILES, "").split(os.pathsep):
-        if path:
-            load_file(Path(path))
+            load_file(path)
 
 
 def create(door: Door, name: str, options: dict[str, Any], *context: Any) -> Any:

@@ -43,15 +43,10 @@ def parser(module: str, what: str, example: str) -> argparse.ArgumentParser:
     flag(result, "--tls", "", "folder of certificates; every link is then mutual TLS")
     flag(result, "--wait", "60", "seconds to wait for the others", seconds("--wait"))
     what = f"a file with plug-ins, repeatable (${plugins.FILES}: several, as PATH separates them)"
-    result.add_argument("--plugin", action="append", metavar="FILE.py", type=_plugins_of, help=what)
-    plugins.load_of_environment()
+    result.add_argument("--plugin", action="append", metavar="FILE.py", type=plugins.load_file, help=what)
+    plugins.load_files(filter(None, os.environ.get(plugins.FILES, "").split(os.pathsep)))
     flag(result, "--log-format", logs.TEXT, "text, or json for one object a line", logs.check)
     return result
-
-
-def _plugins_of(path: str) -> Path:
-    plugins.load_file(Path(path))
-    return Path(path)
 
 
 def flag(to: argparse.ArgumentParser, name: str, default: str, what: str, type_: Callable[[str], object] = str) -> None:

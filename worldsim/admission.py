@@ -22,13 +22,12 @@ from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.limits import JOIN_BYTES, RECEIVED_BYTES, Limits
 from meanflock.worldsim.members import LEADER, JoinRefused, Member, Members
 from meanflock.worldsim.outbox import Outbox
+from meanflock.worldsim.reporter import Note
 
 log = logging.getLogger("meanflock.world")
 
 MAX_DROP_EVENTS = 100  # the counters go on
 _OF_REPEATS = ("duplicate", "stale")  # what a second answer to a question that was put twice is, in its tick or after
-
-Note = Callable[[str, str], None]  # kind and text of an event
 
 
 class Admission:

@@ -1,7 +1,5 @@
 """Who takes part in a tick: neither lost nor put to sleep by the fault script."""
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,7 +7,7 @@ from meanflock.worldsim.admission import Admission
 from meanflock.worldsim.faults import Script
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.members import Members
-from meanflock.worldsim.reporter import Reporter
+from meanflock.worldsim.reporter import Note, Reporter
 
 
 class Awake:
@@ -30,7 +28,7 @@ class Awake:
         """Whether nobody is lost or asleep, as far as that is known without looking."""
         return self.uavs is self._all
 
-    def begin(self, tick: int, members: Members, admission: Admission, note: Callable[[str, str], None]) -> None:
+    def begin(self, tick: int, members: Members, admission: Admission, note: Note) -> None:
         """A tick begins: the fault script takes somebody out of the mission, or puts them to sleep."""
         flight, script = self._flight, self._script
         if not self._has_faults:

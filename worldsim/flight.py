@@ -1,7 +1,6 @@
 """The flight of one swarm: states, wind, energy, arrivals and metrics, advanced tick by tick. No bus, no clock."""
 
 import hashlib
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -35,7 +34,6 @@ _ARRAYS = {  # as what they are kept
 }
 
 
-@dataclass
 class Flight:
     """Everything the world knows of the UAVs. All arrays have one row a UAV unless named otherwise.
 
@@ -43,21 +41,18 @@ class Flight:
     written into.
     """
 
-    scenario: Scenario
-    tick: int = 0
-    speed_difference_sum: float = 0.0  # over ticks 0…tick of the mean over pairs, m/s
-    near_sum: int = 0  # over ticks, of pairs i < j within the hazard radius
-    speed_max: float = 0.0  # of UAVs on the way, m/s
-    events: list[Event] = field(default_factory=list)  # of the last tick; the owner empties it
-
-    def __post_init__(self) -> None:
-        n = self.scenario.uavs
-        self._physics = Physics(self.scenario)
-        self.states: state.States = mission.starts(self.scenario)
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario, self.tick, n = scenario, 0, scenario.uavs
+        self.speed_difference_sum = 0.0  # over ticks 0…tick of the mean over pairs, m/s
+        self.near_sum = 0  # over ticks, of pairs i < j within the hazard radius
+        self.speed_max = 0.0  # of UAVs on the way, m/s
+        self.events: list[Event] = []  # of the last tick; the owner empties it
+        self._physics = Physics(scenario)
+        self.states: state.States = mission.starts(scenario)
         self.hidden = self._physics.init(n)
-        self.encounters = Encounters(self.scenario)
-        self._goals = mission.goal_states(self.scenario)
-        self.launch_tick = mission.launches(self.scenario)
+        self.encounters = Encounters(scenario)
+        self._goals = mission.goal_states(scenario)
+        self.launch_tick = mission.launches(scenario)
         self._all_aloft = int(self.launch_tick.max())  # from this tick on
         self.status = np.full(n, FLYING)
         self.energy = np.zeros(n)  # J since take-off
@@ -69,7 +64,7 @@ class Flight:
         self._ticks_on_way = np.zeros(n, dtype=np.int64)
         self.any_lost = False
         self.last_arrival = -1  # tick of the last arrival so far
-        self._wind = generator(self.scenario.seed, "wind")
+        self._wind = generator(scenario.seed, "wind")
         self._hash = hashlib.sha256()
         self._observe()
 

@@ -1,7 +1,5 @@
 """Who leads the federation: what the elected leader is asked, and what a standby that takes over needs to know."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from meanflock.swarm import state
@@ -11,8 +9,7 @@ from meanflock.swarm.wire.messages import FrameKind
 from meanflock.worldsim import inbox
 from meanflock.worldsim.barrier import Barrier
 from meanflock.worldsim.members import Members
-
-Note = Callable[[str, str], None]
+from meanflock.worldsim.reporter import Note
 
 
 class Leading:

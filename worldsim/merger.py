@@ -12,6 +12,7 @@ from meanflock.swarm.wire.messages import FrameKind, Frames
 from meanflock.swarm.wire.tick import bytes_of_batch
 from meanflock.worldsim import inbound
 from meanflock.worldsim.counters import Counters
+from meanflock.worldsim.reporter import Note
 
 
 class FrameMerger:
@@ -24,7 +25,7 @@ class FrameMerger:
         rounds: Rounds,
         counters: Counters,
         drop: Callable[[MessageRejected, str], None],
-        note: Callable[[str, str], None],
+        note: Note,
     ) -> None:
         self._rounds, self._counters, self._drop, self._note = rounds, counters, drop, note
 

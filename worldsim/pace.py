@@ -1,16 +1,14 @@
 """Who keeps the flight waiting, tick after tick: a node that answers just before it would be lost is lost, too."""
 
 import logging
-from collections.abc import Callable
 from typing import NamedTuple
 
 from meanflock.swarm.scenario import tables
 from meanflock.worldsim.barrier import Barrier
 from meanflock.worldsim.members import LEADER
+from meanflock.worldsim.reporter import Note
 
 log = logging.getLogger("meanflock.world")
-
-Note = Callable[[str, str], None]  # kind and text of an event
 
 
 class _Account(NamedTuple):

@@ -1,6 +1,6 @@
 """What a run reports: rows of the flight gathered into blocks, events, what was learned, and the summary at the end."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import msgspec
@@ -23,6 +23,8 @@ from meanflock.worldsim.outbox import Outbox
 from meanflock.worldsim.summary import weight_spread
 
 STATE_LINKS_EVERY_TICKS = 10  # hjb uses N(N−1) links a tick; all their outages are kept, of the rest a sample
+
+Note = Callable[[str, str], None]  # kind and text of an event of this tick
 
 _BLOCK_ROWS, _BLOCK_STATES = 20, 2500  # of a block of telemetry: so many rows, or more of a small swarm
 _BLOCK_ROWS_REALTIME = 2

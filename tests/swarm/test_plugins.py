@@ -143,9 +143,8 @@ def test_a_name_that_could_not_be_part_of_a_file_s_is_refused(name: str) -> None
 def test_a_file_is_the_same_one_however_it_was_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     path = written(tmp_path, GOOD)
-    monkeypatch.setenv(plugins.FILES, path.name)  # as somebody set it, and named it once more on the command line
-    plugins.load_of_environment()
-    plugins.load_files([path])
+    plugins.load_files([path.name])  # of the variable, say
+    plugins.load_file(path)
     assert plugins.find("controller", "mine").source == str(path)
 
 
