@@ -27,7 +27,6 @@ from meanflock.groundstation.cli_study_arguments import (
 from meanflock.groundstation.doctor import tell_if_slow
 from meanflock.groundstation.terminal import console_for
 from meanflock.swarm import scenario, scenarios
-from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -199,25 +198,21 @@ def paper(
     Example: meanflock paper --seeds 2 --out out/paper
     """
     from meanflock.groundstation.paper.experiments import run_grid
-    from meanflock.groundstation.paper.figures import FIGURES, draw
+    from meanflock.groundstation.paper.figures import chosen, draw
     from meanflock.groundstation.paper.measure import measured
     from meanflock.groundstation.paper.report import counts, write_report
     from meanflock.groundstation.paper.verdict import evaluate
 
-    wanted = [asked if asked in FIGURES else f"fig{asked.removeprefix('fig')}" for asked in only] or None
-    unknown = sorted(set(wanted or ()) - set(FIGURES))
-    if unknown:
-        raise BadInput(f"--only {', '.join(unknown)}: no such figure; there are {', '.join(FIGURES)}")
+    experiments = set().union(*(_FLOWN_FOR[figure] for figure in chosen(only))) if only else None
     file = None if name in (None, "paper") else _scenario_file(str(name))
     base = scenario.load(file)
     out = out or Path("out") / (file.stem if file else "paper")
-    experiments = set().union(*(_FLOWN_FOR[figure] for figure in wanted)) if wanted else None
     tell_if_slow()
     results = run_grid(out, seeds, experiments, jobs, backend, scheduler, quiet, scenario=file)
     with progress_of("theory", quiet) as progress:
         theory = measured(out, jobs=jobs, progress=progress, scenario=base)
     records = evaluate(results, theory)
-    draw(results, out / "figures", wanted)
+    draw(results, out / "figures", only)
     paths = write_report(results, records, out, theory)
     for verdict, number in counts(records).items():
         click.echo(f"{verdict}: {number}", err=True)

@@ -22,10 +22,10 @@ from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullForma
 from numpy.typing import NDArray
 
 from meanflock.groundstation import durable
-from meanflock.groundstation.looks import Look, colour, look, looks, marker, name
+from meanflock.groundstation.looks import Look, colour, look, looks, name
 from meanflock.groundstation.paper.statistics import Estimate
 
-__all__ = ("Look", "colour", "look", "looks", "marker", "name")  # of looks.py, beside all that is below
+__all__ = ("Look", "colour", "look", "looks", "name")  # of looks.py, beside all that is below
 
 Floats = NDArray[np.float64]
 

@@ -78,13 +78,12 @@ class Writer:
         self._index_of: Ticks = np.empty(0, dtype=np.int64)
         self._index: tuple[rr.TimeColumn, ...] = ()
         self._stream: rr.RecordingStream | None = stream
+        self._under = Part(stream, self._part)
 
     def log_fixed(self) -> None:
         """Logs what does not change in flight."""
-        if self._stream is not None:
-            under = Part(self._stream, self._part)
-            look.log_static(under, self._scenario, self._reported)
-            legend.log(under, self._scenario, self._reported, self._rows)
+        look.log_static(self._under, self._scenario, self._reported)
+        legend.log(self._under, self._scenario, self._reported, self._rows)
 
     def write(self, block: Telemetry) -> None:
         """Records a block of T ≥ 1 ticks. Blocks come in the order of the flight; one may be missing."""
@@ -93,18 +92,14 @@ class Writer:
         self._pending.append(block)
         self._pending_ticks += len(block.states)
         if self._pending_ticks >= self._batch_ticks or time.monotonic() - self._sent_at >= self._patience_s:
-            self._send_blocks(self._taken())
+            self.flush()
 
     def flush(self) -> None:
         """Sends what `write` still holds back."""
         if self._stream is not None and self._pending:
-            self._send_blocks(self._taken())
-
-    def _taken(self) -> list[Telemetry]:
-        """What was held back, and is not any more."""
-        blocks, self._pending, self._pending_ticks = self._pending, [], 0
-        self._sent_at = time.monotonic()
-        return blocks
+            blocks, self._pending, self._pending_ticks = self._pending, [], 0
+            self._sent_at = time.monotonic()
+            self._send_blocks(blocks)
 
     def _send_blocks(self, blocks: list[Telemetry]) -> None:
         """Sends blocks of telemetry, which follow each other."""

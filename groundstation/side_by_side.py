@@ -15,7 +15,6 @@ from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.plot_views import whole_flight
 from meanflock.groundstation.recording import APPLICATION, Writer, close
 from meanflock.groundstation.recording_columns import scalars
-from meanflock.groundstation.recording_part import Part
 from meanflock.groundstation.recording_plots import BITS_SENT, COLUMN
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Telemetry
@@ -87,10 +86,9 @@ class _Beside(Writer):
     def log_fixed(self) -> None:
         """Logs what does not change in flight."""
         super().log_fixed()
-        if self._stream is not None:
-            line = rr.SeriesLines(names=self._name, colors=np.array([self._color], dtype=np.uint32), widths=2.0)
-            for entity in _TITLES:
-                Part(self._stream, self._part).log(entity, line, static=True)
+        line = rr.SeriesLines(names=self._name, colors=np.array([self._color], dtype=np.uint32), widths=2.0)
+        for entity in _TITLES:
+            self._under.log(entity, line, static=True)
 
     def _send_blocks(self, blocks: list[Telemetry]) -> None:
         super()._send_blocks(blocks)

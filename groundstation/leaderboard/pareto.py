@@ -99,7 +99,7 @@ def _point(ax: Axes, row: Standing, across: str, up: str) -> None:
     """The mean and its interval both ways."""
     x, y = row.cells[across], row.cells[up]
     tone, size = _tone(row), _YOURS if row.yours else _ORDINARY
-    marker = "*" if row.yours else plotstyle.marker(row.name)
+    marker = "*" if row.yours else plotstyle.look(row.name).marker
     edge: dict[str, Any] = {"markeredgecolor": "white", "markeredgewidth": 0.5}
     if not _arrives(row):
         edge = {"markeredgecolor": tone, "markeredgewidth": 1.0, "markerfacecolor": "white"}

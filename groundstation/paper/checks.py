@@ -64,7 +64,7 @@ def _by_seed(view: View, check: Check, method: str, point: float | None) -> dict
     more = {
         name: value for name, value in (("setting", check.setting), ("trained", check.trained)) if value is not None
     }
-    return view.cell(check.experiment, method, point, **more).by_seed(check.metric)
+    return view.values(check.experiment, method, check.metric, point, **more)
 
 
 def _is_certain(check: Check, point: float | None) -> bool:
@@ -229,9 +229,9 @@ def _best(view: View, check: Check, found: Findings) -> Tests:
         grid: list[float | None] = list(view.points(experiment)) if experiment in COORDINATE else [None]
         for point in grid:
             for subject in check.subject:
-                mine = view.cell(experiment, subject, point).by_seed(check.metric)
+                mine = view.values(experiment, subject, check.metric, point)
                 for other in check.against:
-                    theirs = view.cell(experiment, other, point).by_seed(check.metric)
+                    theirs = view.values(experiment, other, check.metric, point)
                     columns = paired(mine, theirs)
                     if len(columns[0]) >= 2:
                         where = "S0" if point is None else f"{SYMBOL[COORDINATE[experiment]]} = {point:g}"

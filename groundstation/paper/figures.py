@@ -54,24 +54,27 @@ def titled(name: str) -> str:
     return f"Figure {name.removeprefix('fig')}" if name.startswith("fig") else name.capitalize()
 
 
-def draw(results: Results, out: Path, only: Iterable[str] | None = None) -> list[Path]:
-    """Writes the figures into `out` as PNG and SVG; one whose data are not there is left out.
-
-    Args:
-        only: names as in `FIGURES`, or their numbers; None for all.
+def chosen(only: Iterable[str]) -> list[str]:
+    """Figures by name, as in `FIGURES`, or by number; all where none is named.
 
     Raises:
         BadInput: a figure that does not exist was asked for.
     """
-    asked = list(FIGURES) if only is None else [e if e in FIGURES else f"fig{e.removeprefix('fig')}" for e in only]
-    unknown = sorted(set(asked) - set(FIGURES))
-    if unknown:
-        raise BadInput(f"no figure is called {', '.join(unknown)}; there are {', '.join(FIGURES)}")
+    names = [asked if asked in FIGURES else f"fig{asked.removeprefix('fig')}" for asked in only]
+    if unknown := sorted(set(names) - set(FIGURES)):
+        raise BadInput(f"--only {', '.join(unknown)}: no such figure; there are {', '.join(FIGURES)}")
+    return [name for name in FIGURES if name in names or not names]
+
+
+def draw(results: Results, out: Path, only: Iterable[str] = ()) -> list[Path]:
+    """Writes the figures into `out` as PNG and SVG; one whose data are not there is left out.
+
+    Args:
+        only: see `chosen`.
+    """
     view = View.of(results)
     paths: list[Path] = []
-    for name in FIGURES:
-        if name not in asked:
-            continue
+    for name in chosen(only):
         with plotstyle.style():
             made = FIGURES[name][0](view)
         if made is not None:

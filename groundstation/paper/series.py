@@ -20,44 +20,6 @@ PHI_S = 175.0  # the instant of the claims about fig. 3
 _PAIRS_AT_ONCE = 2**16
 CUMULATIVE = ("phi_A", "phi_C", "phi_C_distinct", "bits", "collisions")
 
-SERIES = (
-    "t_s",
-    "speed_mean_m_s",
-    "speed_min_m_s",
-    "speed_max_m_s",
-    "energy_mean_J",
-    "energy_std_J",
-    "energy_trip_mean_J",
-    "energy_trip_std_J",
-    "phi_A",
-    "phi_C",
-    "phi_C_distinct",
-    "speed_difference_m_s",
-    "near_pairs",
-    "collisions",
-    "arrived",
-    "lost",
-    "bits",
-    "hjb_abs_mean",
-    "hjb_abs_max",
-    "hjb_abs_leader",
-    "fpk_abs_mean",
-    "fpk_abs_max",
-    "phi_G",
-    "phi_G_learned",
-    "distance_mean_m",
-    "to_go_mean_m",
-    "pair_distance_m",
-    "weight_spread",
-    "value_spread",
-    "density_spread",
-    "leader_value_norm",
-    "leader_value_step",
-    "value_norm_max",
-    "density_norm_max",
-    "state_norm_max",
-)
-
 
 @dataclass(frozen=True)
 class Trace:
@@ -72,7 +34,7 @@ class Trace:
 
 @dataclass(frozen=True)
 class Record:
-    """series: `SERIES`, `(S,)` each, NaN where unknown. scalars: see `store`, None where unknown."""
+    """series: as `series_of` makes it, `(S,)` each, NaN where unknown. scalars: see `store`, None where unknown."""
 
     series: dict[str, Floats]
     scalars: dict[str, Scalar]
@@ -116,7 +78,7 @@ class Seen:
 
 
 def series_of(scenario: Scenario, seen: Seen, sums: Sums) -> dict[str, Floats]:
-    """`SERIES`, `(S,)` each, of what was seen second by second."""
+    """The columns of series.parquet, `(S,)` each, of what was seen second by second; `tables.py` says what they are."""
     method, tick, states = Method(scenario.method), seen.tick, seen.states
     speed, position = state.speed(states), states[..., state.POSITION]
     trip = np.where(seen.arrived, seen.arrival_energy, seen.energy)
@@ -164,7 +126,6 @@ def series_of(scenario: Scenario, seen: Seen, sums: Sums) -> dict[str, Floats]:
         "density_norm_max": seen.density_norm_max,
         "state_norm_max": state.norm(states).max(axis=1),
     }
-    assert tuple(columns) == SERIES
     return {name: column.astype(np.float64) for name, column in columns.items()}
 
 

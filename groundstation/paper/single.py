@@ -1,6 +1,9 @@
 """In how many single flights a claim holds: the paper shows one, and a claim that fails on average may hold there."""
 
-from typing import Any, cast
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import cast
 
 from meanflock.groundstation.paper.checks import Findings, run_check
 from meanflock.groundstation.paper.claims import Check, Claim
@@ -24,11 +27,11 @@ def single_flights(view: View, claim: Claim) -> tuple[int, int] | None:
 
 def counted(view: View, claim: Claim) -> tuple[int, int] | None:
     """The same of a claim whose checks are all of one experiment, which one flight a method decides."""
-    flights, held, flown = _Flights(view), 0, 0
+    read, held, flown = cache(view.values), 0, 0  # every column once
     for seed in view.runs.where(experiment=claim.check[0].experiment).distinct("seed"):
         found = Findings()
         for check in claim.check:
-            run_check(cast(View, flights.of(seed)), check, found)
+            run_check(cast(View, _Flight(read, seed)), check, found)
         if found.missing or not found.tests or any(test.estimate.n == 0 for test in found.tests):
             continue
         flown += 1
@@ -36,38 +39,17 @@ def counted(view: View, claim: Claim) -> tuple[int, int] | None:
     return (held, flown) if flown else None
 
 
-class _Column:
-    """The runs of one method, as far as one seed flew them."""
+@dataclass
+class _Flight:
+    """The runs of one seed: as much of a `View` as such checks ask for."""
 
-    def __init__(self, flights: "_Flights", where: tuple[str, str]) -> None:
-        self._flights, self._where = flights, where
+    read: Callable[[str, str, str], dict[int, float]]
+    seed: int
 
-    def by_seed(self, metric: str) -> dict[int, float]:
-        return self._flights.value(*self._where, metric)
-
-
-class _Flights:
-    """A view of one seed after another, which reads every column once: as much of `View` as such checks ask for."""
-
-    def __init__(self, view: View) -> None:
-        self._view, self._seed = view, 0
-        self._read: dict[tuple[str, str, str], dict[int, float]] = {}
-
-    def of(self, seed: int) -> "_Flights":
-        """The same, now of another seed."""
-        self._seed = seed
-        return self
-
-    def cell(self, experiment: str, method: str, point: float | None = None, **more: Any) -> Any:
-        return _Column(self, (experiment, method))
-
-    def value(self, experiment: str, method: str, metric: str) -> dict[int, float]:
+    def values(self, experiment: str, method: str, metric: str, *_: object) -> dict[int, float]:
         """The seed's value; empty if it has none."""
-        key = (experiment, method, metric)
-        if key not in self._read:
-            self._read[key] = self._view.cell(experiment, method).by_seed(metric)
-        column = self._read[key]
-        return {self._seed: column[self._seed]} if self._seed in column else {}
+        column = self.read(experiment, method, metric)
+        return {self.seed: column[self.seed]} if self.seed in column else {}
 
 
 def _is_single(check: Check) -> bool:

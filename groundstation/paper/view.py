@@ -112,6 +112,12 @@ class View:
         frame = self.runs.where(experiment=experiment, method=method, **more)
         return frame if point is None else frame.where(**{COORDINATE[experiment]: float(point)})
 
+    def values(
+        self, experiment: str, method: str, metric: str, point: float | None = None, **more: Any
+    ) -> dict[int, float]:
+        """A metric of these runs: seed → value."""
+        return self.cell(experiment, method, point, **more).by_seed(metric)
+
     def points(self, experiment: str) -> list[float]:
         """The points of an experiment's grid, ascending."""
         return [float(point) for point in self.runs.where(experiment=experiment).distinct(COORDINATE[experiment])]

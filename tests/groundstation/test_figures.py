@@ -156,9 +156,9 @@ def test_every_axis_has_a_unit(name: str, tables: Results) -> None:
 
 
 def test_a_method_has_one_colour_marker_and_dash() -> None:
-    for look in (looks.COLOURS, looks.MARKERS, looks.DASHES, looks.NAMES):
-        assert set(look) == set(Method)
-        assert len({str(each) for each in look.values()}) == len(look)
+    assert set(looks.LOOKS) == set(looks.NAMES) == set(Method)
+    for each in (*zip(*(look[:3] for look in looks.LOOKS.values()), strict=True), looks.NAMES.values()):
+        assert len(set(each)) == len(Method)
 
 
 def test_every_experiment_of_the_grid_has_its_figure_points(tables: Results) -> None:

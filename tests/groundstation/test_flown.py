@@ -11,7 +11,6 @@ from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.paper import experiments
 from meanflock.groundstation.paper.flown import fly
 from meanflock.groundstation.paper.methods import Method
-from meanflock.groundstation.paper.series import SERIES
 from meanflock.swarm.scenario import Scenario, load
 
 RTOL = 1e-9
@@ -78,7 +77,6 @@ def test_weights_can_be_carried_over() -> None:
 def test_series_is_what_the_run_says_of_itself() -> None:
     flown = fly(small("mfgfl-hf", "stop=duration", seed=3, duration=12.0), traced=True)
     series, summary = flown.record.series, flown.summary
-    assert tuple(series) == SERIES
     np.testing.assert_allclose(series["t_s"], np.arange(13.0))
     for name in ("phi_A", "phi_C", "phi_C_distinct", "collisions", "arrived", "distance_mean_m"):
         assert series[name][-1] == pytest.approx(summary[name], rel=1e-12), name

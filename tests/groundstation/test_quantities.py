@@ -192,7 +192,7 @@ def test_a_method_nobody_knows_has_a_look_of_its_own_in_every_figure() -> None:
     looks = {name: (each.colour, each.marker, each.dash) for name in strangers for each in [plotstyle.look(name)]}
     assert looks["mine-0"] == ("#999933", "P", (0, (7, 2)))  # today and on every machine
     assert len(set(looks.values())) > 20
-    known = {(plotstyle.colour(name), plotstyle.marker(name)) for name in looks_of.NAMES}
+    known = {look[:2] for look in looks_of.LOOKS.values()}
     assert not known & {(tone, marker) for tone, marker, _ in looks.values()}
     summary = {key: 1.0 for key, _ in plots.COMPARED} | {"payload_bits": {"total": 8.0}, "uavs": 4}
     made = plots.plot_compare({"hjb": [summary, summary], "mine-0": [summary]})
