@@ -87,11 +87,8 @@ def transmissions() -> list[str]:
 
 def flights(runs: dict[Any, list[dict[str, Any]]], seeds: int) -> list[str]:
     """What the codings did to whole flights."""
-    lines = [
-        "| method | payload | up, kbit | down, kbit | arrived | travel time, s | energy until own arrival, J "
-        "| alignment φ_A, m/s | outages, % "
-        f"| latency, slots |\n|{'---|' * 10}"
-    ]
+    head = ("method", "payload", "up, kbit", "down, kbit", "arrived", "travel time, s", "energy until own arrival, J")
+    rows = []
     for (method, name), summaries in runs.items():
 
         def mean(*path: str, factor: float = 1.0, spread: bool = False, of: Any = summaries) -> str:
@@ -99,7 +96,7 @@ def flights(runs: dict[Any, list[dict[str, Any]]], seeds: int) -> list[str]:
             half = 1.96 * values.std(ddof=1) / np.sqrt(seeds)
             return f"{values.mean():.4g} ± {half:.2g}" if spread else f"{values.mean():,.4g}"
 
-        cells = (
+        row = (
             f"`{method}`",
             name,
             mean("payload_bits", "uplink", factor=1e-3),
@@ -111,8 +108,8 @@ def flights(runs: dict[Any, list[dict[str, Any]]], seeds: int) -> list[str]:
             f"{mean('radio', 'outage_rate', factor=100)} ({mean('radio', 'outage_rate_theory', factor=100)})",
             mean("radio", "latency_slots_mean"),
         )
-        lines.append(f"| {' | '.join(cells)} |")
-    return lines
+        rows.append(row)
+    return table((*head, "alignment φ_A, m/s", "outages, %", "latency, slots"), rows)
 
 
 def rounding(seeds: range) -> list[str]:

@@ -6,7 +6,7 @@ python docs/leaderboard.py out/leaderboard     # takes its leaderboard.json; wit
 
 import argparse
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from meanflock.groundstation.paper.statistics import Estimate
 HERE = Path(__file__).parent
 PAGE, RESULTS = Path(__file__).with_suffix(".md"), HERE / "results" / "leaderboard.json"
 PICTURES = HERE / "pictures" / "leaderboard"
+TOLD = ("paper", "unknown", "windy")  # missions in which learning together is compared with learning alone
 NO_GAIN = 0.01  # of the whole: less is nothing gained
 
 
@@ -73,11 +74,9 @@ def truths(found: Board) -> str:
     free = f"{_free(plan)} flights without a collision"
     return (
         f"**On the paper's scenario, with a shared plan and a wind that everybody knows, {needs}.** `plan` learns "
-        "nothing, says "
-        f"nothing after take-off, and takes {_mean(plan, 'time_s')} s and {_mean(plan, 'energy_J')} J, with {free}; "
-        "the least "
-        f"energy for that time is {plan.cells['energy_J'].mean - plan.cells['regret_J'].mean:.2f} J. The paper's "
-        "`mfgfl-hf` takes "
+        f"nothing, says nothing after take-off, and takes {_mean(plan, 'time_s')} s and {_mean(plan, 'energy_J')} J, "
+        f"with {free}; the least energy for that time is "
+        f"{plan.cells['energy_J'].mean - plan.cells['regret_J'].mean:.2f} J. The paper's `mfgfl-hf` takes "
         f"{_mean(paper, 'time_s')} s, {_mean(paper, 'energy_J')} J and {paper.cells['kbit'].mean:,.0f} kbit, and "
         f"{beside.mean:.1f} pairs collide on the way in a flight ({_free(paper)} flights are free of collisions)."
     )
@@ -85,20 +84,14 @@ def truths(found: Board) -> str:
 
 def findings(found: Board) -> list[str]:
     """Four expectations, each with what the board says of it."""
-    return [
-        _federated_tracking(found),
-        _shared_map(found),
-        _identified_air(found),
-        _paper_learner(found),
-    ]
+    return [_federated_tracking(found), _shared_map(found), _identified_air(found), _paper_learner(found)]
 
 
 def _federated_tracking(found: Board) -> str:
     """By the sign of the difference: single flights in which a UAV alone learns nonsense would own any mean."""
     said = []
-    for mission in ("paper", "unknown", "windy"):
-        alone, together = _row(found, mission, "fed-lspi-alone"), _row(found, mission, "fed-lspi")
-        if alone is None or together is None or not {"tracking"} <= alone.cells.keys() & together.cells.keys():
+    for mission, alone, together in _both(found, TOLD, "fed-lspi-alone", "fed-lspi"):
+        if not {"tracking"} <= alone.cells.keys() & together.cells.keys():
             continue
         one, all_ = alone.column("tracking"), together.column("tracking")
         less = statistics.share(all_ < one)
@@ -127,19 +120,15 @@ def _shared_map(found: Board) -> str:
     data = _less(flown["windmap-weights"], flown["windmap-measurements"], "cost_J")
     return (
         f"**A wind map pays if shared, and data pay more than models.** Energy and 0.05 J a second: {costs}. That "
-        "measurements "
-        f"shared save beside flying straight: {_verdict(saved)}; that averaging maps saves beside keeping them: "
-        f"{_verdict(averaged)}; that measurements save beside averaged maps: {_verdict(data)}."
+        f"measurements shared save beside flying straight: {_verdict(saved)}; that averaging maps saves beside keeping "
+        f"them: {_verdict(averaged)}; that measurements save beside averaged maps: {_verdict(data)}."
     )
 
 
 def _identified_air(found: Board) -> str:
     """Confirmed where what is saved of time and energy is told to be less than one part in a hundred."""
     said = []
-    for mission in ("paper", "unknown", "windy"):
-        alone, together = _row(found, mission, "rls-alone"), _row(found, mission, "rls")
-        if alone is None or together is None:
-            continue
+    for mission, alone, together in _both(found, TOLD, "rls-alone", "rls"):
         saved = [_share_saved(alone, together, key) for key in ("time_s", "energy_J")]
         said.append(
             f"`{mission}` {_interval(alone, 'time_s')} s, {_interval(alone, 'energy_J')} J → "
@@ -167,19 +156,15 @@ def _no_gain(saved: Sequence[Estimate]) -> str:
 def _paper_learner(found: Board) -> str:
     said = []
     for speed, kappa in (("", "0.01"), ("-fast", "0.02")):
-        alone, together = _row(found, "paper", f"mfg{speed}-ecbf"), _row(found, "paper", f"mfgfl-h{speed}-ecbf")
-        if alone is None or together is None:
-            continue
-        less = _less(alone, together, "energy_J")
-        said.append(
-            f"at κ = {kappa} {_interval(alone, 'energy_J')} → {_interval(together, 'energy_J')} J at "
-            f"{together.cells['kbit'].mean / alone.cells['kbit'].mean:.1f} times the bits (that it saves: "
-            f"{_verdict(less)})"
-        )
+        for _, alone, together in _both(found, ("paper",), f"mfg{speed}-ecbf", f"mfgfl-h{speed}-ecbf"):
+            said.append(
+                f"at κ = {kappa} {_interval(alone, 'energy_J')} → {_interval(together, 'energy_J')} J at "
+                f"{together.cells['kbit'].mean / alone.cells['kbit'].mean:.1f} times the bits (that it saves: "
+                f"{_verdict(_less(alone, together, 'energy_J'))})"
+            )
     return (
         "**Whether the paper's learner gains by federation depends on how hurried it is.** `mfg` → `mfgfl-h`, both "
-        "behind the "
-        f"filter: {'; '.join(said) or 'not flown'}."
+        f"behind the filter: {'; '.join(said) or 'not flown'}."
     )
 
 
@@ -191,6 +176,14 @@ def _row(found: Board, mission: str, name: str) -> Standing | None:
         row for course in found.courses if course.name == mission for row in course.standings if row.name == name
     ]
     return rows[0] if rows and rows[0].cells else None
+
+
+def _both(found: Board, missions: Sequence[str], *names: str) -> Iterator[tuple[str, Standing, Standing]]:
+    """The missions that two rows have flown, and those."""
+    for mission in missions:
+        alone, together = (_row(found, mission, name) for name in names)
+        if alone is not None and together is not None:
+            yield mission, alone, together
 
 
 def _less(first: Standing, second: Standing, key: str) -> Estimate:
