@@ -90,7 +90,7 @@ def main(arguments: list[str] | None = None) -> int:
         store.write(json_path, record)
     if page_path:
         page_path.parent.mkdir(parents=True, exist_ok=True)
-        page_path.write_text(page(record), encoding="utf-8")
+        page_path.write_text(page(record, PAGE.read_text(encoding="utf-8")), encoding="utf-8")
     _show(measured, console)
     before = store.baseline()
     worse = store.worse(measured, before) if before else []

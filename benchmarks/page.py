@@ -1,114 +1,21 @@
-"""`docs/performance.md` from a record. The numbers are this program's own, but for the section that says otherwise."""
+"""The measurements of `docs/performance.md` from a record; its words are in the page."""
 
 from typing import Any
 
 from benchmarks.machine import BUSY_LOAD
+from meanflock.groundstation.markdown import replaced
 
-_BEGINNING = """# Performance
-
-Written by `python -m benchmarks`; do not edit. A time says as much about the machine as about the program, so every
-race measures a floor beside it: the least that could do the same work here, in turns with it in the same run. *Ratio*
-is the median over the pairs; *spread* is minimum to maximum. Targets are bounds on the median: ● met, ◐ met but for the
-stretch goal, ○ not met.
-"""
-
-_REPRODUCE = """
-## Reproduce it
-
-```console
-make bench                              # everything, under 6 minutes: writes this page and benchmarks/latest.json
-make bench ARGS=--quick                 # under a minute, prints only
-make bench ARGS="--only wire in_process"  # some races, prints only
-make bench ARGS="--only scale_processes"  # 25 to 200 processes: minutes and gigabytes; only where named
-make peers                              # once, before: the peers to race with, in environments of their own
-```
-
-A full run compares its ratios with the committed `benchmarks/latest.json` and says what got worse by more than 15 %
-or is not measured any more; it never fails for that. Run it on a machine that does nothing else: the ratios stand some
-noise, the targets don't.
-"""
-
-_ONCE = """
-## Measured once
-
-These tables are of November 2026; this program does not measure them again.
-
-**Memory** of one of 25 agents in flight that was started alone (Python 3.11, NumPy 2.4, Zenoh 1.10), MiB. Forked from
-a process that has loaded all that, as `meanflock run` does on Linux, an agent's own share is a fraction of it: see *A
-process of the swarm* above. `agent/blocklist.py` keeps NumPy and msgspec from loading what no agent needs.
-
-| | RSS | of it its own |
-|---|---:|---:|
-| Zenoh's library, two thirds of it touched while a session opens | 12.4 | 0.7 |
-| the interpreter and the C library | 7.8 | 1.4 |
-| NumPy's libraries: its core, OpenBLAS, random, their runtimes | 9.7 | 0.4 |
-| other libraries | 2.1 | 0.2 |
-| Python's objects, a third of them NumPy's modules | 16.2 | 16.2 |
-
-**Zenoh's settings**, chosen in `swarm/net/session.py`: lockstep without learning, one 32-byte broadcast and N replies
-of 64 bytes, ticks a second, on two shared cores. What sends has a thread of its own, since a router without one waited
-for itself when a link ended, and closed others; one thread does all else, since that of the sockets had to wake the one
-that read them (a tick of 25 processes took 2.96 ms, takes 2.59). Bare Zenoh costs an agent 136 µs of CPU a tick,
-hand-overs between threads, which is why several UAVs in one process are so much cheaper than as many processes.
-
-| | 4 processes | 25 | 64 |
-|---|---:|---:|---:|
-| raw TCP, epoll | 11740 | 2604 | 867 |
-| a router of its own, all clients | 2076 | 417 | 151 |
-| peers by multicast | 2973 | 503 | 158 |
-| the world is the router (ours) | 3408 | 581 | 213 |
-| … with `lowlatency` transport (not ours) | 4099 | 717 | 274 |
-| … and a tuned runtime (ours, without `lowlatency`) | 4866 | 920 | 326 |
-
-**NumPy among many processes**: a call that finds its code and data gone from the caches, as each of an agent does,
-beside the same call in a loop, µs, on arrays of a row. So what is called once a tick is one function of the kernels.
-
-| | cold | warm |
-|---|---:|---:|
-| `isfinite(a).all()` | 16.6 | 1.0 |
-| `concatenate` of two tables | 11.4 | 0.6 |
-| `maximum.reduce` | 8.7 | 0.7 |
-| `ndarray` over a buffer | 6.4 | 0.3 |
-| `empty_like` | 6.2 | 0.3 |
-| a slice | 4.0 | 0.2 |
-| `.copy()` | 1.5 | 0.2 |
-
-**Peers**, one at a time, with the same 984-byte model; races with most of them are above.
-
-| work | peer | figure |
-|---|---|---|
-| FedAvg round, 25 simulated clients | pfl / flwr simulation / nvflare | 13.4 ms / 205 ms / 2.5 s |
-| networked round, 5 client processes | flwr deployment | 12.3 s median, 1.68 GB |
-| networked round, 25 client processes | flwr deployment | second round not done after 6.5 min, 18.7 GB |
-| wire bytes a client and round | flwr deployment | 4234 for 1968 of payload |
-| 25-drone control step, physics only | crazyflow on a CPU | 0.49 ms |
-| 25 nodes broadcasting at 10 Hz | gradysim | 25 × real time (100 nodes: 2.3 ×) |
-| 25-agent flocking step | vmas, one environment | 39 ms |
-| ORCA step of 25 / 250 agents | pyrvo | 22 / 335 µs |
-
-## What did not pay
-
-- Zenoh's `lowlatency` transport: faster, but messages from 50 kB on vanish, and a put to a frozen subscriber blocks.
-- Zenoh's shared memory: it dropped messages silently and left segments behind.
-- Smaller queues of Zenoh, one for all priorities, no batching; fewer arenas of `malloc`, trimming its heap: nothing.
-- Zenoh's callbacks without a thread between: a tenth more CPU.
-- Agents pinned to cores; kernel tables shared between agents: nothing.
-- Asking for the next tick before the last one is reported: nothing, since both cores are busy anyway.
-- A recorder in a thread of its own while one process flies: a tenth slower, the threads share one interpreter.
-- AVX-512: quicker alone, but everything else on the core then runs at a lower clock.
-- `PYTHONOPTIMIZE=2`: 2 MiB less a process, but where its bytecode cannot be written every start compiles.
-- A second path for the usual messages beside the general one: faster, and more code than the path itself.
-"""
+BEGIN, END = "<!-- measured -->", "<!-- end -->"
 
 
-def page(record: dict[str, Any]) -> str:
-    """The whole page."""
+def page(record: dict[str, Any], text: str) -> str:
+    """The page, whose words are in `text`, with these measurements."""
     races = record["races"]
-    parts = [_BEGINNING, _machine(record)]
+    parts = [_machine(record)]
     parts += [_race(race) for name, race in races.items() if name != "profile"]
     if "profile" in races:
         parts.append(_profile(races["profile"]))
-    return "\n".join([*parts, _REPRODUCE.strip("\n"), _ONCE.rstrip("\n")]) + "\n"
+    return replaced(text, BEGIN, END, ["", *parts])
 
 
 def _machine(record: dict[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""Flies swarms with malicious UAVs under every rule of aggregation, and writes docs/robustness.md.
+"""Flies swarms with malicious UAVs under every rule of aggregation, and writes what came of it into docs/robustness.md.
 
     make robustness          # 360 flights of the paper's scenario; ten minutes on two cores
 
@@ -21,10 +21,12 @@ from rich.progress import track
 from scipy.stats import t as student
 
 from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.markdown import replaced
 from meanflock.swarm import scenario
 
 HERE = Path(__file__).parent
 PAGE, RESULTS = HERE / "robustness.md", HERE / "results" / "robustness.json"
+BEGIN, END = "<!-- measured -->", "<!-- end -->"
 RULES = ("fedavg", "median", "trimmed-mean", "krum")
 ATTACKS = {
     "sign-flip": "the UAV uploads its own model with every sign turned",
@@ -51,7 +53,8 @@ def main() -> None:
         flights = Parallel(n_jobs=given.jobs, return_as="generator")(delayed(fly)(*case, seed) for case, seed in work)
         rows = list(track(flights, "malicious flights", len(work), console=Console(stderr=True)))
         RESULTS.write_text("[\n" + ",\n".join(map(json.dumps, rows)) + "\n]\n", encoding="utf-8")
-    PAGE.write_text(page(json.loads(RESULTS.read_text(encoding="utf-8"))), encoding="utf-8")
+    rows = json.loads(RESULTS.read_text(encoding="utf-8"))
+    PAGE.write_text(page(rows, PAGE.read_text(encoding="utf-8")), encoding="utf-8")
     print(PAGE)
 
 
@@ -71,15 +74,15 @@ def fly(attack: str, share: float, rule: str, seed: int) -> Row:
     }
 
 
-def page(rows: Sequence[Row]) -> str:
-    """The page, from the flights."""
+def page(rows: Sequence[Row], text: str) -> str:
+    """The page, whose words are in `text`, with what these flights came to."""
     by_case: dict[tuple[str, float, str], list[Row]] = {}
     for row in rows:
         by_case.setdefault((row["attack"], row["share"], row["rule"]), []).append(row)
     honest = {rule: by_case["none", 0.0, rule] for rule in RULES}
     seeds = len(honest["fedavg"])
     uavs = honest["fedavg"][0]["uavs"]
-    parts = [INTRODUCTION.format(seeds=seeds, uavs=uavs)]
+    parts = [f"\nFlown with {uavs} UAVs, {seeds} seeds a row.\n"]
     parts += ["## Without malicious UAVs\n", _table([("0 %", rule, honest[rule], honest[rule]) for rule in RULES])]
     broken, hurt = [], []
     for attack, words in ATTACKS.items():
@@ -93,8 +96,8 @@ def page(rows: Sequence[Row]) -> str:
             if verdict != "holds":
                 (broken if verdict == "broken" else hurt).append(f"{rule} under {share} of {attack}")
     short = [_sentence("Broken", broken), _sentence("Hurt, but everybody arrives", hurt)]
-    parts += ["## In short\n", "\n".join(short) + "\n- Every other row **holds**.\n", CLOSING]
-    return "\n".join(parts)
+    parts += ["## In short\n", "\n".join(short) + "\n- Every other row **holds**.\n"]
+    return replaced(text, BEGIN, END, parts)
 
 
 def judge(flown: Sequence[Row], honest: Sequence[Row]) -> str:
@@ -140,61 +143,6 @@ def _interval(values: Sequence[float]) -> str:
 
 def _sentence(what: str, cases: Sequence[str]) -> str:
     return f"- **{what}**: {', '.join(cases) if cases else 'none'}."
-
-
-INTRODUCTION = """# Malicious uploads
-
-What a swarm withstands when some of its UAVs upload falsehoods in every round they take part in. They are genuine
-members: their messages are well-formed, they fly and learn honestly, and only what they say to the federation is false
-(`federation.byzantine_fraction`, `federation.byzantine_kind`). This page is written by `make robustness`
-([docs/robustness.py](robustness.py)); the flights are in [results/robustness.json](results/robustness.json).
-
-The paper's scenario, {uavs} UAVs, `mfgfl-hf`, {seeds} seeds a row, the same for every row. Means over flights with 95 %
-intervals. Which UAVs are false is drawn from the seed, never the leader's. In a round 80 % of the UAVs upload, and
-about one upload in seven is lost to an outage; so who is false among the models that are averaged differs from round
-to round. At 20 % (5 of 25) it is three or four of some 17 on average, and by chance it can be all five: then they may
-be more than the 25 % that `trimmed-mean` and `krum` assume (`federation.tolerance`).
-
-*Travel time* is of those who arrived. *Refused* are uploads a flight's leader did not average because they cannot be a
-model: not finite, or a weight beyond 10⁹. *Verdict*, beside the same rule without malicious UAVs: **holds**, all
-arrive, and the mean travel time is at most 10 % longer; **hurt**, all arrive, later; **broken**, some do not arrive.
-"""
-
-CLOSING = """## Not-a-number, and what is no message at all
-
-An honest process cannot say NaN or infinity: the codec does not let such an array in. So that attack is a hostile node
-with bytes of its own making, played in `tests/faults/test_hostile_uploads.py`. The whole message is dropped and counted
-(`non-finite` in `dropped_messages`), whatever the rule of aggregation; a process that says nothing else is lost after
-the barrier's deadline, and the round is averaged without it. What a million mutated messages do is in
-[security](security.md): nothing.
-
-## False states
-
-A UAV can also broadcast false states. One of 25 UAVs flies `hjb` honestly and broadcasts its true
-position with a false velocity, in every tick; the paper's scenario, seeds 1 to 3
-(`tests/faults/test_implausible_states.py` flies it smaller).
-
-| what it says | arrived | travel time, s | collisions | states refused |
-|---|---:|---:|---:|---:|
-| the truth | 25, 25, 25 | 166, 177, 186 | 8, 16, 12 | 0 |
-| 10⁶ m/s, believed | 1, 1, 1 | the other 24 diverge | | |
-| 10⁶ m/s, not believed (`radio.plausible_speed` = 100 m/s) | 25, 25, 25 | 166, 176, 186 | 9, 16, 12 | one a tick |
-| 99 m/s, believed | 25, 25, 25 | 150, 171, 175 | 5, 17, 10 | 0 |
-
-A velocity above `radio.plausible_speed`, or a position that nobody can have come to at that speed, is not believed: the
-UAV stays where it was last believed to be. A false state below the bound is used. At 99 m/s it hurries the others and
-breaks nothing here; a bound nearer to what the craft can fly admits fewer false states, but also fewer scenarios.
-
-## What this does not show
-
-- The false UAVs do not collude and do not know the others' models. Attacks fitted to a rule (small, consistent shifts
-  inside the honest spread) are known from the literature and are not flown here.
-- More than 20 %, other methods, other radios: `federation.byzantine_fraction` takes any share.
-- *Holds* is a statement about arrivals and time. A row may hold and still cost more energy; the
-  columns say.
-- A malicious leader owns every model, a malicious head of a cluster its cluster's share. Nothing here stands against
-  that.
-"""
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ import psutil
 import pytest
 
 from benchmarks import page, peers, profile, scaling, store
+from benchmarks.__main__ import PAGE
 from benchmarks.peer import environment
 from benchmarks.processes import BenchmarkFailed
 from tests.polling import DEADLINE_S
@@ -218,6 +219,13 @@ def test_the_page_on_scaling_can_be_written_from_the_record_beside_it(tmp_path: 
     for name in ("fit", "bytes", "future"):
         assert re.search(rf"<!-- {name} -->\n\|.*?\n<!-- end -->", text, flags=re.DOTALL)
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_measurements_on_the_page_are_those_of_the_record() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    record = store.read(store.LATEST)
+    assert record is not None
+    assert page.page(record, text) == text
 
 
 def test_a_record_without_the_races_is_said(tmp_path: Path, capsys: Any) -> None:

@@ -1,6 +1,7 @@
 """The documentation is executed: what it says to type works, and what can be typed is in it."""
 
 import importlib.util
+import json
 import os
 import re
 import shlex
@@ -187,6 +188,12 @@ def script_of(page: str) -> ModuleType:
     script = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(script)
     return script
+
+
+def test_the_tables_of_robustness_are_those_of_the_flights_that_were_kept() -> None:
+    script = script_of("robustness")
+    text = script.PAGE.read_text(encoding="utf-8")
+    assert script.page(json.loads(script.RESULTS.read_text(encoding="utf-8")), text) == text
 
 
 @pytest.mark.parametrize("page", ["api", "keys"])
