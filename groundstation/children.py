@@ -6,7 +6,7 @@ import subprocess
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from meanflock.swarm.printable import printable_lines
@@ -23,8 +23,8 @@ class Child:
     name: str
     module: str
     command: list[str]
-    process: "subprocess.Popen[bytes]"
     log: Path
+    process: "subprocess.Popen[bytes]" = field(init=False)  # once it is launched
     given_up: bool = False  # it ended badly and is not started again
     passed_on: int = 0  # bytes of the log that standard error has had
 

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 
@@ -153,13 +152,12 @@ class Swarm:
         if self._children and self._children[0].process.poll() is None:
             self._children[0].process.send_signal(signal.SIGINT)
 
-    def wait(self, timeout_s: float, meanwhile: Callable[[], None] = lambda: None) -> bool:
+    def wait(self, timeout_s: float) -> bool:
         """Waits until every process has ended by itself; False if some did not in time."""
         end = time.monotonic() + timeout_s
         while any(child.process.poll() is None for child in self._children):
             if time.monotonic() > end:
                 return False
-            meanwhile()
             time.sleep(0.01)
         return True
 
@@ -195,32 +193,19 @@ class Swarm:
 
     def _start(self, module: str, name: str, flags: list[str]) -> None:
         # -P: a file or folder of the user's in the working folder is not taken for ours, whatever its name.
-        command = [
-            sys.executable,
-            "-P",
-            "-m",
-            f"meanflock.{module}",
-            "--endpoint",
-            self.endpoint,
-            "--run",
-            self._run,
-            *flags,
-        ]
-        if self._tls is not None:
-            command += ["--tls", str(self._tls)]
+        command = [sys.executable, "-P", "-m", f"meanflock.{module}", "--endpoint", self.endpoint, "--run", self._run]
+        command += [*flags, *([] if self._tls is None else ["--tls", str(self._tls)])]
         command += ["--log-format", self._log_format or logs.TEXT]
-        path = Path(self._logs.name) / f"{name.replace(' ', '-')}.log"
-        self._children.append(Child(name, module, command, self._popen(name, command, path), path))
+        child = Child(name, module, command, Path(self._logs.name) / f"{name.replace(' ', '-')}.log")
+        self._launch(child)
+        self._children.append(child)
 
     def _launch(self, child: Child) -> None:
-        """The same again."""
-        child.process = self._popen(child.name, child.command, child.log)
-
-    def _popen(self, name: str, command: list[str], path: Path) -> "subprocess.Popen[bytes]":
-        self._restarts.started(name)
-        with path.open("ab") as output:
-            return subprocess.Popen(
-                command,
+        """Starts it, or starts it again."""
+        self._restarts.started(child.name)
+        with child.log.open("ab") as output:
+            child.process = subprocess.Popen(
+                child.command,
                 stdin=self._child_stdin,
                 stdout=subprocess.DEVNULL,
                 stderr=output,

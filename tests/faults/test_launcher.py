@@ -218,7 +218,9 @@ def test_a_world_that_ended_unheard_is_noticed_and_the_run_can_be_resumed(
     bus = MemoryNetwork().endpoint()
     with RunFolder(tmp_path, "run", flown) as folder, Swarm("run") as swarm:
         left = subprocess.Popen([sys.executable, "-c", ""])
-        swarm._children.append(Child("world", "worldsim", [], left, tmp_path / "log"))
+        child = Child("world", "worldsim", [], tmp_path / "log")
+        child.process = left
+        swarm._children.append(child)
         (tmp_path / "log").touch()
         with pytest.raises(
             RunFailed, match=r"the world ended .*, before take-off; `meanflock run .*run/scenario\.toml`"
