@@ -1,6 +1,6 @@
 """Commands that fly many times: compare, sweep, paper."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +26,7 @@ from meanflock.groundstation.cli_study_arguments import (
 )
 from meanflock.groundstation.doctor import tell_if_slow
 from meanflock.groundstation.terminal import console_for
-from meanflock.swarm import scenario, scenarios
+from meanflock.swarm import scenario
 from meanflock.swarm.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -60,13 +60,11 @@ def compare(
     \b
     Example: meanflock compare hjb mfgfl-hf --seeds 4 --duration 200
     """
-    from meanflock.groundstation import plots, study, swept
+    from meanflock.groundstation import plots, swept
 
     swept.refuse_setting("method", given["settings"], "is what is compared")
     scenarios = {(method,): load_scenario(file, method=method, **given) for method in dict.fromkeys(methods)}
-    points = {names: study.seeded(flown, seeds or SEEDS) for names, flown in scenarios.items()}
-    flown = _fly("compare", points, jobs, out, quiet)
-    _show("compare", ("method",), flown, scenarios, out)
+    flown = _fly("compare", ("method",), scenarios, seeds or SEEDS, jobs, out, quiet)
     report(plots.write({"compare": plots.plot_compare({method: runs for (method,), runs in flown.items()})}, out))
     if record:
         from meanflock.groundstation import side_by_side  # rerun takes a third of a second to load
@@ -119,10 +117,9 @@ def sweep(
         for name in names:
             one = load_scenario(file, (*settings, varied.setting(value)), method=name, **given)
             scenarios[(value,) if varied.key == "method" else (value, str(one.method))] = one
-    each = 1 if varied.key == "seed" else seeds or SEEDS
-    flown = _fly("sweep", {at: study.seeded(one, each) for at, one in scenarios.items()}, jobs, out, quiet)
     columns = ("method",) if varied.key == "method" else (with_unit(varied.key), "method")
-    _show("sweep", columns, flown, scenarios, out)
+    each = 1 if varied.key == "seed" else seeds or SEEDS
+    flown = _fly("sweep", columns, scenarios, each, jobs, out, quiet)
     points: dict[Any, dict[str, study.Summaries]] = {}
     for (value, *_), runs in flown.items():
         points.setdefault(value, {})[runs[0]["method"]] = runs
@@ -130,26 +127,23 @@ def sweep(
 
 
 def _fly(
-    what: str, points: Mapping[Any, Sequence[Scenario]], jobs: int, out: Path, quiet: bool
-) -> "dict[Any, study.Summaries]":
-    """The summaries of all runs; those that are in `out` already are not flown again."""
-    from meanflock.groundstation import study
-
-    with store_in(out) as store, progress_of(what, quiet) as progress:
-        return study.fly_all(points, jobs, progress, store)
-
-
-def _show(
     what: str,
     columns: tuple[str, ...],
-    flown: "Mapping[Any, study.Summaries]",
     scenarios: Mapping[Any, Scenario],
+    seeds: int,
+    jobs: int,
     out: Path,
-) -> None:
-    """Prints the table of means, and writes it and the runs behind it."""
+    quiet: bool,
+) -> "dict[Any, study.Summaries]":
+    """The summaries of all runs; those that are in `out` already are not flown again. Prints the table of means, and
+    writes it and the runs behind it.
+    """
     from meanflock.groundstation import study
     from meanflock.groundstation.means import Means
 
+    points = {at: study.seeded(one, seeds) for at, one in scenarios.items()}
+    with store_in(out) as store, progress_of(what, quiet) as progress:
+        flown = study.fly_all(points, jobs, progress, store)
     means = Means(columns, flown)
     sizes = {one.uavs for one in scenarios.values()}
     title = f"{what}: {sizes.pop()} UAVs" if len(sizes) == 1 else what
@@ -157,6 +151,7 @@ def _show(
     console_for(table).print(table)
     study.save(flown.values(), out / "runs.jsonl")
     report([out / "runs.jsonl", means.write_csv(out / f"{what}.csv")])
+    return flown
 
 
 @click.command()
@@ -204,7 +199,7 @@ def paper(
     from meanflock.groundstation.paper.verdict import evaluate
 
     experiments = set().union(*(_FLOWN_FOR[figure] for figure in chosen(only))) if only else None
-    file = None if name in (None, "paper") else _scenario_file(str(name))
+    file = None if name in (None, "paper") else Path(str(name))
     base = scenario.load(file)
     out = out or Path("out") / (file.stem if file else "paper")
     tell_if_slow()
@@ -217,11 +212,6 @@ def paper(
     for verdict, number in counts(records).items():
         click.echo(f"{verdict}: {number}", err=True)
     report(paths)
-
-
-def _scenario_file(name: str) -> Path:
-    """A file, or a scenario that comes with meanflock."""
-    return Path(name) if name.endswith(".toml") else scenarios.FOLDER / f"{name}.toml"
 
 
 _FLOWN_FOR: dict[str, set[str]] = {

@@ -70,7 +70,8 @@ class Continued:
         self.earlier: list[Path] = []  # what there is already, whole; what cannot be read is left aside
 
     def __enter__(self) -> "Continued":
-        aside = self._background()  # the ones that were left by who was killed before it could join them
+        # Some may be left by who was killed before it could join them.
+        aside = sorted(self._path.parent.glob(f".earlier-*.{self._path.name}"))
         if self._path.exists():
             aside.append(self._path.replace(self._path.with_name(f".earlier-{len(aside):03}.{self._path.name}")))
         for part in aside:
@@ -95,9 +96,6 @@ class Continued:
                     part.unlink()
         finally:
             joined.unlink(missing_ok=True)
-
-    def _background(self) -> list[Path]:
-        return sorted(self._path.parent.glob(f".earlier-*.{self._path.name}"))
 
 
 def open_viewer(path_or_url: Path | str) -> "subprocess.Popen[bytes]":

@@ -40,12 +40,15 @@ class Test:
         return f"{self.what} = {show(self.estimate)}, needs {self.need}"
 
 
+def number(value: float | None) -> str:
+    """Three digits, or all before the point; ? where it is unknown or unbounded."""
+    if value is None:
+        return "?"
+    return f"{value:.3g}" if abs(value) < 1000 else f"{value:,.0f}"
+
+
 def show(estimate: Estimate) -> str:
     """`1.23 [1.10, 1.36]`."""
-
-    def number(value: float) -> str:
-        return f"{value:.3g}" if abs(value) < 1000 else f"{value:,.0f}"
-
     return f"{number(estimate.value)} [{number(estimate.low)}, {number(estimate.high)}]"
 
 

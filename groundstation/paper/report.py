@@ -15,8 +15,6 @@ from meanflock.groundstation.paper.sensitivity import shares
 from meanflock.groundstation.paper.tables import Results
 from meanflock.groundstation.paper.view import View
 
-VERDICTS = (verdict.REPRODUCED, verdict.NOT_REPRODUCED, verdict.UNDECIDED, verdict.NOT_TESTABLE)
-
 
 def write_report(
     results: Results,
@@ -45,4 +43,4 @@ def write_report(
 def counts(records: Iterable[Mapping[str, Any]]) -> dict[str, int]:
     """How many claims of the paper have each verdict."""
     seen = Counter(record["verdict"] for record in records if record["id"].startswith("C"))
-    return {name: seen[name] for name in VERDICTS}
+    return {name: seen[name] for name in verdict.VERDICTS.values()}

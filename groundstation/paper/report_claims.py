@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from meanflock.groundstation.paper.outcome import number
+
 RULE = (
     "A check holds if its whole 95 % interval over seeds lies on the claimed side of the threshold, fails if the "
     "whole interval lies on the other side, and is undecided if the threshold lies in the interval. A claim is "
@@ -29,11 +31,5 @@ def values(record: Mapping[str, Any]) -> list[str]:
 
 def interval_text(value: float | None, interval: Sequence[float | None]) -> str:
     """`21.3 [20.1, 22.5]`, with ? for what is unbounded or unknown."""
-
-    def number(each: float | None) -> str:
-        if each is None:
-            return "?"
-        return f"{each:,.0f}" if abs(each) >= 1000 else f"{each:.3g}"
-
     low, high = interval
     return number(value) + (f" [{number(low)}, {number(high)}]" if low is not None or high is not None else "")
