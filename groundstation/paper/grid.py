@@ -113,13 +113,13 @@ def _seeded(flown: Scenario, seed: int) -> Scenario:
     return msgspec.structs.replace(flown, seed=seed)
 
 
-def points(duration: float = 300.0, scenario: Path | None = None) -> Iterator[Point]:
-    """Every point of the grid about a scenario, by default the paper's; all fly to `duration` (s), so that φ(175 s)
+def points(scenario: Path | None = None) -> Iterator[Point]:
+    """Every point of the grid about a scenario, by default the paper's; all fly for 300 s, so that φ(175 s)
     exists and curves have one length. What surrounds the paper's alone, open parameters and map, is left out of others.
     """
 
     def fly(method: Method, *settings: str, uavs: int = 25) -> Scenario:
-        return load(scenario, settings, method=str(method), uavs=uavs, duration=duration, stop="duration")
+        return load(scenario, settings, method=str(method), uavs=uavs, duration=300.0, stop="duration")
 
     for method in (*LEARNING, Method.OFFLINE):
         yield Point("s0", fly(method))
@@ -174,11 +174,11 @@ def seeds_of(experiment: str, seeds: int, fresh: bool = False) -> range:
     return range(first, first + max(1, round(seeds * EXPERIMENTS[experiment][0])))
 
 
-def wanted(seeds: int, duration: float = 300.0, scenario: Path | None = None) -> list[Wanted]:
+def wanted(seeds: int, scenario: Path | None = None) -> list[Wanted]:
     """Every row of the table of runs. Several rows can be the same run: see `Wanted.key`."""
     return [
         Wanted(point, seed)
-        for point in points(duration, scenario)
+        for point in points(scenario)
         for seed in seeds_of(point.experiment, seeds, scenario is not None)[
             : 1 if point.flown.wind.sigma == 0 else None
         ]
