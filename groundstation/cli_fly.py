@@ -144,8 +144,9 @@ def _fly(
         Console().print(summary_table(done.summary))
     if not only_logs:
         if done.summary["lost"] and (why := said_of_loss(done.folder)):
+            lost = done.summary["lost"]
             logs.tell(
-                f"{done.summary['lost']} lost; the first: {why}; all are in {done.folder / EVENTS}", logging.WARNING
+                f"UAVs lost: {lost}; the first event: {why}; all events are in {done.folder / EVENTS}", logging.WARNING
             )
         logs.tell(f"run folder {done.folder}")
 

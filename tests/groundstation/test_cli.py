@@ -130,7 +130,7 @@ def test_who_was_lost_and_why_is_said_after_the_flight(run) -> None:
     _, _, err = run(*QUICK, "--set", kill)
     said, folder = err.splitlines()
     name = folder.removeprefix("run folder ")
-    assert re.fullmatch(rf"1 lost; the first: .*UAV 2.*; all are in {name}/events\.jsonl", said)
+    assert re.fullmatch(rf"UAVs lost: 1; the first event: .*UAV 2.*; all events are in {name}/events\.jsonl", said)
 
 
 def test_json_is_exactly_the_summary_even_with_progress(run, tmp_path) -> None:
