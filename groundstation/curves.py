@@ -81,6 +81,8 @@ class Curves:
         ax.plot(self._times, rows.mean(axis=-1), color=self._tone)
         if from_zero:
             ax.set_ylim(bottom=0.0)
+        elif not np.nan_to_num(rows).any():  # else the axis has ticks of ±0.04 about nothing
+            ax.set_ylim(0.0, 1.0)
 
     def _size(self, sizes: Floats, ax: Axes) -> None:
         mean = sizes[:: self._step].mean(axis=-1)

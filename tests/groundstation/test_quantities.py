@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from matplotlib.axes import Axes
@@ -220,6 +221,15 @@ def test_the_comparison_says_how_many_flights_and_shows_arrivals_of_all() -> Non
     low, high = arrivals.get_xlim()
     assert low <= 0.0
     assert 9.0 <= high < 10.0
+
+
+def test_a_diagnostic_that_was_zero_throughout_has_an_axis_that_begins_there(of_a_stranger: Path) -> None:
+    rows = pq.read_table(of_a_stranger / TIMESERIES)
+    place = rows.column_names.index("tension")
+    nothing = pa.array([[0.0] * len(each) for each in rows["tension"]], type=rows["tension"].type)
+    pq.write_table(rows.set_column(place, rows.schema.field(place), nothing), of_a_stranger / TIMESERIES)
+    panel = titles(plots.plot_run(of_a_stranger)["curves"])["tension: mean, max, min"]
+    assert panel.get_ylim() == (0.0, 1.0)
 
 
 def test_panels_are_lettered_past_the_alphabet() -> None:
