@@ -8,6 +8,7 @@ connected to, and only the others' for connecting, so a node cannot pass itself 
 import ipaddress
 import json
 import os
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -27,6 +28,7 @@ from meanflock.swarm.net.identity import LEADER, STATION, WORLD, Identity
 
 HOSTS = ("127.0.0.1", "::1", "localhost", "worldsim")  # where a world is found: this machine, or its container
 DAYS = 90
+_HOST = re.compile(r"(\*\.)?[A-Za-z0-9_][A-Za-z0-9_-]{0,62}(\.[A-Za-z0-9_][A-Za-z0-9_-]{0,62})*")
 COMPOSE = "compose.yaml"  # JSON, which is YAML too
 SOON_DAYS = 7
 IMAGE_USER = 1000  # whom the containers run as where root made the keys; the Dockerfile's
@@ -54,8 +56,12 @@ def init(folder: Path, uavs: int, days: int = DAYS, hosts: Sequence[str] = ()) -
     `hosts`: more names or addresses the world is reached under.
 
     Raises:
-        BadInput: `folder` has something in it, or cannot be written.
+        BadInput: `folder` has something in it, or cannot be written, or a host has no name. Nothing was written.
     """
+    for host in hosts:
+        if not _HOST.fullmatch(host) and not _is_address(host):
+            raise BadInput(f"--host {host}: no name or address of a machine; write it as base.example.org or 10.0.0.1")
+    new = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
@@ -73,8 +79,18 @@ def init(folder: Path, uavs: int, days: int = DAYS, hosts: Sequence[str] = ()) -
         overlay = compose(folder.resolve(), uavs, f"{owner.st_uid}:{owner.st_gid}")
         written[-1].write_text(json.dumps(overlay, indent=1) + "\n", encoding="utf-8")
     except OSError as error:
+        _empty(folder, new)
         raise BadInput(f"{error.filename or folder}: {error.strerror}; name a folder that can be written") from error
     return written
+
+
+def _empty(folder: Path, new: bool) -> None:
+    """Half of the certificates are of no use: they are removed, and the folder with them where it is new."""
+    with suppress(OSError):
+        for path in folder.iterdir():
+            path.unlink()
+        if new:
+            folder.rmdir()
 
 
 def compose(folder: Path, uavs: int, user: str) -> dict[str, Any]:
@@ -251,11 +267,16 @@ def _common_name(name: str) -> x509.Name:
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
 
 
-def _alternative(host: str) -> x509.GeneralName:
+def _is_address(host: str) -> bool:
     try:
-        return x509.IPAddress(ipaddress.ip_address(host))
+        ipaddress.ip_address(host)
     except ValueError:
-        return x509.DNSName(host)
+        return False
+    return True
+
+
+def _alternative(host: str) -> x509.GeneralName:
+    return x509.IPAddress(ipaddress.ip_address(host)) if _is_address(host) else x509.DNSName(host)
 
 
 def _write(folder: Path, name: str, certificate: x509.Certificate, key: ec.EllipticCurvePrivateKey) -> list[Path]:

@@ -3,6 +3,7 @@
 import logging
 import os
 import sys
+import traceback
 
 import click
 
@@ -49,6 +50,19 @@ for _command in (*_FLY, *_LOOK, *_STUDY, *_PREPARE):
     cli.add_command(_command)
 
 
+def _of_output(error: OSError) -> bool:
+    """Whether it was standard output that took no more, as on a full disk; what waits for it is then thrown away."""
+    *_, (innermost, _) = traceback.walk_tb(error.__traceback__)
+    printed = str(innermost.f_globals.get("__name__")).partition(".")[0] in ("click", "rich")
+    try:
+        sys.stdout.flush()
+    except OSError:
+        printed = True
+    if printed:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return printed
+
+
 def main(arguments: list[str] | None = None) -> int:
     """The `meanflock` command: every error is one line and an exit code."""
     if arguments is None:
@@ -56,6 +70,7 @@ def main(arguments: list[str] | None = None) -> int:
         divert()  # standard output is what we say; what libraries say in native code is not
     try:
         cli.main(arguments, prog_name="meanflock", standalone_mode=False)
+        sys.stdout.flush()
         code = EXIT_DONE
     except MeanflockError as error:
         logs.tell(f"error: {error}", logging.ERROR)
@@ -66,6 +81,11 @@ def main(arguments: list[str] | None = None) -> int:
         code = EXIT_BAD_INPUT
     except click.Abort:
         logs.tell("error: interrupted", logging.ERROR)
+        code = EXIT_RUN_FAILED
+    except OSError as error:
+        if not _of_output(error):
+            raise
+        logs.tell(f"error: standard output: {error.strerror}; what was flown or written is kept", logging.ERROR)
         code = EXIT_RUN_FAILED
     except SystemExit as leaving:
         code = leaving.code if isinstance(leaving.code, int) else EXIT_RUN_FAILED

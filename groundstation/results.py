@@ -91,6 +91,10 @@ class RunFolder:
     def _unusable(self, error: OSError, new: bool) -> BadInput:
         if new:
             shutil.rmtree(self.path, ignore_errors=True)
+        if self._resumed:
+            return BadInput(
+                f"{self.path}: {_reason(error)}; make room, or let it be written, then give the command again"
+            )
         return BadInput(f"--out {self.path.parent}: {_reason(error)}; name a folder that can be written")
 
     def write(self, block: Telemetry) -> None:
@@ -190,7 +194,7 @@ def alone(folder: Path) -> Iterator[None]:
         BadInput: somebody does.
     """
     path = folder / EVENTS
-    with path.open("rb") if path.exists() else nullcontext() as events:
+    with path.open("rb") if path.is_file() else nullcontext() as events:
         if events is not None:
             lock(events, folder)
         yield

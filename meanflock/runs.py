@@ -41,11 +41,21 @@ class Run:
 
     @cached_property
     def events(self) -> list[dict[str, Any]]:
-        """What happened: tick, sim_time_s, kind, text, uavs."""
+        """What happened: tick, sim_time_s, kind, text, uavs.
+
+        Raises:
+            BadInput: the file of them is damaged or gone.
+        """
         if self._blocks:
             return [row_of(event, self.scenario.dt) for block in self._blocks for event in block.events]
         assert self.folder is not None
-        return [json.loads(line) for line in (self.folder / EVENTS).read_text(encoding="utf-8").splitlines()]
+        path = self.folder / EVENTS
+        try:
+            return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+        except OSError as error:
+            raise BadInput(f"{path}: {error.strerror}; fly the run again") from error
+        except ValueError as error:
+            raise BadInput(f"{path}: damaged: {error}; fly the run again") from error
 
     @property
     def recording(self) -> Path | None:

@@ -50,6 +50,10 @@ def divert() -> None:
 
 
 def _take_stdout(instead: int) -> None:
+    if sys.stdout is None:  # whoever started this process has closed it: nobody reads
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115  # for as long as the process lives
+        if sys.stdout.fileno() != 1:  # another file has the number
+            return
     sys.stdout.flush()
     sys.stdout = os.fdopen(os.dup(1), "w", encoding=sys.stdout.encoding, errors=sys.stdout.errors)
     os.dup2(instead, 1)

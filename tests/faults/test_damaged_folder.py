@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+import meanflock as mf
 from meanflock.groundstation import viewer
 from meanflock.groundstation.cli import main
 from meanflock.groundstation.plots import plot_run
@@ -204,3 +205,29 @@ def test_a_picture_is_whole_or_not_there(flown: Path, tmp_path: Path) -> None:
     assert done.stderr.startswith("error: ")
     assert done.stderr.strip().count("\n") == 0
     assert not list((folder / "plots").iterdir())
+
+
+@pytest.mark.parametrize("how", ["empty", "another seed"])
+@pytest.mark.parametrize("flags", [(), ("--in-process",)])
+def test_another_scenario_than_was_flown_is_refused_and_its_folder_left_as_it_was(
+    how: str, flags: tuple[str, ...], folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = folder / "scenario.toml"
+    text = path.read_text()
+    path.write_text("" if how == "empty" else text.replace("\nseed = ", "\nseed = 1"))
+    before = contents(folder)
+    assert main(["resume", str(folder), "--quiet", *flags]) == 2
+    assert f"{path}: not the scenario that was flown" in verdict(capsys)
+    assert contents(folder) == before
+
+
+def test_events_that_are_damaged_or_gone_are_an_error_of_the_folder(flown: Path, tmp_path: Path) -> None:
+    copy = Path(shutil.copytree(flown, tmp_path / "run"))
+    (copy / EVENTS).write_bytes(b"junk\n")
+    with pytest.raises(BadInput, match=r"events\.jsonl: damaged"):
+        _ = mf.open(copy).events
+    (copy / EVENTS).unlink()
+    with pytest.raises(BadInput, match=r"events\.jsonl: No such file"):
+        _ = mf.open(copy).events
+    (copy / EVENTS).mkdir()
+    assert main(["plot", str(copy)]) == 0

@@ -1,5 +1,6 @@
 """A disk that fills up in mid-flight: a clear verdict, whole blocks on the disk, and a flight that can go on."""
 
+import errno
 import json
 import os
 import resource
@@ -14,12 +15,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from meanflock.groundstation import durable
+from meanflock.groundstation.cli import main
 from meanflock.groundstation.results import RunFolder
 from meanflock.groundstation.timeseries_file import past
 from meanflock.groundstation.viewer import verify
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BadInput, RunFailed
 from tests.faults.conftest import Lab, Processes, scenario, spool_bytes
+from tests.faults.test_resume import LATER, dead
 from tests.polling import DEADLINE_S, until
 
 FULL_BYTES = 320 * 1024
@@ -182,3 +185,33 @@ def test_a_disk_that_is_full_beforehand_is_bad_input_and_nothing_is_left(
     with pytest.raises(BadInput, match="No space left"):
         RunFolder(tmp_path, "run", scenario())
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+@pytest.mark.parametrize("arguments", [("scenario", "show"), ("plugins",), ("scenario", "schema")])
+def test_an_output_that_takes_no_more_is_an_error_in_a_line(arguments: tuple[str, ...]) -> None:
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-m", "meanflock.groundstation.cli", *arguments]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=DEADLINE_S, check=False)
+    assert done.stderr == "error: standard output: No space left on device; what was flown or written is kept\n"
+    assert done.returncode == 1
+
+
+def test_a_run_that_has_no_room_to_go_on_asks_for_room_and_not_for_another_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = dead(tmp_path, scenario(LATER, method="mfg"), 150)
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("meanflock.groundstation.results.Spool", full)
+    assert main(["resume", str(folder), "--in-process", "--quiet"]) == 2
+    assert capsys.readouterr().err.startswith(f"error: {folder}: No space left on device; make room")
+
+
+def test_an_output_that_is_closed_is_no_error() -> None:
+    command = [sys.executable, "-m", "meanflock.groundstation.cli", "scenario", "show"]
+    line = ["sh", "-c", '"$@" >&-', "sh", *command]
+    done = subprocess.run(line, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -1,5 +1,6 @@
 """Certificates: what `certs init` makes, and that `run` and `doctor` see what is amiss before a process starts."""
 
+import errno
 import json
 import os
 import stat
@@ -162,3 +163,32 @@ def test_the_rules_let_everyone_speak_under_its_own_name_only() -> None:
                 node = key.removesuffix("/act").removesuffix("/join").rpartition("/")[2]
                 assert key == keys.received("r") or node in (name, f"{name}.$*")
     assert not any("delete" in rule["messages"] for rule in made["rules"])
+
+
+@pytest.mark.parametrize("host", ["", "a b", "x;y", "größe.example", "-x", "a..b", "10.0.0.256/8"])
+def test_a_host_that_nobody_can_be_called_is_refused_and_nothing_is_written(host: str, tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="no name or address of a machine"):
+        certs.init(tmp_path / "certs", 1, hosts=[host])
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("host", ["base", "base.example.org", "10.0.0.1", "fe80::1", "my_host-2", "*.lab"])
+def test_a_machine_has_a_name_or_an_address(host: str, tmp_path: Path) -> None:
+    certs.init(tmp_path / "certs", 1, hosts=[host])
+    certs.check(tmp_path / "certs", 1, 1)
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_where_the_disk_is_full_no_half_of_the_certificates_stays(
+    there: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> str:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    folder = tmp_path / "certs"
+    if there:
+        folder.mkdir()
+    monkeypatch.setattr(certs, "compose", full)
+    with pytest.raises(BadInput, match="No space left"):
+        certs.init(folder, 2)
+    assert list(tmp_path.rglob("*")) == [folder] * there
