@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from meanflock.groundstation import palette, panels, recording_mission
 from meanflock.groundstation.plot_views import learned, series, tabs, whole_flight
-from meanflock.groundstation.recording_part import Logs
+from meanflock.groundstation.recording_part import Part
 from meanflock.groundstation.reported import Reported
 from meanflock.swarm.clusters import Clusters
 from meanflock.swarm.scenario import Scenario
@@ -89,13 +89,10 @@ def graph(flown: Scenario) -> tuple[list[str], NDArray[np.float64]]:
     return [str(uav) for uav in range(flown.uavs)], places
 
 
-def log_static(stream: Logs, scenario: Scenario, reported: Reported) -> None:
+def log_static(stream: Part, scenario: Scenario, reported: Reported) -> None:
     """Logs what does not change in flight: how marks look that move, and names and colours of all series."""
 
-    def log(entity: str, part: rr.AsComponents) -> None:
-        stream.log(entity, part, static=True)
-
-    size = rr.Radius.ui_points
+    log, size = stream.log, rr.Radius.ui_points
     log(MAP, rr.Transform3D(scale=[1.0, -1.0, 1.0]))  # 2-D views are y-down
     numbers = [f"UAV {uav}" for uav in range(scenario.uavs)]  # of the one under the mouse
     dots = rr.Points2D.from_fields(radii=size(3.0), labels=numbers, show_labels=False, draw_order=30.0)

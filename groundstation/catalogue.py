@@ -69,7 +69,8 @@ def _about(found: type) -> str:
 
 
 def _options(kind: type[msgspec.Struct]) -> Iterator[Option]:
-    schema = _schema_of(kind)
+    (reference,), components = msgspec.json.schema_components([kind])
+    schema = components[reference["$ref"].rpartition("/")[2]]
     for name, key in schema["properties"].items():
         bounds = [f"{sign} {key[word]:g}" for word, sign in _BOUNDS.items() if word in key]
         bounds += [" | ".join(map(str, key["enum"]))] if "enum" in key else []
@@ -78,12 +79,6 @@ def _options(kind: type[msgspec.Struct]) -> Iterator[Option]:
         yield Option(
             name, key.get("type") or " | ".join(of_parts), ", ".join(bounds), required, key.get("default"), about
         )
-
-
-def _schema_of(kind: type[msgspec.Struct]) -> dict[str, Any]:
-    (reference,), components = msgspec.json.schema_components([kind])
-    found: dict[str, Any] = components[reference["$ref"].rpartition("/")[2]]
-    return found
 
 
 def text(entries: list[Entry], width: int) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from meanflock.groundstation import blueprint as look
 from meanflock.groundstation import palette, recording_mission
 from meanflock.groundstation.recording_marks import Point, circle, label, line
-from meanflock.groundstation.recording_part import Logs
+from meanflock.groundstation.recording_part import Part
 from meanflock.groundstation.reported import Reported
 from meanflock.swarm import mission, state
 from meanflock.swarm.faults import Gust, Jam, Kill, Partition, Pause
@@ -59,7 +59,7 @@ def layout(scenario: Scenario, words: int, rows: int = 1) -> Layout:
     return Layout(left, top, _COLUMNS, column, row, _SAMPLE * width, _SCALE * width, area)
 
 
-def log(stream: Logs, scenario: Scenario, reported: Reported, rows: int = 1) -> None:
+def log(stream: Part, scenario: Scenario, reported: Reported, rows: int = 1) -> None:
     """Logs the map's fixed parts, and those of the close-up on the leader; `rows`: of maps below each other."""
     key = _key(scenario)
     where = layout(scenario, len(key), rows)
@@ -103,7 +103,7 @@ def _key(scenario: Scenario) -> list[tuple[str, int, NDArray[np.float64], float]
     return key
 
 
-def _log_colours(stream: Logs, left: float, right: float, y: float, gap: float, of_phi_g: bool) -> None:
+def _log_colours(stream: Part, left: float, right: float, y: float, gap: float, of_phi_g: bool) -> None:
     """A bar with the colours of φ_G, or of speed, with its ends."""
     if of_phi_g:
         entity, low, high = "map/legend/phi_G", f"φ_G ≤ {palette.PHI_G_LOW:g}", f"≥ {palette.PHI_G_HIGH:g} s⁻²"
@@ -114,12 +114,12 @@ def _log_colours(stream: Logs, left: float, right: float, y: float, gap: float, 
     bar = rr.LineStrips2D(
         strips.astype(np.float32), colors=palette.viridis(np.linspace(0, 1, 32)), radii=rr.Radius.ui_points(3.0)
     )
-    stream.log(entity, bar, static=True)
+    stream.log(entity, bar)
     label(stream, f"{entity}/low", (left, y - gap), low, palette.GREY)
     label(stream, f"{entity}/high", (right, y - gap), high, palette.GREY)
 
 
-def _log_wind(stream: Logs, scenario: Scenario, at: Point, length: float) -> None:
+def _log_wind(stream: Part, scenario: Scenario, at: Point, length: float) -> None:
     """An arrow of the mean wind's direction; the word says how fast it is."""
     wind = np.array(scenario.flown().wind.mean)
     speed = float(np.hypot(*wind))
@@ -128,12 +128,12 @@ def _log_wind(stream: Logs, scenario: Scenario, at: Point, length: float) -> Non
         tail = np.array([at[0], at[1] + length / 2]) - arrow / 2
         radii = rr.Radius.ui_points(1.5)
         parts = rr.Arrows2D(vectors=[arrow], origins=[tail], colors=[palette.GUST], radii=radii, draw_order=1.0)
-        stream.log("map/legend/wind", parts, static=True)
+        stream.log("map/legend/wind", parts)
     said = f"mean wind {speed:.2g} m/s" if speed else "no mean wind"
     label(stream, "map/legend/wind/word", at, said, palette.GUST)
 
 
-def _log_scale(stream: Logs, entity: str, at: Point, most_m: float) -> None:
+def _log_scale(stream: Part, entity: str, at: Point, most_m: float) -> None:
     """A bar of 1, 2 or 5 times a power of ten metres, no longer than asked."""
     power = 10.0 ** math.floor(math.log10(most_m))
     length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= most_m)
@@ -142,7 +142,7 @@ def _log_scale(stream: Logs, entity: str, at: Point, most_m: float) -> None:
     label(stream, f"{entity}/word", at, f"{length:g} m", palette.WHITE)
 
 
-def _log_close_up(stream: Logs, scenario: Scenario) -> None:
+def _log_close_up(stream: Part, scenario: Scenario) -> None:
     """What the close-up alone shows: its scale, and how near is near. Its frame has y down, as the view has."""
     edge = 0.9 * look.CLOSE_UP_M
     line(

@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from meanflock.groundstation.recording_part import Logs
+from meanflock.groundstation.recording_part import Part
 
 Point = tuple[float, float]
 
@@ -17,13 +17,13 @@ def circle(centre: Point, radius: float) -> NDArray[np.float64]:
     return np.array(centre) + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
-def line(stream: Logs, entity: str, points: NDArray[np.float64], color: int, thickness: float) -> None:
+def line(stream: Part, entity: str, points: NDArray[np.float64], color: int, thickness: float) -> None:
     """Logs a line through `points` (K, 2), m; `thickness` in points."""
     radii = rr.Radius.ui_points(thickness)
-    stream.log(entity, rr.LineStrips2D([points], colors=[color], radii=radii, draw_order=1.0), static=True)
+    stream.log(entity, rr.LineStrips2D([points], colors=[color], radii=radii, draw_order=1.0))
 
 
-def label(stream: Logs, entity: str, at: Point, text: str, color: int) -> None:
+def label(stream: Part, entity: str, at: Point, text: str, color: int) -> None:
     """Logs text centred below the point `at`, m."""
     point = rr.Points2D([at], labels=[text], colors=[color], radii=0.0, show_labels=True)
-    stream.log(entity, point, static=True)
+    stream.log(entity, point)

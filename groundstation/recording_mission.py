@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from meanflock.groundstation import palette
 from meanflock.groundstation.recording_marks import Point, circle, label, line
-from meanflock.groundstation.recording_part import Logs
+from meanflock.groundstation.recording_part import Part
 from meanflock.swarm import formations, mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.wind import MeanWind
@@ -55,7 +55,7 @@ def start_box(scenario: Scenario) -> Corners:
     return places.min(axis=0) - scenario.start.spacing, places.max(axis=0) + scenario.start.spacing
 
 
-def log(stream: Logs, scenario: Scenario, key: Corners) -> None:
+def log(stream: Part, scenario: Scenario, key: Corners) -> None:
     """Logs all of it, but no arrows where the key to the map is."""
     _log_wind(stream, scenario, key)
     _log_discs(stream, scenario)
@@ -77,19 +77,19 @@ def log(stream: Logs, scenario: Scenario, key: Corners) -> None:
         label(stream, "map/goal/label", _below(_middle(goals)[0], edge), "goals", palette.GREEN)
 
 
-def _log_discs(stream: Logs, scenario: Scenario) -> None:
+def _log_discs(stream: Part, scenario: Scenario) -> None:
     discs = mission.obstacles(scenario)
     if len(discs):
         filled = rr.Points2D(
             discs[:, :2], radii=discs[:, 2], colors=[palette.DISC], labels=_numbers(len(discs)), show_labels=False
         )
-        stream.log("map/obstacles", filled, static=True)
+        stream.log("map/obstacles", filled)
         edges = [circle((x, y), radius) for x, y, radius in discs.tolist()]
         outline = rr.LineStrips2D(edges, colors=[palette.GREY], radii=rr.Radius.ui_points(1.0), draw_order=1.0)
-        stream.log("map/obstacles/edges", outline, static=True)
+        stream.log("map/obstacles/edges", outline)
 
 
-def _log_wind(stream: Logs, scenario: Scenario, key: Corners) -> None:
+def _log_wind(stream: Part, scenario: Scenario, key: Corners) -> None:
     """Arrows of the wind that the world flies, where it is not the same everywhere; the longest fills its place."""
     wind = MeanWind(scenario.flown())
     if wind.uniform:
@@ -108,12 +108,12 @@ def _log_wind(stream: Logs, scenario: Scenario, key: Corners) -> None:
         radii=rr.Radius.ui_points(1.2),
         draw_order=-1.0,
     )
-    stream.log("map/wind", arrows, static=True)
+    stream.log("map/wind", arrows)
 
 
-def _dots(stream: Logs, entity: str, places: NDArray[np.float64], color: int, size: float) -> None:
+def _dots(stream: Part, entity: str, places: NDArray[np.float64], color: int, size: float) -> None:
     dots = rr.Points2D(places, colors=[color], radii=rr.Radius.ui_points(size), draw_order=1.0)
-    stream.log(entity, dots, static=True)
+    stream.log(entity, dots)
 
 
 def _way_m(scenario: Scenario) -> float:

@@ -88,7 +88,7 @@ class _Beside(Writer):
         super().log_fixed()
         line = rr.SeriesLines(names=self._name, colors=np.array([self._color], dtype=np.uint32), widths=2.0)
         for entity in _TITLES:
-            self._under.log(entity, line, static=True)
+            self._under.log(entity, line)
 
     def _send_blocks(self, blocks: list[Telemetry]) -> None:
         super()._send_blocks(blocks)

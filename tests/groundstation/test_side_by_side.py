@@ -10,6 +10,7 @@ from rerun.chunk import RrdReader
 from meanflock.groundstation import blueprint as look
 from meanflock.groundstation import legend, side_by_side
 from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.recording_part import Part
 from meanflock.groundstation.reported import Reported
 from meanflock.groundstation.viewer import verify
 from meanflock.swarm import state
@@ -130,20 +131,16 @@ def test_no_words_of_a_maps_key_cover_each_other_however_many_maps_there_are(cou
     assert all(inside) or across * scale < WINDOW_PX[0] / columns - 100.0  # a wide window has room beside its bounds
 
 
-class Labels:
+class Labels(Part):
     """What is written into the key of a map, and where, m."""
 
     def __init__(self) -> None:
         self.words: list[tuple[tuple[float, float], str]] = []
 
-    def log(self, entity: str, *parts: object, static: bool = False) -> None:
-        assert static
-        if entity.startswith("map/legend/"):
-            for part in parts:
-                for batch in part.as_component_batches():
-                    if batch.component_descriptor().component == "Points2D:labels":
-                        word = batch.as_arrow_array().to_pylist()[0]
-                    if batch.component_descriptor().component == "Points2D:positions":
-                        place = tuple(batch.as_arrow_array().to_pylist()[0])
-                if isinstance(part, rr.Points2D):
-                    self.words.append((place, word))
+    def log(self, entity: str, what: rr.AsComponents) -> None:
+        if entity.startswith("map/legend/") and isinstance(what, rr.Points2D):
+            parts = {
+                batch.component_descriptor().component: batch.as_arrow_array().to_pylist()
+                for batch in what.as_component_batches()
+            }
+            self.words.append((tuple(parts["Points2D:positions"][0]), parts["Points2D:labels"][0]))
