@@ -75,7 +75,7 @@ def test_a_run_whose_leader_station_and_world_are_killed_at_random_ticks_is_resu
         _, err = process.communicate(timeout=DEADLINE_S)
         assert process.returncode == 1, err
         assert err.splitlines()[-1].startswith("error: the world ")
-        assert "is gone; " in err
+        assert " is gone" in err
         assert "meanflock resume" in err
     for process in (*flight.agents, *flight.leaders[:-1]):
         process.terminate()  # they would wait for a world to come back
