@@ -20,10 +20,12 @@ with needed("an agent"):
 
 
 def _run() -> None:
-    options = parser("agent", "One UAV, or a few as rows of one process.", "python -m meanflock.agent --run test")
-    flag(options, "--rows", "1", "UAVs this process holds at the most", int)
-    flag(options, "--uav", "-1", "its first UAV; the world decides where it is negative and --tls is not given", int)
-    flag(options, "--count", "1", "processes to become, each with --rows UAVs; from --uav on, where that is given", int)
+    options = parser("agent", "Flies one UAV, or several.", "python -m meanflock.agent --run test")
+    flag(options, "--rows", "1", "most UAVs that a process flies", int, "M")
+    flag(options, "--uav", "-1", "its first UAV; if negative and without --tls the world decides", int, "K")
+    flag(
+        options, "--count", "1", "number of processes to fork, each with --rows UAVs; from --uav on, if given", int, "N"
+    )
     given = options.parse_args()
     if given.rows < 1:
         raise BadInput(f"--rows {given.rows}: an agent holds at least one UAV")

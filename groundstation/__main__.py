@@ -43,9 +43,9 @@ def _run() -> None:
         "Records a swarm that something else started, and prints its summary.",
         "python -m meanflock.groundstation --run test --out runs",
     )
-    flag(options, "--out", "runs", "folder of the run folders")
-    flag(options, "--rerun", "127.0.0.1:9876", "where a live viewer connects; empty: nowhere")
-    flag(options, "--resume", "", "run folder in which to go on; `latest`: that of this flight, if there is one")
+    flag(options, "--out", "runs", "where run folders are made", metavar="DIR")
+    flag(options, "--rerun", "127.0.0.1:9876", "where a live viewer connects; empty: nowhere", metavar="[HOST:]PORT")
+    flag(options, "--resume", "", "run folder in which to go on; `latest`: that of this flight, if any", metavar="RUN")
     given = options.parse_args()
     logs.start(given.log_format, run=given.run, node=STATION)
     serve = Address.parse("--rerun", given.rerun) if given.rerun else None

@@ -15,7 +15,7 @@ with needed("the leader"):
 
 
 def _run() -> None:
-    given = parser("leader", "The federated leader.", "python -m meanflock.leader --run test").parse_args()
+    given = parser("leader", "Averages the models of the UAVs.", "python -m meanflock.leader --run test").parse_args()
     known = logs.start(given.log_format, run=given.run, node=LEADER)
     interrupted = Interrupted()
     who, run = identity(given.tls, LEADER), keys.check_run(given.run)

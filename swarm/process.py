@@ -38,22 +38,29 @@ def parser(module: str, what: str, example: str) -> argparse.ArgumentParser:
         epilog=f"example: {example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    flag(result, "--endpoint", DEFAULT_ENDPOINT, "where the world listens")
-    flag(result, "--run", "swarm", "name of the run; nodes of other runs never meet")
-    flag(result, "--tls", "", "folder of certificates; every link is then mutual TLS")
-    flag(result, "--wait", "60", "seconds to wait for the others", seconds("--wait"))
+    flag(result, "--endpoint", DEFAULT_ENDPOINT, "where the world listens", metavar="ADDRESS")
+    flag(result, "--run", "swarm", "name of the run; nodes of other runs never meet", metavar="NAME")
+    flag(result, "--tls", "", "folder of certificates; every link is then mutual TLS", metavar="DIR")
+    flag(result, "--wait", "60", "how long to wait for the others", seconds("--wait"), "SECONDS")
     what = f"a file with plug-ins, repeatable (${plugins.FILES}: several, as PATH separates them)"
     result.add_argument("--plugin", action="append", metavar="FILE.py", type=plugins.load_file, help=what)
     plugins.load_files(filter(None, os.environ.get(plugins.FILES, "").split(os.pathsep)))
-    flag(result, "--log-format", logs.TEXT, "text, or json for one object a line", logs.check)
+    flag(result, "--log-format", logs.TEXT, "text, or json for one object per line", logs.check, "FORMAT")
     return result
 
 
-def flag(to: argparse.ArgumentParser, name: str, default: str, what: str, type_: Callable[[str], object] = str) -> None:
+def flag(
+    to: argparse.ArgumentParser,
+    name: str,
+    default: str,
+    what: str,
+    type_: Callable[[str], object] = str,
+    metavar: str | None = None,
+) -> None:
     """Adds a flag whose default is the variable of its name, if that is set."""
     variable = "MEANFLOCK_" + name.strip("-").upper().replace("-", "_")
     text = f"{what} (${variable}, default {default or 'none'})"
-    to.add_argument(name, default=os.environ.get(variable, default), type=type_, help=text)
+    to.add_argument(name, default=os.environ.get(variable, default), type=type_, help=text, metavar=metavar)
 
 
 def seconds(name: str, least: float = 0.0) -> Callable[[str], float]:

@@ -124,7 +124,10 @@ def test_every_verb_and_every_option_is_in_the_reference() -> None:
 @pytest.mark.parametrize("room", ["worldsim", "leader", "agent", "groundstation"])
 def test_every_flag_of_a_process_is_in_the_reference(room: str) -> None:
     command = [sys.executable, "-m", f"meanflock.{room}", "--help"]
-    said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=True).stdout
+    env = os.environ | {"COLUMNS": "80"}
+    said = subprocess.run(command, cwd=ROOT, env=env, capture_output=True, text=True, timeout=60, check=True).stdout
+    assert [line for line in said.splitlines() if len(line) > 80] == []
+    assert f"example: python -m meanflock.{room} " in said
     section = CLI.partition("## The processes themselves")[2]
     for flag in set(re.findall(r"^  (--[a-z-]+)", said, flags=re.M)):
         assert f"`{flag}`" in section, flag

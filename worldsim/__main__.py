@@ -32,16 +32,16 @@ SEE_OFF_S = 2.0
 def _run() -> None:
     options = parser(
         "worldsim",
-        "The world and channel emulator; waits for the nodes, flies the scenario, prints the summary.",
+        "World and radio: waits for the nodes, flies the scenario, prints the summary.",
         "python -m meanflock.worldsim --run test --set uavs=4 --set method=hjb",
     )
-    flag(options, "--scenario", "", "scenario file (TOML)")
-    flag(options, "--barrier", "10", "seconds a tick waits for a node before it is lost", seconds("--barrier", 0.1))
-    flag(options, "--stations", "0", "ground stations that must listen before the first tick", int)
-    flag(options, "--realtime", "", "follow the wall clock, this many times faster")
-    flag(options, "--metrics", "", "[HOST:]PORT on which Prometheus can read the run; 0 for any free port")
-    flag(options, "--uavs-per-process", "1", "with --tls: UAVs an agent may hold, from the one on its certificate", int)
-    flag(options, "--resume", "", "go on where this file says; `meanflock resume` writes it")
+    flag(options, "--scenario", "", "scenario file (TOML), or the name of a shipped one", metavar="SCENARIO")
+    flag(options, "--barrier", "10", "how long a tick waits for a node", seconds("--barrier", 0.1), "SECONDS")
+    flag(options, "--stations", "0", "ground stations that must listen before the first tick", int, "N")
+    flag(options, "--realtime", "", "follow the wall clock, FACTOR times faster", metavar="FACTOR")
+    flag(options, "--metrics", "", "serve metrics to Prometheus here; port 0: any free one", metavar="[HOST:]PORT")
+    flag(options, "--uavs-per-process", "1", "with --tls: UAVs that each agent may fly", int, "M")
+    flag(options, "--resume", "", "file from which to go on, written by `meanflock resume`", metavar="FILE")
     options.add_argument(
         "--set",
         action="append",
