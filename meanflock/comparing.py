@@ -60,9 +60,9 @@ def compare(
 
     Args:
         methods: names, or classes of yours; or one alone. seeds: flights of each, from the scenario's seed on. plugin:
-            a file with plug-ins, or several. jobs: processes; −1: one a core; a class that is in no file is flown in
-            this one. out: a folder in which finished flights are kept: the same call flies the rest. settings: dotted
-            keys of the scenario.
+            a file with plug-ins, or several. jobs: processes; −1: one a core; with a class among the `methods` all is
+            flown in this one. out: a folder in which finished flights are kept: the same call flies the rest. settings:
+            dotted keys of the scenario.
 
     Raises:
         BadInput: something asked for cannot be had. RunFailed: a process died.
@@ -114,7 +114,7 @@ def _several(methods: Sequence[str | type] | str | type | None) -> list[str | ty
 
 
 def _processes(jobs: int, methods: Sequence[str | type]) -> int:
-    """How many fly; a class that is in no file flies here."""
+    """How many fly; a class flies here, where it is registered."""
     return 1 if any(isinstance(method, type) for method in methods) else jobs
 
 

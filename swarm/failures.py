@@ -22,6 +22,14 @@ def last_line(error: BaseException) -> str:
     return f"{reason(error)} ({Path(file).name}, line {line})"
 
 
+def beside(path: Path, error: BaseException) -> str:
+    """What to do where the file of a plug-in wants another of its folder, in which nobody looks for modules."""
+    wanted = ((isinstance(error, ModuleNotFoundError) and error.name) or "").partition(".")[0]
+    if not wanted or not ((path.parent / wanted).is_dir() or (path.parent / f"{wanted}.py").exists()):
+        return ""
+    return f"; a plug-in is one file, or a package: install what {wanted!r} is of, for example with `pip install -e`"
+
+
 def reason(error: BaseException) -> str:
     """What went wrong, in a line."""
     return traceback.format_exception_only(error)[-1].strip()

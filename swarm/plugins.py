@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, get_args
 import msgspec
 
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.failures import FAILURES, last_line
+from meanflock.swarm.failures import FAILURES, beside, last_line
 from meanflock.swarm.libraries import lacking
 from meanflock.swarm.plugin_class import Door, checked
 from meanflock.swarm.source_read import SourceRead
@@ -130,7 +130,7 @@ def load_file(path: Path | str) -> list[Plugin]:
         SourceRead(name, path, source).exec_module(module)
     except FAILURES as error:
         del sys.modules[name]
-        raise BadInput(f"{where}: {last_line(error)}") from error
+        raise BadInput(f"{where}: {last_line(error)}{beside(path, error)}") from error
     found = []
     for key, (attribute, value) in _defined(module, where).items():
         if key in _files and _files[key][0].source not in (str(path), HERE):
@@ -185,6 +185,8 @@ def load_files(paths: Iterable[Path | str]) -> None:
     """
     given = [Path(path).resolve() for path in paths]
     for path in given:
+        if os.pathsep in str(path):  # other processes are told of it by a variable
+            raise BadInput(f"--plugin {path}: no {os.pathsep!r} may be in its path; give the file another place")
         load_file(path)
     if given:
         before = [part for part in os.environ.get(FILES, "").split(os.pathsep) if part]

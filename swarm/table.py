@@ -19,8 +19,8 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 def _flat(value: Any) -> Iterator[Any]:
-    if isinstance(value, tuple):
-        for inner in value:
+    if isinstance(value, tuple | list | dict):  # the options of a plug-in, too
+        for inner in value.values() if isinstance(value, dict) else value:
             yield from _flat(inner)
     else:
         yield value

@@ -93,6 +93,18 @@ def test_a_file_that_is_not_called_so_is_bad_input(tmp_path: Path) -> None:
         plugins.load_file(written(tmp_path, GOOD, "mine.txt"))
 
 
+def test_a_file_that_wants_another_beside_it_is_told_to_be_a_package(tmp_path: Path) -> None:
+    written(tmp_path, "x = 1", "nothing_of_the_kind.py")
+    with pytest.raises(BadInput, match=r"line 1\); a plug-in is one file, or a package: install what 'nothing_of"):
+        plugins.load_file(written(tmp_path, f"from nothing_of_the_kind.inner import x\n{GOOD}"))
+
+
+def test_a_file_whose_path_no_variable_could_hold_is_refused(tmp_path: Path) -> None:
+    (folder := tmp_path / f"a{os.pathsep}b").mkdir()
+    with pytest.raises(BadInput, match="may be in its path; give the file another place"):
+        plugins.load_files([written(folder, GOOD)])
+
+
 def test_a_file_that_changed_is_run_as_it_is_now_however_soon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "dont_write_bytecode", False)
     for number in (1, 2, 3):

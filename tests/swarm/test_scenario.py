@@ -165,6 +165,8 @@ def test_a_file_that_is_not_there_or_cannot_be_read_is_named(tmp_path: Path) -> 
         ("uavs=many", ("uavs", "expected a whole number, got text")),
         ("uavs=", ("uavs", "expected a whole number, got text")),
         ("wind.sigma=nan", ("wind.sigma",)),
+        ("controller.gain=inf", ("`controller` must be a finite number, not inf",)),
+        ("vehicle.options.curve=[[1.0, nan]]", ("vehicle", "`options` must be a finite number, not nan")),
         ("wind.sigma=", ("wind.sigma", "expected a number, got text")),
         ("wind.sigma.x=1", ("wind.sigma", "expected a number, got a table")),
         ("wind.gust=1", ("wind", "gust")),
