@@ -7,12 +7,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from benchmarks.machine import ROOT
-from meanflock.groundstation.children import end_all
+from meanflock.groundstation.children import Family, end_all
 from meanflock.groundstation.launch import free_endpoint
 
 COMMAND = (sys.executable, "-m", "meanflock.groundstation.cli")
@@ -23,35 +21,18 @@ class BenchmarkFailed(Exception):
     """A process of the benchmark did not do its part; the text says which and what it said."""
 
 
-class Children:
+class Children(Family):
     """Modules run as processes that share an endpoint and a run name; a context manager that leaves none behind."""
 
     def __init__(self, run: str) -> None:
+        super().__init__()
         self.run, self.endpoint = run, free_endpoint()
         self.processes: list[subprocess.Popen[bytes]] = []
-        self._folder = tempfile.TemporaryDirectory(prefix="meanflock-bench-")
-        self.folder = Path(self._folder.name)
-        self._stdin, self._hold = os.pipe()  # children read its end when this process dies, see `orphaned`
-
-    def __enter__(self) -> "Children":
-        return self
-
-    def __exit__(self, _t: type[BaseException] | None, _e: BaseException | None, _b: TracebackType | None) -> None:
-        self.close()
 
     def start(self, module: str, *flags: str) -> "subprocess.Popen[bytes]":
         """`python -m module --endpoint … --run … flags`; a room of ours, or a module of the benchmarks."""
         command = [sys.executable, "-m", module, "--endpoint", self.endpoint, "--run", self.run, *flags]
-        with (self.folder / f"{len(self.processes)}.log").open("wb") as log:
-            process = subprocess.Popen(
-                command,
-                cwd=ROOT,
-                stdin=self._stdin,
-                stdout=subprocess.DEVNULL,
-                stderr=log,
-                env={**os.environ, "MEANFLOCK_CHILD": "1"},
-                start_new_session=True,
-            )
+        process = self.popen(command, self.folder / f"{len(self.processes)}.log", os.environ, ROOT)
         self.processes.append(process)
         return process
 
@@ -75,11 +56,7 @@ class Children:
         """Ends whatever still runs: first asked, then killed."""
         end_all(self.processes)
         self.processes = []
-        for descriptor in (self._hold, self._stdin):
-            if descriptor >= 0:
-                os.close(descriptor)
-        self._hold = self._stdin = -1
-        self._folder.cleanup()
+        super().close()
 
 
 def meanflock(*flags: str) -> tuple[dict[str, Any], float]:

@@ -3,17 +3,60 @@
 import os
 import signal
 import subprocess
+import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Self
 
 from meanflock.swarm.printable import printable_lines
+from meanflock.swarm.process import CHILD
 
 LAST_LINES = 8
 _ERROR = "error: "  # before the line with which a process ends badly
 _TERM_GRACE_S = 5.0
+
+
+class Family:
+    """Processes of this one, with a folder for what they say; a context manager that leaves none behind."""
+
+    def __init__(self) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="meanflock-")
+        self.folder = Path(self._folder.name)
+        # Every child holds the reading end of this pipe as its standard input; when this process dies, however it
+        # dies, they read its end.
+        self._stdin, self._hold = os.pipe()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def popen(
+        self, command: Sequence[str], log: Path, environment: Mapping[str, str], cwd: Path | None = None
+    ) -> "subprocess.Popen[bytes]":
+        """Starts one, whose words are added to a log."""
+        with log.open("ab") as output:
+            return subprocess.Popen(
+                command,
+                cwd=cwd,
+                stdin=self._stdin,
+                stdout=subprocess.DEVNULL,
+                stderr=output,
+                env={**environment, CHILD: "1"},
+                start_new_session=True,  # Ctrl-C in the terminal is this process's to handle
+            )
+
+    def close(self) -> None:
+        """Forgets what they said; whoever ended them has heard it."""
+        for descriptor in (self._hold, self._stdin):
+            if descriptor >= 0:
+                os.close(descriptor)
+        self._hold = self._stdin = -1
+        self._folder.cleanup()
 
 
 @dataclass

@@ -5,16 +5,13 @@ import os
 import signal
 import site
 import socket
-import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
-from types import TracebackType
 
 from meanflock import swarm
 from meanflock.agent import prefork
-from meanflock.groundstation.children import Child, end_all, kill_all, sweep
+from meanflock.groundstation.children import Child, Family, end_all, kill_all, sweep
 from meanflock.swarm import logs
 from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput, MeanflockError, RunFailed
 from meanflock.swarm.net.address import Address
@@ -22,7 +19,7 @@ from meanflock.swarm.net.identity import STATION, Identity
 from meanflock.swarm.net.restarts import Restarts
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.printable import printable_lines
-from meanflock.swarm.process import CHILD, how_it_ended
+from meanflock.swarm.process import how_it_ended
 
 log = logging.getLogger("meanflock.launch")
 
@@ -38,7 +35,7 @@ def free_endpoint() -> str:
         return f"tcp/127.0.0.1:{server.getsockname()[1]}"
 
 
-class Swarm:
+class Swarm(Family):
     """World, leader and agents as processes of this one; a context manager that leaves none behind."""
 
     def __init__(
@@ -47,21 +44,12 @@ class Swarm:
         """`tls`: folder of certificates, for links that are mutual TLS. `log_format`: the logs of all processes are
         passed on to standard error in that form; None: they are kept for what goes wrong.
         """
+        super().__init__()
         self.endpoint = endpoint or free_endpoint()
         self._tls, self._log_format = tls, log_format
         self._run = run
         self._children: list[Child] = []  # the world first
         self._restarts = Restarts()
-        self._logs = tempfile.TemporaryDirectory(prefix="meanflock-")
-        # Every child holds the reading end of this pipe as its standard input; when this process dies, however it
-        # dies, they read its end.
-        self._child_stdin, self._hold = os.pipe()
-
-    def __enter__(self) -> "Swarm":
-        return self
-
-    def __exit__(self, _t: type[BaseException] | None, _e: BaseException | None, _b: TracebackType | None) -> None:
-        self.close()
 
     def start_world(
         self,
@@ -76,7 +64,7 @@ class Swarm:
         """The world, flying a scenario given as TOML; `resume`: from where, an encoded Resumption. `metrics`: where
         Prometheus can read it.
         """
-        path = Path(self._logs.name) / "scenario.toml"
+        path = self.folder / "scenario.toml"
         path.write_text(scenario, encoding="utf-8")
         extra = [f"--realtime={realtime or ''}", f"--metrics={metrics or ''}"]
         extra += ["--uavs-per-process", str(rows)] if self._tls is not None else []
@@ -164,7 +152,7 @@ class Swarm:
     def kill(self) -> None:
         """Ends whatever runs at once: for a process that ends itself at once."""
         kill_all([child.process for child in self._children])
-        self._logs.cleanup()
+        self._folder.cleanup()
 
     def close(self) -> None:
         """Ends whatever still runs: first asked, then killed."""
@@ -174,11 +162,7 @@ class Swarm:
                 sweep(child.process.pid)
         self._pass_on()
         self._children = []
-        for descriptor in (self._hold, self._child_stdin):
-            if descriptor >= 0:
-                os.close(descriptor)
-        self._hold = self._child_stdin = -1
-        self._logs.cleanup()
+        super().close()
 
     def _pass_on(self) -> None:
         """Whole lines only: what several processes say does not get mixed up within one."""
@@ -196,22 +180,14 @@ class Swarm:
         command = [sys.executable, "-P", "-m", f"meanflock.{module}", "--endpoint", self.endpoint, "--run", self._run]
         command += [*flags, *([] if self._tls is None else ["--tls", str(self._tls)])]
         command += ["--log-format", self._log_format or logs.TEXT]
-        child = Child(name, module, command, Path(self._logs.name) / f"{name.replace(' ', '-')}.log")
+        child = Child(name, module, command, self.folder / f"{name.replace(' ', '-')}.log")
         self._launch(child)
         self._children.append(child)
 
     def _launch(self, child: Child) -> None:
         """Starts it, or starts it again."""
         self._restarts.started(child.name)
-        with child.log.open("ab") as output:
-            child.process = subprocess.Popen(
-                child.command,
-                stdin=self._child_stdin,
-                stdout=subprocess.DEVNULL,
-                stderr=output,
-                env={**_environment(), **_import_path(), CHILD: "1"},
-                start_new_session=True,  # Ctrl-C in the terminal is this process's to handle
-            )
+        child.process = self.popen(child.command, child.log, {**_environment(), **_import_path()})
 
 
 class ProcessDied(RunFailed):
