@@ -1,9 +1,11 @@
 """What a plug-in, which may be anybody's, can raise, and how it is told: in a line, with the place it went wrong in."""
 
+import sys
 import traceback
 from pathlib import Path
 
 FAILURES = (Exception, SystemExit)  # what ends a script would else end a flight; Ctrl-C is the person's
+_OURS = {"meanflock", "numpy", *sys.stdlib_module_names}  # and what ours call
 
 
 def last_line(error: BaseException) -> str:
@@ -14,7 +16,7 @@ def last_line(error: BaseException) -> str:
         (str(frame.f_globals.get("__name__")).partition(".")[0], frame.f_code.co_filename, line)
         for frame, line in traceback.walk_tb(error.__traceback__)
     ]
-    theirs = [place for place in places if place[0] not in ("meanflock", "importlib")]
+    theirs = [place for place in places if place[0] not in _OURS]
     own = [place for place in theirs if place[0] == theirs[0][0]]  # and not of what it calls
     if not own:
         return reason(error)

@@ -50,11 +50,16 @@ class Rls(PlannedLearner):
         noise: Annotated[float, Meta(gt=0, description="std that measured accelerations are taken to have, m/s²")] = 0.5
         forgetting: Annotated[float, Meta(gt=0, le=1, description="λ, what a tick still counts a tick later, 1")] = 1.0
 
+    @property
+    def _prior_variance(self) -> float:
+        """Of each number of θ before take-off, over that of the noise."""
+        return float((self.options.prior / self.options.noise) ** 2)
+
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
-        rows, of = len(uavs), self.options
+        rows = len(uavs)
         return super().init(uavs, plan) | {
             "estimate": np.zeros((rows, NUMBERS)),
-            "covariance": np.tile(np.eye(NUMBERS) * (of.prior / of.noise) ** 2, (rows, 1, 1)),  # over that of the noise
+            "covariance": np.tile(np.eye(NUMBERS) * self._prior_variance, (rows, 1, 1)),
             "velocity": np.zeros((rows, state.AXES)),  # and command, of `tick`
             "command": np.zeros((rows, state.AXES)),
         }
@@ -86,4 +91,7 @@ class Rls(PlannedLearner):
             estimate = estimate + gain[..., 0] * missed[:, None]
             covariance = covariance - gain * spread.transpose(0, 2, 1)
         decay = np.where(fresh, self.options.forgetting, 1.0)
+        # Forgotten is no more than was learned: where nothing new is seen, as at the goal, it would grow for ever.
+        trace, most = covariance.trace(axis1=1, axis2=2), NUMBERS * self._prior_variance
+        decay = np.maximum(decay, np.minimum(1.0, trace / most))
         return {"estimate": estimate, "covariance": covariance / decay[:, None, None]}

@@ -15,6 +15,7 @@ from meanflock.agent.controllers.elimination import product, solve
 from meanflock.swarm.state import AXES, Floats
 
 INFORMATION = AXES + 1  # η along x and y, and λ
+MOST_NODES = 1000  # of a map: 8 MB for each UAV that looks at it
 
 
 class WindGrid:
@@ -31,6 +32,9 @@ class WindGrid:
         origin: (2,) one end of the corridor's middle. along: (2,) unit vector towards the other end. width_m: from the
             middle to each side. spacing_m: of the nodes, at the most. rms: m/s, of each component of the wind.
             scale: m, over which it changes.
+
+        Raises:
+            ValueError: these would be too many nodes.
         """
         self._origin, self._along = origin, along
         self._across = np.array([-along[1], along[0]])
@@ -38,6 +42,10 @@ class WindGrid:
         self._steps = (length_m / self._shape[0], 2.0 * width_m / self._shape[1])
         self._width = width_m
         columns, rows = (count + 1 for count in self._shape)
+        if columns * rows > MOST_NODES:
+            raise ValueError(
+                f"a map of {columns} × {rows} nodes; at most {MOST_NODES}: raise `spacing_m` or lower `width_m`"
+            )
         self._columns = columns
         first, second = np.divmod(np.arange(columns * rows), columns)[::-1]
         self.nodes = (

@@ -83,3 +83,14 @@ def test_a_pause_and_the_ground_teach_nothing() -> None:
     assert seen.tolist() == [True] * 5 + [False] * 5
     again = controller.step(memory, 9, plan, ()).memory
     assert again["estimate"].tobytes() == memory["estimate"].tobytes()
+
+
+@pytest.mark.parametrize("forgetting", [0.5, 0.9])
+def test_what_is_forgotten_where_nothing_new_is_seen_does_not_grow_for_ever(forgetting: float) -> None:
+    """At rest the drag cannot be seen; the least that is known of it is what was known before take-off."""
+    run = mf.fly(
+        "paper", method="rls", seed=1, uavs=2, duration=300, stop="duration", **{"controller.forgetting": forgetting}
+    )
+    assert run.summary["lost"] == 0
+    assert run.summary["arrived"] == 2
+    assert np.abs([reported(run, name)[-1] for name in NAMES]).max() < 10.0

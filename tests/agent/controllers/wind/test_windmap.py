@@ -33,6 +33,13 @@ def flown(controller: Any, scenario: Scenario, ticks: int, noise: float = 0.0) -
     return memory, states
 
 
+def test_a_map_too_fine_to_be_thought_through_is_refused_before_take_off() -> None:
+    with pytest.raises(
+        mf.BadInput, match=r"a map of \d+ × \d+ nodes; at most 1000: raise `spacing_m` or lower `width_m`$"
+    ):
+        mf.fly("windmap", method="windmap", **{"controller.spacing_m": 1.5})
+
+
 @pytest.mark.parametrize("share", SHARES)
 def test_every_way_of_sharing_conforms(share: str) -> None:
     check_controller(plugins.load("controller", "windmap"), {"share": share})
