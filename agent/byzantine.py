@@ -29,8 +29,6 @@ class Byzantine:
         self, number: int, uavs: NDArray[np.integer], payload: NDArray[np.generic], coding: Coding
     ) -> NDArray[np.generic]:
         """The uploads `(S, width)` of `uavs` (S,) in a round, those of false ones replaced; same dtype and shape."""
-        if not len(self.uavs):
-            return payload
         false = contains(self.uavs, uavs)
         if not false.any():
             return payload

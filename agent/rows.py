@@ -14,6 +14,7 @@ from meanflock.swarm.declared import MAX_BROADCASTS, Declared
 from meanflock.swarm.failures import FAILURES
 from meanflock.swarm.state import AXES, Floats, Mask
 from meanflock.swarm.wire.control import MAX_AXES, TRAVELS
+from meanflock.swarm.wire.messages import NOBODY
 
 Answer = TypeVar("Answer")
 
@@ -196,36 +197,32 @@ def step_each_alone(
     uavs: int,
 ) -> tuple[Step, Floats]:
     """The step of every row by itself. Of rows that fail the memory is as it was, and the commands are NaN."""
-    rows, columns = len(own), AXES + len(declared.diagnostics)
-    commands = np.full((rows, columns), np.nan)
+    columns = AXES + len(declared.diagnostics)
+    commands = np.full((len(own), columns), np.nan)
     said: dict[int, dict[int, NDArray[np.generic]]] = {}  # by number and row
 
     def ask(row: int) -> Step:
         alone = row_of(memory, row)
         step = controller.step(alone, tick, own[row : row + 1], of_row(received, row))
         numbers, _ = checked_step(step, alone, np.zeros((1, columns)), declared, uavs)
-        payloads = {
-            number: broadcast.payload[0]
-            for number, broadcast in enumerate(step.broadcasts)
-            if broadcast.rows is None or len(broadcast.rows)
-        }
+        payloads = {number: broadcast.payload for number, broadcast in enumerate(step.broadcasts)}
         for number, payload in payloads.items():
-            first = next(iter(said.get(number, {row: payload}).values()))
-            if (payload.shape, payload.dtype) != (first.shape, first.dtype):
+            first = next(iter(said.get(number, {}).values()), payload)
+            if len(payload) and (payload.shape, payload.dtype) != (first.shape, first.dtype):
                 raise ValueError(f"broadcast {number} is unlike that of other rows")
         for number, payload in payloads.items():
-            said.setdefault(number, {})[row] = payload
+            of_number = said.setdefault(number, {})  # those that nobody sends too: their place is their number
+            if len(payload):
+                of_number[row] = payload
         commands[row] = numbers
         return step
 
-    steps = each_alone(range(rows), ask)
-    none = np.zeros(0, dtype=np.intp)
-    broadcasts = tuple(  # in their places, those that nobody sends too: their place is their number
-        Broadcast(np.stack(list(said[number].values())), np.array(list(said[number])))
-        if number in said
-        else Broadcast(np.zeros((0, 1)), none)
-        for number in range(max(said, default=-1) + 1)
+    steps = each_alone(range(len(own)), ask)
+    silence = [np.zeros((0, 1))]
+    broadcasts = tuple(
+        Broadcast(np.concatenate([*payloads.values()] or silence), np.array([*payloads], dtype=np.intp))
+        for _, payloads in sorted(said.items())
     )
     after = put(memory, {row: step.memory for row, step in steps.items()})
-    refused = distinct(np.concatenate([none, *(step.refused for step in steps.values())])).astype(np.int32)
+    refused = distinct(np.concatenate([NOBODY, *(step.refused for step in steps.values())])).astype(np.int32)
     return Step(after, commands[:, :AXES], commands[:, AXES:], broadcasts, refused), commands

@@ -8,6 +8,7 @@ have, so that least is the largest which any three need.
 """
 
 from functools import cache
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,12 +114,5 @@ def _most(need: Floats, candidates: Floats, which: NDArray[np.bool_]) -> Floats:
 @cache
 def _chosen(count: int) -> tuple[NDArray[np.intp], ...]:
     """All pairs i < j, and all triples i < j < k, of so many."""
-    i, j = np.triu_indices(count, 1)
-    first, second, third = (
-        np.array(
-            [(p, q, r) for p in range(count) for q in range(p + 1, count) for r in range(q + 1, count)], dtype=np.intp
-        )
-        .reshape(-1, 3)
-        .T
-    )
-    return i, j, first, second, third
+    triples = np.array([*combinations(range(count), 3)], dtype=np.intp).reshape(-1, 3)
+    return *np.triu_indices(count, 1), *triples.T

@@ -62,7 +62,6 @@ class OlfatiSaber(SharingController):
         self._shift = abs(options.a - options.b) / math.sqrt(4.0 * options.a * options.b)
 
     def fly(self, memory: Memory, own: States, others: States) -> Step:
-        """See `SharingController.fly`."""
         uavs, of = memory["neighbour_uav"], self.options
         pairs = near(own, others, uavs, of.r_m)
         way = (self._goals[uavs] - own[:, POSITION]) / of.near_m

@@ -46,7 +46,6 @@ class Orca(TravellingController):
         reach_m: Annotated[float, Meta(gt=0, description="who is farther is not looked at, m")] = 15.0
 
     def fly(self, memory: Memory, own: States, others: States) -> Step:
-        """See `SharingController.fly`."""
         memory, wished = self._travel.velocity(memory, own)
         wished = wished + self.options.right_bias * np.stack([wished[:, 1], -wished[:, 0]], axis=-1)
         velocity, missing = self.velocity(own, others, memory["neighbour_uav"], wished)

@@ -40,7 +40,6 @@ class PotentialField(TravellingController):
         acceleration_max_m_s2: Annotated[float, Meta(gt=0, description="limit on ‖a‖ before drag, m/s²")] = 3.0
 
     def fly(self, memory: Memory, own: States, others: States) -> Step:
-        """See `SharingController.fly`."""
         of = self.options
         memory, velocity = self._travel.velocity(memory, own)
         acceleration = of.velocity_gain_1_s * (velocity - own[:, VELOCITY])

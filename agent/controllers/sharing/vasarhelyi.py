@@ -55,7 +55,6 @@ class Vasarhelyi(TravellingController):
         tau_s: Annotated[float, Meta(gt=0, description="τ in which v_d is taken up, s")] = 0.6
 
     def fly(self, memory: Memory, own: States, others: States) -> Step:
-        """See `SharingController.fly`."""
         memory, velocity = self._travel.velocity(memory, own)
         pairs = near(own, others, memory["neighbour_uav"], self.options.range_m, self._matters)
         velocity += summed(pairs.row, self._push(pairs), len(own))
