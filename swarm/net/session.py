@@ -160,9 +160,8 @@ class ZenohBus:
         try:
             return cls(_config(settings))
         except BusError as error:
-            if identity is None:
-                raise
-            raise BusError(f"{error}; the world is not there, or refuses {identity.certificate}") from error
+            else_ = "" if identity is None else f", or refuses {identity.certificate}"
+            raise BusError(f"{error}; the world is not there{else_}: start it, or wait longer (--wait)") from error
 
     def put(self, key: str, payload: bytes) -> None:
         publisher = self._publishers.get(key)
