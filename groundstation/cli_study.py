@@ -139,10 +139,11 @@ def _fly(
     writes it and the runs behind it.
     """
     from meanflock.groundstation import study
+    from meanflock.groundstation.backends import terminable
     from meanflock.groundstation.means import Means
 
     points = {at: study.seeded(one, seeds) for at, one in scenarios.items()}
-    with store_in(out) as store, progress_of(what, quiet) as progress:
+    with terminable(), store_in(out) as store, progress_of(what, quiet) as progress:
         flown = study.fly_all(points, jobs, progress, store)
     means = Means(columns, flown)
     sizes = {one.uavs for one in scenarios.values()}

@@ -69,3 +69,19 @@ def test_what_the_variables_of_the_processes_say_changes_nothing_of_what_a_comma
     assert [flown[key] for key in ("scenario_sha256", "trajectory_sha256")] == [
         expected[key] for key in ("scenario_sha256", "trajectory_sha256")
     ]
+
+
+@pytest.mark.parametrize("command", [("compare", "mfg"), ("sweep", "wind.sigma=0.1,0.2")])
+def test_a_study_that_is_told_to_end_says_how_to_go_on_and_leaves_no_worker(
+    command: tuple[str, ...], tmp_path: Path, spawn: Spawn
+) -> None:
+    flown = ("--seeds", "50", "--uavs", "25", "--duration", "1000", "--set", "stop=duration", "--jobs", "2")
+    study = spawn("meanflock.groundstation.cli", *command, *flown, "--quiet", "--out", str(tmp_path))
+    itself = psutil.Process(study.pid)
+    workers = until(lambda: [p for p in itself.children() if "popen_loky_posix" in " ".join(p.cmdline())], "workers")
+    study.terminate()
+    _, err = study.communicate(timeout=DEADLINE_S)
+    assert study.returncode == 1
+    assert "error: interrupted; " in err
+    assert "repeat the command to fly the rest" in err
+    until(lambda: not any(p.is_running() and p.status() != psutil.STATUS_ZOMBIE for p in workers), "no worker", SOON_S)
