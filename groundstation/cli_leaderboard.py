@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.console import Console
@@ -41,22 +42,19 @@ class _Lists(click.Command):
         return super().parse_args(ctx, given)
 
 
+def _several(flag: str, what: str) -> Any:
+    about = f"{what}, or all.  [default: all]"
+    return click.option(flag, multiple=True, default=("all",), metavar="NAME…", help=about)
+
+
 def _names(given: Sequence[str]) -> list[str]:
     """Words, and words between commas."""
     return [name for word in given for name in word.split(",") if name]
 
 
 @click.command(cls=_Lists)
-@click.option(
-    "--missions", multiple=True, default=("all",), metavar="NAME…", help="Missions to fly, or all.  [default: all]"
-)
-@click.option(
-    "--controllers",
-    multiple=True,
-    default=("all",),
-    metavar="NAME…",
-    help="Controllers or named rows, or all.  [default: all]",
-)
+@_several("--missions", "Missions to fly")
+@_several("--controllers", "Controllers or named rows")
 @scenario_arguments("plugin")
 @click.option(
     "--seeds",
