@@ -67,6 +67,12 @@ def load_scenario(file: Path | None, settings: Iterable[str], **options: Any) ->
     return scenario.load(file, settings, **options)
 
 
+def number_option(flag: str, metavar: str, default: int, about: str, least: int = 1, most: int | None = None) -> Any:
+    """A whole number, which has a default."""
+    kind = click.IntRange(least, most)
+    return click.option(flag, type=kind, default=default, show_default=True, metavar=metavar, help=about)
+
+
 def out_option(default: str, about: str = "Where results are written.") -> Callable[[Any], Any]:
     """`--out`, with where it is without one."""
     return click.option("--out", type=PATH, default=Path(default), show_default=True, metavar="DIR", help=about)
@@ -80,14 +86,7 @@ def report(paths: Iterable[Path]) -> None:
 
 run_argument = click.argument("folder", metavar="RUN", type=PATH)
 quiet_option = click.option("--quiet", is_flag=True, help="Show no progress bar.")
-uavs_per_process_option = click.option(
-    "--uavs-per-process",
-    type=click.IntRange(1),
-    default=1,
-    show_default=True,
-    metavar="M",
-    help="UAVs that one agent process flies.",
-)
+uavs_per_process_option = number_option("--uavs-per-process", "M", 1, "UAVs that one agent process flies.")
 in_process_option = click.option("--in-process", is_flag=True, help="Fly in this process, without the network.")
 tls_option = click.option(
     "--tls", type=PATH, metavar="DIR", help="Use mutual TLS, with certificates of `meanflock certs init`."

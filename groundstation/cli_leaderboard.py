@@ -7,7 +7,7 @@ from typing import Any
 import click
 from rich.console import Console
 
-from meanflock.groundstation.cli_arguments import out_option, quiet_option, report, scenario_arguments
+from meanflock.groundstation.cli_arguments import number_option, out_option, quiet_option, report, scenario_arguments
 from meanflock.groundstation.cli_study_arguments import (
     backend_option,
     jobs_option,
@@ -56,22 +56,8 @@ def _names(given: Sequence[str]) -> list[str]:
 @_several("--missions", "Missions to fly")
 @_several("--controllers", "Controllers or named rows")
 @scenario_arguments("plugin")
-@click.option(
-    "--seeds",
-    type=click.IntRange(1),
-    default=30,
-    show_default=True,
-    metavar="K",
-    help="Flights of each, with one seed each.",
-)
-@click.option(
-    "--first-seed",
-    type=click.IntRange(0),
-    default=_FIRST_SEED,
-    show_default=True,
-    metavar="S",
-    help="First of the seeds.",
-)
+@number_option("--seeds", "K", 30, "Flights of each, with one seed each.")
+@number_option("--first-seed", "S", _FIRST_SEED, "First of the seeds.", least=0)
 @jobs_option
 @backend_option
 @scheduler_option

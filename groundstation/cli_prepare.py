@@ -13,6 +13,7 @@ from meanflock.groundstation import doctor as checks
 from meanflock.groundstation.cli_arguments import (
     PATH,
     load_scenario,
+    number_option,
     out_option,
     scenario_arguments,
     uavs_per_process_option,
@@ -23,9 +24,7 @@ from meanflock.swarm.errors import EXIT_RUN_FAILED
 
 
 @click.command()
-@click.option(
-    "--uavs", type=click.IntRange(1), default=25, show_default=True, metavar="N", help="Number of UAVs to be flown."
-)
+@number_option("--uavs", "N", 25, "Number of UAVs to be flown.")
 @uavs_per_process_option
 @out_option("runs", "Where run folders would be made.")
 @click.option("--tls", type=PATH, metavar="DIR", help="Check the certificates in DIR too.")
@@ -61,28 +60,10 @@ def certs_group() -> None:
 
 @certs_group.command("init")
 @click.argument("folder", metavar="DIR", type=PATH)
+@number_option("--uavs", "N", 25, "Number of agents.", most=10_000)
+@number_option("--days", "DAYS", 90, "Days until they expire.", most=3650)
 @click.option(
-    "--uavs",
-    type=click.IntRange(1, 10_000),
-    default=25,
-    show_default=True,
-    metavar="N",
-    help="Number of agents.",
-)
-@click.option(
-    "--days",
-    type=click.IntRange(1, 3650),
-    default=90,
-    show_default=True,
-    metavar="DAYS",
-    help="Days until they expire.",
-)
-@click.option(
-    "--host",
-    "hosts",
-    multiple=True,
-    metavar="NAME",
-    help="Another name or address of the world's machine; repeatable.",
+    "--host", "hosts", multiple=True, metavar="NAME", help="Another name or address of the world's machine; repeatable."
 )
 def certs_init(folder: Path, uavs: int, days: int, hosts: tuple[str, ...]) -> None:
     """Make a certificate for every node, in the new folder DIR.

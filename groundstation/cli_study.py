@@ -9,6 +9,7 @@ import click
 from meanflock.groundstation.cli_arguments import (
     PATH,
     load_scenario,
+    number_option,
     out_option,
     quiet_option,
     report,
@@ -156,14 +157,7 @@ def _fly(
 
 
 @click.command()
-@click.option(
-    "--seeds",
-    type=click.IntRange(1),
-    default=30,
-    show_default=True,
-    metavar="K",
-    help="Flights of each point; 2 for a quick look.",
-)
+@number_option("--seeds", "K", 30, "Flights of each point; 2 for a quick look.")
 @click.option("--only", multiple=True, metavar="FIG", help="fig2 … fig8 or map: fly only what it needs; repeatable.")
 @click.option(
     "--scenario",

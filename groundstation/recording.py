@@ -38,6 +38,7 @@ BATCH_TICKS = 500  # rows sent at once; a few at a time, a recording is mostly h
 _BATCH_STATES, _BATCH_TICKS_AT_MOST = 50_000, 2000  # more of a small swarm
 BATCH_WALL_S = 0.5  # ... but a live viewer waits no longer than this
 FILE_WALL_S = 2.0  # ... and who is killed leaves no more than this to be replayed
+_LATE_VIEWERS = "256MB"  # what the server keeps for them; beyond it, it forgets the oldest first
 CLOSE_WALL_S = 10.0  # all is written by then: what is left is the footer
 LARGE_SWARM_STRIDE = 5  # a large swarm's positions are recorded every this many ticks
 
@@ -144,7 +145,6 @@ class Recorder(Writer):
         path: the `.rrd` file to write; an existing one is replaced. None: no file.
         serve: address and port on which viewers find the recording, also when they come late; port 0 takes
             a free one. None: not served.
-        memory_limit: what the server keeps for late viewers; beyond it, it forgets the oldest first.
         reported: what the controller reports; None: what its class declares.
 
     Raises:
@@ -157,7 +157,6 @@ class Recorder(Writer):
         run_id: str,
         path: Path | None,
         serve: tuple[str, int] | None = None,
-        memory_limit: str = "256MB",
         reported: Reported | None = None,
     ) -> None:
         reported = reported if reported is not None else Reported.by(scenario.declared)
@@ -166,7 +165,7 @@ class Recorder(Writer):
         if serve is not None:
             host, port = listening_address(*serve)
             self.live_url = f"rerun+http://{f'[{host}]' if ':' in host else host}:{port}/proxy"
-            sinks.append(rr.GrpcServerSink(bind_ip=host, port=port, server_memory_limit=memory_limit))
+            sinks.append(rr.GrpcServerSink(bind_ip=host, port=port, server_memory_limit=_LATE_VIEWERS))
         if path is not None:
             durable.check_writable(path)
             sinks.append(rr.FileSink(path))
