@@ -12,6 +12,7 @@ from meanflock.agent.feedback import Feedback
 from meanflock.channel.link import slots_needed
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.markdown import replaced, table
+from meanflock.groundstation.paper import statistics
 from meanflock.swarm import scenario
 from meanflock.swarm.declared import controller
 from meanflock.swarm.mean import fedavg
@@ -54,7 +55,7 @@ def main() -> None:
     runs = dict(zip(flown, summaries, strict=True))
     tables = {
         "transmissions": transmissions(),
-        "flights": flights(runs, asked.seeds),
+        "flights": flights(runs),
         "rounding": rounding(range(1, 6)),
     }
     page = PAGE.read_text(encoding="utf-8")
@@ -85,16 +86,16 @@ def transmissions() -> list[str]:
     return table(("method", "payload", "bits", "slots K", "wire bytes / payload bytes"), rows)
 
 
-def flights(runs: dict[Any, list[dict[str, Any]]], seeds: int) -> list[str]:
+def flights(runs: dict[Any, list[dict[str, Any]]]) -> list[str]:
     """What the codings did to whole flights."""
     head = ("method", "payload", "up, kbit", "down, kbit", "arrived", "travel time, s", "energy until own arrival, J")
     rows = []
     for (method, name), summaries in runs.items():
 
         def mean(*path: str, factor: float = 1.0, spread: bool = False, of: Any = summaries) -> str:
-            values = np.array([factor * _at(summary, path) for summary in of])
-            half = 1.96 * values.std(ddof=1) / np.sqrt(seeds)
-            return f"{values.mean():.4g} ± {half:.2g}" if spread else f"{values.mean():,.4g}"
+            values = [factor * _at(summary, path) for summary in of]
+            of_all = statistics.mean(values)
+            return f"{of_all.value:.4g} ± {of_all.high - of_all.value:.2g}" if spread else f"{of_all.value:,.4g}"
 
         row = (
             f"`{method}`",
