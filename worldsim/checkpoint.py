@@ -57,7 +57,10 @@ class Memories:
             row_bytes = sum(array.nbytes for array in record.values()) // member.rows
             if row_bytes * uavs > MAX_MEMORY_BYTES:
                 raise MessageRejected("oversized", f"a memory of {row_bytes} bytes of each of {uavs} UAVs")
-            self.arrays = {name: np.zeros((uavs, *array.shape[1:]), array.dtype) for name, array in record.items()}
+            try:
+                self.arrays = {name: np.zeros((uavs, *array.shape[1:]), array.dtype) for name, array in record.items()}
+            except ValueError as error:  # of no bytes, and more of them than NumPy can address
+                raise MessageRejected("wrong-shape", f"a memory of {_form(record)}: {error}") from error
         if (form := _form(record)) != (wanted := _form(self.arrays)):
             raise MessageRejected("wrong-shape", f"a memory of {form}, expected {wanted} as of the others")
         for name, array in record.items():
