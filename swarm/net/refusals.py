@@ -46,14 +46,21 @@ _ERROR = re.compile(r"^(?:\S+ +)?ERROR (?P<text>.*)")
 
 def divert() -> None:
     """From now on what native code prints goes to standard error; `sys.stdout` alone still reaches standard output."""
-    _take_stdout(os.dup(2))
+    if _has_stdout():
+        _take_stdout(os.dup(2))
+
+
+def _has_stdout() -> bool:
+    """Whether native output can be taken. Who started this process may have closed standard output: nobody reads it,
+    and another file may have its number by now.
+    """
+    if sys.stdout is None:
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115  # for as long as the process lives
+        return sys.stdout.fileno() == 1
+    return True
 
 
 def _take_stdout(instead: int) -> None:
-    if sys.stdout is None:  # whoever started this process has closed it: nobody reads
-        sys.stdout = open(os.devnull, "w")  # noqa: SIM115  # for as long as the process lives
-        if sys.stdout.fileno() != 1:  # another file has the number
-            return
     sys.stdout.flush()
     sys.stdout = os.fdopen(os.dup(1), "w", encoding=sys.stdout.encoding, errors=sys.stdout.errors)
     os.dup2(instead, 1)
@@ -84,7 +91,9 @@ class Refusals:
         self._names[session] = name
 
     def listen(self) -> None:
-        """From now until `close`, native output of this process is the log that is read."""
+        """From now until `close`, native output of this process is the log that is read, if it has any."""
+        if not _has_stdout():  # asked before the pipe is made, which would have its number
+            return
         self._source, writing = os.pipe()
         with suppress(OSError, AttributeError):  # not everywhere; the default is large enough for all but floods
             fcntl.fcntl(self._source, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)

@@ -16,6 +16,7 @@ import pytest
 
 from meanflock.groundstation import durable
 from meanflock.groundstation.cli import main
+from meanflock.groundstation.launch import free_endpoint
 from meanflock.groundstation.results import RunFolder
 from meanflock.groundstation.timeseries_file import past
 from meanflock.groundstation.viewer import verify
@@ -215,3 +216,12 @@ def test_an_output_that_is_closed_is_no_error() -> None:
     line = ["sh", "-c", '"$@" >&-', "sh", *command]
     done = subprocess.run(line, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_world_whose_output_is_closed_waits_and_ends_as_any_other() -> None:
+    endpoint = free_endpoint()
+    command = [sys.executable, "-m", "meanflock.worldsim", "--endpoint", endpoint, "--run", "mute", "--wait", "0.1"]
+    line = ["sh", "-c", '"$@" >&-', "sh", *command]
+    done = subprocess.run(line, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert "error: after 0 s the swarm still waits for " in done.stderr
