@@ -25,8 +25,8 @@ log = logging.getLogger("meanflock.launch")
 
 _FORKED = "agents"  # all of them, and the process they are forked from
 # Variables of processes that are started by hand: here it is the launcher that says what is flown.
-_OURS = {"ENDPOINT", "RUN", "TLS", "WAIT", "SCENARIO", "SET", "STATIONS", "REALTIME", "METRICS", "UAVS_PER_PROCESS"}
-_OURS |= {"RESUME", "ROWS", "UAV", "COUNT"}
+_FLAGS = ("ENDPOINT", "RUN", "TLS", "WAIT", "SCENARIO", "SET", "STATIONS", "REALTIME", "METRICS", "UAVS_PER_PROCESS")
+_OURS = {f"MEANFLOCK_{flag}" for flag in (*_FLAGS, "RESUME", "ROWS", "UAV", "COUNT")}
 
 
 def free_endpoint() -> str:
@@ -203,7 +203,7 @@ def _failed(child: Child) -> MeanflockError:
 
 def _environment() -> dict[str, str]:
     """That of this process without what would change what a child is told to fly."""
-    return {name: said for name, said in os.environ.items() if name.removeprefix("MEANFLOCK_") not in _OURS}
+    return {name: said for name, said in os.environ.items() if name not in _OURS}
 
 
 def _import_path() -> dict[str, str]:

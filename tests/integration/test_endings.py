@@ -9,6 +9,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from meanflock.groundstation import launch
 from meanflock.groundstation.launch import free_endpoint
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.process import CHILD
@@ -69,6 +70,13 @@ def test_what_the_variables_of_the_processes_say_changes_nothing_of_what_a_comma
     assert [flown[key] for key in ("scenario_sha256", "trajectory_sha256")] == [
         expected[key] for key in ("scenario_sha256", "trajectory_sha256")
     ]
+
+
+def test_variables_of_others_reach_the_processes_whatever_they_are_called(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("RUN", "SET", "COUNT", "MEANFLOCK_BARRIER", "MEANFLOCK_RUN", "MEANFLOCK_SET", "MEANFLOCK_COUNT"):
+        monkeypatch.setenv(name, "said")
+    given = {name for name, said in launch._environment().items() if said == "said"}
+    assert given == {"RUN", "SET", "COUNT", "MEANFLOCK_BARRIER"}
 
 
 @pytest.mark.parametrize("command", [("compare", "mfg"), ("sweep", "wind.sigma=0.1,0.2")])
