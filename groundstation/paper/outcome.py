@@ -68,12 +68,13 @@ def within(what: str, estimate: Estimate, low: float, high: float) -> Test:
 
 
 def _judge(what: str, estimate: Estimate, need: str, floor: float, ceiling: float, strict: bool) -> Test:
-    on_its_side = operator.lt if strict else operator.le
+    # An end that is infinite is no threshold: nothing lies on it.
+    over, under = (operator.lt if strict and math.isfinite(end) else operator.le for end in (floor, ceiling))
     if math.isnan(estimate.value) or (estimate.n < 2 and estimate.low != estimate.high):
         outcome = Outcome.UNKNOWN
-    elif on_its_side(floor, estimate.low) and on_its_side(estimate.high, ceiling):
+    elif over(floor, estimate.low) and under(estimate.high, ceiling):
         outcome = Outcome.HOLDS
-    elif on_its_side(floor, estimate.high) and on_its_side(estimate.low, ceiling):
+    elif over(floor, estimate.high) and under(estimate.low, ceiling):
         outcome = Outcome.UNDECIDED
     else:
         outcome = Outcome.FAILS

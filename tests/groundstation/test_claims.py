@@ -139,6 +139,13 @@ def test_bound(level: float, direction: str, expected: str) -> None:
     assert verdict(rows, kind="bound", metric="x", subject=(HF,), threshold=1.5, direction=direction) == expected
 
 
+@pytest.mark.parametrize(("direction", "expected"), [("lower", NOT_REPRODUCED), ("higher", REPRODUCED)])
+def test_what_is_infinite_for_certain_is_above_every_bound(direction: str, expected: str) -> None:
+    check = {"kind": "bound", "experiment": "offline", "metric": "x", "subject": ("offline",), "at": 0.0}
+    rows = [row("offline", "offline", 1, sigma=0.0, x=math.inf)]
+    assert verdict(rows, threshold=1.5, direction=direction, **check) == expected
+
+
 def test_an_infinite_value_is_never_bounded() -> None:
     rows = [row("s0", HF, seed, x=math.inf if seed == 3 else 1.0) for seed in range(10)]
     assert verdict(rows, kind="bound", metric="x", subject=(HF,), threshold=1.5) == UNDECIDED
