@@ -114,7 +114,13 @@ def _several(methods: Sequence[str | type] | str | type | None) -> list[str | ty
 
 
 def _processes(jobs: int, methods: Sequence[str | type]) -> int:
-    """How many fly; a class flies here, where it is registered."""
+    """How many fly; a class flies here, where it is registered.
+
+    Raises:
+        BadInput: it is no number of them.
+    """
+    if not isinstance(jobs, int | np.integer) or jobs == 0:
+        raise BadInput(f"jobs: {jobs!r}; give a number of processes, or -1 for one a core")
     return 1 if any(isinstance(method, type) for method in methods) else jobs
 
 
@@ -130,8 +136,10 @@ def _count(seeds: Any) -> int:
 
 
 def _hashable(value: Any) -> Any:
-    """A value as part of a point: a list as a tuple."""
+    """A value as part of a point: a list as a tuple, a table as text."""
     value = plain(value)
+    if isinstance(value, dict):
+        return str(value)
     return tuple(map(_hashable, value)) if isinstance(value, list) else value
 
 

@@ -55,6 +55,8 @@ def test_what_is_kept_is_not_flown_again(tmp_path: Path, monkeypatch: pytest.Mon
         (lambda: mf.compare(["mfg"], seeds=[1, 2], **SMALL), r"seeds: \[1, 2\]; give how many"),
         (lambda: mf.sweep("wind.sigma", [0.1], seeds=0, **SMALL), "seeds: 0; give how many"),
         (lambda: mf.sweep("wind.sigma", [], **SMALL), "a value or more"),
+        (lambda: mf.compare(["mfg"], seeds=2, **{**SMALL, "jobs": 0}), "jobs: 0; give a number of processes"),
+        (lambda: mf.sweep("wind.sigma", [0.1], seeds=2, **{**SMALL, "jobs": "2"}), "jobs: '2'; give a number"),
         (lambda: mf.compare(["nobody"], seeds=2, **SMALL), "'nobody' is not installed"),
         (lambda: mf.sweep("wind.sigma", [0.1, -1.0], **SMALL), "wind.sigma"),
         (lambda: mf.sweep("wind.sgima", [0.1, 0.2], **SMALL), "sgima"),
@@ -79,6 +81,12 @@ def test_values_of_a_sweep_may_be_lists() -> None:
     found = mf.sweep("wind.mean", [[1.0, -1.0], (0.0, 0.0)], methods=["mfg"], seeds=1, **SMALL)
     assert [row["wind.mean"] for row in found] == [(1.0, -1.0), (0.0, 0.0)]
     assert repr(found) == "<Comparison of 2 points of wind.mean, method: 2 flights>"
+
+
+def test_values_of_a_sweep_may_be_tables() -> None:
+    disc = {"centre": [30.0, 0.0], "radius": 2.0}
+    found = mf.sweep("obstacles", [[], [disc]], methods="mfg", seeds=1, **SMALL)
+    assert [row["obstacles"] for row in found] == [(), (str(disc),)]
 
 
 @pytest.mark.parametrize("kept", [True, False])
