@@ -187,6 +187,7 @@ def paper(
     \b
     Example: meanflock paper --seeds 2 --out out/paper
     """
+    from meanflock.groundstation.backends import terminable
     from meanflock.groundstation.paper.experiments import run_grid
     from meanflock.groundstation.paper.figures import chosen, draw
     from meanflock.groundstation.paper.measure import measured
@@ -199,7 +200,7 @@ def paper(
     out = out or Path("out") / (file.stem if file else "paper")
     tell_if_slow()
     results = run_grid(out, seeds, experiments, jobs, backend, scheduler, quiet, scenario=file)
-    with progress_of("theory", quiet) as progress:
+    with terminable(), progress_of("theory", quiet) as progress:
         theory = measured(out, jobs=jobs, progress=progress, scenario=base)
     records = evaluate(results, theory)
     draw(results, out / "figures", only)

@@ -228,8 +228,8 @@ def _row(ax: Axes, place: int, values: Floats, look: plotstyle.Look) -> None:
 def _explained(made: Figure, flights: Sequence[int], before: str = "") -> None:
     """What points and bars are, below all panels."""
     least, most = min(flights), max(flights)
-    counted = f"{most} flight{'s' * (most > 1)}" if least == most else f"{least} to {most} flights"
-    made.supxlabel(f"{before}mean and 95 % interval over {counted}", fontsize=7, color=plotstyle.INK)
+    said = f"{before}mean and 95 % interval over {least if least == most else f'{least} to {most}'} flights"
+    made.supxlabel(said if most > 1 else "one flight each: no interval", fontsize=7, color=plotstyle.INK)
 
 
 def plot_sweep(key: str, points: Mapping[Any, Mapping[str, Summaries]]) -> Figure:

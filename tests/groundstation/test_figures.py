@@ -308,7 +308,9 @@ def test_sweep_runs_along_numbers_or_names(values: tuple[Any, ...], tmp_path: Pa
 
 
 def test_one_seed_has_no_interval_and_still_a_dot() -> None:
-    assert plots.plot_compare({"hjb": summaries(20.0, 1)}).axes
+    made = plots.plot_compare({"hjb": summaries(20.0, 1)})
+    assert made.axes
+    assert made.get_supxlabel() == "one flight each: no interval"
 
 
 def test_unknown_metric_is_bad_input() -> None:

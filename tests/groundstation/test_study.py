@@ -17,6 +17,7 @@ from rich.table import Column, Table
 import meanflock as mf
 from meanflock.groundstation import study
 from meanflock.groundstation.means import WIDTH, Means
+from meanflock.groundstation.paper import experiments, measure
 from meanflock.groundstation.paper.store import Store
 from meanflock.groundstation.swept import Swept
 from meanflock.groundstation.terminal import console_for
@@ -300,3 +301,33 @@ def test_no_number_of_a_table_is_cut_however_narrow_the_terminal(columns, monkey
     assert "…" not in shown
     assert all(f"{1234.5 + k}" in shown for k in range(5))
     assert "mfgfl-hf" in shown
+
+
+def test_a_long_value_of_a_sweep_goes_over_several_lines_before_the_table_gets_wider_than_the_terminal(
+    monkeypatch, capsys
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    discs = "[{'x': 10.0, 'y': 20.0, 'radius': 3.0}, {'x': 30.0, 'y': 20.0, 'radius': 3.0}]"
+    flown = {**summary(25, 161.3456, 25), "t_avg_censored_s": 161.3456}
+    table = Means(("obstacles", "method"), {(discs, "mfgfl-hf"): [flown] * 8}).table("sweep", [300.0])
+    console_for(table).print(table)
+    shown = capsys.readouterr().out
+    assert max(map(len, shown.splitlines())) <= 80
+    assert "161.3" in shown
+    assert "mfgfl-hf" in shown
+    assert all(word in shown for word in discs.split())
+
+
+def test_the_paper_that_is_told_to_end_while_it_measures_takes_its_workers_along(
+    run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heard: list[int] = []
+    before = signal.signal(signal.SIGTERM, lambda number, _: heard.append(number))
+    monkeypatch.setattr(experiments, "run_grid", lambda *_, **__: None)
+    monkeypatch.setattr(measure, "measured", lambda *_, **__: os.kill(os.getpid(), signal.SIGTERM))
+    try:
+        code, _, err = run("paper", "--quiet")
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert (code, heard) == (EXIT_RUN_FAILED, [])  # as Ctrl-C: joblib ends its workers
+    assert err.endswith("error: interrupted\n")

@@ -175,7 +175,7 @@ def test_a_taken_port_is_bad_input_that_names_the_port() -> None:
 
 
 def test_a_client_without_a_world_says_so_in_time() -> None:
-    with pytest.raises(BusError):
+    with pytest.raises(BusError, match=r"the world is not there: start it, or wait longer \(--wait\)$"):
         ZenohBus.client(free_endpoint(), timeout_s=0.5)
 
 
