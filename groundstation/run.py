@@ -255,9 +255,12 @@ def _connect(swarm: Swarm, interrupted: Interrupted, folder: RunFolder) -> Zenoh
         swarm.check()
         try:
             return swarm.connect(timeout_s=1.0)
-        except BusError:
+        except BusError as error:
             if time.monotonic() > end:
-                raise
+                raise RunFailed(
+                    f"after {_CONNECT_S:g} s the world still cannot be reached: the machine is too busy, or something "
+                    "blocks its ports; see `meanflock doctor`"
+                ) from error
 
 
 def _listen(bus: ZenohBus, station: Station, swarm: Swarm, interrupted: Interrupted, folder: RunFolder) -> None:

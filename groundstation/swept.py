@@ -1,5 +1,6 @@
 """What a sweep varies: one key of the scenario, and the values it takes."""
 
+import json
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from meanflock.swarm.errors import BadInput
 
 @dataclass(frozen=True)
 class Swept:
-    """A dotted key, and two values or more, in TOML's types; lists are written as text."""
+    """A dotted key, and two values or more, in TOML's types; lists and tables are written as text."""
 
     key: str
     values: tuple[Any, ...]
@@ -26,7 +27,7 @@ class Swept:
         key = key.strip()
         if not equals or not key:
             raise BadInput(f"{text}: write it as KEY=VALUE,VALUE, for example wind.sigma=0.1,0.2,0.3")
-        values = [str(value) if isinstance(value, list | dict) else value for value in _values(listed)]
+        values = [_toml(value) if isinstance(value, list | dict) else value for value in _values(listed)]
         if len(values) < 2:
             raise BadInput(f"{text}: a sweep needs two values or more, between commas")
         twice = [value for place, value in enumerate(values) if value in values[:place]]
@@ -77,4 +78,16 @@ def _value(text: str) -> Any:
 
 
 def _toml(value: Any) -> str:
+    """In a line; a text by itself is a bare word."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(_within, value))}]"
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{_within(key)} = {_within(each)}' for key, each in value.items())}}}"
     return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _within(value: Any) -> str:
+    """What is part of a list or table: texts have quotes."""
+    if not isinstance(value, str):
+        return _toml(value)
+    return f"'{value}'" if value.isprintable() and "'" not in value else json.dumps(value)

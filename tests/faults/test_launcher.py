@@ -16,10 +16,10 @@ from meanflock.groundstation.children import Child
 from meanflock.groundstation.launch import Swarm
 from meanflock.groundstation.results import CHECKPOINT, RunFolder
 from meanflock.groundstation.resume import back
-from meanflock.groundstation.run import _listen
+from meanflock.groundstation.run import _connect, _listen
 from meanflock.groundstation.station import Station
 from meanflock.swarm import scenario as scenarios
-from meanflock.swarm.errors import RunFailed
+from meanflock.swarm.errors import BusError, RunFailed
 from meanflock.swarm.net.bus import MemoryNetwork
 from meanflock.swarm.process import Interrupted
 from tests.faults.conftest import Lab, events_in, spool_bytes
@@ -230,3 +230,19 @@ def test_a_world_that_ended_unheard_is_noticed_and_the_run_can_be_resumed(
         interrupted._note(signal.SIGINT, None)
         with pytest.raises(RunFailed, match=r"^interrupted, before take-off; `meanflock run .*run/scenario\.toml`"):
             _listen(bus, Station(bus, "run", [folder]), swarm, interrupted, folder)
+
+
+def test_a_world_that_never_listens_is_a_matter_of_the_machine_and_not_of_a_flag_that_the_command_lacks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def nobody(timeout_s: float) -> None:
+        raise BusError("the world is not there: start it, or wait longer (--wait)")
+
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    monkeypatch.setattr("meanflock.groundstation.run._CONNECT_S", 0.0)
+    flown = scenarios.load(None, ["uavs=2", "duration=30", "method=mfg"])
+    with RunFolder(tmp_path, "run", flown) as folder, Swarm("run") as swarm:
+        monkeypatch.setattr(swarm, "check", lambda: None)
+        monkeypatch.setattr(swarm, "connect", nobody)
+        with pytest.raises(RunFailed, match=r"^after 0 s the world still cannot be reached: .*`meanflock doctor`$"):
+            _connect(swarm, Interrupted(), folder)

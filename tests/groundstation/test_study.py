@@ -24,6 +24,7 @@ from meanflock.groundstation.terminal import console_for
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput
 from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.toml import apply
 from tests.polling import DEADLINE_S, until
 
 QUICK = ("--duration", "3", "--jobs", "1", "--quiet", "--out", "out")
@@ -115,6 +116,12 @@ def test_values_are_words_numbers_or_lists() -> None:
     assert Swept.parse("federation.period=50,100").values == (50, 100)
     lists = Swept.parse("wind.mean=[1, -1],[0.5, 0.5]")
     assert [load(None, [lists.setting(value)]).wind.mean for value in lists.values] == [(1.0, -1.0), (0.5, 0.5)]
+    discs = Swept.parse("obstacles=[], [{centre = [30.0, 0.0], radius = 2.0}]")
+    assert [len(load(None, [discs.setting(value)]).obstacles) for value in discs.values] == [0, 1]
+    words = Swept.parse("""x=["a, b", "it's", "\\n"], [true]""")
+    apply(table := {}, words.setting(words.values[0]))
+    assert table == {"x": ["a, b", "it's", "\n"]}
+    assert words.values[1] == "[true]"
     assert Swept.parse("federation.error_feedback=true,false").setting(False) == "federation.error_feedback=false"
     with pytest.raises(BadInput, match="KEY=VALUE"):
         Swept.parse("wind.sigma")
