@@ -1,6 +1,7 @@
 """What a sweep varies: one key of the scenario, and the values it takes."""
 
 import json
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -82,8 +83,12 @@ def _toml(value: Any) -> str:
     if isinstance(value, list):
         return f"[{', '.join(map(_within, value))}]"
     if isinstance(value, dict):
-        return f"{{{', '.join(f'{_within(key)} = {_within(each)}' for key, each in value.items())}}}"
+        return f"{{{', '.join(f'{_key(key)} = {_within(each)}' for key, each in value.items())}}}"
     return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _within(name)
 
 
 def _within(value: Any) -> str:

@@ -118,6 +118,7 @@ def test_values_are_words_numbers_or_lists() -> None:
     assert [load(None, [lists.setting(value)]).wind.mean for value in lists.values] == [(1.0, -1.0), (0.5, 0.5)]
     discs = Swept.parse("obstacles=[], [{centre = [30.0, 0.0], radius = 2.0}]")
     assert [len(load(None, [discs.setting(value)]).obstacles) for value in discs.values] == [0, 1]
+    assert discs.values[1] == "[{centre = [30.0, 0.0], radius = 2.0}]"
     words = Swept.parse("""x=["a, b", "it's", "\\n"], [true]""")
     apply(table := {}, words.setting(words.values[0]))
     assert table == {"x": ["a, b", "it's", "\n"]}
