@@ -33,5 +33,8 @@ def beside(path: Path, error: BaseException) -> str:
 
 
 def reason(error: BaseException) -> str:
-    """What went wrong, in a line."""
-    return traceback.format_exception_only(error)[-1].strip()
+    """What went wrong, in a line, without the notes that were added to it."""
+    said = traceback.TracebackException(type(error), error, None)
+    said.__notes__ = []  # they would be what is said last
+    *_, last = said.format_exception_only()
+    return " ".join(filter(None, map(str.strip, last.splitlines())))
