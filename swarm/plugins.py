@@ -131,15 +131,15 @@ def load_file(path: Path | str) -> list[Plugin]:
     except FAILURES as error:
         del sys.modules[name]
         raise BadInput(f"{where}: {last_line(error)}{beside(path, error)}") from error
-    found = []
+    entries = {}
     for key, (attribute, value) in _defined(module, where).items():
         if key in _files and _files[key][0].source not in (str(path), HERE):
             raise BadInput(f"{where}: two {key[0]}s are named {key[1]!r}, the other in {_files[key][0].source}")
-        plugin = Plugin(*key, str(path), attribute, fingerprint(source))
-        found.append(_register(plugin, value, f"{where}: "))
-    if not found:
+        entries[key] = _entry(Plugin(*key, str(path), attribute, fingerprint(source)), value, f"{where}: ")
+    if not entries:
         raise BadInput(f"{where}: no plug-in in it; {NO_PLUGIN}")
-    return found
+    _files.update(entries)
+    return [plugin for plugin, _ in entries.values()]
 
 
 def _defined(module: ModuleType, where: str) -> dict[tuple[Door, str], tuple[str, type]]:
@@ -164,7 +164,8 @@ def register(made: type) -> Plugin:
     """
     if (key := _key(made)) is None:
         raise BadInput(f"{made!r}: no plug-in; {NO_PLUGIN}")
-    return _register(Plugin(*key, HERE, made.__qualname__, HERE), made)
+    entry = _files[key] = _entry(Plugin(*key, HERE, made.__qualname__, HERE), made)
+    return entry[0]
 
 
 def fingerprint(source: bytes) -> str:
@@ -245,10 +246,10 @@ def _key(made: Any) -> tuple[Door, str] | None:
     return (door, name) if isinstance(made, type) and door in GROUPS and isinstance(name, str) and name else None
 
 
-def _register(plugin: Plugin, made: type, where: str = "") -> Plugin:
+def _entry(plugin: Plugin, made: type, where: str = "") -> tuple[Plugin, type]:
+    """What is registered of it, or BadInput."""
     key = plugin.door, plugin.name
     if key in _packaged():
         there = f"{plugin.door} {plugin.name!r} is installed already, of {_packaged()[key][0].source}"
         raise BadInput(f"{where}{there}; give yours another name")
-    _files[key] = plugin, checked(*key, made, plugin.source)
-    return plugin
+    return plugin, checked(*key, made, plugin.source)

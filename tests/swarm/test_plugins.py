@@ -146,6 +146,13 @@ def test_two_of_one_name_in_a_file_are_refused_and_another_name_for_one_of_them_
     assert [plugin.name for plugin, _ in plugins._files.values()] == ["mine"]
 
 
+def test_a_file_one_of_whose_plugins_is_refused_leaves_all_as_it_was(tmp_path: Path) -> None:
+    taken = "\nclass Taken(Mine):\n    name = 'hjb'\n"
+    with pytest.raises(BadInput, match="'hjb' is installed already"):
+        plugins.load_file(written(tmp_path, GOOD + taken))
+    assert not plugins._files
+
+
 @pytest.mark.parametrize("name", ["../mine", "a/b", "a b", ".", "-x", "ä", "a*", "x" * 65, "a\nb"])
 def test_a_name_that_could_not_be_part_of_a_file_s_is_refused(name: str) -> None:
     with pytest.raises(BadInput, match=r"a name is up to 64 of A-Z, a-z, 0-9"):
