@@ -18,6 +18,7 @@ import msgspec
 from joblib import Parallel, delayed
 
 from meanflock.groundstation import durable
+from meanflock.groundstation.backends import unbroken
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.paper.job_file import StoredRun, decode, encode
 from meanflock.groundstation.paper.store import Store
@@ -75,7 +76,9 @@ def fly_all(
     progress(done, total)
     try:
         parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
-        for raw in parallel(delayed(_fly)(flown, os.getpid(), plugins.files(), study, fly) for flown in missing):
+        with unbroken():
+            flights = parallel(delayed(_fly)(flown, os.getpid(), plugins.files(), study, fly) for flown in missing)
+        for raw in flights:
             store.add(raw)
             runs = decode(raw)
             finished |= {run.key: run.scalars for run in runs}

@@ -14,7 +14,7 @@ import joblib
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from meanflock.groundstation.backends import BACKENDS, processes, terminable
+from meanflock.groundstation.backends import BACKENDS, processes, terminable, unbroken
 from meanflock.groundstation.paper.flown import Flown, fly
 from meanflock.groundstation.paper.grid import EXPERIMENTS, Wanted, wanted
 from meanflock.groundstation.paper.job_file import StoredRun, encode, stored
@@ -199,7 +199,9 @@ def _all(missing: Sequence[Wanted], jobs: int) -> Iterator[tuple[Wanted, bytes]]
             parallel = joblib.Parallel(
                 n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs"
             )
-            for number, raw in parallel(hand_out(list(waiting))):
+            with unbroken():
+                flights = parallel(hand_out(list(waiting)))
+            for number, raw in flights:
                 out.discard(number)
                 yield waiting.pop(number), raw
         except BrokenProcessPool as error:

@@ -8,6 +8,7 @@ import numpy as np
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
+from meanflock.groundstation.backends import unbroken
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.paper import optimum, theory
 from meanflock.groundstation.paper.grid import LEARNING
@@ -133,7 +134,9 @@ def measure(
     tasks = [delayed(measure_seed)(msgspec.structs.replace(base, seed=seed), seconds) for seed in seeds]
     rows: list[dict[str, float]] = []
     progress(0, len(tasks))
-    for row in Parallel(n_jobs=jobs, return_as="generator")(tasks):
+    with unbroken():
+        measured_rows = Parallel(n_jobs=jobs, return_as="generator")(tasks)
+    for row in measured_rows:
         rows.append(row)
         progress(len(rows), len(tasks))
     return {name: [row[name] for row in rows] for name in (rows[0] if rows else {})}

@@ -243,7 +243,8 @@ def test_ctrl_c_ends_a_sweep_and_its_workers_and_a_repeat_goes_on(tmp_path: Path
         "--methods",
         "hjb",
     ]
-    command += ["--uavs", "16", "--duration", "30", "--seeds", "3", "--jobs", "2", "--quiet", "--out", str(tmp_path)]
+    size = ["--uavs", "16", "--duration", "150", "--set", "stop=duration", "--seeds", "3"]  # half a second each
+    command += [*size, "--jobs", "2", "--quiet", "--out", str(tmp_path)]
     sweep = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
     jobs = tmp_path / "data" / "jobs"
     until(lambda: list(jobs.glob("*.job")) or sweep.poll() is not None, "a finished job")
