@@ -258,7 +258,7 @@ def test_a_run_whose_plugin_was_changed_since_is_refused_with_the_copy_that_flew
     more: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(plugins, "_files", dict(plugins._files))
-    monkeypatch.delenv(plugins.FILES, raising=False)
+    monkeypatch.setenv(plugins.FILES, "")
     mine = tmp_path / "mine.py"
     mine.write_text(SPRING.read_text(encoding="utf-8"), encoding="utf-8")
     plugins.load_file(mine)

@@ -47,10 +47,10 @@ class Mine(Controller):
 def _as_before(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Whatever a test registers is gone after it."""
     monkeypatch.setattr(plugins, "_files", {})
-    monkeypatch.delenv(plugins.FILES, raising=False)
+    monkeypatch.setenv(plugins.FILES, "")
     before = set(sys.modules)
     yield
-    monkeypatch.delenv(plugins.FILES, raising=False)
+    monkeypatch.setenv(plugins.FILES, "")
     for name in set(sys.modules) - before:
         if name.startswith("meanflock_plugin_"):
             del sys.modules[name]

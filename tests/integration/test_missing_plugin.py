@@ -27,7 +27,7 @@ LACKING = rf"on host {HOST}: controller 'spring' is not installed here; install 
 @pytest.fixture(autouse=True)
 def named_on_the_command_line_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """What this environment has by variable, every process would have."""
-    monkeypatch.delenv(plugins.FILES, raising=False)
+    monkeypatch.setenv(plugins.FILES, "")
 
 
 def ended(process: "subprocess.Popen[str]") -> tuple[int, str, str]:

@@ -42,7 +42,7 @@ class Mine(Controller):
 @pytest.fixture(autouse=True)
 def _nothing_stays(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(plugins, "_files", dict(plugins._files))
-    monkeypatch.delenv(plugins.FILES, raising=False)
+    monkeypatch.setenv(plugins.FILES, "")
     return
 
 
