@@ -69,9 +69,9 @@ def unbroken() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    came: list[tuple[int, FrameType | None]] = []
+    came: list[int] = []
     before = {
-        number: signal.signal(number, lambda *signalled: came.append(signalled))
+        number: signal.signal(number, lambda number, _frame: came.append(number))
         for number in (signal.SIGINT, signal.SIGTERM)
     }
     try:
@@ -80,4 +80,4 @@ def unbroken() -> Iterator[None]:
         for number, handler in before.items():
             signal.signal(number, handler)
         if came:
-            signal.raise_signal(came[0][0])
+            signal.raise_signal(came[0])

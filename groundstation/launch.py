@@ -202,7 +202,7 @@ def _failed(child: Child) -> MeanflockError:
 
 
 def _environment() -> dict[str, str]:
-    """That of this process without what would change what a child is told to fly."""
+    """The environment of a child: that of this process without variables that would change what it flies."""
     return {name: said for name, said in os.environ.items() if name not in _OURS}
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from meanflock.groundstation import study
 from meanflock.groundstation.means import Means
 from meanflock.groundstation.paper.store import Store
-from meanflock.settings import load_plugins, plain, scenario_of
+from meanflock.settings import as_builtins, load_plugins, scenario_of
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 
@@ -137,7 +137,7 @@ def _count(seeds: Any) -> int:
 
 def _hashable(value: Any) -> Any:
     """A value as part of a point: a list as a tuple, a table as text."""
-    value = plain(value)
+    value = as_builtins(value)
     if isinstance(value, dict):
         return str(value)
     return tuple(map(_hashable, value)) if isinstance(value, list) else value

@@ -23,7 +23,7 @@ def load_plugins(given: str | Path | Sequence[str | Path] | None) -> None:
         plugins.load_files([given] if isinstance(given, str | Path) else given)
 
 
-def plain(value: Any) -> Any:
+def as_builtins(value: Any) -> Any:
     """What somebody wrote, as a TOML file could have it: numbers and arrays of NumPy are numbers and lists.
 
     Raises:
@@ -49,7 +49,7 @@ def scenario_of(scenario: str | Path | Scenario | None, settings: Mapping[str, A
         BadInput: no such scenario, or a key or value that is none.
     """
     if isinstance(scenario, Scenario):
-        table: dict[str, Any] = plain(scenario)
+        table: dict[str, Any] = as_builtins(scenario)
     elif scenario is None:
         table = {}
     else:
@@ -63,7 +63,7 @@ def scenario_of(scenario: str | Path | Scenario | None, settings: Mapping[str, A
         raise BadInput(f"method: {method!r} is no name of a controller and no class; give one of these")
     for key, value in {**{k: v for k, v in options.items() if v is not None}, **settings}.items():
         try:
-            put(table, key, plain(value))
+            put(table, key, as_builtins(value))
         except TypeError as error:
             raise BadInput(f"{key}: {error}; give a number, a text, a list or a dict") from error
     flown = from_table(table, "scenario", settings)
