@@ -107,10 +107,11 @@ def _method(node: ast.FunctionDef) -> Iterator[str]:
 
 def _signature(name: str, node: ast.FunctionDef) -> list[str]:
     returns = f" -> {ast.unparse(node.returns)}" if node.returns is not None and node.name != "__init__" else ""
-    line = f"{name}({ast.unparse(node.args)}){returns}"
+    parts = re.split(r", (?=[*\w]+(?::|=|,|$)|\*,)", ast.unparse(node.args))
+    parts = [re.sub(r"^(\w+: .+?)=", r"\1 = ", part) for part in parts]
+    line = f"{name}({', '.join(parts)}){returns}"
     if len(line) <= WIDTH:
         return [line]
-    parts = re.split(r", (?=[*\w]+(?::|=|,|$)|\*,)", ast.unparse(node.args))
     return [f"{name}(", *(f"    {part}," for part in parts), f"){returns}"]
 
 

@@ -1,6 +1,8 @@
 """Where the flights of a study are flown: processes of this machine, or the workers of a Dask cluster."""
 
 import importlib
+import multiprocessing
+import os
 import signal
 import threading
 from collections.abc import Iterator
@@ -11,6 +13,18 @@ from meanflock.swarm.errors import BadInput
 
 BACKENDS = ("loky", "dask")
 SCHEDULER_TIMEOUT = "10s"
+_first: list[int] = []  # the process that asked for workers
+
+
+def possible(jobs: int) -> int:
+    """How many processes may fly what this one asks for, `jobs` as joblib has it: itself alone if it is a worker of
+    `multiprocessing`, which may have none, or a fork of one that has some, whose answers it would never see.
+    """
+    if jobs == 1 or multiprocessing.current_process().daemon:
+        return 1
+    if not _first:
+        _first.append(os.getpid())
+    return jobs if _first == [os.getpid()] else 1
 
 
 @contextmanager

@@ -139,7 +139,7 @@ def _fly(
     """The summaries of all runs; those that are in `out` already are not flown again. Prints the table of means, and
     writes it and the runs behind it.
     """
-    from meanflock.groundstation import study
+    from meanflock.groundstation import means_table, study
     from meanflock.groundstation.backends import terminable
     from meanflock.groundstation.means import Means
 
@@ -149,7 +149,7 @@ def _fly(
     means = Means(columns, flown)
     sizes = {one.uavs for one in scenarios.values()}
     title = f"{what}: {sizes.pop()} UAVs" if len(sizes) == 1 else what
-    table = means.table(title, [one.duration for one in scenarios.values()])
+    table = means_table.table(means, title, [one.duration for one in scenarios.values()])
     console_for(table).print(table)
     study.save(flown.values(), out / "runs.jsonl")
     report([out / "runs.jsonl", means.write_csv(out / f"{what}.csv")])

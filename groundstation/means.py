@@ -1,4 +1,4 @@
-"""What a study found, a row a point: means over its flights, as a table for 80 columns and as a CSV file."""
+"""What a study found, a row a point: means over its flights, and as a CSV file."""
 
 import csv
 import io
@@ -7,13 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rich import box
-from rich.console import Console
-from rich.table import Table
-
 from meanflock.groundstation import durable
 from meanflock.groundstation.paper import statistics
-from meanflock.groundstation.plots import number
+from meanflock.groundstation.quantities import number
 
 Summaries = Sequence[Mapping[str, Any]]
 
@@ -36,12 +32,6 @@ METRICS = (
     Metric("phi_C_distinct", "phi_C_distinct", "risk\nφ_C of\npairs\n(1)"),
     Metric("collisions", "collisions_pairs", "colli-\nsions\n(pairs)"),
 )
-WIDTH = 80  # of a terminal, at least
-_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""))
-MEANS = (
-    "Means over n flights and all UAVs. Travel time: a UAV that never arrived counts with the duration, {:g} s. "
-    "Lower is better everywhere but in arrivals."
-)
 
 
 @dataclass(frozen=True)
@@ -53,28 +43,6 @@ class Means:
 
     names: tuple[str, ...]
     points: Mapping[tuple[Any, ...], Summaries]
-
-    def table(self, title: str, durations_s: Sequence[float]) -> Table:
-        """What a person reads; in 80 columns, without a name that is cut off."""
-        note = MEANS.format(max(durations_s)) if len(set(durations_s)) == 1 else MEANS.replace(", {:g} s", "")
-        table = Table(title=title, caption=note, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-        table.show_edge, table.title_justify, table.caption_justify = False, "left", "left"
-        for name in self.names:
-            table.add_column(_broken(name), overflow="fold", no_wrap=name == "method")
-        table.add_column("n", justify="right", no_wrap=True)
-        rows = list(self.rows())
-        most = max(row["payload_bits"] for _, row in rows)
-        scale, prefix = next(((scale, prefix) for scale, prefix in _PREFIXES if most >= scale), (1.0, ""))
-        for metric in METRICS:
-            table.add_column(metric.heading.format(prefix), justify="right", no_wrap=True)
-        for values, row in rows:
-            row["payload_bits"] /= scale
-            cells = ["–" if (mean := row[metric.column]) is None else f"{mean:.4g}" for metric in METRICS]
-            cells[0] += f"/{row['uavs']}"  # of the arrivals
-            table.add_row(*map(str, values), str(row["n"]), *cells)
-        if Console(width=10 * WIDTH).measure(table).maximum > WIDTH:
-            table.padding = 0
-        return table
 
     def rows(self) -> Iterator[tuple[tuple[Any, ...], dict[str, Any]]]:
         """Of each point its values, and by name `n` (flights), `uavs`, and of every metric the mean under its column
@@ -101,8 +69,3 @@ class Means:
         lines.writerow([*self.names, *rows[0][1]])
         lines.writerows([*values, *row.values()] for values, row in rows)
         return durable.put(path, text.getvalue().encode())
-
-
-def _broken(name: str) -> str:
-    """A dotted key that may go over several lines."""
-    return name.replace(".", ".\n").replace("_", "_\n").replace(" (", "\n(")

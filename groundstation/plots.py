@@ -2,7 +2,6 @@
 
 import json
 import logging
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from meanflock.groundstation import plot_mission, plotstyle
 from meanflock.groundstation.curves import MAX_POINTS, Curves, grid, line
 from meanflock.groundstation.paper import statistics
-from meanflock.groundstation.quantities import FIELDS
+from meanflock.groundstation.quantities import FIELDS, number
 from meanflock.groundstation.reported import PHI_G
 from meanflock.groundstation.results import EVENTS
 from meanflock.groundstation.series import diagnostics_in
@@ -138,9 +137,9 @@ def _run_curves(table: pa.Table, flown: plot_mission.Flown) -> Figure:
     rows = -(-len(panels) // 2)
     made = plotstyle.figure(plotstyle.PAGE_IN, 1.9 * rows)
     axes = made.subplots(rows, 2, sharex=True, squeeze=False)
-    for number, (panel, ax) in enumerate(zip(panels, axes.ravel(), strict=False)):
+    for at, (panel, ax) in enumerate(zip(panels, axes.ravel(), strict=False)):
         panel.draw(ax)
-        plotstyle.titled(ax, plotstyle.letter(number), panel.title)
+        plotstyle.titled(ax, plotstyle.letter(at), panel.title)
         ax.set_ylabel(panel.label)
         ax.margins(x=0.0)
     if len(panels) < axes.size:
@@ -153,24 +152,6 @@ def _run_curves(table: pa.Table, flown: plot_mission.Flown) -> Figure:
 
 
 # -- several methods, and sweeps ------------------------------------------------------------------------------------
-
-
-def number(summary: Mapping[str, Any], key: str) -> float:
-    """A number of a summary by its dotted key; NaN where it is unknown.
-
-    Raises:
-        BadInput: a summary has no such number.
-    """
-    value: Any = summary
-    for part in key.split("."):
-        if not isinstance(value, Mapping) or part not in value:
-            raise BadInput(f"{key}: a summary has no such entry")
-        value = value[part]
-    if value is None:
-        return math.nan
-    if isinstance(value, str | Mapping | Sequence):
-        raise BadInput(f"{key}: not a number")
-    return float(value)
 
 
 def _label(key: str) -> str:

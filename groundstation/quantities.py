@@ -1,6 +1,11 @@
 """What every quantity is called, in tables, plots, recordings and documentation alike: one name each, with its unit."""
 
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
+
+from meanflock.swarm.errors import BadInput
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,3 +85,21 @@ RESIDUALS = ("hjb_residual", "fpk_residual")  # sizes that span several decades:
 def of(field: str) -> Quantity:
     """The quantity of a field; one that is not known here is called by its own name."""
     return FIELDS.get(field) or Quantity(field)
+
+
+def number(summary: Mapping[str, Any], key: str) -> float:
+    """A number of a summary by its dotted key; NaN where it is unknown.
+
+    Raises:
+        BadInput: a summary has no such number.
+    """
+    value: Any = summary
+    for part in key.split("."):
+        if not isinstance(value, Mapping) or part not in value:
+            raise BadInput(f"{key}: a summary has no such entry")
+        value = value[part]
+    if value is None:
+        return math.nan
+    if isinstance(value, str | Mapping | Sequence):
+        raise BadInput(f"{key}: not a number")
+    return float(value)

@@ -18,7 +18,7 @@ import msgspec
 from joblib import Parallel, delayed
 
 from meanflock.groundstation import durable
-from meanflock.groundstation.backends import unbroken
+from meanflock.groundstation.backends import possible, unbroken
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.paper.job_file import StoredRun, decode, encode
 from meanflock.groundstation.paper.store import Store
@@ -75,7 +75,7 @@ def fly_all(
     done = total - len(missing)
     progress(done, total)
     try:
-        parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
+        parallel = Parallel(n_jobs=possible(jobs), return_as="generator_unordered", batch_size=1)
         with unbroken():
             flights = parallel(delayed(_fly)(flown, os.getpid(), plugins.files(), study, fly) for flown in missing)
         for raw in flights:

@@ -59,13 +59,19 @@ def compare(
     """Flies several controllers over the same seeds.
 
     Args:
-        methods: names, or classes of yours; or one alone. seeds: flights of each, from the scenario's seed on. plugin:
-            a file with plug-ins, or several. jobs: processes; −1: one a core; with a class among the `methods` all is
-            flown in this one. out: a folder in which finished flights are kept: the same call flies the rest. settings:
-            dotted keys of the scenario.
+        methods: names, or classes of yours; or one alone.
+        seeds: flights of each, from the scenario's seed on.
+        scenario: the name of a shipped one, a TOML file, or a Scenario.
+        plugin: a file with plug-ins, or several.
+        jobs: processes; −1: one a core. All is flown in this one if a class is among the `methods`, and in a worker of
+            `multiprocessing`.
+        out: a folder in which finished flights are kept: the same call flies the rest.
+        progress: called with the flights finished and wanted.
+        settings: any dotted key of the scenario, `**{"wind.sigma": 0.2}`.
 
     Raises:
-        BadInput: something asked for cannot be had. RunFailed: a process died.
+        BadInput: something asked for cannot be had.
+        RunFailed: a process died.
     """
     load_plugins(plugin)
     if not (named := _several(methods)):
@@ -90,10 +96,16 @@ def sweep(
     progress: Progress | None = None,
     **settings: Any,
 ) -> Comparison:
-    """Flies a scenario for several values of one dotted key, and each with several controllers if asked to.
+    """Flies a scenario for several values of one of its keys.
+
+    Args:
+        key: a dotted key of the scenario.
+        values: its values; NumPy's will do.
+        methods: the controllers that fly each value; None: the scenario's. All else as in `compare`.
 
     Raises:
-        BadInput: something asked for cannot be had. RunFailed: a process died.
+        BadInput: something asked for cannot be had.
+        RunFailed: a process died.
     """
     load_plugins(plugin)
     if key in settings:

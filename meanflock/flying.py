@@ -32,16 +32,23 @@ def fly(
     """Flies a scenario in this process, in any thread; no signal handler, no process and no network is touched.
 
     Args:
-        scenario: the name of a shipped one, a TOML file, or a Scenario. method: the controller, by name or as a class.
-        duration: s, at the longest. plugin: a file with plug-ins, or several. out: a folder in which the run leaves one
-            of its own, as `meanflock run` does; None: nothing is written. record: a Rerun recording in it, too.
-            progress: called every hundred ticks. settings: any dotted key of the scenario, `**{"wind.sigma": 0.2}`.
+        scenario: the name of a shipped one, a TOML file, or a Scenario.
+        method: the controller, by name or as a class.
+        uavs: how many fly.
+        seed: the source of all randomness.
+        duration: s, at the longest.
+        plugin: a file with plug-ins, or several.
+        out: a folder in which the run leaves one of its own, as `meanflock run` does; None: nothing is written.
+        record: leave a Rerun recording there, too.
+        progress: called every hundred ticks with the ticks flown and the most there may be.
+        settings: any dotted key of the scenario, `**{"wind.sigma": 0.2}`.
 
     Returns:
         The run: `.summary`, `.states`, `.events`, `.frame()`.
 
     Raises:
-        BadInput: something asked for cannot be had; nothing was flown. RunFailed: the flight failed.
+        BadInput: something asked for cannot be had; nothing was flown.
+        RunFailed: the flight failed.
     """
     load_plugins(plugin)
     if record and out is None:

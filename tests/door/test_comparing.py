@@ -1,5 +1,7 @@
 """`mf.compare` and `mf.sweep`: a row a point, the flights those of `mf.fly`, and what is kept is not flown again."""
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +11,7 @@ import pytest
 import meanflock as mf
 from meanflock.groundstation import study
 from meanflock.swarm import plugins
+from tests.polling import DEADLINE_S
 
 SMALL: dict[str, Any] = {"uavs": 2, "duration": 3.0, "jobs": 1}
 
@@ -118,3 +121,29 @@ def test_flights_of_another_version_of_a_package_are_flown_again(
 
     assert key("1.0") == key("1.0") != key("1.1")
     assert study.key_of(mf.Scenario(method="mfg")).count(":") == 1
+
+
+FORKED = """
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+
+import meanflock as mf
+
+def flown():
+    return [row["payload_bits"] for row in mf.compare("mfg", seeds=2, uavs=2, duration=1, jobs=2)]
+
+if __name__ == "__main__":
+    here, fork = flown(), multiprocessing.get_context("fork")
+    with ProcessPoolExecutor(1, mp_context=fork) as pool:
+        assert pool.submit(flown).result() == here
+    with fork.Pool(1) as pool:
+        assert pool.apply(flown) == here
+    assert flown() == here
+"""
+
+
+@pytest.mark.processes
+def test_in_a_fork_and_in_a_worker_of_somebody_else_flights_are_flown_without_workers(tmp_path: Path) -> None:
+    script = tmp_path / "forked.py"
+    script.write_text(FORKED)
+    subprocess.run([sys.executable, "-W", "error", script], cwd=tmp_path, timeout=DEADLINE_S, check=True)

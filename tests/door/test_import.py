@@ -52,6 +52,13 @@ def test_importing_loads_nothing_and_changes_nothing(tmp_path: Path) -> None:
 def test_every_name_of_the_door_is_there() -> None:
     for name in dir(mf):
         assert getattr(mf, name) is not None
+    assert [name for name in dir(mf) if not name.startswith("__")] == sorted(mf.__all__)
+
+
+def test_a_comparison_loads_no_plots_and_draws_nothing_from_the_random_numbers_of_others(tmp_path: Path) -> None:
+    code = "import random, sys; random.seed(1); before = random.getstate(); import meanflock as mf; mf.compare\n"
+    code += "assert random.getstate() == before; print(*({'matplotlib', 'rich', 'rerun', 'click'} & set(sys.modules)))"
+    assert python(code, tmp_path).split() == []
 
 
 def test_a_name_that_is_not_there_is_an_attribute_error() -> None:

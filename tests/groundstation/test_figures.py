@@ -9,7 +9,7 @@ import pyarrow as pa
 import pytest
 from matplotlib.figure import Figure
 
-from meanflock.groundstation import looks, plots, plotstyle
+from meanflock.groundstation import looks, plots, plotstyle, quantities
 from meanflock.groundstation.paper import figures, report
 from meanflock.groundstation.paper.figures_curves import Bundle, bundle
 from meanflock.groundstation.paper.grid import COMPARED, FEDERATED, PERIODS, SIGMAS, UAVS
@@ -315,4 +315,4 @@ def test_one_seed_has_no_interval_and_still_a_dot() -> None:
 
 def test_unknown_metric_is_bad_input() -> None:
     with pytest.raises(BadInput, match="nonsense"):
-        plots.number(summaries(1.0)[0], "nonsense")
+        quantities.number(summaries(1.0)[0], "nonsense")

@@ -16,7 +16,8 @@ from rich.table import Column, Table
 
 import meanflock as mf
 from meanflock.groundstation import study
-from meanflock.groundstation.means import WIDTH, Means
+from meanflock.groundstation.means import Means
+from meanflock.groundstation.means_table import WIDTH, table
 from meanflock.groundstation.paper import experiments, measure
 from meanflock.groundstation.paper.store import Store
 from meanflock.groundstation.swept import Swept
@@ -174,7 +175,7 @@ def test_a_table_has_units_and_no_name_is_cut_off_at_80_columns(key: str) -> Non
     points = {(value, method): [large] * 8 for value in (0.125, 1000) for method in ("mfgfl-hf", "offline")}
     console = Console(width=WIDTH)
     with console.capture() as capture:
-        console.print(Means((key, "method"), points).table("sweep: 25 UAVs", [300.0]))
+        console.print(table(Means((key, "method"), points), "sweep: 25 UAVs", [300.0]))
     lines = capture.get().splitlines()
     assert max(map(len, lines)) <= WIDTH
     assert "…" not in capture.get()
@@ -318,8 +319,8 @@ def test_a_long_value_of_a_sweep_goes_over_several_lines_before_the_table_gets_w
     monkeypatch.setenv("COLUMNS", "80")
     discs = "[{'x': 10.0, 'y': 20.0, 'radius': 3.0}, {'x': 30.0, 'y': 20.0, 'radius': 3.0}]"
     flown = {**summary(25, 161.3456, 25), "t_avg_censored_s": 161.3456}
-    table = Means(("obstacles", "method"), {(discs, "mfgfl-hf"): [flown] * 8}).table("sweep", [300.0])
-    console_for(table).print(table)
+    shown_table = table(Means(("obstacles", "method"), {(discs, "mfgfl-hf"): [flown] * 8}), "sweep", [300.0])
+    console_for(shown_table).print(shown_table)
     shown = capsys.readouterr().out
     assert max(map(len, shown.splitlines())) <= 80
     assert "161.3" in shown

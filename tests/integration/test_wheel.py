@@ -63,6 +63,23 @@ def test_all_of_the_wheel_is_below_one_name(wheel: Path) -> None:
     assert len(names) == 2
 
 
+TYPED = """
+import meanflock as mf
+
+class Still(mf.Controller):
+    name = "still"
+
+run = mf.fly(method=Still, uavs=2, duration=1)
+reveal_type(run.states)
+"""
+
+
+def test_a_type_checker_sees_the_types_of_the_wheel(python: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(TYPED)
+    line = [sys.executable, "-m", "mypy", "--strict", "--python-executable", python, tmp_path / "mine.py"]
+    assert 'numpy.dtype[numpy.float64]]"' in done(*line, cwd=tmp_path)
+
+
 def test_nothing_of_ours_but_meanflock_can_be_imported(python: Path, tmp_path: Path) -> None:
     find = "import sys; from importlib.util import find_spec; print(*(n for n in sys.argv[1:] if find_spec(n)))"
     assert done(python, "-c", find, *PACKAGES, cwd=tmp_path).split() == ["meanflock"]
