@@ -5,14 +5,19 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+import warnings
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from multiprocessing import resource_tracker
 from types import FrameType
+from typing import Any
 
-from meanflock.swarm.errors import BadInput
+from meanflock.swarm.errors import EXIT_RUN_FAILED, BadInput
 
 BACKENDS = ("loky", "dask")
 SCHEDULER_TIMEOUT = "10s"
+_POLL_S = 0.5
 _first: list[int] = []  # the process that asked for workers
 
 
@@ -75,10 +80,44 @@ def terminable() -> Iterator[None]:
             signal.signal(signal.SIGTERM, before)
 
 
+def started(calls: Iterable[Any], jobs: int, **how: Any) -> Iterator[Any]:
+    """Starts what `joblib.delayed` made, in `jobs` processes; the results, as they come unless `how` says otherwise.
+
+    Of this machine, the processes leave Ctrl-C to this one and end with it, however it ends.
+    """
+    import joblib
+
+    how = {"return_as": "generator_unordered", "batch_size": 1, **how}
+    parallel = joblib.Parallel(n_jobs=jobs, initializer=_become_a_worker, initargs=(os.getpid(),), **how)
+    with ExitStack() as stack:
+        with _unbroken():
+            results = parallel(calls)
+            stack.callback(_close, results)
+        for result in results:  # noqa: UP028  # `yield from` would close it itself
+            yield result
+
+
+def _close(results: Generator[Any]) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that some were not fetched: who stops early says what is kept
+        results.close()
+
+
+def _become_a_worker(parent: int) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it goes to the whole group; the parent decides
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_POLL_S)
+    os._exit(EXIT_RUN_FAILED)
+
+
 @contextmanager
-def unbroken() -> Iterator[None]:
+def _unbroken() -> Iterator[None]:
     """Ctrl-C and SIGTERM take effect when the block is over: a pool of processes that is torn down while it starts
-    raises errors of its own and may leave some behind.
+    raises errors of its own and may leave some behind. What is started meanwhile never hears of Ctrl-C.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -88,9 +127,12 @@ def unbroken() -> Iterator[None]:
         number: signal.signal(number, lambda number, _frame: came.append(number))
         for number in (signal.SIGINT, signal.SIGTERM)
     }
+    resource_tracker.ensure_running()  # where it is started later, it unblocks them
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # which a process inherits, and no handler
     try:
         yield
     finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for number, handler in before.items():
             signal.signal(number, handler)
         if came:

@@ -6,8 +6,6 @@ and repeats the command flies the rest.
 
 import json
 import os
-import signal
-import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from itertools import zip_longest
@@ -15,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from meanflock.groundstation import durable
-from meanflock.groundstation.backends import possible, unbroken
+from meanflock.groundstation.backends import possible, started
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.paper.job_file import StoredRun, decode, encode
 from meanflock.groundstation.paper.store import Store
@@ -75,10 +73,8 @@ def fly_all(
     done = total - len(missing)
     progress(done, total)
     try:
-        parallel = Parallel(n_jobs=possible(jobs), return_as="generator_unordered", batch_size=1)
-        with unbroken():
-            flights = parallel(delayed(_fly)(flown, os.getpid(), plugins.files(), study, fly) for flown in missing)
-        for raw in flights:
+        calls = (delayed(_fly)(flown, os.getpid(), plugins.files(), study, fly) for flown in missing)
+        for raw in started(calls, possible(jobs)):
             store.add(raw)
             runs = decode(raw)
             finished |= {run.key: run.scalars for run in runs}
@@ -122,8 +118,6 @@ def _fly(
     """Flies one run; the content of its file. files: the plug-ins of `parent`, for a process of an earlier call."""
     if os.getpid() != parent:
         plugins.hold(files)
-        if threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the parent decides
     return encode([StoredRun(key_of(flown, study), (fly or summarised)(flown))])
 
 

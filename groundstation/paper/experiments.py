@@ -1,8 +1,5 @@
 """Flies the grid: in parallel, with the time left, resumable, and proof against what happens to processes and disks."""
 
-import os
-import signal
-import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
@@ -10,11 +7,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import joblib
+from joblib import delayed
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from meanflock.groundstation.backends import BACKENDS, processes, terminable, unbroken
+from meanflock.groundstation.backends import BACKENDS, processes, started, terminable
 from meanflock.groundstation.paper.flown import Flown, fly
 from meanflock.groundstation.paper.grid import EXPERIMENTS, Wanted, wanted
 from meanflock.groundstation.paper.job_file import StoredRun, encode, stored
@@ -193,15 +190,10 @@ def _all(missing: Sequence[Wanted], jobs: int) -> Iterator[tuple[Wanted, bytes]]
         def hand_out(numbers: list[int], out: set[int] = out) -> Iterator[Any]:
             for number in numbers:
                 out.add(number)
-                yield joblib.delayed(_one)(number, waiting[number], os.getpid())
+                yield delayed(_one)(number, waiting[number])
 
         try:
-            parallel = joblib.Parallel(
-                n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs"
-            )
-            with unbroken():
-                flights = parallel(hand_out(list(waiting)))
-            for number, raw in flights:
+            for number, raw in started(hand_out(list(waiting)), jobs):
                 out.discard(number)
                 yield waiting.pop(number), raw
         except BrokenProcessPool as error:
@@ -214,9 +206,7 @@ def _all(missing: Sequence[Wanted], jobs: int) -> Iterator[tuple[Wanted, bytes]]
                 ) from error
 
 
-def _one(number: int, run: Wanted, parent: int) -> tuple[int, bytes]:
-    if os.getpid() != parent and threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the parent decides
+def _one(number: int, run: Wanted) -> tuple[int, bytes]:
     try:
         return number, execute(run)
     except MeanflockError:

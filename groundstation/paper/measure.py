@@ -5,10 +5,10 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 from numpy.typing import NDArray
 
-from meanflock.groundstation.backends import unbroken
+from meanflock.groundstation.backends import started
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.paper import optimum, theory
 from meanflock.groundstation.paper.grid import LEARNING
@@ -134,9 +134,7 @@ def measure(
     tasks = [delayed(measure_seed)(msgspec.structs.replace(base, seed=seed), seconds) for seed in seeds]
     rows: list[dict[str, float]] = []
     progress(0, len(tasks))
-    with unbroken():
-        measured_rows = Parallel(n_jobs=jobs, return_as="generator")(tasks)
-    for row in measured_rows:
+    for row in started(tasks, jobs, return_as="generator"):
         rows.append(row)
         progress(len(rows), len(tasks))
     return {name: [row[name] for row in rows] for name in (rows[0] if rows else {})}

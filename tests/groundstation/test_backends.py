@@ -8,12 +8,12 @@ import pytest
 
 _START = """
 import signal, sys
-from meanflock.groundstation.backends import terminable, unbroken
+from meanflock.groundstation.backends import _unbroken, terminable
 number = int(sys.argv[1])
 signal.signal(signal.SIGINT, signal.default_int_handler)
 before = signal.getsignal(number)
 try:
-    with terminable(), unbroken():
+    with terminable(), _unbroken():
         signal.raise_signal(number)
         signal.raise_signal(number)
         print("finished")

@@ -200,7 +200,7 @@ def test_a_full_disk_is_said_and_costs_nothing(
 def test_a_killed_worker_costs_a_second_try(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     marker = str(tmp_path / "killed")
 
-    def killed_once(number: int, run: Wanted, parent: int) -> tuple[int, bytes]:
+    def killed_once(number: int, run: Wanted) -> tuple[int, bytes]:
         import os
         import signal
 
@@ -220,7 +220,7 @@ def test_a_killed_worker_costs_a_second_try(tmp_path: Path, monkeypatch: pytest.
 
 
 def test_a_run_that_always_dies_ends_the_grid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def killed(number: int, run: Wanted, parent: int) -> tuple[int, bytes]:
+    def killed(number: int, run: Wanted) -> tuple[int, bytes]:
         import os
         import signal
 

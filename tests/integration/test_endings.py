@@ -79,17 +79,48 @@ def test_variables_of_others_reach_the_processes_whatever_they_are_called(monkey
     assert given == {"RUN", "SET", "COUNT", "MEANFLOCK_BARRIER"}
 
 
+LONG = ("--seeds", "50", "--uavs", "25", "--duration", "1000", "--set", "stop=duration", "--jobs", "2", "--quiet")
+
+
+def workers_of(study: "subprocess.Popen[str]") -> list[psutil.Process]:
+    """Those it has, as soon as there are two."""
+
+    def found() -> list[psutil.Process]:
+        return [p for p in psutil.Process(study.pid).children() if "popen_loky_posix" in " ".join(p.cmdline())]
+
+    return until(lambda: workers if len(workers := found()) == 2 else [], "workers", pause_s=0.0)
+
+
+def end_of(workers: list[psutil.Process]) -> None:
+    until(lambda: not any(p.is_running() and p.status() != psutil.STATUS_ZOMBIE for p in workers), "no worker", SOON_S)
+
+
 @pytest.mark.parametrize("command", [("compare", "mfg"), ("sweep", "wind.sigma=0.1,0.2")])
 def test_a_study_that_is_told_to_end_says_how_to_go_on_and_leaves_no_worker(
     command: tuple[str, ...], tmp_path: Path, spawn: Spawn
 ) -> None:
-    flown = ("--seeds", "50", "--uavs", "25", "--duration", "1000", "--set", "stop=duration", "--jobs", "2")
-    study = spawn("meanflock.groundstation.cli", *command, *flown, "--quiet", "--out", str(tmp_path))
-    itself = psutil.Process(study.pid)
-    workers = until(lambda: [p for p in itself.children() if "popen_loky_posix" in " ".join(p.cmdline())], "workers")
+    study = spawn("meanflock.groundstation.cli", *command, *LONG, "--out", str(tmp_path))
+    workers = workers_of(study)
     study.terminate()
     _, err = study.communicate(timeout=DEADLINE_S)
     assert study.returncode == 1
     assert "error: interrupted; " in err
     assert "repeat the command to fly the rest" in err
-    until(lambda: not any(p.is_running() and p.status() != psutil.STATUS_ZOMBIE for p in workers), "no worker", SOON_S)
+    end_of(workers)
+
+
+def test_ctrl_c_while_the_workers_of_a_study_start_is_one_line(tmp_path: Path, spawn: Spawn) -> None:
+    study = spawn("meanflock.groundstation.cli", "compare", "mfg", *LONG, "--out", str(tmp_path))
+    for heard in (*workers_of(study), study):  # as all of the terminal's group do
+        heard.send_signal(signal.SIGINT)
+    _, err = study.communicate(timeout=DEADLINE_S)
+    assert (study.returncode, err.count("\n")) == (1, 1), err
+    assert err.startswith("error: interrupted; ")
+
+
+def test_the_workers_of_a_study_that_is_killed_end_with_it(tmp_path: Path, spawn: Spawn) -> None:
+    study = spawn("meanflock.groundstation.cli", "compare", "mfg", *LONG, "--out", str(tmp_path))
+    workers = workers_of(study)
+    until(lambda: list((tmp_path / "data" / "jobs").glob("*")), "a flight that is finished")
+    study.kill()
+    end_of(workers)
