@@ -10,10 +10,11 @@ import warnings
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from multiprocessing import resource_tracker
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from meanflock.swarm.errors import EXIT_RUN_FAILED, BadInput
+from meanflock.swarm.errors import EXIT_RUN_FAILED, BadInput, RunFailed
 
 BACKENDS = ("loky", "dask")
 SCHEDULER_TIMEOUT = "10s"
@@ -65,8 +66,12 @@ def processes(backend: str, scheduler: str | None, workers: int | None = None) -
 
 
 @contextmanager
-def terminable() -> Iterator[None]:
-    """SIGTERM ends a study as Ctrl-C does; workers do not outlive it."""
+def terminable(out: Path) -> Iterator[None]:
+    """Ctrl-C and SIGTERM end a study of the folder `out`, workers and all, and say how to go on.
+
+    Raises:
+        RunFailed: it was ended.
+    """
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt
@@ -75,6 +80,10 @@ def terminable() -> Iterator[None]:
     before = signal.signal(signal.SIGTERM, interrupt) if in_main else None
     try:
         yield
+    except KeyboardInterrupt:
+        raise RunFailed(
+            f"interrupted; flights that were finished are kept in {out / 'data'}: repeat the command to go on"
+        ) from None
     finally:
         if in_main:
             signal.signal(signal.SIGTERM, before)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
@@ -17,6 +17,9 @@ from meanflock.groundstation.cli_study_arguments import (
 )
 from meanflock.groundstation.terminal import console_for
 from meanflock.swarm.errors import BadInput
+
+if TYPE_CHECKING:
+    from meanflock.groundstation.leaderboard.board import Board
 
 _FIRST_SEED = 8001
 
@@ -85,20 +88,28 @@ def leaderboard(
     """
     from meanflock.groundstation.backends import processes, terminable
     from meanflock.groundstation.leaderboard import missions as known
-    from meanflock.groundstation.leaderboard import rows, tables, terminal
+    from meanflock.groundstation.leaderboard import rows
     from meanflock.groundstation.leaderboard.contest import Contest
     from meanflock.groundstation.leaderboard.report import write
 
     if backend != "dask" and scheduler is not None:
         raise BadInput(f"--scheduler {scheduler}: is of dask; add --backend dask, or leave it out")
     contest = Contest(known.chosen(_names(missions)), rows.chosen(_names(controllers)), seeds, first_seed)
-    with (
-        store_in(out) as store,
-        progress_of("leaderboard", quiet) as progress,
-        terminable(),
-        processes(backend, scheduler, None if jobs < 0 else jobs),
-    ):
-        board = contest.fly(jobs, progress, store)
+    with terminable(out):
+        with (
+            store_in(out) as store,
+            progress_of("leaderboard", quiet) as progress,
+            processes(backend, scheduler, None if jobs < 0 else jobs),
+        ):
+            board = contest.fly(jobs, progress, store)
+        _tell(board)
+        report(write(board, out))
+
+
+def _tell(board: "Board") -> None:
+    """Prints its tables."""
+    from meanflock.groundstation.leaderboard import tables, terminal
+
     console = Console()
     for course in board.courses:
         table = terminal.table(course)
@@ -107,4 +118,3 @@ def leaderboard(
             console.print(note, style="dim", markup=False, highlight=False)
         console.print()
     console.print(terminal.CAPTION, style="dim italic", highlight=False)
-    report(write(board, out))

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from meanflock.groundstation.backends import terminable
 from meanflock.groundstation.cli_arguments import (
     PATH,
     load_scenario,
@@ -65,13 +66,14 @@ def compare(
 
     swept.refuse_setting("method", given["settings"], "is what is compared")
     scenarios = {(method,): load_scenario(file, method=method, **given) for method in dict.fromkeys(methods)}
-    flown = _fly("compare", ("method",), scenarios, seeds or SEEDS, jobs, out, quiet)
-    report(plots.write({"compare": plots.plot_compare({method: runs for (method,), runs in flown.items()})}, out))
-    if record:
-        from meanflock.groundstation import side_by_side  # rerun takes a third of a second to load
+    with terminable(out):
+        flown = _fly("compare", ("method",), scenarios, seeds or SEEDS, jobs, out, quiet)
+        report(plots.write({"compare": plots.plot_compare({method: runs for (method,), runs in flown.items()})}, out))
+        if record:
+            from meanflock.groundstation import side_by_side  # rerun takes a third of a second to load
 
-        side_by_side.record({method: flown for (method,), flown in scenarios.items()}, out / "compare.rrd")
-        report([out / "compare.rrd"])
+            side_by_side.record({method: flown for (method,), flown in scenarios.items()}, out / "compare.rrd")
+            report([out / "compare.rrd"])
 
 
 @click.command()
@@ -120,11 +122,12 @@ def sweep(
             scenarios[(value,) if varied.key == "method" else (value, str(one.method))] = one
     columns = ("method",) if varied.key == "method" else (with_unit(varied.key), "method")
     each = 1 if varied.key == "seed" else seeds or SEEDS
-    flown = _fly("sweep", columns, scenarios, each, jobs, out, quiet)
-    points: dict[Any, dict[str, study.Summaries]] = {}
-    for (value, *_), runs in flown.items():
-        points.setdefault(value, {})[runs[0]["method"]] = runs
-    report(plots.write({"sweep": plots.plot_sweep(varied.key, points)}, out))
+    with terminable(out):
+        flown = _fly("sweep", columns, scenarios, each, jobs, out, quiet)
+        points: dict[Any, dict[str, study.Summaries]] = {}
+        for (value, *_), runs in flown.items():
+            points.setdefault(value, {})[runs[0]["method"]] = runs
+        report(plots.write({"sweep": plots.plot_sweep(varied.key, points)}, out))
 
 
 def _fly(
@@ -140,11 +143,10 @@ def _fly(
     writes it and the runs behind it.
     """
     from meanflock.groundstation import means_table, study
-    from meanflock.groundstation.backends import terminable
     from meanflock.groundstation.means import Means
 
     points = {at: study.seeded(one, seeds) for at, one in scenarios.items()}
-    with terminable(), store_in(out) as store, progress_of(what, quiet) as progress:
+    with store_in(out) as store, progress_of(what, quiet) as progress:
         flown = study.fly_all(points, jobs, progress, store)
     means = Means(columns, flown)
     sizes = {one.uavs for one in scenarios.values()}
@@ -187,7 +189,6 @@ def paper(
     \b
     Example: meanflock paper --seeds 2 --out out/paper
     """
-    from meanflock.groundstation.backends import terminable
     from meanflock.groundstation.paper.experiments import run_grid
     from meanflock.groundstation.paper.figures import chosen, draw
     from meanflock.groundstation.paper.measure import measured
@@ -199,12 +200,13 @@ def paper(
     base = scenario.load(file)
     out = out or Path("out") / (file.stem if file else "paper")
     tell_if_slow()
-    results = run_grid(out, seeds, experiments, jobs, backend, scheduler, quiet, scenario=file)
-    with terminable(), progress_of("theory", quiet) as progress:
-        theory = measured(out, jobs=jobs, progress=progress, scenario=base)
-    records = evaluate(results, theory)
-    draw(results, out / "figures", only)
-    paths = write_report(results, records, out, theory)
+    with terminable(out):
+        results = run_grid(out, seeds, experiments, jobs, backend, scheduler, quiet, scenario=file)
+        with progress_of("theory", quiet) as progress:
+            theory = measured(out, jobs=jobs, progress=progress, scenario=base)
+        records = evaluate(results, theory)
+        draw(results, out / "figures", only)
+        paths = write_report(results, records, out, theory)
     for verdict, number in counts(records).items():
         click.echo(f"{verdict}: {number}", err=True)
     report(paths)

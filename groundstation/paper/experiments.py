@@ -64,13 +64,12 @@ def run_grid(
     store = Store(out)
     finished = store.finished()
     missing = to_do([run for run in table if only is None or run.point.experiment in only], finished)
-    with _reports(missing, quiet) as done, terminable(), processes(backend, scheduler, None if jobs < 0 else jobs):
+    workers = None if jobs < 0 else jobs
+    with terminable(out), _reports(missing, quiet) as done, processes(backend, scheduler, workers):
         try:
             for run, raw in _all(missing, jobs):
                 store.add(raw)
                 done(run)
-        except KeyboardInterrupt:
-            raise RunFailed(f"interrupted; what is finished is in {store.data}, repeat the command to go on") from None
         except MeanflockError:
             raise
         except Exception as error:  # a scheduler or worker of dask is gone: its exceptions have no common name

@@ -18,7 +18,7 @@ import meanflock as mf
 from meanflock.groundstation import study
 from meanflock.groundstation.means import Means
 from meanflock.groundstation.means_table import WIDTH, table
-from meanflock.groundstation.paper import experiments, measure
+from meanflock.groundstation.paper import experiments
 from meanflock.groundstation.paper.store import Store
 from meanflock.groundstation.swept import Swept
 from meanflock.groundstation.terminal import console_for
@@ -328,16 +328,32 @@ def test_a_long_value_of_a_sweep_goes_over_several_lines_before_the_table_gets_w
     assert all(word in shown for word in discs.split())
 
 
-def test_the_paper_that_is_told_to_end_while_it_measures_takes_its_workers_along(
-    run, monkeypatch: pytest.MonkeyPatch
+ONE_FLIGHT = ("--seeds", "1", "--first-seed", "1", "--jobs", "1")
+
+
+def told_to_end(*_: Any, **__: Any) -> None:
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+@pytest.mark.parametrize(
+    ("command", "last"),
+    [
+        (("compare", "plan", "--uavs", "2", "--duration", "3", "--seeds", "1", "--jobs", "1"), "plots.write"),
+        (("sweep", "uavs=2,3", "--duration", "3", "--seeds", "1", "--jobs", "1"), "plots.write"),
+        (("leaderboard", "--missions", "crowd", "--controllers", "plan", *ONE_FLIGHT), "leaderboard.report.write"),
+        (("paper",), "paper.measure.measured"),
+    ],
+)
+def test_a_study_that_is_told_to_end_after_its_last_flight_says_how_to_go_on(
+    command: tuple[str, ...], last: str, run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     heard: list[int] = []
     before = signal.signal(signal.SIGTERM, lambda number, _: heard.append(number))
     monkeypatch.setattr(experiments, "run_grid", lambda *_, **__: None)
-    monkeypatch.setattr(measure, "measured", lambda *_, **__: os.kill(os.getpid(), signal.SIGTERM))
+    monkeypatch.setattr(f"meanflock.groundstation.{last}", told_to_end)
     try:
-        code, _, err = run("paper", "--quiet")
+        code, _, err = run(*command, "--quiet", "--out", "out")
     finally:
         signal.signal(signal.SIGTERM, before)
     assert (code, heard) == (EXIT_RUN_FAILED, [])  # as Ctrl-C: joblib ends its workers
-    assert err.endswith("error: interrupted\n")
+    assert err == ("error: interrupted; flights that were finished are kept in out/data: repeat the command to go on\n")
