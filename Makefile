@@ -73,7 +73,7 @@ up: images ## The same run in containers, recorded into runs/ (MEANFLOCK_UAVS=25
 
 test-compose: ## Test the containers, on whichever container engine is running
 	@if [ -d tests/compose ]; then \
-		$(MAKE) --no-print-directory $(VENV)/.dev images && $(PYTEST) --timeout 600 -n $(or $(WORKERS),2) tests/compose tests/test_packaging.py $(ARGS); \
+		$(MAKE) --no-print-directory $(VENV)/.dev images && $(PYTEST) --timeout 600 -n $(or $(WORKERS),2) tests/compose tests/test_images.py $(ARGS); \
 	else \
 		echo "test-compose: there is no tests/compose, so nothing to test"; \
 	fi

@@ -5,6 +5,7 @@ blame: such a test says nothing. If it failed, and the machine did stand still m
 twice at the most. Any other failure is one at once, and so is that of a test without processes.
 """
 
+import os
 from collections.abc import Generator
 from functools import cache
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import hypothesis
 import pytest
 
+from meanflock.swarm import plugins
 from tests.standstill import Standstill
 
 hypothesis.settings.register_profile("untimed", deadline=None)  # how long an example takes is the machine's
@@ -24,6 +26,13 @@ class MachineStoodStill(Exception):
 
 # No other test has it: of each that may run again, a worker tells the first process and asks it, in 44 ms.
 AGAIN = pytest.mark.flaky(reruns=2, only_rerun=[MachineStoodStill.__name__])
+
+
+@pytest.fixture(autouse=True)
+def _no_plugin_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a test registers ends with it, and so does the variable that names its file to processes started later."""
+    monkeypatch.setattr(plugins, "_files", dict(plugins._files))
+    monkeypatch.setenv(plugins.FILES, os.environ.get(plugins.FILES, ""))
 
 
 @cache

@@ -1,6 +1,5 @@
 """The documentation is executed: what it says to type works, and what can be typed is in it."""
 
-import importlib.util
 import json
 import os
 import re
@@ -9,7 +8,6 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import click
@@ -17,20 +15,14 @@ import pytest
 
 import meanflock as mf
 from meanflock.groundstation.cli import cli, main
-from meanflock.swarm import __version__, plugins
+from meanflock.swarm import __version__
 from meanflock.testing import check_controller
+from tests.pages import script_of
 
 ROOT = Path(__file__).parents[1]
 CLI = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
 EXECUTED = ["first-flight", "your-controller", "your-aggregation"]  # whole, each in a folder of its own
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-
-
-@pytest.fixture(autouse=True)
-def _no_plugin_stays(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A command that names a file registers what is in it, here and for every process started later."""
-    monkeypatch.setattr(plugins, "_files", dict(plugins._files))
-    monkeypatch.setenv(plugins.FILES, "")
 
 
 def commands(text: str) -> list[str]:
@@ -181,16 +173,6 @@ def test_every_link_between_pages_leads_somewhere(page: Path) -> None:
         assert file.exists(), f"{page.name}: {target}"
         if place and file.suffix == ".md":
             assert place in anchors(file), f"{page.name}: {target}#{place}"
-
-
-def script_of(page: str) -> ModuleType:
-    """The program that writes a page, imported."""
-    spec = importlib.util.spec_from_file_location(page, ROOT / "docs" / f"{page}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
-    return script
 
 
 def test_the_tables_of_robustness_are_those_of_the_flights_that_were_kept() -> None:

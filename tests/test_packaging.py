@@ -1,16 +1,13 @@
-"""What a fresh machine builds from: pins, constraints, Makefile, images, compose file."""
+"""What a fresh machine builds from: pins, constraints, Makefile, wheel."""
 
 import importlib
-import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 import tomllib
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 import pytest
 from packaging.requirements import Requirement
@@ -58,12 +55,6 @@ def closure(requirements: list[Requirement]) -> set[str]:
             if child.marker is None or any(child.marker.evaluate({"extra": e}) for e in ("", *extras)):
                 queue.append(child)
     return found
-
-
-def stages() -> dict[str, str]:
-    """Stage of the Dockerfile → what it starts from."""
-    lines = re.findall(r"^FROM (\S+) AS (\S+)$", (ROOT / "Dockerfile").read_text(), re.MULTILINE)
-    return {name: base for base, name in lines}
 
 
 EVERYTHING = direct(PROJECT["dependencies"], *EXTRAS.values())
@@ -238,106 +229,3 @@ def test_every_make_target_is_documented() -> None:
     documented = dict(re.findall(r"^  ([a-z-]+) +(\S.*)$", plain, re.MULTILINE))
     assert documented.keys() == targets
     assert {"run", "test", "check", "bench", "test-compose", "clean", "picture"} <= targets
-
-
-def test_images_start_from_the_one_base_image() -> None:
-    text = (ROOT / "Dockerfile").read_text()
-    assert "# syntax" not in text
-    assert re.findall(r"^ARG BASE_IMAGE=(.*)$", text, re.MULTILINE) == ["python:3.12-slim"]
-    known = {"${BASE_IMAGE}", *stages()}
-    assert set(stages().values()) <= known
-    assert len(re.findall(r"^FROM ", text, re.MULTILINE)) == len(stages())
-    assert {"agent", "world", "station"} <= stages().keys()
-
-
-def test_every_package_enters_the_images() -> None:
-    rooms = {path.name for path in (ROOT / "meanflock").iterdir() if path.is_symlink()}
-    for room in rooms:  # a link out of the build's folder would lead nowhere
-        assert (ROOT / "meanflock" / room).readlink() == Path("..", room)
-        assert (ROOT / room / "__init__.py").is_file()
-    copied = set(re.findall(r"^COPY (\w+) \1$", (ROOT / "Dockerfile").read_text(), re.MULTILINE))
-    admitted = set(re.findall(r"^!(\w+)$", (ROOT / ".dockerignore").read_text(), re.MULTILINE))
-    assert copied == {"meanflock", *rooms}
-    assert copied <= admitted
-
-
-@pytest.fixture(scope="module")
-def compose() -> dict[str, Any]:
-    """The compose file as the engine's own tool resolves it for seven UAVs; no engine has to run."""
-    command = ["docker", "compose"]
-    if not shutil.which("docker") or subprocess.run([*command, "version"], capture_output=True).returncode != 0:
-        pytest.skip("no `docker compose` here to read docker-compose.yml with")
-    ours = {key: value for key, value in os.environ.items() if not key.startswith(("MEANFLOCK_", "COMPOSE_"))}
-    resolved = subprocess.run(
-        [
-            *command,
-            "--env-file",
-            os.devnull,
-            "-f",
-            str(ROOT / "docker-compose.yml"),
-            "config",
-            "--format",
-            "json",
-        ],
-        env={**ours, "MEANFLOCK_UAVS": "7", "MEANFLOCK_SET": "seed=3", "MEANFLOCK_PLUGINS": "/plugins/spring.py"},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    services: dict[str, Any] = json.loads(resolved.stdout)["services"]
-    return services
-
-
-MOMENTARY = {"runs", "completed"}  # services that do one thing and end
-
-
-def test_compose_has_the_four_rooms_as_services(compose: dict[str, Any]) -> None:
-    assert {name: service["command"] for name, service in compose.items() if name not in MOMENTARY} == {
-        room: [f"meanflock.{room}"] for room in ("worldsim", "leader", "agent", "groundstation")
-    }
-    assert compose.keys() >= MOMENTARY
-    for service in compose.values():
-        assert service["build"]["target"] in stages()
-        assert service["image"] == f"meanflock-{service['build']['target']}:local"
-
-
-def test_compose_gives_one_number_to_agents_and_world(compose: dict[str, Any]) -> None:
-    assert compose["agent"]["deploy"]["replicas"] == 7
-    assert compose["worldsim"]["environment"]["MEANFLOCK_SET"] == "uavs=7 seed=3"
-    rooms = [service for name, service in compose.items() if name not in MOMENTARY]
-    assert len({service["environment"]["MEANFLOCK_RUN"] for service in rooms}) == 1
-
-
-def test_compose_gives_all_rooms_the_plug_ins(compose: dict[str, Any]) -> None:
-    for room in compose.keys() - MOMENTARY:
-        assert compose[room]["environment"]["MEANFLOCK_PLUGINS"] == "/plugins/spring.py"
-        (mounted,) = (volume for volume in compose[room]["volumes"] if volume["target"] == "/plugins")
-        assert (mounted["source"], mounted["read_only"]) == (str(ROOT / "examples"), True)
-
-
-def test_compose_services_can_do_no_more_than_they_must(compose: dict[str, Any]) -> None:
-    for name, service in compose.items():
-        assert service["read_only"], name
-        assert service["cap_drop"] == ["ALL"], name
-        assert service["security_opt"] == ["no-new-privileges:true"], name
-        assert service["restart"] == "no", name
-        assert {"cpus", "memory", "pids"} <= service["deploy"]["resources"]["limits"].keys(), name
-        assert "privileged" not in service, name
-        if name in MOMENTARY:
-            assert service["network_mode"] == "none", name
-        else:
-            assert service["healthcheck"]["test"], name
-        if name == "runs":  # root, to give a folder away, and for nothing else
-            assert (service["user"], service["cap_add"]) == ("0:0", ["CHOWN"])
-        else:
-            assert service.get("user", "1000:1000") == "1000:1000", name
-            assert "cap_add" not in service, name
-    image = (ROOT / "Dockerfile").read_text()
-    assert re.findall(r"^(?:USER|STOPSIGNAL) .*$", image, re.MULTILINE) == ["USER 1000:1000", "STOPSIGNAL SIGINT"]
-
-
-def test_compose_publishes_the_viewer_on_loopback_only(compose: dict[str, Any]) -> None:
-    published = {name: service["ports"] for name, service in compose.items() if service.get("ports")}
-    assert published.keys() == {"groundstation"}
-    assert [(port["host_ip"], port["published"]) for port in published["groundstation"]] == [("127.0.0.1", "9876")]
-    assert set(compose["agent"]["networks"]) == {"swarm"}

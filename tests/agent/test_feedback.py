@@ -13,7 +13,7 @@ from meanflock.swarm.mean import fedavg
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import FrameKind, Frames, Welcome
 from meanflock.swarm.wire.payload import Coding
-from tests.agent.test_node import UAVS, flown, kept, models, sense, welcome
+from tests.agent.nodes import UAVS, flown, kept, models, sense, welcome
 from tests.methods import PARTS
 
 QUICK = settings(max_examples=40, deadline=None, database=None)

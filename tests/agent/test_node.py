@@ -1,66 +1,17 @@
-"""The agent node: what comes by radio, what diverges, what does not fit, and a Sense heard twice."""
-
-from typing import Any
+"""The agent node: what comes by radio, what diverges, what does not fit."""
 
 import numpy as np
 import pytest
 
 from meanflock.agent.node import Agent
 from meanflock.kernels import weights
-from meanflock.swarm import plugins, scenario, state
+from meanflock.swarm import plugins, state
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.mission import starts
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.bus import Delivery, MemoryNetwork
-from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.rounds import Rounds
-from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire import control
 from meanflock.swarm.wire import tick as wire
-from meanflock.swarm.wire.control import FLOAT_OF_BITS
-from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Ready, Sense, Stop, Welcome
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense
+from tests.agent.nodes import UAVS, flown, frames, models, sense, states_at, welcome
 from tests.methods import METHODS
-
-RUN = "node-test"
-NUMBER = keys.fingerprint(RUN)
-UAVS = (2, 3, 5)  # of eight
-
-
-def flown(*settings: str, method: str = "mfgfl-hf") -> Scenario:
-    return load(None, ["uavs=8", "federation.period=5", *settings], method=method)
-
-
-def welcome(of: Scenario, uavs: tuple[int, ...] = UAVS) -> Welcome:
-    plan = starts(of).astype(FLOAT_OF_BITS[of.radio.bits_per_float])
-    return Welcome(NUMBER, f"agent-{uavs[0]}", uavs, 0, scenario.encode(of), plan)
-
-
-def states_at(tick: int, uavs: tuple[int, ...] = UAVS) -> state.States:
-    """Made-up states of some UAVs: the same UAV is at the same place whoever holds it."""
-    everyone = np.random.default_rng(tick).uniform([0, 0, -5, -5], [160, 110, 5, 5], (8, state.SIZE))
-    return everyone[list(uavs)]
-
-
-def sense(tick: int, *inbox: Frames, states: np.ndarray | None = None, report: bool = True) -> Sense:
-    return Sense(NUMBER, tick, states_at(tick) if states is None else states, report, False, inbox)
-
-
-def frames(kind: FrameKind, source: list[int], payload: Any, links: list[list[int]] | None, number: int = 1) -> Frames:
-    on_wire = None if links is None else np.array(links, dtype=np.int32).reshape(-1, 2)
-    return Frames(kind, number, np.array(source, dtype=np.int32), np.asarray(payload, dtype=np.float32), on_wire)
-
-
-def models(act: Act) -> np.ndarray:
-    assert act.models is not None
-    return act.models
-
-
-def kept(agent: Agent, tick: int) -> dict[str, Any]:
-    """What an agent replies to a request for all that it remembers."""
-    return control.decode_record(agent.act(Sense(NUMBER, tick, states_at(tick), True, True)).memory)
-
-
-# -- federation ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("method", ["mfgfl-h", "mfgfl-f", "mfgfl-hf"])
@@ -200,6 +151,7 @@ def test_a_state_beyond_a_narrow_radio_float_does_not_spoil_the_whole_answer() -
 
 # -- what does not fit --------------------------------------------------------------------------------------------
 
+
 ZERO = np.zeros((1, weights.MODEL_FLOATS))
 MISFITS: dict[str, Sense] = {
     "an upload": sense(1, frames(FrameKind.UPLOAD, [0], ZERO, [[0, 2]])),
@@ -232,95 +184,3 @@ def test_a_sense_that_does_not_fit_is_rejected_and_nothing_has_changed(what: str
         agent.act(MISFITS[what])
     after, expected = agent.act(sense(1)), untouched.act(sense(1))
     assert wire.write_act(after) == wire.write_act(expected)
-
-
-# -- the client ----------------------------------------------------------------------------------------------------
-
-
-class World:
-    """The other end of a client: welcomes whoever asks, and keeps what it is told."""
-
-    def __init__(self, of: Scenario) -> None:
-        network = MemoryNetwork()
-        self.said: list[Any] = []
-        self.raw: list[bytes] = []
-        self._bus = network.endpoint(self._handle)
-        self._of = of
-        self._bus.answer(keys.join(RUN))
-        self._bus.subscribe(keys.act(RUN, "*"))
-        endpoint = network.endpoint()
-        self.client = NodeClient(endpoint, RUN)
-        endpoint.handler = self.client.handle
-        self.client.join(Join("agent", 3), Agent, timeout_s=1.0)
-
-    def ask(self, raw: bytes) -> None:
-        self._bus.put(keys.sense(RUN, f"agent-{UAVS[0]}"), raw)
-
-    def _handle(self, delivery: Delivery) -> None:
-        if delivery.reply is not None:
-            delivery.reply(control.encode(welcome(self._of)))
-        else:
-            self.raw.append(delivery.payload)
-            read = wire.read_act if delivery.payload[1:2] in wire.TYPES else control.decode
-            self.said.append(read(delivery.payload))
-
-
-def test_a_node_that_joined_says_it_is_ready() -> None:
-    assert [type(message) for message in World(flown()).said] == [Ready]
-
-
-def test_the_same_sense_twice_gets_the_same_bytes_and_is_learned_once() -> None:
-    world, reference = World(flown()), Agent(welcome(flown()))
-    for tick in range(3):
-        raw = wire.write_sense(sense(tick))
-        world.ask(raw)
-        world.ask(raw)
-        assert world.raw[-1] == world.raw[-2] == wire.write_act(reference.act(sense(tick)))
-    assert len(world.raw) == 1 + 6
-    assert not world.client.dropped
-
-
-def test_what_is_old_foreign_or_broken_is_dropped_counted_and_never_answered() -> None:
-    world, reference = World(flown()), Agent(welcome(flown()))
-    for tick in range(2):
-        world.ask(wire.write_sense(sense(tick)))
-        expected = wire.write_act(reference.act(sense(tick)))
-        assert world.raw[-1] == expected
-    answers = len(world.raw)
-    good = wire.write_sense(sense(2))
-    spoiled = states_at(2)
-    spoiled[0, 0] = np.nan
-    for raw in (
-        wire.write_sense(sense(0)),
-        wire.write_sense(Sense(NUMBER ^ 1, 2, states_at(2))),
-        control.encode(Ready(NUMBER)),
-        control.encode(Stop(NUMBER ^ 1, "not ours")),
-        good[:-1],
-        good + b"\0",
-        b"",
-        wire.write_sense(sense(2, states=spoiled)),
-        wire.write_sense(sense(2, states=np.zeros((4, 4)))),
-        wire.write_sense(sense(2, states=np.zeros((2, 4)))),
-        wire.write_sense(sense(2, states=np.zeros((3, 5)))),
-        wire.write_act(Act(NUMBER, 2, np.zeros((3, 5)))),
-    ):
-        world.ask(raw)
-    assert len(world.raw) == answers
-    assert world.client.dropped == {
-        "stale": 1,
-        "wrong-run": 2,
-        "wrong-kind": 2,
-        "malformed": 3,
-        "non-finite": 1,
-        "wrong-shape": 3,
-    }
-    world.ask(good)
-    assert world.raw[-1] == wire.write_act(reference.act(sense(2)))
-    assert world.client.stopped is None
-
-
-def test_a_stop_of_this_run_ends_the_service() -> None:
-    world = World(flown())
-    world.ask(control.encode(Stop(NUMBER, "finished")))
-    assert world.client.stopped.reason == "finished"
-    assert world.client.serve(lambda: False, lambda: False) == "finished"

@@ -12,7 +12,6 @@ import pytest
 
 import meanflock as mf
 from meanflock.groundstation.cli import main
-from meanflock.swarm import plugins
 
 SMALL: dict[str, Any] = {"uavs": 4, "seed": 3, "duration": 6.0}
 
@@ -27,15 +26,6 @@ class Still(mf.Controller):
 
     def step(self, memory: dict[str, np.ndarray], tick: int, own: np.ndarray, received: Any) -> mf.Step:
         return mf.Step(memory, np.zeros((len(own), 2)))
-
-
-@pytest.fixture
-def registered() -> Any:
-    """What a test registers is gone after it."""
-    before = dict(plugins._files)
-    yield
-    plugins._files.clear()
-    plugins._files.update(before)
 
 
 def commanded(tmp_path: Path, capsys: pytest.CaptureFixture[str], *flags: str) -> dict[str, Any]:
@@ -73,7 +63,7 @@ def test_any_thread_flies_and_no_signal_handler_is_touched() -> None:
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == handlers
 
 
-def test_a_class_is_a_method(registered: None) -> None:
+def test_a_class_is_a_method() -> None:
     run = mf.fly(method=Still, **SMALL)
     assert run.summary["method"] == "still"
     assert mf.fly(method=Still, **SMALL).summary["trajectory_sha256"] == run.summary["trajectory_sha256"]
@@ -81,7 +71,7 @@ def test_a_class_is_a_method(registered: None) -> None:
     assert run.summary["arrived"] == 0
 
 
-def test_a_class_leaves_a_folder_too(tmp_path: Path, registered: None) -> None:
+def test_a_class_leaves_a_folder_too(tmp_path: Path) -> None:
     run = mf.fly(method=Still, out=tmp_path, record=True, **SMALL)
     assert run.folder is not None
     again = mf.open(run.folder)
@@ -89,14 +79,14 @@ def test_a_class_leaves_a_folder_too(tmp_path: Path, registered: None) -> None:
     assert run.recording == again.recording is not None
 
 
-def test_numbers_and_arrays_of_numpy_are_values(registered: None) -> None:
+def test_numbers_and_arrays_of_numpy_are_values() -> None:
     settings: dict[str, Any] = {"wind.sigma": np.float64(0.2), "wind.mean": np.array([0.5, -0.5])}
     run = mf.fly(method=Still, uavs=np.int64(4), seed=np.int32(3), duration=np.float32(6.0), **settings)
     assert (run.scenario.seed, run.scenario.wind.sigma, run.scenario.wind.mean) == (3, 0.2, (0.5, -0.5))
     assert mf.fly(mf.Scenario(uavs=1, duration=np.float64(1.0))).summary["ticks"] == 10
 
 
-def test_files_of_plugins_are_one_or_several(tmp_path: Path, registered: None) -> None:
+def test_files_of_plugins_are_one_or_several(tmp_path: Path) -> None:
     head = "import numpy as np\nimport meanflock as mf\n"
     (one := tmp_path / "still.py").write_text(
         f"{head}class One(mf.Controller):\n    name = 'one'\n    parameters = 1\n"
@@ -113,7 +103,7 @@ def test_files_of_plugins_are_one_or_several(tmp_path: Path, registered: None) -
     assert run.summary["method"] == "one"
 
 
-def test_a_plugin_that_calls_it_a_day_ends_no_process_but_its_own_part(registered: None) -> None:
+def test_a_plugin_that_calls_it_a_day_ends_no_process_but_its_own_part() -> None:
     class Leaves(Still):
         name = "leaves"
 
@@ -125,7 +115,7 @@ def test_a_plugin_that_calls_it_a_day_ends_no_process_but_its_own_part(registere
     assert any("SystemExit: 3" in event["text"] for event in run.events)
 
 
-def test_a_diagnostic_called_as_a_column_is_refused_before_the_flight(registered: None) -> None:
+def test_a_diagnostic_called_as_a_column_is_refused_before_the_flight() -> None:
     class Clash(Still):
         name = "clash"
         diagnostics = ("x_m",)

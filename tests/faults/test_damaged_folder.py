@@ -19,7 +19,7 @@ from meanflock.groundstation.results import CHECKPOINT, EVENTS, RECORDING, read_
 from meanflock.groundstation.viewer import verify
 from meanflock.swarm.errors import BadInput
 from tests.faults.conftest import scenario
-from tests.faults.test_resume import LATER, dead, resumed
+from tests.faults.dying import LATER, dead, resumed
 from tests.polling import DEADLINE_S
 
 A_DISPLAY = "WAYLAND_SOCKET", "3"  # as if there were one: nothing is opened on it

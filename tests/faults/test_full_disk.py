@@ -23,7 +23,7 @@ from meanflock.groundstation.viewer import verify
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BadInput, RunFailed
 from tests.faults.conftest import Lab, Processes, scenario, spool_bytes
-from tests.faults.test_resume import LATER, dead
+from tests.faults.dying import LATER, dead
 from tests.polling import DEADLINE_S, until
 
 FULL_BYTES = 320 * 1024

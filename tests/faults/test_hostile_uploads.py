@@ -9,7 +9,7 @@ import pytest
 from meanflock.swarm.wire import tick
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from tests.faults.conftest import Lab, scenario
-from tests.swarm.test_codec import read
+from tests.swarm.examples import read
 
 RULES = ("fedavg", "median", "trimmed-mean", "krum")
 ROUNDS = 5  # of the flight, opened in ticks 20, 40 …

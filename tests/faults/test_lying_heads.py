@@ -10,9 +10,9 @@ import pytest
 from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.wire import tick
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
+from tests.faults.clusters import CLEAR, FLOATS, PERIOD, globals_of, swarm
 from tests.faults.conftest import Lab
-from tests.faults.test_clusters import CLEAR, FLOATS, PERIOD, globals_of, swarm
-from tests.swarm.test_codec import read
+from tests.swarm.examples import read
 
 
 def saying(lab: Lab, name: str, change: Callable[[Frames], Frames | None], kind: FrameKind) -> None:

@@ -25,7 +25,7 @@ from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, Event, Finished, Join, Ready, Received, Refusal, Sense, Stop, Telemetry
 from tests.fuzz.mutation import Mutator
-from tests.swarm.test_codec import read
+from tests.swarm.examples import read
 
 RUN = "fuzz"
 NUMBER = keys.fingerprint(RUN)

@@ -8,6 +8,8 @@ import rerun as rr
 
 from meanflock.groundstation.cli import main
 
+QUICK = ("run", "--in-process", "--no-record", "--quiet", "--uavs", "3", "--duration", "2")
+
 
 @pytest.fixture
 def strict() -> Iterator[None]:

@@ -102,3 +102,18 @@ def scalars(path: Path, plot: panels.Plot | str) -> tuple[np.ndarray, np.ndarray
     entity = plot if isinstance(plot, str) else plot.entity
     ticks, values = column(path, entity, "Scalars:scalars")
     return ticks, np.array(values)
+
+
+def fixed(path: Path, entity: str, name: str) -> list[Any]:
+    """A static component."""
+    for chunk in RrdReader(path).stream().filter(content=f"/{entity}"):
+        batch = chunk.to_record_batch()
+        if look.TICKS not in batch.schema.names and name in batch.schema.names:
+            values: list[Any] = batch.column(name).to_pylist()[0]
+            return values
+    return []
+
+
+def rows(path: Path, entity: str, name: str) -> dict[int, Any]:
+    ticks, values = column(path, entity, name)
+    return dict(zip(ticks.tolist(), values, strict=True))

@@ -1,4 +1,4 @@
-"""Verdicts on data whose answer is known, both ways, for every kind of check; intervals against their definitions."""
+"""Verdicts on data whose answer is known, both ways, for every kind of check."""
 
 import math
 from typing import Any
@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from meanflock.groundstation.paper import claims, statistics
-from meanflock.groundstation.paper.checks import Findings, run_check
+from meanflock.groundstation.paper import claims
 from meanflock.groundstation.paper.claims import Check, Claim
-from meanflock.groundstation.paper.outcome import Outcome
 from meanflock.groundstation.paper.verdict import NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, UNDECIDED, evaluate, judge
 from meanflock.groundstation.paper.view import View
 from tests.groundstation.synthetic import gridded, noisy, results, row
@@ -23,9 +21,6 @@ def verdict(rows: list[dict[str, Any]], measured: dict[str, list[float]] | None 
     view = View.of(results(rows), measured)
     claim = Claim(id="C1", figure="", statement="", metric="", scenario="", check=(Check(**check),))
     return str(judge(view, claim)["verdict"])
-
-
-# -- the data file ------------------------------------------------------------
 
 
 def test_all_53_claims_are_there_once_and_in_order() -> None:
@@ -80,6 +75,7 @@ def test_a_claim_of_which_one_check_has_no_data_is_undecided() -> None:
 
 
 # -- one test a kind, both ways and undecided ------------------------------------------------------------
+
 
 ORDER = {"kind": "order", "metric": "x", "subject": (HF,), "against": (H, F)}
 
@@ -278,53 +274,3 @@ def test_a_reason_tells_refuted_from_undecided() -> None:
     assert "1 of 2 comparisons are undecided; the data leave it open: x: mfgfl-hf − mfgfl-h" in reason(
         {HF: 1.0, H: 1.0, F: 2.0}
     )
-
-
-# -- intervals ------------------------------------------------------------
-
-
-def test_mean_is_students_interval() -> None:
-    values = np.random.default_rng(1).normal(3.0, 2.0, 9)
-    low, high = stats.t.interval(0.95, 8, values.mean(), stats.sem(values))
-    estimate = statistics.mean(values)
-    assert [estimate.low, estimate.high] == pytest.approx([low, high])
-
-
-def test_fiellers_ends_are_where_the_t_test_turns() -> None:
-    draw = np.random.default_rng(2)
-    b = draw.normal(5.0, 1.0, 12)
-    a = 0.7 * b + draw.normal(0.0, 0.5, 12)
-    estimate = statistics.ratio(a, b)
-    for end in (estimate.low, estimate.high):
-        assert stats.ttest_1samp(a - end * b, 0.0).pvalue == pytest.approx(0.05)
-    assert estimate.low < a.mean() / b.mean() < estimate.high
-
-
-def test_a_ratio_to_what_may_be_zero_is_unbounded() -> None:
-    assert not statistics.ratio([1.0, 2.0, 3.0], [-1.0, 1.0, 0.5]).bounded
-
-
-@pytest.mark.parametrize(("hits", "n"), [(0, 10), (3, 10), (10, 10)])
-def test_share_is_the_exact_interval(hits: int, n: int) -> None:
-    exact = stats.binomtest(hits, n).proportion_ci(0.95, "exact")
-    estimate = statistics.share([k < hits for k in range(n)])
-    assert [estimate.low, estimate.high] == pytest.approx([exact.low, exact.high])
-
-
-def test_rate_covers_as_it_says() -> None:
-    draw = np.random.default_rng(5)
-    seen = [statistics.rate(draw.poisson(0.8, 10)) for _ in range(400)]
-    assert np.mean([estimate.low <= 0.8 <= estimate.high for estimate in seen]) >= 0.95
-    assert statistics.rate([0] * 20).high == pytest.approx(-math.log(0.025) / 20)
-
-
-def test_missing_values_leave_their_pair() -> None:
-    estimate = statistics.difference([1.0, math.nan, 3.0, 4.0], [0.0, 1.0, math.nan, 2.0])
-    assert (estimate.value, estimate.n) == (1.5, 2)
-
-
-def test_run_check_is_unknown_where_there_is_nothing() -> None:
-    found = Findings()
-    check = Check(kind="best", metric="x", experiments=("s0",), subject=(HF,), against=(H,), threshold=0.5)
-    assert run_check(View.of(results([row("s0", HF, 1)])), check, found) is Outcome.UNKNOWN
-    assert found.missing

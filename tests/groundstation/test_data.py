@@ -141,9 +141,8 @@ def test_every_kind_of_event_is_described(run: Path) -> None:
 
 
 def test_a_diagnostic_called_as_a_column_is_refused_and_nothing_is_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
-    monkeypatch.setattr(plugins, "_files", dict(plugins._files))
     (tmp_path / "clash.py").write_text(CLASH)
     plugins.load_file(tmp_path / "clash.py")
     with pytest.raises(

@@ -2,13 +2,11 @@
 
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 from unittest.mock import patch
 
 import msgspec
 import numpy as np
 import pytest
-from rerun.chunk import RrdReader
 
 from meanflock.groundstation import blueprint as look
 from meanflock.groundstation import palette, panels, recording_mission
@@ -16,7 +14,7 @@ from meanflock.groundstation.reported import Reported
 from meanflock.swarm.faults import Fault, Gust, Jam, Kill, Partition, Pause
 from meanflock.swarm.scenario import Federation, Metrics, Scenario, Start
 from meanflock.swarm.wire.messages import Status, Telemetry
-from tests.groundstation.recordings import column, flight, record
+from tests.groundstation.recordings import column, fixed, flight, record, rows
 
 pytestmark = pytest.mark.usefixtures("strict")
 
@@ -36,21 +34,6 @@ def disturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarra
     path, blocks = tmp_path_factory.mktemp("recording") / "recording.rrd", flight(ticks=120)
     record(path, blocks, faults=SCRIPT)
     return path, np.concatenate([block.states for block in blocks])[..., :2].astype(np.float32)
-
-
-def fixed(path: Path, entity: str, name: str) -> list[Any]:
-    """A static component."""
-    for chunk in RrdReader(path).stream().filter(content=f"/{entity}"):
-        batch = chunk.to_record_batch()
-        if look.TICKS not in batch.schema.names and name in batch.schema.names:
-            values: list[Any] = batch.column(name).to_pylist()[0]
-            return values
-    return []
-
-
-def rows(path: Path, entity: str, name: str) -> dict[int, Any]:
-    ticks, values = column(path, entity, name)
-    return dict(zip(ticks.tolist(), values, strict=True))
 
 
 def test_frozen_and_cut_off_uavs_have_a_halo_while_they_are(disturbed: tuple[Path, np.ndarray]) -> None:

@@ -17,44 +17,8 @@ from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Finished, Telemetry
+from tests.groundstation.flights import INT8, RUN, SECONDS, UAVS, Kept, fly, scenario, steady
 from tests.polling import DEADLINE_S
-
-RUN = "engine-test"
-NUMBER = keys.fingerprint(RUN)
-UAVS = 6
-SECONDS = 30
-
-
-def scenario(method: Method | str, *settings: str) -> Scenario:
-    fixed = [f"uavs={UAVS}", f"duration={SECONDS}", 'stop="duration"', "federation.period=25"]
-    return load(None, [*fixed, *settings], method=str(method))
-
-
-def fly(flown: Scenario, **options: Any) -> dict[str, Any]:
-    return Engine(flown, RUN, **options).complete()
-
-
-def steady(summary: dict[str, Any]) -> dict[str, Any]:
-    """What must not depend on the machine or on how the swarm is cut into nodes."""
-    volatile = {"wall_time_s", "real_time_factor", "wire_bytes", "dropped_messages", "radio"}
-    radio = {k: v for k, v in summary["radio"].items() if k != "traffic"}
-    traffic = {
-        name: {k: v for k, v in bill.items() if k != "wire_bytes"} for name, bill in summary["radio"]["traffic"].items()
-    }
-    return {**{k: v for k, v in summary.items() if k not in volatile}, "radio": radio, "traffic": traffic}
-
-
-class Kept:
-    """A sink that keeps everything."""
-
-    def __init__(self) -> None:
-        self.blocks: list[Telemetry] = []
-
-    def write(self, block: Telemetry) -> None:
-        self.blocks.append(block)
-
-
-# -- parity -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("method", Method)
@@ -96,9 +60,6 @@ def test_the_radio_s_width_changes_the_bill_and_the_flight_still_flies(bits: int
     assert summary["rounds"] == 3
     assert summary["payload_bits"]["broadcast"] == 3 * 246 * bits
     assert summary["payload_bits"]["state"] == UAVS * 4 * bits
-
-
-INT8 = ("federation.payload=int8", "federation.broadcast_payload=int8")
 
 
 @pytest.mark.parametrize(

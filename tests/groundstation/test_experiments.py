@@ -2,41 +2,19 @@
 
 import errno
 import os
-import signal
-import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import psutil
 import pytest
 
-from meanflock.groundstation.paper import code_version, experiments, grid, job_file, store, tables
-from meanflock.groundstation.paper.experiments import run_grid, to_do
-from meanflock.groundstation.paper.grid import EXPERIMENTS, Point, Wanted
+from meanflock.groundstation.paper import code_version, experiments, job_file, store, tables
+from meanflock.groundstation.paper.grid import Point, Wanted
 from meanflock.groundstation.paper.store import Store
-from meanflock.groundstation.paper.tables import COORDINATES, Results
+from meanflock.groundstation.paper.tables import COORDINATES
 from meanflock.swarm.errors import BadInput, RunFailed
-from meanflock.swarm.scenario import load
-from tests.polling import DEADLINE_S, until
-
-
-def tiny(method: str, *settings: str, uavs: int = 3, duration: float = 3.0) -> Any:
-    return load(None, settings, method=method, uavs=uavs, duration=duration, stop="duration")
-
-
-def plan() -> list[Wanted]:
-    points = [
-        Point("s0", tiny("mfgfl-hf", "federation.period=10")),
-        Point("s0", tiny("hjb")),
-        Point("uavs", tiny("mfgfl-hf", "federation.period=10")),
-        Point("offline", tiny("offline", "start.spacing=6"), "start.spacing=6"),
-        Point("trained", tiny("mfgfl-hf", "wind.sigma=1.5"), training=tiny("mfgfl-hf")),
-        Point("sensitivity", tiny("mfg", "learner.kappa=0.1"), "learner.kappa=0.1"),
-    ]
-    return [Wanted(point, seed) for point in points for seed in (1, 2)]
+from tests.groundstation.tiny import fly, plan, same, tiny
 
 
 @pytest.fixture
@@ -51,16 +29,6 @@ def executed(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 
     monkeypatch.setattr(experiments, "execute", counting)
     return count
-
-
-def fly(out: Path, **options: Any) -> Results:
-    return run_grid(out, 1, jobs=options.pop("jobs", 1), quiet=True, plan=options.pop("plan", plan()), **options)
-
-
-def same(left: Results, right: Results) -> bool:
-    return all(
-        getattr(left, name).equals(getattr(right, name)) for name in ("runs", "series", "trajectories", "weights")
-    )
 
 
 def test_tables_are_those_the_docstring_promises(tmp_path: Path, executed: Counter[str]) -> None:
@@ -197,46 +165,6 @@ def test_a_full_disk_is_said_and_costs_nothing(
     assert fly(tmp_path).runs.num_rows == len(plan())
 
 
-def test_a_killed_worker_costs_a_second_try(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    marker = str(tmp_path / "killed")
-
-    def killed_once(number: int, run: Wanted) -> tuple[int, bytes]:
-        import os
-        import signal
-
-        from meanflock.groundstation.paper import experiments
-
-        try:
-            os.close(os.open(marker, os.O_CREAT | os.O_EXCL))
-        except FileExistsError:
-            return number, experiments.execute(run)
-        os.kill(os.getpid(), signal.SIGKILL)
-        raise AssertionError
-
-    monkeypatch.setattr(experiments, "_one", killed_once)
-    killed = fly(tmp_path / "killed-once", jobs=2)
-    monkeypatch.undo()
-    assert same(killed, fly(tmp_path / "plain"))
-
-
-def test_a_run_that_always_dies_ends_the_grid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def killed(number: int, run: Wanted) -> tuple[int, bytes]:
-        import os
-        import signal
-
-        from meanflock.groundstation.paper import experiments
-
-        if run.scenario.method == "hjb":
-            os.kill(os.getpid(), signal.SIGKILL)
-        return number, experiments.execute(run)
-
-    monkeypatch.setattr(experiments, "_one", killed)
-    with pytest.raises(RunFailed, match=r"died twice.*hjb"):
-        fly(tmp_path, jobs=2)
-    monkeypatch.undo()
-    assert fly(tmp_path).runs.num_rows == len(plan())
-
-
 def test_an_error_says_where(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(run: Wanted) -> bytes:
         raise ZeroDivisionError("no")
@@ -275,69 +203,3 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(BadInput, match="--out"):
         fly(tmp_path / "file")
-
-
-@pytest.mark.processes
-def test_ctrl_c_ends_the_grid_and_its_workers(tmp_path: Path) -> None:
-    code = (
-        "import sys; from pathlib import Path; from meanflock.groundstation.paper.experiments import run_grid\n"
-        f"run_grid(Path({str(tmp_path)!r}), 1, {{'s0'}}, jobs=2)"
-    )
-    grid_process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, start_new_session=True)
-
-    def working() -> list[psutil.Process]:
-        """All processes of the grid, once two of them fly."""
-        family = psutil.Process(grid_process.pid).children(recursive=True)
-        return family if sum(process.cpu_times().user > 1.0 for process in family) >= 2 else []
-
-    family = until(working, "two workers")
-    os.killpg(grid_process.pid, signal.SIGINT)
-    _, said = grid_process.communicate(timeout=DEADLINE_S)
-    assert grid_process.returncode == 1
-    assert b"RunFailed: interrupted" in said
-    _, alive = psutil.wait_procs(family, timeout=DEADLINE_S)
-    assert not alive
-
-
-# -- the grid itself ---------------------------------------------------------------------------------------------------
-
-
-def test_the_grid_flies_what_the_claims_need() -> None:
-    points = list(grid.points())
-    flown = {
-        (p.experiment, str(p.flown.method), p.flown.uavs, p.flown.period_ticks, p.flown.wind.sigma) for p in points
-    }
-    for method, period in (("hjb", 100), ("mfg", 100), ("mfgfl-h", 100), ("mfgfl-f", 100), ("mfgfl-hf", 200)):
-        assert ("s0", method, 25, period, 0.1) in flown
-        assert {n for e, m, n, _, _ in flown if e == "uavs" and m == method} == {16, 25, 36, 49, 64}
-    for method in ("mfgfl-h", "mfgfl-f", "mfgfl-hf"):
-        assert {n0 for e, m, _, n0, _ in flown if e == "period" and m == method} == {50, 100, 200, 300, 400, 500}
-    for method in ("hjb", "mfgfl-h", "mfgfl-f", "mfgfl-hf"):
-        assert {s for e, m, _, _, s in flown if e == "wind" and m == method} == {0.1, 0.2, 0.3, 0.4, 0.5}
-    assert {s for e, m, _, _, s in flown if e == "offline"} == {0.0, 0.1}
-    trained = [p for p in points if p.training is not None]
-    assert [(p.flown.wind.sigma, p.training.wind.sigma) for p in trained if p.training] == [(1.5, 0.1)]
-    assert {p.experiment for p in points} == set(EXPERIMENTS)
-    assert all(p.flown.stop == "duration" and p.flown.max_ticks == 3000 for p in points)
-
-
-def test_rows_are_unique_and_shared_runs_are_flown_once() -> None:
-    rows = grid.wanted(3)
-    labels = Counter(
-        (r.point.experiment, r.scenario.sha256(), r.point.setting, r.point.training is not None) for r in rows
-    )
-    assert set(labels.values()) == {1}
-    left = to_do(rows, {})
-    flown = Counter(run.key for run in left)
-    assert set(flown.values()) == {1}
-    assert set(flown) == {row.key for row in rows}
-    assert [experiments.work(run) for run in left] == sorted(map(experiments.work, left), reverse=True)
-    assert {run.point.experiment for run in left if run.traced} == {"s0", "offline", "trained"}
-
-
-def test_the_random_design_is_the_same_every_time_and_fills_every_range() -> None:
-    design = grid.random_design()
-    assert design == grid.random_design()
-    assert len(design) == grid.RANDOM_POINTS
-    for column in range(len(design[0])):
-        assert len({row[column] for row in design}) == grid.RANDOM_POINTS

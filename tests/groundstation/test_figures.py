@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
-from matplotlib.figure import Figure
 
-from meanflock.groundstation import looks, plots, plotstyle, quantities
+from meanflock.groundstation import looks, plotstyle
 from meanflock.groundstation.paper import figures, report
 from meanflock.groundstation.paper.figures_curves import Bundle, bundle
 from meanflock.groundstation.paper.grid import COMPARED, FEDERATED, PERIODS, SIGMAS, UAVS
@@ -18,9 +17,8 @@ from meanflock.groundstation.paper.tables import Results
 from meanflock.groundstation.paper.traces import Trace, collisions
 from meanflock.groundstation.paper.verdict import evaluate
 from meanflock.groundstation.paper.view import Frame, View, keep_measured, load_measured
-from meanflock.groundstation.run import Options, fly
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.scenario import load
+from tests.groundstation.axes import every_axis
 from tests.groundstation.map_rows import map_rows
 from tests.groundstation.synthetic import results, row
 
@@ -109,9 +107,6 @@ def drawn(tables: Results, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-# -- the paper's figures ------------------------------------------------------------
-
-
 def test_every_figure_is_drawn_twice_and_not_blank(drawn: Path) -> None:
     for name in figures.FIGURES:
         for suffix in ("png", "svg"):
@@ -138,11 +133,6 @@ def test_only_what_was_asked_for_and_exists(tables: Results, tmp_path: Path) -> 
 
 def test_what_has_no_data_is_left_out(tmp_path: Path) -> None:
     assert figures.draw(results([row("nothing", "hjb", 1)]), tmp_path) == []
-
-
-def every_axis(made: Figure) -> list[str]:
-    """The labels of the panels, those a shared axis leaves to its neighbour not counted."""
-    return [label for ax in made.axes if ax.get_visible() for label in (ax.get_xlabel(), ax.get_ylabel()) if label]
 
 
 @pytest.mark.parametrize("name", list(figures.FIGURES))
@@ -246,73 +236,3 @@ def test_measured_numbers_are_kept_and_found_while_they_fit(tmp_path: Path, monk
     (tmp_path / "data" / "theory.json").write_text("{")
     with pytest.raises(BadInput, match=r"theory\.json"):
         load_measured(tmp_path)
-
-
-# -- anyone's own scenario ------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    flown = load(None, method="mfgfl-h", uavs=4, duration=20.0)
-    return fly(flown, Options(out=tmp_path_factory.mktemp("runs"), in_process=True, record=False, quiet=True)).folder
-
-
-def test_a_run_is_plotted_from_its_folder(run_folder: Path, tmp_path: Path) -> None:
-    made = plots.plot_run(run_folder)
-    assert {path.name for path in plots.write(made, tmp_path)} == {"paths.png", "paths.svg", "curves.png", "curves.svg"}
-    for each in made.values():
-        assert every_axis(each)
-
-
-def test_a_run_whose_events_were_cut_off_is_still_plotted(run_folder: Path) -> None:
-    with (run_folder / "events.jsonl").open("a") as events:
-        events.write('{"tick": 3, "kind": "coll')
-    assert plots.plot_run(run_folder)
-
-
-def test_no_run_is_bad_input(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="name the folder of a run"):
-        plots.plot_run(tmp_path)
-
-
-def summaries(level: float, seeds: int = 4) -> list[dict[str, Any]]:
-    return [
-        {
-            "uavs": 4,
-            "arrived": 3,
-            "t_avg_censored_s": level + seed,
-            "energy_mean_J": level,
-            "payload_bits": {"total": 1e6 * level},
-            "phi_A": level / 10,
-            "phi_C_distinct": None if seed == 0 else 0.01,
-            "collisions": seed,
-        }
-        for seed in range(seeds)
-    ]
-
-
-def test_comparison_has_a_row_a_method_and_a_panel_a_metric() -> None:
-    made = plots.plot_compare({"hjb": summaries(20.0), "mfgfl-hf": summaries(18.0)})
-    panels = [ax for ax in made.axes if ax.get_visible()]
-    assert len(panels) == len(plots.COMPARED)
-    assert [text.get_text() for text in panels[0].get_yticklabels()] == ["hjb", "mfgfl-hf"]
-
-
-@pytest.mark.parametrize("values", [(0.1, 0.2, 0.3), ("amplitude", "power")])
-def test_sweep_runs_along_numbers_or_names(values: tuple[Any, ...], tmp_path: Path) -> None:
-    points = {value: {"hjb": summaries(20.0), "mfg": summaries(19.0)} for value in values}
-    made = plots.plot_sweep("wind.sigma", points)
-    assert len(made.axes) == 4
-    assert made.axes[-1].get_xlabel() == "wind.sigma (m/s/√s)"
-    assert len(plots.write({"sweep": made}, tmp_path)) == 2
-
-
-def test_one_seed_has_no_interval_and_still_a_dot() -> None:
-    made = plots.plot_compare({"hjb": summaries(20.0, 1)})
-    assert made.axes
-    assert made.get_supxlabel() == "one flight each: no interval"
-
-
-def test_unknown_metric_is_bad_input() -> None:
-    with pytest.raises(BadInput, match="nonsense"):
-        quantities.number(summaries(1.0)[0], "nonsense")

@@ -5,7 +5,7 @@ from collections import Counter
 
 import pytest
 
-from tests.test_docs import script_of
+from tests.pages import script_of
 
 
 @pytest.fixture(scope="module")

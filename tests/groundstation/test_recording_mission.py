@@ -15,7 +15,7 @@ from meanflock.groundstation.reported import Reported
 from meanflock.swarm.mission import goals, obstacles, starts
 from meanflock.swarm.scenario import load
 from meanflock.worldsim.wind import MeanWind
-from tests.groundstation.test_disturbances import fixed, rows
+from tests.groundstation.recordings import fixed, rows
 
 pytestmark = pytest.mark.usefixtures("strict")
 

@@ -1,7 +1,5 @@
-"""Many flights of one's own scenario: what is asked for is flown, once, and the means are of all UAVs."""
+"""Comparisons and sweeps: what is flown, and what is finished is never flown twice."""
 
-import csv
-import json
 import os
 import signal
 import subprocess
@@ -11,36 +9,17 @@ from typing import Any
 
 import psutil
 import pytest
-from rich.console import Console
-from rich.table import Column, Table
 
 import meanflock as mf
 from meanflock.groundstation import study
-from meanflock.groundstation.means import Means
-from meanflock.groundstation.means_table import WIDTH, table
 from meanflock.groundstation.paper import experiments
 from meanflock.groundstation.paper.store import Store
 from meanflock.groundstation.swept import Swept
-from meanflock.groundstation.terminal import console_for
-from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput
-from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.scenario import load
 from meanflock.swarm.toml import apply
+from tests.groundstation.studies import QUICK, flown, rows
 from tests.polling import DEADLINE_S, until
-
-QUICK = ("--duration", "3", "--jobs", "1", "--quiet", "--out", "out")
-
-
-def flown(folder: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in (folder / "runs.jsonl").read_text().splitlines()]
-
-
-def rows(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
-# -- what is swept ----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -129,66 +108,6 @@ def test_values_are_words_numbers_or_lists() -> None:
         Swept.parse("wind.sigma")
 
 
-# -- means ------------------------------------------------------------------------------------------------------------
-
-
-def summary(arrived: int, t_avg_s: float | None, uavs: int = 4) -> dict[str, Any]:
-    rest = {"energy_mean_J": 2.0, "payload_bits": {"total": 1.5e6}, "phi_A": 1.0, "phi_C_distinct": 1e-3}
-    return {"uavs": uavs, "arrived": arrived, "t_avg_s": t_avg_s, "collisions": 0, **rest}
-
-
-@pytest.mark.parametrize(
-    ("arrived", "t_avg_s", "mean_s"), [(4, 30.0, 30.0), (1, 20.0, (20 + 3 * 60) / 4), (0, None, 60.0)]
-)
-def test_who_never_arrived_counts_with_the_duration(arrived: int, t_avg_s: float | None, mean_s: float) -> None:
-    given = summary(arrived, t_avg_s)
-    assert study.of_all(Scenario(uavs=4, duration=60.0), given) == {**given, "t_avg_censored_s": mean_s}
-
-
-def test_a_comparison_says_so_in_table_and_csv(run, tmp_path) -> None:
-    """A destination so wide that some are there at once, and some on their way when the flight ends."""
-    flags = ("--set", "destination.radius=178", "--set", "start.spacing=4", "--uavs", "3", "--seeds", "2")
-    code, out, _ = run("compare", "mfg", *flags, *QUICK)
-    assert code == EXIT_DONE
-    runs = flown(tmp_path / "out")
-    arrived = sum(one["arrived"] for one in runs) / 2
-    assert 0 < arrived < 3
-    expected = sum((one["t_avg_s"] * one["arrived"] + 3.0 * (3 - one["arrived"])) / 3 for one in runs) / 2
-    (row,) = rows(tmp_path / "out/compare.csv")
-    assert float(row["t_avg_censored_s"]) == pytest.approx(expected)
-    assert float(row["arrived_uavs"]) == arrived
-    assert row["n"] == "2"
-    assert f"{arrived:.4g}/3" in out
-    assert f"{expected:.4g}" in out
-    assert "counts with the duration" in " ".join(out.split())
-    for name in ("compare.png", "compare.svg", "compare.csv", "runs.jsonl"):
-        assert f"out/{name}" in out
-
-
-@pytest.mark.parametrize(
-    "key", ["radio.latency_threshold_slots (slots)", "federation.broadcast_payload", "metrics.collision_radius (m)"]
-)
-def test_a_table_has_units_and_no_name_is_cut_off_at_80_columns(key: str) -> None:
-
-    large = {**summary(25, 161.3456, 25), "t_avg_censored_s": 161.3456, "phi_C_distinct": 1.234567e-5, "phi_A": 1.23456}
-    large |= {"energy_mean_J": 148.2859, "payload_bits": {"total": 987_654_321}, "collisions": 99.875}
-    points = {(value, method): [large] * 8 for value in (0.125, 1000) for method in ("mfgfl-hf", "offline")}
-    console = Console(width=WIDTH)
-    with console.capture() as capture:
-        console.print(table(Means((key, "method"), points), "sweep: 25 UAVs", [300.0]))
-    lines = capture.get().splitlines()
-    assert max(map(len, lines)) <= WIDTH
-    assert "…" not in capture.get()
-    for method in ("mfgfl-hf", "offline"):
-        assert sum(method in line.split() for line in lines) == 2
-    head = "".join(line.split(" ")[0] for line in lines[1 : next(k for k, line in enumerate(lines) if "─" in line)])
-    assert head == key.replace(" ", "")
-    for unit in ("(UAVs)", "(s)", "(J)", "(Mbit)", "(m/s)", "(1)", "(pairs)"):
-        assert unit in capture.get()
-    assert "25/25" in capture.get()
-    assert "1.235e-05" in capture.get()
-
-
 # -- once -------------------------------------------------------------------------------------------------------------
 
 
@@ -267,6 +186,7 @@ def test_ctrl_c_ends_a_sweep_and_its_workers_and_a_repeat_goes_on(tmp_path: Path
 
 # -- plug-ins of one's own --------------------------------------------------------------------------------------------
 
+
 MINE = """
 import meanflock as mf
 
@@ -279,12 +199,8 @@ class Mine(mf.Controller):
 
 
 @pytest.mark.processes
-def test_a_plugin_that_changed_or_came_later_is_flown_as_it_is_now(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_plugin_that_changed_or_came_later_is_flown_as_it_is_now(tmp_path: Path) -> None:
     """Workers live on between two studies, and `out` keeps what an earlier form of the file flew."""
-    monkeypatch.setattr(plugins, "_files", dict(plugins._files))
-    monkeypatch.setenv(plugins.FILES, "")
 
     def energy(name: str, push: float) -> list[float]:
         (tmp_path / f"{name}.py").write_text(MINE.format(name, push), encoding="utf-8")
@@ -299,33 +215,6 @@ def test_a_plugin_that_changed_or_came_later_is_flown_as_it_is_now(
     first = energy("one", -0.01)
     assert energy("other", -0.02) != first
     assert energy("one", -0.02) == energy("other", -0.02) != first
-
-
-@pytest.mark.parametrize("columns", [20, 40, 80, 120])
-def test_no_number_of_a_table_is_cut_however_narrow_the_terminal(columns, monkeypatch, capsys) -> None:
-    monkeypatch.setenv("COLUMNS", str(columns))
-    table = Table(Column("method", no_wrap=True), *(Column(f"quantity {k}", no_wrap=True) for k in range(5)))
-    table.add_row("mfgfl-hf", *(f"{1234.5 + k}" for k in range(5)))
-    console_for(table).print(table)
-    shown = capsys.readouterr().out
-    assert "…" not in shown
-    assert all(f"{1234.5 + k}" in shown for k in range(5))
-    assert "mfgfl-hf" in shown
-
-
-def test_a_long_value_of_a_sweep_goes_over_several_lines_before_the_table_gets_wider_than_the_terminal(
-    monkeypatch, capsys
-) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    discs = "[{'x': 10.0, 'y': 20.0, 'radius': 3.0}, {'x': 30.0, 'y': 20.0, 'radius': 3.0}]"
-    flown = {**summary(25, 161.3456, 25), "t_avg_censored_s": 161.3456}
-    shown_table = table(Means(("obstacles", "method"), {(discs, "mfgfl-hf"): [flown] * 8}), "sweep", [300.0])
-    console_for(shown_table).print(shown_table)
-    shown = capsys.readouterr().out
-    assert max(map(len, shown.splitlines())) <= 80
-    assert "161.3" in shown
-    assert "mfgfl-hf" in shown
-    assert all(word in shown for word in discs.split())
 
 
 ONE_FLIGHT = ("--seeds", "1", "--first-seed", "1", "--jobs", "1")

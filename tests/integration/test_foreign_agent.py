@@ -138,7 +138,6 @@ def test_an_agent_of_another_language_flies_among_ours_to_the_same_bits(
     assert [process.wait(DEADLINE_S) for process in ours] == [0, 0]
     assert (summary["lost"], summary["nodes_lost"], summary["dropped_messages"]) == (0, 0, {})
 
-    monkeypatch.setattr(plugins, "_files", dict(plugins._files))
     plugins.load_file(SPRING)
     engine = Engine(load(None, SETTINGS), "foreign")
     for _ in engine.fly():

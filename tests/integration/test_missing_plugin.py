@@ -13,7 +13,7 @@ from meanflock.groundstation.launch import free_endpoint
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
 from tests.integration.conftest import Spawn
-from tests.integration.test_observability import scrape, told_url
+from tests.integration.watched import scrape, told_url
 from tests.polling import DEADLINE_S, until
 
 pytestmark = pytest.mark.processes

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.integration.test_working_folder import LIBRARIES, PACKAGES, hostile
+from tests.integration.hostile_folder import LIBRARIES, PACKAGES, hostile
 from tests.polling import DEADLINE_S
 
 pytestmark = [pytest.mark.processes, pytest.mark.xdist_group("wheel")]

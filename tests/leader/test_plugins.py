@@ -1,6 +1,5 @@
 """Aggregation rules of strangers: what they remember goes on with the run, and one that fails makes its round void."""
 
-from collections.abc import Iterator
 from typing import Any, ClassVar
 
 import numpy as np
@@ -30,12 +29,6 @@ class Momentum(Aggregator):
         moved = fedavg(models) - state["last"] + 0.5 * state["moved"]
         last = state["last"] + moved
         return {"last": last, "moved": moved}, last
-
-
-@pytest.fixture(autouse=True)
-def _nothing_stays(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr(plugins, "_files", dict(plugins._files))
-    return
 
 
 def flown(made: type[Aggregator], *settings: str) -> Scenario:

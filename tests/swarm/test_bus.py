@@ -5,7 +5,6 @@ import queue
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -14,32 +13,7 @@ from meanflock.swarm.net.bus import Bus, Delivery, MemoryNetwork, matches
 from meanflock.swarm.net.lease import LEASE
 from meanflock.swarm.net.session import ZenohBus, _config
 from tests.polling import DEADLINE_S, until
-
-Open = Callable[[], Bus]
-
-
-def free_endpoint() -> str:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return f"tcp/127.0.0.1:{server.getsockname()[1]}"
-
-
-@pytest.fixture(params=["memory", "zenoh"])
-def network(request: pytest.FixtureRequest) -> Iterator[Open]:
-    """Opens participants: the first is the hub."""
-    opened: list[Bus] = []
-    memory = MemoryNetwork()
-    endpoint = free_endpoint()
-
-    def open_one() -> Bus:
-        if request.param == "memory":
-            opened.append(memory.endpoint())
-        else:
-            opened.append(ZenohBus.client(endpoint) if opened else ZenohBus.router(endpoint))
-        return opened[-1]
-
-    yield open_one
-    for bus in reversed(opened):
-        bus.close()
+from tests.swarm.conftest import Open, free_endpoint
 
 
 def next_of(bus: Bus, kind: str) -> Delivery:

@@ -1,12 +1,8 @@
-"""The wire: what goes in comes out, and old bytes stay readable.
-
-`python -m tests.swarm.test_codec` writes the golden files anew; do that only when a message changes on purpose.
-"""
+"""Control messages: what goes in comes out, and old bytes stay readable."""
 
 import struct
 import types
 import typing
-from pathlib import Path
 from typing import Any
 
 import msgpack
@@ -17,33 +13,30 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from meanflock.kernels.wire import SENSE
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.wire import control, tick
+from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import (
     Act,
     Event,
-    Finished,
-    FrameKind,
-    Frames,
-    Join,
-    Message,
-    Ready,
-    Received,
     Refusal,
     Sense,
     Stop,
-    Telemetry,
-    Welcome,
+)
+from tests.swarm.examples import (
+    DTYPES,
+    EXAMPLES,
+    GOLDEN,
+    OF_A_TICK,
+    RAW,
+    TYPES,
+    arrays_in,
+    carrying,
+    read,
+    same,
 )
 
-GOLDEN = Path(__file__).parents[1] / "golden"
-TYPES: tuple[type, ...] = typing.get_args(Message)  # of control messages; those of a tick are in test_tick.py
-DTYPES = ("<f2", "<f4", "<f8", "<i4", "u1", "<i2", "i1", "<i8", "?")
 LETTERS = "efdiBhbq?"  # of `struct`
 QUICK = settings(max_examples=60, deadline=None, database=None)
-
-# -- every message there is, made from the types of its fields ----------------------------------------------------
 
 
 def arrays() -> st.SearchStrategy[np.ndarray]:
@@ -91,30 +84,6 @@ def of_message(kind: type) -> st.SearchStrategy[Any]:
     return st.builds(kind, **{name: of_type(t) for name, t in typing.get_type_hints(kind).items()})
 
 
-def same(one: Any, other: Any) -> None:
-    """Equal to the last bit: types, dtypes, shapes, values."""
-    assert type(one) is type(other)
-    if isinstance(one, msgspec.Struct):
-        for name in one.__struct_fields__:
-            same(getattr(one, name), getattr(other, name))
-    elif isinstance(one, tuple):
-        assert len(one) == len(other)
-        for a, b in zip(one, other, strict=True):
-            same(a, b)
-    elif isinstance(one, np.ndarray):
-        assert (one.dtype, one.shape, one.tobytes()) == (other.dtype, other.shape, other.tobytes())
-    else:
-        assert one == other
-
-
-def arrays_in(value: Any) -> list[np.ndarray]:
-    if isinstance(value, np.ndarray):
-        return [value]
-    if isinstance(value, msgspec.Struct):
-        value = tuple(getattr(value, name) for name in value.__struct_fields__)
-    return [array for part in value for array in arrays_in(part)] if isinstance(value, tuple) else []
-
-
 @pytest.mark.parametrize("kind", TYPES, ids=lambda kind: kind.__name__)
 def test_every_message_survives_the_wire_and_its_arrays_arrive_read_only(kind: type) -> None:
     @QUICK
@@ -132,11 +101,6 @@ def test_an_array_that_is_no_contiguous_block_travels_as_its_values() -> None:
     table = np.arange(24.0).reshape(4, 6)
     for view in (table[:, 1:3], table.T, table[::-2]):
         np.testing.assert_array_equal(control.decode(control.encode(carrying(view))).initial_states, view)  # type: ignore[union-attr]
-
-
-def carrying(array: np.ndarray) -> Welcome:
-    """A message with one array."""
-    return Welcome(1, "agent-0", (0,), 2, b"{}", array)
 
 
 @QUICK
@@ -170,85 +134,6 @@ def test_the_largest_number_is_finite_and_what_is_beyond_it_is_not(dtype: str) -
 def test_an_array_of_a_dtype_that_does_not_travel_cannot_be_sent(dtype: str) -> None:
     with pytest.raises(KeyError):
         control.encode(carrying(np.zeros((1, 4)).astype(dtype)))
-
-
-# -- golden bytes -------------------------------------------------------------------------------------------------
-
-
-def numbers(dtype: str, *shape: int) -> np.ndarray:
-    """A table that is easy to recognise in a hex dump."""
-    count = int(np.prod(shape))
-    return (np.arange(count) - count // 2).reshape(shape).astype(dtype)
-
-
-FRAMES = Frames(FrameKind.UPLOAD, 3, numbers("<i4", 2) + 4, numbers("<f4", 2, 5) / 2)
-DELIVERED = Frames(FrameKind.STATE, 0, numbers("<i4", 1), numbers("<f2", 1, 4), np.array([[0, 1], [0, 2]], dtype="<i4"))
-EXAMPLES: dict[str, Any] = {
-    "join": Join("agent", 5, 20),
-    "welcome": Welcome(
-        run=0xDEADBEEF,
-        node="agent-5",
-        uavs=(5, 6, 300),
-        tick=70000,
-        scenario=b'{"uavs":301}',
-        initial_states=numbers("<f4", 3, 4) + 0.25,
-        memory=control.encode_record({"weights": numbers("<f8", 3, 2) / 9, "uav": numbers("<i8", 3)}),
-        plugins=(("controller", "spring", "sha256 0123"), ("aggregator", "fedavg", "meanflock 1.0")),
-    ),
-    "refusal": Refusal("every UAV of this run has its agent already – größer"),
-    "ready": Ready(0xDEADBEEF),
-    "sense": Sense(0xDEADBEEF, 99, numbers("<f8", 2, 4) / 3, True, False, (FRAMES, DELIVERED), b"\x80"),
-    "act": Act(
-        run=0xDEADBEEF,
-        tick=99,
-        commands=numbers("<f8", 2, 5) / 7,
-        lost=np.array([6], dtype="<i4"),
-        refused=np.array([1, 300], dtype="<i4"),
-        models=numbers("<f8", 2, 246) / 9,
-        memory=control.encode_record({"weights": numbers("<f8", 2, 3)}),
-        outbox=(FRAMES,),
-    ),
-    "stop": Stop(0xDEADBEEF, "finished"),
-    "event": Event(12, "collision", "UAV 1 and UAV 2 collided", (1, 2)),
-    "telemetry": Telemetry(
-        run=0xDEADBEEF,
-        block=7,
-        first_tick=140,
-        states=numbers("<f8", 2, 3, 4) / 3,
-        accelerations=numbers("<f4", 2, 3, 2) / 7,
-        diagnostics=numbers("<f4", 2, 3, 3) / 7,
-        status=numbers("u1", 2, 3) % 3,
-        energy=numbers("<f4", 2, 3),
-        swarm=numbers("<f8", 2, 12),
-        links=numbers("<i4", 2, 5),
-        report_ticks=numbers("<i4", 1),
-        reports=numbers("<f4", 1, 246),
-        spread=numbers("<f8", 1) + 0.5,
-        events=(Event(141, "round", "round 1 averaged and broadcast"),),
-        checkpoint=b"\x93\x01\x02\x03",
-        diagnostic_names=("hjb_residual", "fpk_residual", "phi_G"),
-    ),
-    "received": Received(0xDEADBEEF, 7),
-    "finished": Finished(0xDEADBEEF, 88, b'{"schema":1}'),
-}
-OF_A_TICK = ("sense", "act")
-
-
-def written(message: Any) -> bytes:
-    """The bytes of any message."""
-    if isinstance(message, Sense):
-        return tick.write_sense(message)
-    return tick.write_act(message) if isinstance(message, Act) else control.encode(message)
-
-
-def read(raw: bytes) -> Any:
-    """Any message."""
-    if raw[1:2] not in tick.TYPES:
-        return control.decode(raw)
-    return tick.read_sense(raw) if raw[1] == SENSE else tick.read_act(raw)
-
-
-RAW = {name: written(message) for name, message in EXAMPLES.items()}
 
 
 def plain(value: Any) -> Any:
@@ -305,9 +190,3 @@ def test_what_came_later_is_left_out_where_it_says_nothing() -> None:
     for message in (Stop(1, "x"), Stop(1, "x", True), Refusal("x"), Refusal("x", True), Refusal("x", False, True)):
         back = control.decode(control.encode(message))
         assert msgspec.structs.astuple(back) == msgspec.structs.astuple(message)
-
-
-if __name__ == "__main__":
-    GOLDEN.mkdir(exist_ok=True)
-    for title, raw_bytes in RAW.items():
-        (GOLDEN / f"{title}.bin").write_bytes(raw_bytes)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Finished, Ready, Received, Welcome
-from tests.swarm.test_codec import DTYPES, EXAMPLES, OF_A_TICK, RAW, TYPES, arrays_in, carrying, same
+from tests.swarm.examples import DTYPES, EXAMPLES, OF_A_TICK, RAW, TYPES, arrays_in, carrying, same
 
 CONTROL = sorted(set(EXAMPLES) - set(OF_A_TICK))
 REASONS = {"malformed", "oversized", "wrong-shape", "non-finite"}

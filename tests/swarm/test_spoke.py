@@ -14,7 +14,8 @@ from meanflock.swarm.net.bus import Bus, MemoryNetwork
 from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, Event, Join, Message, Refusal, Sense, Welcome
-from tests.swarm.test_bus import DEADLINE_S, Open, network  # noqa: F401  # a fixture
+from tests.polling import DEADLINE_S
+from tests.swarm.conftest import Open
 
 RUN = "client"
 TAKEN = Refusal("UAV 3 has its agent already", for_now=True)
@@ -78,7 +79,7 @@ def asked(number: int) -> bytes:
 
 
 @pytest.fixture
-def opens(network: Open) -> Iterator[Callable[..., tuple[Door, NodeClient]]]:  # noqa: F811
+def opens(network: Open) -> Iterator[Callable[..., tuple[Door, NodeClient]]]:
     """A world that gives these answers, and somebody to ask it."""
     doors: list[Door] = []
 

@@ -13,7 +13,7 @@ from meanflock.swarm.wire.control import FLOAT_OF_BITS
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from meanflock.worldsim.inbound import Replies
 from meanflock.worldsim.members import Member
-from tests.swarm.test_codec import same
+from tests.swarm.examples import same
 
 RUN, TICK = 0xC0FFEE42, 20
 QUICK = settings(max_examples=300, deadline=None, database=None)

@@ -11,8 +11,8 @@ from meanflock.swarm import state
 from meanflock.swarm.scenario import load
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.summary import flight_summary
-from tests.faults.test_resume import dead, flight, resumed, steady
-from tests.worldsim.test_flight import calm, idle, kinds, put
+from tests.faults.dying import dead, flight, resumed, steady
+from tests.worldsim.flights import calm, idle, kinds, put
 
 DISC = "obstacles=[{centre=[20.0, 0.0], radius=3.0}, {centre=[20.0, 4.0], radius=3.0}]"
 

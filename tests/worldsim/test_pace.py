@@ -7,7 +7,7 @@ import pytest
 
 from meanflock.swarm.scenario import load
 from meanflock.worldsim.pace import Pace
-from tests.worldsim.test_realtime import PROMPT_S, Flight
+from tests.worldsim.late import PROMPT_S, Flight
 
 JUST_IN_TIME_S = 9.5  # the barrier's deadline is 10 s
 SHORT = ["pace.slow_ticks=6"]

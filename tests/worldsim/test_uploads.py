@@ -18,7 +18,7 @@ from meanflock.worldsim.counters import Counters
 from meanflock.worldsim.inbound import Replies
 from meanflock.worldsim.members import Member
 from meanflock.worldsim.merger import FrameMerger
-from tests.swarm.test_codec import same
+from tests.swarm.examples import same
 
 RUN, TICK = 0xC0FFEE42, 20
 QUICK = settings(max_examples=200, deadline=None, database=None)

@@ -12,7 +12,7 @@ from meanflock.swarm.scenario import decode, encode, load
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.vehicles.point_mass import PointMass
 from meanflock.worldsim.wind import MeanWind
-from tests.worldsim.test_flight import power
+from tests.worldsim.flights import power
 
 FIELD = ("wind.field_rms=1.5", "wind.field_length=20", "wind.mean=[0.5, -2.0]")
 

@@ -1,86 +1,28 @@
-"""Real leaderboards, in small: what is flown, kept, shown, refused, and what a failure costs."""
+"""Real leaderboards, in small: what is flown, kept and refused, and what a failure costs."""
 
-import json
 import os
-import re
 import signal
 import subprocess
 import sys
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import psutil
 import pytest
 from scipy import stats
 
-from meanflock.groundstation import dictionary, study
+from meanflock.groundstation import study
 from meanflock.groundstation.leaderboard import board, missions, rows
 from meanflock.groundstation.leaderboard.contest import Contest
 from meanflock.groundstation.leaderboard.measures import BY_KEY
 from meanflock.groundstation.paper.store import Store
-from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED
+from tests.groundstation.leaderboard.courses import QUICK
 from tests.polling import DEADLINE_S, until
 
 ROOT = Path(__file__).parents[3]
 SPRING = str(ROOT / "examples" / "spring.py")
-SMALL = """
-uavs = 3
-duration = 4.0
-stop = "duration"
-[start]
-centre = [12.0, 9.0]
-"""
-QUICK = ("--seeds", "2", "--first-seed", "1", "--jobs", "1", "--quiet", "--out", "out")
-
-
-@pytest.fixture(autouse=True)
-def _no_plugin_stays(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plugins, "_files", dict(plugins._files))
-    monkeypatch.setenv(plugins.FILES, "")
-
-
-@pytest.fixture
-def small(tmp_path: Path) -> list[str]:
-    """Two missions of four seconds."""
-    for name, more in (("near", ""), ("breeze", "[wind]\nmean = [0.0, 2.0]\n")):
-        (tmp_path / f"{name}.toml").write_text(SMALL + more)
-    return ["near.toml", "breeze.toml"]
-
-
-class Page(HTMLParser):
-    """Tables of a page, and what it would fetch."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.rows: list[list[str]] = []
-        self.best: list[str] = []
-        self.fetched: list[str] = []
-        self.pictures = 0
-        self._cell: str | None = None
-
-    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
-        given = dict(attributes)
-        if tag == "tr":
-            self.rows.append([])
-        if tag in ("td", "th"):
-            self.rows[-1].append("")
-            self._cell = given.get("class") or ""
-        where = given.get("src") or (given.get("href") if tag != "a" else None)
-        if where:
-            self.pictures += where.startswith("data:image/png;base64,")
-            self.fetched += [] if where.startswith("data:") else [where]
-
-    def handle_endtag(self, tag: str) -> None:
-        if tag in ("td", "th"):
-            self._cell = None
-
-    def handle_data(self, data: str) -> None:
-        if self._cell is not None:
-            self.rows[-1][-1] += data
 
 
 def test_two_missions_by_two_rows_by_two_seeds(run, tmp_path, small) -> None:
@@ -121,40 +63,6 @@ def _is_of_its_flights(key: str, cell: board.Cell, values: np.ndarray) -> None:
         half = 12.7062 * values.std(ddof=1) / np.sqrt(2)
         assert cell.high - cell.mean == pytest.approx(half, rel=1e-3, abs=1e-5)
     assert cell.least == (pytest.approx(values.min(), rel=1e-5) if BY_KEY[key].least else None)
-
-
-def test_the_pages_show_the_same_cells_and_need_no_network(run, tmp_path, small) -> None:
-    assert run("leaderboard", "--missions", *small, "--controllers", "cruise", "mfg", *QUICK)[0] == EXIT_DONE
-    text = (tmp_path / "out/leaderboard.md").read_text()
-    page = Page()
-    page.feed((tmp_path / "out/leaderboard.html").read_text())
-    assert page.fetched == []
-    assert page.pictures == 2
-    lines = [line for line in text.splitlines() if line.startswith("| ")]
-    cells = [[cell.strip().strip("*") for cell in line.strip("|").split(" | ")] for line in lines]
-    assert [line for line in cells if line[0] in ("cruise", "mfg")] == [
-        line for line in page.rows if line[0] in ("cruise", "mfg")
-    ]
-    for picture in re.findall(r"\]\((pictures/\S+)\)", text):
-        assert (tmp_path / "out" / picture).read_bytes().startswith(b"\x89PNG")
-
-
-def test_every_field_of_a_board_is_in_the_data_dictionary(run, tmp_path, small) -> None:
-    flags = ("--controllers", "cruise", "mfg", "--missions", "near.toml")
-    assert run("leaderboard", *flags, *QUICK)[0] == EXIT_DONE
-
-    def keys(value: Any, path: str) -> set[str]:
-        if isinstance(value, dict) and value:
-            free = path.split(".")[-1] in ("absent", "settings", "cells", "kbit_by_kind", "values")
-            return set().union(*(keys(one, f"{path}.{'*' if free else key}") for key, one in value.items()))
-        if isinstance(value, list) and value and isinstance(value[0], dict):
-            return set().union(*(keys(one, path) for one in value))
-        return {path.removeprefix(".")}
-
-    known = {field.key for field in dictionary.LEADERBOARD}
-    found = keys(json.loads((tmp_path / "out/leaderboard.json").read_bytes()), "")
-    assert {key for key in found if not key.endswith(("absent", "settings"))} <= known
-    assert found >= {key for key in known if not key.endswith(("absent.*", "settings.*"))}
 
 
 def test_what_is_finished_is_never_flown_twice(run, tmp_path, small, monkeypatch) -> None:
@@ -227,20 +135,6 @@ def test_a_flight_that_fails_is_a_row_with_the_reason_and_not_the_end(run, tmp_p
             assert said in text
 
 
-def test_who_stays_behind_is_best_in_nothing() -> None:
-    def row(name: str, arrived: float, energy: float) -> board.Standing:
-        rng = np.random.default_rng(len(name))
-        columns = {key: np.full(10, np.nan) for key in BY_KEY}
-        columns |= {"arrived": np.full(10, arrived), "energy_J": energy + 0.1 * rng.normal(size=10)}
-        values = {key: [board.rounded(value) for value in numbers] for key, numbers in columns.items()}
-        return board.Standing(name, name, "", {}, False, board.cells(columns), {}, values)
-
-    idle, good, worse = board.marked([row("idle", 0.0, 1.0), row("good", 1.0, 5.0), row("worse", 1.0, 9.0)])
-    assert not any(cell.best for cell in idle.cells.values())
-    assert good.cells["energy_J"].best
-    assert not worse.cells["energy_J"].best
-
-
 @pytest.mark.parametrize(
     ("flags", "says"),
     [
@@ -310,22 +204,6 @@ def test_on_dask_the_board_is_the_same_to_the_last_digit(run, tmp_path, small) -
         assert run(*flags, *there)[0] == EXIT_DONE
     here, there = ((tmp_path / folder / "leaderboard.json").read_bytes() for folder in ("here", "there"))
     assert here == there
-
-
-def test_a_board_that_was_written_is_read_as_the_same_and_a_damaged_one_is_bad_input(tmp_path: Path) -> None:
-    contest = Contest([missions.Mission(str(_file(tmp_path)))], rows.chosen(["cruise"]), 1, 1)
-    made = contest.fly(1, lambda *_: None, Store(tmp_path / "out"))
-    path = made.write(tmp_path)
-    assert msgspec.json.encode(board.read(path)) == msgspec.json.encode(made)
-    json.loads(path.read_text())  # as any other reader does
-    path.write_bytes(path.read_bytes()[:-9])
-    with pytest.raises(board.BadInput, match=r"leaderboard\.json: no leaderboard"):
-        board.read(path)
-
-
-def _file(folder: Path) -> Path:
-    (folder / "near.toml").write_text(SMALL)
-    return folder / "near.toml"
 
 
 def test_every_shipped_row_flies_its_missions() -> None:

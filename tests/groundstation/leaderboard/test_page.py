@@ -6,7 +6,7 @@ import pytest
 from meanflock.groundstation.leaderboard import board
 from meanflock.groundstation.leaderboard.board import Board, Course, Standing
 from meanflock.groundstation.leaderboard.measures import BY_KEY
-from tests.test_docs import script_of
+from tests.pages import script_of
 
 SEEDS = 12
 

@@ -1,0 +1,52 @@
+"""An agent node of three UAVs of eight, and what it is sent."""
+
+from typing import Any
+
+import numpy as np
+
+from meanflock.agent.node import Agent
+from meanflock.swarm import scenario, state
+from meanflock.swarm.mission import starts
+from meanflock.swarm.net import keys
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.control import FLOAT_OF_BITS
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Welcome
+
+RUN = "node-test"
+NUMBER = keys.fingerprint(RUN)
+UAVS = (2, 3, 5)  # of eight
+
+
+def flown(*settings: str, method: str = "mfgfl-hf") -> Scenario:
+    return load(None, ["uavs=8", "federation.period=5", *settings], method=method)
+
+
+def welcome(of: Scenario, uavs: tuple[int, ...] = UAVS) -> Welcome:
+    plan = starts(of).astype(FLOAT_OF_BITS[of.radio.bits_per_float])
+    return Welcome(NUMBER, f"agent-{uavs[0]}", uavs, 0, scenario.encode(of), plan)
+
+
+def states_at(tick: int, uavs: tuple[int, ...] = UAVS) -> state.States:
+    """Made-up states of some UAVs: the same UAV is at the same place whoever holds it."""
+    everyone = np.random.default_rng(tick).uniform([0, 0, -5, -5], [160, 110, 5, 5], (8, state.SIZE))
+    return everyone[list(uavs)]
+
+
+def sense(tick: int, *inbox: Frames, states: np.ndarray | None = None, report: bool = True) -> Sense:
+    return Sense(NUMBER, tick, states_at(tick) if states is None else states, report, False, inbox)
+
+
+def frames(kind: FrameKind, source: list[int], payload: Any, links: list[list[int]] | None, number: int = 1) -> Frames:
+    on_wire = None if links is None else np.array(links, dtype=np.int32).reshape(-1, 2)
+    return Frames(kind, number, np.array(source, dtype=np.int32), np.asarray(payload, dtype=np.float32), on_wire)
+
+
+def models(act: Act) -> np.ndarray:
+    assert act.models is not None
+    return act.models
+
+
+def kept(agent: Agent, tick: int) -> dict[str, Any]:
+    """What an agent replies to a request for all that it remembers."""
+    return control.decode_record(agent.act(Sense(NUMBER, tick, states_at(tick), True, True)).memory)

@@ -1,0 +1,199 @@
+"""A controller that goes wrong in flight is the loss of its own UAVs and of no others."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from meanflock.agent.controllers.base import Broadcast, Memory, Received, Step
+from meanflock.groundstation import engine as engines
+from meanflock.swarm.wire.messages import Status
+from tests.agent.strangers import BAD, QUIET, UAVS, Honest, changed, flown, fly, returns, spoiled, wrong
+
+
+def raises(self: Honest, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+    if self.is_time(memory):
+        raise ZeroDivisionError("nothing to divide by")
+    return Honest.step(self, memory, tick, own, received)
+
+
+def fails(*_: Any) -> Any:
+    raise KeyError("weights")
+
+
+def leaves(self: Honest, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+    if self.is_time(memory):
+        raise SystemExit(3)
+    return Honest.step(self, memory, tick, own, received)
+
+
+GOES_WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "raises": ({"step": raises}, "ZeroDivisionError: nothing to divide by"),
+    "calls it a day": ({"step": leaves}, "SystemExit: 3 (test_going_wrong.py, line"),
+    "returns nothing": ({"step": returns("step", lambda _: None)}, "`step` returns a NoneType; expected mf.Step("),
+    "returns an acceleration": ({"step": returns("step", lambda good: good.acceleration)}, "`step` returns a ndarray"),
+    "an acceleration of three axes": (
+        {"step": changed(acceleration=lambda good, bad: np.zeros((len(bad), 3)))},
+        "acceleration has shape",
+    ),
+    "too few diagnostics": ({"step": changed(diagnostics=lambda good, bad: np.zeros((len(bad), 0)))}, "Error"),
+    "no diagnostics": ({"step": changed(diagnostics=lambda good, bad: None)}, "Error"),
+    "a memory without an array": ({"step": changed(memory=lambda good, bad: {"uav": good.memory["uav"]})}, "memory"),
+    "a memory that changes its type": (
+        {"step": changed(memory=lambda good, bad: good.memory | {"ticks": good.memory["ticks"] * 1.0})},
+        "memory['ticks']",
+    ),
+    "a broadcast of nothing": (
+        {"step": changed(broadcasts=lambda good, bad: (Broadcast(np.zeros((len(bad), 0))),))},
+        "0)",
+    ),
+    "a broadcast too wide": (
+        {"step": changed(broadcasts=lambda good, bad: (Broadcast(np.zeros((len(bad), 5000))),))},
+        "5000",
+    ),
+    "too many broadcasts": ({"step": changed(broadcasts=lambda good, bad: good.broadcasts * 17)}, "17 broadcasts"),
+    "a broadcast of rows that are not there": (
+        {"step": changed(broadcasts=lambda good, bad: (Broadcast(np.zeros((1, 4)), np.array([len(bad)])),))},
+        "ascending",
+    ),
+    "a broadcast of texts": (
+        {"step": changed(broadcasts=lambda good, bad: (Broadcast(np.full((len(bad), 1), "x")),))},
+        "a broadcast of",
+    ),
+    "a broadcast of lists": (
+        {"step": changed(broadcasts=lambda good, bad: (Broadcast([[1.0]] * len(bad)),))},  # type: ignore[arg-type]
+        "a broadcast of a list; expected an array",
+    ),
+    "a broadcast that is none": (
+        {"step": changed(broadcasts=lambda good, bad: (np.zeros((len(bad), 4)),))},
+        "mf.Broadcast",
+    ),
+    "a broadcast alone": ({"step": changed(broadcasts=lambda good, bad: good.broadcasts[0])}, "of mf.Broadcast"),
+    "refuses who is not there": (
+        {"step": changed(refused=lambda good, bad: np.array([0, UAVS]))},
+        "`refused` names UAVs from 0 to 5; there are 0 … 4",
+    ),
+    "refuses who cannot be": (
+        {"step": changed(refused=lambda good, bad: np.array([-1]))},
+        "`refused` names UAVs from -1",
+    ),
+    "refuses a table": (
+        {"step": changed(refused=lambda good, bad: np.zeros((1, 2), int))},
+        "no array of numbers of UAVs",
+    ),
+    "refuses in words": ({"step": changed(refused=lambda good, bad: ["UAV 3"])}, "refused"),
+    "an acceleration that is no number": (
+        {"step": changed(acceleration=lambda good, bad: spoiled(good.acceleration, bad, np.nan))},
+        "its acceleration along x is nan",
+    ),
+    "an acceleration without end": (
+        {"step": changed(acceleration=lambda good, bad: spoiled(good.acceleration, bad, np.inf))},
+        "its acceleration along x is inf",
+    ),
+    "a diagnostic that is no number": (
+        {"step": changed(diagnostics=lambda good, bad: spoiled(good.diagnostics, bad, np.nan))},
+        "its speed is nan",
+    ),
+    "get raises": ({"get": returns("get", fails)}, "KeyError: 'weights'"),
+    "get of another shape": ({"get": returns("get", lambda good: good[:, :1])}, "`get` returns shape"),
+    "get that is no number": ({"get": returns("get", lambda good: good * np.nan)}, "not finite"),
+    "set raises": ({"set": returns("set", fails)}, "KeyError: 'weights'"),
+    "set of another shape": (
+        {"set": returns("set", lambda good: good | {"model": good["model"][:, :1]})},
+        "memory['model']",
+    ),
+    "report raises": ({"report": returns("report", fails)}, "KeyError: 'weights'"),
+    "report of another shape": ({"report": returns("report", lambda good: good[:, :1])}, "`report` returns shape"),
+    "report that is no number": ({"report": returns("report", lambda good: good + np.inf)}, "not finite"),
+}
+
+
+@pytest.mark.parametrize("what", GOES_WRONG)
+def test_a_controller_that_goes_wrong_costs_its_own_uav_in_one_process_as_in_many(what: str) -> None:
+    methods, text = GOES_WRONG[what]
+    of = flown(wrong(**methods), "federation.fraction=1.0", *QUIET)
+    together, alone = fly(of), fly(of, rows=1)
+    for summary, sink in (together, alone):
+        assert summary["ticks"] == 30
+        assert summary["dropped_messages"] == {}
+        assert summary["nodes_lost"] == 0
+        last = sink.blocks[-1].status[-1]
+        assert (last == Status.LOST).tolist() == [uav == BAD for uav in range(UAVS)]
+        lost = [said for kind, said in sink.events if kind == "diverged"]
+        assert len(lost) == 1
+        assert f"UAV {BAD}" in lost[0]
+        named = [said for kind, said in sink.events if "failed with UAV" in said]
+        assert len(named) == 1
+        assert all(f"UAV {BAD}: " in said and text in said for said in named)
+    assert together[0]["trajectory_sha256"] == alone[0]["trajectory_sha256"]
+    for one, other in zip(together[1].blocks, alone[1].blocks, strict=True):
+        np.testing.assert_array_equal(one.diagnostics, other.diagnostics)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.int64, list])
+def test_accelerations_of_any_number_do_where_no_diagnostics_are_declared(kind: Any) -> None:
+    def step(self: Honest, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        push = np.round(-0.05 * own[:, :2])
+        return Step(memory, push.tolist() if kind is list else push.astype(kind))
+
+    assert fly(flown(wrong(diagnostics=(), step=step)))[0]["lost"] == 0
+
+
+def test_who_refuses_itself_is_not_lost_for_it_and_who_writes_to_what_init_is_given_harms_nobody() -> None:
+    def init(self: Honest, uavs: np.ndarray, plan: np.ndarray) -> Memory:
+        memory = Honest.init(self, uavs, plan)
+        uavs += 1
+        return memory
+
+    def step(self: Honest, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        good = Honest.step(self, memory, tick, own, received)
+        return Step(good.memory, good.acceleration, good.diagnostics, good.broadcasts, memory["uav"])
+
+    hashes = set()
+    for rows in (None, 1):
+        summary, _ = fly(flown(wrong(init=init, step=step), *QUIET), rows)
+        assert (summary["lost"], summary["nodes_lost"], summary["dropped_messages"]) == (0, 0, {})
+        hashes.add(summary["trajectory_sha256"])
+    assert hashes == {fly(flown(Honest, *QUIET))[0]["trajectory_sha256"]}
+
+
+def test_a_memory_that_no_checkpoint_can_keep_costs_its_own_uav_and_not_the_checkpoint(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(engines, "_checkpoint_every", lambda *_: 10)
+
+    def init(self: Honest, uavs: np.ndarray, plan: np.ndarray) -> Memory:
+        return Honest.init(self, uavs, plan) | {"aside": np.ones((len(uavs), 2, 3))}
+
+    forgets = changed(memory=lambda good, bad: good.memory | {"aside": spoiled(good.memory["aside"], bad, np.nan)})
+    of = flown(wrong(init=init, step=forgets), *QUIET)
+    hashes = set()
+    for rows in (None, 1):
+        summary, sink = fly(of, rows)
+        hashes.add(summary["trajectory_sha256"])
+        assert summary["dropped_messages"] == {}
+        assert (sink.blocks[-1].status[-1] == Status.LOST).tolist() == [uav == BAD for uav in range(UAVS)]
+        (named,) = [said for kind, said in sink.events if "failed with UAV" in said]
+        assert f"UAV {BAD}: ValueError: memory['aside'] has numbers that are not finite" in named
+        assert sum(bool(block.checkpoint) for block in sink.blocks) >= 2
+    assert len(hashes) == 1
+
+
+def test_the_others_fly_as_if_it_had_been_lost_for_another_reason() -> None:
+    hashes = {
+        fly(flown(wrong(**GOES_WRONG[what][0]), "federation.fraction=1.0"))[0]["trajectory_sha256"]
+        for what in ("raises", "returns nothing", "a memory without an array", "an acceleration that is no number")
+    }
+    assert len(hashes) == 1
+
+
+def test_one_that_fails_for_all_its_rows_together_and_for_none_alone_loses_nobody() -> None:
+    def in_company(self: Honest, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        if len(own) > 1:
+            raise RuntimeError("too many")
+        return Honest.step(self, memory, tick, own, received)
+
+    strange, honest = fly(flown(wrong(step=in_company))), fly(flown(Honest))
+    assert strange[0]["trajectory_sha256"] == honest[0]["trajectory_sha256"]
+    assert strange[0]["lost"] == 0

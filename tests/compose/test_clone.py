@@ -1,0 +1,45 @@
+"""`docker compose up`, and nothing else, in a fresh clone."""
+
+import json
+
+import pyarrow.parquet as pq
+
+from tests.compose.containers import MARKS, Clone, docker
+from tests.polling import DEADLINE_S, until
+
+pytestmark = MARKS
+
+
+def test_plain_compose_up_in_a_fresh_clone_flies_and_ends_well(clone: Clone) -> None:
+    up = clone.up("seed=7 duration=20")
+    said, _ = up.communicate(timeout=DEADLINE_S)
+    assert up.returncode == 0, said
+    (folder,) = clone.runs.iterdir()
+    assert json.loads((folder / "summary.json").read_text())["ticks"] == 200
+    assert folder.stat().st_uid == 1000
+
+
+def test_plain_compose_up_fails_where_the_ground_station_cannot_write(clone: Clone) -> None:
+    clone.runs.mkdir(mode=0o555)
+    up = clone.up("seed=7 duration=20")
+    said, _ = up.communicate(timeout=DEADLINE_S)
+    assert up.returncode == 1, said
+    assert "--out /runs: Permission denied" in said
+    assert 'service "groundstation" didn\'t complete successfully: exit 2' in said
+
+
+def test_plain_compose_up_fails_when_the_ground_station_dies_and_again_goes_on_in_its_folder(clone: Clone) -> None:
+    for killed in (True, False):
+        written = clone.written()
+        up = clone.up("seed=7 duration=100000 stop=duration")
+        until(lambda written=written: clone.written() > written + 20_000, "telemetry")
+        if killed:
+            docker("kill", f"{clone.name}-groundstation-1")
+        else:
+            docker("stop", f"{clone.name}-worldsim-1")
+        said, _ = up.communicate(timeout=DEADLINE_S)
+        assert up.returncode == int(killed), said
+        assert ("didn't complete successfully: exit 137" in said) == killed
+    (folder,) = clone.runs.iterdir()
+    ticks = pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist()
+    assert ticks == list(range(json.loads((folder / "summary.json").read_text())["ticks"] + 1))

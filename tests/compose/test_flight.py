@@ -1,0 +1,138 @@
+"""Containers fly the trajectory of one process, and can do no more than they must."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+
+from meanflock.groundstation import certs
+from tests.compose.containers import ENDLESS, MARKS, REPOSITORY, SHORT, UAVS, USER, Compose, docker, docker_fails
+from tests.polling import DEADLINE_S, until
+
+pytestmark = MARKS
+
+
+def flown_alone(out: Path, *arguments: str) -> str:
+    """The trajectory of `SHORT` in one process, with the arithmetic the containers choose, whatever is set here."""
+    line = [sys.executable, "-m", "meanflock", "run", "--in-process", "--no-record", "--json", "--quiet"]
+    line += [word for setting in (*SHORT, f"uavs={UAVS}") for word in ("--set", setting)]
+    env = {name: value for name, value in os.environ.items() if not name.startswith("OPENBLAS")}
+    done = subprocess.run(
+        [*line, *arguments, "--out", str(out)], env=env, capture_output=True, text=True, timeout=60, cwd=REPOSITORY
+    )
+    assert done.returncode == 0, done.stderr
+    return str(json.loads(done.stdout)["trajectory_sha256"])
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return flown_alone(tmp_path_factory.mktemp("alone"))
+
+
+def test_containers_fly_the_trajectory_of_one_process_and_leave_the_run_folder(compose: Compose, alone: str) -> None:
+    compose.up(" ".join(SHORT))
+    summary = compose.finished()
+    assert summary["trajectory_sha256"] == alone
+    (folder,) = compose.out.iterdir()
+    assert {"scenario.toml", "summary.json", "timeseries.parquet", "events.jsonl", "recording.rrd"} == {
+        path.name for path in folder.iterdir()
+    }
+    for index in range(1, UAVS + 1):
+        assert compose.ended(compose.container("agent", index)) == 0
+
+
+def test_a_controller_in_a_mounted_file_flies_in_containers_as_in_one_process(compose: Compose, tmp_path: Path) -> None:
+    compose.up(" ".join([*SHORT, "method=spring"]), MEANFLOCK_PLUGINS="/plugins/spring.py")
+    summary = compose.finished()
+    expected = flown_alone(tmp_path / "alone", "--plugin", "examples/spring.py", "--method", "spring")
+    assert summary["trajectory_sha256"] == expected
+    assert (summary["method"], summary["lost"]) == ("spring", 0)
+    for index in range(1, UAVS + 1):
+        assert compose.ended(compose.container("agent", index)) == 0
+
+
+def test_under_tls_every_container_has_its_own_key_and_a_foreign_certificate_is_kept_out_and_counted(
+    compose: Compose, alone: str, tmp_path: Path
+) -> None:
+    good, foreign = tmp_path / "certs", tmp_path / "foreign"
+    certs.init(good, UAVS)
+    certs.init(foreign, UAVS)
+    compose.secure(good)
+    agents = [f"agent-{uav}" for uav in range(UAVS)]
+    compose.up(" ".join(SHORT), "worldsim", "leader", "groundstation", *agents[:-1])  # the flight waits for the last
+    own = {"worldsim": "world", "groundstation": "station"}
+    assert set(compose.containers().values()) == {"worldsim", "leader", "groundstation", *agents[:-1]}
+    for container, service in compose.containers().items():
+        name = own.get(service, service)
+        assert docker("exec", container, "ls", "/certs").split() == sorted(["ca.pem", f"{name}.key", f"{name}.pem"])
+    mounts = {"ca.pem": good, f"{agents[-1]}.pem": foreign, f"{agents[-1]}.key": foreign}
+    line = ["run", "--rm", "--network", f"{compose.name}_swarm", "--user", str(USER)]
+    line += [word for file, folder in mounts.items() for word in ("-v", f"{folder / file}:/certs/{file}:ro")]
+    line += ["meanflock-agent:local", "meanflock.agent", "--endpoint", "tls/worldsim:7447", "--run", compose.name]
+    line += ["--tls", "/certs", "--wait", "3"]
+    intruder = subprocess.run(["docker", *line], capture_output=True, text=True, timeout=DEADLINE_S)
+    assert intruder.returncode == 1, intruder.stderr
+    assert f"refuses /certs/{agents[-1]}.pem" in intruder.stderr
+    compose.up(" ".join(SHORT), agents[-1])
+    summary = compose.finished()
+    assert summary["trajectory_sha256"] == alone
+    assert summary["dropped_messages"].keys() == {"refused-link"}
+    assert "UnknownIssuer" in compose("logs", "worldsim")
+    for agent in ("leader", *agents):
+        assert compose.ended(compose.container(agent)) == 0
+
+
+def test_containers_are_healthy_can_do_no_more_than_they_must_and_end_when_they_are_asked(compose: Compose) -> None:
+    compose.up(ENDLESS)
+    compose.flying()
+    for container, service in compose.containers().items():
+        until(lambda c=container: compose.state(c)["Health"]["Status"] == "healthy", f"{container} to be healthy")
+        assert int(docker("exec", container, "id", "-u")) == USER
+        assert "Read-only" in docker_fails("exec", container, "touch", "/app/new")
+        docker("exec", container, "touch", "/tmp/new")
+        powers = docker("exec", container, "grep", "-E", "Cap(Inh|Prm|Eff|Bnd)|NoNewPrivs", "/proc/self/status")
+        assert [line.split()[1].lstrip("0") for line in powers.splitlines()] == ["", "", "", "", "1"]
+        limits = compose.inspect(container, "HostConfig")
+        memory_mb = {"worldsim": 512, "groundstation": 1024}.get(service, 256)
+        assert (limits["Memory"], limits["Privileged"]) == (memory_mb * 2**20, False)
+        assert limits["NanoCpus"] > 0
+        assert limits["PidsLimit"] > 0
+        assert compose.inspect(container, "Config")["StopSignal"] == "SIGINT"
+    docker("stop", compose.container("agent", 2))
+    assert compose.state(compose.container("agent", 2))["ExitCode"] == 0  # 137: had to be killed
+    until(lambda: compose.events("lost"), "the loss")
+    docker("stop", compose.container("worldsim"))
+    for container, service in compose.containers().items():
+        assert compose.ended(container) == int(service == "worldsim"), docker("logs", container)  # 1: interrupted
+    assert compose.summary()["lost"] == 1
+
+
+@pytest.mark.alone
+def test_25_containers_keep_to_the_wall_clock_and_can_be_read_meanwhile(compose: Compose) -> None:
+    flags = {"MEANFLOCK_UAVS": "25", "MEANFLOCK_REALTIME": "1", "MEANFLOCK_METRICS": "0.0.0.0:9464"}
+    compose.up("seed=7 duration=20 stop=duration", **flags, MEANFLOCK_LOG_FORMAT="json")
+    read = "import urllib.request as u; print(u.urlopen('http://127.0.0.1:9464/metrics').read().decode())"
+
+    def metrics() -> dict[tuple[str, frozenset[tuple[str, str]]], float]:
+        text = compose("exec", "-T", "worldsim", "python", "-c", read, check=False)
+        families = text_string_to_metric_families(text)
+        return {(s.name, frozenset(s.labels.items())): s.value for family in families for s in family.samples}
+
+    until(lambda: metrics().get(("meanflock_ticks_total", frozenset()), 0) > 0, "the first tick")
+    seen = metrics()
+    assert seen["meanflock_nodes_alive", frozenset({("role", "agent")})] == 25
+    summary = compose.finished()
+    kept = summary["realtime"]
+    print(f"real_time_factor {summary['real_time_factor']:.4f}, {summary['held_commands']} held, {kept}")
+    assert summary["ticks"] == 200
+    assert summary["lost"] == 0
+    assert summary["real_time_factor"] == pytest.approx(1.0, rel=0.05)
+    assert summary["wall_time_s"] >= 20.0
+    assert 0 <= kept["deadline_misses"] <= summary["held_commands"] <= 25 * 200
+    assert 0.0 <= kept["tick_start_jitter_ms"]["mean"] <= kept["tick_start_jitter_ms"]["max"]
+    said = subprocess.run(["docker", "logs", compose.container("worldsim")], capture_output=True, text=True).stderr
+    assert {(line["run"], line["node"]) for line in map(json.loads, said.splitlines())} == {(compose.name, "world")}

@@ -1,0 +1,91 @@
+"""A flight goes on whatever happens to a container."""
+
+import pyarrow.parquet as pq
+
+from tests.compose.containers import ENDLESS, ENDLESS_ALONE, LONG, MARKS, UAVS, Compose, docker
+from tests.polling import until
+
+pytestmark = MARKS
+
+
+def test_a_killed_agent_is_lost_and_the_flight_goes_on(compose: Compose) -> None:
+    compose.up(ENDLESS)
+    compose.flying()
+    docker("kill", compose.container("agent", 2))
+    losses = until(lambda: compose.events("lost"), "the loss")
+    assert len(losses) == 1, losses
+    written = compose.written()
+    until(lambda: compose.written() > written, "the flight to go on")
+    docker("stop", compose.container("worldsim"))
+    assert compose.ended(compose.container("groundstation")) == 0
+    summary = compose.summary()
+    assert (summary["nodes_lost"], summary["lost"]) == (1, 1)
+    assert summary["ticks"] > losses[0]["tick"]
+
+
+def test_a_paused_agent_stalls_nobody_longer_than_the_barrier(compose: Compose) -> None:
+    compose.up(LONG, MEANFLOCK_BARRIER="2")
+    compose.flying()
+    docker("pause", compose.container("agent", 1))
+    until(lambda: compose.events("lost"), "the loss")
+    summary = compose.finished()
+    docker("unpause", compose.container("agent", 1))
+    assert summary["lost"] == 1
+    assert summary["ticks"] == 4000
+
+
+def test_an_agent_cut_off_beyond_the_lease_is_lost_and_comes_back_when_it_can(compose: Compose) -> None:
+    compose.up(ENDLESS_ALONE)
+    compose.flying()
+    agent, network = compose.container("agent", 3), f"{compose.name}_swarm"
+    docker("network", "disconnect", network, agent)
+    until(lambda: compose.events("lost"), "the loss")
+    until(lambda: "lost the session" in compose("logs", "agent"), "the agent to miss the world")
+    docker("network", "connect", "--alias", "agent", network, agent)
+
+    def uavs(kind: str) -> list[int]:
+        return sorted(uav for event in compose.events(kind) for uav in event["uavs"])
+
+    # The router may stand still while it closes the dead link; who is taken for lost meanwhile comes back as well.
+    until(lambda: uavs("rejoined") == uavs("lost"), "the agent to come back")
+    written = compose.written()
+    until(lambda: compose.written() > written + 20_000, "the flight to go on")
+    docker("stop", compose.container("worldsim"))
+    assert compose.ended(compose.container("groundstation")) == 0
+    assert compose.ended(agent) == 0
+    summary = compose.summary()
+    assert summary["lost"] == 0
+    assert summary["nodes_lost"] == summary["nodes_rejoined"] >= 1
+
+
+def test_an_agent_beyond_the_swarm_stands_by_for_one_that_is_lost_and_fewer_are_a_loss(compose: Compose) -> None:
+    compose.up(ENDLESS)
+    compose.flying()
+
+    def scale(agents: int) -> None:
+        compose("up", "-d", "--no-build", "--pull", "never", "--no-recreate", "--scale", f"agent={agents}", "agent")
+
+    scale(UAVS + 1)
+    assert compose.events("lost") == []
+    docker("rm", "--force", compose.container("agent", 2))
+    until(lambda: compose.events("rejoined"), "the one beyond to take over")
+    assert compose.state(compose.container("agent", UAVS + 1))["Running"]
+    scale(UAVS - 1)
+    until(lambda: len(compose.events("lost")) == 2, "the loss")
+    docker("stop", compose.container("worldsim"))
+    assert compose.ended(compose.container("groundstation")) == 0
+    assert compose.summary()["lost"] == 1
+
+
+def test_a_restarted_ground_station_goes_on_in_its_folder(compose: Compose) -> None:
+    compose.up(ENDLESS)
+    compose.flying()
+    for end in ("stop", "kill"):
+        docker(end, compose.container("groundstation"))
+        written = compose.written()  # 0 where it could complete its folder
+        docker("start", compose.container("groundstation"))
+        until(lambda written=written: compose.written() > written + 20_000, "another station to record")
+    docker("stop", compose.container("worldsim"))
+    assert compose.ended(compose.container("groundstation")) == 0
+    (folder,) = compose.out.iterdir()
+    assert pq.read_table(folder / "timeseries.parquet").num_rows == compose.summary()["ticks"] + 1

@@ -1,0 +1,37 @@
+"""Swarms with clusters, and what their leader makes of a round."""
+
+from typing import Any
+
+import numpy as np
+
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import FrameKind, Frames
+from tests.faults.conftest import Lab, scenario
+
+FLOATS, PERIOD = 108, 20
+CLEAR = ("radio.bits_per_float=64", "radio.target_snr_db=60")  # nothing is lost, nothing rounded
+ROUGH = (  # three slots of eight, a third of a tick each: some are lost, the others take one to three ticks
+    "radio.bits_per_float=64",
+    "radio.coherence_time_s=0.03",
+    "radio.bandwidth_hz=3333",
+    "radio.target_snr_db=104.3",
+)
+SLOW = ("radio.coherence_time_s=0.03", "radio.target_snr_db=76")  # uploads take up to three ticks, some are lost
+
+
+def swarm(*settings_: str, uavs: int = 12, clusters: int = 3) -> Scenario:
+    return scenario(f"uavs={uavs}", f"federation.clusters={clusters}", *settings_)
+
+
+def globals_of(of: Scenario) -> list[np.ndarray]:
+    """The models a flight's leader broadcasts, by round."""
+    lab, heard = Lab(of), list[np.ndarray]()
+    send = lab.world.air.send
+
+    def listen(tick: int, frames: list[Frames], *rest: Any) -> Any:
+        heard.extend(batch.payload[0] for batch in frames if batch.kind == FrameKind.GLOBAL)
+        return send(tick, frames, *rest)
+
+    lab.world.air.send = listen  # type: ignore[method-assign, assignment]
+    lab.fly()
+    return heard

@@ -1,0 +1,55 @@
+"""Runs that die in the middle, and go on."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from meanflock.groundstation.cli import main
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.results import RunFolder
+from meanflock.swarm.scenario import Scenario
+
+LATER = "duration=35"  # checkpoints in ticks 1, 101, 201 and 301
+TIMING = {"wall_time_s", "real_time_factor", "mode"}
+
+
+class Died(Exception):
+    """What ends a flight in the middle of these tests."""
+
+
+def flight(out: Path, flown: Scenario, dies_at: int | None = None, rows: int | None = None) -> dict[str, Any]:
+    """A run into a folder; where it dies, only what is on the disk is left."""
+    folder = RunFolder(out, "run", flown)
+    engine = Engine(flown, "run", sinks=[folder], uavs_per_node=rows)
+    for tick in engine.fly():
+        if tick == dies_at:
+            folder._background.wait()  # a checkpoint is written beside the flight
+            folder._spool = None  # type: ignore[assignment]  # as after kill -9: nothing is completed
+            folder._events.close()
+            raise Died
+    summary = engine.world.finish()
+    with folder:
+        folder.summarise(summary)
+    return json.loads((folder.path / "summary.json").read_text())
+
+
+def dead(out: Path, flown: Scenario, at: int, rows: int | None = None) -> Path:
+    with pytest.raises(Died):
+        flight(out, flown, at, rows)
+    return out / "run"
+
+
+def resumed(folder: Path, *flags: str) -> dict[str, Any]:
+    assert main(["resume", str(folder), "--in-process", "--no-record", "--quiet", "--json", *flags]) == 0
+    return json.loads((folder / "summary.json").read_text())
+
+
+def steady(summary: dict[str, Any], *but: str) -> dict[str, Any]:
+    return {k: v for k, v in summary.items() if k not in TIMING | set(but)}
+
+
+def events(folder: Path, *without: str) -> list[Any]:
+    told = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
+    return [event for event in told if event["kind"] not in without]

@@ -1,0 +1,145 @@
+"""`view` and `picture`: of a run that is over, or that died, and not of one that flies; and with a display."""
+
+import os
+import socket
+import subprocess
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from meanflock.groundstation import display, viewer
+from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.recorded import recorded
+from meanflock.groundstation.recording import Recorder
+from meanflock.groundstation.results import RunFolder
+from meanflock.groundstation.viewer import verify
+from meanflock.swarm import scenario
+from meanflock.swarm.errors import (
+    EXIT_BAD_INPUT,
+    EXIT_DONE,
+    EXIT_RUN_FAILED,
+    RunFailed,
+)
+
+
+def test_view_of_a_folder_without_a_recording_says_so(run, tmp_path) -> None:
+    code, _, err = run("view", str(tmp_path))
+    assert code == EXIT_BAD_INPUT
+    assert "recording" in err
+
+
+def test_view_of_a_killed_run_opens_its_recording_filled_from_its_time_series(run, tmp_path, monkeypatch) -> None:
+    flown = scenario.load(None, ["duration=12", "stop=duration"], uavs=3)
+    folder = RunFolder(tmp_path, "killed", flown)
+    recorder = Recorder(flown, "killed", folder.path / "recording.rrd")
+    for _ in Engine(flown, "killed", sinks=[folder, recorder]).fly():
+        pass
+    recorder._pending = []  # as after kill -9: nothing is sent, nothing completed
+    recorder.close()
+    with (folder.path / "recording.rrd").open("r+b") as file:
+        file.truncate(file.seek(0, os.SEEK_END) - 100)
+    folder._background.wait()
+    folder._spool = None  # type: ignore[assignment]
+    folder._events.close()
+    opened: list[Path] = []
+
+    def close_at_once(path: Path) -> "subprocess.Popen[bytes]":
+        opened.append(path)
+        return subprocess.Popen(["true"])
+
+    monkeypatch.setattr(display, "check", lambda _: None)
+    monkeypatch.setattr(viewer, "open_viewer", close_at_once)
+    code, _, _ = run("view", str(folder.path))
+    assert (code, opened) == (EXIT_DONE, [folder.path / "recording.rrd"])
+    rows = len(pq.read_table(folder.path / "timeseries.parquet"))
+    assert recorded(opened).ticks.tolist() == list(range(rows))
+    assert rows > 100
+
+
+@pytest.mark.parametrize("verb", [("view", "--web"), ("plot",), ("picture", "-o", "p.png")], ids=" ".join)
+def test_a_run_that_still_flies_is_not_completed_under_its_hands(run, tmp_path, verb) -> None:
+    flown = scenario.load(None, ["duration=4", "stop=duration"], uavs=3)
+    with (
+        RunFolder(tmp_path, "flying", flown) as folder,
+        Recorder(flown, "flying", folder.path / "recording.rrd") as recorder,
+    ):
+        engine = Engine(flown, "flying", sinks=[folder, recorder])
+        for tick in engine.fly():
+            if tick == 30:
+                code, _, err = run(*verb, str(folder.path))
+                assert (code, err.count("\n")) == (EXIT_BAD_INPUT, 1)
+                assert "still writes this run" in err
+        engine.world.finish()
+    assert verify(folder.path / "recording.rrd") is None
+    assert recorded([folder.path / "recording.rrd"]).ticks[-1] == 40
+    assert len(pq.read_table(folder.path / "timeseries.parquet")) == 41
+
+
+@pytest.fixture
+def flown(run, tmp_path) -> Path:
+    """The folder of a recorded flight of 2 s."""
+    assert run("run", "--in-process", "--quiet", "--uavs", "2", "--duration", "2")[0] == EXIT_DONE
+    (folder,) = (tmp_path / "runs").iterdir()
+    return folder
+
+
+@pytest.mark.parametrize("at", [None, "127.0.0.1:77", ":77", "elsewhere"])
+def test_without_a_display_view_fails_and_says_what_works(run, monkeypatch, flown, at) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    if at is not None:
+        monkeypatch.setenv("DISPLAY", at)
+    code, out, err = run("view", str(flown))
+    assert (code, out, err.count("\n")) == (EXIT_RUN_FAILED, "", 1)
+    for part in ("no display", f"meanflock picture {flown}", f"meanflock view {flown} --web", at or "DISPLAY"):
+        assert part in err
+
+
+def test_without_a_display_run_view_fails_before_anything_is_flown(run, tmp_path, monkeypatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    code, _, err = run("run", "--in-process", "--view", "--uavs", "2", "--duration", "2")
+    assert code == EXIT_RUN_FAILED
+    assert "meanflock picture" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_display_is_one_at_which_somebody_listens(tmp_path, monkeypatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-7")
+    with pytest.raises(RunFailed, match="nobody answers at WAYLAND_DISPLAY=wayland-7; instead"):
+        display.check("instead")
+    with socket.socket(socket.AF_UNIX) as compositor:
+        compositor.bind(str(tmp_path / "wayland-7"))
+        compositor.listen()
+        display.check("instead")
+
+
+def test_a_viewer_that_ends_with_an_error_is_a_failure(run, monkeypatch, flown) -> None:
+    monkeypatch.setattr(display, "check", lambda _: None)
+    monkeypatch.setattr(viewer, "_program", lambda: ["false"])
+    monkeypatch.setattr("meanflock.groundstation.cli_look._complete", lambda *_: None)
+    code, _, err = run("view", str(flown))
+    assert code == EXIT_RUN_FAILED
+    assert "the viewer ended with 1" in err
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (("-o", "p.jpg"), ".png"),
+        (("-o", "p.png", "--size", "1920"), "WIDTHxHEIGHT"),
+        (("-o", "p.png", "--size", "20x-20"), "WIDTHxHEIGHT"),
+        (("-o", "file/p.png"), "file/p.png"),
+        ((), "-o"),
+    ],
+)
+def test_a_picture_that_cannot_be_drawn_is_refused(run, tmp_path, flown, flags, says) -> None:
+    (tmp_path / "file").write_text("")
+    code, _, err = run("picture", str(flown), *flags)
+    assert (code, err.count("\n")) == (EXIT_BAD_INPUT, 1)
+    assert says in err
+    assert not list(tmp_path.rglob("*.png"))

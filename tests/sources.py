@@ -1,0 +1,109 @@
+"""The modules of the project, as text and as trees."""
+
+import ast
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+ROOMS = ("swarm", "kernels", "agent", "leader", "channel", "worldsim", "groundstation")
+CLI = "meanflock.groundstation.cli"  # with all that is called so: the commands are calls of the Python door
+DOOR = sorted(path for path in (ROOT / "meanflock").rglob("*.py") if path.relative_to(ROOT).parts[1] not in ROOMS)
+MODULES = sorted(path for room in ROOMS for path in (ROOT / room).rglob("*.py")) + DOOR
+TESTS = sorted((ROOT / "tests").rglob("*.py"))
+
+
+def name_of(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+@cache
+def text(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(text(path), str(path))
+
+
+@cache
+def nodes(path: Path) -> list[ast.AST]:
+    return list(ast.walk(tree(path)))
+
+
+@cache
+def imported(path: Path) -> set[str]:
+    """Dotted names of every import in a module, wherever it stands."""
+    names: set[str] = set()
+    for node in nodes(path):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{name_of(path)}:{node.lineno}: imports here are absolute"
+            names.add(node.module or "")
+    return names
+
+
+def module_of(path: Path) -> str:
+    """What a file is imported as."""
+    parts = list(path.relative_to(ROOT).with_suffix("").parts)
+    parts = parts if parts[0] == "meanflock" else ["meanflock", *parts]
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+NAMES = {module_of(path): path for path in MODULES}
+
+
+def needed(path: Path) -> set[str]:
+    """The modules of ours that a module imports, type-checking imports included; a package only where a name of its own
+    is taken, not on the way to one of its modules."""
+    names: set[str] = set()
+    for node in nodes(path):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            of = {alias.name: f"{node.module}.{alias.name}" for alias in node.names}
+            names |= {name if name in NAMES else str(node.module) for name in of.values()}
+    return (names & set(NAMES)) - {module_of(path)}
+
+
+def room_of(module: str) -> str:
+    """The room a module belongs to; the command line is one of its own."""
+    if module.startswith(CLI) or module in ("meanflock.groundstation.command", "meanflock.__main__"):
+        return "cli"
+    second = module.split(".")[1] if "." in module else ""
+    return second if second in ROOMS else "door"
+
+
+def users_of(*libraries: str) -> set[str]:
+    return {name_of(path) for path in MODULES if any(i.split(".")[0] in libraries for i in imported(path))}
+
+
+def dotted(node: ast.AST) -> str:
+    if isinstance(node, ast.Attribute):
+        return f"{dotted(node.value)}.{node.attr}"
+    return node.id if isinstance(node, ast.Name) else ""
+
+
+def documentable(body: list[ast.stmt]) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef]:
+    """Public functions and classes, and public methods of those classes."""
+    for node in body:
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) and node.name[0] != "_":
+            yield node
+            if isinstance(node, ast.ClassDef):
+                yield from documentable(node.body)
+
+
+@cache
+def promised() -> set[str]:
+    """Methods a Protocol, or the base class of a kind of plug-in, documents once for all who keep its promise."""
+    return {
+        method.name
+        for path in MODULES
+        for promise in nodes(path)
+        if isinstance(promise, ast.ClassDef)
+        and (path.name == "base.py" or any(dotted(base) == "Protocol" for base in promise.bases))
+        for method in documentable(promise.body)
+        if ast.get_docstring(method)
+    }

@@ -1,0 +1,46 @@
+"""What tests of `swarm` share."""
+
+import socket
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from meanflock import kernels
+from meanflock.swarm.net.bus import Bus, MemoryNetwork
+from meanflock.swarm.net.session import ZenohBus
+from tests.swarm.backends import BACKENDS, Backend
+
+Open = Callable[[], Bus]
+
+
+def free_endpoint() -> str:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return f"tcp/127.0.0.1:{server.getsockname()[1]}"
+
+
+@pytest.fixture(params=["memory", "zenoh"])
+def network(request: pytest.FixtureRequest) -> Iterator[Open]:
+    """Opens participants: the first is the hub."""
+    opened: list[Bus] = []
+    memory = MemoryNetwork()
+    endpoint = free_endpoint()
+
+    def open_one() -> Bus:
+        if request.param == "memory":
+            opened.append(memory.endpoint())
+        else:
+            opened.append(ZenohBus.client(endpoint) if opened else ZenohBus.router(endpoint))
+        return opened[-1]
+
+    yield open_one
+    for bus in reversed(opened):
+        bus.close()
+
+
+@pytest.fixture(params=BACKENDS)
+def backend(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Backend:
+    """Every form of the reader and the writer of a tick's messages, one after the other."""
+    chosen = BACKENDS[request.param]
+    monkeypatch.setattr(kernels, "read", chosen.read)
+    monkeypatch.setattr(kernels, "write", chosen.write)
+    return chosen
