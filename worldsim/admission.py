@@ -27,6 +27,7 @@ from meanflock.worldsim.reporter import Note
 log = logging.getLogger("meanflock.world")
 
 MAX_DROP_EVENTS = 100  # the counters go on
+MAX_EVENTS = 100  # of a node, and one more for each of its UAVs
 _OF_REPEATS = ("duplicate", "stale")  # what a second answer to a question that was put twice is, in its tick or after
 
 
@@ -185,6 +186,9 @@ class Admission:
         if isinstance(message, Ready):
             self._welcome(member)
         elif isinstance(message, Event):
+            member.events += 1
+            if member.events > MAX_EVENTS + member.rows:  # they are kept, here and on the ground
+                raise MessageRejected("oversized", f"event {member.events} of a node, which may tell no more")
             self._note(member.role, f"{member.name}: {printable(message.text)}")
         elif isinstance(message, Refusal):
             self._refused(member, printable(message.reason))

@@ -30,6 +30,7 @@ class Member:
     role: str
     uavs: NDArray[np.intp]  # ascending; none for a leader
     since_s: float = 0.0  # when it was admitted, on the world's clock
+    events: int = 0  # it wanted in the log
     ready: bool = False
     lost: bool = False
 

@@ -131,6 +131,7 @@ class World:
         end = self._clock() + timeout_s
         while not self._admission.complete:
             self._admission.check(timeout_s if self._clock() > end else None, cancelled())
+            self._admission.expire(timeout_s / 2)  # who died before it was ready leaves time for another
             self._wait(0.1)
         nodes = f"{len(self.members.present)} nodes hold {self._scenario.uavs} UAVs"
         again = "" if self._resumed is None else f" and go on from tick {self.flight.tick}"

@@ -1,14 +1,19 @@
 """A node that is lost costs nobody else anything, and another may take its place."""
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 
 from meanflock.agent.node import Agent
+from meanflock.leader.node import Leader
 from meanflock.swarm.errors import BusError, RunFailed
 from meanflock.swarm.net import keys
-from meanflock.swarm.net.bus import Delivery
+from meanflock.swarm.net.bus import Delivery, MemoryNetwork
+from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Act, Join, Ready, Status, Stop
+from meanflock.worldsim.node import World
 from tests.faults.conftest import RUN, Lab, scenario
 
 NUMBER = keys.fingerprint(RUN)
@@ -155,12 +160,6 @@ def test_who_was_admitted_and_is_ready_only_after_the_flight_is_sent_home_all_th
 
 
 def test_who_is_lost_before_take_off_is_missing_and_another_takes_the_place() -> None:
-    from meanflock.agent.node import Agent
-    from meanflock.leader.node import Leader
-    from meanflock.swarm.net.bus import MemoryNetwork
-    from meanflock.swarm.net.client import NodeClient
-    from meanflock.worldsim.node import World
-
     network = MemoryNetwork()
     hub = network.endpoint()
     world = World(scenario("uavs=1"), hub, RUN)
@@ -180,6 +179,31 @@ def test_who_is_lost_before_take_off_is_missing_and_another_takes_the_place() ->
     for _ in world.fly():
         pass
     assert world.finish(0.0)["lost"] == 0
+
+
+def test_a_node_that_was_let_in_and_never_got_ready_does_not_keep_all_others_on_the_ground(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    network = MemoryNetwork()
+    hub, stranger, bus = (network.endpoint() for _ in range(3))
+    now = 0.0
+    world = World(scenario("uavs=1", method="cruise"), hub, RUN, clock=lambda: now)
+    hub.handler = world.handle
+    monkeypatch.setattr(world, "_wait", lambda timeout_s: None)
+    assert stranger.ask(keys.join(RUN, "agent"), control.encode(Join("agent", 1)), 1.0) is not None
+    client = NodeClient(bus, RUN)
+    bus.handler = client.handle
+
+    def tries() -> bool:
+        nonlocal now
+        now += 1.0
+        with suppress(BusError):
+            client.join(Join("agent", 1), Agent, 0.0)
+        return False
+
+    world.gather(60.0, tries)
+    assert now < 40.0
+    assert [member.name for member in world.members.present] == ["agent-0.2"]
 
 
 def test_two_nodes_lost_at_the_same_barrier_do_not_hold_up_the_end_of_a_mission_that_waits_for_arrivals() -> None:

@@ -9,7 +9,7 @@ from meanflock.groundstation.engine import Engine
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Ready, Received, Refusal, Sense, Stop
+from meanflock.swarm.wire.messages import Act, Event, FrameKind, Frames, Join, Ready, Received, Refusal, Sense, Stop
 from meanflock.swarm.wire.tick import TYPES, read_sense, write_act, write_sense
 from tests.groundstation.flights import INT8, NUMBER, RUN, UAVS, Kept, fly, scenario, steady
 
@@ -157,6 +157,18 @@ def test_a_flood_is_counted_but_does_not_flood_the_log_of_events() -> None:
     assert engine.world.finish()["dropped_messages"] == {"unknown-node": 600}
     events = [event.kind for block in kept.blocks for event in block.events]
     assert events.count("dropped") == 100
+
+
+def test_a_node_that_tells_events_without_end_floods_the_log_no_more_than_what_is_dropped() -> None:
+    kept = Kept()
+    engine = Engine(scenario("mfg", "duration=3"), RUN, sinks=[kept], uavs_per_node=2)
+    for tick in engine.fly():
+        for _ in range(20):
+            said = control.encode(Event(tick, "failed", "again"))
+            engine.world.handle(Delivery("message", keys.act(RUN, "agent-0"), said))
+    assert engine.world.finish()["dropped_messages"] == {"oversized": 600 - 102}  # 100, and one for each of its UAVs
+    events = [event.kind for block in kept.blocks for event in block.events]
+    assert (events.count("agent"), events.count("dropped")) == (102, 100)
 
 
 def test_hostile_questions_and_receipts_are_dropped_too() -> None:
