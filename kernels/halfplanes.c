@@ -89,7 +89,7 @@ double nearest(const double *wanted, const double *normals, const double *bounds
         const double *n = normals + 2 * k, length = sqrt(n[0] * n[0] + n[1] * n[1]);
         x[k] = n[0] / length, y[k] = n[1] / length, bound[k] = bounds[k] / length;
         lengths[k] = length;
-        if (isfinite(x[k]) && isfinite(y[k]) && isfinite(bound[k])) continue;
+        if (isfinite(length) && isfinite(x[k]) && isfinite(y[k]) && isfinite(bound[k])) continue;
         x[k] = y[k] = 0.0, bound[k] = -INFINITY, lengths[k] = 1.0;
     }
     const Planes planes = {x, y, bound, lengths, count};

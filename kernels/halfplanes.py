@@ -25,14 +25,14 @@ def nearest(wanted: Floats, normals: Floats, bounds: Floats, limit: float, found
 
     Args:
         wanted: (M, 2); a row that is not finite is returned as NaN. normals: (M, K, 2), of any length, by which a
-            half-plane weighs where not all can be kept; one whose normal is 0, or that is not finite, asks for nothing.
+            half-plane weighs where not all can be kept; one whose length is 0, or that is not finite, asks for nothing.
         bounds: (M, K). found: (M, 2), written. missing: (M,), written: 0, or where no point keeps all half-planes the
             least that the largest b_k − n_k·a can be, and `found` is the nearest of the points where it is.
     """
     with np.errstate(all="ignore"):
         length = np.sqrt(normals[..., 0] * normals[..., 0] + normals[..., 1] * normals[..., 1])
         x, y, bound = normals[..., 0] / length, normals[..., 1] / length, bounds / length
-        asks = np.isfinite(x) & np.isfinite(y) & np.isfinite(bound)
+        asks = np.isfinite(length) & np.isfinite(x) & np.isfinite(y) & np.isfinite(bound)
         x, y, bound = np.where(asks, x, 0.0), np.where(asks, y, 0.0), np.where(asks, bound, -np.inf)
         length = np.where(asks, length, 1.0)
         point, kept = _project(wanted, x, y, bound, limit)

@@ -139,6 +139,7 @@ def test_of_those_that_miss_least_it_is_the_nearest(backend: ModuleType) -> None
         ([[0.0, 0.0]], [5.0], (2.0, 0.0), 0.0),  # no direction: nothing is asked
         ([[np.nan, 1.0], [1.0, np.inf]], [5.0, 5.0], (2.0, 0.0), 0.0),
         ([[-1.0, 0.0]], [np.inf], (2.0, 0.0), 0.0),
+        ([[-1e160, 0.0], [0.0, 4.0]], [1.0, 16.0], (0.0, 3.0), 4.0),  # its length is not finite
         ([[-2.0, 0.0]], [-2.0], (1.0, 0.0), 0.0),
         ([[-2.0, 0.0]] * 3, [-2.0] * 3, (1.0, 0.0), 0.0),
         ([[0.0, 4.0]], [16.0], (0.0, 3.0), 4.0),  # beyond the disc

@@ -83,6 +83,7 @@ def test_a_number_that_does_not_fit_cannot_be_written(field: str, number: int) -
         (ACT, 1, 1, 0, 0, 0, b"", (b"",)),
         (SENSE, 1, 1, 0, 0, 0, b"", (b"",), [(0, 0, 0, 2, bytes(4), bytes(3), b"")]),
         (SENSE, 1, 1, 0, 0, 0, b"", (b"",), [(0, 0, 0, 2, bytes(4), bytes(4), bytes(7))]),
+        (SENSE, 1, 1, 0, 0, 0, b"", (b"",), [(0, 0, 0, 2, bytes(5), bytes(4), b"")]),
         (SENSE, 1, 1, 0, 0, 0, b"", (b"",), [(128, 0, 0, 2, bytes(4), bytes(4), b"")]),
         (SENSE, 1, 1, 0, 0, 0, b"", (b"",), [(0, 0, len(DTYPES), 2, bytes(4), bytes(4), b"")]),
         (SENSE, 1, 1, 0, 0, 0, b"", (b"",), [(0, 2**32, 0, 2, bytes(4), bytes(4), b"")]),
