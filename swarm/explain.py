@@ -79,15 +79,17 @@ def _choices(root: type, place: str) -> str:
 
 
 def _meant(root: type, place: str, name: str) -> str | None:
-    """The key that looks like `name`: of this table, or else of another."""
+    """The key that looks like `name` of this table, or else is called so in another; unless it is one of a list."""
     tables = [kind for kind in _at(root, place) if isinstance(kind, inspect.StructType)]
     here = sorted({field.encode_name for table in tables for field in table.fields})
     close = difflib.get_close_matches(name, here, 1)
     if close:
         return f"{place}.{close[0]}" if place else close[0]
+    if place.endswith("]"):
+        return None
     keys = list(_keys(inspect.type_info(root)))
     same = [key for key in keys if key.rpartition(".")[2] == name]
-    return next(iter(same or difflib.get_close_matches(f"{place}.{name}".lstrip("."), keys, 1)), None)
+    return next(iter(same or ([] if place else difflib.get_close_matches(name, keys, 1))), None)
 
 
 def _keys(kind: inspect.Type, path: str = "") -> Iterator[str]:

@@ -176,6 +176,14 @@ def test_a_bad_setting_is_bad_input_with_one_line(setting: str, parts: tuple[str
     one_line(caught, *parts)
 
 
+@pytest.mark.parametrize("text", ["obstacles=[{x = 1.0}]", "obstacles=[{sigma = 1.0}]", "wind.x=1"])
+def test_no_key_is_suggested_where_none_of_that_table_is_meant(text: str) -> None:
+    with pytest.raises(BadInput) as caught:
+        load(None, [text])
+    one_line(caught, "there is no key", MEND)
+    assert "did you mean" not in str(caught.value)
+
+
 def test_a_fault_script_that_is_not_there_is_called_one(tmp_path: Path) -> None:
     with pytest.raises(BadInput) as caught:
         scenario.read_faults(tmp_path / "nofile")
