@@ -53,7 +53,6 @@ class Station:
         self._fingerprint = keys.fingerprint(run)
         self._next_block, self._uavs = first_block, uavs
         self.summary: dict[str, Any] | None = None
-        self.missed_blocks = 0
         self.dropped: Counter[str] = Counter()
         bus.subscribe(keys.telemetry(run))
         bus.announce(keys.alive(run, "station", "station"))
@@ -80,7 +79,8 @@ class Station:
         inbound.check(block, self._uavs)
         expected = block.block if self._next_block is None else self._next_block
         if block.block >= expected:  # an older one is a repetition
-            self.missed_blocks += block.block - expected
+            if missing := block.block - expected:
+                log.warning("%d blocks of telemetry before tick %d will never come", missing, block.first_tick)
             for sink in self._sinks:
                 sink.write(block)
             self._next_block = block.block + 1

@@ -261,5 +261,4 @@ def test_an_absurd_number_from_one_node_costs_neither_the_others_nor_the_recordi
     assert np.isfinite(engine.world.flight.states).all()
     assert engine.station is not None
     assert engine.station.summary is not None
-    assert engine.station.missed_blocks == 0
     assert sum(len(block.states) for block in kept.blocks) == 61
