@@ -94,13 +94,15 @@ def run(
     script = scenario.read_faults(faults) if faults is not None else None
     flown = load_scenario(file, settings, method=method, uavs=uavs, seed=seed, duration=duration, faults=script)
     _refuse_if_too_large(flown, given["in_process"], given["uavs_per_process"])
+    if view and not record:
+        raise BadInput("--view: shows what is recorded; leave out --no-record")
     if view:
         display.check(
             "fly without --view, then look with `meanflock picture` or with `meanflock view --web` in a browser"
         )
     given["realtime"] = factor(realtime) if realtime is not None else None
     given["serve"] = ("127.0.0.1", checks.VIEWER_PORT) if view else None
-    _fly(flown, as_json, record=record or view, view=view, **given)
+    _fly(flown, as_json, record=record, view=view, **given)
 
 
 @click.command()

@@ -85,11 +85,12 @@ def fly(scenario: Scenario, options: Options, back: Back | None = None) -> Run:
     run_id = new_run_id(scenario, options.out) if back is None else back.run_id
     if options.log_format is not None:
         logs.start(options.log_format, run=run_id, node="in-process" if options.in_process else STATION)
+    for name, given in (("--tls", options.tls), ("--endpoint", options.endpoint)):
+        if options.in_process and given is not None:
+            raise BadInput(f"{name} {given}: a run in one process has no links; leave out {name}, or --in-process")
     if options.tls is not None:
         from meanflock.groundstation import certs  # a library that most runs need not load
 
-        if options.in_process:
-            raise BadInput("--tls: a run in one process has no links; leave out --in-process")
         certs.check(options.tls, scenario.uavs, options.uavs_per_process)
     if options.endpoint is not None:
         check_free(options.endpoint)

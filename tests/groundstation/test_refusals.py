@@ -91,3 +91,18 @@ def test_a_swarm_that_does_not_fit_into_memory_is_refused_with_the_estimate(run,
     assert code == EXIT_BAD_INPUT
     assert re.search(r"memory: \d+ MB for 90000 UAVs in .*process.*, \d+ MB (available|left of)", err)
     assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("flags", "unused"),
+    [
+        (("--in-process", "--endpoint", "tcp/127.0.0.1:7447"), "--endpoint"),
+        (("--in-process", "--tls", "certs"), "--tls"),
+        (("--in-process", "--no-record", "--view"), "--no-record"),
+    ],
+)
+def test_an_option_that_would_do_nothing_is_bad_input(flags, unused, run, tmp_path) -> None:
+    code, _, err = run("run", *flags, "--uavs", "2", "--duration", "2")
+    assert (code, err.count("\n")) == (EXIT_BAD_INPUT, 1)
+    assert f"leave out {unused}" in err
+    assert list(tmp_path.iterdir()) == []
