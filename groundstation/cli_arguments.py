@@ -1,5 +1,6 @@
 """Arguments that several commands take: what a scenario is made of, where results go, and what a flight tells."""
 
+import logging
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import click
 
 from meanflock.swarm import logs, plugins, scenario
+from meanflock.worldsim.faults import never
 
 PATH = click.Path(path_type=Path)
 _METHODS = ", ".join(plugins.names("controller"))
@@ -65,6 +67,12 @@ def load_scenario(file: Path | None, settings: Iterable[str], **options: Any) ->
         if value is not None:
             refuse_setting(key, settings, f"is what --{key} says")
     return scenario.load(file, settings, **options)
+
+
+def tell_what_never_happens(flights: Iterable[scenario.Scenario]) -> None:
+    """Warns of faults that begin after the end of a flight."""
+    for text in dict.fromkeys(text for flown in flights for text in never(flown)):
+        logs.tell(f"warning: {text}", logging.WARNING)
 
 
 def number_option(flag: str, metavar: str, default: int, about: str, least: int = 1, most: int | None = None) -> Any:

@@ -19,6 +19,7 @@ from meanflock.groundstation.cli_arguments import (
     out_option,
     run_argument,
     scenario_arguments,
+    tell_what_never_happens,
     telling,
     tls_option,
     uavs_per_process_option,
@@ -93,6 +94,8 @@ def run(
     """
     script = scenario.read_faults(faults) if faults is not None else None
     flown = load_scenario(file, settings, method=method, uavs=uavs, seed=seed, duration=duration, faults=script)
+    if given["log_format"] != logs.JSON:  # there it is the world that says so
+        tell_what_never_happens([flown])
     _refuse_if_too_large(flown, given["in_process"], given["uavs_per_process"])
     if view and not record:
         raise BadInput("--view: shows what is recorded; leave out --no-record")

@@ -15,6 +15,7 @@ from meanflock.groundstation.cli_arguments import (
     quiet_option,
     report,
     scenario_arguments,
+    tell_what_never_happens,
 )
 from meanflock.groundstation.cli_study_arguments import (
     SEEDS,
@@ -145,6 +146,7 @@ def _fly(
     from meanflock.groundstation import means_table, study
     from meanflock.groundstation.means import Means
 
+    tell_what_never_happens(scenarios.values())
     points = {at: study.seeded(one, seeds) for at, one in scenarios.items()}
     with store_in(out) as store, progress_of(what, quiet) as progress:
         flown = study.fly_all(points, jobs, progress, store)

@@ -18,8 +18,8 @@ class Script:
         self._faults = scenario.faults
 
     def events(self, tick: int) -> list[Event]:
-        """What begins and what is over, one line each."""
-        found = []
+        """What begins and what is over, one line each; first, what never will."""
+        found = [Event(tick, "fault", text) for text in never(self._scenario)] if tick == 0 else []
         for fault in self._faults:
             uavs = getattr(fault, "uavs", ())
             if fault.begins(self._dt) == tick:
@@ -88,6 +88,16 @@ def _inside(fault: Jam | Gust, states: state.States) -> NDArray[np.bool_]:
     from_centre = states[:, state.POSITION] - np.array(fault.centre)
     within: NDArray[np.bool_] = (from_centre * from_centre).sum(axis=-1) <= fault.radius_m**2
     return within
+
+
+def never(scenario: Scenario) -> list[str]:
+    """Faults that do not begin before the end of the longest flight, a line each."""
+    dt, end = scenario.dt, scenario.max_ticks
+    return [
+        f"{words(fault)} never happens: it begins at {fault.begins(dt) * dt:g} s, and `duration` is {end * dt:g} s"
+        for fault in scenario.faults
+        if fault.begins(dt) >= end
+    ]
 
 
 def words(fault: Fault) -> str:

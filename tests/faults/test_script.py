@@ -194,6 +194,24 @@ def test_a_script_that_names_a_uav_the_swarm_does_not_have_is_bad_input() -> Non
         flown('{kind="kill", tick=1, uavs=[6]}')
 
 
+def test_a_fault_after_the_end_of_the_flight_is_warned_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    script = "faults=[{kind='kill', time_s=5.0, uavs=[1]}, {kind='kill', tick=49, uavs=[0]}]"
+    flags = ("--in-process", "--uavs", "2", "--duration", "5", "--no-record", "--quiet", "--set", script)
+    assert main(["run", *flags, "--out", str(tmp_path / "run")]) == 0
+    never = "kill of UAV 1 never happens: it begins at 5 s, and `duration` is 5 s"
+    told = capsys.readouterr().err.splitlines()
+    assert [line for line in told if "warning" in line] == [f"warning: {never}"]
+    (folder,) = (tmp_path / "run").iterdir()
+    events = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
+    assert [(one["tick"], one["text"]) for one in events if one["kind"] == "fault"] == [
+        (0, never),
+        (49, "kill of UAV 0"),
+    ]
+    flown = ("--uavs", "2", "--duration", "5", "--set", script, "--seeds", "1", "--jobs", "1", "--quiet")
+    assert main(["compare", "plan", "cruise", *flown, "--out", str(tmp_path / "study")]) == 0
+    assert capsys.readouterr().err == f"warning: {never}\n"
+
+
 def test_the_script_of_the_repository_flies_from_the_command_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
