@@ -23,7 +23,9 @@ from meanflock.swarm.wire.messages import Telemetry
 class Run:
     """One finished run.
 
-    scenario: what was flown. summary: as in summary.json. folder: where it is on disk; None if nowhere.
+    scenario: what was flown; of `mf.open` the one of the folder, in which what the method decides, as the period of
+    rounds, is written out: `scenario.resolved()` and `scenario.sha256()` of both are equal. summary: as in
+    summary.json. folder: where it is on disk; None if nowhere.
     """
 
     def __init__(

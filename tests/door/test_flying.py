@@ -186,6 +186,7 @@ def test_a_folder_is_opened_as_what_was_flown(tmp_path: Path) -> None:
     again = mf.open(run.folder)
     assert again.summary == json.loads((run.folder / "summary.json").read_text()) == run.summary
     assert again.scenario.sha256() == run.scenario.sha256()
+    assert again.scenario == again.scenario.resolved() == run.scenario.resolved() != run.scenario
     np.testing.assert_array_equal(again.states, run.states)
     assert again.events == run.events
     assert again.frame().equals(run.frame())
