@@ -31,9 +31,6 @@ from tests.groundstation.conftest import QUICK
         (("--set", "federation.period=0"), "federation.period"),
         (("missing.toml",), "missing.toml: No such file or directory; give a readable scenario file"),
         (("--faults", "missing.toml"), "missing.toml: No such file or directory; give a readable fault script"),
-        (("--endpoint", "127.0.0.1:7556"), "127.0.0.1:7556: write it as tcp/HOST:PORT, for example tcp/127.0.0.1:"),
-        (("--endpoint", "tcp/localhost"), "tcp/localhost: write it as tcp/HOST:PORT"),
-        (("--endpoint", "tcp/127.0.0.1:99999"), "99999: write it as tcp/HOST:PORT"),
         (("--uavs-per-process", "0"), "--uavs-per-process"),
         (("--realtime", "0"), "--realtime"),
         (("--realtime=-2",), "--realtime -2: how many times faster"),
@@ -52,6 +49,21 @@ def test_bad_input_is_one_line_that_names_it_and_nothing_is_written(run, tmp_pat
     assert out == ""
     assert err.startswith("error: ")
     assert err.strip().count("\n") == 0
+    assert says in err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "says"),
+    [
+        ("127.0.0.1:7556", "127.0.0.1:7556: write it as tcp/HOST:PORT, for example tcp/127.0.0.1:"),
+        ("tcp/localhost", "tcp/localhost: write it as tcp/HOST:PORT"),
+        ("tcp/127.0.0.1:99999", "99999: write it as tcp/HOST:PORT"),
+    ],
+)
+def test_an_endpoint_that_is_none_is_refused_before_anything_starts(run, tmp_path, endpoint, says) -> None:
+    code, out, err = run("run", "--uavs", "3", "--quiet", "--endpoint", endpoint)
+    assert (code, out, err.count("\n")) == (EXIT_BAD_INPUT, "", 1)
     assert says in err
     assert list(tmp_path.iterdir()) == []
 
