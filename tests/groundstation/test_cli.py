@@ -120,8 +120,8 @@ def test_who_is_interrupted_is_told_so(run, monkeypatch) -> None:
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("meanflock.groundstation.plots.plot_compare", interrupt)
-    code, _, err = run("compare", "plan", "--seeds", "1", "--uavs", "2", "--duration", "1", "--quiet")
+    monkeypatch.setattr("meanflock.groundstation.doctor.examine", interrupt)
+    code, _, err = run("doctor")
     assert (code, err.strip()) == (EXIT_RUN_FAILED, "error: interrupted")
 
 
