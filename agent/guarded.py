@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.agent.rows import (
     checked_again,
-    checked_memory,
     checked_step,
     checked_table,
     each_alone,
@@ -21,6 +20,7 @@ from meanflock.swarm import state
 from meanflock.swarm.declared import controller
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.failures import FAILURES, last_line
+from meanflock.swarm.kept import check_kept
 from meanflock.swarm.model import BEYOND_SENSE
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask
@@ -75,7 +75,9 @@ class Guarded:
             ) from error
 
     def _begun(self, uavs: Rows, plan: Floats) -> Memory:
-        return checked_memory(self._controller.init(uavs.copy(), plan), len(uavs))
+        memory = self._controller.init(uavs.copy(), plan)
+        check_kept("memory", memory, len(uavs))
+        return memory
 
     def step(self, memory: Memory, tick: int, own: Floats, received: Sequence[Received]) -> tuple[Step, Floats, float]:
         """The step of all rows, their commands (M, 2 + K), and the largest |number| of these: of rows in which the

@@ -13,30 +13,11 @@ from meanflock.swarm.ascending import distinct
 from meanflock.swarm.declared import MAX_BROADCASTS, Declared
 from meanflock.swarm.failures import FAILURES
 from meanflock.swarm.state import AXES, Floats, Mask
-from meanflock.swarm.wire.control import MAX_AXES, TRAVELS
 from meanflock.swarm.wire.messages import NOBODY
 
 Answer = TypeVar("Answer")
 
 SENT = (np.dtype("i1"), np.dtype("u1"), np.dtype("<i2"), np.dtype("<i4"))  # integers that travel
-
-
-def checked_memory(memory: Memory, rows: int) -> Memory:
-    """`memory` itself, if it can be a controller's of so many rows.
-
-    Raises:
-        TypeError, ValueError: it cannot; the message names the array, what was expected and what came.
-    """
-    if not isinstance(memory, dict):
-        raise TypeError(f"the memory is a {type(memory).__name__}; expected a dict of arrays")
-    for name, array in memory.items():
-        if not isinstance(name, str):
-            raise TypeError(f"memory[{name!r}]: its name must be a text")
-        if not isinstance(array, np.ndarray) or array.dtype not in TRAVELS or array.ndim > MAX_AXES:
-            raise TypeError(f"memory[{name!r}] is no array of numbers that can be kept in a checkpoint")
-        if not array.ndim or len(array) != rows:
-            raise ValueError(f"memory[{name!r}] has shape {array.shape}; expected a leading axis of {rows} rows")
-    return memory
 
 
 def checked_again(after: Memory, before: Memory) -> Memory:
@@ -67,7 +48,7 @@ def checked_table(name: str, table: Floats, rows: int, width: int) -> Floats:
     """
     if np.shape(table) != (rows, width):
         raise ValueError(f"`{name}` returns shape {np.shape(table)}; expected {(rows, width)}")
-    numbers = np.ascontiguousarray(table, dtype=np.float64)
+    numbers = np.ascontiguousarray(_as_floats(table))
     if not np.isfinite(numbers).all():
         raise ValueError(f"`{name}` returns numbers that are not finite")
     return numbers
@@ -95,6 +76,11 @@ def checked_step(step: Step, before: Memory, blank: Floats, declared: Declared, 
     return commands, largest
 
 
+def _as_floats(numbers: Floats) -> Floats:
+    """Numbers as float64; complex ones are refused, and do not lose their imaginary part in silence."""
+    return np.asarray(numbers).astype(np.float64, casting="same_kind", copy=False)
+
+
 def _check_refused(refused: object, uavs: int) -> None:
     if not (isinstance(refused, np.ndarray) and refused.ndim == 1 and refused.dtype.kind == "i"):
         raise TypeError("`refused` is no array of numbers of UAVs")
@@ -104,12 +90,12 @@ def _check_refused(refused: object, uavs: int) -> None:
 
 def _tables(step: Step, rows: int, declared: Declared) -> tuple[Floats, Floats]:
     """The accelerations and diagnostics of a step as float64, or the error that says what is wrong with them."""
-    acceleration, columns = np.asarray(step.acceleration, dtype=np.float64), len(declared.diagnostics)
+    acceleration, columns = _as_floats(step.acceleration), len(declared.diagnostics)
     if acceleration.shape != (rows, AXES):
         raise ValueError(f"acceleration has shape {acceleration.shape}; expected {(rows, AXES)}")
     if step.diagnostics is None and columns:
         raise ValueError(f"no diagnostics; expected shape {(rows, columns)}")
-    diagnostics = np.zeros((rows, 0)) if step.diagnostics is None else np.asarray(step.diagnostics, dtype=np.float64)
+    diagnostics = np.zeros((rows, 0)) if step.diagnostics is None else _as_floats(step.diagnostics)
     if diagnostics.shape != (rows, columns):
         raise ValueError(f"diagnostics have shape {diagnostics.shape}; expected {(rows, columns)}")
     return acceleration, diagnostics

@@ -4,7 +4,6 @@ FDMA gives every link a band of its own, so links do not interfere; a frame sent
 n + max(1, ⌈D_m θ/dt⌉). What a link does to a message is the channel's to say.
 """
 
-import math
 from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -13,6 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.channel.answer import MOST_SLOTS, carried, closed_form
 from meanflock.channel.base import Channel
 from meanflock.channel.links import Links
 from meanflock.channel.meter import Meter
@@ -27,7 +27,6 @@ from meanflock.swarm.wire.messages import FrameKind, Frames
 Indices = NDArray[np.intp]
 NO_LINKS = np.zeros((0, 5), dtype=np.int32)  # of a tick in which nobody sends; shared, not to be written to
 Cut: TypeAlias = Callable[[Indices, Indices], NDArray[np.bool_]]  # sources (K,), targets (K,) → links that fail
-MOST_SLOTS = 1_000_000  # a message may take
 
 
 class Medium:
@@ -130,27 +129,11 @@ class Medium:
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool), (0.0, 0.0)
         try:
             distance = self._distance(states, links)
-            answer = self._channel.transmit(distance, bits, self._rng)
-            if not isinstance(answer, tuple) or len(answer) != 2:
-                raise TypeError(f"`transmit` returns a {type(answer).__name__}; expected slots and delivered")
-            slots, delivered = answer
-            expected = self._channel.expected(distance, bits)
-            if expected is not None:
-                expected = float(expected[0]), float(expected[1])
+            slots, delivered = carried(self._channel.transmit(distance, bits, self._rng), count)
+            expected = closed_form(self._channel.expected(distance, bits))
         except FAILURES as error:
-            raise self._wrong(f"failed: {last_line(error)}") from error
-        for name, array, dtype in (("slots", slots, np.int64), ("delivered", delivered, np.bool_)):
-            if not isinstance(array, np.ndarray) or array.shape != (count,) or array.dtype != dtype:
-                found = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
-                raise self._wrong(f"{name}: {found}, expected {np.dtype(dtype)} {(count,)}")
-        if np.minimum.reduce(slots) < 1 or np.maximum.reduce(slots) > MOST_SLOTS:
-            raise self._wrong(f"slots from {slots.min()} to {slots.max()}; a message takes 1 to {MOST_SLOTS}")
-        if expected is not None and not math.isfinite(sum(expected)):
-            raise self._wrong(f"expected: {expected} is not finite; None where there is no closed form")
+            raise RunFailed(f"channel {self._scenario.radio.model!r}: failed: {last_line(error)}") from error
         return slots, delivered, expected
-
-    def _wrong(self, what: str) -> RunFailed:
-        return RunFailed(f"channel {self._scenario.radio.model!r}: {what}")
 
     def _deliver(self, tick: int, batch: Frames, ends: NDArray[np.int32]) -> None:
         """The frames of a batch arrive over these links in a tick to come."""

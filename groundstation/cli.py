@@ -16,6 +16,7 @@ from meanflock.groundstation.cli_study import compare, paper, sweep
 from meanflock.swarm import __version__, logs
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, MeanflockError
 from meanflock.swarm.net.refusals import divert
+from meanflock.swarm.process import end
 
 
 class _InOrder(click.Group):
@@ -92,7 +93,7 @@ def main(arguments: list[str] | None = None) -> int:
     finally:
         logs.stop()
     if arguments is None:
-        sys.exit(code)
+        end(code)
     return code
 
 

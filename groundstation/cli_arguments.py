@@ -1,7 +1,9 @@
 """Arguments that several commands take: what a scenario is made of, where results go, and what a flight tells."""
 
 import logging
+import sys
 from collections.abc import Callable, Iterable
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,8 @@ _METHODS = ", ".join(plugins.names("controller"))
 
 
 def _register(_context: click.Context, _parameter: click.Parameter, files: tuple[Path, ...]) -> None:
-    plugins.load_files(files)
+    with redirect_stdout(sys.stderr):  # what they print is not what the command says
+        plugins.load_files(files)
 
 
 _OF_A_SCENARIO = {

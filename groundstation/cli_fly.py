@@ -3,6 +3,8 @@
 import json
 import logging
 import re
+import sys
+from contextlib import AbstractContextManager, nullcontext, redirect_stdout
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -93,10 +95,11 @@ def run(
     Example: meanflock run --method hjb --uavs 9 --set wind.sigma=0.2
     """
     script = scenario.read_faults(faults) if faults is not None else None
-    flown = load_scenario(file, settings, method=method, uavs=uavs, seed=seed, duration=duration, faults=script)
+    with _prints_apart(as_json):
+        flown = load_scenario(file, settings, method=method, uavs=uavs, seed=seed, duration=duration, faults=script)
+        _refuse_if_too_large(flown, given["in_process"], given["uavs_per_process"])
     if given["log_format"] != logs.JSON:  # there it is the world that says so
         tell_what_never_happens([flown])
-    _refuse_if_too_large(flown, given["in_process"], given["uavs_per_process"])
     if view and not record:
         raise BadInput("--view: shows what is recorded; leave out --no-record")
     if view:
@@ -124,8 +127,9 @@ def resume(folder: Path, as_json: bool, **given: Any) -> None:
     \b
     Example: meanflock resume runs/20261121-101500-mfgfl-hf-s7
     """
-    dead = back(folder)
-    _refuse_if_too_large(dead.scenario, given["in_process"], given["uavs_per_process"])
+    with _prints_apart(as_json):
+        dead = back(folder)
+        _refuse_if_too_large(dead.scenario, given["in_process"], given["uavs_per_process"])
     _fly(dead.scenario, as_json, dead, out=dead.folder.parent, **given)
 
 
@@ -142,7 +146,8 @@ def _fly(
     """Flies it, or what is left of it, and says what came of that."""
     where = None if metrics is None else Address.parse("--metrics", metrics)
     only_logs = log_format == logs.JSON  # each of whose lines names the run
-    done = fly(flown, Options(metrics=where, log_format=log_format, quiet=quiet or only_logs, **given), dead)
+    with _prints_apart(as_json):
+        done = fly(flown, Options(metrics=where, log_format=log_format, quiet=quiet or only_logs, **given), dead)
     if as_json:
         click.echo(json.dumps(done.summary))
     else:
@@ -154,6 +159,11 @@ def _fly(
                 f"UAVs lost: {lost}; the first event: {why}; all events are in {done.folder / EVENTS}", logging.WARNING
             )
         logs.tell(f"run folder {done.folder}")
+
+
+def _prints_apart(as_json: bool) -> AbstractContextManager[object]:
+    """What plug-ins print goes to standard error, where one JSON object is promised on standard output."""
+    return redirect_stdout(sys.stderr) if as_json else nullcontext()
 
 
 def _refuse_if_too_large(flown: scenario.Scenario, in_process: bool, uavs_per_process: int) -> None:

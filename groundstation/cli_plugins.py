@@ -2,6 +2,8 @@
 
 import json
 import shutil
+import sys
+from contextlib import redirect_stdout
 
 import click
 
@@ -24,7 +26,8 @@ def plugins_command(as_json: bool) -> None:
     """
     from meanflock.groundstation.catalogue import catalogue, records, text
 
-    entries = catalogue()
+    with redirect_stdout(sys.stderr):  # packages that are imported for it may print
+        entries = catalogue()
     if as_json:
         click.echo(json.dumps(records(entries), indent=1))
         return

@@ -10,12 +10,13 @@ from meanflock.swarm import plugins, state
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.failures import FAILURES, last_line
+from meanflock.swarm.kept import check_kept
 from meanflock.swarm.mean import pooled, refuse, stacked
 from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import decode
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire import payload
-from meanflock.swarm.wire.control import MAX_AXES, TRAVELS, decode_record, encode_record
+from meanflock.swarm.wire.control import decode_record, encode_record
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Welcome
 from meanflock.swarm.wire.relay import Relay
 
@@ -100,6 +101,7 @@ class Leader:
             after, model = answer
             if np.shape(model) != (width,):
                 raise ValueError(f"a model of shape {np.shape(model)}; expected ({width},)")
+            model = np.asarray(model).astype(np.float64, casting="same_kind")
             if not np.isfinite(model).all():
                 raise ValueError("the model is not finite")
             self._kept = _recorded(after)
@@ -107,7 +109,7 @@ class Leader:
             self.complaints.append(f"aggregator {name!r} failed in round {number}: {last_line(error)}")
             return None
         self._state = after
-        return np.asarray(model, dtype=np.float64)
+        return model
 
     def _check(self, frames: Frames) -> None:
         if frames.kind != (FrameKind.UPLOAD if self._relay is None else FrameKind.RELAY):
@@ -124,13 +126,8 @@ def _recorded(state_: State) -> bytes:
     Raises:
         TypeError, ValueError: it cannot be kept.
     """
-    if not isinstance(state_, dict):
-        raise TypeError(f"the state is a {type(state_).__name__}; expected a dict of arrays")
+    check_kept("state", state_)
     for name, array in state_.items():
-        if not isinstance(name, str):
-            raise TypeError(f"state[{name!r}]: its name must be a text")
-        if not isinstance(array, np.ndarray) or array.dtype not in TRAVELS or array.ndim > MAX_AXES:
-            raise TypeError(f"state[{name!r}] is no array of numbers that can be kept in a checkpoint")
         if not np.isfinite(array).all():
             raise ValueError(f"state[{name!r}] is not finite")
     if (size := sum(array.nbytes for array in state_.values())) > MAX_MEMORY_BYTES:

@@ -26,6 +26,8 @@ def last_line(error: BaseException) -> str:
 
 def beside(path: Path, error: BaseException) -> str:
     """What to do where the file of a plug-in wants another of its folder, in which nobody looks for modules."""
+    if isinstance(error, ImportError) and "relative import" in str(error):
+        return "; a plug-in is one file, or a package: install the one it is of, for example with `pip install -e`"
     wanted = ((isinstance(error, ModuleNotFoundError) and error.name) or "").partition(".")[0]
     if not wanted or not ((path.parent / wanted).is_dir() or (path.parent / f"{wanted}.py").exists()):
         return ""

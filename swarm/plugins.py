@@ -134,7 +134,9 @@ def load_file(path: Path | str) -> list[Plugin]:
     entries = {}
     for key, (attribute, value) in _defined(module, where).items():
         if key in _files and _files[key][0].source not in (str(path), HERE):
-            raise BadInput(f"{where}: two {key[0]}s are named {key[1]!r}, the other in {_files[key][0].source}")
+            raise BadInput(
+                f"{where}: two {key[0]}s are named {key[1]!r}, the other in {_files[key][0].source}; rename one"
+            )
         entries[key] = _entry(Plugin(*key, str(path), attribute, fingerprint(source)), value, f"{where}: ")
     if not entries:
         raise BadInput(f"{where}: no plug-in in it; {NO_PLUGIN}")

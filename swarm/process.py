@@ -7,13 +7,14 @@ import os
 import select
 import signal
 import sys
+import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
 from meanflock.swarm import logs, plugins
-from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_RUN_FAILED, BadInput, MeanflockError
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput, MeanflockError
 from meanflock.swarm.net.endpoint import DEFAULT_ENDPOINT
 from meanflock.swarm.net.identity import Identity
 
@@ -121,17 +122,29 @@ def how_it_ended(code: int) -> str:
     return f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
 
 
+def end(code: int) -> NoReturn:
+    """Ends this process, and waits for no thread that a plug-in has started."""
+    if any(not thread.daemon for thread in threading.enumerate() if thread is not threading.main_thread()):
+        logging.shutdown()
+        with suppress(OSError, ValueError):
+            sys.stdout.flush()
+        os._exit(code)
+    raise SystemExit(code)
+
+
 def main(body: Callable[[], None]) -> NoReturn:
     """Runs a process: its errors become one line and their exit code."""
+    code = EXIT_RUN_FAILED
     try:
         logs.start(os.environ.get("MEANFLOCK_LOG_FORMAT") or logs.TEXT)  # until `body` knows more
         body()
     except MeanflockError as error:
         logs.tell(f"error: {error}", logging.ERROR)
-        raise SystemExit(error.exit_code) from None
+        code = error.exit_code
     except KeyboardInterrupt:
-        raise SystemExit(EXIT_RUN_FAILED) from None
+        pass
     except Exception:
         logging.getLogger("meanflock").exception("a defect of meanflock, not of what it was given")
-        raise SystemExit(EXIT_RUN_FAILED) from None
-    raise SystemExit(0)
+    else:
+        code = EXIT_DONE
+    end(code)

@@ -10,6 +10,7 @@ from meanflock.swarm import mission, plugins, state
 from meanflock.swarm.declared import MAX_BROADCASTS, controller
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.failures import FAILURES, last_line
+from meanflock.swarm.kept import check_kept
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Quota
 from meanflock.swarm.net.identity import STATION
@@ -32,12 +33,13 @@ class Limits:
         declared, federation, uavs = scenario.declared, scenario.federation, scenario.uavs
         flyer = controller(scenario)
         memory = _record(
+            "memory",
             f"controller {scenario.method!r} failed in `init` with UAV 0",
             lambda: _begun(flyer, scenario),
         )
         rule = plugins.create("aggregator", federation.aggregation, federation.options, scenario)
         state_of_rule = _record(
-            f"aggregator {federation.aggregation!r} failed in `init`", lambda: rule.init(declared.parameters)
+            "state", f"aggregator {federation.aggregation!r} failed in `init`", lambda: rule.init(declared.parameters)
         )
         numbers = state.AXES + len(declared.diagnostics) + declared.weights + declared.broadcast_numbers
         numbers += 2 * declared.parameters + MAX_BROADCASTS  # an upload and what rounding took from it; names
@@ -97,15 +99,13 @@ class Quotas:
         return Quota(name, self._leader if name == LEADER else self._agent, name)
 
 
-def _record(failure: str, begin: Callable[[], dict[str, Any]]) -> bytes:
+def _record(what: str, failure: str, begin: Callable[[], dict[str, Any]]) -> bytes:
     """What a plug-in remembers at first, as a record; BadInput where it cannot begin, or that cannot be kept."""
     try:
         memory = begin()
+        check_kept(what, memory)
+        return control.encode_record(memory)
     except BadInput:
         raise
     except FAILURES as error:
         raise BadInput(f"{failure}: {last_line(error)}") from error
-    try:
-        return control.encode_record(memory)
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise BadInput(f"{failure}: it remembers what is no array of numbers: {error}") from error

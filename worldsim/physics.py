@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from meanflock.swarm import plugins, state
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.failures import FAILURES, last_line
+from meanflock.swarm.kept import check_kept
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.vehicles.base import Hidden, Vehicle
 
@@ -44,13 +45,13 @@ class Physics:
 
     def _begun(self, uavs: int) -> Hidden:
         hidden = self._asked("init", uavs)
-        if not isinstance(hidden, dict) or not all(isinstance(part, np.ndarray) for part in hidden.values()):
-            raise self._wrong("`init` must give a dict of arrays")
+        try:
+            check_kept("hidden", hidden, uavs)
+        except (TypeError, ValueError) as error:
+            raise self._wrong(f"`init`: {error}") from error
         for name, part in hidden.items():
-            if not isinstance(name, str):
-                raise self._wrong(f"hidden state {name!r} of `init`: its name must be a text")
-            self._check(f"hidden state {name!r} of `init`", part, (uavs, *part.shape[1:]), part.dtype)
-        return hidden
+            self._check_finite(f"hidden state {name!r} of `init`", part)
+        return dict(hidden)
 
     def __call__(
         self,
@@ -112,8 +113,6 @@ class Physics:
         if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != dtype:
             found = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
             raise self._wrong(f"{what}: {found}, expected {dtype} {shape}")
-        if array.dtype.kind not in "biuf":
-            raise self._wrong(f"{what}: {array.dtype} is neither numbers nor booleans")
 
     def _check_finite(self, what: str, array: NDArray, uavs: NDArray[np.intp] | None = None) -> None:
         if np.count_nonzero(finite := np.isfinite(array)) < array.size:

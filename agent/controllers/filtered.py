@@ -23,6 +23,7 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Plane, States
 
 PREFIX = "filter_"  # of what a filter remembers, and of its columns where the controller has some of that name
+_UNSENT = "unsent"  # the last of its columns
 _OWN = 0  # the number of the filter's broadcast
 
 
@@ -41,8 +42,10 @@ class Filter:
         self.period_ticks = inner.period_ticks
         if isinstance(self.columns, str):
             raise TypeError(f"`columns` is a text; write ({self.columns!r},)")
+        if _UNSENT in self.columns or len(set(self.columns)) != len(self.columns):
+            raise ValueError(f"`columns` {self.columns} must be different names, and none of them {_UNSENT!r}")
         theirs = tuple(inner.diagnostics)
-        mine = tuple(PREFIX + name if name in theirs else name for name in (*self.columns, "unsent"))
+        mine = tuple(PREFIX + name if name in theirs else name for name in (*self.columns, _UNSENT))
         self.diagnostics = (*theirs, *mine)
         self.broadcast_numbers = inner.broadcast_numbers + Neighbours.numbers
         self.pairwise = True  # it knows a state of every other UAV
@@ -71,7 +74,7 @@ class Filter:
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         """See `Controller.step`."""
         theirs, mine = _apart(memory)
-        step = self.inner.step(theirs, tick, own, _of_inner(received))
+        step = self.inner.step(theirs, tick, own.copy(), _of_inner(received))
         wanted = step.acceleration
         if np.shape(wanted) != (len(own), 2):
             raise ValueError(f"acceleration has shape {np.shape(wanted)}; expected {(len(own), 2)}")

@@ -78,6 +78,8 @@ def check_aggregator(
                     )
                 if not np.isfinite(model).all():
                     fail(aggregator, "the model is not finite", "guard divisions and empty sums")
+                if not np.can_cast(np.asarray(model).dtype, np.float64, "same_kind"):
+                    fail(aggregator, f"the model is {np.asarray(model).dtype}", "return float64")
                 averaged.append(np.asarray(model))
             return averaged, state
 

@@ -88,7 +88,7 @@ def _pure(swarm: PointSwarm) -> None:
     made = swarm.make()
     memory = swarm.init(made, swarm.uavs)
     own = swarm.plan + 0.5
-    first = swarm.step(made, memory, 1, own, ())
+    first = swarm.step(made, memory, 1, own.copy(), ())
     received = swarm.received(first, swarm.uavs, np.ones((len(own), len(own)), bool))
     memory = first.memory
     given = [own, *memory.values(), *(array for frames in received for array in (frames.payload, frames.links))]

@@ -8,10 +8,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.swarm import kept
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.failures import FAILURES, last_line
 from meanflock.swarm.plugin_class import Door, checked
-from meanflock.swarm.wire.control import MAX_AXES, TRAVELS
 
 T = TypeVar("T")
 
@@ -58,14 +58,13 @@ def asked(of: type, method: Callable[..., T], *given: Any, mend: str) -> T:
         fail(of, f"`{getattr(method, '__name__', 'it')}` failed: {last_line(error)}", mend)
 
 
-def check_kept(of: type, what: str, arrays: Any) -> None:
+def check_kept(of: type, what: str, arrays: Any, rows: int | None = None) -> None:
     """What a plug-in remembers: arrays by name, finite, of a kind that a checkpoint keeps."""
-    if not isinstance(arrays, dict) or not all(isinstance(name, str) for name in arrays):
-        fail(of, f"{what} is a {type(arrays).__name__}", "return a dict of arrays, named by texts")
+    try:
+        kept.check_kept(what, arrays, rows)
+    except (TypeError, ValueError) as error:
+        fail(of, str(error), "return what a checkpoint keeps")
     for name, array in arrays.items():
-        if not isinstance(array, np.ndarray) or array.dtype not in TRAVELS or array.ndim > MAX_AXES:
-            came = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
-            fail(of, f"{what}[{name!r}] is {came}", "remember arrays of numbers or booleans, which a checkpoint keeps")
         if not np.isfinite(array).all():
             fail(of, f"{what}[{name!r}] is not finite", "guard divisions, roots and empty sums")
 

@@ -1,14 +1,16 @@
 """A trial flight of a controller: a swarm of points that it pushes, and a radio that loses some of their frames."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.agent.rows import checked_memory, checked_step, of_row
+from meanflock.agent.rows import checked_step, of_row
 from meanflock.swarm import declared as declarations
+from meanflock.swarm import kept
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.failures import FAILURES, last_line
 from meanflock.swarm.mission import starts
@@ -61,6 +63,10 @@ class PointSwarm:
         try:
             # What a flight asks of the class, of this very instance.
             self.declared = declarations.of(made, controller.name)
+            with suppress(ModuleNotFoundError):  # where only agents are, there are no files with columns
+                from meanflock.groundstation import columns
+
+                columns.check(controller.name, self.declared.diagnostics)
         except BadInput as error:
             fail(controller, str(error), "mend the declaration")
 
@@ -68,7 +74,8 @@ class PointSwarm:
         """The memory of UAVs with numbers (M,), a row each."""
         given = uavs.copy(), self.plan.copy()
         try:
-            memory = checked_memory(made.init(*given), len(uavs))
+            memory = made.init(*given)
+            kept.check_kept("memory", memory, len(uavs))
         except FAILURES as error:
             fail(
                 self.controller,

@@ -54,7 +54,11 @@ def check_vehicle(
                 if _forms(hidden) != forms:
                     fail(vehicle, f"`hidden` becomes {_forms(hidden)}; `init` made {forms}", "keep names and shapes")
                 if not all(same(one, other) for one, other in zip(before, given, strict=True)):
-                    fail(vehicle, "`step` writes to an array it was given", "return new arrays; copy before you write")
+                    fail(
+                        vehicle,
+                        "`step` or `power` writes to an array it was given",
+                        "return new arrays; copy before you write",
+                    )
                 _check(vehicle, len(push), np.asarray(states), np.asarray(power))
                 trace += [np.array(states), np.array(power)]
             return trace
@@ -91,10 +95,7 @@ def check_vehicle(
 def _begun(made: Any, uavs: int) -> dict[str, np.ndarray]:
     """The hidden state at take-off."""
     hidden: dict[str, np.ndarray] = asked(type(made), made.init, uavs, mend="return a dict of arrays, a row a UAV")
-    check_kept(type(made), "hidden", hidden)
-    for name, array in hidden.items():
-        if array.shape[:1] != (uavs,):
-            fail(type(made), f"hidden[{name!r}] of {uavs} UAVs is {array.shape}", "return arrays with a row a UAV")
+    check_kept(type(made), "hidden", hidden, uavs)
     return hidden
 
 

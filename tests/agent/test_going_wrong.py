@@ -95,6 +95,10 @@ GOES_WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"step": changed(diagnostics=lambda good, bad: spoiled(good.diagnostics, bad, np.nan))},
         "its speed is nan",
     ),
+    "complex accelerations": (
+        {"step": changed(acceleration=lambda good, bad: good.acceleration + (1j if bad.any() else 0))},
+        "Cannot cast array data from dtype('complex128')",
+    ),
     "get raises": ({"get": returns("get", fails)}, "KeyError: 'weights'"),
     "get of another shape": ({"get": returns("get", lambda good: good[:, :1])}, "`get` returns shape"),
     "get that is no number": ({"get": returns("get", lambda good: good * np.nan)}, "not finite"),

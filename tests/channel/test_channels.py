@@ -134,8 +134,12 @@ def test_a_summary_has_the_closed_forms_there_are(disk, model: str, unknown: boo
         ("np.where(near, 1, 2), near", "near", "failed: TypeError: `transmit` returns a ndarray"),
         ("        near =", "        raise OSError('no antenna')\n        near =", "failed: OSError: no antenna"),
         ("        near =", "        raise SystemExit(3)\n        near =", r"SystemExit: 3 \(\w+.py, line \d+\)"),
-        ("class Options", "expected = lambda self, *given: (np.nan, 1.0)\n\n    class Options", "expected: "),
-        ("class Options", "expected = lambda self, *given: 'many'\n\n    class Options", "failed: ValueError"),
+        (
+            "class Options",
+            "expected = lambda self, *given: (np.nan, 1.0)\n\n    class Options",
+            r"`expected` returns \(nan, 1.0\); expected two",
+        ),
+        ("class Options", "expected = lambda self, *given: 'many'\n\n    class Options", "`expected` returns 'many'"),
     ],
 )
 def test_a_wrong_channel_ends_the_run_and_says_what_is_wrong(disk, old: str, new: str, said: str) -> None:

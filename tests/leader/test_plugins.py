@@ -129,8 +129,13 @@ GOES_WRONG = {
     "a state named by number": (lambda state, model: ({1: model}, model), "state[1]: its name must be a text"),
     "another shape": (lambda state, model: (state, model[:-1]), r"a model of shape (107,); expected (108,)"),
     "no number": (lambda state, model: (state, model * np.nan), "the model is not finite"),
-    "a state that is no dict": (lambda state, model: ([1], model), "the state is a list"),
-    "a state of texts": (lambda state, model: ({"last": np.array(["x"])}, model), "state['last'] is no array"),
+    "a state that is no dict": (lambda state, model: ([1], model), "state is a list; expected a dict of arrays"),
+    "complex numbers": (lambda state, model: (state, model * 1j), "Cannot cast array data from dtype('complex128')"),
+    "a state without an axis": (lambda state, model: ({"n": np.float64(1)}, model), "state['n'] is a float64; a check"),
+    "a state of texts": (
+        lambda state, model: ({"last": np.array(["x"])}, model),
+        "state['last'] is <U1 (1,); a checkpoint keeps arrays of bool,",
+    ),
     "a state that is no number": (lambda state, model: ({"last": np.full(3, np.inf)}, model), "is not finite"),
     "a state too large": (lambda state, model: ({"last": np.zeros(4_000_000)}, model), "at most"),
 }
@@ -160,7 +165,7 @@ def test_a_global_model_no_radio_can_say_is_not_sent_but_what_the_rule_learned_i
 BEGINS_WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "raises in init": ({"init": explodes}, r"aggregator 'momentum' failed in `init`: OSError: no such table"),
     "raises when it is made": ({"__init__": explodes}, r"aggregator 'momentum' cannot be made: OSError: no such table"),
-    "begins with no dict": ({"init": lambda *_: 3}, r"failed in `init`: TypeError: the state is a int"),
+    "begins with no dict": ({"init": lambda *_: 3}, r"failed in `init`: TypeError: state is a int"),
     "begins with what is no number": ({"init": lambda *_: {"last": np.full(2, np.nan)}}, r"is not finite"),
 }
 

@@ -55,6 +55,12 @@ def test_a_file_that_is_not_called_so_is_bad_input(tmp_path: Path) -> None:
         plugins.load_file(written(tmp_path, GOOD, "mine.txt"))
 
 
+def test_so_is_one_with_a_relative_import(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("from . import helper\n")
+    with pytest.raises(BadInput, match=r"attempted relative import .*; a plug-in is one file, or a package: install"):
+        plugins.load_file(tmp_path / "mine.py")
+
+
 def test_a_file_that_wants_another_beside_it_is_told_to_be_a_package(tmp_path: Path) -> None:
     written(tmp_path, "x = 1", "nothing_of_the_kind.py")
     with pytest.raises(BadInput, match=r"line 1\); a plug-in is one file, or a package: install what 'nothing_of"):

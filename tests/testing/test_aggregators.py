@@ -91,6 +91,12 @@ class CannotBegin(Good):
         raise OSError("no such table")
 
 
+class OfComplexNumbers(Good):
+    def step(self, state, models, uavs, round_):  # type: ignore[no-untyped-def]
+        state, model = super().step(state, models, uavs, round_)
+        return state, model.astype(complex)
+
+
 class RemembersTexts(Good):
     def init(self, parameters):  # type: ignore[no-untyped-def]
         return {"last": np.zeros(parameters), "who": np.array(["me"])}
@@ -115,7 +121,8 @@ class RemembersNoNumber(Good):
         (Leaves, r"`step` with \d models failed: SystemExit: 3", "any number from one on must do"),
         (ReturnsTheModel, "`step` returns a ndarray", "return the state and the model"),
         (CannotBegin, r"`init` failed: OSError: no such table \(test_aggregators.py, line \d+\)", "return a dict"),
-        (RemembersTexts, r"state\['who'\] is <U2 \(1,\)", "arrays of numbers or booleans"),
+        (OfComplexNumbers, "the model is complex128", "return float64"),
+        (RemembersTexts, r"state\['who'\] is <U2 \(1,\)", "a checkpoint keeps arrays of bool,"),
         (RemembersNoNumber, r"state\['last'\] is not finite", "guard divisions"),
     ],
 )

@@ -59,6 +59,24 @@ class OfAnotherType(Good):
         return slots.astype(float), delivered
 
 
+class OfNarrowerNumbers(Good):
+    def transmit(self, distance_m, bits, rng):  # type: ignore[no-untyped-def]
+        slots, delivered = super().transmit(distance_m, bits, rng)
+        return slots.astype(np.int32), delivered
+
+
+class Lists(Good):
+    def transmit(self, distance_m, bits, rng):  # type: ignore[no-untyped-def]
+        slots, delivered = super().transmit(distance_m, bits, rng)
+        return slots.tolist(), delivered.tolist()
+
+
+class SpawnsGenerators(Good):
+    def transmit(self, distance_m, bits, rng):  # type: ignore[no-untyped-def]
+        (child,) = rng.spawn(1)  # how many there were is in no checkpoint
+        return super().transmit(distance_m, bits, child)
+
+
 class TakesNoTime(Good):
     def transmit(self, distance_m, bits, rng):  # type: ignore[no-untyped-def]
         slots, delivered = super().transmit(distance_m, bits, rng)
@@ -96,16 +114,19 @@ class NeedsALink(Good):
     ("wrong", "says", "mend"),
     [
         (DrawsItsOwn, "otherwise a second time", "draw from the generator you are given"),
-        (KeepsItElsewhere, "made anew differ", "keep nothing between two calls"),
+        (KeepsItElsewhere, "go on from a checkpoint differ", "keep nothing between two calls"),
+        (SpawnsGenerators, "go on from a checkpoint differ", "of `rng` take numbers only"),
         (WritesToTheDistances, "writes to the distances", "copy before you write"),
-        (OfAnotherShape, "returns shapes", r"return slots \(K,\)"),
-        (OfAnotherType, "returns float64 and bool", "slots as int64"),
-        (TakesNoTime, "no slot at all", "one slot at least"),
-        (ReturnsTheSlots, "`transmit` returns a ndarray", "return slots and delivered"),
-        (TakesForEver, r"a message takes \d+ slots", "at most 1000000"),
-        (ExpectsNoNumber, r"`expected` returns \(nan, 1.0\)", "return outages and slots"),
-        (ExpectsOne, "`expected` returns 1.0", "return outages and slots"),
-        (NeedsALink, "over 0 links failed: IndexError", "any number of links must do"),
+        (OfAnotherShape, r"slots: int64 \(40, 1\), expected int64 \(40,\)", "return that"),
+        (OfAnotherType, r"slots: float64 \(40,\), expected int64", "return that"),
+        (OfNarrowerNumbers, r"slots: int32 \(40,\), expected int64", "return that"),
+        (Lists, r"slots: list, expected int64 \(40,\)", "return that"),
+        (TakesNoTime, r"slots from 0 to \d", "a message takes 1 to 1000000"),
+        (ReturnsTheSlots, "`transmit` returns a ndarray", "expected slots and delivered"),
+        (TakesForEver, r"slots from \d+ to \d+", "a message takes 1 to 1000000"),
+        (ExpectsNoNumber, r"`expected` returns \(nan, 1.0\)", "expected two finite numbers, or None"),
+        (ExpectsOne, "`expected` returns 1.0", "expected two finite numbers, or None"),
+        (NeedsALink, "`transmit` failed: IndexError", "0 links must do, as any number"),
     ],
 )
 def test_a_wrong_one_is_told_what_to_mend(wrong: type[Channel], says: str, mend: str) -> None:

@@ -127,7 +127,7 @@ class OfSmallFloats(Good):
         (ReturnsTheStates, "`step` returns a ndarray", "return the states and the hidden state"),
         (Leaves, r"`step` failed: SystemExit: 3 \(test_vehicles.py, line \d+\)", "any number of UAVs must do"),
         (CannotBegin, "`init` failed: OSError: no such table", "return a dict of arrays"),
-        (BeginsWithOne, r"hidden\['thrust'\] of 5 UAVs is \(1, 2\)", "a row a UAV"),
+        (BeginsWithOne, r"hidden\['thrust'\] has shape \(1, 2\); expected a leading axis of 5", "a checkpoint"),
         (OfSmallFloats, "power is float32", "return float64"),
         (ChangesItsForm, "`hidden` becomes", "keep names and shapes"),
     ],

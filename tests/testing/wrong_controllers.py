@@ -107,6 +107,17 @@ class WritesToItsArguments(Good):
         return super().step(memory, tick, own, received)
 
 
+class WritesToItsStates(Good):
+    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        step = super().step(memory, tick, own, received)
+        own[:] = 0.0  # the same, however often
+        return step
+
+
+class NamedAsAColumn(Good):
+    diagnostics = ("arrived",)
+
+
 class Slow(Good):
     def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
         end = time.perf_counter() + 0.004

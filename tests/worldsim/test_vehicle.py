@@ -187,11 +187,25 @@ def test_a_wrong_vehicle_ends_the_run_and_says_what_is_wrong(glider, old: str, n
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("np.full(uavs, self.charge_J)", "np.full(3, self.charge_J)", "charge_J' of `init`: float64"),
-        ("np.full(uavs, self.charge_J)", "self.charge_J", "dict of arrays"),
+        (
+            "np.full(uavs, self.charge_J)",
+            "np.full(3, self.charge_J)",
+            r"`init`: hidden\['charge_J'\] has shape \(3,\); expected a leading axis of",
+        ),
+        (
+            "np.full(uavs, self.charge_J)",
+            "self.charge_J",
+            r"hidden\['charge_J'\] is a float; a checkpoint keeps arrays",
+        ),
         ("np.full(uavs, self.charge_J)", "exit(3)", "`init` failed: SystemExit: 3"),
-        ('{"charge_J"', '{7: np.zeros(uavs), "charge_J"', "hidden state 7 of `init`: its name must be a text"),
-        ("np.full(uavs, self.charge_J)", "np.array(['x'] * uavs)", "neither numbers"),
+        ('{"charge_J"', '{7: np.zeros(uavs), "charge_J"', r"`init`: hidden\[7\]: its name must be a text"),
+        ("np.full(uavs, self.charge_J)", "np.array(['x'] * uavs)", r"hidden\['charge_J'\] is <U1 "),
+        (
+            "np.full(uavs, self.charge_J)",
+            "np.ones(uavs, np.uint16)",
+            "is uint16 .*; a checkpoint keeps arrays of bool,",
+        ),
+        ("np.full(uavs, self.charge_J)", "np.ones((uavs, 1, 1, 1, 1))", "with at most 4 axes"),
     ],
 )
 def test_a_wrong_take_off_is_refused(glider, old: str, new: str, said: str) -> None:

@@ -179,6 +179,27 @@ def test_columns_that_are_a_text_are_refused() -> None:
         type("Wrong", (Open,), {"columns": "touched"})(Ecbf.Options(), SMALL, Talker(Talker.Options(), SMALL))
 
 
+@pytest.mark.parametrize("columns", [("near", "near"), ("unsent",)])
+def test_columns_twice_are_said_of_the_filter(columns: tuple[str, ...]) -> None:
+    with pytest.raises(ValueError, match=r"`columns` .* must be different names, and none of them 'unsent'"):
+        type("Wrong", (Open,), {"columns": columns})(Ecbf.Options(), SMALL, Talker(Talker.Options(), SMALL))
+
+
+def test_a_controller_that_writes_to_its_states_does_not_deceive_the_filter() -> None:
+    class Writes(Talker):
+        def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+            step = super().step(memory, tick, own, received)
+            own[:] = 1e6
+            return step
+
+    honest, writes = (behind(one(Talker.Options(), SMALL)) for one in (Talker, Writes))
+    own = np.linspace(0.0, 3.0, 24).reshape(6, 4)
+    memory = honest.init(np.arange(6), own)
+    one, other = (made.step(memory, 0, own.copy(), ()) for made in (honest, writes))
+    np.testing.assert_array_equal(one.acceleration, other.acceleration)
+    np.testing.assert_array_equal(one.broadcasts[0].payload, other.broadcasts[0].payload)
+
+
 def test_scenarios_without_a_filter_keep_their_hash_and_others_have_their_own() -> None:
     plain, some = Scenario(), Scenario(filter=Filter(kind="ecbf"))
     assert plain.sha256() == Scenario(filter=Filter()).sha256() != some.sha256()
