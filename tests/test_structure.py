@@ -189,6 +189,16 @@ def test_a_module_is_short_enough_to_read(path: Path) -> None:
     assert len(text(path).splitlines()) <= 300
 
 
+def test_a_worker_of_a_study_loads_no_statistics() -> None:
+    """They are a second of each worker's start, and of each command's."""
+    modules = "meanflock.groundstation.study, meanflock.groundstation.paper.experiments, meanflock.groundstation.means"
+    code = LOADED.format(module=modules, forbidden=["scipy.stats", "matplotlib", "rerun"])
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S, check=True
+    )
+    assert loaded.stdout.strip() == ""
+
+
 def test_tests_are_short_say_what_they_are_of_and_share_by_modules_without_tests() -> None:
     for path in TESTS:
         assert len(text(path).splitlines()) <= 300, name_of(path)

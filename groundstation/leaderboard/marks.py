@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import special, stats
+from scipy import special
 
 from meanflock.groundstation.leaderboard.measures import Measure
 
@@ -47,7 +47,7 @@ def mcnemar(first: ArrayLike, second: ArrayLike) -> float:
     """Two-sided exact p value that two columns (K,) of yes and no, of the same seeds, have the same share."""
     a, b = np.asarray(first, dtype=bool), np.asarray(second, dtype=bool)
     only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())
-    return float(stats.binomtest(only_a, only_a + only_b).pvalue) if only_a + only_b else 1.0
+    return min(1.0, 2.0 * float(special.bdtr(min(only_a, only_b), only_a + only_b, 0.5)))
 
 
 def best(columns: Mapping[Measure, Mapping[str, Floats]]) -> dict[str, str]:

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from meanflock.groundstation import plotstyle
 from meanflock.groundstation.paper.figures_grids import COMPARED
@@ -40,7 +40,7 @@ class Bundle:
         n = len(self.rows)
         if n < 2:
             return np.zeros(len(self.times))
-        return np.asarray(stats.t.ppf(0.975, n - 1) * self.rows.std(axis=0, ddof=1) / np.sqrt(n))
+        return np.asarray(special.stdtrit(n - 1, 0.975) * self.rows.std(axis=0, ddof=1) / np.sqrt(n))
 
 
 def bundle(frame: Frame, metric: str) -> Bundle:

@@ -9,7 +9,6 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from scipy.stats import qmc
 
 from meanflock.groundstation.paper import search
 from meanflock.groundstation.paper.methods import Method
@@ -161,6 +160,8 @@ def points(scenario: Path | None = None) -> Iterator[Point]:
 def random_design() -> list[list[str]]:
     """All free parameters of the learners at once: a Latin hypercube in their logarithms."""
     low, high = np.log(np.array(list(_RANGES.values()))).T
+    from scipy.stats import qmc  # here: it takes a second to load, and workers draw no designs
+
     places = qmc.LatinHypercube(len(_RANGES), rng=_RANDOM_SEED).random(RANDOM_POINTS)
     design = np.exp(low + (high - low) * places)
     return [[f"{name}={value:.4g}" for name, value in zip(_RANGES, row, strict=True)] for row in design]

@@ -8,7 +8,6 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import qmc
 
 SETTINGS = 300
 SEEDS = range(6001, 6003)
@@ -30,6 +29,8 @@ KNOWN = (
 
 def design() -> list[tuple[str, ...]]:
     """The settings of the search: those known before, then the hypercube's."""
+    from scipy.stats import qmc  # here: it takes a second to load, and workers draw no designs
+
     places = qmc.LatinHypercube(6, rng=_DESIGN_SEED).random(SETTINGS)
     return [*KNOWN, *(_settings(row) for row in places)]
 
