@@ -81,7 +81,11 @@ def fly(scenario: Scenario, options: Options, back: Back | None = None) -> Run:
         BadInput: something asked for cannot be had; nothing was written.
         RunFailed: a process crashed, or the run was interrupted; the folder holds what there was.
     """
-    interrupted = Interrupted()
+    with Interrupted() as interrupted:
+        return _fly(scenario, options, back, interrupted)
+
+
+def _fly(scenario: Scenario, options: Options, back: Back | None, interrupted: Interrupted) -> Run:
     run_id = new_run_id(scenario, options.out) if back is None else back.run_id
     if options.log_format is not None:
         logs.start(options.log_format, run=run_id, node="in-process" if options.in_process else STATION)

@@ -133,17 +133,17 @@ def attend(shown: "subprocess.Popen[bytes]") -> None:
     Raises:
         RunFailed: it ended by itself, with an error.
     """
-    interrupted = Interrupted()
-    try:
-        while shown.poll() is None and not interrupted:
-            with suppress(subprocess.TimeoutExpired):
-                shown.wait(timeout=0.2)
-        if shown.returncode and not interrupted:
-            raise RunFailed(
-                f"the viewer ended with {shown.returncode}; `meanflock picture` and `view --web` need no window"
-            )
-    finally:
-        end(shown)
+    with Interrupted() as interrupted:
+        try:
+            while shown.poll() is None and not interrupted:
+                with suppress(subprocess.TimeoutExpired):
+                    shown.wait(timeout=0.2)
+            if shown.returncode and not interrupted:
+                raise RunFailed(
+                    f"the viewer ended with {shown.returncode}; `meanflock picture` and `view --web` need no window"
+                )
+        finally:
+            end(shown)
 
 
 def end(viewer: "subprocess.Popen[bytes]") -> None:

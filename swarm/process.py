@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import NoReturn
+from typing import NoReturn, Self
 
 from meanflock.swarm import logs, plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput, MeanflockError
@@ -85,13 +85,22 @@ def identity(tls: str, name: str) -> Identity | None:
 
 
 class Interrupted:
-    """True once SIGINT or SIGTERM came; the first is a wish, the second ends the process at once."""
+    """True once SIGINT or SIGTERM came; the first is a wish, the second ends the process at once.
+
+    As a context manager it gives the signals back to whoever had them.
+    """
 
     def __init__(self) -> None:
         self.at_once: Callable[[], str] | None = None  # what must be done by who ends at once; what a person is told
         self._came = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._note)
+        self._before = {number: signal.signal(number, self._note) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
 
     def __bool__(self) -> bool:
         return self._came

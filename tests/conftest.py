@@ -6,8 +6,10 @@ twice at the most. Any other failure is one at once, and so is that of a test wi
 """
 
 import os
-from collections.abc import Generator
+import signal
+from collections.abc import Generator, Iterator
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import hypothesis
@@ -28,8 +30,30 @@ class MachineStoodStill(Exception):
 AGAIN = pytest.mark.flaky(reruns=2, only_rerun=[MachineStoodStill.__name__])
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _temporary(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Processes that are killed leave temporary files: beside those of the tests, which pytest tidies up."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TMPDIR", str(tmp_path_factory.mktemp("temporary")))
+        yield
+
+
+def _of_this_process() -> tuple[Any, ...]:
+    """What a test could leave changed to those after it."""
+    variables = {name: said for name, said in os.environ.items() if name != "PYTEST_CURRENT_TEST"}
+    signals = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+    return variables, Path.cwd(), signals
+
+
 @pytest.fixture(autouse=True)
-def _no_plugin_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+def _left_as_found() -> Iterator[None]:
+    before = _of_this_process()
+    yield
+    assert _of_this_process() == before, "variables, folder and signals are those of the tests that follow, too"
+
+
+@pytest.fixture(autouse=True)
+def _no_plugin_stays(_left_as_found: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """What a test registers ends with it, and so does the variable that names its file to processes started later."""
     monkeypatch.setattr(plugins, "_files", dict(plugins._files))
     monkeypatch.setenv(plugins.FILES, os.environ.get(plugins.FILES, ""))

@@ -1,9 +1,12 @@
 """What the processes share on their command lines."""
 
+import os
+import signal
+
 import pytest
 
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.process import parser, seconds
+from meanflock.swarm.process import Interrupted, parser, seconds
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "-1", "soon", ""])
@@ -26,3 +29,21 @@ def test_what_is_wrong_with_a_command_line_is_an_error_that_names_a_command_ther
     assert left.value.code == 2
     said = capsys.readouterr().err
     assert said == "error: unrecognized arguments: --bogus; see python -m meanflock.agent --help\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interruption_is_noted_for_as_long_as_somebody_looks_and_then_the_signal_is_whose_it_was(
+    number: signal.Signals,
+) -> None:
+    heard: list[int] = []
+    before = signal.signal(number, lambda number, _: heard.append(number))
+    try:
+        with Interrupted() as interrupted:
+            assert not interrupted
+            os.kill(os.getpid(), number)
+            assert interrupted
+        assert heard == []
+        os.kill(os.getpid(), number)
+        assert heard == [number]
+    finally:
+        signal.signal(number, before)
