@@ -62,14 +62,16 @@ class Command:
         return self._spawn("meanflock.groundstation.cli", "run", "--out", str(self.out), *flags)
 
     def summary(self, *flags: str) -> dict[str, Any]:
-        """Runs to the end and returns what `--json` printed, which must be all of stdout.
+        """Runs to the end and returns what `--json` printed.
 
-        What flies in one process does so in this one: another would only have to load everything again.
+        The command runs in this process, where all is loaded; what it starts, if anything, are processes of their own.
         """
-        if "--in-process" in flags:
-            with redirect_stdout(StringIO()) as told:
-                assert main(["run", "--out", str(self.out), "--json", "--quiet", *flags]) == 0
-            return json.loads(told.getvalue())
+        with redirect_stdout(StringIO()) as told:
+            assert main(["run", "--out", str(self.out), "--json", "--quiet", *flags]) == 0
+        return json.loads(told.getvalue())
+
+    def summary_of_a_process(self, *flags: str) -> dict[str, Any]:
+        """The same of a command in a process of its own; the summary must be all that comes out of it."""
         process = self.start("--json", "--quiet", *flags)
         out, err = process.communicate(timeout=DEADLINE_S)
         assert process.returncode == 0, err

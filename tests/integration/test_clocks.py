@@ -143,7 +143,7 @@ def test_a_wall_clock_that_jumps_by_hours_changes_nothing(
     assert 0.0 < summary["wall_time_s"] < DEADLINE_S
     assert processes_of(summary["run_id"]) == []
     if how == "native":
-        kept = Command(tmp_path / "kept", spawn).summary(*SHORT, "--realtime=15")
+        kept = Command(tmp_path / "kept", spawn).summary_of_a_process(*SHORT, "--realtime=15")
         assert 2.0 <= kept["wall_time_s"] < DEADLINE_S
         assert 0.0 <= kept["realtime"]["tick_start_jitter_ms"]["max"] < 1e3 * DEADLINE_S
         assert kept["lost"] == 0

@@ -76,7 +76,7 @@ def test_heads_of_clusters_fly_the_same_run_in_one_process_in_three_and_in_six(c
 
 
 def test_a_finished_run_leaves_all_five_files_and_reruns_bit_identically(command: Command, spawn: Spawn) -> None:
-    first = command.summary(*SHORT)
+    first = command.summary_of_a_process(*SHORT)
     folder = command.folder
     names = {"scenario.toml", "summary.json", "timeseries.parquet", "events.jsonl", "recording.rrd"}
     assert {path.name for path in folder.iterdir()} == names
