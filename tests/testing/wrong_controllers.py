@@ -120,9 +120,7 @@ class NamedAsAColumn(Good):
 
 class Slow(Good):
     def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
-        end = time.perf_counter() + 0.004
-        while time.perf_counter() < end:
-            pass
+        time.sleep(0.004)
         return super().step(memory, tick, own, received)
 
 
