@@ -38,18 +38,21 @@ def _temporary(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
-def _of_this_process() -> tuple[Any, ...]:
+OTHERS = {"PYTEST_CURRENT_TEST", "KMP_INIT_AT_FORK"}  # variables that pytest and joblib set
+
+
+def _of_this_process() -> set[tuple[str, Any]]:
     """What a test could leave changed to those after it."""
-    variables = {name: said for name, said in os.environ.items() if name != "PYTEST_CURRENT_TEST"}
-    signals = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
-    return variables, Path.cwd(), signals
+    variables = {(name, said) for name, said in os.environ.items() if name not in OTHERS}
+    signals = {(number.name, signal.getsignal(number)) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    return variables | signals | {("working folder", Path.cwd())}
 
 
 @pytest.fixture(autouse=True)
 def _left_as_found() -> Iterator[None]:
     before = _of_this_process()
     yield
-    assert _of_this_process() == before, "variables, folder and signals are those of the tests that follow, too"
+    assert _of_this_process() ^ before == set(), "a test leaves to others what it changed"
 
 
 @pytest.fixture(autouse=True)

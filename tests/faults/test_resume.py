@@ -51,6 +51,12 @@ def test_every_method_resumes_bit_identically_and_leaves_no_gap_and_no_duplicate
 
 
 @pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """The summary of the run that nothing happens to."""
+    return flight(tmp_path_factory.mktemp("undisturbed"), scenario(LATER))
+
+
+@pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     """The undisturbed run with faults: its folder and its summary."""
     out = tmp_path_factory.mktemp("whole")
@@ -88,9 +94,8 @@ def test_residuals_of_rounded_uploads_are_remembered_across_a_resume(broadcast: 
     assert steady(got, "wire_bytes", "radio") == steady(expected, "wire_bytes", "radio")
 
 
-def test_a_run_can_die_and_be_resumed_again_and_again(tmp_path: Path) -> None:
+def test_a_run_can_die_and_be_resumed_again_and_again(undisturbed: dict[str, Any], tmp_path: Path) -> None:
     flown = scenario(LATER)
-    expected = flight(tmp_path / "whole", flown)
     folder = dead(tmp_path / "dead", flown, 130)
     for dies_at in (240, 330):
         going_on = back(folder)
@@ -103,29 +108,27 @@ def test_a_run_can_die_and_be_resumed_again_and_again(tmp_path: Path) -> None:
         again._spool = None  # type: ignore[assignment]
         again._events.close()
     assert back(folder).start.tick == 301
-    assert steady(resumed(folder)) == steady(expected)
+    assert steady(resumed(folder)) == steady(undisturbed)
     assert pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist() == list(range(351))
     assert [e["tick"] for e in events(folder) if e["kind"] == "resumed"] == [101, 201, 301]
 
 
 def test_a_spool_cut_off_in_the_middle_of_a_block_is_resumed_all_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    undisturbed: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("meanflock.groundstation.engine._BLOCK_ROWS", 20)  # so that there are some since the checkpoint
     flown = scenario(LATER)
-    expected = flight(tmp_path / "whole", flown)
     folder = dead(tmp_path / "dead", flown, 250)
     spool = folder / ".telemetry"
     os.truncate(spool, spool.stat().st_size - 1000)
     with (folder / "events.jsonl").open("a") as file:
         file.write('{"tick": 2')
-    assert resumed(folder)["trajectory_sha256"] == expected["trajectory_sha256"]
+    assert resumed(folder)["trajectory_sha256"] == undisturbed["trajectory_sha256"]
     assert all(event["tick"] <= 350 for event in events(folder))
 
 
-def test_an_interrupted_run_that_has_its_summary_goes_on_too(tmp_path: Path) -> None:
+def test_an_interrupted_run_that_has_its_summary_goes_on_too(undisturbed: dict[str, Any], tmp_path: Path) -> None:
     flown = scenario(LATER)
-    expected = flight(tmp_path / "whole", flown)
     folder = RunFolder(tmp_path / "dead", "run", flown)
     engine = Engine(flown, "run", sinks=[folder])
     for tick in engine.fly():
@@ -134,7 +137,7 @@ def test_an_interrupted_run_that_has_its_summary_goes_on_too(tmp_path: Path) -> 
     with folder:
         folder.summarise(engine.world.finish())
     assert (folder.path / "timeseries.parquet").exists()
-    assert steady(resumed(folder.path)) == steady(expected)
+    assert steady(resumed(folder.path)) == steady(undisturbed)
     assert [event["kind"] for event in events(folder.path)].count("finished") == 1
 
 

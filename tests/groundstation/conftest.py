@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 import rerun as rr
+from matplotlib.figure import Figure
 
 from meanflock.groundstation.cli import main
 
@@ -17,6 +18,12 @@ def strict() -> Iterator[None]:
     rr.set_strict_mode(True)
     yield
     rr.set_strict_mode(False)
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are made, and their files are empty: to draw one takes longer than a short flight."""
+    monkeypatch.setattr(Figure, "savefig", lambda *_, **__: None)
 
 
 @pytest.fixture

@@ -53,6 +53,7 @@ def test_the_run_folder_is_named_however_quiet(run, tmp_path, flags) -> None:
     assert (code, err) == (EXIT_DONE, f"run folder runs/{folder.name}\n")
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     "verb",
     [("run", "--in-process", "--no-record"), ("compare", "mfg", "--seeds", "1"), ("sweep", "seed=1,2")],

@@ -28,6 +28,7 @@ def test_who_never_arrived_counts_with_the_duration(arrived: int, t_avg_s: float
     assert study.of_all(Scenario(uavs=4, duration=60.0), given) == {**given, "t_avg_censored_s": mean_s}
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_comparison_says_so_in_table_and_csv(run, tmp_path) -> None:
     """A destination so wide that some are there at once, and some on their way when the flight ends."""
     flags = ("--set", "destination.radius=178", "--set", "start.spacing=4", "--uavs", "3", "--seeds", "2")

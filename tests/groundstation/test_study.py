@@ -21,6 +21,8 @@ from meanflock.swarm.toml import apply
 from tests.groundstation.studies import QUICK, flown, rows
 from tests.polling import DEADLINE_S, until
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 @pytest.mark.parametrize(
     ("swept", "flags", "wanted"),

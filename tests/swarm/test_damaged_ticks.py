@@ -14,7 +14,7 @@ from meanflock.kernels.wire import ACT, FIRST, SENSE
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.wire import tick
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense
-from tests.swarm.backends import REFERENCE, Backend, outcome
+from tests.swarm.backends import BACKENDS, REFERENCE, Backend, outcome
 from tests.swarm.examples import OF_A_TICK, RAW, arrays_in, same
 from tests.swarm.ticks import QUICK, as_documented, as_meant, read, written
 
@@ -76,6 +76,7 @@ def test_any_bytes_are_a_message_or_are_rejected(raw: bytes) -> None:
     never_worse(raw)
 
 
+@pytest.mark.parametrize("backend", [name for name in BACKENDS if BACKENDS[name] != REFERENCE], indirect=True)
 @settings(MANY, max_examples=1000)
 @given(damaged())
 def test_every_form_lets_in_the_same_and_rejects_for_the_same_reason(backend: Backend, raw: bytes) -> None:

@@ -67,6 +67,7 @@ def test_the_pages_show_the_same_cells_and_need_no_network(run, tmp_path, small)
         assert (tmp_path / "out" / picture).read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_every_field_of_a_board_is_in_the_data_dictionary(run, tmp_path, small) -> None:
     flags = ("--controllers", "cruise", "mfg", "--missions", "near.toml")
     assert run("leaderboard", *flags, *QUICK)[0] == EXIT_DONE

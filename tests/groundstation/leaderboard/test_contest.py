@@ -21,6 +21,8 @@ from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED
 from tests.groundstation.leaderboard.courses import QUICK
 from tests.polling import DEADLINE_S, until
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 ROOT = Path(__file__).parents[3]
 SPRING = str(ROOT / "examples" / "spring.py")
 
