@@ -3,14 +3,13 @@
 import json
 import random
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 
 from meanflock.groundstation import certs
+from meanflock.groundstation.cli import main
 from meanflock.swarm import scenario as scenarios
 from tests.faults.conftest import SETTINGS, Flight, Lab, Processes, ends_by_itself
 from tests.polling import DEADLINE_S
@@ -80,9 +79,7 @@ def test_a_run_whose_leader_station_and_world_are_killed_at_random_ticks_is_resu
     for process in (*flight.agents, *flight.leaders[:-1]):
         process.terminate()  # they would wait for a world to come back
     (folder,) = tmp_path.iterdir()
-    line = [sys.executable, "-m", "meanflock.groundstation.cli", "resume", str(folder), *secure]
-    line += ["--json", "--quiet", "--no-record"]
-    done = subprocess.run(line, capture_output=True, text=True, timeout=DEADLINE_S)
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["trajectory_sha256"] == undisturbed
+    how = secure or ("--in-process",)  # processes without TLS: test_resume_processes.py
+    assert main(["resume", str(folder), *how, "--json", "--quiet", "--no-record"]) == 0
+    assert json.loads((folder / "summary.json").read_text())["trajectory_sha256"] == undisturbed
     assert pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist() == list(range(4001))

@@ -209,14 +209,11 @@ def test_where_nothing_is_forked_the_launcher_starts_an_agent_again_itself(
 SHORT = 'duration = 100000\nstop = "duration"\nmethod = "mfg"'
 
 
-def test_a_world_that_ended_unheard_is_noticed_and_the_run_can_be_resumed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_world_that_ended_unheard_is_noticed_and_the_run_can_be_resumed(tmp_path: Path) -> None:
     """As after a long freeze of this process: the world has waited for it, and left."""
-    monkeypatch.setattr(signal, "signal", lambda *_: None)
     flown = scenarios.load(None, ["uavs=2", "duration=30", "method=mfg"])
     bus = MemoryNetwork().endpoint()
-    with RunFolder(tmp_path, "run", flown) as folder, Swarm("run") as swarm:
+    with RunFolder(tmp_path, "run", flown) as folder, Swarm("run") as swarm, Interrupted() as interrupted:
         left = subprocess.Popen([sys.executable, "-c", ""])
         child = Child("world", "worldsim", [], tmp_path / "log")
         child.process = left
@@ -225,9 +222,8 @@ def test_a_world_that_ended_unheard_is_noticed_and_the_run_can_be_resumed(
         with pytest.raises(
             RunFailed, match=r"the world ended .*, before take-off; `meanflock run .*run/scenario\.toml`"
         ):
-            _listen(bus, Station(bus, "run", [folder]), swarm, Interrupted(), folder)
-        interrupted = Interrupted()
-        interrupted._note(signal.SIGINT, None)
+            _listen(bus, Station(bus, "run", [folder]), swarm, interrupted, folder)
+        signal.raise_signal(signal.SIGINT)
         with pytest.raises(RunFailed, match=r"^interrupted, before take-off; `meanflock run .*run/scenario\.toml`"):
             _listen(bus, Station(bus, "run", [folder]), swarm, interrupted, folder)
 
@@ -238,11 +234,10 @@ def test_a_world_that_never_listens_is_a_matter_of_the_machine_and_not_of_a_flag
     def nobody(timeout_s: float) -> None:
         raise BusError("the world is not there: start it, or wait longer (--wait)")
 
-    monkeypatch.setattr(signal, "signal", lambda *_: None)
     monkeypatch.setattr("meanflock.groundstation.run._CONNECT_S", 0.0)
     flown = scenarios.load(None, ["uavs=2", "duration=30", "method=mfg"])
-    with RunFolder(tmp_path, "run", flown) as folder, Swarm("run") as swarm:
+    with RunFolder(tmp_path, "run", flown) as folder, Swarm("run") as swarm, Interrupted() as interrupted:
         monkeypatch.setattr(swarm, "check", lambda: None)
         monkeypatch.setattr(swarm, "connect", nobody)
         with pytest.raises(RunFailed, match=r"^after 0 s the world still cannot be reached: .*`meanflock doctor`$"):
-            _connect(swarm, Interrupted(), folder)
+            _connect(swarm, interrupted, folder)

@@ -167,7 +167,7 @@ def test_words_between_commas_and_words_one_after_the_other_are_the_same(run, tm
 
 
 @pytest.mark.processes
-def test_ctrl_c_keeps_what_is_finished_and_a_repeat_flies_the_rest(tmp_path: Path) -> None:
+def test_ctrl_c_keeps_what_is_finished_and_a_repeat_flies_the_rest(run, tmp_path: Path) -> None:
     (tmp_path / "long.toml").write_text('uavs = 16\nduration = 30.0\nstop = "duration"\n')
     command = [sys.executable, "-c", "from meanflock.groundstation.cli import main; main()", "leaderboard"]
     command += ["--missions", "long.toml", "--controllers", "hjb", "mfg", "--seeds", "6", "--jobs", "2"]
@@ -186,8 +186,7 @@ def test_ctrl_c_keeps_what_is_finished_and_a_repeat_flies_the_rest(tmp_path: Pat
     assert not psutil.wait_procs(family, timeout=DEADLINE_S)[1]
     kept = {path: path.stat().st_mtime_ns for path in jobs.glob("*.job")}
     assert not (tmp_path / "out/leaderboard.json").exists()
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, timeout=DEADLINE_S, check=False)
-    assert done.returncode == EXIT_DONE
+    assert run(*command[3:], "--jobs", "1")[0] == EXIT_DONE
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
     (course,) = board.read(tmp_path / "out/leaderboard.json").courses
     assert [row.cells["time_s"].n for row in course.standings] == [6, 6]
