@@ -6,7 +6,6 @@ import re
 import subprocess
 import sys
 import tokenize
-from pathlib import Path
 
 import pytest
 
@@ -62,12 +61,13 @@ def test_the_house_has_the_rooms_it_should_have() -> None:
     assert len(MODULES) > 30
 
 
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
-def test_imports_flow_one_way(path: Path) -> None:
-    room = room_of(module_of(path))
-    others = {room_of(name) for name in needed(path)} - {room}
-    assert others <= MAY_IMPORT[room]
-    assert not {name.split(".")[0] for name in imported(path)} & set(ROOMS), "rooms are imported as meanflock.<room>"
+def test_imports_flow_one_way() -> None:
+    for path in MODULES:
+        room = room_of(module_of(path))
+        others = {room_of(name) for name in needed(path)} - {room}
+        assert others <= MAY_IMPORT[room], name_of(path)
+        bare = {name.split(".")[0] for name in imported(path)} & set(ROOMS)
+        assert not bare, f"{name_of(path)}: rooms are imported as meanflock.<room>"
 
 
 def test_no_module_imports_itself_by_way_of_others() -> None:
@@ -89,22 +89,23 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
     assert circles == []
 
 
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
-def test_no_object_takes_a_page_to_be_made(path: Path) -> None:
-    lines = text(path).splitlines()
-    for node in nodes(path):
-        if isinstance(node, ast.FunctionDef) and node.name == "__init__":
-            body = node.body[1:] if ast.get_docstring(node) else node.body
-            work = [] if not body else lines[body[0].lineno - 1 : body[-1].end_lineno]
-            work = [line for line in work if line.strip() and not line.strip().startswith("#")]
-            assert len(work) <= 25, f"{name_of(path)}:{node.lineno}"
+def test_no_object_takes_a_page_to_be_made() -> None:
+    for path in MODULES:
+        lines = text(path).splitlines()
+        for node in nodes(path):
+            if isinstance(node, ast.FunctionDef) and node.name == "__init__":
+                body = node.body[1:] if ast.get_docstring(node) else node.body
+                work = [] if not body else lines[body[0].lineno - 1 : body[-1].end_lineno]
+                work = [line for line in work if line.strip() and not line.strip().startswith("#")]
+                assert len(work) <= 25, f"{name_of(path)}:{node.lineno}"
 
 
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
-def test_names_are_words_of_the_field(path: Path) -> None:
+def test_names_are_words_of_the_field() -> None:
     """No metaphors of our own: a frame is sent and received, a controller has a memory, a process is forked."""
-    names = {t.string for t in tokenize.generate_tokens(io.StringIO(text(path)).readline) if t.type == tokenize.NAME}
-    assert not sorted(name for name in names if PRIVATE.search(name))
+    for path in MODULES:
+        tokens = tokenize.generate_tokens(io.StringIO(text(path)).readline)
+        names = {token.string for token in tokens if token.type == tokenize.NAME}
+        assert not sorted(name for name in names if PRIVATE.search(name)), name_of(path)
 
 
 def test_nobody_outside_the_kernels_knows_which_form_runs() -> None:
@@ -184,9 +185,9 @@ def test_a_process_of_the_swarm_loads_only_what_it_needs(module: str) -> None:
     assert loaded.stdout.strip() == ""
 
 
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
-def test_a_module_is_short_enough_to_read(path: Path) -> None:
-    assert len(text(path).splitlines()) <= 300
+def test_a_module_is_short_enough_to_read() -> None:
+    for path in MODULES:
+        assert len(text(path).splitlines()) <= 300, name_of(path)
 
 
 def test_a_worker_of_a_study_loads_no_statistics() -> None:
@@ -206,24 +207,24 @@ def test_tests_are_short_say_what_they_are_of_and_share_by_modules_without_tests
         assert not [name for name in imported(path) if ".test_" in name], name_of(path)
 
 
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
-def test_nothing_is_pickled_evaluated_or_drawn_from_a_global_generator(path: Path) -> None:
-    libraries = {name.split(".")[0] for name in imported(path)}
-    seeds_them = name_of(path) == "meanflock/testing/error.py"  # to find out who draws from them, and puts them back
-    assert not libraries & {"pickle", "cPickle", "dill", "cloudpickle", "marshal", "shelve", "random"} - (
-        {"random"} if seeds_them else set()
-    )
-    for node in nodes(path):
-        where = f"{name_of(path)}:{getattr(node, 'lineno', 0)}"
-        if isinstance(node, ast.Attribute):
-            full = dotted(node)
-            if full.startswith(("np.random.", "numpy.random.")):
-                assert full.split(".")[2] in LEGACY_RANDOM or seeds_them, where
-        if isinstance(node, ast.ImportFrom) and node.module == "numpy.random":
-            assert {alias.name for alias in node.names} <= LEGACY_RANDOM, where
-        if isinstance(node, ast.Call):
-            assert dotted(node.func) not in {"eval", "exec"}, where
-            assert all(keyword.arg != "allow_pickle" for keyword in node.keywords), where
+def test_nothing_is_pickled_evaluated_or_drawn_from_a_global_generator() -> None:
+    for path in MODULES:
+        libraries = {name.split(".")[0] for name in imported(path)}
+        # One seeds the global generators to find out who draws from them, and puts them back.
+        seeds_them = name_of(path) == "meanflock/testing/error.py"
+        forbidden = {"pickle", "cPickle", "dill", "cloudpickle", "marshal", "shelve", "random"}
+        assert not libraries & (forbidden - ({"random"} if seeds_them else set())), name_of(path)
+        for node in nodes(path):
+            where = f"{name_of(path)}:{getattr(node, 'lineno', 0)}"
+            if isinstance(node, ast.Attribute):
+                full = dotted(node)
+                if full.startswith(("np.random.", "numpy.random.")):
+                    assert full.split(".")[2] in LEGACY_RANDOM or seeds_them, where
+            if isinstance(node, ast.ImportFrom) and node.module == "numpy.random":
+                assert {alias.name for alias in node.names} <= LEGACY_RANDOM, where
+            if isinstance(node, ast.Call):
+                assert dotted(node.func) not in {"eval", "exec"}, where
+                assert all(keyword.arg != "allow_pickle" for keyword in node.keywords), where
 
 
 def test_what_flies_makes_its_generators_in_one_place_only() -> None:
@@ -237,12 +238,12 @@ def test_what_flies_makes_its_generators_in_one_place_only() -> None:
     assert makers == {"swarm/seeds.py"}
 
 
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
-def test_what_is_public_is_documented(path: Path) -> None:
-    assert ast.get_docstring(tree(path)), f"{name_of(path)} says not what it is"
-    silent = [
-        f"{name_of(path)}:{node.lineno} {node.name}"
-        for node in documentable(tree(path).body)
-        if not ast.get_docstring(node) and node.name not in promised()
-    ]
-    assert not silent
+def test_what_is_public_is_documented() -> None:
+    for path in MODULES:
+        assert ast.get_docstring(tree(path)), f"{name_of(path)} says not what it is"
+        silent = [
+            f"{name_of(path)}:{node.lineno} {node.name}"
+            for node in documentable(tree(path).body)
+            if not ast.get_docstring(node) and node.name not in promised()
+        ]
+        assert not silent
