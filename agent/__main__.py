@@ -15,7 +15,7 @@ with needed("an agent"):
     from meanflock.swarm.net.attendance import take_part
     from meanflock.swarm.net.identity import only_agent
     from meanflock.swarm.net.session import ZenohBus
-    from meanflock.swarm.process import Interrupted, flag, identity, main, orphaned, parser
+    from meanflock.swarm.process import Interrupted, end_with_launcher, flag, identity, main, orphaned, parser
     from meanflock.swarm.wire.messages import Join, Welcome
 
 
@@ -34,6 +34,7 @@ def _run() -> None:
     if given.count > 1 and given.tls and given.uav < 0:
         raise BadInput(f"--count {given.count}: with --tls say which UAV is the first: --uav K")
     number = fork(given.count)
+    end_with_launcher()
     if given.uav >= 0:
         given.uav += number * given.rows
     known = logs.start(given.log_format, run=given.run, node=keys.asker("agent", given.uav))

@@ -10,7 +10,7 @@ with needed("the leader"):
     from meanflock.swarm.net.attendance import take_part
     from meanflock.swarm.net.identity import LEADER
     from meanflock.swarm.net.session import ZenohBus
-    from meanflock.swarm.process import Interrupted, identity, main, orphaned, parser
+    from meanflock.swarm.process import Interrupted, end_with_launcher, identity, main, orphaned, parser
     from meanflock.swarm.wire.messages import Join, Welcome
 
 
@@ -18,6 +18,7 @@ def _run() -> None:
     given = parser("leader", "Averages the models of the UAVs.", "python -m meanflock.leader --run test").parse_args()
     known = logs.start(given.log_format, run=given.run, node=LEADER)
     interrupted = Interrupted()
+    end_with_launcher()
     who, run = identity(given.tls, LEADER), keys.check_run(given.run)
 
     def connect(timeout_s: float) -> ZenohBus:

@@ -8,6 +8,7 @@ import select
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -18,6 +19,7 @@ from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, B
 from meanflock.swarm.net.endpoint import DEFAULT_ENDPOINT
 from meanflock.swarm.net.identity import Identity
 
+_GRACE_S = 10.0  # for who has noticed by itself that its launcher is gone
 CHILD = "MEANFLOCK_CHILD"  # a variable: "1" where whoever started this process holds its standard input open
 
 
@@ -122,6 +124,19 @@ def orphaned() -> bool:
         return False
     readable, _, _ = select.select([0], [], [], 0)
     return bool(readable) and os.read(0, 1) == b""
+
+
+def end_with_launcher() -> None:
+    """From now on, a launcher that is gone ends this process, soon, whatever it is doing: a plug-in may hang."""
+    if os.environ.get(CHILD) == "1":
+        threading.Thread(target=_end_with_launcher, daemon=True).start()
+
+
+def _end_with_launcher() -> None:
+    while not orphaned():
+        select.select([0], [], [])  # nobody writes to it: it is readable once its other end is closed
+    time.sleep(_GRACE_S)
+    os._exit(EXIT_RUN_FAILED)
 
 
 def how_it_ended(code: int) -> str:

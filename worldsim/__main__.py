@@ -17,7 +17,7 @@ with needed("the world", "world"):
     from meanflock.swarm.net.identity import WORLD
     from meanflock.swarm.net.refusals import Refusals
     from meanflock.swarm.net.session import ZenohBus
-    from meanflock.swarm.process import Interrupted, flag, identity, main, orphaned, parser, seconds
+    from meanflock.swarm.process import Interrupted, end_with_launcher, flag, identity, main, orphaned, parser, seconds
     from meanflock.worldsim.checkpoint import Resumption
     from meanflock.worldsim.limits import Limits, Quotas
     from meanflock.worldsim.members import MAX_LEADERS
@@ -61,6 +61,7 @@ def _run() -> None:
         raise BadInput(f"--stations {given.stations}: 0 or more")
     rows_at_most = rows if given.tls else None
     interrupted = Interrupted()
+    end_with_launcher()
     refusals = Refusals()
     refusals.listen()
     quotas = Quotas(keys.check_run(given.run), flown, Limits(flown), rows_at_most)

@@ -50,6 +50,30 @@ def test_a_world_that_waits_for_its_nodes_does_not_outlive_its_launcher() -> Non
             world.kill()
 
 
+HANGS = """
+from pathlib import Path
+import meanflock as mf
+
+class Hangs(mf.Controller):
+    name = "hangs"
+
+    def step(self, memory, tick, own, received):
+        Path(__file__).with_suffix(".hangs").touch()
+        while True:
+            pass
+"""
+
+
+def test_a_controller_that_hangs_does_not_outlive_a_launcher_that_is_killed(command: Command, tmp_path: Path) -> None:
+    plugin = tmp_path / "hangs.py"
+    plugin.write_text(HANGS)
+    launcher = command.start("--quiet", "--plugin", str(plugin), "--method", "hangs", "--uavs", "1", "--no-record")
+    until(plugin.with_suffix(".hangs").exists, "a controller that hangs")
+    run = command.folder.name
+    launcher.kill()
+    until(lambda: not processes_of(run), "the end of all processes", SOON_S)
+
+
 def test_a_ground_station_that_waits_for_a_world_hears_ctrl_c(tmp_path: Path, spawn: Spawn) -> None:
     station = spawn("meanflock.groundstation", "--endpoint", free_endpoint(), "--out", str(tmp_path), "--wait", "10000")
     until(lambda: psutil.Process(station.pid).num_threads() > 2, "it looks for the world")
