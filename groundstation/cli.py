@@ -4,6 +4,7 @@ import logging
 import os
 import sys
 import traceback
+from io import TextIOWrapper
 
 import click
 
@@ -69,6 +70,8 @@ def main(arguments: list[str] | None = None) -> int:
     if arguments is None:
         os.environ["PYTHONSAFEPATH"] = "1"  # no worker of a sweep runs what lies in the working folder under our names
         divert()  # standard output is what we say; what libraries say in native code is not
+        if isinstance(sys.stdout, TextIOWrapper) and sys.stdout.errors == "strict":
+            sys.stdout.reconfigure(errors="replace")  # a terminal without φ shows a question mark
     try:
         cli.main(arguments, prog_name="meanflock", standalone_mode=False)
         sys.stdout.flush()

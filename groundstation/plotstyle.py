@@ -10,6 +10,7 @@ from string import ascii_lowercase
 from typing import Any
 
 import matplotlib as mpl
+import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -116,8 +117,8 @@ _LAID_OUT: Any = {"figure.constrained_layout.use": False, "figure.autolayout": F
 
 @contextmanager
 def style() -> Iterator[None]:
-    """The look, for the figures made and saved inside."""
-    with mpl.rc_context(_RC):
+    """The look, for the figures made and saved inside, whatever a `matplotlibrc` of the reader's says."""
+    with mpl.style.context(["default", _RC]):
         yield
 
 

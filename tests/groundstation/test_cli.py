@@ -140,3 +140,10 @@ def test_every_exit_code_has_a_help_text(run) -> None:
 
     told = run("--help")[1].partition("Exit codes:\n")[2].partition("\n\n")[0]
     assert {int(code) for code in re.findall(r"^ +(\d)  \w", told, re.MULTILINE)} == codes(MeanflockError) | {EXIT_DONE}
+
+
+def test_a_terminal_that_lacks_a_letter_shows_a_question_mark(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "meanflock.groundstation.cli", *QUICK, "--out", str(tmp_path)]
+    env = os.environ | {"PYTHONIOENCODING": "latin-1"}
+    done = subprocess.run(command, env=env, capture_output=True, check=True, timeout=DEADLINE_S)
+    assert "alignment ?_A" in done.stdout.decode("latin-1")

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import pytest
 
 from meanflock.groundstation import plots, quantities
@@ -23,6 +24,13 @@ def test_a_run_is_plotted_from_its_folder(run_folder: Path, tmp_path: Path) -> N
     assert {path.name for path in plots.write(made, tmp_path)} == {"paths.png", "paths.svg", "curves.png", "curves.svg"}
     for each in made.values():
         assert every_axis(each)
+
+
+def test_a_matplotlibrc_of_the_reader_changes_no_plot(run_folder: Path, tmp_path: Path) -> None:
+    ours = [path.read_bytes() for path in plots.write(plots.plot_run(run_folder), tmp_path / "ours")]
+    with mpl.rc_context({"axes.facecolor": "red", "savefig.facecolor": "red", "legend.loc": "center"}):
+        theirs = [path.read_bytes() for path in plots.write(plots.plot_run(run_folder), tmp_path / "theirs")]
+    assert theirs == ours
 
 
 def test_a_run_whose_events_were_cut_off_is_still_plotted(run_folder: Path) -> None:
