@@ -79,6 +79,9 @@ def main(arguments: list[str] | None = None) -> int:
     except MeanflockError as error:
         logs.tell(f"error: {error}", logging.ERROR)
         code = error.exit_code
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(f"{error.format_message()}\n\nerror: name one of these commands", err=True)
+        code = EXIT_BAD_INPUT
     except click.ClickException as error:
         place = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "meanflock"
         click.echo(f"error: {error.format_message()} See `{place} --help`.", err=True)

@@ -49,12 +49,10 @@ def write(figures: Mapping[str, Figure], out: Path) -> list[Path]:
     """Writes every figure as `out`/name.png and .svg.
 
     Raises:
-        BadInput: the folder cannot be written.
+        BadInput: the folder cannot be made.
+        RunFailed: the disk is full.
     """
-    try:
-        return [path for name, made in figures.items() for path in plotstyle.save(made, out, name)]
-    except OSError as error:
-        raise BadInput(f"--out {out}: {error.strerror}; name a folder that can be written") from error
+    return [path for name, made in figures.items() for path in plotstyle.save(made, out, name)]
 
 
 # -- one run --------------------------------------------------------------------------------------------------------

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from meanflock.groundstation import durable
 from meanflock.groundstation.looks import Look, colour, look, looks, name
 from meanflock.groundstation.paper.statistics import Estimate
+from meanflock.swarm.errors import BadInput
 
 __all__ = ("Look", "colour", "look", "looks", "name")  # of looks.py, beside all that is below
 
@@ -133,16 +134,22 @@ def save(made: Figure, folder: Path, name: str) -> list[Path]:
     """Writes `name`.png and `name`.svg, each whole or not at all; equal figures give equal bytes.
 
     Where everything goes is worked out for the first, and is the same in the second.
+
+    Raises:
+        BadInput: the folder cannot be made.
+        RunFailed: the disk is full.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"{folder}: {error.strerror}; name a folder that can be written") from error
     paths = []
     layout = made.get_layout_engine()
     for form, metadata in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):
         drawn = io.BytesIO()
         with style():
             made.savefig(drawn, format=form, metadata=metadata)
-        paths.append(folder / f"{name}.{form}")
-        durable.replace(paths[-1], drawn.getbuffer())
+        paths.append(durable.put(folder / f"{name}.{form}", drawn.getbuffer()))
         with mpl.rc_context(_LAID_OUT):
             made.set_layout_engine()
     made.set_layout_engine(layout)

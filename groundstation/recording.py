@@ -8,7 +8,7 @@ footer: some 70 KB a batch, and all of a run that grows with its length here.
 """
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from threading import Thread
@@ -16,6 +16,7 @@ from types import TracebackType
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 
 from meanflock.groundstation import blueprint as look
 from meanflock.groundstation import durable, legend
@@ -41,6 +42,8 @@ FILE_WALL_S = 2.0  # ... and who is killed leaves no more than this to be replay
 _LATE_VIEWERS = "256MB"  # what the server keeps for them; beyond it, it forgets the oldest first
 CLOSE_WALL_S = 10.0  # all is written by then: what is left is the footer
 LARGE_SWARM_STRIDE = 5  # a large swarm's positions are recorded every this many ticks
+
+Sink = rr.FileSink | rr.GrpcServerSink
 
 
 class Writer:
@@ -160,7 +163,7 @@ class Recorder(Writer):
         reported: Reported | None = None,
     ) -> None:
         reported = reported if reported is not None else Reported.by(scenario.declared)
-        sinks: list[rr.FileSink | rr.GrpcServerSink] = []
+        sinks: list[Sink] = []
         self.live_url: str | None = None  # where `rerun` or `meanflock view` finds the live recording
         if serve is not None:
             host, port = listening_address(*serve)
@@ -175,7 +178,7 @@ class Recorder(Writer):
         stream = rr.RecordingStream(APPLICATION, recording_id=run_id)
         super().__init__(scenario, stream, reported, patience_s=FILE_WALL_S if serve is None else BATCH_WALL_S)
         self._path = path
-        stream.set_sinks(*sinks, default_blueprint=look.blueprint(scenario, reported, serve is not None))
+        start(stream, sinks, look.blueprint(scenario, reported, serve is not None), path)
         if (
             serve is not None
         ):  # the server starts in a thread of its own; a viewer that came before it would end at once
@@ -208,6 +211,18 @@ class Recorder(Writer):
                 close(stream, self._path)
 
 
+def start(stream: rr.RecordingStream, sinks: Sequence[Sink], shown: rrb.Blueprint, path: Path | None) -> None:
+    """Sends a recording to its sinks, one of them perhaps the file `path`, beginning with how it is shown.
+
+    Raises:
+        RunFailed: the disk is full.
+    """
+    try:
+        _patiently(lambda: stream.set_sinks(*sinks, default_blueprint=shown), path, "begun")
+    except RuntimeError as error:
+        raise _incomplete(path, str(error)) from error
+
+
 def close(stream: rr.RecordingStream, path: Path | None) -> None:
     """Writes what a recording still holds back, and its footer.
 
@@ -220,17 +235,27 @@ def close(stream: rr.RecordingStream, path: Path | None) -> None:
     except RuntimeError as error:
         raise _incomplete(path, str(error)) from error
     finally:
-        _disconnect(stream, path)
+        _patiently(stream.disconnect, path, "closed")
 
 
-def _disconnect(stream: rr.RecordingStream, path: Path | None) -> None:
+def _patiently(call: Callable[[], None], path: Path | None, done: str) -> None:
     """Rerun waits without end for a thread of its own that a full disk has ended; we wait for it in another one."""
-    closing = Thread(target=stream.disconnect, daemon=True)
-    closing.start()
-    closing.join(CLOSE_WALL_S)
-    if closing.is_alive():
+    raised: list[Exception] = []
+
+    def attempt() -> None:
+        try:
+            call()
+        except Exception as error:
+            raised.append(error)
+
+    calling = Thread(target=attempt, daemon=True)
+    calling.start()
+    calling.join(CLOSE_WALL_S)
+    if calling.is_alive():
         rr.unregister_shutdown()  # it would wait, too, when the process ends
-        raise _incomplete(path, f"not closed within {CLOSE_WALL_S:.0f} s")
+        raise _incomplete(path, f"not {done} within {CLOSE_WALL_S:.0f} s")
+    for error in raised:
+        raise error
 
 
 def _incomplete(path: Path | None, why: str) -> RunFailed:

@@ -1,5 +1,6 @@
 """A recording as a picture, rendered by a viewer that needs no display."""
 
+import signal
 import subprocess
 import tempfile
 import time
@@ -75,7 +76,9 @@ def _render(viewer: "subprocess.Popen[bytes]", url: str, at_s: float | None) -> 
     prepared = False
     pictures: set[bytes] = set()
     while time.monotonic() < deadline:
-        if viewer.poll() is not None:
+        if viewer.poll() == -signal.SIGINT:  # Ctrl-C goes to both of us
+            raise KeyboardInterrupt
+        if viewer.returncode is not None:
             raise OSError(f"the viewer ended with {viewer.returncode}")
         time.sleep(0.2)  # between two questions
         try:

@@ -13,7 +13,7 @@ from meanflock.groundstation import blueprint as look
 from meanflock.groundstation import durable, palette, quantities
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.plot_views import whole_flight
-from meanflock.groundstation.recording import APPLICATION, Writer, close
+from meanflock.groundstation.recording import APPLICATION, Writer, close, start
 from meanflock.groundstation.recording_columns import scalars
 from meanflock.groundstation.recording_plots import BITS_SENT, COLUMN
 from meanflock.swarm.scenario import Scenario
@@ -61,7 +61,7 @@ def record(flights: Mapping[str, Scenario], path: Path) -> dict[str, dict[str, A
         )
         for number, (name, flown) in enumerate(flights.items())
     }
-    stream.set_sinks(rr.FileSink(path), default_blueprint=_blueprint(flights))
+    start(stream, [rr.FileSink(path)], _blueprint(flights), path)
     try:
         stream.send_recording_name(f"compare: {', '.join(flights)}")
         summaries = {}

@@ -110,6 +110,22 @@ def test_a_run_whose_disk_fills_up_fails_with_a_verdict_and_is_resumed_to_the_en
 
 
 @pytest.mark.processes
+@pytest.mark.parametrize("disk", ["full"], indirect=True)
+@pytest.mark.parametrize("room", [20, 60, 240])  # KiB: the recording cannot be begun, or its plots not be written
+@pytest.mark.parametrize(
+    "command", [("run", "--in-process"), ("compare", "mfg", "--seeds", "1", "--jobs", "1", "--record")]
+)
+def test_a_disk_that_is_full_from_the_beginning_is_a_verdict(command: tuple[str, ...], room: int, disk: Disk) -> None:
+    (disk.path / "filler").write_bytes(bytes(FULL_BYTES - room * 1024))
+    flags = ["--quiet", "--uavs", "2", "--duration", "40", "--out", str(disk.path)]
+    line = [sys.executable, "-m", "meanflock.groundstation.cli", *command, *flags]
+    done = subprocess.run(line, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+    assert done.returncode == 1, done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stderr.splitlines()[-1].startswith("error: ")
+
+
+@pytest.mark.processes
 def test_a_ground_station_whose_disk_is_full_ends_and_the_flight_goes_on(disk: Disk, processes: Processes) -> None:
     if disk.limit is not None:
         pytest.skip("the limit would be on every process here")

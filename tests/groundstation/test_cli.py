@@ -1,9 +1,11 @@
 """The command line: what it flies, what it prints, and what it says of itself."""
 
 import json
+import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -11,6 +13,7 @@ from meanflock import kernels
 from meanflock.kernels import sources
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import (
+    EXIT_BAD_INPUT,
     EXIT_DONE,
     EXIT_RUN_FAILED,
     MeanflockError,
@@ -147,3 +150,11 @@ def test_a_terminal_that_lacks_a_letter_shows_a_question_mark(tmp_path: Path) ->
     env = os.environ | {"PYTHONIOENCODING": "latin-1"}
     done = subprocess.run(command, env=env, capture_output=True, check=True, timeout=DEADLINE_S)
     assert "alignment ?_A" in done.stdout.decode("latin-1")
+
+
+@pytest.mark.parametrize("group", [(), ("scenario",), ("certs",)])
+def test_a_group_without_a_command_shows_its_help_and_says_why(run, group: tuple[str, ...]) -> None:
+    code, out, err = run(*group)
+    assert (code, out) == (EXIT_BAD_INPUT, "")
+    assert err.startswith(" ".join(["Usage: meanflock", *group]))
+    assert err.endswith("\n\nerror: name one of these commands\n")
