@@ -106,6 +106,15 @@ def sweep(group: int) -> None:
             time.sleep(0.01)
 
 
+def has_members(group: int) -> bool:
+    """Whether anybody is left of a process group."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
 def kill_all(processes: Sequence["subprocess.Popen[bytes]"]) -> None:
     """Kills those that still run and what they have forked, each of which leads a process group."""
     for process in processes:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from meanflock import swarm
 from meanflock.agent import prefork
-from meanflock.groundstation.children import Child, Family, end_all, kill_all, sweep
+from meanflock.groundstation.children import Child, Family, end_all, has_members, kill_all, sweep
 from meanflock.swarm import logs
 from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput, MeanflockError, RunFailed
 from meanflock.swarm.net.address import Address
@@ -93,8 +93,9 @@ class Swarm(Family):
         identity = Identity(self._tls, STATION) if self._tls is not None else None
         return ZenohBus.client(self.endpoint, timeout_s, identity)
 
-    def check(self) -> None:
-        """Passes on what the processes say, and starts agents and leaders again that died.
+    def check(self, flying: bool) -> None:
+        """Passes on what the processes say, and starts agents and leaders again that died. `flying`: the flight has
+        begun; before it, who died before it could fork any agent is started again, too.
 
         Raises:
             RunFailed: the world has crashed, or a leader or all agents cannot be kept alive; with the last lines of
@@ -103,7 +104,7 @@ class Swarm(Family):
         self._pass_on()
         for child in self._children:
             if child.process.poll() and not child.given_up:
-                self._replace(child)
+                self._replace(child, flying)
 
     def check_world(self) -> None:
         """Passes on what the processes say; raises RunFailed if the world has crashed."""
@@ -116,13 +117,13 @@ class Swarm(Family):
         """Whether the process of the world is gone, however it ended."""
         return self._children[0].process.poll() is not None
 
-    def _replace(self, child: Child) -> None:
+    def _replace(self, child: Child, flying: bool) -> None:
         code = child.process.returncode
         if child.module == "worldsim" or code == EXIT_BAD_INPUT:
             raise _failed(child)
-        if child.name == _FORKED:  # starts its own again; if it is killed they go on without it
-            if code > 0:
-                raise _failed(child)
+        if child.name == _FORKED and code > 0:  # it starts its own again
+            raise _failed(child)
+        if child.name == _FORKED and (flying or has_members(child.process.pid)):  # they go on without it
             child.given_up = True
             log.warning("what starts agents %s: none is started again", how_it_ended(code))
         elif self._restarts.again(child.name):

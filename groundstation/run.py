@@ -257,7 +257,7 @@ def _connect(swarm: Swarm, interrupted: Interrupted, folder: RunFolder) -> Zenoh
     while True:
         if interrupted:
             raise RunFailed(f"interrupted while the swarm was starting, {_what_there_is(folder)}")
-        swarm.check()
+        swarm.check(flying=False)
         try:
             return swarm.connect(timeout_s=1.0)
         except BusError as error:
@@ -282,7 +282,7 @@ def _listen(bus: ZenohBus, station: Station, swarm: Swarm, interrupted: Interrup
             raise RunFailed(f"interrupted, the world did not answer any more; {_what_there_is(folder)}")
         if not asked and now - checked > 0.1:
             checked = now
-            swarm.check()
+            swarm.check(flying=folder.last_tick >= 0)
         if delivery is None and swarm.world_ended:  # nothing can come any more but what is on its way
             ended = ended or now
             if now - ended > _ON_ITS_WAY_S:

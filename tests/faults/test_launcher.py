@@ -198,12 +198,29 @@ def test_where_nothing_is_forked_the_launcher_starts_an_agent_again_itself(
         first = victim.process
         first.kill()
         first.wait()
-        until(lambda: swarm.check() or victim.process is not first, "another one")
+        until(lambda: swarm.check(flying=True) or victim.process is not first, "another one")
         while victim.process.poll() is None or not victim.given_up:
             victim.process.kill()
             victim.process.wait()
-            swarm.check()
+            swarm.check(flying=True)
         assert [child.given_up for child in swarm._children] == [False, False, True]
+
+
+@linux
+@pytest.mark.processes
+def test_the_process_that_agents_are_forked_from_is_started_again_if_it_dies_before_it_forks(tmp_path: Path) -> None:
+    with Swarm("unborn") as swarm:
+        swarm.start_world(f"uavs = 2\n{SHORT}", wait_s=60.0, realtime=None)
+        swarm.start_agents(2, 1, 60.0)
+        child = swarm._children[1]
+        for flying in (False, True):
+            process = child.process
+            process.kill()  # while it loads what its agents need
+            process.wait()
+            swarm.check(flying)
+            assert (child.process is process, child.given_up) == (flying, flying)
+            if not flying:
+                until(lambda: len(psutil.Process(child.process.pid).children()) == 2, "two agents")
 
 
 SHORT = 'duration = 100000\nstop = "duration"\nmethod = "mfg"'
@@ -237,7 +254,7 @@ def test_a_world_that_never_listens_is_a_matter_of_the_machine_and_not_of_a_flag
     monkeypatch.setattr("meanflock.groundstation.run._CONNECT_S", 0.0)
     flown = scenarios.load(None, ["uavs=2", "duration=30", "method=mfg"])
     with RunFolder(tmp_path, "run", flown) as folder, Swarm("run") as swarm, Interrupted() as interrupted:
-        monkeypatch.setattr(swarm, "check", lambda: None)
+        monkeypatch.setattr(swarm, "check", lambda flying: None)
         monkeypatch.setattr(swarm, "connect", nobody)
         with pytest.raises(RunFailed, match=r"^after 0 s the world still cannot be reached: .*`meanflock doctor`$"):
             _connect(swarm, interrupted, folder)
