@@ -1,6 +1,7 @@
 """The ground station on the bus: takes the telemetry in order, hands it to the sinks, tells the world it is safe."""
 
 import logging
+import os
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any, Protocol
@@ -9,6 +10,7 @@ from meanflock.groundstation import inbound
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Bus, Delivery
+from meanflock.swarm.net.identity import STATION
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Finished, Received, Telemetry
 
@@ -55,7 +57,9 @@ class Station:
         self.summary: dict[str, Any] | None = None
         self.dropped: Counter[str] = Counter()
         bus.subscribe(keys.telemetry(run))
-        bus.announce(keys.alive(run, "station", "station"))
+        # Of equal tokens the world is told of the first alone: it would send nothing to who takes the place of one that
+        # it does not miss yet.
+        bus.announce(keys.alive(run, STATION, f"{STATION}.{os.urandom(4).hex()}"))
 
     def handle(self, delivery: Delivery) -> None:
         """One delivery; what is not telemetry of this run is dropped, counted and logged."""

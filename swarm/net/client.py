@@ -71,7 +71,6 @@ class NodeClient:
             raise BusError(f"the world of run {self._run!r} answered with {type(welcome).__name__}")
         self._speak = keys.act(self._run, welcome.node)
         self._blank = np.zeros((len(welcome.uavs), state.SIZE))  # of the states of a Sense
-        self._bus.announce(keys.alive(self._run, request.role, welcome.node))  # first: who dies now is missed
         try:
             _check_plugins(welcome, request.role)
             self._node = make(welcome)
@@ -81,6 +80,7 @@ class NodeClient:
             raise BadInput(why) from error
         self._bus.subscribe(keys.sense(self._run, welcome.node), self._at_once)
         self._bus.watch(keys.alive(self._run, "world", "world"))
+        self._bus.announce(keys.alive(self._run, request.role, welcome.node))
         self._ready()
         return welcome
 

@@ -1,6 +1,7 @@
 """What no station has acknowledged the world keeps, bounded and counted; what comes twice is kept once."""
 
 import json
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,8 @@ from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Finished, Join, Welcome
-from tests.faults.conftest import RUN, Lab, Told, scenario
+from tests.faults.conftest import RUN, Flight, Lab, Processes, Told, scenario, spool_bytes
+from tests.polling import until
 
 
 def test_a_station_that_comes_late_is_sent_everything_from_the_first_row() -> None:
@@ -172,3 +174,14 @@ def test_the_world_waits_for_a_slow_station_as_long_as_it_takes_something_now_an
 def test_a_folder_without_rows_cannot_be_taken_up(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="no time series"):
         past(tmp_path)
+
+
+@pytest.mark.processes
+def test_a_station_is_sent_everything_though_one_that_is_frozen_is_not_missed_yet(
+    processes: Processes, tmp_path: Path
+) -> None:
+    flight = Flight(processes, tmp_path / "frozen")
+    flight.flying()
+    flight.station.send_signal(signal.SIGSTOP)
+    processes.station(tmp_path / "other")
+    until(lambda: spool_bytes(tmp_path / "other") > 20_000, "another station records")

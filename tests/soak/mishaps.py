@@ -157,9 +157,9 @@ class BadDay:
         old = self._flock.station
         old.send_signal(number)
         yield Wait("the station is gone", lambda: old.poll() is not None, starting=True)
-        yield Wait("its token is gone", lambda: "station" not in self._flock.tokens, starting=True)
+        yield Wait("its token is gone", lambda: not self._flock.stations, starting=True)
         self._flock.start_station()
-        yield Wait("a station", lambda: "station" in self._flock.tokens, starting=True)
+        yield Wait("a station", lambda: bool(self._flock.stations), starting=True)
         # Without one that acknowledges, no more than a window of blocks is told: now they come again.
         tick = self._flock.tick
         yield Wait("telemetry is kept again", lambda: self._flock.tick > tick + 20 or self._flock.ended)

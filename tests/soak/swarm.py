@@ -122,6 +122,11 @@ class Flock:
         """The agents that are alive and began as that UAV's."""
         return {name for name in self.tokens if name.partition(".")[0] == f"agent-{uav}"}
 
+    @property
+    def stations(self) -> set[str]:
+        """The ground stations that are alive."""
+        return {name for name in self.tokens if name.startswith("station")}
+
     def kinds(self) -> Counter[str]:
         """How many events of every kind were told."""
         return Counter(event.kind for event in self.events)

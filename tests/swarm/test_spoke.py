@@ -229,23 +229,3 @@ def test_what_a_node_complains_of_reaches_the_world_once_and_before_its_answer(
     assert isinstance(event, Event)
     assert (event.tick, event.text) == (0, "the controller of UAV 3 has failed")
     assert [tick.read_act(answer.payload).tick for answer in (first, second)] == [0, 2]
-
-
-def test_a_node_that_dies_before_it_can_fly_is_missed(
-    opens: Callable[..., tuple[Door, NodeClient]],
-    network: Open,
-) -> None:
-    _, client = opens(WELCOME)
-    world = network()
-    world.watch(keys.alive(RUN, "*", "*"))
-
-    def make(welcome: Welcome) -> Deaf:
-        raise MemoryError(welcome.node)
-
-    with pytest.raises(MemoryError):
-        client.join(Join("agent", 1, 3), make, DEADLINE_S)
-    client._bus.close()
-    for kind in ("alive", "gone"):
-        delivery = world.receive(DEADLINE_S)
-        assert delivery is not None
-        assert (delivery.kind, delivery.key) == (kind, keys.alive(RUN, "agent", "agent-3"))
