@@ -18,6 +18,7 @@ from meanflock.groundstation.cli import cli, main
 from meanflock.swarm import __version__
 from meanflock.testing import check_controller
 from tests.pages import script_of
+from tests.polling import DEADLINE_S
 
 ROOT = Path(__file__).parents[1]
 CLI = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
@@ -117,7 +118,9 @@ def test_every_verb_and_every_option_is_in_the_reference() -> None:
 def test_every_flag_of_a_process_is_in_the_reference(room: str) -> None:
     command = [sys.executable, "-m", f"meanflock.{room}", "--help"]
     env = os.environ | {"COLUMNS": "80"}
-    said = subprocess.run(command, cwd=ROOT, env=env, capture_output=True, text=True, timeout=60, check=True).stdout
+    said = subprocess.run(
+        command, cwd=ROOT, env=env, capture_output=True, text=True, timeout=DEADLINE_S, check=True
+    ).stdout
     assert [line for line in said.splitlines() if len(line) > 80] == []
     assert f"example: python -m meanflock.{room} " in said
     section = CLI.partition("## The processes themselves")[2]

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.polling import DEADLINE_S
+
 ROOT = Path(__file__).parents[2]
 
 # Not `hashlib`, `random`, `inspect`, `platform`: NumPy insists.
@@ -47,7 +49,7 @@ print(*(name for name, module in sys.modules.items() if module is not None))
 
 def loaded_by(code: str) -> set[str]:
     """Modules in a process that has run `code`, which prints them."""
-    ran = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    ran = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S)
     assert ran.returncode == 0, ran.stderr
     return set(ran.stdout.split())
 

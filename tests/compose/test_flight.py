@@ -22,7 +22,12 @@ def flown_alone(out: Path, *arguments: str) -> str:
     line += [word for setting in (*SHORT, f"uavs={UAVS}") for word in ("--set", setting)]
     env = {name: value for name, value in os.environ.items() if not name.startswith("OPENBLAS")}
     done = subprocess.run(
-        [*line, *arguments, "--out", str(out)], env=env, capture_output=True, text=True, timeout=60, cwd=REPOSITORY
+        [*line, *arguments, "--out", str(out)],
+        env=env,
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE_S,
+        cwd=REPOSITORY,
     )
     assert done.returncode == 0, done.stderr
     return str(json.loads(done.stdout)["trajectory_sha256"])

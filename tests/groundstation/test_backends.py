@@ -6,6 +6,8 @@ import sys
 
 import pytest
 
+from tests.polling import DEADLINE_S
+
 _START = """
 import signal, sys
 from pathlib import Path
@@ -28,7 +30,7 @@ except RunFailed as error:
 def test_what_must_not_be_broken_off_is_finished_first(number: signal.Signals) -> None:
     """In a process of its own: signals to that of the tests would end more than this one."""
     command = [sys.executable, "-c", _START, str(int(number))]
-    said = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout
+    said = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=True).stdout
     assert said.splitlines() == [
         "finished",
         "interrupted; flights that were finished are kept in there/data: repeat the command to go on True",

@@ -151,7 +151,7 @@ def test_a_plugin_that_cannot_begin_ends_the_command_with_exit_code_2_and_one_li
 ) -> None:
     command = [str(Path(sys.executable).with_name("meanflock")), "run", "--in-process", "--quiet", "--method", "mine"]
     command += ["--plugin", str(written(tmp_path, text)), "--set", "uavs=2", "--out", str(tmp_path / "runs")]
-    ended = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=dict(os.environ), timeout=120)
+    ended = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=dict(os.environ), timeout=DEADLINE_S)
     assert ended.returncode == EXIT_BAD_INPUT, ended.stderr
     assert expected in ended.stderr
     assert "Traceback" not in ended.stderr

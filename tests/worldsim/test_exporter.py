@@ -2,7 +2,6 @@
 
 import socket
 import threading
-import time
 import urllib.request
 from collections.abc import Iterator
 from typing import Any
@@ -18,7 +17,7 @@ from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import Telemetry
 from meanflock.worldsim.durations import BOUNDS_S, Durations
 from meanflock.worldsim.exporter import exported
-from tests.polling import DEADLINE_S
+from tests.polling import DEADLINE_S, until
 
 RUN = "watched"
 ANY = Address("127.0.0.1", 0)
@@ -167,8 +166,8 @@ def test_a_flight_somebody_reads_all_the_time_is_the_same_flight() -> None:
         for reader in readers:
             reader.start()
         for tick in watched.fly():
-            while tick == 60 and 60 not in scrapes and not wrong:
-                time.sleep(0.01)  # the flight is short, and a reader may not have come to it yet
+            if tick == 60:  # the flight is short, and a reader may not have come to it yet
+                until(lambda: 60 in scrapes or wrong, "a reader of tick 60")
         over.set()
         for reader in readers:
             reader.join()
