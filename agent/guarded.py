@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.agent.rows import (
-    checked_again,
     checked_step,
     checked_table,
     each_alone,
@@ -20,7 +19,7 @@ from meanflock.swarm import state
 from meanflock.swarm.declared import controller
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.failures import FAILURES, last_line
-from meanflock.swarm.kept import check_kept
+from meanflock.swarm.kept import check_again, check_kept
 from meanflock.swarm.model import BEYOND_SENSE
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask
@@ -103,7 +102,9 @@ class Guarded:
     def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
         """The memory after some rows were given a global model (len(rows), parameters)."""
         try:
-            return checked_again(self._controller.set(memory, rows, models), memory)
+            after = self._controller.set(memory, rows, models)
+            check_again("memory", after, memory)
+            return after
         except FAILURES as error:
             places = {row: slice(place, place + 1) for place, row in enumerate(rows.tolist())}
             alone = each_alone(places, lambda row: self._taught(row_of(memory, row), models[places[row]]))
@@ -130,7 +131,9 @@ class Guarded:
         self._complain(rows, f"its {name} is {first[column]:g}")
 
     def _taught(self, alone: Memory, model: Floats) -> Memory:
-        return checked_again(self._controller.set(alone, np.zeros(1, dtype=np.intp), model), alone)
+        after = self._controller.set(alone, np.zeros(1, dtype=np.intp), model)
+        check_again("memory", after, alone)
+        return after
 
     def _table(self, name: str, memory: Memory, width: int, asked: Iterable[int]) -> Floats:
         call, rows = getattr(self._controller, name), len(self._uavs)

@@ -12,32 +12,13 @@ from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Rece
 from meanflock.swarm.ascending import distinct
 from meanflock.swarm.declared import MAX_BROADCASTS, Declared
 from meanflock.swarm.failures import FAILURES
+from meanflock.swarm.kept import check_again
 from meanflock.swarm.state import AXES, Floats, Mask
 from meanflock.swarm.wire.messages import NOBODY
 
 Answer = TypeVar("Answer")
 
 SENT = (np.dtype("i1"), np.dtype("u1"), np.dtype("<i2"), np.dtype("<i4"))  # integers that travel
-
-
-def checked_again(after: Memory, before: Memory) -> Memory:
-    """`after` itself, if it has the arrays that `before` has, each of the same dtype and shape.
-
-    Raises:
-        TypeError, ValueError: it has not.
-    """
-    if not isinstance(after, dict):
-        raise TypeError(f"the memory is a {type(after).__name__}; expected a dict of arrays")
-    if after.keys() != before.keys():
-        raise ValueError(f"the memory has {sorted(after)}; of `init` it had {sorted(before)}")
-    for name, array in after.items():
-        was = before[name]
-        if array is not was and (
-            not isinstance(array, np.ndarray) or array.dtype != was.dtype or array.shape != was.shape
-        ):
-            came = f"{np.shape(array)} {getattr(array, 'dtype', type(array).__name__)}"
-            raise ValueError(f"memory[{name!r}] is {came}; of `init` it was {was.shape} {was.dtype}")
-    return after
 
 
 def checked_table(name: str, table: Floats, rows: int, width: int) -> Floats:
@@ -68,7 +49,7 @@ def checked_step(step: Step, before: Memory, blank: Floats, declared: Declared, 
         if not isinstance(step, Step):
             raise TypeError(f"`step` returns a {type(step).__name__}; expected mf.Step(memory, acceleration)") from None
         largest = kernels.columns(*_tables(step, len(blank), declared), commands, AXES)
-    checked_again(step.memory, before)
+    check_again("memory", step.memory, before)
     if step.broadcasts:
         _check_broadcasts(step.broadcasts, len(blank), declared)
     if len(step.refused):

@@ -10,7 +10,7 @@ from meanflock.swarm import plugins, state
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.failures import FAILURES, last_line
-from meanflock.swarm.kept import check_kept
+from meanflock.swarm.kept import check_again, check_kept
 from meanflock.swarm.mean import pooled, refuse, stacked
 from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import decode
@@ -104,6 +104,7 @@ class Leader:
             model = np.asarray(model).astype(np.float64, casting="same_kind")
             if not np.isfinite(model).all():
                 raise ValueError("the model is not finite")
+            check_again("state", after, self._state)
             self._kept = _recorded(after)
         except FAILURES as error:
             self.complaints.append(f"aggregator {name!r} failed in round {number}: {last_line(error)}")

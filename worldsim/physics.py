@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from meanflock.swarm import plugins, state
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.failures import FAILURES, last_line
-from meanflock.swarm.kept import check_kept
+from meanflock.swarm.kept import check_again, check_kept
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.vehicles.base import Hidden, Vehicle
 
@@ -50,7 +50,7 @@ class Physics:
         except (TypeError, ValueError) as error:
             raise self._wrong(f"`init`: {error}") from error
         for name, part in hidden.items():
-            self._check_finite(f"hidden state {name!r} of `init`", part)
+            self._check_finite(f"hidden[{name!r}] of `init`", part)
         return dict(hidden)
 
     def __call__(
@@ -100,10 +100,12 @@ class Physics:
             raise self._wrong(f"`{method}` failed: {last_line(error)}") from error
 
     def _check_hidden(self, before: Hidden, after: Any) -> None:
-        if not isinstance(after, dict) or after.keys() != before.keys():
-            raise self._wrong(f"the hidden state must be a dict of {sorted(before)}, as `init` made it")
-        for name, part in before.items():
-            self._check(f"hidden state {name!r}", after[name], part.shape, part.dtype)
+        try:
+            check_again("hidden", after, before)
+        except (TypeError, ValueError) as error:
+            raise self._wrong(str(error)) from error
+        for name, part in after.items():
+            self._check_finite(f"hidden[{name!r}]", part)
 
     def _check(self, what: str, array: Any, shape: tuple[int, ...], dtype: np.dtype) -> None:
         self._check_shape(what, array, shape, dtype)

@@ -32,7 +32,9 @@ class Aggregator:
         self.options, self.scenario = options, scenario
 
     def init(self, parameters: int) -> State:
-        """What the rule remembers before the first round; checkpointed, and handed to a leader that takes over."""
+        """What the rule remembers before the first round; checkpointed, and handed to a leader that takes over. It
+        keeps its names, dtypes and shapes: the world is told at take-off how long messages may become.
+        """
         return {}
 
     @abstractmethod

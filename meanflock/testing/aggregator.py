@@ -14,6 +14,7 @@ from meanflock.testing.error import (
     asked,
     check_class,
     check_kept,
+    check_same_form,
     copies,
     fail,
     make,
@@ -50,7 +51,8 @@ def check_aggregator(
 
         def run() -> tuple[list[np.ndarray], State]:
             rule: Aggregator = make(aggregator, options, flown)
-            state, averaged = _begun(rule, PARAMETERS), []
+            begun, averaged = _begun(rule, PARAMETERS), []
+            state = begun
             for number in range(1, ROUNDS + 1):
                 uavs = np.sort(draw.choice(50, 1 + number % UAVS, replace=False))
                 models = draw.standard_normal((len(uavs), PARAMETERS))
@@ -67,6 +69,7 @@ def check_aggregator(
                     fail(aggregator, f"`step` returns a {type(answer).__name__}", "return the state and the model")
                 state, model = answer
                 check_kept(aggregator, "state", state)
+                check_same_form(aggregator, "state", state, begun)
                 if not all(same(one, other) for one, other in zip(before, given, strict=True)):
                     fail(
                         aggregator, "`step` writes to an array it was given", "return new arrays; copy before you write"

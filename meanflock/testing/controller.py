@@ -6,8 +6,8 @@ import msgspec
 import numpy as np
 
 from meanflock.agent.controllers.base import Controller
-from meanflock.agent.rows import checked_again
 from meanflock.swarm import declared
+from meanflock.swarm.kept import check_again
 from meanflock.swarm.scenario import Scenario
 from meanflock.testing.error import alike, asked, check_class, copies, fail, make, same
 from meanflock.testing.pace import SLOW_MS, check_pace
@@ -149,7 +149,7 @@ def _models(swarm: PointSwarm, together: Trial) -> None:
     if (written := alike(before, together.memory)) is not None:
         fail(of, f"`set` writes to memory[{written!r}]", _PURE)
     try:
-        checked_again(after, together.memory)
+        check_again("memory", after, together.memory)
     except (TypeError, ValueError) as error:
         fail(of, f"`set` returns what a flight cannot use: {error}", mend)
     got, had = made.get(after), made.get(together.memory)

@@ -69,6 +69,14 @@ def check_kept(of: type, what: str, arrays: Any, rows: int | None = None) -> Non
             fail(of, f"{what}[{name!r}] is not finite", "guard divisions, roots and empty sums")
 
 
+def check_same_form(of: type, what: str, after: Any, begun: Mapping[str, NDArray[Any]]) -> None:
+    """What a plug-in remembers later: the arrays that it began with, each of the same dtype and shape."""
+    try:
+        kept.check_again(what, after, begun)
+    except (TypeError, ValueError) as error:
+        fail(of, str(error), "begin with all names, and keep dtypes and shapes")
+
+
 def same(one: NDArray[Any], other: NDArray[Any]) -> bool:
     """Whether two arrays have the same shape and bits; any NaN is like any other."""
     one, other = np.asarray(one), np.asarray(other)

@@ -6,7 +6,17 @@ import numpy as np
 
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.control import decode_record, encode_record
-from meanflock.testing.error import asked, check_class, check_kept, copies, fail, make, same, with_other_randomness
+from meanflock.testing.error import (
+    asked,
+    check_class,
+    check_kept,
+    check_same_form,
+    copies,
+    fail,
+    make,
+    same,
+    with_other_randomness,
+)
 from meanflock.testing.pace import SLOW_MS, check_pace
 
 UAVS, TICKS = 5, 30
@@ -37,7 +47,7 @@ def check_vehicle(
         def run() -> list[np.ndarray]:
             made, states, trace = make(vehicle, options or {}, flown), start[rows].copy(), []
             hidden = _begun(made, len(states))
-            forms = _forms(hidden)
+            begun = hidden
             for push, noise in zip(pushes[:, rows], noises[:, rows], strict=True):
                 if afresh:
                     made = make(vehicle, options or {}, flown)
@@ -51,8 +61,7 @@ def check_vehicle(
                 states, hidden = answer
                 check_kept(vehicle, "hidden", hidden)
                 power = asked(vehicle, made.power, states, hidden, push, mend="any number of UAVs must do")
-                if _forms(hidden) != forms:
-                    fail(vehicle, f"`hidden` becomes {_forms(hidden)}; `init` made {forms}", "keep names and shapes")
+                check_same_form(vehicle, "hidden", hidden, begun)
                 if not all(same(one, other) for one, other in zip(before, given, strict=True)):
                     fail(
                         vehicle,
@@ -97,10 +106,6 @@ def _begun(made: Any, uavs: int) -> dict[str, np.ndarray]:
     hidden: dict[str, np.ndarray] = asked(type(made), made.init, uavs, mend="return a dict of arrays, a row a UAV")
     check_kept(type(made), "hidden", hidden, uavs)
     return hidden
-
-
-def _forms(hidden: dict[str, np.ndarray]) -> dict[str, str]:
-    return {name: f"{np.shape(array)} {np.asarray(array).dtype}" for name, array in hidden.items()}
 
 
 def _check(vehicle: type, rows: int, states: np.ndarray, power: np.ndarray) -> None:

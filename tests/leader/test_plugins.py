@@ -126,18 +126,28 @@ GOES_WRONG = {
     "raises": (explodes, "OSError: no such table"),
     "calls it a day": (leaves, "SystemExit: 3 (test_plugins.py, line"),
     "returns nothing": (lambda state, model: None, "`step` returns a NoneType; expected the state and the model"),
-    "a state named by number": (lambda state, model: ({1: model}, model), "state[1]: its name must be a text"),
+    "a state named by number": (
+        lambda state, model: ({1: model}, model),
+        "state has ['1']; of `init` it had ['last', 'moved']",
+    ),
+    "a state that grows": (lambda state, model: (state | {"models": model}, model), "state has ['last', 'models',"),
+    "a state of other shape": (lambda state, model: (state | {"last": model[:-1]}, model), "(107,) float64; of `init`"),
     "another shape": (lambda state, model: (state, model[:-1]), r"a model of shape (107,); expected (108,)"),
     "no number": (lambda state, model: (state, model * np.nan), "the model is not finite"),
     "a state that is no dict": (lambda state, model: ([1], model), "state is a list; expected a dict of arrays"),
     "complex numbers": (lambda state, model: (state, model * 1j), "Cannot cast array data from dtype('complex128')"),
-    "a state without an axis": (lambda state, model: ({"n": np.float64(1)}, model), "state['n'] is a float64; a check"),
-    "a state of texts": (
-        lambda state, model: ({"last": np.array(["x"])}, model),
-        "state['last'] is <U1 (1,); a checkpoint keeps arrays of bool,",
+    "a state without an axis": (
+        lambda state, model: (state | {"last": np.float64(1)}, model),
+        "is () float64; of `init`",
     ),
-    "a state that is no number": (lambda state, model: ({"last": np.full(3, np.inf)}, model), "is not finite"),
-    "a state too large": (lambda state, model: ({"last": np.zeros(4_000_000)}, model), "at most"),
+    "a state of texts": (
+        lambda state, model: (state | {"last": np.array(["x"])}, model),
+        "state['last'] is (1,) <U1; of `init` it was (108,) float64",
+    ),
+    "a state that is no number": (
+        lambda state, model: (state | {"last": model * np.inf}, model),
+        "state['last'] is not finite",
+    ),
 }
 
 
@@ -166,6 +176,10 @@ BEGINS_WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "raises in init": ({"init": explodes}, r"aggregator 'momentum' failed in `init`: OSError: no such table"),
     "raises when it is made": ({"__init__": explodes}, r"aggregator 'momentum' cannot be made: OSError: no such table"),
     "begins with no dict": ({"init": lambda *_: 3}, r"failed in `init`: TypeError: state is a int"),
+    "begins with too much": (
+        {"init": lambda *_: {"last": np.zeros(4_000_000)}},
+        r"the state has 32000000 bytes; at mo",
+    ),
     "begins with what is no number": ({"init": lambda *_: {"last": np.full(2, np.nan)}}, r"is not finite"),
 }
 

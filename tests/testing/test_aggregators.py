@@ -102,6 +102,11 @@ class RemembersTexts(Good):
         return {"last": np.zeros(parameters), "who": np.array(["me"])}
 
 
+class RemembersMoreAndMore(Good):
+    def step(self, state, models, uavs, round_):  # type: ignore[no-untyped-def]
+        return {**state, f"round_{round_}": models.mean(axis=0)}, models.mean(axis=0)
+
+
 class RemembersNoNumber(Good):
     def step(self, state, models, uavs, round_):  # type: ignore[no-untyped-def]
         return {"last": state["last"] + np.inf}, models.mean(axis=0)
@@ -122,6 +127,7 @@ class RemembersNoNumber(Good):
         (ReturnsTheModel, "`step` returns a ndarray", "return the state and the model"),
         (CannotBegin, r"`init` failed: OSError: no such table \(test_aggregators.py, line \d+\)", "return a dict"),
         (OfComplexNumbers, "the model is complex128", "return float64"),
+        (RemembersMoreAndMore, r"state has \['last', 'round_1'\]; of `init` it had", "begin with all names, and keep"),
         (RemembersTexts, r"state\['who'\] is <U2 \(1,\)", "a checkpoint keeps arrays of bool,"),
         (RemembersNoNumber, r"state\['last'\] is not finite", "guard divisions"),
     ],

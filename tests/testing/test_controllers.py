@@ -104,7 +104,7 @@ def test_one_that_draws_by_tick_and_uav_conforms() -> None:
         (GetRaises, "`get` failed: KeyError: 'weights'.*; return one row a UAV, `parameters` wide"),
         (SetRaises, "`set` failed: KeyError: 'weights'.*; return the memory with `models`"),
         (SetReturnsTheRows, r"`set` returns what a flight cannot use: memory\['model'\] is \(2, 3\)"),
-        (SetReturnsNothing, "`set` returns what a flight cannot use: the memory is a NoneType"),
+        (SetReturnsNothing, "`set` returns what a flight cannot use: memory is a NoneType"),
         (ReportRaises, "`report` failed: KeyError: 'weights'"),
         (WritesToTheNumbers, "`init` writes to an array it was given; return new arrays"),
         (WritesToThePlan, "`init` writes to an array it was given; return new arrays"),

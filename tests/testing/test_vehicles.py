@@ -129,7 +129,7 @@ class OfSmallFloats(Good):
         (CannotBegin, "`init` failed: OSError: no such table", "return a dict of arrays"),
         (BeginsWithOne, r"hidden\['thrust'\] has shape \(1, 2\); expected a leading axis of 5", "a checkpoint"),
         (OfSmallFloats, "power is float32", "return float64"),
-        (ChangesItsForm, "`hidden` becomes", "keep names and shapes"),
+        (ChangesItsForm, r"hidden.* of `init` it ", "keep dtypes and shapes"),
     ],
 )
 def test_a_wrong_one_is_told_what_to_mend(wrong: type[Vehicle], says: str, mend: str) -> None:
