@@ -48,7 +48,6 @@ class Launched:
         self.process = subprocess.Popen(
             line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT, preexec_fn=_hang_up_ends
         )
-        until(lambda: spool_bytes(out) > 20_000, "telemetry")
 
     @property
     def folder(self) -> Path:
@@ -92,10 +91,13 @@ class Launched:
 @pytest.fixture
 def launched(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Launched]:
     run = Launched(tmp_path / "runs", *getattr(request, "param", ()))
-    yield run
-    if run.process.poll() is None:
-        run.process.kill()
-    run.process.communicate()
+    try:
+        until(lambda: spool_bytes(run.out) > 20_000, "telemetry")
+        yield run
+    finally:
+        if run.process.poll() is None:
+            run.process.kill()
+        run.process.communicate()
 
 
 @pytest.fixture(scope="module")

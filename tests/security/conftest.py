@@ -76,17 +76,17 @@ def act_in(raw: bytes) -> Act | None:
 class Holding:
     """A bus that keeps what is put, and stands still before the answer to one tick is out."""
 
-    def __init__(self, bus: Bus) -> None:
-        self._bus = bus
+    def __init__(self, bus: Bus, go_on: threading.Event) -> None:
+        self._bus, self._go_on = bus, go_on
         self.sent: list[bytes] = []
-        self.reached, self.go_on = threading.Event(), threading.Event()
+        self.reached = threading.Event()
 
     def put(self, key: str, payload: bytes) -> None:
         """Like a bus."""
         act = act_in(payload)
         if act is not None and act.tick == HOLD_TICK:
             self.reached.set()
-            assert self.go_on.wait(DEADLINE_S)
+            assert self._go_on.wait(DEADLINE_S)
         self.sent.append(payload)
         self._bus.put(key, payload)
 
@@ -103,6 +103,7 @@ class Flight:
     endpoint: str = field(default_factory=free_endpoint)
     opened: list[ZenohBus] = field(default_factory=list)
     crew: list[threading.Thread] = field(default_factory=list)
+    go_on: threading.Event = field(default_factory=threading.Event)  # for the agent that stands still
 
     def __post_init__(self) -> None:
         flags = ["--endpoint", self.endpoint, "--run", RUN, "--barrier", str(DEADLINE_S)]
@@ -112,10 +113,24 @@ class Flight:
         with self.log.open("wb") as log:
             command = [sys.executable, "-m", "meanflock.worldsim", *flags]
             self.world = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log)
+
+    def __enter__(self) -> "Flight":
+        """Everybody boards, and flies until one stands still."""
+        try:
+            self._take_off()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _take_off(self) -> None:
         for uav in range(UAVS):
             bus: Any = self.client(keys.asker("agent", uav))
             if uav == HELD:
-                bus = self.held = Holding(bus)
+                bus = self.held = Holding(bus, self.go_on)
             self._board(bus, Join("agent", 1, uav), Agent)
         self._board(self.client(LEADER), Join(LEADER, 0), Leader)
         assert self.held.reached.wait(DEADLINE_S), self.said()
@@ -146,7 +161,7 @@ class Flight:
 
     def land(self) -> dict[str, Any]:
         """Lets the flight end, and returns its summary."""
-        self.held.go_on.set()
+        self.go_on.set()
         out, _ = self.world.communicate(timeout=DEADLINE_S)
         assert self.world.returncode == 0, self.said()
         for thread in self.crew:
@@ -161,7 +176,7 @@ class Flight:
 
     def close(self) -> None:
         """Ends whatever still runs."""
-        self.held.go_on.set()
+        self.go_on.set()
         for bus in self.opened:
             bus.close()
         if self.world.poll() is None:
@@ -183,14 +198,12 @@ class Flight:
 @pytest.fixture
 def flight(folders: Folders, tmp_path: Path) -> Iterator[Flight]:
     """A swarm under TLS, held at `HOLD_TICK`."""
-    started = Flight(folders, tmp_path / "world.log")
-    yield started
-    started.close()
+    with Flight(folders, tmp_path / "world.log") as started:
+        yield started
 
 
 @pytest.fixture
 def open_flight(tmp_path: Path) -> Iterator[Flight]:
     """The same without TLS."""
-    started = Flight(None, tmp_path / "world.log")
-    yield started
-    started.close()
+    with Flight(None, tmp_path / "world.log") as started:
+        yield started
