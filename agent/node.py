@@ -117,7 +117,7 @@ class Agent:
             tick,
             commands,
             self._names[self._failed],
-            np.array(refused, np.int32) if averages else self._others(step.refused),  # uploads, or states
+            np.concatenate([~np.array(refused, np.int32), self._others(step.refused)]),  # uploads, and states
             learned,
             self._kept() if sense.checkpoint else b"",
             tuple(outbox),

@@ -64,7 +64,7 @@ class Leader:
             sense.run,
             sense.tick,
             np.zeros((0, state.AXES)),
-            refused=np.array(refused, dtype=np.int32),
+            refused=~np.array(refused, dtype=np.int32),
             memory=self._kept,
             outbox=outbox,
         )

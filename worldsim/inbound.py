@@ -69,17 +69,19 @@ class Replies:
         return act
 
     def _check_refused(self, member: Member, tick: int, refused: NDArray[np.int32]) -> None:
-        """A leader may refuse uploads; an agent uploads to its heads in the tick in which these average, and else
-        whatever it received of others."""
+        """A leader may refuse uploads; an agent what it received of others, and in the tick in which its heads average
+        uploads to them."""
         uavs = self._scenario.uavs
-        if len(np.unique(refused)) < len(refused) or not ((refused >= 0) & (refused < uavs)).all():
+        if len(np.unique(refused)) < len(refused) or not ((refused >= -uavs) & (refused < uavs)).all():
             raise MessageRejected("wrong-shape", "refused names UAVs that are not there, or one twice")
+        uploads, states = ~refused[refused < 0], refused[refused >= 0]
         if member.role == LEADER:
+            if len(states):
+                raise MessageRejected("wrong-shape", "a leader receives no states")
             return
-        if self._rounds.relays(tick):
-            if not contains(member.uavs, self._head_of[refused]).all():
-                raise MessageRejected("wrong-shape", "refused names UAVs of other clusters")
-        elif member.rows == 1 and contains(member.uavs, refused).any():
+        if len(uploads) and not (self._rounds.relays(tick) and contains(member.uavs, self._head_of[uploads]).all()):
+            raise MessageRejected("wrong-shape", "refused names uploads to others")
+        if member.rows == 1 and contains(member.uavs, states).any():
             raise MessageRejected("wrong-shape", "refused names the node's own UAV")
 
     def _check_outbox(self, member: Member, outbox: tuple[Frames, ...]) -> None:

@@ -258,17 +258,15 @@ class World:
 
     def _regard(self, member: Member, act: Act) -> set[int]:
         """What a node says of its own UAVs, and what the aggregation remembers; returns the UAVs whose states it
-        refuses. A leader refuses uploads, and so does a head when it averages."""
+        refuses."""
         if len(act.lost):
             self.flight.lose(act.lost.astype(np.intp), "diverged", "the controller failed or left the finite numbers")
         if member.role == LEADER and act.memory:
             self._leading.aggregation = act.memory
-        if member.role != LEADER and not self._rounds.relays(act.tick):
-            return set(act.refused.tolist())
-        if len(act.refused):
-            self.counters.uploads_refused += len(act.refused)
-            self._note("refused", f"uploads of UAV {', '.join(map(str, act.refused))} were not averaged")
-        return set()
+        if len(uploads := ~act.refused[act.refused < 0]):
+            self.counters.uploads_refused += len(uploads)
+            self._note("refused", f"uploads of UAV {', '.join(map(str, uploads))} were not averaged")
+        return set(act.refused[act.refused >= 0].tolist())
 
     def _disbelieve(self, uavs: set[int]) -> None:
         """Their states count once a tick, however many nodes refuse them; they are named once a run."""

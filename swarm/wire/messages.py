@@ -97,7 +97,7 @@ class Act(msgspec.Struct, frozen=True, eq=False):
     tick: int
     commands: np.ndarray  # (M, 2 + K) f8: acceleration (m/s²), then K diagnostics (instrumentation, not radio)
     lost: np.ndarray = NOBODY  # (D,) i4, UAVs whose controller has failed
-    refused: np.ndarray = NOBODY  # (R,) i4, UAVs of whom something received is not used
+    refused: np.ndarray = NOBODY  # (R,) i4: k, UAV k's state is not believed; -1-k, its upload is not averaged
     models: np.ndarray | None = None  # (M, W) f8, what was learned, where asked for
     memory: bytes = b""  # at a checkpoint, and of a leader after a round: a record
     outbox: tuple[Frames, ...] = ()

@@ -141,7 +141,7 @@ def test_an_agent_hands_on_what_its_heads_heard_and_learns_as_if_it_had_not() ->
         assert (FrameKind.RELAY in [frames.kind for frames in acts[0].outbox]) == (tick == RELAYS)
     assert [frames.kind for frames in acts[0].outbox] == [FrameKind.RELAY]
     assert acts[0].outbox[0].payload[0, -1] == 1
-    assert acts[0].refused.tolist() == [2]
+    assert acts[0].refused.tolist() == [~2]
     assert acts[1].outbox == ()
     np.testing.assert_array_equal(acts[0].models, acts[1].models)  # type: ignore[arg-type]
     assert isinstance(wire.read_act(wire.write_act(acts[0])), Act)

@@ -86,7 +86,9 @@ def test_relays_are_for_heads_rounds_and_scenarios_that_have_them() -> None:
 
 
 @pytest.mark.parametrize(
-    ("when", "refused"), [(21, (0,)), (21, (5, 5)), (21, (12,)), (20, (5, 5)), (30, (4,))], ids=str
+    ("when", "refused"),
+    [(21, (~0,)), (21, (~5, ~5)), (21, (~12,)), (20, (~5,)), (21, (5, 5)), (21, (12,)), (20, (5, 5)), (30, (4,))],
+    ids=str,
 )
 def test_a_node_refuses_uploads_of_its_own_cluster_once_and_when_it_averages(when: int, refused: tuple[int]) -> None:
     lab = Lab(swarm(), uavs_per_node=1)
@@ -105,20 +107,25 @@ def test_a_node_refuses_uploads_of_its_own_cluster_once_and_when_it_averages(whe
     assert summary["states_refused"] == 0
 
 
-def test_when_no_head_averages_what_a_node_refuses_are_states_of_others() -> None:
+@pytest.mark.parametrize(
+    ("when", "refused", "counted"), [(PERIOD, (5,), (0, 1)), (PERIOD + 1, (5,), (0, 1)), (PERIOD + 1, (~5, 5), (1, 1))]
+)
+def test_states_and_uploads_that_a_head_refuses_are_counted_apart_in_any_tick(
+    when: int, refused: tuple[int, ...], counted: tuple[int, int]
+) -> None:
     lab = Lab(swarm(), uavs_per_node=1)
     client: Any = lab.bus_of("agent-4").handler.__self__  # type: ignore[union-attr]
     put = client._bus.put
 
     def speak(key: str, raw: bytes) -> None:
         act = read(raw)
-        if isinstance(act, Act) and act.tick == PERIOD:
-            raw = tick.write_act(msgspec.structs.replace(act, refused=np.array([5])))
+        if isinstance(act, Act) and act.tick == when:
+            raw = tick.write_act(msgspec.structs.replace(act, refused=np.array(refused)))
         put(key, raw)
 
     client._bus.put = speak
     summary = lab.fly()
-    assert (summary["dropped_messages"], summary["uploads_refused"], summary["states_refused"]) == ({}, 0, 1)
+    assert (summary["dropped_messages"], summary["uploads_refused"], summary["states_refused"]) == ({}, *counted)
 
 
 @pytest.mark.parametrize("clusters", [1, 3])
