@@ -20,6 +20,7 @@ from meanflock.swarm.net.endpoint import DEFAULT_ENDPOINT
 from meanflock.swarm.net.identity import Identity
 
 _GRACE_S = 10.0  # for who has noticed by itself that its launcher is gone
+_THREADS_S = 5.0  # that threads have to end in, once all else has
 CHILD = "MEANFLOCK_CHILD"  # a variable: "1" where whoever started this process holds its standard input open
 
 
@@ -147,12 +148,13 @@ def how_it_ended(code: int) -> str:
 
 
 def end(code: int) -> NoReturn:
-    """Ends this process, and waits for no thread that a plug-in has started."""
+    """Ends this process, and does not wait for ever for threads that a plug-in has started."""
     if any(not thread.daemon for thread in threading.enumerate() if thread is not threading.main_thread()):
-        logging.shutdown()
         with suppress(OSError, ValueError):
             sys.stdout.flush()
-        os._exit(code)
+        late = threading.Timer(_THREADS_S, os._exit, (code,))
+        late.daemon = True  # ends with the process where that ends by itself, as with a pool of workers
+        late.start()
     raise SystemExit(code)
 
 

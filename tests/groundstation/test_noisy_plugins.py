@@ -53,3 +53,10 @@ def test_the_list_of_plug_ins_is_json_alone(tmp_path: Path) -> None:
     ended = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S, check=True)
     assert "noisy" in {entry["name"] for entry in json.loads(ended.stdout)}
     assert "imported" in ended.stderr
+
+
+def test_a_study_puts_its_workers_away_before_it_ends(tmp_path: Path) -> None:
+    line = [sys.executable, "-m", "meanflock", "compare", "cruise", "lqr", "--seeds", "2", "--jobs", "2", "--quiet"]
+    line += ["--uavs", "2", "--duration", "1", "--out", str(tmp_path / "out")]
+    ended = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S, check=True)
+    assert ended.stderr == ""
