@@ -57,9 +57,9 @@ def _load_what_each_would() -> None:
     loaded by those who are told to fly one: nobody knows what an import of them starts.
     """
     for plugin in plugins.installed():
-        if plugin.door in ("controller", "filter") and plugin.reference.startswith("meanflock."):
+        if plugin.kind in ("controller", "filter") and plugin.reference.startswith("meanflock."):
             with contextlib.suppress(BadInput):  # for who is told to fly it to say
-                plugins.load(plugin.door, plugin.name)
+                plugins.load(plugin.kind, plugin.name)
 
 
 def _become_a_process(pipe: tuple[int, int] | None) -> None:

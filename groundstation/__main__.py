@@ -57,11 +57,11 @@ def _run() -> None:
         welcome = _ask(bus, given, interrupted)
         flown = scenario.decode(welcome.scenario)
         folder, so_far = _folder(given.resume, Path(given.out), given.run, flown, welcome.tick)
-        with Outputs(flown, folder.name, Options(out=folder.parent, serve=serve, quiet=True), so_far) as desk:
+        with Outputs(flown, folder.name, Options(out=folder.parent, serve=serve, quiet=True), so_far) as outputs:
             first_block = so_far.next_block if so_far is not None else None
-            station = Station(bus, given.run, desk.sinks, first_block=first_block, uavs=flown.uavs)
-            desk.summary = _listen(bus, station, desk.folder, given, interrupted)
-        print(json.dumps(desk.summary, indent=1), flush=True)
+            station = Station(bus, given.run, outputs.sinks, first_block=first_block, uavs=flown.uavs)
+            outputs.summary = _listen(bus, station, outputs.folder, given, interrupted)
+        print(json.dumps(outputs.summary, indent=1), flush=True)
     finally:
         bus.close()
 

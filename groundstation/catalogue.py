@@ -49,13 +49,13 @@ class Entry(NamedTuple):
 
 
 def catalogue() -> list[Entry]:
-    """All that is installed, or was named by --plugin, by door and name."""
+    """All that is installed, or was named by --plugin, by kind and name."""
     return [_entry(plugin) for plugin in plugins.installed()]
 
 
 def _entry(plugin: Plugin) -> Entry:
     try:
-        found: Any = plugins.load(plugin.door, plugin.name)
+        found: Any = plugins.load(plugin.kind, plugin.name)
         return Entry(plugin, _about(found), tuple(_options(found.Options)))
     except (BadInput, TypeError) as error:
         return Entry(plugin, fault=str(error))
@@ -84,12 +84,12 @@ def _options(kind: type[msgspec.Struct]) -> Iterator[Option]:
 def text(entries: list[Entry], width: int) -> str:
     """The catalogue as a person reads it, in lines of `width` characters at the most."""
     lines: list[str] = []
-    for door, key in KEYS.items():
-        of_door = [entry for entry in entries if entry.plugin.door == door]
-        lines += [*([""] if lines else []), f"{door}s: `{key}`, options in [{options_table(door)}]"]
-        if not of_door:
+    for kind, key in KEYS.items():
+        of_kind = [entry for entry in entries if entry.plugin.kind == kind]
+        lines += [*([""] if lines else []), f"{kind}s: `{key}`, options in [{options_table(kind)}]"]
+        if not of_kind:
             lines.append(f"{_INDENT}none")
-        for entry in of_door:
+        for entry in of_kind:
             lines += _wrapped(f"{entry.plugin.name}  ({entry.plugin.source})", _INDENT, width)
             lines += _wrapped(f"cannot be used: {entry.fault}" if entry.fault else entry.about, _ABOUT, width)
             for option in entry.options:
@@ -106,8 +106,8 @@ def records(entries: list[Entry]) -> list[dict[str, Any]]:
     """The catalogue as a program reads it."""
     return [
         {
-            **{name: getattr(entry.plugin, name) for name in ("door", "name", "source", "reference", "fingerprint")},
-            "key": KEYS[entry.plugin.door],
+            **{name: getattr(entry.plugin, name) for name in ("kind", "name", "source", "reference", "fingerprint")},
+            "key": KEYS[entry.plugin.kind],
             "about": entry.about,
             "options": [option._asdict() for option in entry.options],
             "fault": entry.fault or None,

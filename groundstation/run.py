@@ -103,19 +103,19 @@ def _fly(scenario: Scenario, options: Options, back: Back | None, interrupted: I
     doctor.tell_if_slow()
     start = None if back is None else back.start
     died: ProcessDied | None = None
-    with Outputs(scenario, run_id, options, None if back is None else back.past) as desk:
-        interrupted.at_once = desk.give_up
+    with Outputs(scenario, run_id, options, None if back is None else back.past) as outputs:
+        interrupted.at_once = outputs.give_up
         try:
             if options.in_process:
-                desk.summary = _in_process(scenario, run_id, options, desk.sinks, interrupted, start)
+                outputs.summary = _in_process(scenario, run_id, options, outputs.sinks, interrupted, start)
             else:
-                desk.summary = _processes(scenario, run_id, options, desk, interrupted, start)
+                outputs.summary = _processes(scenario, run_id, options, outputs, interrupted, start)
         except ProcessDied as error:
             died = error
     if died is not None or interrupted:
         why = "interrupted; " if died is None else f"{died}\n"
-        raise RunFailed(f"{why}{desk.folder.path} holds what was flown; {go_on(desk.folder.path)}") from died
-    return Run(desk.folder.path, desk.summary)
+        raise RunFailed(f"{why}{outputs.folder.path} holds what was flown; {go_on(outputs.folder.path)}") from died
+    return Run(outputs.folder.path, outputs.summary)
 
 
 def go_on(folder: Path) -> str:
@@ -210,13 +210,13 @@ def _processes(
     scenario: Scenario,
     run_id: str,
     options: Options,
-    desk: Outputs,
+    outputs: Outputs,
     interrupted: Interrupted,
     start: Resumption | None,
 ) -> dict[str, Any]:
     with Swarm(run_id, options.endpoint, options.tls, options.log_format) as swarm:
-        desk.kill = swarm.kill
-        desk.progress.say("starting processes")
+        outputs.kill = swarm.kill
+        outputs.progress.say("starting processes")
         swarm.start_world(
             to_toml(scenario),
             wait_s=_JOIN_S,
@@ -230,14 +230,14 @@ def _processes(
         if scenario.declared.is_federated or scenario.faults:  # else nobody waits for one: it may come after the flight
             swarm.start_leaders(scenario.leaders(0 if start is None else start.tick), _JOIN_S)
         swarm.start_agents(scenario.uavs, options.uavs_per_process, _JOIN_S)
-        bus = _connect(swarm, interrupted, desk.folder)
+        bus = _connect(swarm, interrupted, outputs.folder)
         try:
-            desk.progress.say("joining")
+            outputs.progress.say("joining")
             first_block = None if start is None else start.block + 1
-            station = Station(bus, run_id, desk.sinks, first_block=first_block, uavs=scenario.uavs)
-            _listen(bus, station, swarm, interrupted, desk.folder)
+            station = Station(bus, run_id, outputs.sinks, first_block=first_block, uavs=scenario.uavs)
+            _listen(bus, station, swarm, interrupted, outputs.folder)
         except BadInput as error:
-            if desk.folder.last_tick < 0:
+            if outputs.folder.last_tick < 0:
                 raise
             raise RunFailed(str(error)) from error  # of a node that was started again: it has flown before
         finally:

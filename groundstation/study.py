@@ -109,7 +109,7 @@ def key_of(flown: Scenario, study: str = STUDY) -> str:
 def _contents(plugin: plugins.Plugin) -> str:
     if plugin.source != plugins.HERE:
         return plugin.fingerprint
-    return f"{os.getpid()} {id(plugins.load(plugin.door, plugin.name))}"  # a class of this process
+    return f"{os.getpid()} {id(plugins.load(plugin.kind, plugin.name))}"  # a class of this process
 
 
 def _fly(

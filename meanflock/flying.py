@@ -58,19 +58,19 @@ def fly(
     columns.check(flown.method, flown.declared.diagnostics)
     kept = Kept()
     with ExitStack() as stack:
-        desk, run_id = None, f"{flown.method}-s{flown.seed}"
+        outputs, run_id = None, f"{flown.method}-s{flown.seed}"
         sinks: list[Sink] = [kept]
         if out is not None:
             from meanflock.groundstation.run import Options, Outputs, new_run_id
 
             run_id = new_run_id(flown, Path(out))
-            desk = stack.enter_context(Outputs(flown, run_id, Options(Path(out), record=record, quiet=True)))
-            sinks += desk.sinks
+            outputs = stack.enter_context(Outputs(flown, run_id, Options(Path(out), record=record, quiet=True)))
+            sinks += outputs.sinks
         engine = Engine(flown, run_id, sinks=sinks)
         for tick in engine.fly():
             if progress is not None and tick % 100 == 0:
                 progress(tick, flown.max_ticks)
         summary = engine.world.finish()
-        if desk is not None:
-            desk.summary = summary
-    return Run(flown, summary, kept.blocks, None if desk is None else desk.folder.path)
+        if outputs is not None:
+            outputs.summary = summary
+    return Run(flown, summary, kept.blocks, None if outputs is None else outputs.folder.path)

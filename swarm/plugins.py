@@ -30,13 +30,17 @@ FILES = "MEANFLOCK_PLUGINS"  # a variable: the files a process registers when it
 
 
 class Plugin(NamedTuple):
-    """One class that can be had by name. source: the installed package and its version, or the file."""
+    """One class that can be had by name: its kind (`controller`, …), its name, and where it comes from.
 
-    door: Door
+    source: the installed package and its version, or the file. reference: `module:Class` of an entry point, or the
+        class in the file. fingerprint: what a checkpoint holds it to, the package's version or the hash of the file.
+    """
+
+    kind: Door
     name: str
     source: str
-    reference: str  # module:Class of an entry point; of a file, the class in it
-    fingerprint: str  # what a checkpoint holds it to: the package's version, or the hash of the file
+    reference: str
+    fingerprint: str
 
 
 _files: dict[tuple[Door, str], tuple[Plugin, type]] = {}
@@ -62,12 +66,12 @@ def installed() -> list[Plugin]:
     """All plug-ins there are, by kind and name."""
     found = [plugin for plugins in _packaged().values() for plugin in plugins]
     found += [plugin for plugin, _ in _files.values()]
-    return sorted(found, key=lambda plugin: (list(GROUPS).index(plugin.door), plugin.name))
+    return sorted(found, key=lambda plugin: (list(GROUPS).index(plugin.kind), plugin.name))
 
 
 def names(door: Door) -> list[str]:
     """What can be named at a door."""
-    return sorted({plugin.name for plugin in installed() if plugin.door == door})
+    return sorted({plugin.name for plugin in installed() if plugin.kind == door})
 
 
 def find(door: Door, name: str) -> Plugin:
@@ -177,7 +181,7 @@ def fingerprint(source: bytes) -> str:
 
 def is_file(plugin: Plugin) -> bool:
     """Whether a plug-in came from a file that somebody named, and not from a package."""
-    return (plugin.door, plugin.name) in _files
+    return (plugin.kind, plugin.name) in _files
 
 
 def load_files(paths: Iterable[Path | str]) -> None:
@@ -250,8 +254,8 @@ def _key(made: Any) -> tuple[Door, str] | None:
 
 def _entry(plugin: Plugin, made: type, where: str = "") -> tuple[Plugin, type]:
     """What is registered of it, or BadInput."""
-    key = plugin.door, plugin.name
+    key = plugin.kind, plugin.name
     if key in _packaged():
-        there = f"{plugin.door} {plugin.name!r} is installed already, of {_packaged()[key][0].source}"
+        there = f"{plugin.kind} {plugin.name!r} is installed already, of {_packaged()[key][0].source}"
         raise BadInput(f"{where}{there}; give yours another name")
     return plugin, checked(*key, made, plugin.source)

@@ -1,4 +1,4 @@
-"""The state of a UAV, as all rooms name it; `kernels/state.py` defines it, for what is compiled needs it first."""
+"""The state of a UAV, as all packages name it; `kernels/state.py` defines it, for what is compiled needs it first."""
 
 from meanflock.kernels.state import (  # noqa: F401
     AXES,

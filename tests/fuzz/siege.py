@@ -104,9 +104,9 @@ class Siege:
             Broken: an exception, a drop that was not counted, or an answer that cannot be one.
         """
         process = psutil.Process()
-        with tempfile.TemporaryDirectory() as out, ExitStack() as desk:
-            folder = desk.enter_context(RunFolder(Path(out), "run", self._flown))
-            recorder = desk.enter_context(Recorder(self._flown, RUN, Path(out) / "run" / "recording.rrd"))
+        with tempfile.TemporaryDirectory() as out, ExitStack() as outputs:
+            folder = outputs.enter_context(RunFolder(Path(out), "run", self._flown))
+            recorder = outputs.enter_context(Recorder(self._flown, RUN, Path(out) / "run" / "recording.rrd"))
             self._sinks = [folder, recorder]
             self._target = self._station()
             self._ambush()

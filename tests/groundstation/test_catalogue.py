@@ -82,8 +82,8 @@ def test_the_catalogue_lists_everything_by_door_in_80_columns(run: Any, mine: Pa
 def test_a_program_reads_the_same_as_json(run: Any, mine: Path) -> None:
     code, out, _ = run("plugins", "--plugin", str(mine), "--json")
     assert code == EXIT_DONE
-    listed = {(record["door"], record["name"]): record for record in json.loads(out)}
-    assert {(plugin.door, plugin.name) for plugin in plugins.installed()} == set(listed)
+    listed = {(record["kind"], record["name"]): record for record in json.loads(out)}
+    assert {(plugin.kind, plugin.name) for plugin in plugins.installed()} == set(listed)
     record = listed["controller", "mine"]
     assert (record["source"], record["key"], record["about"], record["fault"]) == (str(mine), "method", "Hovers.", None)
     assert record["options"][0] == {

@@ -137,9 +137,9 @@ def test_a_recorder_that_goes_on_begins_with_what_was_not_recorded(
     folder = kept(tmp_path, blocks[:9])
     if sent is not None:  # else nobody recorded before
         killed(folder / "recording.rrd", blocks[:9], sent, monkeypatch)
-    with Outputs(FLOWN, "run", Options(out=tmp_path, quiet=True), past(folder)) as desk:
+    with Outputs(FLOWN, "run", Options(out=tmp_path, quiet=True), past(folder)) as outputs:
         for block in blocks[9:]:
-            for sink in desk.sinks:
+            for sink in outputs.sinks:
                 sink.write(block)
     assert contents(folder / "recording.rrd") == whole
     assert verify(folder / "recording.rrd") is None

@@ -30,8 +30,8 @@ def test_a_class_derived_from_each_of_the_four_base_classes_is_found_by_its_name
     methods = {method: lambda *_: None for method in ("step", "transmit", "power")}
     mine = type("Mine", (getattr(mf, base),), {"name": "mine", **methods})
     plugin = plugins.register(mine)
-    assert plugins.load(plugin.door, "mine") is mine
-    assert plugin.door == base.lower()
+    assert plugins.load(plugin.kind, "mine") is mine
+    assert plugin.kind == base.lower()
 
 
 @pytest.mark.parametrize(
