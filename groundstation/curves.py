@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from meanflock.channel.meter import TRAFFIC
 from meanflock.groundstation import plotstyle, quantities
+from meanflock.groundstation.lines import span_of
 from meanflock.groundstation.quantities import FIELDS
 from meanflock.groundstation.series import diagnostics_in
+from meanflock.swarm.wire.messages import Status
 
 Floats = NDArray[np.float64]
 
@@ -69,6 +71,7 @@ class Curves:
         known, values = quantities.of(name), grid(self._table, name)
         if self._table["tick"][0].as_py() == 0:
             values[0] = np.nan  # nothing was reported yet
+        values[grid(self._table, "status") == Status.LOST] = np.nan  # who is lost reports nothing
         label = plotstyle.axis(name)
         if name in quantities.RESIDUALS:
             return Panel(f"{known.name}, mean", label, partial(self._size, np.abs(values)))
@@ -76,16 +79,17 @@ class Curves:
 
     def _span(self, values: Floats, ax: Axes, from_zero: bool = True) -> None:
         rows = values[:: self._step]
-        low, high = rows.min(axis=-1), rows.max(axis=-1)
+        mean, low, high = span_of(rows, np.isfinite(rows)).T
         ax.fill_between(self._times, low, high, color=self._tone, alpha=0.18, linewidth=0)
-        ax.plot(self._times, rows.mean(axis=-1), color=self._tone)
+        ax.plot(self._times, mean, color=self._tone)
         if from_zero:
             ax.set_ylim(bottom=0.0)
         elif not np.nan_to_num(rows).any():  # else the axis has ticks of ±0.04 about nothing
             ax.set_ylim(0.0, 1.0)
 
     def _size(self, sizes: Floats, ax: Axes) -> None:
-        mean = sizes[:: self._step].mean(axis=-1)
+        rows = sizes[:: self._step]
+        mean = span_of(rows, np.isfinite(rows))[:, 0]
         if np.nanmax(mean, initial=0.0) > 0:
             ax.plot(self._times, np.where(mean > 0, mean, np.nan), color=self._tone, linewidth=1.0)
             plotstyle.log_axis(ax)

@@ -15,6 +15,16 @@ def span(values: NDArray[Any]) -> NDArray[np.float64]:
     return lines
 
 
+def span_of(values: NDArray[Any], who: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """The same over the UAVs `who` (T, N) alone; NaN in ticks in which there is none."""
+    if who.all():
+        return span(values)
+    lines, some = np.full((len(values), 3), np.nan), who.any(axis=1)
+    known = np.where(who, values, np.nan)[some]
+    lines[some] = np.stack([np.nanmean(known, axis=1), np.nanmin(known, axis=1), np.nanmax(known, axis=1)], axis=-1)
+    return lines
+
+
 def log_sizes(values: NDArray[np.float32]) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     """Which ticks have a residual at all, (T,), and log10 of its largest and mean size there, (R, 2).
 

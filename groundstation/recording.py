@@ -129,7 +129,7 @@ class Writer:
         self._send(event_rows(ticks, positions, swarm, events))
         if not self._large:
             self._send(self._disturbances.lanes(ticks, status))
-        self._send(plot_rows(ticks, states, diagnostics, swarm, energy, self._reported.diagnostics))
+        self._send(plot_rows(ticks, states, diagnostics, swarm, energy, status, self._reported.diagnostics))
 
     def _send(self, sent: Iterable[Sent]) -> None:
         for entity, ticks, columns in sent:

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from meanflock.channel.meter import TRAFFIC
 from meanflock.groundstation import panels
-from meanflock.groundstation.lines import log_sizes, span
+from meanflock.groundstation.lines import log_sizes, span, span_of
 from meanflock.groundstation.recording_columns import Floats, Sent, Ticks, scalars
 from meanflock.groundstation.reported import Reported
 from meanflock.swarm import state
-from meanflock.swarm.wire.messages import SWARM_COLUMNS, Telemetry
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Status, Telemetry
 
 COLUMN = {name: index for index, name in enumerate(SWARM_COLUMNS)}
 BITS_SENT = [COLUMN[f"{name}_bits"] for name in TRAFFIC.values()]
@@ -24,13 +24,14 @@ def plot_rows(
     diagnostics: Floats,
     swarm: NDArray[np.float64],
     energy: Floats,
+    status: NDArray[np.uint8],
     names: Sequence[str],
 ) -> Iterator[Sent]:
     """Scalars at ticks (T,), with `panels.LAST` as the last.
 
     Args:
         states: (T, N, 4). diagnostics: (T, N, K), called `names`. swarm: (T, columns), as in `SWARM_COLUMNS`.
-        energy: (T, N), J.
+        energy: (T, N), J. status: (T, N).
     """
 
     def columns(*names: str) -> NDArray[np.float64]:
@@ -42,17 +43,18 @@ def plot_rows(
     yield from scalars(panels.RISK.entity, ticks, columns("phi_C", "phi_C_distinct"))
     yield from scalars(panels.FAILURES.entity, ticks, columns("outages", "collisions"))
     for number, name in enumerate(names):
-        yield from _diagnostic(panels.diagnostic(name), ticks, diagnostics[..., number])
+        yield from _diagnostic(panels.diagnostic(name), ticks, diagnostics[..., number], status != Status.LOST)
     yield from scalars(panels.LAST.entity, ticks, span(energy))
 
 
-def _diagnostic(plot: panels.Plot, ticks: Ticks, values: NDArray[Any]) -> Iterator[Sent]:
+def _diagnostic(plot: panels.Plot, ticks: Ticks, values: NDArray[Any], who: NDArray[np.bool_]) -> Iterator[Sent]:
+    """Of the UAVs `who` (T, N): those that are lost report nothing."""
     if plot.log10:
         known, lines = log_sizes(values)
         yield from scalars(plot.entity, ticks if known.all() else ticks[known], lines)
     else:  # at take-off nothing was reported yet
-        flown = slice(int(ticks[0] == 0), None)
-        yield from scalars(plot.entity, ticks[flown], span(values[flown]))
+        flown = who.any(axis=1) & (ticks > 0)
+        yield from scalars(plot.entity, ticks[flown], span_of(values[flown], who[flown]))
 
 
 def report_rows(blocks: Sequence[Telemetry], reported: Reported) -> Iterator[Sent]:

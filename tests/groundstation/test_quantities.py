@@ -20,12 +20,13 @@ from meanflock.groundstation import panels, plots, plotstyle, quantities
 from meanflock.groundstation.paper import figures_grids
 from meanflock.groundstation.progress import summary_table
 from meanflock.groundstation.quantities import FIELDS, Quantity
+from meanflock.groundstation.recording_plots import plot_rows
 from meanflock.groundstation.reported import Reported
 from meanflock.groundstation.run import Options, fly
 from meanflock.groundstation.series import block_of
 from meanflock.groundstation.timeseries_file import TIMESERIES
 from meanflock.swarm.scenario import load
-from meanflock.swarm.wire.messages import SWARM_COLUMNS
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Status
 from tests.groundstation.recordings import DIAGNOSTICS
 
 ROOT = Path(__file__).parents[2]
@@ -174,6 +175,27 @@ def test_a_run_is_plotted_where_its_controller_is_not_installed(of_a_stranger: P
     assert not reported[0]  # at take-off nothing was reported yet
     assert plain(made["paths"].axes[0].get_title(loc="left")).startswith("nobody-has-it, seed 1: ")
     assert len(made["paths"].axes) == 2  # φ_G is there, whoever reports it
+
+
+def test_who_is_lost_reports_nothing_and_counts_for_nothing(of_a_stranger: Path) -> None:
+    rows = pq.read_table(of_a_stranger / TIMESERIES)
+    uavs = len(rows["x_m"][0])
+    status = np.zeros((len(rows), uavs), np.uint8)
+    status[3:, 0], status[-1] = Status.LOST, Status.LOST  # one from the fourth row on, in the last all
+    tension = np.where(status == Status.LOST, 0.0, 5.0)
+    for name, values in (("status", status), ("tension", tension)):
+        place = rows.column_names.index(name)
+        rows = rows.set_column(place, name, pa.array(values.tolist(), rows.schema.field(name).type))
+    pq.write_table(rows, of_a_stranger / TIMESERIES)
+    (mean,) = titles(plots.plot_run(of_a_stranger)["curves"])["tension: mean, max, min"].lines
+    np.testing.assert_array_equal(mean.get_ydata(), [np.nan] + [5.0] * (len(rows) - 2) + [np.nan])
+    block = block_of(rows, 0)
+    sent = plot_rows(
+        np.arange(len(rows)), block.states, block.diagnostics, block.swarm, block.energy, block.status,
+        block.diagnostic_names,
+    )  # fmt: skip
+    (ticks,) = [ticks for entity, ticks, _ in sent if entity == panels.diagnostic("tension").entity]
+    assert list(ticks) == list(range(1, len(rows) - 1))
 
 
 def test_a_run_of_before_lacks_columns_and_is_plotted_all_the_same(of_a_stranger: Path) -> None:
