@@ -1,5 +1,6 @@
 """What all tests of the ground station may use."""
 
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -18,6 +19,15 @@ def strict() -> Iterator[None]:
     rr.set_strict_mode(True)
     yield
     rr.set_strict_mode(False)
+
+
+@pytest.fixture
+def environment() -> Iterator[None]:
+    """Distributed sets variables of this process, and leaves them, the seed of hashes among them."""
+    before = dict(os.environ)
+    yield
+    os.environ.clear()
+    os.environ.update(before)
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import load
 
 distributed = pytest.importorskip("distributed", reason="dask is not installed")
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.usefixtures("environment")]
 
 
 def plan() -> list[Wanted]:

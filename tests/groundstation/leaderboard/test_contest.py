@@ -193,6 +193,7 @@ def test_ctrl_c_keeps_what_is_finished_and_a_repeat_flies_the_rest(run, tmp_path
 
 
 @pytest.mark.processes
+@pytest.mark.usefixtures("environment")
 def test_on_dask_the_board_is_the_same_to_the_last_digit(run, tmp_path, small) -> None:
     distributed = pytest.importorskip("distributed", reason="dask is not installed")
     flags = ("leaderboard", "--missions", "near.toml", "--controllers", "cruise", "mfgfl-h")
