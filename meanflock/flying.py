@@ -41,7 +41,7 @@ def fly(
         out: a folder in which the run leaves one of its own, as `meanflock run` does; None: nothing is written.
         record: leave a Rerun recording there, too.
         progress: called every hundred ticks with the ticks flown and the most there may be.
-        settings: any dotted key of the scenario, `**{"wind.sigma": 0.2}`.
+        settings: any dotted key of the scenario, `**{"wind.sigma": 0.2}`; for type checkers a `dict[str, Any]`.
 
     Returns:
         The run: `.summary`, `.states`, `.events`, `.frame()`.
