@@ -233,7 +233,7 @@ def _processes(
         bus = _connect(swarm, interrupted, outputs.folder)
         try:
             outputs.progress.say("joining")
-            first_block = None if start is None else start.block + 1
+            first_block = 0 if start is None else start.block + 1
             station = Station(bus, run_id, outputs.sinks, first_block=first_block, uavs=scenario.uavs)
             _listen(bus, station, swarm, interrupted, outputs.folder)
         except BadInput as error:

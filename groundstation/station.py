@@ -12,11 +12,12 @@ from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Bus, Delivery
 from meanflock.swarm.net.identity import STATION
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Finished, Received, Telemetry
+from meanflock.swarm.wire.messages import Finished, Join, Received, Telemetry
 
 log = logging.getLogger("meanflock.station")
 
 MAX_DROP_LINES = 100  # in the log; the counter goes on
+_ASK_S = 2.0  # at most, for what is missing
 
 
 class Sink(Protocol):
@@ -54,6 +55,7 @@ class Station:
         self._bus, self._run, self._sinks = bus, run, sinks
         self._fingerprint = keys.fingerprint(run)
         self._next_block, self._uavs = first_block, uavs
+        self._asked_at = -1  # the block before which some were missing, when the world was asked for them
         self.summary: dict[str, Any] | None = None
         self.dropped: Counter[str] = Counter()
         bus.subscribe(keys.telemetry(run))
@@ -70,8 +72,10 @@ class Station:
             if isinstance(message, Telemetry) and message.run == self._fingerprint:
                 self._take(message)
             elif isinstance(message, Finished) and message.run == self._fingerprint:
-                self.summary = inbound.summary(message)
-                self._acknowledge(message.block)
+                record = inbound.summary(message)
+                if self._follows(message.block):
+                    self.summary = record
+                    self._acknowledge(message.block)
             else:
                 raise MessageRejected("wrong-kind", type(message).__name__)
         except MessageRejected as error:
@@ -81,6 +85,8 @@ class Station:
 
     def _take(self, block: Telemetry) -> None:
         inbound.check(block, self._uavs)
+        if not self._follows(block.block):
+            return
         expected = block.block if self._next_block is None else self._next_block
         if block.block >= expected:  # an older one is a repetition
             if missing := block.block - expected:
@@ -89,6 +95,18 @@ class Station:
                 sink.write(block)
             self._next_block = block.block + 1
         self._acknowledge(block.block)
+
+    def _follows(self, block: int) -> bool:
+        """Whether nothing before a block can come any more. What was lost with a session the world still has; it is
+        asked to send what waits once more, and has given up what it then leaves out.
+        """
+        if self._next_block is None or block <= max(self._next_block, self._asked_at):
+            self._asked_at = -1
+            return True
+        join = control.encode(Join(STATION, 0))
+        if self._asked_at < 0 and self._bus.ask(keys.join(self._run, STATION), join, _ASK_S) is not None:
+            self._asked_at = block
+        return False
 
     def _acknowledge(self, block: int) -> None:
         self._bus.put(keys.received(self._run), control.encode(Received(self._fingerprint, block)))

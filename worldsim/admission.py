@@ -232,8 +232,10 @@ class Admission:
         if self.closed and join.role != STATION:  # who records may still fetch what waits
             delivery.reply(control.encode(Refusal("the flight is over", over=True)))
             return
-        name, uavs = STATION, np.zeros(0, dtype=np.intp)  # a ground station only asks what is flown
-        if join.role != STATION:
+        name, uavs = STATION, np.zeros(0, dtype=np.intp)  # a ground station asks what is flown, and for what it missed
+        if join.role == STATION:
+            self._outbox.rewind()
+        else:
             try:
                 member = self.members.admit(join, self._clock())
             except JoinRefused as error:

@@ -57,6 +57,26 @@ def test_beyond_its_bound_the_world_gives_up_the_oldest_blocks_and_counts_them(
     assert summary["trajectory_sha256"] == Lab(scenario("duration=40")).fly()["trajectory_sha256"]
 
 
+@pytest.mark.parametrize("lost", [[1], [2, 3, 4], [6], [1, 5]])
+def test_blocks_that_are_lost_with_a_session_come_again(lost: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("meanflock.groundstation.engine._BLOCK_ROWS", 10)
+    lab, whole = Lab(scenario()), Lab(scenario())
+    bus, station, left = lab.engine.network.endpoints[1], lab.engine.station, lost.copy()
+    assert station is not None
+
+    def lossy(delivery: Delivery) -> None:
+        if delivery.kind == "message" and control.decode(delivery.payload).block in left:  # type: ignore[union-attr]
+            left.remove(control.decode(delivery.payload).block)  # type: ignore[union-attr]
+        else:
+            station.handle(delivery)
+
+    bus.handler = lossy
+    assert lab.fly()["trajectory_sha256"] == whole.fly()["trajectory_sha256"]
+    assert not left
+    assert [block.block for block in lab.told.blocks] == [block.block for block in whole.told.blocks]
+    assert station.summary is not None
+
+
 def test_without_a_station_one_checkpoint_waits_and_not_all_of_them() -> None:
     lab = Lab(scenario("duration=60"))
     lab.engine.network.endpoints.remove(lab.engine.network.endpoints[1])
