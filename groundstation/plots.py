@@ -19,7 +19,7 @@ from meanflock.groundstation.curves import MAX_POINTS, Curves, grid, line
 from meanflock.groundstation.paper import statistics
 from meanflock.groundstation.quantities import FIELDS, number
 from meanflock.groundstation.reported import PHI_G
-from meanflock.groundstation.results import EVENTS
+from meanflock.groundstation.results import EVENTS, SCENARIO
 from meanflock.groundstation.series import diagnostics_in
 from meanflock.groundstation.timeseries_file import TIMESERIES, read_table
 from meanflock.groundstation.units import with_unit
@@ -68,7 +68,9 @@ def plot_run(folder: Path) -> dict[str, Figure]:
     try:
         table = read_table(path)
     except OSError as error:
-        raise BadInput(f"{path}: {error.strerror or error}; name the folder of a run") from error
+        again = f"bring the file back, or fly the run again with `meanflock run {folder / SCENARIO}`"
+        mend = again if (folder / SCENARIO).is_file() else "name the folder of a run"
+        raise BadInput(f"{path}: {error.strerror or error}; {mend}") from error
     if table.num_rows < 2:
         raise BadInput(f"{path}: nothing was flown; name the folder of a run that took off")
     flown = plot_mission.flown(folder)

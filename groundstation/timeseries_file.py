@@ -62,7 +62,11 @@ def read_table(path: Path) -> pa.Table:
         seal.check(path)
         return pq.read_table(path, page_checksum_verification=True)
     except (ValueError, pa.ArrowException) as error:  # what is no Parquet
-        raise OSError(f"damaged: {error}") from error
+        raise OSError("damaged: it is no Parquet file, or not all of one") from error
+    except OSError as error:
+        if error.errno is None and "damaged" not in str(error):  # of pyarrow, about a page
+            raise OSError("damaged: the checksum of a page is wrong") from error
+        raise
 
 
 def past(folder: Path, tick: int | None = None) -> Past:

@@ -1,5 +1,6 @@
 """Plots of anyone's own runs, comparisons and sweeps."""
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,24 @@ def test_a_run_whose_events_were_cut_off_is_still_plotted(run_folder: Path) -> N
 def test_no_run_is_bad_input(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="name the folder of a run"):
         plots.plot_run(tmp_path)
+
+
+@pytest.mark.parametrize("damage", ["cut", "flipped", "gone"])
+def test_a_time_series_that_cannot_be_read_is_named_with_how_to_mend_it(
+    damage: str, run_folder: Path, tmp_path: Path
+) -> None:
+    folder = Path(shutil.copytree(run_folder, tmp_path / "run"))
+    path = folder / "timeseries.parquet"
+    whole = bytearray(path.read_bytes())
+    path.write_bytes(whole[:900])
+    if damage == "flipped":
+        path.write_bytes(whole[:900] + bytes([whole[900] ^ 255]) + whole[901:])
+    elif damage == "gone":
+        path.unlink()
+    what = "No such file" if damage == "gone" else "damaged: "
+    again = rf"fly the run again with `meanflock run {folder / 'scenario.toml'}`"
+    with pytest.raises(BadInput, match=rf"^{path}: {what}[^']*; bring the file back, or {again}$"):
+        plots.plot_run(folder)
 
 
 def summaries(level: float, seeds: int = 4) -> list[dict[str, Any]]:
