@@ -13,6 +13,7 @@ from meanflock.channel.link import slots_needed
 from meanflock.groundstation.engine import Engine
 from meanflock.groundstation.markdown import replaced, table
 from meanflock.groundstation.paper import statistics
+from meanflock.groundstation.study import summarised
 from meanflock.swarm import scenario
 from meanflock.swarm.declared import controller
 from meanflock.swarm.mean import fedavg
@@ -67,7 +68,7 @@ def main() -> None:
 
 def fly(flown: Scenario, seeds: range) -> list[dict[str, Any]]:
     """The summaries of a scenario's runs."""
-    return [Engine(structs.replace(flown, seed=seed), "communication").complete() for seed in seeds]
+    return [summarised(structs.replace(flown, seed=seed)) for seed in seeds]
 
 
 def transmissions() -> list[str]:
@@ -102,8 +103,8 @@ def flights(runs: dict[Any, list[dict[str, Any]]]) -> list[str]:
             name,
             mean("payload_bits", "uplink", factor=1e-3),
             mean("payload_bits", "broadcast", factor=1e-3),
-            mean("arrived"),
-            mean("t_avg_s", spread=True),
+            f"{sum(one['arrived'] for one in summaries):,} of {sum(one['uavs'] for one in summaries):,}",
+            mean("t_avg_censored_s", spread=True),
             mean("energy_mean_J", spread=True),
             mean("phi_A", spread=True),
             f"{mean('radio', 'outage_rate', factor=100)} ({mean('radio', 'outage_rate_theory', factor=100)})",
