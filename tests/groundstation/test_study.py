@@ -155,35 +155,47 @@ def test_an_interrupted_study_keeps_what_is_finished_and_goes_on(tmp_path: Path,
     assert hashes(again) == hashes(whole)
 
 
+HELD = """
+import time
+from pathlib import Path
+import meanflock as mf
+
+class Held(mf.Controller):
+    name = "held"
+
+    def step(self, memory, tick, own, received):
+        while self.scenario.seed > 1 and Path({!r}).exists():
+            time.sleep(0.01)
+        return mf.Step(memory, 0.0 * own[:, :2])
+"""
+
+
 @pytest.mark.processes
 def test_ctrl_c_ends_a_sweep_and_its_workers_and_a_repeat_goes_on(tmp_path: Path) -> None:
-    command = [
-        sys.executable,
-        "-c",
-        "from meanflock.groundstation.cli import main; main()",
-        "sweep",
-        "wind.sigma=0.1,0.2,0.3",
-        "--methods",
-        "hjb",
-    ]
-    size = ["--uavs", "16", "--duration", "150", "--set", "stop=duration", "--seeds", "3"]  # half a second each
-    command += [*size, "--jobs", "2", "--quiet", "--out", str(tmp_path)]
+    """Flights of the first seed end; all others wait for as long as a file is there, so none is over by chance."""
+    (hold := tmp_path / "hold").touch()
+    (plugin := tmp_path / "held.py").write_text(HELD.format(str(hold)), encoding="utf-8")
+    out = tmp_path / "out"
+    command = [sys.executable, "-c", "from meanflock.groundstation.cli import main; main()", "sweep"]
+    command += ["wind.sigma=0.1,0.2,0.3", "--methods", "held", "--plugin", str(plugin), "--uavs", "2"]
+    command += ["--duration", "2", "--seeds", "3", "--jobs", "2", "--quiet", "--out", str(out)]
     sweep = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
-    jobs = tmp_path / "data" / "jobs"
+    jobs = out / "data" / "jobs"
     until(lambda: list(jobs.glob("*.job")) or sweep.poll() is not None, "a finished job")
     family = psutil.Process(sweep.pid).children(recursive=True)
     os.killpg(sweep.pid, signal.SIGINT)
-    out, said = sweep.communicate(timeout=DEADLINE_S)
-    assert (sweep.returncode, out) == (EXIT_RUN_FAILED, b"")
+    printed, said = sweep.communicate(timeout=DEADLINE_S)
+    assert (sweep.returncode, printed) == (EXIT_RUN_FAILED, b"")
     assert b"error: interrupted; " in said
     assert b"Traceback" not in said
     _, alive = psutil.wait_procs(family, timeout=DEADLINE_S)
     assert not alive
     kept = {path: path.stat().st_mtime_ns for path in jobs.glob("*.job")}
     assert 0 < len(kept) < 9
+    hold.unlink()
     assert main([*command[3:], "--jobs", "1"]) == EXIT_DONE
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
-    assert len(flown(tmp_path)) == 9
+    assert len(flown(out)) == 9
 
 
 # -- plug-ins of one's own --------------------------------------------------------------------------------------------
