@@ -7,6 +7,7 @@ twice at the most. Any other failure is one at once, and so is that of a test wi
 
 import os
 import signal
+import threading
 from collections.abc import Generator, Iterator
 from functools import cache
 from pathlib import Path
@@ -36,6 +37,12 @@ def _temporary(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TMPDIR", str(tmp_path_factory.mktemp("temporary")))
         yield
+
+
+def pytest_configure() -> None:
+    """What a shell starts in the background ignores Ctrl-C, and so would all processes that the tests send one."""
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 OTHERS = {"PYTEST_CURRENT_TEST", "KMP_INIT_AT_FORK"}  # variables that pytest and joblib set
