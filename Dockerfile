@@ -32,6 +32,7 @@ COPY leader leader
 COPY channel channel
 COPY worldsim worldsim
 COPY groundstation groundstation
+COPY studies studies
 # With a compiler the wheel carries all kernels; without one NumPy does their work, with the same bits.
 RUN command -v cc >/dev/null || { apt-get -qq update && apt-get -qq install -y --no-install-recommends gcc libc6-dev; } \
     || echo "no C compiler to be had"

@@ -132,7 +132,7 @@ if ! { $(in_place); }; then \
 fi; \
 $(BIN)/python -m pip install -qq -c constraints.txt -e '.[$(1)]'; \
 $(BIN)/python -m compileall -q -l meanflock; \
-$(BIN)/python -m compileall -q agent channel groundstation kernels leader meanflock/testing swarm worldsim; \
+$(BIN)/python -m compileall -q agent channel groundstation kernels leader meanflock/testing studies swarm worldsim; \
 pwd -P > $(VENV)/.home
 endef
 

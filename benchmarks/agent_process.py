@@ -12,7 +12,7 @@ from benchmarks import sizes
 from benchmarks.figure import Effort, Figure, Outcome, Say, per_call_ms
 from benchmarks.lockstep_floor import floor_of
 from benchmarks.processes import Children
-from meanflock.groundstation.station import Station
+from meanflock.groundstation.launch.station import Station
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BusError
 from meanflock.swarm.net import keys

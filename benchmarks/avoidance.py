@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms, per_tick_ms
 from meanflock import kernels
-from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.kernels import reference
 from meanflock.swarm import declared, mission, scenario, state
 from meanflock.swarm.scenario import Scenario

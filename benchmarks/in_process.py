@@ -10,7 +10,7 @@ from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_m
 from meanflock import kernels
 from meanflock.agent.controllers.mean_field.learner import Learner
 from meanflock.agent.controllers.mean_field.tables import tables
-from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.kernels import reference
 from meanflock.kernels.weights import NUMBERS
 from meanflock.swarm import mission, scenario, state

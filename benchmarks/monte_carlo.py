@@ -5,9 +5,9 @@ from collections import Counter
 
 from benchmarks.figure import Effort, Figure, Outcome, Say, per_call_ms
 from benchmarks.in_process import learner_step
-from meanflock.groundstation.paper.experiments import to_do
-from meanflock.groundstation.paper.flown import fly
-from meanflock.groundstation.paper.grid import wanted
+from meanflock.studies.paper.experiments import to_do
+from meanflock.studies.paper.flown import fly
+from meanflock.studies.paper.grid import wanted
 from meanflock.swarm import scenario
 
 TITLE = "Many flights"

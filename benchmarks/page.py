@@ -3,7 +3,7 @@
 from typing import Any
 
 from benchmarks.machine import BUSY_LOAD
-from meanflock.groundstation.markdown import replaced
+from meanflock.studies.markdown import replaced
 
 BEGIN, END = "<!-- measured -->", "<!-- end -->"
 

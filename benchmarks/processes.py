@@ -10,8 +10,8 @@ import time
 from typing import Any
 
 from benchmarks.machine import ROOT
-from meanflock.groundstation.children import Family, end_all
-from meanflock.groundstation.launch import free_endpoint
+from meanflock.groundstation.launch.children import Family, end_all
+from meanflock.groundstation.launch.processes import free_endpoint
 
 COMMAND = (sys.executable, "-m", "meanflock.groundstation.cli")
 _COMMAND_S = 150.0

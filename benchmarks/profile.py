@@ -57,7 +57,7 @@ WORLD: list[Part] = [
     ("meanflock.worldsim.reporter:Reporter.flush", "telemetry"),
     ("meanflock.worldsim.outbox:Outbox.add", "telemetry"),
     ("meanflock.worldsim.outbox:Outbox.next", "telemetry"),
-    ("meanflock.groundstation.station:Station.handle", "telemetry"),
+    ("meanflock.groundstation.launch.station:Station.handle", "telemetry"),
     ("meanflock.channel.medium:Medium.send", "channel"),
     ("meanflock.channel.medium:Medium.due", "channel"),
     ("meanflock.worldsim.flight:Flight.advance", "flight: wind, hash, records"),

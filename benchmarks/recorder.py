@@ -7,10 +7,10 @@ from pathlib import Path
 
 from benchmarks.figure import Effort, Figure, Outcome, Say, per_call_ms
 from benchmarks.processes import Children
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.recording import Recorder
-from meanflock.groundstation.results import RECORDING, RunFolder
-from meanflock.groundstation.timeseries_file import TIMESERIES
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.recording.recorder import Recorder
+from meanflock.groundstation.results.run_folder import RECORDING, RunFolder
+from meanflock.groundstation.results.timeseries_file import TIMESERIES
 from meanflock.swarm import scenario
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.session import ZenohBus

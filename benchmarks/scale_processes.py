@@ -9,8 +9,8 @@ from benchmarks.agent_process import connected, memory_mib
 from benchmarks.figure import Effort, Figure, Outcome, Say
 from benchmarks.networked import floor_tick_ms
 from benchmarks.processes import BenchmarkFailed, Children
+from meanflock.groundstation.launch.station import Station
 from meanflock.groundstation.memory import available_mb, needed_mb
-from meanflock.groundstation.station import Station
 from meanflock.swarm.wire.messages import Telemetry
 
 TITLE = "From 25 to 200 processes"

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 from joblib import Parallel, delayed
 
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.markdown import replaced
-from meanflock.groundstation.station import Kept
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.station import Kept
+from meanflock.studies.markdown import replaced
 from meanflock.swarm import scenario
 from meanflock.swarm.clusters import Clusters
 from meanflock.swarm.rounds import Rounds

@@ -10,10 +10,10 @@ from msgspec import structs
 
 from meanflock.agent.feedback import Feedback
 from meanflock.channel.link import slots_needed
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.markdown import replaced, table
-from meanflock.groundstation.paper import statistics
-from meanflock.groundstation.study import summarised
+from meanflock.groundstation import statistics
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.studies.markdown import replaced, table
+from meanflock.studies.study import summarised
 from meanflock.swarm import scenario
 from meanflock.swarm.declared import controller
 from meanflock.swarm.mean import fedavg

@@ -3,8 +3,9 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-from meanflock.groundstation import columns, dictionary
-from meanflock.groundstation.leaderboard.measures import MEASURES, Measure
+from meanflock.groundstation import dictionary
+from meanflock.groundstation.results import columns
+from meanflock.studies.leaderboard.measures import MEASURES, Measure
 
 PAGE = Path(__file__).with_suffix(".md")
 _KNOWN = ("hjb_residual", "fpk_residual", "phi_G")  # diagnostics of the built-in controllers

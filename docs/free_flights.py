@@ -15,9 +15,9 @@ from joblib import Parallel, delayed
 from rich.console import Console
 from rich.progress import track
 
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.markdown import replaced
-from meanflock.groundstation.paper import statistics
+from meanflock.groundstation import statistics
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.studies.markdown import replaced
 from meanflock.swarm import scenario
 
 HERE = Path(__file__).parent

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from meanflock.groundstation.leaderboard import board, markdown, pareto
-from meanflock.groundstation.leaderboard.board import Board, Standing
-from meanflock.groundstation.leaderboard.measures import BY_KEY
-from meanflock.groundstation.paper import statistics
-from meanflock.groundstation.paper.statistics import Estimate
+from meanflock.groundstation import statistics
+from meanflock.groundstation.statistics import Estimate
+from meanflock.studies.leaderboard import board, markdown, pareto
+from meanflock.studies.leaderboard.board import Board, Standing
+from meanflock.studies.leaderboard.measures import BY_KEY
 
 HERE = Path(__file__).parent
 PAGE, RESULTS = Path(__file__).with_suffix(".md"), HERE / "results" / "leaderboard.json"

@@ -6,10 +6,10 @@ Needs a Vulkan driver; without a graphics card: apt-get install mesa-vulkan-driv
 import tempfile
 from pathlib import Path
 
-from meanflock.groundstation import side_by_side
-from meanflock.groundstation.results import RECORDING
-from meanflock.groundstation.run import Options, fly
-from meanflock.groundstation.screenshot import screenshot
+from meanflock.groundstation.launch.run import Options, fly
+from meanflock.groundstation.recording.screenshot import screenshot
+from meanflock.groundstation.results.run_folder import RECORDING
+from meanflock.studies import side_by_side
 from meanflock.swarm import scenario
 
 AT_S = 40.6  # just after the second round: models on the air, a collision, the flock half-way

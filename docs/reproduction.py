@@ -3,7 +3,7 @@
     python docs/reproduction.py out/paper out/paper-slow out/paper-printed
 
 The folders are what `meanflock paper`, and the same with `--scenario`, wrote. The words of the page are written by
-hand; tests/groundstation/test_published.py holds its numbers to the two files.
+hand; tests/studies/test_published.py holds its numbers to the two files.
 """
 
 import json
@@ -16,13 +16,14 @@ from typing import Any
 import numpy as np
 from scipy.stats import binom
 
-from meanflock.groundstation.leaderboard.front import front
-from meanflock.groundstation.markdown import replaced
-from meanflock.groundstation.paper import regimes, statistics
-from meanflock.groundstation.paper.figures import draw
-from meanflock.groundstation.paper.store import load
-from meanflock.groundstation.paper.verdict import NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, UNDECIDED
-from meanflock.groundstation.paper.view import View, load_measured
+from meanflock.groundstation import statistics
+from meanflock.studies.leaderboard.front import front
+from meanflock.studies.markdown import replaced
+from meanflock.studies.paper import regimes
+from meanflock.studies.paper.figures.draw import draw
+from meanflock.studies.paper.tables import load
+from meanflock.studies.paper.verdict import NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, UNDECIDED
+from meanflock.studies.paper.view import View, load_measured
 from meanflock.swarm.scenario import Scenario
 
 DOCS = Path(__file__).parent

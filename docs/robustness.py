@@ -20,8 +20,8 @@ from rich.console import Console
 from rich.progress import track
 from scipy.stats import t as student
 
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.markdown import replaced
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.studies.markdown import replaced
 from meanflock.swarm import scenario
 
 HERE = Path(__file__).parent

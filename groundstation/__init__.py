@@ -1,1 +1,1 @@
-"""Where a person stands: the command line, the launcher, the record of a run, and the paper's experiments."""
+"""Where a person stands: the command line, the launcher, and the record of a run."""

@@ -13,10 +13,10 @@ import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
 from meanflock.swarm.libraries import needed
 
 with needed("the ground station", "ground"):
-    from meanflock.groundstation.results import SCENARIO, SUMMARY, RunFolder
-    from meanflock.groundstation.run import Options, Outputs, go_on, unused
-    from meanflock.groundstation.station import Station
-    from meanflock.groundstation.timeseries_file import Past, past
+    from meanflock.groundstation.launch.run import Options, Outputs, go_on, unused
+    from meanflock.groundstation.launch.station import Station
+    from meanflock.groundstation.results.run_folder import SCENARIO, SUMMARY, RunFolder
+    from meanflock.groundstation.results.timeseries_file import Past, past
     from meanflock.swarm import (
         logs,
         scenario,

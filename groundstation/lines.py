@@ -16,12 +16,15 @@ def span(values: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def span_of(values: NDArray[Any], who: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """The same over the UAVs `who` (T, N) alone; NaN in ticks in which there is none."""
+    """The same over the UAVs `who` (T, N) alone; NaN in ticks in which there is none. A tick has the same bits in
+    whatever batch it is."""
     if who.all():
         return span(values)
     lines, some = np.full((len(values), 3), np.nan), who.any(axis=1)
-    known = np.where(who, values, np.nan)[some]
-    lines[some] = np.stack([np.nanmean(known, axis=1), np.nanmin(known, axis=1), np.nanmax(known, axis=1)], axis=-1)
+    values, who = values[some], who[some]
+    mean = np.where(who, values, 0).sum(axis=1, dtype=np.float64) / np.count_nonzero(who, axis=1)
+    low, high = np.where(who, values, np.inf).min(axis=1), np.where(who, values, -np.inf).max(axis=1)
+    lines[some] = np.stack([mean, low, high], axis=-1)
     return lines
 
 

@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from meanflock.groundstation.series import diagnostics_in
+from meanflock.groundstation.results.series import diagnostics_in
 from meanflock.swarm.declared import Declared
 
 PHI_G = "phi_G"  # where it is reported, it colours the map

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from meanflock.groundstation import study
-from meanflock.groundstation.means import Means
-from meanflock.groundstation.paper.store import Store
 from meanflock.settings import as_builtins, load_plugins, scenario_of
+from meanflock.studies import study
+from meanflock.studies.means import Means
+from meanflock.studies.store import Store
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 

@@ -5,9 +5,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from meanflock.groundstation import columns
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.station import Kept, Sink
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.station import Kept, Sink
+from meanflock.groundstation.results import columns
 from meanflock.runs import Run
 from meanflock.settings import load_plugins, scenario_of
 from meanflock.swarm.errors import BadInput
@@ -61,7 +61,7 @@ def fly(
         outputs, run_id = None, f"{flown.method}-s{flown.seed}"
         sinks: list[Sink] = [kept]
         if out is not None:
-            from meanflock.groundstation.run import Options, Outputs, new_run_id
+            from meanflock.groundstation.launch.run import Options, Outputs, new_run_id
 
             run_id = new_run_id(flown, Path(out))
             outputs = stack.enter_context(Outputs(flown, run_id, Options(Path(out), record=record, quiet=True)))

@@ -10,10 +10,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from meanflock.groundstation.event_log import row_of
-from meanflock.groundstation.results import EVENTS, RECORDING, SCENARIO, SUMMARY, alone
-from meanflock.groundstation.series import rows_of, states_of
-from meanflock.groundstation.timeseries_file import TIMESERIES, read_table, recover
+from meanflock.groundstation.results.event_log import row_of
+from meanflock.groundstation.results.run_folder import EVENTS, RECORDING, SCENARIO, SUMMARY, alone
+from meanflock.groundstation.results.series import rows_of, states_of
+from meanflock.groundstation.results.timeseries_file import TIMESERIES, read_table, recover
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario

@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-ROOMS = ("swarm", "kernels", "agent", "leader", "channel", "worldsim", "groundstation")
+ROOMS = ("swarm", "kernels", "agent", "leader", "channel", "worldsim", "groundstation", "studies")
 CLI = "meanflock.groundstation.cli"  # with all that is called so: the commands are calls of the Python door
 DOOR = sorted(path for path in (ROOT / "meanflock").rglob("*.py") if path.relative_to(ROOT).parts[1] not in ROOMS)
 MODULES = sorted(path for room in ROOMS for path in (ROOT / room).rglob("*.py")) + DOOR
@@ -70,7 +70,7 @@ def needed(path: Path) -> set[str]:
 
 def room_of(module: str) -> str:
     """The room a module belongs to; the command line is one of its own."""
-    if module.startswith(CLI) or module in ("meanflock.groundstation.command", "meanflock.__main__"):
+    if module.startswith(CLI) or module == "meanflock.__main__":
         return "cli"
     second = module.split(".")[1] if "." in module else ""
     return second if second in ROOMS else "door"

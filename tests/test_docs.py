@@ -14,7 +14,7 @@ import click
 import pytest
 
 import meanflock as mf
-from meanflock.groundstation.cli import cli, main
+from meanflock.groundstation.cli.command import cli, main
 from meanflock.swarm import __version__
 from meanflock.testing import check_controller
 from tests.pages import script_of

@@ -38,19 +38,25 @@ MAY_IMPORT = {  # of the other rooms; `door` is the package meanflock itself
     "channel": {"swarm", "kernels"},
     "worldsim": {"swarm", "kernels", "channel"},  # world and channel are one emulator process
     "groundstation": {"swarm", "kernels", "agent", "leader", "channel", "worldsim"},
-    "door": {"swarm", "kernels", "agent", "leader", "channel", "worldsim", "groundstation"},
-    "cli": {"swarm", "kernels", "agent", "leader", "channel", "worldsim", "groundstation", "door"},
+    "studies": {"swarm", "kernels", "agent", "leader", "channel", "worldsim", "groundstation"},
+    "door": {"swarm", "kernels", "agent", "leader", "channel", "worldsim", "groundstation", "studies"},
+    "cli": {"swarm", "kernels", "agent", "leader", "channel", "worldsim", "groundstation", "studies", "door"},
+}
+WITHIN = {  # of the other folders of groundstation; what lies beside them may be imported by all
+    "results": set(),
+    "recording": {"results"},
+    "plots": {"results"},
+    "launch": {"results", "recording"},
+    "cli": {"results", "recording", "plots", "launch"},
 }
 PRIVATE = re.compile(r"(^|_)(minds?|chorus|reflex|spoken|told|heard|siblings?|brought|overhear\w*)(_|$)|^_?plain[A-Z]")
 RERUN = {
-    f"groundstation/{name}.py"
+    f"groundstation/recording/{name}.py"
     for name in (
-        *("recording", "recording_columns", "recording_map", "recording_links", "recording_events"),
-        *("recording_marks", "recording_mission", "disturbances"),
+        *("recorder", "columns", "motion", "links", "events", "marks", "mission", "disturbances", "part"),
         *("blueprint", "plot_views", "legend", "screenshot", "viewer", "recorded"),
-        *("recording_part", "side_by_side"),
     )
-}
+} | {"studies/side_by_side.py"}
 LEGACY_RANDOM = {"default_rng", "Generator", "SeedSequence", "BitGenerator", "PCG64"}  # the rest of np.random is global
 
 
@@ -68,6 +74,13 @@ def test_imports_flow_one_way() -> None:
         assert others <= MAY_IMPORT[room], name_of(path)
         bare = {name.split(".")[0] for name in imported(path)} & set(ROOMS)
         assert not bare, f"{name_of(path)}: rooms are imported as meanflock.<room>"
+
+
+def test_imports_within_the_ground_station_flow_one_way() -> None:
+    ground = ROOT / "groundstation"
+    for path in (path for path in MODULES if path.parent.parent == ground):
+        folders = {NAMES[name].parent for name in needed(path)} - {path.parent}
+        assert {folder.name for folder in folders if folder.parent == ground} <= WITHIN[path.parent.name], name_of(path)
 
 
 def test_no_module_imports_itself_by_way_of_others() -> None:
@@ -124,19 +137,19 @@ def test_one_file_imports_zenoh() -> None:
 
 
 def test_rerun_stays_with_the_recorder_and_what_it_shows() -> None:
-    assert "groundstation/recording.py" in users_of("rerun", "rerun_sdk")
+    assert "groundstation/recording/recorder.py" in users_of("rerun", "rerun_sdk")
     assert users_of("rerun", "rerun_sdk") == RERUN
 
 
 def test_one_file_sends_the_flight_to_rerun() -> None:
     senders = {name_of(path) for path in MODULES if "rr.send_columns(" in text(path)}
-    assert senders == {"groundstation/recording.py"}
+    assert senders == {"groundstation/recording/recorder.py"}
 
 
 def test_what_only_a_person_needs_stays_at_the_ground_station() -> None:
     users = users_of("click", "rich", "psutil", "pyarrow", "tomli_w", "joblib", "matplotlib")
-    assert all(name.startswith(("groundstation/", "meanflock/")) for name in users)
-    assert all(name.startswith(("groundstation/", "channel/", "worldsim/")) for name in users_of("scipy"))
+    assert all(name.startswith(("groundstation/", "studies/", "meanflock/")) for name in users)
+    assert all(name.startswith(("groundstation/", "studies/", "channel/", "worldsim/")) for name in users_of("scipy"))
 
 
 def test_one_file_talks_to_prometheus() -> None:
@@ -160,7 +173,7 @@ def test_no_clock_of_a_flight_can_be_set_by_anybody() -> None:
         for path in MODULES
         if any(isinstance(node, ast.Attribute) and dotted(node) in wall for node in nodes(path))
     }
-    assert readers <= {f"groundstation/{name}.py" for name in ("run", "__main__", "certs", "doctor")}
+    assert readers <= {f"groundstation/{name}.py" for name in ("launch/run", "__main__", "certs", "doctor")}
 
 
 LOADED = """
@@ -175,7 +188,14 @@ print(*sorted(({{name.split(".")[0] for name in sys.modules}} | set(sys.modules)
 )
 def test_a_process_of_the_swarm_loads_only_what_it_needs(module: str) -> None:
     forbidden = ["rerun", "rerun_bindings", "pyarrow", "click", "rich", "psutil", "pandas", "hypothesis"]
-    forbidden += ["meanflock.groundstation", "joblib", "matplotlib", "pickletools", "prometheus_client"]
+    forbidden += [
+        "meanflock.groundstation",
+        "meanflock.studies",
+        "joblib",
+        "matplotlib",
+        "pickletools",
+        "prometheus_client",
+    ]
     if module != "meanflock.worldsim.__main__":
         forbidden += ["scipy", "meanflock.channel", "meanflock.worldsim"]
     code = LOADED.format(module=module, forbidden=forbidden)
@@ -192,7 +212,7 @@ def test_a_module_is_short_enough_to_read() -> None:
 
 def test_a_worker_of_a_study_loads_no_statistics() -> None:
     """They are a second of each worker's start, and of each command's."""
-    modules = "meanflock.groundstation.study, meanflock.groundstation.paper.experiments, meanflock.groundstation.means"
+    modules = "meanflock.studies.study, meanflock.studies.paper.experiments, meanflock.studies.means"
     code = LOADED.format(module=modules, forbidden=["scipy.stats", "matplotlib", "rerun"])
     loaded = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S, check=True
@@ -231,7 +251,7 @@ def test_what_flies_makes_its_generators_in_one_place_only() -> None:
     makers = {
         name_of(path)
         for path in MODULES
-        if not name_of(path).startswith(("groundstation/", "meanflock/testing/"))
+        if not name_of(path).startswith(("studies/", "meanflock/testing/"))
         for node in nodes(path)
         if isinstance(node, ast.Call) and dotted(node.func).endswith("default_rng")
     }

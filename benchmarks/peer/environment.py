@@ -14,7 +14,7 @@ from types import TracebackType
 
 from benchmarks.machine import ROOT
 from benchmarks.processes import BenchmarkFailed
-from meanflock.groundstation.children import end_all, sweep
+from meanflock.groundstation.launch.children import end_all, sweep
 
 FOLDER = ROOT / ".bench"
 SCRIPTS = Path(__file__).parent

@@ -64,7 +64,7 @@ class PointSwarm:
             # What a flight asks of the class, of this very instance.
             self.declared = declarations.of(made, controller.name)
             with suppress(ModuleNotFoundError):  # where only agents are, there are no files with columns
-                from meanflock.groundstation import columns
+                from meanflock.groundstation.results import columns
 
                 columns.check(controller.name, self.declared.diagnostics)
         except BadInput as error:

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
-from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plugins
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import Telemetry

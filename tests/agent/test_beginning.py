@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meanflock.agent.controllers.base import Controller, Memory
-from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.errors import BadInput
 from tests.agent.strangers import Honest, flown, wrong
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from meanflock.agent.controllers.base import Broadcast, Memory, Received, Step
-from meanflock.groundstation import engine as engines
+from meanflock.groundstation.launch import engine as engines
 from meanflock.swarm.wire.messages import Status
 from tests.agent.strangers import BAD, QUIET, UAVS, Honest, changed, flown, fly, returns, spoiled, wrong
 

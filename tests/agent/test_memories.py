@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario

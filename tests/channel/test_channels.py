@@ -10,7 +10,7 @@ from meanflock.channel.base import Channel
 from meanflock.channel.fading.ideal import Ideal
 from meanflock.channel.fading.rice import Rice
 from meanflock.channel.medium import Medium
-from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plugins, state
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.scenario import Scenario, load

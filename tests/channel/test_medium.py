@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meanflock.channel.medium import Medium
-from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import FrameKind

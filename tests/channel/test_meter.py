@@ -7,7 +7,7 @@ import pytest
 
 from meanflock.channel.medium import Medium
 from meanflock.channel.meter import Meter
-from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import state
 from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.wire.control import FLOAT_OF_BITS

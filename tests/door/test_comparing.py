@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import meanflock as mf
-from meanflock.groundstation import study
+from meanflock.studies import study
 from meanflock.swarm import plugins
 from tests.polling import DEADLINE_S
 

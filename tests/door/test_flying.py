@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import meanflock as mf
-from meanflock.groundstation.cli import main
+from meanflock.groundstation.cli.command import main
 
 SMALL: dict[str, Any] = {"uavs": 4, "seed": 3, "duration": 6.0}
 

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 
 from meanflock.agent.node import Agent
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.launch import free_endpoint
-from meanflock.groundstation.spool import spooled
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.processes import free_endpoint
+from meanflock.groundstation.results.spool import spooled
 from meanflock.leader.node import Leader
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import MemoryBus
@@ -36,7 +36,7 @@ ENDLESS = (*_SETTINGS, "duration=100000", "method=fed-lspi")
 @pytest.fixture(autouse=True)
 def frequent_checkpoints(monkeypatch: pytest.MonkeyPatch) -> None:
     """As in a swarm of processes, so that short flights have some."""
-    monkeypatch.setattr("meanflock.groundstation.engine._CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
+    monkeypatch.setattr("meanflock.groundstation.launch.engine._CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
 
 
 def scenario(*settings: str, method: str = "mfgfl-h") -> Scenario:

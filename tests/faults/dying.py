@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from meanflock.groundstation.cli import main
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.results import RunFolder
+from meanflock.groundstation.cli.command import main
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.swarm.scenario import Scenario
 
 LATER = "duration=35"  # checkpoints in ticks 1, 101, 201 and 301

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from meanflock.groundstation.results import RunFolder
-from meanflock.groundstation.resume import back
+from meanflock.groundstation.launch.resume import back
+from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.swarm.errors import RunFailed
 from tests.faults.conftest import Lab, scenario
 

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.resume import back
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.resume import back
 from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario, load

@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 
 import meanflock as mf
-from meanflock.groundstation import viewer
-from meanflock.groundstation.cli import main
-from meanflock.groundstation.plots import plot_run
-from meanflock.groundstation.recorded import recorded
-from meanflock.groundstation.results import CHECKPOINT, EVENTS, RECORDING, read_checkpoint
-from meanflock.groundstation.viewer import verify
+from meanflock.groundstation.cli.command import main
+from meanflock.groundstation.plots.charts import plot_run
+from meanflock.groundstation.recording import viewer
+from meanflock.groundstation.recording.recorded import recorded
+from meanflock.groundstation.recording.viewer import verify
+from meanflock.groundstation.results.run_folder import CHECKPOINT, EVENTS, RECORDING, read_checkpoint
 from meanflock.swarm.errors import BadInput
 from tests.faults.conftest import scenario
 from tests.faults.dying import LATER, dead, resumed
@@ -172,9 +172,8 @@ def test_a_recording_that_cannot_be_completed_without_events_is_a_verdict(
 def test_a_full_disk_is_a_verdict_and_leaves_nothing_half_written(command: str, folder: Path) -> None:
     before = contents(folder)
     (folder / RECORDING).write_bytes(b"")
-    program = (
-        f"import sys; from meanflock.groundstation.cli import main; sys.exit(main([{command!r}, {str(folder)!r}]))"
-    )
+    program = "import sys; from meanflock.groundstation.cli.command import main; "
+    program += f"sys.exit(main([{command!r}, {str(folder)!r}]))"
     limit = 20_000  # bytes a file may have; a time series has more
     done = subprocess.run(
         [sys.executable, "-c", program],
@@ -193,15 +192,15 @@ def test_a_full_disk_is_a_verdict_and_leaves_nothing_half_written(command: str, 
 
 def test_a_picture_is_whole_or_not_there(flown: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(flown, tmp_path / "run"))
-    program = f"import sys; from meanflock.groundstation.cli import main; sys.exit(main(['plot', {str(folder)!r}]))"
+    program = "import sys; from meanflock.groundstation.cli.command import main; sys.exit(main(sys.argv[1:]))"
     done = subprocess.run(
-        [sys.executable, "-c", program],
+        [sys.executable, "-c", program, "plot", str(folder)],
         capture_output=True,
         text=True,
         timeout=DEADLINE_S,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
     )
-    assert done.returncode == 2
+    assert done.returncode == 1
     assert done.stderr.startswith("error: ")
     assert done.stderr.strip().count("\n") == 0
     assert not list((folder / "plots").iterdir())

@@ -15,11 +15,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from meanflock.groundstation import durable
-from meanflock.groundstation.cli import main
-from meanflock.groundstation.launch import free_endpoint
-from meanflock.groundstation.results import RunFolder
-from meanflock.groundstation.timeseries_file import past
-from meanflock.groundstation.viewer import verify
+from meanflock.groundstation.cli.command import main
+from meanflock.groundstation.launch.processes import free_endpoint
+from meanflock.groundstation.recording.viewer import verify
+from meanflock.groundstation.results.run_folder import RunFolder
+from meanflock.groundstation.results.timeseries_file import past
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BadInput, RunFailed
 from tests.faults.conftest import Lab, Processes, scenario, spool_bytes
@@ -157,7 +157,7 @@ def test_a_ground_station_whose_disk_is_full_ends_and_the_flight_goes_on(disk: D
 def test_of_a_block_that_does_not_fit_nothing_is_kept(
     what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("meanflock.groundstation.engine._BLOCK_ROWS", 20)
+    monkeypatch.setattr("meanflock.groundstation.launch.engine._BLOCK_ROWS", 20)
     lab = Lab(scenario())
     lab.fly()
     folder = RunFolder(tmp_path, "run", scenario())
@@ -198,7 +198,7 @@ def test_a_disk_that_is_full_beforehand_is_bad_input_and_nothing_is_left(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("meanflock.groundstation.results.Spool", full)
+    monkeypatch.setattr("meanflock.groundstation.results.run_folder.Spool", full)
     with pytest.raises(BadInput, match="No space left"):
         RunFolder(tmp_path, "run", scenario())
     assert list(tmp_path.iterdir()) == []
@@ -222,7 +222,7 @@ def test_a_run_that_has_no_room_to_go_on_asks_for_room_and_not_for_another_folde
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("meanflock.groundstation.results.Spool", full)
+    monkeypatch.setattr("meanflock.groundstation.results.run_folder.Spool", full)
     assert main(["resume", str(folder), "--in-process", "--quiet"]) == 2
     assert capsys.readouterr().err.startswith(f"error: {folder}: No space left on device; make room")
 

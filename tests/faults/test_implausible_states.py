@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from meanflock.agent.node import Agent
-from meanflock.groundstation import engine as rooms
-from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch import engine as rooms
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plausible
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Telemetry

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from meanflock.groundstation import certs
-from meanflock.groundstation.cli import main
+from meanflock.groundstation.cli.command import main
 from meanflock.swarm import scenario as scenarios
 from tests.faults.conftest import SETTINGS, Flight, Lab, Processes, ends_by_itself
 from tests.polling import DEADLINE_S

@@ -12,13 +12,13 @@ from typing import Any
 import psutil
 import pytest
 
-from meanflock.groundstation.children import Child
-from meanflock.groundstation.cli import main
-from meanflock.groundstation.launch import Swarm
-from meanflock.groundstation.results import CHECKPOINT, RunFolder
-from meanflock.groundstation.resume import back
-from meanflock.groundstation.run import _connect, _listen
-from meanflock.groundstation.station import Station
+from meanflock.groundstation.cli.command import main
+from meanflock.groundstation.launch.children import Child
+from meanflock.groundstation.launch.processes import Swarm
+from meanflock.groundstation.launch.resume import back
+from meanflock.groundstation.launch.run import _connect, _listen
+from meanflock.groundstation.launch.station import Station
+from meanflock.groundstation.results.run_folder import CHECKPOINT, RunFolder
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BusError, RunFailed
 from meanflock.swarm.net.bus import MemoryNetwork
@@ -252,7 +252,7 @@ def test_a_world_that_never_listens_is_a_matter_of_the_machine_and_not_of_a_flag
     def nobody(timeout_s: float) -> None:
         raise BusError("the world is not there: start it, or wait longer (--wait)")
 
-    monkeypatch.setattr("meanflock.groundstation.run._CONNECT_S", 0.0)
+    monkeypatch.setattr("meanflock.groundstation.launch.run._CONNECT_S", 0.0)
     flown = scenarios.load(None, ["uavs=2", "duration=30", "method=mfg"])
     with RunFolder(tmp_path, "run", flown) as folder, Swarm("run") as swarm, Interrupted() as interrupted:
         monkeypatch.setattr(swarm, "check", lambda flying: None)

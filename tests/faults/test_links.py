@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from meanflock.groundstation.launch import free_endpoint
+from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.swarm.net.session import ZenohBus
 from tests.polling import until
 

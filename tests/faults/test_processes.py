@@ -13,8 +13,8 @@ import psutil
 import pyarrow.parquet as pq
 import pytest
 
-from meanflock.groundstation.launch import free_endpoint
-from meanflock.groundstation.recorded import recorded
+from meanflock.groundstation.launch.processes import free_endpoint
+from meanflock.groundstation.recording.recorded import recorded
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.lease import LEASE

@@ -8,10 +8,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.results import RunFolder
-from meanflock.groundstation.resume import back
-from meanflock.groundstation.series import states_of
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.resume import back
+from meanflock.groundstation.results.run_folder import RunFolder
+from meanflock.groundstation.results.series import states_of
 from tests.faults.conftest import Lab, scenario
 from tests.faults.dying import LATER, dead, events, flight, resumed, steady
 from tests.methods import METHODS
@@ -116,7 +116,7 @@ def test_a_run_can_die_and_be_resumed_again_and_again(undisturbed: dict[str, Any
 def test_a_spool_cut_off_in_the_middle_of_a_block_is_resumed_all_the_same(
     undisturbed: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("meanflock.groundstation.engine._BLOCK_ROWS", 20)  # so that there are some since the checkpoint
+    monkeypatch.setattr("meanflock.groundstation.launch.engine._BLOCK_ROWS", 20)  # some since the checkpoint
     flown = scenario(LATER)
     folder = dead(tmp_path / "dead", flown, 250)
     spool = folder / ".telemetry"

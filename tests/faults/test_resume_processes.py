@@ -8,10 +8,10 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from meanflock.groundstation.recorded import recorded
-from meanflock.groundstation.results import CHECKPOINT
-from meanflock.groundstation.resume import back
-from meanflock.groundstation.viewer import verify
+from meanflock.groundstation.launch.resume import back
+from meanflock.groundstation.recording.recorded import recorded
+from meanflock.groundstation.recording.viewer import verify
+from meanflock.groundstation.results.run_folder import CHECKPOINT
 from meanflock.swarm import scenario as scenarios
 from tests.faults.conftest import Lab
 from tests.polling import DEADLINE_S, until

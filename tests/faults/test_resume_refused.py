@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from meanflock.groundstation.cli import main
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.results import CHECKPOINT, RunFolder
-from meanflock.groundstation.resume import back
+from meanflock.groundstation.cli.command import main
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.resume import back
+from meanflock.groundstation.results.run_folder import CHECKPOINT, RunFolder
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
 from tests.faults.conftest import scenario

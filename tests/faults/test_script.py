@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from meanflock.groundstation.cli import main
-from meanflock.groundstation.run import Options, fly
+from meanflock.groundstation.cli.command import main
+from meanflock.groundstation.launch.run import Options, fly
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load

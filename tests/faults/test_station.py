@@ -9,10 +9,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from meanflock import worldsim
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.results import RunFolder
-from meanflock.groundstation.station import Station
-from meanflock.groundstation.timeseries_file import past
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.station import Station
+from meanflock.groundstation.results.run_folder import RunFolder
+from meanflock.groundstation.results.timeseries_file import past
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
@@ -59,7 +59,7 @@ def test_beyond_its_bound_the_world_gives_up_the_oldest_blocks_and_counts_them(
 
 @pytest.mark.parametrize("lost", [[1], [2, 3, 4], [6], [1, 5]])
 def test_blocks_that_are_lost_with_a_session_come_again(lost: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("meanflock.groundstation.engine._BLOCK_ROWS", 10)
+    monkeypatch.setattr("meanflock.groundstation.launch.engine._BLOCK_ROWS", 10)
     lab, whole = Lab(scenario()), Lab(scenario())
     bus, station, left = lab.engine.network.endpoints[1], lab.engine.station, lost.copy()
     assert station is not None
@@ -172,7 +172,7 @@ def test_a_station_that_starts_after_the_last_tick_is_let_in_and_sent_what_waits
 def test_the_world_waits_for_a_slow_station_as_long_as_it_takes_something_now_and_then(
     every_s: float, all_of_it: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("meanflock.groundstation.engine._BLOCK_ROWS", 40)
+    monkeypatch.setattr("meanflock.groundstation.launch.engine._BLOCK_ROWS", 40)
     lab = Lab(scenario())
     lab.engine.network.endpoints[1].close()
     now = [0.0]

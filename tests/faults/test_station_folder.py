@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from meanflock.groundstation.__main__ import LATEST, _folder
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.results import SUMMARY, RunFolder
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.results.run_folder import SUMMARY, RunFolder
 from meanflock.swarm.errors import BadInput
 from tests.faults.conftest import scenario
 

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import psutil
 
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.recording import Recorder
-from meanflock.groundstation.results import RunFolder
-from meanflock.groundstation.station import Station
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.station import Station
+from meanflock.groundstation.recording.recorder import Recorder
+from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.leader.node import Leader
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.net import keys

@@ -8,7 +8,7 @@ import pytest
 import rerun as rr
 from matplotlib.figure import Figure
 
-from meanflock.groundstation.cli import main
+from meanflock.groundstation.cli.command import main
 
 QUICK = ("run", "--in-process", "--no-record", "--quiet", "--uavs", "3", "--duration", "2")
 

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.paper.methods import Method
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.studies.paper.methods import Method
 from meanflock.swarm.net import keys
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import Telemetry

@@ -7,9 +7,10 @@ from unittest.mock import patch
 import numpy as np
 from rerun.chunk import RrdReader
 
-from meanflock.groundstation import blueprint as look
-from meanflock.groundstation import panels, recording
-from meanflock.groundstation.recording import Recorder
+from meanflock.groundstation.recording import blueprint as look
+from meanflock.groundstation.recording import panels
+from meanflock.groundstation.recording import recorder as recording
+from meanflock.groundstation.recording.recorder import Recorder
 from meanflock.groundstation.reported import Reported
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, FrameKind, Status, Telemetry

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from meanflock.groundstation import catalogue
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.flown_plugins import FOLDER
-from meanflock.groundstation.results import RunFolder
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.results.flown_plugins import FOLDER
+from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput
 from meanflock.swarm.plugins import Plugin
@@ -177,8 +177,9 @@ def test_a_file_that_was_changed_since_it_was_loaded_is_refused_and_nothing_is_w
 
 def test_no_file_of_the_ground_station_asks_which_method_it_is() -> None:
     """All but the looks of methods in plots, and the verb that names the experiments of the paper."""
-    ground = Path(__file__).parents[2] / "groundstation"
+    root = Path(__file__).parents[2]
+    files = {*(root / "groundstation").rglob("*.py"), *(root / "studies").glob("*.py")}
     built_in = set(plugins.names("controller"))
-    for path in set(ground.glob("*.py")) - {ground / "looks.py", ground / "cli_study.py"}:
+    for path in files - {root / "groundstation/plots/looks.py", root / "groundstation/cli/study.py"}:
         words = {node.value for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Constant)}
         assert not words & built_in, path

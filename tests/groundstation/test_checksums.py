@@ -8,9 +8,9 @@ import msgspec
 import pyarrow.parquet as pq
 import pytest
 
-from meanflock.groundstation.cli import main
-from meanflock.groundstation.spool import Spool, spooled
-from meanflock.groundstation.timeseries_file import SPOOL, TIMESERIES, past, read_table, recover
+from meanflock.groundstation.cli.command import main
+from meanflock.groundstation.results.spool import Spool, spooled
+from meanflock.groundstation.results.timeseries_file import SPOOL, TIMESERIES, past, read_table, recover
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.wire import control
 from tests.groundstation.recordings import flight

@@ -4,9 +4,9 @@ from pathlib import Path
 
 from rerun.chunk import RrdReader
 
-from meanflock.groundstation import blueprint as look
-from meanflock.groundstation.recording import Recorder
-from meanflock.groundstation.viewer import Continued, verify
+from meanflock.groundstation.recording import blueprint as look
+from meanflock.groundstation.recording.recorder import Recorder
+from meanflock.groundstation.recording.viewer import Continued, verify
 from tests.faults.conftest import Lab, scenario
 
 

@@ -12,11 +12,13 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from meanflock.groundstation import columns, dictionary, inbound, recording_events
-from meanflock.groundstation.results import EVENTS, SUMMARY, RunFolder
-from meanflock.groundstation.run import Options, fly
-from meanflock.groundstation.series import diagnostics_in
-from meanflock.groundstation.timeseries_file import TIMESERIES
+from meanflock.groundstation import dictionary
+from meanflock.groundstation.launch.run import Options, fly
+from meanflock.groundstation.recording import events
+from meanflock.groundstation.results import columns, inbound
+from meanflock.groundstation.results.run_folder import EVENTS, SUMMARY, RunFolder
+from meanflock.groundstation.results.series import diagnostics_in
+from meanflock.groundstation.results.timeseries_file import TIMESERIES
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.scenario import load
@@ -137,7 +139,7 @@ def test_every_kind_of_event_is_described(run: Path) -> None:
     told = [json.loads(line) for line in (run / EVENTS).read_text().splitlines()]
     assert {"joined", "fault", "lost", "finished"} <= {event["kind"] for event in told} <= set(dictionary.EVENTS)
     assert all(set(event) == set(dictionary.EVENT) for event in told)
-    assert set(recording_events.LEVELS) <= set(dictionary.EVENTS)
+    assert set(events.LEVELS) <= set(dictionary.EVENTS)
 
 
 def test_a_diagnostic_called_as_a_column_is_refused_and_nothing_is_written(

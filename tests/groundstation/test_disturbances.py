@@ -8,8 +8,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from meanflock.groundstation import blueprint as look
-from meanflock.groundstation import palette, panels, recording_mission
+from meanflock.groundstation.recording import blueprint as look
+from meanflock.groundstation.recording import mission, palette, panels
 from meanflock.groundstation.reported import Reported
 from meanflock.swarm.faults import Fault, Gust, Jam, Kill, Partition, Pause
 from meanflock.swarm.scenario import Federation, Metrics, Scenario, Start
@@ -161,7 +161,7 @@ def test_the_legend_keeps_off_the_way_wherever_the_start_is(tmp_path: Path) -> N
     for number, centre in enumerate([(150.0, 100.0), (-150.0, 100.0), (150.0, -100.0), (-150.0, -100.0)]):
         path = tmp_path / f"{number}.rrd"
         scenario = record(path, flight(ticks=5), start=Start(centre=centre), faults=SCRIPT)
-        low, high = recording_mission.box(scenario)
+        low, high = mission.box(scenario)
         for word in ("delivered", "collision", "lost"):
             ((x, y),) = fixed(path, f"map/legend/{word}/word", "Points2D:positions")
             assert (x < (low[0] + high[0]) / 2) == (centre[0] > 0)

@@ -9,7 +9,7 @@ import pytest
 
 from meanflock import kernels
 from meanflock.groundstation import certs, doctor
-from meanflock.groundstation.cli import main
+from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.doctor import Finding
 from meanflock.kernels import sources
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from meanflock.groundstation import durable
-from meanflock.groundstation.cli import main
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.results import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, RunFolder
-from meanflock.groundstation.resume import back
+from meanflock.groundstation.cli.command import main
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.resume import back
+from meanflock.groundstation.results.run_folder import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, RunFolder
 from meanflock.swarm import scenario as scenarios
 from tests.polling import DEADLINE_S
 
@@ -59,7 +59,7 @@ def test_rows_and_events_are_on_the_disk_before_the_checkpoint_and_that_before_i
 
     monkeypatch.setattr(os, "fsync", synced)
     monkeypatch.setattr(os, "replace", renamed)
-    monkeypatch.setattr("meanflock.groundstation.engine._CHECKPOINT_TICKS_AT_MOST", 100)  # as in a swarm of processes
+    monkeypatch.setattr("meanflock.groundstation.launch.engine._CHECKPOINT_TICKS_AT_MOST", 100)  # as in processes
     flown = scenarios.load(None, SETTINGS)
     folder = RunFolder(tmp_path, "run", flown)
     engine = Engine(flown, "run", sinks=[folder])
@@ -84,8 +84,8 @@ def test_rows_and_events_are_on_the_disk_before_the_checkpoint_and_that_before_i
 
 KILLED = """
 import os, signal, sys
-from meanflock.groundstation import engine
-from meanflock.groundstation.cli import main
+from meanflock.groundstation.launch import engine
+from meanflock.groundstation.cli.command import main
 
 engine._CHECKPOINT_TICKS_AT_MOST = 100  # as in a swarm of processes
 

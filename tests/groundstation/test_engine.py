@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from meanflock.channel.theory import slot_success
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.paper.methods import Method
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.studies.paper.methods import Method
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.scenario import Scenario, load
@@ -212,7 +212,7 @@ import {module}, numpy
 
 @pytest.mark.parametrize(
     "module",
-    ["groundstation.command", *(f"{room}.__main__" for room in ("agent", "leader", "worldsim", "groundstation"))],
+    ["groundstation.cli.__main__", *(f"{room}.__main__" for room in ("agent", "leader", "worldsim", "groundstation"))],
 )
 def test_every_process_of_ours_holds_blas_to_one_thread_before_numpy_is_there(module: str) -> None:
     """Whoever flies from Python decides this for himself: `import meanflock` sets no variable."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import click
 import pytest
 
-from meanflock.groundstation.cli import cli
+from meanflock.groundstation.cli.command import cli
 
 _COLUMNS = 80
 

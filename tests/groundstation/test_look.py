@@ -8,12 +8,13 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from meanflock.groundstation import display, viewer
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.recorded import recorded
-from meanflock.groundstation.recording import Recorder
-from meanflock.groundstation.results import RunFolder
-from meanflock.groundstation.viewer import verify
+from meanflock.groundstation.cli import display
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.recording import viewer
+from meanflock.groundstation.recording.recorded import recorded
+from meanflock.groundstation.recording.recorder import Recorder
+from meanflock.groundstation.recording.viewer import verify
+from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import (
     EXIT_BAD_INPUT,
@@ -121,7 +122,7 @@ def test_a_display_is_one_at_which_somebody_listens(tmp_path, monkeypatch) -> No
 def test_a_viewer_that_ends_with_an_error_is_a_failure(run, monkeypatch, flown) -> None:
     monkeypatch.setattr(display, "check", lambda _: None)
     monkeypatch.setattr(viewer, "_program", lambda: ["false"])
-    monkeypatch.setattr("meanflock.groundstation.cli_look._complete", lambda *_: None)
+    monkeypatch.setattr("meanflock.groundstation.cli.look._complete", lambda *_: None)
     code, _, err = run("view", str(flown))
     assert code == EXIT_RUN_FAILED
     assert "the viewer ended with 1" in err

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.progress import FlightProgress, summary_table
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.progress import FlightProgress, summary_table
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, Telemetry
 from tests.groundstation.recordings import flight

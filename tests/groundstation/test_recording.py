@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from meanflock.groundstation import blueprint as look
-from meanflock.groundstation import palette, panels
-from meanflock.groundstation.recording import Recorder
+from meanflock.groundstation.recording import blueprint as look
+from meanflock.groundstation.recording import palette, panels
+from meanflock.groundstation.recording.recorder import Recorder
+from meanflock.groundstation.recording.viewer import verify
 from meanflock.groundstation.reported import Reported
-from meanflock.groundstation.viewer import verify
 from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Federation, Scenario

@@ -9,8 +9,10 @@ import pytest
 from matplotlib.patches import Circle
 
 import meanflock as mf
-from meanflock.groundstation import palette, plots, recording_mission
-from meanflock.groundstation.recording import Recorder
+from meanflock.groundstation.plots import charts
+from meanflock.groundstation.recording import mission as recording_mission
+from meanflock.groundstation.recording import palette
+from meanflock.groundstation.recording.recorder import Recorder
 from meanflock.groundstation.reported import Reported
 from meanflock.swarm.mission import goals, obstacles, starts
 from meanflock.swarm.scenario import load
@@ -91,7 +93,7 @@ def test_a_plot_of_paths_has_discs_and_own_goals(tmp_path: Path) -> None:
     keys: dict[str, Any] = {"obstacles": [{"centre": [10.0, 5.0], "radius": 2.0}]}
     run = mf.fly("swap", method="cruise", uavs=6, duration=2.0, out=tmp_path, **keys)
     assert run.folder is not None
-    (ax, *_) = plots.plot_run(run.folder)["paths"].axes
+    (ax, *_) = charts.plot_run(run.folder)["paths"].axes
     (disc,) = [patch for patch in ax.patches if isinstance(patch, Circle)]
     assert (disc.center, disc.radius) == ((10.0, 5.0), 2.0)
     (marks,) = [line for line in ax.lines if line.get_label() == "goals"]

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from meanflock.groundstation import blueprint as look
-from meanflock.groundstation import palette, panels
-from meanflock.groundstation.recorded import recorded as recorded_of
+from meanflock.groundstation.recording import blueprint as look
+from meanflock.groundstation.recording import palette, panels
+from meanflock.groundstation.recording.recorded import recorded as recorded_of
 from meanflock.groundstation.reported import Reported
 from meanflock.swarm import state
 from meanflock.swarm.wire.messages import Telemetry

@@ -6,15 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from meanflock.groundstation import blueprint as look
-from meanflock.groundstation import engine, panels
-from meanflock.groundstation.recorded import Recorded, recorded
-from meanflock.groundstation.recording import Recorder
-from meanflock.groundstation.replay import complete, missing
-from meanflock.groundstation.results import EVENTS, RunFolder
-from meanflock.groundstation.run import Options, Outputs
-from meanflock.groundstation.timeseries_file import past, recover
-from meanflock.groundstation.viewer import verify
+from meanflock.groundstation.launch import engine
+from meanflock.groundstation.launch.run import Options, Outputs
+from meanflock.groundstation.recording import blueprint as look
+from meanflock.groundstation.recording import panels
+from meanflock.groundstation.recording.recorded import Recorded, recorded
+from meanflock.groundstation.recording.recorder import Recorder
+from meanflock.groundstation.recording.replay import complete, missing
+from meanflock.groundstation.recording.viewer import verify
+from meanflock.groundstation.results.run_folder import EVENTS, RunFolder
+from meanflock.groundstation.results.timeseries_file import past, recover
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.wire.messages import Telemetry
 from tests.faults.conftest import Lab, scenario

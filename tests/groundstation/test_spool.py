@@ -7,8 +7,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from meanflock.groundstation.series import block_of, rows_of, schema, unbroken
-from meanflock.groundstation.spool import Spool, spooled
+from meanflock.groundstation.results.series import block_of, rows_of, schema, unbroken
+from meanflock.groundstation.results.spool import Spool, spooled
 from meanflock.swarm.wire.messages import Telemetry
 from tests.groundstation.recordings import DIAGNOSTICS, flight
 

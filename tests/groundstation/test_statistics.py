@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from meanflock.groundstation.paper import statistics
-from meanflock.groundstation.paper.checks import Findings, run_check
-from meanflock.groundstation.paper.claims import Check
-from meanflock.groundstation.paper.outcome import Outcome
-from meanflock.groundstation.paper.view import View
-from tests.groundstation.synthetic import results, row
+from meanflock.groundstation import statistics
+from meanflock.studies.paper.checks import Findings, run_check
+from meanflock.studies.paper.claims import Check
+from meanflock.studies.paper.outcome import Outcome
+from meanflock.studies.paper.view import View
+from tests.studies.synthetic import results, row
 
 HF, H, F, HJB = "mfgfl-hf", "mfgfl-h", "mfgfl-f", "hjb"
 

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meanflock.groundstation import blueprint as look
-from meanflock.groundstation import viewer
-from meanflock.groundstation.recording import Recorder
-from meanflock.groundstation.screenshot import MISSING_GRAPHICS, screenshot
-from meanflock.groundstation.viewer import repair, verify
+from meanflock.groundstation.recording import blueprint as look
+from meanflock.groundstation.recording import viewer
+from meanflock.groundstation.recording.recorder import Recorder
+from meanflock.groundstation.recording.screenshot import MISSING_GRAPHICS, screenshot
+from meanflock.groundstation.recording.viewer import repair, verify
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput, RunFailed
 from meanflock.swarm.scenario import Scenario
 from tests.groundstation.recordings import column, flight, record
@@ -166,7 +166,7 @@ def test_a_picture_is_of_the_second_asked_for_or_of_the_last(run, tmp_path: Path
 @pytest.mark.processes
 def test_a_browser_is_served_a_page_and_the_recording_until_ctrl_c(tmp_path: Path) -> None:
     record(tmp_path / "recording.rrd", flight(ticks=60))
-    code = "from meanflock.groundstation.cli import main; main()"
+    code = "from meanflock.groundstation.cli.command import main; main()"
     command = [sys.executable, "-c", code, "view", str(tmp_path / "recording.rrd"), "--web"]
     serving = subprocess.Popen(command, stdout=subprocess.PIPE, cwd=Path(__file__).parents[2], text=True)
     late = tmp_path / "late.rrd"

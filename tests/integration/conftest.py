@@ -13,7 +13,7 @@ from typing import Any
 import psutil
 import pytest
 
-from meanflock.groundstation.cli import main
+from meanflock.groundstation.cli.command import main
 from tests.polling import DEADLINE_S, until
 
 Spawn = Callable[..., "subprocess.Popen[str]"]

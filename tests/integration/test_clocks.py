@@ -9,7 +9,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.scenario import load
 from tests.integration.conftest import Command, Spawn, processes_of
 from tests.integration.watched import SETTINGS, SHORT, scrape, told_url, world

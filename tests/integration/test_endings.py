@@ -9,8 +9,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from meanflock.groundstation import launch
-from meanflock.groundstation.launch import free_endpoint
+from meanflock.groundstation.launch import processes as launch
+from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.process import CHILD
 from tests.integration.conftest import Command, Spawn, processes_of

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plugins
 from meanflock.swarm.scenario import load
 from tests.integration.conftest import Spawn

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from meanflock.groundstation.launch import free_endpoint
+from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
 from tests.integration.conftest import Spawn

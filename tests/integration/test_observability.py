@@ -9,11 +9,11 @@ from typing import Any
 import psutil
 import pytest
 
-from meanflock.groundstation.cli import main
-from meanflock.groundstation.launch import free_endpoint
-from meanflock.groundstation.results import CHECKPOINT
-from meanflock.groundstation.resume import back
-from meanflock.groundstation.station import Station
+from meanflock.groundstation.cli.command import main
+from meanflock.groundstation.launch.processes import free_endpoint
+from meanflock.groundstation.launch.resume import back
+from meanflock.groundstation.launch.station import Station
+from meanflock.groundstation.results.run_folder import CHECKPOINT
 from meanflock.swarm.net.session import ZenohBus
 from tests.integration.conftest import Command, Spawn
 from tests.integration.watched import ENDLESS, SHORT, scrape, told_url, world

@@ -9,11 +9,11 @@ import psutil
 import pyarrow.parquet as pq
 import pytest
 
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.launch import free_endpoint
-from meanflock.groundstation.results import CHECKPOINT, read_checkpoint
-from meanflock.groundstation.resume import back
-from meanflock.groundstation.viewer import verify
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.processes import free_endpoint
+from meanflock.groundstation.launch.resume import back
+from meanflock.groundstation.recording.viewer import verify
+from meanflock.groundstation.results.run_folder import CHECKPOINT, read_checkpoint
 from meanflock.swarm.scenario import load
 from tests.integration.conftest import Command, Spawn, processes_of
 from tests.methods import METHODS

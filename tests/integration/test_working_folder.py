@@ -25,7 +25,7 @@ pytestmark = pytest.mark.processes
 def test_a_run_takes_nothing_from_the_working_folder(flags: tuple[str, ...], tmp_path: Path) -> None:
     working, ran = hostile(tmp_path)
     out = tmp_path / "out"
-    as_the_script_does = ["-P", "-c", "from meanflock.groundstation.cli import main; main()"]
+    as_the_script_does = ["-P", "-c", "from meanflock.groundstation.cli.command import main; main()"]
     command = [sys.executable, *as_the_script_does, *flags, "--out", str(out)]
     done = subprocess.run(command, cwd=working, capture_output=True, text=True, timeout=DEADLINE_S)
     assert not ran.exists(), ran.read_text()

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from prometheus_client.parser import text_string_to_metric_families
 
-from meanflock.groundstation.launch import free_endpoint
+from meanflock.groundstation.launch.processes import free_endpoint
 from tests.integration.conftest import Spawn
 from tests.polling import DEADLINE_S
 

@@ -18,7 +18,7 @@ from tests.polling import DEADLINE_S
 ROOT = Path(__file__).parents[2]
 FLY = """
 import json, sys
-from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.scenario import load
 for method, settings in json.loads(sys.argv[1]):
     engine = Engine(load(None, settings, method=method), "backend")

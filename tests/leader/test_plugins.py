@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.leader.aggregators.base import Aggregator, State
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput

@@ -15,8 +15,8 @@ import pytest
 
 from meanflock.agent.node import Agent
 from meanflock.groundstation.certs import HOSTS, Authority, names
-from meanflock.groundstation.engine import Engine
-from meanflock.groundstation.launch import free_endpoint
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.leader.node import Leader
 from meanflock.swarm import scenario
 from meanflock.swarm.net import keys

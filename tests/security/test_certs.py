@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from meanflock.groundstation import certs
-from meanflock.groundstation.cli import main
+from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.doctor import certificates
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import access, keys

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from meanflock.groundstation.cli import main
-from meanflock.groundstation.launch import free_endpoint
+from meanflock.groundstation.cli.command import main
+from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.swarm.errors import BusError
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.endpoint import secured

@@ -14,9 +14,9 @@ from typing import Any
 import psutil
 import pyarrow.parquet as pq
 
-from meanflock.groundstation.results import CHECKPOINT
-from meanflock.groundstation.series import states_of
-from meanflock.groundstation.viewer import verify
+from meanflock.groundstation.recording.viewer import verify
+from meanflock.groundstation.results.run_folder import CHECKPOINT
+from meanflock.groundstation.results.series import states_of
 from meanflock.swarm.rounds import Rounds
 from tests.polling import DEADLINE_S
 from tests.soak.mishaps import BadDay, Mishap, Wait

@@ -49,7 +49,7 @@ class Flock:
         self.tokens: set[str] = set()  # of agents, leaders and the station, by name
         self._next_block = 0
         file = self.children.folder / "scenario.toml"
-        from meanflock.groundstation.results import to_toml
+        from meanflock.groundstation.results.run_folder import to_toml
 
         file.write_text(to_toml(self.scenario), encoding="utf-8")
         self.world = self.children.start(

@@ -6,7 +6,7 @@ from collections import defaultdict
 import numpy as np
 import psutil
 
-from meanflock.groundstation.recording import BATCH_TICKS, FILE_WALL_S
+from meanflock.groundstation.recording.recorder import BATCH_TICKS, FILE_WALL_S
 from tests.soak.swarm import Flock
 
 SLOPE_MIB = 1.0  # in a thousand ticks

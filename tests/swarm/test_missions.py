@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meanflock.channel.theory import expected
-from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.faults import Gust
 from meanflock.swarm.mission import goals, launches, obstacles, starts
 from meanflock.swarm.scenario import Scenario, load

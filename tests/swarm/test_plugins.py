@@ -9,7 +9,7 @@ import pytest
 
 import meanflock as mf
 from meanflock.agent.controllers.base import Controller
-from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plugins, scenario
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import client

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import state
 from meanflock.swarm.scenario import load
 from meanflock.worldsim.flight import Flight

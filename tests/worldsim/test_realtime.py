@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, Telemetry

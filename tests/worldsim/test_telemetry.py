@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import FrameKind, Telemetry
 from meanflock.worldsim.reporter import STATE_LINKS_EVERY_TICKS

@@ -10,7 +10,7 @@ import pytest
 
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
 from meanflock.agent.controllers.ecbf import Ecbf
-from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import declared, plugins
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Filter, Scenario, load

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from meanflock.agent.controllers.offline import OpenLoopPlan, speeds
-from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import state
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario, load

@@ -5,7 +5,7 @@ import pytest
 
 from meanflock.agent.controllers.mean_field.methods import MfgflHf
 from meanflock.agent.controllers.mean_field.separation import Separation
-from meanflock.groundstation.engine import Engine
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load
 

@@ -1,0 +1,128 @@
+"""Arguments that several commands take: what a scenario is made of, where results go, and what a flight tells."""
+
+import logging
+import sys
+from collections.abc import Callable, Iterable
+from contextlib import redirect_stdout
+from pathlib import Path
+from typing import Any
+
+import click
+
+from meanflock.swarm import logs, plugins, scenario
+from meanflock.worldsim.faults import never
+
+PATH = click.Path(path_type=Path)
+_METHODS = ", ".join(plugins.names("controller"))
+
+
+def _register(_context: click.Context, _parameter: click.Parameter, files: tuple[Path, ...]) -> None:
+    with redirect_stdout(sys.stderr):  # what they print is not what the command says
+        plugins.load_files(files)
+
+
+_OF_A_SCENARIO = {
+    "file": click.argument("file", metavar="[SCENARIO]", required=False, type=PATH),
+    "method": click.option("--method", metavar="NAME", help=f"The controller: {_METHODS}."),
+    "uavs": click.option("--uavs", type=int, metavar="N", help="Number of UAVs."),
+    "seed": click.option("--seed", type=int, metavar="S", help="Seed of all random numbers."),
+    "duration": click.option("--duration", type=float, metavar="SECONDS", help="Longest simulated time of a flight."),
+    "settings": click.option(
+        "--set",
+        "settings",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help="Set any key of the scenario, e.g. wind.sigma=0.2; repeatable.",
+    ),
+    "plugin": click.option(
+        "--plugin",
+        multiple=True,
+        type=PATH,
+        metavar="FILE.py",
+        callback=_register,
+        expose_value=False,
+        is_eager=True,  # before anything asks for what is in it
+        help="Load your own controller, aggregation rule, channel, vehicle or filter; repeatable.",
+    ),
+}
+
+
+def scenario_arguments(*names: str) -> Callable[[Any], Any]:
+    """Adds the arguments a scenario is made of; all of them, or those named."""
+
+    def decorate(command: Any) -> Any:
+        for name in reversed(names or tuple(_OF_A_SCENARIO)):
+            command = _OF_A_SCENARIO[name](command)
+        return command
+
+    return decorate
+
+
+def load_scenario(file: Path | None, settings: Iterable[str], **options: Any) -> scenario.Scenario:
+    """What those arguments say.
+
+    Raises:
+        BadInput: no scenario, or a flag and `--set` say a key each in their way.
+    """
+    from meanflock.studies.swept import refuse_setting
+
+    for key, value in options.items():
+        if value is not None:
+            refuse_setting(key, settings, f"is what --{key} says")
+    return scenario.load(file, settings, **options)
+
+
+def tell_what_never_happens(flights: Iterable[scenario.Scenario]) -> None:
+    """Warns of faults that begin after the end of a flight."""
+    for text in dict.fromkeys(text for flown in flights for text in never(flown)):
+        logs.tell(f"warning: {text}", logging.WARNING)
+
+
+def number_option(flag: str, metavar: str, default: int, about: str, least: int = 1, most: int | None = None) -> Any:
+    """A whole number, which has a default."""
+    kind = click.IntRange(least, most)
+    return click.option(flag, type=kind, default=default, show_default=True, metavar=metavar, help=about)
+
+
+def out_option(default: str, about: str = "Where results are written.") -> Callable[[Any], Any]:
+    """`--out`, with where it is without one."""
+    return click.option("--out", type=PATH, default=Path(default), show_default=True, metavar="DIR", help=about)
+
+
+def report(paths: Iterable[Path]) -> None:
+    """Says what was written."""
+    for path in paths:
+        click.echo(str(path))
+
+
+run_argument = click.argument("folder", metavar="RUN", type=PATH)
+quiet_option = click.option("--quiet", is_flag=True, help="Show no progress bar.")
+uavs_per_process_option = number_option("--uavs-per-process", "M", 1, "UAVs that one agent process flies.")
+in_process_option = click.option("--in-process", is_flag=True, help="Fly in this process, without the network.")
+tls_option = click.option(
+    "--tls", type=PATH, metavar="DIR", help="Use mutual TLS, with certificates of `meanflock certs init`."
+)
+
+_TOLD = (
+    click.option(
+        "--metrics",
+        envvar="MEANFLOCK_METRICS",
+        metavar="[HOST:]PORT",
+        help="Serve metrics to Prometheus here; port 0: any free one.",
+    ),
+    click.option(
+        "--log-format",
+        type=click.Choice((logs.TEXT, logs.JSON)),
+        envvar="MEANFLOCK_LOG_FORMAT",
+        help="Print the logs of all processes on stderr; with json, nothing else.",
+    ),
+    click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object on stdout."),
+    quiet_option,
+)
+
+
+def telling(command: Any) -> Any:
+    """Adds what a flight tells, and to whom."""
+    for option in reversed(_TOLD):
+        command = option(command)
+    return command

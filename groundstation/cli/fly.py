@@ -1,0 +1,176 @@
+"""Commands that fly: run, resume."""
+
+import json
+import logging
+import re
+import sys
+from contextlib import AbstractContextManager, nullcontext, redirect_stdout
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+
+from meanflock.groundstation import doctor as checks
+from meanflock.groundstation.cli import display
+from meanflock.groundstation.cli.arguments import (
+    PATH,
+    in_process_option,
+    load_scenario,
+    out_option,
+    run_argument,
+    scenario_arguments,
+    tell_what_never_happens,
+    telling,
+    tls_option,
+    uavs_per_process_option,
+)
+from meanflock.groundstation.launch.progress import summary_table
+from meanflock.groundstation.launch.resume import Back, back
+from meanflock.groundstation.launch.run import Options, fly
+from meanflock.groundstation.results.run_folder import EVENTS, said_of_loss
+from meanflock.swarm import logs, scenario
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.net.address import Address
+from meanflock.worldsim.schedule import factor
+
+
+class _Run(click.Command):
+    """Click takes a number below zero for a flag; we say what is wrong with it."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """As any command does, once `--realtime` has been looked at."""
+        for first, second in pairwise([*args, ""]):
+            given = second if first == "--realtime" else first.removeprefix("--realtime=")
+            if given != first and re.match(r"-[.\d]", given):
+                factor(given)
+        return super().parse_args(ctx, args)
+
+
+@click.command(cls=_Run)
+@scenario_arguments()
+@in_process_option
+@uavs_per_process_option
+@click.option(
+    "--realtime",
+    is_flag=False,
+    flag_value="1",
+    metavar="[FACTOR]",
+    help="Fly in real time, or FACTOR times faster; late commands are held.",
+)
+@click.option("--faults", type=PATH, metavar="FILE", help="Inject the faults of this script (TOML).")
+@click.option("--record/--no-record", default=True, show_default=True, help="Write recording.rrd for the Rerun viewer.")
+@click.option("--view", is_flag=True, help="Watch live in the Rerun viewer; needs a display.")
+@out_option("runs", "Where run folders are made.")
+@click.option(
+    "--endpoint",
+    metavar="ADDRESS",
+    help="Where the world listens, e.g. tcp/127.0.0.1:7447.  [default: a free port of this machine]",
+)
+@tls_option
+@telling
+def run(
+    file: Path | None,
+    method: str | None,
+    uavs: int | None,
+    seed: int | None,
+    duration: float | None,
+    settings: tuple[str, ...],
+    faults: Path | None,
+    realtime: str | None,
+    record: bool,
+    view: bool,
+    as_json: bool,
+    **given: Any,
+) -> None:
+    """Fly a scenario once, by default the paper's.
+
+    SCENARIO is a TOML file, or the name of one that comes with meanflock: crowd, faults, gusts, hierarchical, lossy,
+    obstacles, paper, paper-printed, paper-slow, streams, swap, unknown, windmap, windy.
+
+    Results are written to OUT/<id>/: summary, time series, events, recording.
+
+    \b
+    Example: meanflock run --method hjb --uavs 9 --set wind.sigma=0.2
+    """
+    script = scenario.read_faults(faults) if faults is not None else None
+    with _prints_apart(as_json):
+        flown = load_scenario(file, settings, method=method, uavs=uavs, seed=seed, duration=duration, faults=script)
+        _refuse_if_too_large(flown, given["in_process"], given["uavs_per_process"])
+    if given["log_format"] != logs.JSON:  # there it is the world that says so
+        tell_what_never_happens([flown])
+    if view and not record:
+        raise BadInput("--view: shows what is recorded; leave out --no-record")
+    if view:
+        display.check(
+            "fly without --view, then look with `meanflock picture` or with `meanflock view --web` in a browser"
+        )
+    given["realtime"] = factor(realtime) if realtime is not None else None
+    given["serve"] = ("127.0.0.1", checks.VIEWER_PORT) if view else None
+    _fly(flown, as_json, record=record, view=view, **given)
+
+
+@click.command()
+@run_argument
+@scenario_arguments("plugin")
+@in_process_option
+@uavs_per_process_option
+@tls_option
+@click.option("--record/--no-record", default=True, show_default=True, help="Continue recording.rrd.")
+@telling
+def resume(folder: Path, as_json: bool, **given: Any) -> None:
+    """Resume a run that did not finish, from its last checkpoint.
+
+    RUN is its folder. The result is the same as without the interruption.
+
+    \b
+    Example: meanflock resume runs/20261121-101500-mfgfl-hf-s7
+    """
+    with _prints_apart(as_json):
+        dead = back(folder)
+        _refuse_if_too_large(dead.scenario, given["in_process"], given["uavs_per_process"])
+    _fly(dead.scenario, as_json, dead, out=dead.folder.parent, **given)
+
+
+def _fly(
+    flown: scenario.Scenario,
+    as_json: bool,
+    dead: Back | None = None,
+    *,
+    metrics: str | None,
+    log_format: str | None,
+    quiet: bool,
+    **given: Any,
+) -> None:
+    """Flies it, or what is left of it, and says what came of that."""
+    where = None if metrics is None else Address.parse("--metrics", metrics)
+    only_logs = log_format == logs.JSON  # each of whose lines names the run
+    with _prints_apart(as_json):
+        done = fly(flown, Options(metrics=where, log_format=log_format, quiet=quiet or only_logs, **given), dead)
+    if as_json:
+        click.echo(json.dumps(done.summary))
+    else:
+        Console().print(summary_table(done.summary))
+    if not only_logs:
+        if done.summary["lost"] and (why := said_of_loss(done.folder)):
+            lost = done.summary["lost"]
+            logs.tell(
+                f"UAVs lost: {lost}; the first event: {why}; all events are in {done.folder / EVENTS}", logging.WARNING
+            )
+        logs.tell(f"run folder {done.folder}")
+
+
+def _prints_apart(as_json: bool) -> AbstractContextManager[object]:
+    """What plug-ins print goes to standard error, where one JSON object is promised on standard output."""
+    return redirect_stdout(sys.stderr) if as_json else nullcontext()
+
+
+def _refuse_if_too_large(flown: scenario.Scenario, in_process: bool, uavs_per_process: int) -> None:
+    """A swarm that does not fit into memory is refused before it starts."""
+    processes = 0 if in_process else -(-flown.uavs // uavs_per_process)
+    needs = [checks.memory(flown.uavs, processes, flown.declared.pairwise)]
+    needs += [checks.open_files(flown.uavs, uavs_per_process)] if processes else []
+    for finding in needs:
+        if finding.verdict == "fails":
+            raise BadInput(f"{finding.what}: {finding.found}; {finding.mend}")

@@ -1,0 +1,120 @@
+"""The command `leaderboard`: controllers over missions."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from rich.console import Console
+
+from meanflock.groundstation.cli.arguments import number_option, out_option, quiet_option, report, scenario_arguments
+from meanflock.groundstation.cli.study_arguments import (
+    backend_option,
+    jobs_option,
+    progress_of,
+    scheduler_option,
+    store_in,
+)
+from meanflock.groundstation.cli.terminal import console_for
+from meanflock.swarm.errors import BadInput
+
+if TYPE_CHECKING:
+    from meanflock.studies.leaderboard.board import Board
+
+_FIRST_SEED = 8001
+
+
+class _Lists(click.Command):
+    """An option of several takes every word up to the next option: `--missions paper swap --controllers plan orca`."""
+
+    lists = ("--missions", "--controllers")
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Repeats the option before each of its words."""
+        given: list[str] = []
+        taking = ""
+        for word in args:
+            if word.startswith("-"):
+                taking = word if word in self.lists else ""
+                given += [] if taking else [word]
+            else:
+                given += [taking, word] if taking else [word]
+        for flag in self.lists:
+            if flag in args and flag not in given and not any(word.startswith(f"{flag}=") for word in args):
+                raise BadInput(f"{flag}: name one or more, or all")
+        return super().parse_args(ctx, given)
+
+
+def _several(flag: str, what: str) -> Any:
+    about = f"{what}, or all.  [default: all]"
+    return click.option(flag, multiple=True, default=("all",), metavar="NAME…", help=about)
+
+
+def _names(given: Sequence[str]) -> list[str]:
+    """Words, and words between commas."""
+    return [name for word in given for name in word.split(",") if name]
+
+
+@click.command(cls=_Lists)
+@_several("--missions", "Missions to fly")
+@_several("--controllers", "Controllers or named rows")
+@scenario_arguments("plugin")
+@number_option("--seeds", "K", 30, "Flights of each, with one seed each.")
+@number_option("--first-seed", "S", _FIRST_SEED, "First of the seeds.", least=0)
+@jobs_option
+@backend_option
+@scheduler_option
+@out_option("out/leaderboard")
+@quiet_option
+def leaderboard(
+    missions: tuple[str, ...],
+    controllers: tuple[str, ...],
+    seeds: int,
+    first_seed: int,
+    jobs: int,
+    backend: str,
+    scheduler: str | None,
+    out: Path,
+    quiet: bool,
+) -> None:
+    """Rank controllers over the same missions and seeds.
+
+    Writes tables with 95 % intervals, which controller is significantly best at what, and Pareto plots. Repeat an
+    interrupted command to fly only what is missing.
+
+    \b
+    Example:
+      meanflock leaderboard --missions paper --controllers mfgfl-h plan --seeds 4
+    """
+    from meanflock.studies.backends import processes, terminable
+    from meanflock.studies.leaderboard import missions as known
+    from meanflock.studies.leaderboard import rows
+    from meanflock.studies.leaderboard.contest import Contest
+    from meanflock.studies.leaderboard.report import write
+
+    if backend != "dask" and scheduler is not None:
+        raise BadInput(f"--scheduler {scheduler}: is of dask; add --backend dask, or leave it out")
+    contest = Contest(known.chosen(_names(missions)), rows.chosen(_names(controllers)), seeds, first_seed)
+    with terminable(out):
+        with (
+            store_in(out) as store,
+            progress_of("leaderboard", quiet) as progress,
+            processes(backend, scheduler, None if jobs < 0 else jobs),
+        ):
+            board = contest.fly(jobs, progress, store)
+        _tell(board)
+        report(write(board, out))
+
+
+def _tell(board: "Board") -> None:
+    """Prints its tables."""
+    from meanflock.studies.leaderboard import tables, terminal
+
+    console = Console()
+    for course in board.courses:
+        table = terminal.table(course)
+        console_for(table).print(table)
+        for note in tables.notes(course):
+            console.print(note, style="dim", markup=False, highlight=False)
+        console.print()
+    console.print(terminal.CAPTION, style="dim italic", highlight=False)

@@ -1,0 +1,103 @@
+"""Commands that look at a run: view, picture, plot."""
+
+from pathlib import Path
+
+import click
+
+from meanflock.groundstation.cli.arguments import PATH, report, run_argument
+from meanflock.groundstation.results.run_folder import RECORDING, alone, completed
+from meanflock.swarm.errors import BadInput
+
+
+@click.command()
+@run_argument
+@click.option("--web", is_flag=True, help="Show it in a browser, at the address printed; needs no display.")
+def view(folder: Path, web: bool) -> None:
+    """Open a finished run in the Rerun viewer.
+
+    RUN is its folder, or a file.rrd. Ends when the window is closed, or with Ctrl-C.
+
+    \b
+    Example: meanflock view runs/20261121-101500-mfgfl-hf-s7
+    """
+    from meanflock.groundstation.cli import display
+    from meanflock.groundstation.recording import viewer
+
+    path = _recording(folder)
+    if web:
+        _complete(folder, path)
+        shown, url = viewer.serve_web(path)
+        click.echo(f"{url}\nCtrl-C ends it.")
+    else:
+        display.check(
+            f"try `meanflock view {folder} --web` with a browser, or `meanflock picture {folder} -o FILE.png`"
+        )
+        _complete(folder, path)
+        shown = viewer.open_viewer(path)
+    viewer.attend(shown)
+
+
+@click.command()
+@run_argument
+@click.option(
+    "--at", "at_s", type=float, metavar="SECONDS", help="Simulated time to draw.  [default: the end of the flight]"
+)
+@click.option("-o", "--output", "png", required=True, type=PATH, metavar="FILE.png", help="File to write.")
+@click.option("--size", default="1920x1080", show_default=True, metavar="WIDTHxHEIGHT", help="Size in pixels.")
+def picture(folder: Path, at_s: float | None, png: Path, size: str) -> None:
+    """Save the Rerun view of a finished run as a PNG file.
+
+    RUN is its folder, or a file.rrd. Needs no display.
+
+    \b
+    Example:
+      meanflock picture runs/20261121-101500-mfgfl-hf-s7 --at 40 -o swarm.png
+    """
+    from meanflock.groundstation.recording.screenshot import pixels, screenshot
+
+    wanted = pixels(size)
+    if png.suffix.lower() != ".png":
+        raise BadInput(f"-o {png}: give it a name that ends in .png")
+    path = _recording(folder)
+    _complete(folder, path)
+    screenshot(path, png, at_s, wanted)
+    click.echo(str(png))
+
+
+@click.command()
+@run_argument
+def plot(folder: Path) -> None:
+    """Plot paths and time series of a finished run.
+
+    RUN is its folder; the plots are written to RUN/plots, as PNG and SVG.
+
+    \b
+    Example: meanflock plot runs/20261121-101500-mfgfl-hf-s7
+    """
+    from meanflock.groundstation.plots import charts
+
+    if not folder.is_dir():
+        raise BadInput(f"{folder}: no such run; name the folder of one")
+    with alone(folder):
+        completed(folder)
+    report(charts.write(charts.plot_run(folder), folder / "plots"))
+
+
+def _recording(folder: Path) -> Path:
+    path = folder if folder.suffix == ".rrd" else folder / RECORDING
+    if not path.is_file():
+        raise BadInput(f"{path}: no recording; name the folder of a run that was recorded")
+    return path
+
+
+def _complete(folder: Path, path: Path) -> None:
+    """What was killed is filled in from its time series, or mended where there is none."""
+    from meanflock.groundstation.recording.replay import complete
+    from meanflock.groundstation.recording.viewer import repair, verify
+
+    if folder.is_dir():
+        with alone(folder):
+            completed(folder)
+            complete(folder)
+    elif verify(path) is not None:
+        repair(path)

@@ -1,0 +1,44 @@
+"""The means of a study as a table for 80 columns."""
+
+from collections.abc import Sequence
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from meanflock.studies.means import METRICS, Means
+
+WIDTH = 80  # of a terminal, at least
+_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""))
+MEANS = (
+    "Means over n flights and all UAVs. Travel time: a UAV that never arrived counts with the duration, {:g} s. "
+    "Lower is better everywhere but in arrivals."
+)
+
+
+def table(means: Means, title: str, durations_s: Sequence[float]) -> Table:
+    """What a person reads; in 80 columns, without a name that is cut off."""
+    note = MEANS.format(max(durations_s)) if len(set(durations_s)) == 1 else MEANS.replace(", {:g} s", "")
+    shown = Table(title=title, caption=note, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    shown.show_edge, shown.title_justify, shown.caption_justify = False, "left", "left"
+    for name in means.names:
+        shown.add_column(_broken(name), overflow="fold", no_wrap=name == "method")
+    shown.add_column("n", justify="right", no_wrap=True)
+    rows = list(means.rows())
+    most = max(row["payload_bits"] for _, row in rows)
+    scale, prefix = next(((scale, prefix) for scale, prefix in _PREFIXES if most >= scale), (1.0, ""))
+    for metric in METRICS:
+        shown.add_column(metric.heading.format(prefix), justify="right", no_wrap=True)
+    for values, row in rows:
+        row["payload_bits"] /= scale
+        cells = ["–" if (mean := row[metric.column]) is None else f"{mean:.4g}" for metric in METRICS]
+        cells[0] += f"/{row['uavs']}"  # of the arrivals
+        shown.add_row(*map(str, values), str(row["n"]), *cells)
+    if Console(width=10 * WIDTH).measure(shown).maximum > WIDTH:
+        shown.padding = 0
+    return shown
+
+
+def _broken(name: str) -> str:
+    """A dotted key that may go over several lines."""
+    return name.replace(".", ".\n").replace("_", "_\n").replace(" (", "\n(")

@@ -1,0 +1,117 @@
+"""Commands for before a flight: doctor, certs, scenario."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from meanflock.groundstation import catalogue
+from meanflock.groundstation import doctor as checks
+from meanflock.groundstation.cli.arguments import (
+    PATH,
+    load_scenario,
+    number_option,
+    out_option,
+    scenario_arguments,
+    uavs_per_process_option,
+)
+from meanflock.groundstation.results.run_folder import to_toml
+from meanflock.swarm import __version__
+from meanflock.swarm.errors import EXIT_RUN_FAILED
+
+
+@click.command()
+@number_option("--uavs", "N", 25, "Number of UAVs to be flown.")
+@uavs_per_process_option
+@out_option("runs", "Where run folders would be made.")
+@click.option("--tls", type=PATH, metavar="DIR", help="Check the certificates in DIR too.")
+def doctor(uavs: int, uavs_per_process: int, out: Path, tls: Path | None) -> None:
+    """Check whether a run of N UAVs would work on this machine.
+
+    Every finding that is not ok says what to do. The exit code is 1 if anything would fail.
+
+    \b
+    Example: meanflock doctor --uavs 64
+    """
+    findings = checks.examine(uavs, uavs_per_process, out, tls)
+    table = Table(title=f"meanflock {__version__}")
+    for heading in ("what", "verdict", "found", "what to do"):
+        table.add_column(heading, overflow="fold")
+    colours = {"ok": "green", "warning": "yellow", "fails": "red"}
+    for finding in findings:
+        colour = colours[finding.verdict]
+        table.add_row(finding.what, f"[{colour}]{finding.verdict}[/]", finding.found, finding.mend)
+    Console().print(table)
+    if any(finding.verdict == "fails" for finding in findings):
+        raise SystemExit(EXIT_RUN_FAILED)
+
+
+@click.group("certs")
+def certs_group() -> None:
+    """Make TLS certificates for the nodes of a swarm.
+
+    \b
+    Example: meanflock certs init out/certs --uavs 4
+    """
+
+
+@certs_group.command("init")
+@click.argument("folder", metavar="DIR", type=PATH)
+@number_option("--uavs", "N", 25, "Number of agents.", most=10_000)
+@number_option("--days", "DAYS", 90, "Days until they expire.", most=3650)
+@click.option(
+    "--host", "hosts", multiple=True, metavar="NAME", help="Another name or address of the world's machine; repeatable."
+)
+def certs_init(folder: Path, uavs: int, days: int, hosts: tuple[str, ...]) -> None:
+    """Make a certificate for every node, in the new folder DIR.
+
+    That is a certificate authority, and one certificate each for the world, the leader, the ground station and N
+    agents. What TLS protects: docs/security.md.
+
+    \b
+    Example: meanflock certs init out/certs --uavs 4
+    """
+    from meanflock.groundstation import certs
+
+    written = certs.init(folder, uavs, days, hosts)
+    click.echo(
+        f"{folder}: {len(written)} files, valid for {days} days; keep the keys, and above all ca.key, to yourself"
+    )
+
+
+@click.group("scenario")
+def scenario_group() -> None:
+    """Print a scenario, or the schema of scenario files.
+
+    \b
+    Example: meanflock scenario show paper > my.toml
+    """
+
+
+@scenario_group.command()
+@scenario_arguments()
+def show(file: Path | None, settings: tuple[str, ...], **options: Any) -> None:
+    """Print a scenario as TOML, with the value of every key.
+
+    The output is a scenario file that `meanflock run` accepts.
+
+    \b
+    Example: meanflock scenario show --method hjb > my.toml
+    """
+    click.echo(to_toml(load_scenario(file, settings, **options)), nl=False)
+
+
+@scenario_group.command()
+@scenario_arguments("method", "plugin")
+def schema(method: str | None) -> None:
+    """Print the JSON schema of scenario files.
+
+    It has the unit and the bounds of every key and, with --method, the options of that controller.
+
+    \b
+    Example: meanflock scenario schema --method mfgfl-hf
+    """
+    click.echo(json.dumps(catalogue.schema(method), indent=1))

@@ -1,0 +1,229 @@
+"""Commands that fly many times: compare, sweep, paper."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from meanflock.groundstation.cli.arguments import (
+    PATH,
+    load_scenario,
+    number_option,
+    out_option,
+    quiet_option,
+    report,
+    scenario_arguments,
+    tell_what_never_happens,
+)
+from meanflock.groundstation.cli.study_arguments import (
+    SEEDS,
+    backend_option,
+    jobs_option,
+    progress_of,
+    scenario_option,
+    scheduler_option,
+    seeds_option,
+    store_in,
+)
+from meanflock.groundstation.cli.terminal import console_for
+from meanflock.groundstation.doctor import tell_if_slow
+from meanflock.studies.backends import terminable
+from meanflock.swarm import scenario
+from meanflock.swarm.scenario import Scenario
+
+if TYPE_CHECKING:
+    from meanflock.studies import study
+
+
+@click.command()
+@click.argument("methods", nargs=-1, required=True, metavar="METHOD…")
+@scenario_option
+@scenario_arguments("uavs", "seed", "duration", "settings", "plugin")
+@seeds_option
+@jobs_option
+@click.option("--record", is_flag=True, help="Record the flights of the first seed side by side, in OUT/compare.rrd.")
+@out_option("out/compare")
+@quiet_option
+def compare(
+    methods: tuple[str, ...],
+    file: Path | None,
+    seeds: int | None,
+    jobs: int,
+    record: bool,
+    out: Path,
+    quiet: bool,
+    **given: Any,
+) -> None:
+    """Compare controllers over the same seeds.
+
+    Prints a table of means, and writes it as CSV and as a plot with 95 % intervals. Repeat an interrupted command to
+    fly only what is missing.
+
+    \b
+    Example: meanflock compare hjb mfgfl-hf --seeds 4 --duration 200
+    """
+    from meanflock.groundstation.plots import charts
+    from meanflock.studies import swept
+
+    swept.refuse_setting("method", given["settings"], "is what is compared")
+    scenarios = {(method,): load_scenario(file, method=method, **given) for method in dict.fromkeys(methods)}
+    with terminable(out):
+        flown = _fly("compare", ("method",), scenarios, seeds or SEEDS, jobs, out, quiet)
+        report(charts.write({"compare": charts.plot_compare({method: runs for (method,), runs in flown.items()})}, out))
+        if record:
+            from meanflock.studies import side_by_side  # rerun takes a third of a second to load
+
+            side_by_side.record({method: flown for (method,), flown in scenarios.items()}, out / "compare.rrd")
+            report([out / "compare.rrd"])
+
+
+@click.command()
+@click.argument("swept", metavar="KEY=V1,V2,…")
+@click.option("--methods", metavar="M1,M2,…", help="Controllers to sweep with.  [default: the scenario's]")
+@scenario_option
+@scenario_arguments("uavs", "seed", "duration", "settings", "plugin")
+@seeds_option
+@jobs_option
+@out_option("out/sweep")
+@quiet_option
+def sweep(
+    swept: str,
+    methods: str | None,
+    file: Path | None,
+    seeds: int | None,
+    jobs: int,
+    out: Path,
+    quiet: bool,
+    settings: tuple[str, ...],
+    **given: Any,
+) -> None:
+    """Compare several values of one scenario key.
+
+    Prints a table of means, and writes it as CSV and as a plot with 95 % intervals. Repeat an interrupted command to
+    fly only what is missing.
+
+    \b
+    Example: meanflock sweep wind.sigma=0.1,0.3 --methods hjb,mfgfl-hf --seeds 4
+    """
+    from meanflock.groundstation.plots import charts
+    from meanflock.groundstation.units import with_unit
+    from meanflock.studies import study
+    from meanflock.studies.swept import Swept, refuse_setting
+
+    varied = Swept.parse(swept)
+    of_key = {"method": {"--methods": methods}, "seed": {"--seed": given["seed"], "--seeds": seeds}}
+    varied.check(of_key.get(varied.key, {f"--{varied.key}": given.get(varied.key)}), settings)
+    if methods is not None:
+        refuse_setting("method", settings, "is what --methods names")
+    named = [name.strip() for name in (methods or "").split(",") if name.strip()]
+    names: list[str | None] = [*dict.fromkeys(named)] or [None]
+    scenarios: dict[tuple[Any, ...], Scenario] = {}
+    for value in varied.values:
+        for name in names:
+            one = load_scenario(file, (*settings, varied.setting(value)), method=name, **given)
+            scenarios[(value,) if varied.key == "method" else (value, str(one.method))] = one
+    columns = ("method",) if varied.key == "method" else (with_unit(varied.key), "method")
+    each = 1 if varied.key == "seed" else seeds or SEEDS
+    with terminable(out):
+        flown = _fly("sweep", columns, scenarios, each, jobs, out, quiet)
+        points: dict[Any, dict[str, study.Summaries]] = {}
+        for (value, *_), runs in flown.items():
+            points.setdefault(value, {})[runs[0]["method"]] = runs
+        report(charts.write({"sweep": charts.plot_sweep(varied.key, points)}, out))
+
+
+def _fly(
+    what: str,
+    columns: tuple[str, ...],
+    scenarios: Mapping[Any, Scenario],
+    seeds: int,
+    jobs: int,
+    out: Path,
+    quiet: bool,
+) -> "dict[Any, study.Summaries]":
+    """The summaries of all runs; those that are in `out` already are not flown again. Prints the table of means, and
+    writes it and the runs behind it.
+    """
+    from meanflock.groundstation.cli import means_table
+    from meanflock.studies import study
+    from meanflock.studies.means import Means
+
+    tell_what_never_happens(scenarios.values())
+    points = {at: study.seeded(one, seeds) for at, one in scenarios.items()}
+    with store_in(out) as store, progress_of(what, quiet) as progress:
+        flown = study.fly_all(points, jobs, progress, store)
+    means = Means(columns, flown)
+    sizes = {one.uavs for one in scenarios.values()}
+    title = f"{what}: {sizes.pop()} UAVs" if len(sizes) == 1 else what
+    table = means_table.table(means, title, [one.duration for one in scenarios.values()])
+    console_for(table).print(table)
+    study.save(flown.values(), out / "runs.jsonl")
+    report([out / "runs.jsonl", means.write_csv(out / f"{what}.csv")])
+    return flown
+
+
+@click.command()
+@number_option("--seeds", "K", 30, "Flights of each point; 2 for a quick look.")
+@click.option("--only", multiple=True, metavar="FIG", help="fig2 … fig8 or map: fly only what it needs; repeatable.")
+@click.option(
+    "--scenario",
+    "name",
+    metavar="NAME",
+    help="Judge this scenario instead: paper-slow, paper-printed or a file.  [default: paper]",
+)
+@jobs_option
+@backend_option
+@scheduler_option
+@click.option("--out", type=PATH, metavar="DIR", help="Where results are written.  [default: out/paper, or out/NAME]")
+@quiet_option
+def paper(
+    seeds: int,
+    only: tuple[str, ...],
+    name: str | None,
+    jobs: int,
+    backend: str,
+    scheduler: str | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """Repeat the paper's experiments and test its claims.
+
+    Writes figures, tables, and a verdict for each claim. Repeat an interrupted command to fly only what is missing.
+
+    \b
+    Example: meanflock paper --seeds 2 --out out/paper
+    """
+    from meanflock.studies.paper.experiments import run_grid
+    from meanflock.studies.paper.figures.draw import chosen, draw
+    from meanflock.studies.paper.measure import measured
+    from meanflock.studies.paper.report.write import counts, write_report
+    from meanflock.studies.paper.verdict import evaluate
+
+    experiments = set().union(*(_FLOWN_FOR[figure] for figure in chosen(only))) if only else None
+    file = None if name in (None, "paper") else Path(str(name))
+    base = scenario.load(file)
+    out = out or Path("out") / (file.stem if file else "paper")
+    tell_if_slow()
+    with terminable(out):
+        results = run_grid(out, seeds, experiments, jobs, backend, scheduler, quiet, scenario=file)
+        with progress_of("theory", quiet) as progress:
+            theory = measured(out, jobs=jobs, progress=progress, scenario=base)
+        records = evaluate(results, theory)
+        draw(results, out / "figures", only)
+        paths = write_report(results, records, out, theory)
+    for verdict, number in counts(records).items():
+        click.echo(f"{verdict}: {number}", err=True)
+    report(paths)
+
+
+_FLOWN_FOR: dict[str, set[str]] = {
+    "fig2": {"s0"},
+    "fig3": {"s0"},
+    "fig4": {"s0"},
+    "fig5": {"uavs"},
+    "fig6": {"period"},
+    "fig7": {"wind"},
+    "fig8": {"offline", "trained"},
+    "map": {"map", "found"},
+}

@@ -1,0 +1,96 @@
+"""Options of the commands that fly many times, their progress bar, and what keeps their flights."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from meanflock.groundstation.cli.arguments import PATH
+from meanflock.groundstation.doctor import tell_if_slow
+from meanflock.groundstation.durable import check_folder
+from meanflock.studies.backends import BACKENDS
+from meanflock.swarm.errors import BadInput
+
+if TYPE_CHECKING:
+    from meanflock.studies.store import Store
+
+SEEDS = 8
+seeds_option = click.option(
+    "--seeds", type=click.IntRange(1), metavar="K", help=f"Flights of each, with one seed each.  [default: {SEEDS}]"
+)
+
+
+def _number_of_jobs(_context: click.Context, _option: click.Parameter, jobs: int) -> int:
+    if jobs == 0:
+        raise BadInput("--jobs 0: give a number of processes, or -1 for one a core")
+    return jobs
+
+
+jobs_option = click.option(
+    "--jobs",
+    type=int,
+    default=-1,
+    metavar="J",
+    help="Processes that fly at once; -1: one per core.  [default: -1]",
+    callback=_number_of_jobs,
+)
+scenario_option = click.option(
+    "--scenario",
+    "file",
+    type=PATH,
+    metavar="SCENARIO",
+    help="A TOML file, or the name of a shipped scenario.  [default: the paper's]",
+)
+backend_option = click.option(
+    "--backend",
+    type=click.Choice(BACKENDS),
+    default="loky",
+    show_default=True,
+    help="Processes of this machine, or a Dask cluster.",
+)
+scheduler_option = click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Dask scheduler, e.g. tcp://127.0.0.1:8786.  [default: a cluster on this machine]",
+)
+
+
+@contextmanager
+def progress_of(what: str, quiet: bool) -> Iterator[Callable[[int, int], None]]:
+    """A bar with the time left, on stderr; told of the runs finished and wanted."""
+    console = Console(stderr=True)
+    bar = Progress(
+        TextColumn(f"[bold]{what}"),
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TextColumn("runs"),
+        TimeRemainingColumn(compact=True),
+        console=console,
+        disable=quiet or not console.is_terminal,
+        transient=True,
+    )
+    with bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+@contextmanager
+def store_in(out: Path) -> Iterator["Store"]:
+    """What keeps flights in `out`; where none could be flown, the folders that were made for them go again."""
+    from meanflock.studies.store import Store
+
+    new = not out.exists()
+    store = Store(out)
+    check_folder(out, "--out")
+    tell_if_slow()
+    try:
+        yield store
+    except BadInput:  # nothing was flown: the folders are empty, or hold what was there before
+        for folder in (store.data / "jobs", store.data, *([out] if new else [])):
+            with suppress(OSError):
+                folder.rmdir()
+        raise

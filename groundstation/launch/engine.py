@@ -1,0 +1,139 @@
+"""All rooms in one process and one thread: the same nodes, messages and codec as the swarm of processes."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from msgspec import structs
+from numpy.typing import NDArray
+
+from meanflock.agent.node import Agent
+from meanflock.groundstation.launch.station import Sink, Station
+from meanflock.leader.node import Leader
+from meanflock.swarm.net.bus import MemoryNetwork
+from meanflock.swarm.net.client import Node, NodeClient
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.control import encode_record
+from meanflock.swarm.wire.messages import Join, Welcome
+from meanflock.worldsim.checkpoint import EVERY_TICKS, Resumption
+from meanflock.worldsim.node import World
+
+# Of a block of telemetry: who records is called within a tick here, and that costs by the call. A small swarm flies so
+# many ticks in a few hundredths of a second.
+_BLOCK_ROWS = 100
+# Of a checkpoint, on the same grounds: ticks of a UAV. One may wait for a disk five times.
+_CHECKPOINT_STATES, _CHECKPOINT_TICKS_AT_MOST = 25_000, 1000
+
+
+Floats = NDArray[np.float64]
+Observer = Callable[["Engine"], None]
+
+
+class Engine:
+    """One run in this process. Every node answers the moment it is asked, so the world never waits."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        run: str,
+        *,
+        uavs_per_node: int | None = None,
+        sinks: Sequence[Sink] = (),
+        realtime: float | None = None,
+        resume: Resumption | None = None,
+        leaders: int | None = None,
+        memory: Mapping[str, NDArray[Any]] | None = None,
+    ) -> None:
+        """`uavs_per_node`: None for all in one node. `sinks` are given the telemetry as it comes; without any, nothing
+        is encoded or kept. `resume`: where to go on. `leaders`: one and its standbys; None for as many as the fault
+        script needs. `memory`: arrays of N rows, what the controllers
+        take off with instead of what `init` gives them.
+
+        Raises:
+            BadInput: what is to be resumed does not fit the scenario.
+        """
+        self._run, self._memory = run, memory
+        self._agents: list[Agent] = []
+        self.network = MemoryNetwork()
+        hub = self.network.endpoint()
+        self.world = World(
+            scenario,
+            hub,
+            run,
+            mode="in-process",
+            realtime=realtime,
+            resume=resume,
+            checkpoint_every=_checkpoint_every(scenario, realtime) if sinks else 0,
+            block_rows=_BLOCK_ROWS,
+            telemetry=bool(sinks),
+        )
+        hub.handler = self.world.handle
+        first_block = None if resume is None else resume.block + 1
+        self.station = self._record(sinks, first_block, scenario.uavs) if sinks else None
+        self._crew(scenario, uavs_per_node or scenario.uavs, leaders)
+        self.world.gather(0.0)
+
+    def _record(self, sinks: Sequence[Sink], first_block: int | None, uavs: int) -> Station:
+        """A ground station takes part."""
+        bus = self.network.endpoint()
+        station = Station(bus, self._run, sinks, first_block=first_block, uavs=uavs)
+        bus.handler = station.handle
+        return station
+
+    def _crew(self, scenario: Scenario, rows: int, leaders: int | None) -> None:
+        """Agents of at most so many rows take part, and the leaders."""
+        for _ in range(-(-scenario.uavs // rows)):
+            self.join(Join("agent", rows), Agent)
+        wanted = scenario.leaders(self.world.flight.tick)
+        for _ in range(wanted if leaders is None else leaders):
+            self.join(Join("leader", 0), Leader)
+
+    def fly(self) -> Iterator[int]:
+        """See `World.fly`."""
+        return self.world.fly()
+
+    def complete(self, observe: Observer | None = None) -> dict[str, Any]:
+        """The whole flight; its summary. `observe` is called at take-off and after every tick, and must only look: at
+        `world.flight`, `world.air.meter` and `world.diagnostics`, at `models`.
+        """
+        if observe is not None:
+            observe(self)
+        for _ in self.fly():
+            if observe is not None:
+                observe(self)
+        return self.world.finish()
+
+    @property
+    def models(self) -> Floats:
+        """What every UAV has learned so far, `(N, W)`; of one that is lost, what it had last."""
+        scenario = self.world.flight.scenario
+        models = np.zeros((scenario.uavs, scenario.declared.weights))
+        for agent in self._agents:
+            models[agent.uavs] = agent.models
+        return models
+
+    def join(self, request: Join, make: Callable[[Welcome], Node]) -> NodeClient:
+        """Another node of this process takes part."""
+
+        def build(welcome: Welcome) -> Node:
+            if self._memory is not None and welcome.tick == 0:
+                rows = {name: array[list(welcome.uavs)] for name, array in self._memory.items()}
+                welcome = structs.replace(welcome, memory=encode_record(rows))
+            node = make(welcome)
+            if isinstance(node, Agent):
+                self._agents.append(node)
+            return node
+
+        bus = self.network.endpoint()
+        client = NodeClient(bus, self._run)
+        bus.handler = client.handle
+        client.join(request, build, timeout_s=0.0)
+        return client
+
+
+def _checkpoint_every(scenario: Scenario, realtime: float | None) -> int:
+    """Ticks, a multiple of what it is in a swarm of processes; that, where ticks follow the wall clock."""
+    if realtime is not None:
+        return EVERY_TICKS
+    ticks = min(_CHECKPOINT_TICKS_AT_MOST, _CHECKPOINT_STATES // scenario.uavs)
+    return max(EVERY_TICKS, ticks // EVERY_TICKS * EVERY_TICKS)

@@ -1,0 +1,52 @@
+"""Where a run goes on: its last checkpoint, and what its folder holds up to there."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from meanflock.groundstation.results import flown_plugins
+from meanflock.groundstation.results.run_folder import CHECKPOINT, SCENARIO, SUMMARY, read_checkpoint
+from meanflock.groundstation.results.series import states_of
+from meanflock.groundstation.results.timeseries_file import Past, past
+from meanflock.swarm import scenario
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.net import keys
+from meanflock.swarm.scenario import Scenario
+from meanflock.worldsim.checkpoint import Resumption
+
+
+@dataclass(frozen=True)
+class Back:
+    """A run that died, ready to go on."""
+
+    folder: Path
+    scenario: Scenario
+    past: Past
+    start: Resumption
+
+    @property
+    def run_id(self) -> str:
+        """Its name, which is that of its folder."""
+        return keys.check_run(self.folder.name)
+
+
+def back(folder: Path) -> Back:
+    """The run in `folder` at its last checkpoint.
+
+    Raises:
+        BadInput: no such run, it has finished, it died before its first checkpoint, its files are damaged, or a
+            plug-in of it is not loaded.
+    """
+    folder = folder.resolve()
+    if not (folder / SCENARIO).is_file():
+        raise BadInput(f"{folder}: no run; name the folder of one that did not finish")
+    flown = scenario.load(folder / SCENARIO)
+    flown_plugins.check(folder, flown)
+    if (folder / SUMMARY).exists() and not (folder / CHECKPOINT).exists():
+        raise BadInput(f"{folder}: this run has finished; fly it again with `meanflock run {folder / SCENARIO}`")
+    kept = read_checkpoint(folder)
+    rows = past(folder, kept["tick"]).rows
+    start = Resumption.of(kept["body"], states_of(rows))
+    if start.checkpoint.get("scenario") != flown.sha256():
+        raise BadInput(f"{folder / SCENARIO}: not the scenario that was flown, by its checkpoint; bring that file back")
+    flown_plugins.check_unchanged(folder, flown, start.checkpoint.get("plugins", ()))
+    return Back(folder, flown, Past(rows, kept["block"] + 1, kept["events_bytes"]), start)

@@ -1,0 +1,292 @@
+"""One run, from a scenario to a finished folder: in this process, or on a swarm of processes."""
+
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from meanflock.groundstation import doctor
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.processes import ProcessDied, Swarm
+from meanflock.groundstation.launch.progress import FlightProgress
+from meanflock.groundstation.launch.resume import Back
+from meanflock.groundstation.launch.station import Sink, Station
+from meanflock.groundstation.results.run_folder import CHECKPOINT, RECORDING, SCENARIO, RunFolder, to_toml
+from meanflock.groundstation.results.timeseries_file import Past
+from meanflock.swarm import logs
+from meanflock.swarm.errors import BadInput, BusError, RunFailed
+from meanflock.swarm.net.address import Address
+from meanflock.swarm.net.endpoint import check_free
+from meanflock.swarm.net.identity import STATION
+from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.process import Interrupted
+from meanflock.swarm.scenario import Scenario
+from meanflock.worldsim.checkpoint import Resumption
+
+_CONNECT_S = 60.0
+_JOIN_S = 60.0
+_LAST_WORDS_S = 15.0
+_ON_ITS_WAY_S = 2.0  # after the world has ended
+_LAST_WORDS_OF_THE_LOST_S = 2.0  # a node that was lost may be frozen, and is then ended without them
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to fly a scenario; nothing here changes the trajectory."""
+
+    out: Path
+    in_process: bool = False
+    uavs_per_process: int = 1
+    realtime: float | None = None
+    record: bool = True
+    serve: tuple[str, int] | None = None  # where a live viewer connects
+    endpoint: str | None = None
+    tls: Path | None = None  # folder of certificates
+    quiet: bool = False
+    view: bool = False  # also open a viewer there
+    metrics: Address | None = None  # where Prometheus can read the run
+    log_format: str | None = (
+        None  # what all processes say goes to standard error in that form; None: only warnings here
+    )
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run that ended: its folder and its summary."""
+
+    folder: Path
+    summary: dict[str, Any]
+
+
+def new_run_id(scenario: Scenario, parent: Path) -> str:
+    """A name nobody has used in `parent`: time, method, seed."""
+    return unused(parent, f"{datetime.now():%Y%m%d-%H%M%S}-{scenario.method}-s{scenario.seed}")
+
+
+def unused(parent: Path, stem: str) -> str:
+    """`stem` itself, or with a number behind it, whatever is not there in `parent` yet."""
+    taken = 0
+    while (parent / (name := stem if not taken else f"{stem}-{taken}")).exists():
+        taken += 1
+    return name
+
+
+def fly(scenario: Scenario, options: Options, back: Back | None = None) -> Run:
+    """Flies a scenario and leaves its folder; with `back`, goes on in the folder of a run that died.
+
+    Raises:
+        BadInput: something asked for cannot be had; nothing was written.
+        RunFailed: a process crashed, or the run was interrupted; the folder holds what there was.
+    """
+    with Interrupted() as interrupted:
+        return _fly(scenario, options, back, interrupted)
+
+
+def _fly(scenario: Scenario, options: Options, back: Back | None, interrupted: Interrupted) -> Run:
+    run_id = new_run_id(scenario, options.out) if back is None else back.run_id
+    if options.log_format is not None:
+        logs.start(options.log_format, run=run_id, node="in-process" if options.in_process else STATION)
+    for name, given in (("--tls", options.tls), ("--endpoint", options.endpoint)):
+        if options.in_process and given is not None:
+            raise BadInput(f"{name} {given}: a run in one process has no links; leave out {name}, or --in-process")
+    if options.tls is not None:
+        from meanflock.groundstation import certs  # a library that most runs need not load
+
+        certs.check(options.tls, scenario.uavs, options.uavs_per_process)
+    if options.endpoint is not None:
+        check_free(options.endpoint)
+    if options.metrics is not None:
+        options = replace(options, metrics=options.metrics.free("--metrics"))
+    doctor.tell_if_slow()
+    start = None if back is None else back.start
+    died: ProcessDied | None = None
+    with Outputs(scenario, run_id, options, None if back is None else back.past) as outputs:
+        interrupted.at_once = outputs.give_up
+        try:
+            if options.in_process:
+                outputs.summary = _in_process(scenario, run_id, options, outputs.sinks, interrupted, start)
+            else:
+                outputs.summary = _processes(scenario, run_id, options, outputs, interrupted, start)
+        except ProcessDied as error:
+            died = error
+    if died is not None or interrupted:
+        why = "interrupted; " if died is None else f"{died}\n"
+        raise RunFailed(f"{why}{outputs.folder.path} holds what was flown; {go_on(outputs.folder.path)}") from died
+    return Run(outputs.folder.path, outputs.summary)
+
+
+def go_on(folder: Path) -> str:
+    """How to fly the rest of a run that was interrupted, or whose world died."""
+    if (folder / CHECKPOINT).exists():
+        return f"`meanflock resume {folder}` flies the rest"
+    return f"that is too little to resume, `meanflock run {folder / SCENARIO}` flies it again"
+
+
+def _what_there_is(folder: RunFolder) -> str:
+    """Of a run that was interrupted: how to fly it, or the rest of it."""
+    if folder.last_tick < 0:
+        return f"before take-off; `meanflock run {folder.path / SCENARIO}` flies it"
+    return f"{folder.path} holds the flight up to tick {folder.last_tick}; {go_on(folder.path)}"
+
+
+class Outputs:
+    """Everything that keeps or shows a run: folder, recording, viewer, progress. A context manager that completes them.
+
+    `summary` is written with the folder if it is set before the end.
+    """
+
+    def __init__(self, scenario: Scenario, run_id: str, options: Options, past: Past | None = None) -> None:
+        """`past`: what the folder holds of the run already.
+
+        Raises BadInput, with nothing written, where a file or port cannot be had.
+        """
+        self.summary: dict[str, Any] = {}
+        self.kill: Callable[[], None] = lambda: None  # what flies it
+        self._stack = ExitStack()
+        with ExitStack() as opening:
+            self.folder = opening.enter_context(RunFolder(options.out, run_id, scenario, past))
+            self.progress = FlightProgress(scenario, options.quiet)
+            self.sinks: list[Sink] = [self.folder, self.progress]
+            if options.record:
+                from meanflock.groundstation.recording.recorded import recorded
+                from meanflock.groundstation.recording.recorder import (
+                    Recorder,  # rerun takes a third of a second to load
+                )
+                from meanflock.groundstation.recording.replay import missing
+                from meanflock.groundstation.recording.viewer import Continued, open_viewer
+
+                before = opening.enter_context(Continued(self.folder.path / RECORDING))
+                recorder = Recorder(scenario, run_id, self.folder.path / RECORDING, options.serve)
+                opening.enter_context(recorder)
+                if past is not None:
+                    for block in missing(self.folder.path, past, recorded(before.earlier), scenario.uavs):
+                        recorder.write(block)
+                self.sinks.append(recorder)
+                if options.view and recorder.live_url is not None:
+                    open_viewer(recorder.live_url)
+            opening.enter_context(self.progress)
+            self._stack = opening.pop_all()
+
+    def __enter__(self) -> "Outputs":
+        return self
+
+    def give_up(self) -> str:
+        """Completes nothing any more; what is said of it."""
+        self.kill()
+        self.progress.give_up()
+        return f"interrupted twice, nothing was completed; {_what_there_is(self.folder)}"
+
+    def __exit__(self, *failure: Any) -> None:
+        with self._stack.pop_all():  # closes everything, whatever comes of the summary
+            if self.summary:
+                self.folder.summarise(self.summary)
+            if failure[1] is not None:
+                raise failure[1]
+
+
+def _in_process(
+    scenario: Scenario,
+    run_id: str,
+    options: Options,
+    sinks: list[Sink],
+    interrupted: Interrupted,
+    start: Resumption | None,
+) -> dict[str, Any]:
+    rows = options.uavs_per_process if options.uavs_per_process > 1 else None
+    engine = Engine(scenario, run_id, uavs_per_node=rows, sinks=sinks, realtime=options.realtime, resume=start)
+    with ExitStack() as stack:
+        if options.metrics is not None:
+            from meanflock.worldsim.exporter import exported  # a library that most runs need not load
+
+            logs.tell(f"metrics at {stack.enter_context(exported(engine.world, options.metrics))}")
+        for _ in engine.fly():
+            if interrupted:
+                break
+        return engine.world.finish()
+
+
+def _processes(
+    scenario: Scenario,
+    run_id: str,
+    options: Options,
+    outputs: Outputs,
+    interrupted: Interrupted,
+    start: Resumption | None,
+) -> dict[str, Any]:
+    with Swarm(run_id, options.endpoint, options.tls, options.log_format) as swarm:
+        outputs.kill = swarm.kill
+        outputs.progress.say("starting processes")
+        swarm.start_world(
+            to_toml(scenario),
+            wait_s=_JOIN_S,
+            realtime=options.realtime,
+            rows=options.uavs_per_process,
+            resume=None if start is None else start.encode(),
+            metrics=options.metrics,
+        )
+        if options.metrics is not None and options.log_format is None:  # the world says so itself, in its log
+            logs.tell(f"metrics at http://{options.metrics}/metrics")
+        if scenario.declared.is_federated or scenario.faults:  # else nobody waits for one: it may come after the flight
+            swarm.start_leaders(scenario.leaders(0 if start is None else start.tick), _JOIN_S)
+        swarm.start_agents(scenario.uavs, options.uavs_per_process, _JOIN_S)
+        bus = _connect(swarm, interrupted, outputs.folder)
+        try:
+            outputs.progress.say("joining")
+            first_block = 0 if start is None else start.block + 1
+            station = Station(bus, run_id, outputs.sinks, first_block=first_block, uavs=scenario.uavs)
+            _listen(bus, station, swarm, interrupted, outputs.folder)
+        except BadInput as error:
+            if outputs.folder.last_tick < 0:
+                raise
+            raise RunFailed(str(error)) from error  # of a node that was started again: it has flown before
+        finally:
+            bus.close()
+        assert station.summary is not None
+        some_lost = station.summary["nodes_lost"] > 0
+        if not swarm.wait(_LAST_WORDS_OF_THE_LOST_S if some_lost else _LAST_WORDS_S) and not some_lost:
+            raise RunFailed("the flight is over but some processes did not end")
+        if not interrupted:
+            swarm.check_world()
+    return station.summary
+
+
+def _connect(swarm: Swarm, interrupted: Interrupted, folder: RunFolder) -> ZenohBus:
+    """Waits for the world in short steps, so that a world that cannot start is noticed at once."""
+    end = time.monotonic() + _CONNECT_S
+    while True:
+        if interrupted:
+            raise RunFailed(f"interrupted while the swarm was starting, {_what_there_is(folder)}")
+        swarm.check(flying=False)
+        try:
+            return swarm.connect(timeout_s=1.0)
+        except BusError as error:
+            if time.monotonic() > end:
+                raise RunFailed(
+                    f"after {_CONNECT_S:g} s the world still cannot be reached: the machine is too busy, or something "
+                    "blocks its ports; see `meanflock doctor`"
+                ) from error
+
+
+def _listen(bus: ZenohBus, station: Station, swarm: Swarm, interrupted: Interrupted, folder: RunFolder) -> None:
+    asked = checked = ended = 0.0
+    while station.summary is None:
+        delivery = bus.receive(0.05)
+        if delivery is not None:
+            station.handle(delivery)
+        now = time.monotonic()
+        if interrupted and not asked:
+            asked = now
+            swarm.interrupt()
+        if asked and now - asked > _LAST_WORDS_S:
+            raise RunFailed(f"interrupted, the world did not answer any more; {_what_there_is(folder)}")
+        if not asked and now - checked > 0.1:
+            checked = now
+            swarm.check(flying=folder.last_tick >= 0)
+        if delivery is None and swarm.world_ended:  # nothing can come any more but what is on its way
+            ended = ended or now
+            if now - ended > _ON_ITS_WAY_S:
+                why = "interrupted" if interrupted else "the world ended before this process had its last words"
+                raise RunFailed(f"{why}, {_what_there_is(folder)}")

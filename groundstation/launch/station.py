@@ -1,0 +1,112 @@
+"""The ground station on the bus: takes the telemetry in order, hands it to the sinks, tells the world it is safe."""
+
+import logging
+import os
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+from meanflock.groundstation.results import inbound
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import Bus, Delivery
+from meanflock.swarm.net.identity import STATION
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Finished, Join, Received, Telemetry
+
+log = logging.getLogger("meanflock.station")
+
+MAX_DROP_LINES = 100  # in the log; the counter goes on
+_ASK_S = 2.0  # at most, for what is missing
+
+
+class Sink(Protocol):
+    """Something that keeps or shows telemetry."""
+
+    def write(self, block: Telemetry) -> None:
+        """Takes the next block; blocks come in order, each once."""
+
+
+class Kept:
+    """A sink that keeps the telemetry of a flight in memory."""
+
+    def __init__(self) -> None:
+        self.blocks: list[Telemetry] = []
+
+    def write(self, block: Telemetry) -> None:
+        """Takes the next block."""
+        self.blocks.append(block)
+
+
+class Station:
+    """One recording listener."""
+
+    def __init__(
+        self,
+        bus: Bus,
+        run: str,
+        sinks: Sequence[Sink],
+        first_block: int | None = None,
+        uavs: int | None = None,
+    ) -> None:
+        """`first_block`: the first one the sinks do not have yet; None for whatever comes first. `uavs`: of the swarm
+        that is flown; None for what the telemetry says.
+        """
+        self._bus, self._run, self._sinks = bus, run, sinks
+        self._fingerprint = keys.fingerprint(run)
+        self._next_block, self._uavs = first_block, uavs
+        self._asked_at = -1  # the block before which some were missing, when the world was asked for them
+        self.summary: dict[str, Any] | None = None
+        self.dropped: Counter[str] = Counter()
+        bus.subscribe(keys.telemetry(run))
+        # Of equal tokens the world is told of the first alone: it would send nothing to who takes the place of one that
+        # it does not miss yet.
+        bus.announce(keys.alive(run, STATION, f"{STATION}.{os.urandom(4).hex()}"))
+
+    def handle(self, delivery: Delivery) -> None:
+        """One delivery; what is not telemetry of this run is dropped, counted and logged."""
+        if delivery.kind != "message":
+            return
+        try:
+            message = control.decode(delivery.payload)
+            if isinstance(message, Telemetry) and message.run == self._fingerprint:
+                self._take(message)
+            elif isinstance(message, Finished) and message.run == self._fingerprint:
+                record = inbound.summary(message)
+                if self._follows(message.block):
+                    self.summary = record
+                    self._acknowledge(message.block)
+            else:
+                raise MessageRejected("wrong-kind", type(message).__name__)
+        except MessageRejected as error:
+            self.dropped[error.reason] += 1
+            if self.dropped.total() <= MAX_DROP_LINES:
+                log.warning("dropped a message under %s: %s", delivery.key, error, extra={"reason": error.reason})
+
+    def _take(self, block: Telemetry) -> None:
+        inbound.check(block, self._uavs)
+        if not self._follows(block.block):
+            return
+        expected = block.block if self._next_block is None else self._next_block
+        if block.block >= expected:  # an older one is a repetition
+            if missing := block.block - expected:
+                log.warning("%d blocks of telemetry before tick %d will never come", missing, block.first_tick)
+            for sink in self._sinks:
+                sink.write(block)
+            self._next_block = block.block + 1
+        self._acknowledge(block.block)
+
+    def _follows(self, block: int) -> bool:
+        """Whether nothing before a block can come any more. What was lost with a session the world still has; it is
+        asked to send what waits once more, and has given up what it then leaves out.
+        """
+        if self._next_block is None or block <= max(self._next_block, self._asked_at):
+            self._asked_at = -1
+            return True
+        join = control.encode(Join(STATION, 0))
+        if self._asked_at < 0 and self._bus.ask(keys.join(self._run, STATION), join, _ASK_S) is not None:
+            self._asked_at = block
+        return False
+
+    def _acknowledge(self, block: int) -> None:
+        self._bus.put(keys.received(self._run), control.encode(Received(self._fingerprint, block)))

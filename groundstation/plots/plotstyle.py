@@ -1,0 +1,255 @@
+"""One look for every figure: a colour, marker and dash a method, units on every axis, bytes that do not change."""
+
+import io
+import re
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from string import ascii_lowercase
+from typing import Any
+
+import matplotlib as mpl
+import matplotlib.style
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
+from numpy.typing import NDArray
+
+from meanflock.groundstation import durable
+from meanflock.groundstation.plots.looks import Look, colour, look, looks, name
+from meanflock.groundstation.statistics import Estimate
+from meanflock.swarm.errors import BadInput
+
+__all__ = ("Look", "colour", "look", "looks", "name")  # of looks.py, beside all that is below
+
+Floats = NDArray[np.float64]
+
+COLUMN_IN = 4.6  # drawn a little larger than a printed column (3.5 in); text is 8 to 9 points here, 6 to 7 in print
+PAGE_IN = 7.6
+DPI = 200
+
+STAR: dict[str, Any] = {  # a collision, wherever paths are drawn
+    "linestyle": "",
+    "marker": "*",
+    "markersize": 6.5,
+    "color": "#CC2222",
+    "markeredgecolor": "white",
+    "markeredgewidth": 0.4,
+}
+INK, PALE, GOAL = "#222222", "#9A9A9A", "#2E8B57"
+RING: dict[str, Any] = {  # the goal, in a legend
+    "linestyle": "",
+    "marker": "o",
+    "markersize": 6,
+    "color": GOAL,
+    "markerfacecolor": "none",
+    "markeredgewidth": 1.6,
+}
+PHI_G: dict[str, Any] = {"norm": LogNorm(1e-3, 1e0, clip=True), "cmap": "viridis"}  # its colours
+LETTERS_IN = 17.0  # letters of a title that an inch has room for
+_TEX = {"φ_A": r"\phi_A", "φ_C": r"\phi_C", "φ_G": r"\phi_G", "|e_H|": "|e_H|", "|e_F|": "|e_F|"}
+_SYMBOL = re.compile("|".join(map(re.escape, _TEX)))
+
+AXES = {  # column of a table or summary → what an axis calls it, with its unit
+    "t_s": "time (s)",
+    "uavs": "number of UAVs $N$",
+    "period": "ticks a round $n_0$",
+    "sigma": r"wind $\sigma$ (m s$^{-1}$ s$^{-1/2}$)",
+    "energy_J": "energy (J)",
+    "energy_mean_J": "energy (J)",
+    "t_avg_censored_s": r"$T_\mathrm{avg}$ (s)",
+    "phi_A": r"$\phi_A$ (m/s)",
+    "phi_A_tavg": r"$\phi_A(T_\mathrm{avg})$ (m/s)",
+    "phi_C_tavg": r"$\phi_C(T_\mathrm{avg})$ (1)",
+    "phi_C_distinct": r"$\phi_C$, distinct pairs (1)",
+    "collisions": "collisions (pairs)",
+    "payload_bits": "payload (bits)",
+    "bits": "payload (bits)",
+    "arrived": "arrived (UAVs)",
+    "hjb_residual": r"$|e_H|$ (m/s)",
+    "fpk_residual": r"$|e_F|$ (1/s)",
+    "phi_G": r"$\phi_G$ (1/s²)",
+}
+
+_RC: Any = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.5,
+    "axes.titlesize": 8.5,
+    "axes.labelsize": 8.5,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "legend.fontsize": 8.0,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.linewidth": 0.7,
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "xtick.major.size": 2.8,
+    "ytick.major.size": 2.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#E4E4E4",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.5,
+    "lines.markersize": 4.2,
+    "legend.frameon": False,
+    "figure.constrained_layout.use": True,
+    "figure.constrained_layout.h_pad": 0.05,
+    "figure.constrained_layout.w_pad": 0.05,
+    "savefig.dpi": DPI,
+    "svg.hashsalt": "meanflock",
+    "svg.fonttype": "path",  # looks the same on a machine without the font
+}
+
+_LAID_OUT: Any = {"figure.constrained_layout.use": False, "figure.autolayout": False}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """The look, for the figures made and saved inside, whatever a `matplotlibrc` of the reader's says."""
+    with mpl.style.context(["default", _RC]):
+        yield
+
+
+def figure(width_in: float, height_in: float) -> Figure:
+    """An empty figure on the Agg canvas; no global state, no window."""
+    made = Figure(figsize=(width_in, height_in))
+    FigureCanvasAgg(made)
+    return made
+
+
+def save(made: Figure, folder: Path, name: str) -> list[Path]:
+    """Writes `name`.png and `name`.svg, each whole or not at all; equal figures give equal bytes.
+
+    Where everything goes is worked out for the first, and is the same in the second.
+
+    Raises:
+        BadInput: the folder cannot be made.
+        RunFailed: the disk is full.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"{folder}: {error.strerror}; name a folder that can be written") from error
+    paths = []
+    layout = made.get_layout_engine()
+    for form, metadata in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):
+        drawn = io.BytesIO()
+        with style():
+            made.savefig(drawn, format=form, metadata=metadata)
+        paths.append(durable.put(folder / f"{name}.{form}", drawn.getbuffer()))
+        with mpl.rc_context(_LAID_OUT):
+            made.set_layout_engine()
+    made.set_layout_engine(layout)
+    return paths
+
+
+def axis(column: str) -> str:
+    """The label of an axis; a column without one is called by its own name, which carries its unit."""
+    return AXES.get(column, column)
+
+
+def letter(number: int) -> str:
+    """Of the panels of a figure, counted from 0: a, b, … z, aa, ab, …"""
+    first, second = divmod(number, len(ascii_lowercase))
+    return (ascii_lowercase[first - 1] if first else "") + ascii_lowercase[second]
+
+
+def titled(ax: Axes, letter: str, text: str) -> None:
+    """A panel's letter and title, flush left, in as many lines as its width asks for."""
+    place, made = ax.get_subplotspec(), ax.get_figure(root=True)
+    assert made is not None
+    columns = place.get_gridspec().ncols if place is not None else 1
+    room = int(LETTERS_IN * made.get_figwidth() / columns)
+    lines = (textwrap.fill(line, room) for line in (f"({letter}) {text}" if letter else text).splitlines())
+    ax.set_title(tex("\n".join(lines)), loc="left", pad=4)
+
+
+def tex(text: str) -> str:
+    """A name with its symbols set as mathematics."""
+    return _SYMBOL.sub(lambda found: f"${_TEX[found.group()]}$", text)
+
+
+def legend(
+    made: Figure,
+    methods: Sequence[str],
+    markers: bool = False,
+    extra: Sequence[Line2D] = (),
+    looks: Mapping[str, Look] | None = None,
+) -> None:
+    """One legend above all panels; with `looks` those and the names as they are typed, else those of the paper."""
+    handles = []
+    for method in methods:
+        seen = look(method) if looks is None else looks[method]
+        handle = Line2D([], [], color=seen.colour, label=name(method) if looks is None else method)
+        handle.set_linestyle("-" if markers else seen.dash)
+        handle.set_marker(seen.marker if markers else "")
+        handles.append(handle)
+    handles += list(extra)
+    made.legend(
+        handles=handles, loc="outside upper center", ncols=min(len(handles), 4), handlelength=2.6, columnspacing=1.4
+    )
+
+
+def curve(ax: Axes, method: str, x: Floats, y: Floats, low: Floats | None = None, high: Floats | None = None) -> None:
+    """A method's line over x, and a band where one is given."""
+    if low is not None and high is not None:
+        ax.fill_between(x, low, high, color=colour(method), alpha=0.16, linewidth=0)
+    seen = look(method)
+    ax.plot(x, y, color=seen.colour, linestyle=seen.dash, linewidth=seen.width)
+
+
+def paths(ax: Axes, position: Floats, colour: str | Floats, width: float = 0.7) -> None:
+    """Paths `(T, N, 2)` in one colour, or coloured by φ_G `(T, N)`."""
+    segments = np.stack([position[:-1], position[1:]], axis=-2).reshape(-1, 2, 2)
+    look: dict[str, Any] = {"colors": colour}
+    if not isinstance(colour, str):
+        look = {"array": colour[1:].ravel(), **PHI_G}
+    ax.add_collection(LineCollection(list(segments), linewidths=width, rasterized=True, **look))
+
+
+def dots(ax: Axes, seen: Look, x: Floats, estimates: Sequence[Estimate]) -> None:
+    """A method's points with their intervals, joined; an end that is not finite is not drawn."""
+    y, low, high = (np.array([getattr(each, end) for each in estimates]) for end in ("value", "low", "high"))
+    bars = np.nan_to_num(np.stack([y - low, high - y]), nan=0.0, posinf=0.0, neginf=0.0)
+    ax.errorbar(
+        x,
+        y,
+        yerr=np.maximum(bars, 0.0),
+        color=seen.colour,
+        marker=seen.marker,
+        markeredgecolor="white",
+        markeredgewidth=0.5,
+        linewidth=1.3,
+        elinewidth=1.0,
+        capsize=2.0,
+        capthick=0.9,
+    )
+
+
+def log_axis(ax: Axes) -> None:
+    """A logarithmic y axis; with 1 and 3 of every decade written out where it spans less than two."""
+    ax.set_yscale("log")
+    low, high = ax.get_ylim()
+    narrow = high < 100 * low
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0) if narrow else (1.0,), numticks=8))
+    if narrow:
+        ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.yaxis.set_minor_formatter(NullFormatter())
+
+
+def bit_axis(axis: Axis) -> None:
+    """Ticks of bits as 500 k, 2 M."""
+    axis.set_major_formatter(EngFormatter())

@@ -1,0 +1,1 @@
+"""The Rerun recording of a flight: made of its telemetry, shown, and rendered."""

@@ -1,0 +1,263 @@
+"""The flight as a Rerun recording: written to a file, served to viewers.
+
+`Writer` alone sends: in batches, what `motion.py`, `links.py`, `plots.py`, `events.py` and `disturbances.py` make of
+the telemetry, in the form of `columns.py`. `blueprint.py` says how it looks, `legend.py` what it means, `screenshot.py`
+shows it, `recorded.py` reads it back. Only these and `viewer.py` import rerun. Of what was sent, memory holds no more
+than rerun's index of the file, which becomes its footer: some 70 KB a batch, and all of a run that grows with its
+length here.
+"""
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from threading import Thread
+from types import TracebackType
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from meanflock.groundstation import durable
+from meanflock.groundstation.recording import blueprint as look
+from meanflock.groundstation.recording import legend
+from meanflock.groundstation.recording.columns import Sent, Ticks
+from meanflock.groundstation.recording.disturbances import Disturbances
+from meanflock.groundstation.recording.events import event_rows
+from meanflock.groundstation.recording.links import LinkRows
+from meanflock.groundstation.recording.motion import Trails, uav_colors, uav_rows
+from meanflock.groundstation.recording.part import Part
+from meanflock.groundstation.recording.plots import plot_rows, report_rows
+from meanflock.groundstation.recording.viewer import await_listener, listening_address
+from meanflock.groundstation.reported import Reported
+from meanflock.swarm import state
+from meanflock.swarm.errors import RunFailed
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import Telemetry
+
+APPLICATION = "meanflock"
+BATCH_TICKS = 500  # rows sent at once; a few at a time, a recording is mostly headers, and its cost mostly calls:
+_BATCH_STATES, _BATCH_TICKS_AT_MOST = 50_000, 2000  # more of a small swarm
+BATCH_WALL_S = 0.5  # ... but a live viewer waits no longer than this
+FILE_WALL_S = 2.0  # ... and who is killed leaves no more than this to be replayed
+_LATE_VIEWERS = "256MB"  # what the server keeps for them; beyond it, it forgets the oldest first
+CLOSE_WALL_S = 10.0  # all is written by then: what is left is the footer
+LARGE_SWARM_STRIDE = 5  # a large swarm's positions are recorded every this many ticks
+
+Sink = rr.FileSink | rr.GrpcServerSink
+
+
+class Writer:
+    """Sends one flight's telemetry to a recording that somebody else opened, and will close.
+
+    Args:
+        scenario: what is flown.
+        stream: where it goes.
+        reported: what the controller reports; None: what its class declares.
+        part: of the recording, under which all entities of the flight lie; empty: they are the whole of it.
+        patience_s: what was written waits no longer, wall clock.
+        rows: of maps that are shown below each other.
+
+    Raises:
+        BadInput: the class is not installed here.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        stream: rr.RecordingStream,
+        reported: Reported | None = None,
+        part: str = "",
+        patience_s: float = FILE_WALL_S,
+        rows: int = 1,
+    ) -> None:
+        self._reported = reported if reported is not None else Reported.by(scenario.declared)
+        self._scenario, self._part, self._rows = scenario, f"{part}/" if part else "", rows
+        self._large = scenario.uavs > look.LARGE_SWARM
+        self._disturbances, self._trails, self._links = Disturbances(scenario), Trails(scenario), LinkRows(scenario)
+        self._pending: list[Telemetry] = []
+        self._pending_ticks = 0
+        self._batch_ticks = min(_BATCH_TICKS_AT_MOST, max(BATCH_TICKS, _BATCH_STATES // scenario.uavs))
+        self._sent_at = time.monotonic()
+        self._patience_s = patience_s
+        self._index_of: Ticks = np.empty(0, dtype=np.int64)
+        self._index: tuple[rr.TimeColumn, ...] = ()
+        self._stream: rr.RecordingStream | None = stream
+        self._under = Part(stream, self._part)
+
+    def log_fixed(self) -> None:
+        """Logs what does not change in flight."""
+        look.log_static(self._under, self._scenario, self._reported)
+        legend.log(self._under, self._scenario, self._reported, self._rows)
+
+    def write(self, block: Telemetry) -> None:
+        """Records a block of T ≥ 1 ticks. Blocks come in the order of the flight; one may be missing."""
+        if self._stream is None:
+            raise ValueError("the recording is closed")
+        self._pending.append(block)
+        self._pending_ticks += len(block.states)
+        if self._pending_ticks >= self._batch_ticks or time.monotonic() - self._sent_at >= self._patience_s:
+            self.flush()
+
+    def flush(self) -> None:
+        """Sends what `write` still holds back."""
+        if self._stream is not None and self._pending:
+            blocks, self._pending, self._pending_ticks = self._pending, [], 0
+            self._sent_at = time.monotonic()
+            self._send_blocks(blocks)
+
+    def _send_blocks(self, blocks: list[Telemetry]) -> None:
+        """Sends blocks of telemetry, which follow each other."""
+        ticks = np.concatenate([block.first_tick + np.arange(len(block.states)) for block in blocks])
+        states = np.concatenate([block.states for block in blocks])
+        diagnostics = np.concatenate([block.diagnostics for block in blocks])
+        swarm = np.concatenate([block.swarm for block in blocks])
+        status = np.concatenate([block.status for block in blocks])
+        energy = np.concatenate([block.energy for block in blocks])
+        links = np.concatenate([block.links for block in blocks])
+        events = [event for block in blocks for event in block.events]
+        positions = states[..., state.POSITION].astype(np.float32)
+        colors = uav_colors(states, diagnostics, status, self._reported)
+
+        kept = (ticks % LARGE_SWARM_STRIDE == 0).nonzero()[0] if self._large else slice(None)
+        if len(rows := ticks[kept]):
+            rows = ticks if len(rows) == len(ticks) else rows
+            self._send(uav_rows(rows, states[kept], colors[kept], self._scenario.federation.leader))
+            self._send(self._disturbances.rows(rows, states[kept]))
+        self._send(self._trails.rows(ticks, positions, colors))
+        self._send(self._links.rows(ticks, positions, links))
+        self._send(report_rows(blocks, self._reported))
+        self._send(event_rows(ticks, positions, swarm, events))
+        if not self._large:
+            self._send(self._disturbances.lanes(ticks, status))
+        self._send(plot_rows(ticks, states, diagnostics, swarm, energy, status, self._reported.diagnostics))
+
+    def _send(self, sent: Iterable[Sent]) -> None:
+        for entity, ticks, columns in sent:
+            if ticks is not self._index_of:  # most columns of a batch have those of all its ticks
+                duration = rr.TimeColumn(look.TIMELINE, duration=ticks * self._scenario.dt)
+                self._index_of, self._index = ticks, (duration, rr.TimeColumn(look.TICKS, sequence=ticks))
+            rr.send_columns(self._part + entity, self._index, columns, recording=self._stream)
+
+
+class Recorder(Writer):
+    """Writes a run's telemetry to a file, to live viewers, or both.
+
+    Args:
+        scenario: what is flown.
+        run_id: name of the recording.
+        path: the `.rrd` file to write; an existing one is replaced. None: no file.
+        serve: address and port on which viewers find the recording, also when they come late; port 0 takes
+            a free one. None: not served.
+        reported: what the controller reports; None: what its class declares.
+
+    Raises:
+        BadInput: the file cannot be written, the address cannot be listened on, or the class is not installed here.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        run_id: str,
+        path: Path | None,
+        serve: tuple[str, int] | None = None,
+        reported: Reported | None = None,
+    ) -> None:
+        reported = reported if reported is not None else Reported.by(scenario.declared)
+        sinks: list[Sink] = []
+        self.live_url: str | None = None  # where `rerun` or `meanflock view` finds the live recording
+        if serve is not None:
+            host, port = listening_address(*serve)
+            self.live_url = f"rerun+http://{f'[{host}]' if ':' in host else host}:{port}/proxy"
+            sinks.append(rr.GrpcServerSink(bind_ip=host, port=port, server_memory_limit=_LATE_VIEWERS))
+        if path is not None:
+            durable.check_writable(path)
+            sinks.append(rr.FileSink(path))
+        if not sinks:
+            raise ValueError("a recorder needs a file, an address to serve on, or both")
+
+        stream = rr.RecordingStream(APPLICATION, recording_id=run_id)
+        super().__init__(scenario, stream, reported, patience_s=FILE_WALL_S if serve is None else BATCH_WALL_S)
+        self._path = path
+        start(stream, sinks, look.blueprint(scenario, reported, serve is not None), path)
+        if (
+            serve is not None
+        ):  # the server starts in a thread of its own; a viewer that came before it would end at once
+            await_listener(host, port)
+        stream.send_recording_name(run_id)
+        self.log_fixed()
+
+    def __enter__(self) -> "Recorder":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with suppress(*[RunFailed] * (error is not None)):  # the first failure is the one that counts
+            self.close()
+
+    def close(self) -> None:
+        """Writes what is left and the file's footer, and stops serving. May be called again.
+
+        Raises:
+            RunFailed: the file is not complete; its disk is full or gone.
+        """
+        try:
+            self.flush()
+        except RuntimeError as error:
+            raise _incomplete(self._path, str(error)) from error
+        finally:
+            stream, self._stream = self._stream, None
+            if stream is not None:
+                close(stream, self._path)
+
+
+def start(stream: rr.RecordingStream, sinks: Sequence[Sink], shown: rrb.Blueprint, path: Path | None) -> None:
+    """Sends a recording to its sinks, one of them perhaps the file `path`, beginning with how it is shown.
+
+    Raises:
+        RunFailed: the disk is full.
+    """
+    try:
+        _patiently(lambda: stream.set_sinks(*sinks, default_blueprint=shown), path, "begun")
+    except RuntimeError as error:
+        raise _incomplete(path, str(error)) from error
+
+
+def close(stream: rr.RecordingStream, path: Path | None) -> None:
+    """Writes what a recording still holds back, and its footer.
+
+    Raises:
+        RunFailed: the file is not complete; its disk is full or gone.
+    """
+    flush = stream.flush
+    try:
+        durable.settle(lambda seconds: flush(timeout_sec=seconds), path)
+    except RuntimeError as error:
+        raise _incomplete(path, str(error)) from error
+    finally:
+        _patiently(stream.disconnect, path, "closed")
+
+
+def _patiently(call: Callable[[], None], path: Path | None, done: str) -> None:
+    """Rerun waits without end for a thread of its own that a full disk has ended; we wait for it in another one."""
+    raised: list[Exception] = []
+
+    def attempt() -> None:
+        try:
+            call()
+        except Exception as error:
+            raised.append(error)
+
+    calling = Thread(target=attempt, daemon=True)
+    calling.start()
+    calling.join(CLOSE_WALL_S)
+    if calling.is_alive():
+        rr.unregister_shutdown()  # it would wait, too, when the process ends
+        raise _incomplete(path, f"not {done} within {CLOSE_WALL_S:.0f} s")
+    for error in raised:
+        raise error
+
+
+def _incomplete(path: Path | None, why: str) -> RunFailed:
+    return RunFailed(f"{path}: incomplete: {why}; is the disk full?")

@@ -1,0 +1,268 @@
+"""The run folder: what a run leaves on disk, complete at the end and usable if the run is killed."""
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, suppress
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from meanflock.groundstation import durable
+from meanflock.groundstation.results import columns, flown_plugins
+from meanflock.groundstation.results.background import BackgroundWorker
+from meanflock.groundstation.results.event_log import EventLog, check_whole, lock
+from meanflock.groundstation.results.series import block_of, unbroken
+from meanflock.groundstation.results.spool import Spool
+from meanflock.groundstation.results.timeseries_file import SPOOL, Past, recover
+from meanflock.swarm import scenario
+from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Status, Telemetry
+
+SCENARIO, SUMMARY, EVENTS, RECORDING = "scenario.toml", "summary.json", "events.jsonl", "recording.rrd"
+CHECKPOINT = "checkpoint.msgpack"  # only while the run is not finished
+LOSS = ("agent", "diverged", "lost")  # kinds of events that say why a UAV is lost
+_PAST_STATES = 50_000  # of rows that are spooled once more, in one block
+
+
+class RunFolder:
+    """Writes one run; a `Sink`."""
+
+    def __init__(self, parent: Path, run_id: str, flown: Scenario, past: Past | None = None) -> None:
+        """Creates `parent/run_id` and writes the resolved scenario into it; with a `past`, goes on in that folder.
+
+        Raises:
+            BadInput: the folder cannot be created or written, another process still writes it, events of the past are
+                missing, the file of a plug-in is not what was loaded, or a diagnostic is called like another column.
+        """
+        self.path = parent / run_id
+        if past is not None:
+            mend = f"bring the file back, or fly the run again with `meanflock run {self.path / SCENARIO}`"
+            check_whole(self.path / EVENTS, past.events_bytes, mend)
+        columns.check(flown.method, flown.declared.diagnostics)
+        self._flown, self._resumed = flown, past is not None
+        self._over, self._full, self.last_tick = False, False, -1
+        new = past is None and not self.path.exists()
+        self._first = not parent.exists()
+        sources = flown_plugins.files(flown) if past is None else {}
+        try:
+            if past is None:
+                self._create(sources)
+            self._events = EventLog(self.path / EVENTS, flown.dt)
+        except OSError as error:
+            raise self._unusable(error, new) from error
+        try:
+            self._spool = self._begin(past)
+        except OSError as error:
+            self._events.close()
+            raise self._unusable(error, new) from error
+        self._background = BackgroundWorker("checkpoints")  # they wait for the disk
+
+    def _create(self, sources: dict[str, bytes]) -> None:
+        """The folder of a new run, and in it what will fly and the files of its plug-ins."""
+        self.path.mkdir(parents=True)
+        durable.replace(self.path / SCENARIO, to_toml(self._flown).encode())
+        flown_plugins.keep(self.path, sources)
+        durable.sync_folder(self.path.parent)
+
+    def _begin(self, past: Past | None) -> Spool:
+        """A new spool, with all rows of a past that goes on; what was said of its end is taken back."""
+        spool = self.path / SPOOL
+        part = spool.with_suffix(".part")
+        try:
+            begun = Spool(part, self._flown.dt)
+            if past is not None:
+                self._events.truncate(past.events_bytes)
+                for rows in unbroken(past.rows, max(1, _PAST_STATES // self._flown.uavs)):
+                    begun.append(block_of(rows, past.next_block - 1), past.events_bytes)
+                self.last_tick = past.rows.num_rows - 1
+                _sync(self._events, begun)
+                (self.path / SUMMARY).unlink(missing_ok=True)
+            durable.rename(part, spool)
+        except OSError:
+            part.unlink(missing_ok=True)
+            raise
+        return begun
+
+    def _unusable(self, error: OSError, new: bool) -> BadInput:
+        if new:
+            shutil.rmtree(self.path, ignore_errors=True)
+        if self._resumed:
+            return BadInput(
+                f"{self.path}: {_reason(error)}; make room, or let it be written, then give the command again"
+            )
+        return BadInput(f"--out {self.path.parent}: {_reason(error)}; name a folder that can be written")
+
+    def write(self, block: Telemetry) -> None:
+        """Appends a block and its events: first these, so that a block that is whole has all of them.
+
+        Raises:
+            RunFailed: the disk is full or gone; the folder holds every block before this one, and nothing of it.
+        """
+        if self._full:
+            raise RunFailed(self._holds("no more is kept"))
+        size = self._events.size
+        try:
+            self._background.look()  # where there was no room for a checkpoint, there is none for what comes
+            self._append(block)
+        except OSError as error:
+            self._full = True
+            with suppress(OSError):
+                self._events.truncate(size)
+            raise RunFailed(self._holds(_reason(error))) from error
+        if len(block.states):
+            last = self.last_tick = block.first_tick + len(block.states) - 1
+            done = self._flown.stop == "arrival" and not (block.status[-1] == Status.FLYING).any()
+            self._over = done or last >= self._flown.max_ticks
+
+    def _append(self, block: Telemetry) -> None:
+        self._events.append(block.events)
+        events_bytes = self._events.size
+        self._spool.append(block, events_bytes)
+        if block.checkpoint:
+            tick = block.first_tick + len(block.states) - 1
+            kept = {"tick": tick, "block": block.block, "events_bytes": events_bytes, "body": block.checkpoint}
+            self._background.do(self._keep, kept)
+
+    def _keep(self, checkpoint: dict[str, Any]) -> None:
+        _sync(self._events, self._spool)  # a checkpoint goes on from these rows and events
+        record = control.encode_record(checkpoint)
+        durable.replace(self.path / CHECKPOINT, control.encode_record({"sha256": _digest(record), "record": record}))
+
+    def _holds(self, why: str) -> str:
+        mend = f"make room, then `meanflock resume {self.path}`"
+        return f"{self.path}: {why}; it holds the flight up to tick {self.last_tick}: {mend}"
+
+    def summarise(self, summary: dict[str, Any]) -> None:
+        """Writes `summary.json`, whole or not at all; a run that failed has none. One that finished needs no
+        checkpoint any more.
+
+        Raises:
+            RunFailed: there is no room for it.
+        """
+        try:
+            self._background.wait()
+            _sync(self._events, self._spool)
+            durable.replace(self.path / SUMMARY, (json.dumps(summary, indent=1) + "\n").encode())
+        except OSError as error:
+            raise RunFailed(self._holds(_reason(error))) from error
+        if self._over:
+            durable.remove(self.path / CHECKPOINT)
+
+    def __enter__(self) -> "RunFolder":
+        return self
+
+    def __exit__(self, failure: type[BaseException] | None, *_: object) -> None:
+        """Completes the time series; a folder of bad input, in which nothing was flown, is taken away again.
+
+        Raises:
+            RunFailed: there is no room for the time series; its rows stay where they are.
+        """
+        try:
+            try:
+                self._background.close()
+            except OSError:
+                self._full = True  # no room for a checkpoint, none for the time series
+                raise
+            finally:
+                self._spool.close()
+            if failure is not None and issubclass(failure, BadInput) and not self._resumed:
+                shutil.rmtree(self.path)
+                with suppress(OSError):  # others may have begun to fly there
+                    if self._first:
+                        self.path.parent.rmdir()
+            elif not self._full:  # where there is no room, the rows stay in the spool as after a kill
+                recover(self.path)
+        except OSError as error:
+            if failure is None:
+                raise RunFailed(
+                    f"{self.path}: {_reason(error)}; make room, then `meanflock plot {self.path}`"
+                ) from error
+        finally:
+            self._events.close()
+
+
+@contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Nobody else writes the run in `folder` while the context lasts.
+
+    Raises:
+        BadInput: somebody does.
+    """
+    path = folder / EVENTS
+    with path.open("rb") if path.is_file() else nullcontext() as events:
+        if events is not None:
+            lock(events, folder)
+        yield
+
+
+def _sync(events: EventLog, spool: Spool) -> None:
+    """Makes sure that all rows and events so far are on the disk; in between, the system may take its time."""
+    for file in (events, spool):
+        os.fsync(file.fileno())
+
+
+def said_of_loss(folder: Path) -> str:
+    """What the events of a run say first of a UAV that was lost; empty where nothing is said."""
+    events = map(json.loads, (folder / EVENTS).read_text(encoding="utf-8").splitlines())
+    return next((str(event["text"]) for event in events if event["kind"] in LOSS), "")
+
+
+def completed(folder: Path) -> None:
+    """`recover`, for who wants to look at the run.
+
+    Raises:
+        RunFailed: there is no room for the time series; its rows stay where they are.
+    """
+    try:
+        recover(folder)
+    except OSError as error:
+        raise RunFailed(f"{folder}: {_reason(error)}; make room, then give the command again") from error
+
+
+def read_checkpoint(folder: Path) -> dict[str, Any]:
+    """The last checkpoint of a run: `tick`, `block`, `events_bytes` and the world's own `body`.
+
+    Raises:
+        BadInput: there is none, or it is damaged.
+    """
+    path = folder / CHECKPOINT
+    try:
+        whole = control.decode_record(path.read_bytes())
+        if whole["sha256"] != _digest(whole["record"]):
+            raise MessageRejected("malformed", "its checksum is wrong")
+        kept = control.decode_record(whole["record"])
+        return {name: kept[name] for name in ("tick", "block", "events_bytes", "body")}
+    except OSError as error:
+        mend = "name the folder of a run that was flown for a hundred ticks and did not finish"
+        raise BadInput(f"{path}: {error.strerror}; {mend}") from error
+    except (MessageRejected, KeyError, TypeError) as error:
+        mend = f"fly it again with `meanflock run {folder / SCENARIO}`"
+        raise BadInput(
+            f"{path}: damaged, or of an older version ({error}); the run cannot be resumed: {mend}"
+        ) from error
+
+
+def _digest(record: bytes) -> bytes:
+    return hashlib.sha256(record).digest()
+
+
+def _reason(error: OSError) -> str:
+    """In words; an error of a library has its number at most."""
+    return error.strerror or (os.strerror(error.errno) if error.errno else str(error))
+
+
+def to_toml(flown: Scenario) -> str:
+    """The resolved scenario as a file that flies the same run again."""
+    return tomli_w.dumps(_said(json.loads(scenario.encode(flown.resolved()))))
+
+
+def _said(table: dict[str, Any]) -> dict[str, Any]:
+    """Without the keys that are unset: TOML has no word for it."""
+    kept = {key: _said(value) if isinstance(value, dict) else value for key, value in table.items()}
+    return {key: value for key, value in kept.items() if value is not None}

@@ -1,0 +1,103 @@
+"""The time series of a run: what its columns are, and telemetry as its rows and back."""
+
+import functools
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from meanflock.groundstation.results.columns import columns
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, Telemetry
+
+
+@functools.cache
+def schema(diagnostics: tuple[str, ...]) -> pa.Schema:
+    """Columns of `timeseries.parquet`: one row a tick; lists have one entry a UAV. `diagnostics`: the controller's."""
+    return pa.schema([column.field for column in columns(diagnostics)])
+
+
+def rows_of(block: Telemetry, dt: float) -> pa.RecordBatch:
+    """The rows of a block; a tick takes `dt` seconds."""
+    rows, uavs, _ = block.states.shape
+    ticks = np.arange(block.first_tick, block.first_tick + rows, dtype=np.int32)
+
+    def lists(values: np.ndarray) -> list[pa.Array]:
+        """Columns of lists, of values (T, N, columns)."""
+        each = np.moveaxis(values, -1, 0).reshape(values.shape[-1], rows * uavs)  # one copy for all of them
+        return [pa.ListArray.from_arrays(offsets, column) for column in each]
+
+    offsets = pa.array(np.arange(0, rows * uavs + 1, uavs, dtype=np.int32))
+    report_of = dict(zip(block.report_ticks.tolist(), range(len(block.report_ticks)), strict=True))
+    reported = [report_of.get(tick) for tick in ticks.tolist()]
+    return pa.RecordBatch.from_arrays(
+        [
+            pa.array(ticks),
+            pa.array(ticks * dt),
+            *lists(block.states),
+            *lists(block.accelerations),
+            *lists(block.energy[..., None]),
+            *lists(block.diagnostics),
+            *lists(block.status[..., None]),
+            *map(pa.array, np.ascontiguousarray(block.swarm.T)),
+            pa.array([None if k is None else block.spread[k] for k in reported], pa.float64()),
+            pa.array([None if k is None else block.reports[k] for k in reported], pa.list_(pa.float32())),
+        ],
+        schema=schema(block.diagnostic_names),
+    )
+
+
+def block_of(rows: pa.Table, number: int, events: tuple[Event, ...] = ()) -> Telemetry:
+    """Rows of ticks that follow each other as a block; links and checkpoint are not in them."""
+    reported = rows.filter(pc.is_valid(rows["leader_model"]))
+    none = np.zeros(len(rows))  # of what a run of before did not count
+    reports = reported["leader_model"].to_pylist()
+    names = diagnostics_in(rows.schema)
+    return Telemetry(
+        run=0,
+        block=number,
+        first_tick=rows["tick"][0].as_py(),
+        states=states_of(rows),
+        accelerations=per_uav(rows, "ax_m_s2", "ay_m_s2"),
+        diagnostics=per_uav(rows, *names) if names else np.zeros((len(rows), len(rows["x_m"][0]), 0), np.float32),
+        status=per_uav(rows, "status")[..., 0],
+        energy=per_uav(rows, "energy_J")[..., 0],
+        swarm=np.stack(
+            [rows[name].to_numpy() if name in rows.column_names else none for name in SWARM_COLUMNS], axis=-1
+        ),
+        links=np.zeros((0, 5), dtype=np.int32),
+        report_ticks=reported["tick"].to_numpy(),
+        reports=np.array(reports, dtype=np.float32).reshape(len(reports), -1 if reports else 0),
+        spread=reported["weight_spread"].to_numpy(),
+        events=events,
+        diagnostic_names=names,
+    )
+
+
+def diagnostics_in(columns: pa.Schema) -> tuple[str, ...]:
+    """What the controller of a time series calls its diagnostics: the columns between energy and status."""
+    names = columns.names
+    return tuple(names[names.index("energy_J") + 1 : names.index("status")])
+
+
+def unbroken(rows: pa.Table, at_most: int) -> Iterator[pa.Table]:
+    """`rows` in pieces of ticks that follow each other, none longer than `at_most`."""
+    gaps = np.flatnonzero(np.diff(rows["tick"].to_numpy()) != 1) + 1
+    cuts = sorted({*range(0, len(rows), at_most), *gaps.tolist(), len(rows)})
+    for begin, end in pairwise(cuts):
+        yield rows.slice(begin, end - begin)
+
+
+def states_of(rows: pa.Table) -> NDArray[np.float64]:
+    """The states (T, N, 4) in rows of a time series."""
+    return per_uav(rows, "x_m", "y_m", "vx_m_s", "vy_m_s")
+
+
+def per_uav(rows: pa.Table, *names: str) -> NDArray[Any]:
+    """Columns of a time series that have an entry a UAV, (T, N, columns)."""
+    columns = [rows[name].combine_chunks() for name in names]
+    flat = [(column.flatten() if isinstance(column, pa.ListArray) else column).to_numpy() for column in columns]
+    return np.stack(flat, axis=-1).reshape(len(rows), -1, len(columns))

@@ -1,0 +1,122 @@
+"""A flight on its way to the time series: blocks of telemetry as they came, one after the other in a file.
+
+To write a block down takes a tenth of what it takes to make columns of it. These are made when the flight is over, of
+all blocks that are whole: a kill cuts off the end of this file, and would leave nothing of a Parquet file.
+"""
+
+import logging
+import struct
+from collections.abc import Iterator
+from os import SEEK_END
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+from zlib import crc32
+
+import msgspec
+import numpy as np
+
+from meanflock.groundstation import durable
+from meanflock.groundstation.results import inbound
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Telemetry
+
+log = logging.getLogger("meanflock.spool")
+
+_SIGNATURE = b"mf\x89spool"  # of a file with checksums: no block of one without is as long as this begins
+_HEAD = struct.Struct("<IQdII")  # of a block: its bytes, the rest of `Spooled`, CRC-32 of the block and of all this
+_HEAD_BEFORE = struct.Struct("<IQd")  # where there are no checksums
+_CHECKSUM = 4  # bytes
+_NO_LINKS = np.zeros((0, 5), dtype=np.int32)
+
+
+class Spooled(NamedTuple):
+    """A block of the file."""
+
+    block: Telemetry  # its rows alone
+    events_bytes: int  # where the events of it and all before it end
+    dt: float  # of a tick, s
+
+
+class Spool:
+    """Writes the file; what is written is with the system, and survives a kill."""
+
+    def __init__(self, path: Path, dt: float) -> None:
+        """A new file in the place of what is there."""
+        self._file, self._dt = path.open("wb", buffering=0), dt
+        durable.write(self._file, _SIGNATURE)
+
+    def append(self, block: Telemetry, events_bytes: int) -> None:
+        """Writes the rows of a block; if there is no room, nothing of them stays. Raises OSError."""
+        rows = control.encode(msgspec.structs.replace(block, links=_NO_LINKS, events=(), checkpoint=b""))
+        before = self._file.tell()
+        try:
+            head = _HEAD.pack(len(rows), events_bytes, self._dt, crc32(rows), 0)[:-_CHECKSUM]
+            durable.write(self._file, head + crc32(head).to_bytes(_CHECKSUM, "little"))
+            durable.write(self._file, rows)
+        except OSError:
+            self._file.seek(before)
+            self._file.truncate()
+            raise
+
+    def fileno(self) -> int:
+        """The handle of the file."""
+        return self._file.fileno()
+
+    def close(self) -> None:
+        """No more blocks."""
+        self._file.close()
+
+
+def spooled(path: Path) -> Iterator[Spooled]:
+    """Everything before the cut a kill may have left. A block whose checksum is wrong is left out, and so is all that
+    cannot be told apart any more; a warning says so. Raises OSError where there is no file."""
+    with path.open("rb") as file:
+        if file.read(len(_SIGNATURE)) != _SIGNATURE:
+            yield from _without_checksums(path, file)
+            return
+        while len(head := file.read(_HEAD.size)) == _HEAD.size:
+            begins = file.tell() - _HEAD.size
+            size, events_bytes, dt, of_rows, of_head = _HEAD.unpack(head)
+            if crc32(head[:-_CHECKSUM]) != of_head:
+                _warn(path, begins, "all from there on is left out")
+                return
+            if len(rows := file.read(size)) < size:
+                return
+            if crc32(rows) != of_rows:
+                _warn(path, begins, f"{size} bytes of rows are left out")
+            elif (block := _block(rows)) is None:
+                _warn(path, begins, "all from there on is left out")
+                return
+            else:
+                yield Spooled(block, events_bytes, dt)
+
+
+def _without_checksums(path: Path, file: BinaryIO) -> Iterator[Spooled]:
+    """The same of a file of 0.1.0."""
+    size = file.seek(0, SEEK_END)
+    file.seek(0)
+    while len(head := file.read(_HEAD_BEFORE.size)) == _HEAD_BEFORE.size:
+        begins = file.tell()
+        of_rows, events_bytes, dt = _HEAD_BEFORE.unpack(head)
+        if (block := _block(file.read(min(of_rows, control.MAX_BYTES + 1)))) is None:
+            if begins == _HEAD_BEFORE.size or begins + of_rows <= size:
+                _warn(path, begins, "all from there on is left out")
+            return
+        yield Spooled(block, events_bytes, dt)
+
+
+def _block(rows: bytes) -> Telemetry | None:
+    """What was written; None where it is no block of telemetry."""
+    try:
+        block = control.decode(rows)
+        if isinstance(block, Telemetry):
+            inbound.check(block, None)
+            return block
+    except MessageRejected:
+        pass
+    return None
+
+
+def _warn(path: Path, begins: int, what: str) -> None:
+    log.warning("%s: damaged at byte %d: %s", path, begins, what)

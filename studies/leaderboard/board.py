@@ -1,0 +1,160 @@
+"""A leaderboard as it is kept: leaderboard.json, everything its pages and pictures are made of."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.groundstation import durable, statistics
+from meanflock.groundstation.statistics import Estimate
+from meanflock.studies.leaderboard import marks
+from meanflock.studies.leaderboard.measures import BY_KEY
+from meanflock.swarm.errors import BadInput
+
+SCHEMA = 1
+FILE = "leaderboard.json"
+_DIGITS = 7  # of a flight's numbers
+
+Floats = NDArray[np.float64]
+
+
+class Cell(msgspec.Struct, frozen=True):
+    """Mean over n flights with its 95 % interval, null where there is none; best: told from every other row; least: of
+    all flights."""
+
+    mean: float
+    low: float | None
+    high: float | None
+    n: int
+    best: bool = False
+    least: float | None = None
+
+    @property
+    def estimate(self) -> Estimate:
+        """The same as the statistics have it."""
+        low = -math.inf if self.low is None else self.low
+        return Estimate(self.mean, low, math.inf if self.high is None else self.high, self.n)
+
+
+class Standing(msgspec.Struct, frozen=True):
+    """A row of a mission. values: of each measure, a number a seed, null where the flight has none. kbit_by_kind: mean
+    of the payload until the last arrival, by kind. failed: flights that could not be flown, why: the reason of the
+    first, or of the first UAV lost. lost: UAVs lost in all flights."""
+
+    name: str
+    controller: str
+    about: str
+    settings: dict[str, Any]
+    yours: bool
+    cells: dict[str, Cell]
+    kbit_by_kind: dict[str, float]
+    values: dict[str, list[float | None]]
+    lost: int = 0
+    failed: int = 0
+    why: str = ""
+
+    def column(self, key: str) -> Floats:
+        """A measure's numbers, (K,), NaN where there is none."""
+        return np.array(self.values[key], dtype=np.float64)
+
+
+class Course(msgspec.Struct, frozen=True):
+    """A mission as flown. absent: rows that cannot fly it, and why. front_s, front_J: the least energy for the time,
+    mean of the UAVs; empty where it is not known."""
+
+    name: str
+    title: str
+    about: str
+    uavs: int
+    duration_s: float
+    standings: list[Standing]
+    absent: dict[str, str]
+    front_s: list[float]
+    front_J: list[float]  # a unit
+
+
+class Board(msgspec.Struct, frozen=True):
+    """A leaderboard. code: version and fingerprint of what flew. seeds: of every row."""
+
+    schema: int
+    version: str
+    code: str
+    seeds: list[int]
+    courses: list[Course]
+
+    def encode(self) -> bytes:
+        """JSON, a line a row."""
+        plain = msgspec.to_builtins(self)
+        courses = []
+        for course in plain.pop("courses"):
+            rows = ",\n".join(_json(row) for row in course.pop("standings"))
+            courses.append(f'{_json(course)[:-1]}, "standings": [\n{rows}\n]}}')
+        return (f'{_json(plain)[:-1]}, "courses": [\n' + ",\n".join(courses) + "\n]}\n").encode()
+
+    def write(self, out: Path) -> Path:
+        """Writes it as `out`/leaderboard.json.
+
+        Raises:
+            RunFailed: the disk is full.
+        """
+        return durable.put(out / FILE, self.encode())
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+
+
+def read(path: Path) -> Board:
+    """A leaderboard that was written.
+
+    Raises:
+        BadInput: it is none.
+    """
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Board)
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}; give the leaderboard.json of `meanflock leaderboard`") from error
+    except msgspec.MsgspecError as error:
+        raise BadInput(f"{path}: no leaderboard: {error}") from error
+
+
+def rounded(value: float) -> float | None:
+    """A flight's number as it is kept; None where there is none."""
+    return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
+
+
+def cells(columns: dict[str, Floats]) -> dict[str, Cell]:
+    """What a row shows, not yet marked. columns: measures by key, (K,)."""
+    made = {}
+    for key, values in columns.items():
+        known = values[np.isfinite(values)]
+        if not len(known):
+            continue
+        found = statistics.share(known > 0.5) if BY_KEY[key].share else statistics.mean(known)
+        low, high = (found.low, found.high) if found.bounded else (None, None)
+        least = float(known.min()) if BY_KEY[key].least else None
+        made[key] = Cell(found.value, low, high, found.n, least=least)
+    return made
+
+
+def marked(standings: list[Standing]) -> list[Standing]:
+    """The same rows with the best of each column marked, see `marks.py`."""
+    whole = [row for row in standings if not row.failed and row.cells]
+    there = [row for row in whole if row.cells["arrived"].mean >= marks.COMPETES]
+    columns = {
+        BY_KEY[key]: {row.name: row.column(key) for row in (whole if key == "arrived" else there)} for key in BY_KEY
+    }
+    found = marks.best(columns)
+    return [
+        msgspec.structs.replace(
+            row,
+            cells={
+                key: msgspec.structs.replace(cell, best=found.get(key) == row.name) for key, cell in row.cells.items()
+            },
+        )
+        for row in standings
+    ]

@@ -1,0 +1,129 @@
+"""Flies a leaderboard: missions × rows × seeds with the one engine, and makes the board of what was flown."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from meanflock.studies import study
+from meanflock.studies.code_version import version
+from meanflock.studies.leaderboard import flights
+from meanflock.studies.leaderboard.board import SCHEMA, Board, Course, Standing, cells, marked, rounded
+from meanflock.studies.leaderboard.measures import BY_KEY, TOTAL, of_flight
+from meanflock.studies.leaderboard.missions import Mission
+from meanflock.studies.leaderboard.regret import Fronts
+from meanflock.studies.leaderboard.rows import Row
+from meanflock.studies.store import Store
+from meanflock.swarm import __version__
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.mission import obstacles
+from meanflock.swarm.scenario import Scenario
+
+Points = dict[tuple[str, str], list[Scenario]]  # mission and row → a scenario a seed
+_FRONT_POINTS = 60  # of the line in a picture
+_FASTEST = 4.0  # times faster than the flight of least energy: where that line begins
+
+
+class Contest:
+    """What is to be flown. absent: by mission, rows that cannot fly it, and why."""
+
+    def __init__(self, missions: Sequence[Mission], rows: Sequence[Row], seeds: int, first_seed: int) -> None:
+        """Raises BadInput where a mission's file is damaged, a row of ours does not fit, or nothing can be flown."""
+        self._missions, self._rows = missions, rows
+        self._seeds = list(range(first_seed, first_seed + seeds))
+        self.points: Points = {}
+        self.absent: dict[str, dict[str, str]] = {}
+        for mission in missions:
+            table, self.absent[mission.name] = mission.table(), {}
+            for row in rows:
+                if not row.flies(mission.name):
+                    self.absent[mission.name][row.name] = f"flies {', '.join(row.missions)} only"
+                    continue
+                try:
+                    first = row.scenario(table, first_seed, mission.name)
+                except BadInput as error:
+                    self.absent[mission.name][row.name] = str(error).removeprefix(f"{mission.name}: ")
+                    continue
+                self.points[mission.name, row.name] = study.seeded(first, seeds)
+        if not self.points:
+            whys = {why for left in self.absent.values() for why in left.values()}
+            raise BadInput(f"nothing can be flown: {'; '.join(sorted(whys))}")
+
+    def fly(self, jobs: int, progress: Callable[[int, int], None], store: Store) -> Board:
+        """Flies what `store` does not have yet; see `study.fly_all`.
+
+        Raises:
+            RunFailed: interrupted, disk full or a process died; what was finished is kept.
+        """
+        flown = study.fly_all(self.points, jobs, progress, store, flights.STUDY, flights.fly)
+        courses = [self._course(mission, flown) for mission in self._missions]
+        return Board(SCHEMA, __version__, version(), self._seeds, courses)
+
+    def _course(self, mission: Mission, flown: Mapping[tuple[str, str], study.Summaries]) -> Course:
+        there = [row for row in self._rows if (mission.name, row.name) in self.points]
+        standings: list[Standing] = []
+        line: tuple[list[float], list[float]] = [], []
+        uavs, duration = 0, 0.0
+        for row in there:
+            scenario = self.points[mission.name, row.name][0]
+            fronts = Fronts(scenario)
+            standings.append(_standing(row, mission, fronts, flown[mission.name, row.name]))
+            line = line if line[0] else _line(fronts, scenario)
+            uavs, duration = scenario.uavs, scenario.duration
+        return Course(
+            name=mission.name,
+            title=mission.title or mission.name,
+            about=mission.about,
+            uavs=uavs,
+            duration_s=duration,
+            standings=marked(standings),
+            absent=self.absent[mission.name],
+            front_s=line[0],
+            front_J=line[1],
+        )
+
+
+def _standing(row: Row, mission: Mission, fronts: Fronts, flown: study.Summaries) -> Standing:
+    nothing = dict.fromkeys(BY_KEY, np.nan)
+    discs = len(obstacles(fronts.scenario))
+    numbers = [
+        nothing if flights.FAILED in kept else of_flight(kept, fronts.regret(kept), mission.time_price_W, discs > 0)
+        for kept in flown
+    ]
+    columns = {key: np.array([each[key] for each in numbers]) for key in BY_KEY}
+    whole = [kept for kept in flown if flights.FAILED not in kept]
+    whys = [kept.get(flights.FAILED) or kept.get(flights.LOST) or "" for kept in flown]
+    return Standing(
+        name=row.name,
+        controller=row.controller,
+        about=row.about,
+        settings=row.settings,
+        yours=row.yours,
+        cells=cells(columns),
+        kbit_by_kind=_by_kind(whole),
+        values={key: [rounded(value) for value in values.tolist()] for key, values in columns.items()},
+        lost=sum(kept["lost"] for kept in whole),
+        failed=len(flown) - len(whole),
+        why=next(filter(None, whys), ""),
+    )
+
+
+def _by_kind(flown: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Mean payload until the last arrival, kbit, of the kinds that were sent."""
+    sent = (kept["bits_to_arrival"].items() for kept in flown)
+    kinds = dict.fromkeys(kind for each in sent for kind, bits in each if bits and kind != TOTAL)
+    return {kind: float(np.mean([kept["bits_to_arrival"][kind] for kept in flown])) / 1e3 for kind in kinds}
+
+
+def _line(fronts: Fronts, scenario: Scenario) -> tuple[list[float], list[float]]:
+    """The front as a picture shows it, from the fastest flight worth a look to the duration."""
+    times = np.geomspace(1.0, scenario.duration, 400)
+    least = fronts.mean(times)
+    if least is None:
+        return [], []
+    slowest = times[int(np.nanargmin(least))]
+    shown = np.geomspace(slowest / _FASTEST, scenario.duration, _FRONT_POINTS)
+    energies = fronts.mean(shown)
+    assert energies is not None
+    known = np.isfinite(energies)
+    return shown[known].round(3).tolist(), energies[known].round(5).tolist()

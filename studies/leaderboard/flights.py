@@ -1,0 +1,68 @@
+"""One flight of a leaderboard: its summary, what each UAV took, and if it failed, why."""
+
+import logging
+from typing import Any
+
+import numpy as np
+
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.results.run_folder import LOSS
+from meanflock.studies.study import of_all
+from meanflock.swarm import mission
+from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import Telemetry
+
+STUDY = "leaderboard"  # the first word of a flight's name in the store
+FAILED = "failed"  # in the place of a summary: the reason
+LOST = "lost_why"  # of a flight that lost UAVs: what was said of the first
+
+
+def fly(flown: Scenario) -> dict[str, Any]:
+    """Flies it in this process.
+
+    Returns:
+        The summary as `study.of_all` gives it, without single links, and of each UAV `travel_s` since it left the
+        ground, None where it never arrived, and `energy_J` until then or until the end. Of a flight that could not be
+        flown, `failed` alone.
+    """
+    try:
+        engine = Engine(flown, "leaderboard")
+        kept = of_all(flown, engine.complete())
+    except (BadInput, RunFailed) as error:
+        return {FAILED: str(error)}
+    flight = engine.world.flight
+    arrived = flight.arrival_tick >= 0
+    times = ((flight.arrival_tick - mission.launches(flown)) * flown.dt).tolist()
+    kept["radio"] = {name: value for name, value in kept["radio"].items() if name != "links"}
+    kept["travel_s"] = [time if there else None for time, there in zip(times, arrived.tolist(), strict=True)]
+    kept["energy_J"] = np.where(arrived, flight.arrival_energy, flight.energy).tolist()
+    if kept["lost"] and not flown.faults:
+        kept[LOST] = _why(flown)
+    return kept
+
+
+class _FirstWord:
+    """A sink that keeps what was said first of a UAV that is lost."""
+
+    def __init__(self) -> None:
+        self.text = ""
+
+    def write(self, block: Telemetry) -> None:
+        """Looks at the events of a block."""
+        said = (event.text for event in block.events if event.kind in LOSS)
+        self.text = self.text or next(said, "")
+
+
+def _why(flown: Scenario) -> str:
+    """Flies it once more, to the same bits, until somebody says why a UAV is lost."""
+    first = _FirstWord()
+    log = logging.getLogger("meanflock.agent")
+    before, log.disabled = log.disabled, True  # it was said when it flew the first time
+    try:
+        engine = Engine(flown, "leaderboard", sinks=[first])
+        if not any(first.text for _ in engine.fly()):
+            engine.world.finish()
+    finally:
+        log.disabled = before
+    return first.text or "UAVs were lost"

@@ -1,0 +1,73 @@
+"""A leaderboard as Markdown."""
+
+from collections.abc import Mapping, Sequence
+
+from meanflock.studies.leaderboard import tables
+from meanflock.studies.leaderboard.board import Board, Course, Standing
+from meanflock.studies.leaderboard.measures import MEASURES
+from meanflock.studies.markdown import table
+
+
+def markdown(board: Board, pictures: Mapping[str, str], introduction: str = "") -> str:
+    """The text of the page.
+
+    Args:
+        pictures: a link for a mission's name. introduction: in the place of the first paragraph.
+    """
+    parts = [
+        "# Leaderboard",
+        introduction or how_flown(board),
+        "## How to read the tables",
+        tables.HOW_TO_READ,
+        columns(),
+    ]
+    if len(board.courses) > 1:
+        parts += ["## Flights without collisions", tables.OVERVIEW, _table(*_bold(tables.overview(board)))]
+    for course in board.courses:
+        parts += section(course, pictures)
+    parts += ["## The rows", _table(("row", "controller and settings", "what it is"), tables.settings(rows(board)))]
+    return "\n\n".join(parts) + "\n"
+
+
+def how_flown(board: Board) -> str:
+    """Who flew what, in a sentence."""
+    first, last = board.seeds[0], board.seeds[-1]
+    seeds = f"seeds {first} to {last}" if last > first else f"seed {first}"
+    flights = sum(len(row.values["time_s"]) for course in board.courses for row in course.standings)
+    flown = f"Flights: {flights:,}, missions: {len(board.courses)}, rows: {len(rows(board))}"
+    return f"{flown}, {seeds}, the same for every row. Code {board.code}."
+
+
+def columns() -> str:
+    """What each column is."""
+    return "\n".join(f"- *{measure.titled}*: {measure.about}." for measure in MEASURES)
+
+
+def section(course: Course, pictures: Mapping[str, str]) -> list[str]:
+    """Heading, words, table, notes and picture of a mission."""
+    parts = [f"## {course.title}", f"`{course.name}`: {course.about or course.title}. {course.uavs} UAVs."]
+    if course.standings:
+        parts.append(_table(*_bold((tables.head(course), tables.body(course)))))
+    if said := tables.notes(course):
+        parts.append("\n".join(f"- {note}" for note in said))
+    if course.name in pictures:
+        parts.append(f"![{course.title}: time and energy, bits and collisions]({pictures[course.name]})")
+    return parts
+
+
+def rows(board: Board) -> list[Standing]:
+    """Every row once, as the first mission that has it flew it."""
+    found: dict[str, Standing] = {}
+    for course in board.courses:
+        for row in course.standings:
+            found.setdefault(row.name, row)
+    return list(found.values())
+
+
+def _bold(shown: tuple[list[str], list[list[tables.Text]]]) -> tuple[list[str], list[list[str]]]:
+    head, lines = shown
+    return head, [[f"**{cell.text}**" if cell.best else cell.text for cell in line] for line in lines]
+
+
+def _table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    return "\n".join(table(head, lines))

@@ -1,0 +1,74 @@
+"""Who is best in a column, and whether that can be told: paired by seed, corrected for the number of comparisons.
+
+The best row of a column is compared with every other one, seed by seed: by Student's paired t test, by McNemar's exact
+test where a flight is a yes or a no. All comparisons of a table are one family: by Holm's method the chance that any of
+its marks is wrong is at most 5 %. A row is marked where it is told from every other row.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import special
+
+from meanflock.studies.leaderboard.measures import Measure
+
+ALPHA = 0.05
+COMPETES = 0.99  # of the UAVs arrived: who stays behind saves all else, and is compared in no other column
+
+Floats = NDArray[np.float64]
+
+
+def holm(p_values: Sequence[float]) -> list[bool]:
+    """Which hypotheses Holm's step-down method rejects, at most one in 1/ALPHA families with any wrongly."""
+    order = np.argsort(p_values, kind="stable")
+    rejected = [False] * len(order)
+    for left, number in enumerate(order):
+        if not p_values[number] <= ALPHA / (len(order) - left):
+            break
+        rejected[number] = True
+    return rejected
+
+
+def paired(first: ArrayLike, second: ArrayLike) -> float:
+    """Two-sided p value that two columns (K,) of the same seeds have the same mean: Student's paired t test. Where all
+    differences are the same number, which leaves nothing to estimate their spread from, the sign test."""
+    difference = np.asarray(first, dtype=np.float64) - np.asarray(second, dtype=np.float64)
+    if len(difference) < 2 or not np.isfinite(difference).all() or not difference.any():
+        return 1.0
+    if np.ptp(difference) == 0.0:
+        return float(2.0 * 0.5 ** len(difference))
+    error = float(difference.std(ddof=1)) / math.sqrt(len(difference))
+    return float(2.0 * special.stdtr(len(difference) - 1, -abs(float(difference.mean())) / error))
+
+
+def mcnemar(first: ArrayLike, second: ArrayLike) -> float:
+    """Two-sided exact p value that two columns (K,) of yes and no, of the same seeds, have the same share."""
+    a, b = np.asarray(first, dtype=bool), np.asarray(second, dtype=bool)
+    only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())
+    return min(1.0, 2.0 * float(special.bdtr(min(only_a, only_b), only_a + only_b, 0.5)))
+
+
+def best(columns: Mapping[Measure, Mapping[str, Floats]]) -> dict[str, str]:
+    """The rows that are marked, by the key of the measure.
+
+    Args:
+        columns: for each measure the rows' values (K,), a seed each, all of the same seeds; without a row that was not
+            flown to the end or does not compete.
+    """
+    tests: list[tuple[str, str, float]] = []  # key of the measure, its best row, p value beside another
+    for measure, rows in columns.items():
+        known = {name: values for name, values in rows.items() if np.isfinite(values).all()}
+        if len(known) < 2:
+            continue
+        sign = 1.0 if measure.better == "less" else -1.0
+        first = min(known, key=lambda name: sign * float(known[name].mean()))
+        test = mcnemar if measure.share else paired
+        tests += [(measure.key, first, test(known[first], values)) for name, values in known.items() if name != first]
+    verdicts = holm([p for _, _, p in tests])
+    marked = {key: name for key, name, _ in tests}
+    for (key, _, _), rejected in zip(tests, verdicts, strict=True):
+        if not rejected:
+            marked.pop(key, None)
+    return marked

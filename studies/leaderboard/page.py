@@ -1,0 +1,65 @@
+"""A leaderboard as one HTML file, with style and pictures in it: it can be read without a network."""
+
+import base64
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+
+from meanflock.studies.leaderboard import markdown, tables
+from meanflock.studies.leaderboard.board import Board, Course
+from meanflock.studies.leaderboard.measures import MEASURES
+from meanflock.studies.leaderboard.tables import Text
+
+
+def html(board: Board, pictures: Mapping[str, Path]) -> str:
+    """The text of the file. pictures: a PNG for a mission's name."""
+    css = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
+    links = " · ".join(f"<a href='#{escape(course.name)}'>{escape(course.title)}</a>" for course in board.courses)
+    columns = "".join(f"<dt>{escape(measure.titled)}</dt><dd>{escape(measure.about)}</dd>" for measure in MEASURES)
+    read = escape(tables.HOW_TO_READ).replace("**Bold**", "<b>Bold</b>")
+    settings = [[Text(text) for text in row] for row in tables.settings(markdown.rows(board))]
+    rows = _table(("row", "controller and settings", "what it is"), settings, set())
+    return (
+        "<!doctype html><html lang='en'><head><meta charset='utf-8'>"
+        "<meta name='viewport' content='width=device-width, initial-scale=1'>"
+        f"<title>Leaderboard</title><style>{css}</style></head><body><main>"
+        f"<h1>Leaderboard</h1><p>{escape(markdown.how_flown(board))}</p><nav>{links}</nav>"
+        f"<p>{read}</p><details><summary>the columns</summary><dl>{columns}</dl></details>"
+        f"{_overview(board)}{''.join(_course(course, pictures) for course in board.courses)}"
+        f"<section><h2>The rows</h2>{rows}</section>"
+        "</main></body></html>\n"
+    )
+
+
+def _overview(board: Board) -> str:
+    if len(board.courses) < 2:
+        return ""
+    heading, words = "Flights without collisions", escape(tables.OVERVIEW)
+    return f"<section><h2>{heading}</h2><p>{words}</p>{_table(*tables.overview(board), set())}</section>"
+
+
+def _course(course: Course, pictures: Mapping[str, Path]) -> str:
+    yours = {row.name for row in course.standings if row.yours}
+    notes = "".join(f"<li>{escape(note)}</li>" for note in tables.notes(course))
+    picture = ""
+    if course.name in pictures:
+        data = base64.b64encode(pictures[course.name].read_bytes()).decode("ascii")
+        said = f"{escape(course.title)}: time and energy, bits and collisions"
+        picture = f"<figure><img alt='{said}' src='data:image/png;base64,{data}'></figure>"
+    shown = _table(tables.head(course), tables.body(course), yours) if course.standings else ""
+    return (
+        f"<section id='{escape(course.name)}'><h2>{escape(course.title)}</h2>"
+        f"<p><code>{escape(course.name)}</code>: {escape(course.about or course.title)}. {course.uavs} UAVs.</p>"
+        f"{shown}{f'<ul>{notes}</ul>' if notes else ''}{picture}</section>"
+    )
+
+
+def _table(head: Sequence[str], lines: Sequence[Sequence[Text]], yours: set[str]) -> str:
+    top = "".join(f"<th>{escape(each)}</th>" for each in head)
+    rows = "".join(
+        f"<tr{' class=yours' if line[0].text in yours else ''}>"
+        + "".join(f"<td{' class=best' if cell.best else ''}>{escape(cell.text)}</td>" for cell in line)
+        + "</tr>"
+        for line in lines
+    )
+    return f"<div class='wide'><table><thead><tr>{top}</tr></thead><tbody>{rows}</tbody></table></div>"

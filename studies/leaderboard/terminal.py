@@ -1,0 +1,32 @@
+"""A mission's table for a terminal: means alone, in 80 columns."""
+
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from meanflock.studies.leaderboard import tables
+from meanflock.studies.leaderboard.board import Course
+from meanflock.studies.leaderboard.measures import BY_KEY
+
+CAPTION = "Means; bold: significantly best of all rows. Intervals and all columns: leaderboard.md and .html"
+
+
+def table(course: Course) -> Table:
+    """What a person reads while the pages are not open."""
+    made = Table(title=f"{course.title}: {course.uavs} UAVs", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    made.show_edge, made.title_justify, made.caption_justify = False, "left", "left"
+    made.add_column("row", no_wrap=True)
+    made.add_column("n", justify="right", no_wrap=True)
+    shown = [key for key in tables.SHORT if any(key in row.cells for row in course.standings)]
+    for heading in map(tables.SHORT.__getitem__, shown):
+        made.add_column(heading, justify="right", no_wrap=True)
+    for row in course.standings:
+        flown = max((cell.n for cell in row.cells.values()), default=0)
+        cells = [
+            Text(
+                tables.mean(BY_KEY[key], row.cells.get(key)), "bold" if key in row.cells and row.cells[key].best else ""
+            )
+            for key in shown
+        ]
+        made.add_row(Text(row.name, "red bold" if row.yours else ""), str(flown), *cells)
+    return made

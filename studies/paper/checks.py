@@ -1,0 +1,289 @@
+"""The kinds of check a claim is made of: each turns columns of the tables into estimates held against thresholds."""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.groundstation import statistics
+from meanflock.groundstation.statistics import Estimate
+from meanflock.studies.paper.claims import Check
+from meanflock.studies.paper.outcome import Outcome, Test, above, all_of, below, most_of, within
+from meanflock.studies.paper.turn import turn
+from meanflock.studies.paper.view import COORDINATE, View, paired
+
+Floats = NDArray[np.float64]
+Tests = Iterator[tuple[str, Test]]  # each with the place on the grid it belongs to
+
+SYMBOL = {"uavs": "N", "period": "n0", "sigma": "σ"}
+
+
+@dataclass
+class Findings:
+    """What the checks of a claim found: the tests, and the plain values behind them by (metric, method, point)."""
+
+    tests: list[Test] = field(default_factory=list)
+    values: dict[tuple[str, str, str], Estimate] = field(default_factory=dict)
+    missing: list[str] = field(default_factory=list)
+
+
+# -- where the numbers of a check come from ----------------------------------------------------------------------------
+
+
+def _label(check: Check, point: float | None) -> str:
+    return "" if point is None else f"{SYMBOL[COORDINATE[check.experiment]]} = {point:g}"
+
+
+def _points(view: View, check: Check) -> list[float]:
+    """The points of the grid a check is about."""
+
+    def chosen(point: float) -> bool:
+        return (
+            (check.start is None or point >= check.start - 1e-9)
+            and (check.stop is None or point <= check.stop + 1e-9)
+            and (check.above is None or point > check.above + 1e-9)
+        )
+
+    return [point for point in view.points(check.experiment) if chosen(point)]
+
+
+def _cells(view: View, check: Check) -> list[float | None]:
+    """One entry a place where the check is made: points of the grid, or the whole experiment."""
+    if check.experiment not in COORDINATE:
+        return [None]
+    return [check.at] if check.at is not None else list(_points(view, check))
+
+
+def _by_seed(view: View, check: Check, method: str, point: float | None) -> dict[int, float]:
+    if check.source == "theory":
+        return dict(enumerate(view.measured.get(check.metric, ())))
+    if check.source == "turn":
+        return dict(enumerate(turn(view, method, check.metric)))
+    more = {
+        name: value for name, value in (("setting", check.setting), ("trained", check.trained)) if value is not None
+    }
+    return view.values(check.experiment, method, check.metric, point, **more)
+
+
+def _is_certain(check: Check, point: float | None) -> bool:
+    """Whether there is no chance in the runs: one of them says everything."""
+    return COORDINATE.get(check.experiment) == "sigma" and point == 0.0
+
+
+def _mean(check: Check, point: float | None, values: Mapping[int, float]) -> Estimate:
+    if _is_certain(check, point) and len(values) == 1:
+        return statistics.exact(next(iter(values.values())))
+    return statistics.mean(list(values.values()))
+
+
+def named(*parts: str) -> str:
+    """The parts that say something, joined."""
+    return ", ".join(part for part in parts if part)
+
+
+def _value(found: Findings, view: View, check: Check, method: str, point: float | None) -> dict[int, float]:
+    """A method's values by seed; their mean is noted, or that there are none."""
+    values = _by_seed(view, check, method, point)
+    where = _label(check, point)
+    if not values:
+        found.missing.append(named(check.metric, method, where or check.experiment))
+        return values
+    if check.kind == "rate":
+        found.values[check.metric, method, where] = statistics.rate(list(values.values()))
+    elif check.kind != "share":
+        found.values.setdefault((check.metric, method, where), _mean(check, point, values))
+    return values
+
+
+# -- one function a kind of check: every one yields tests --------------------------------------------------------------
+
+
+def _single(view: View, check: Check, found: Findings) -> Iterator[tuple[str, str, float | None, dict[int, float]]]:
+    """Subject, where, point and values by seed, of everything the check looks at by itself."""
+    for point in _cells(view, check):
+        for subject in check.subject or ("",):
+            yield subject, _label(check, point), point, _value(found, view, check, subject, point)
+
+
+def _pairs(view: View, check: Check, found: Findings) -> Iterator[tuple[str, str, str, list[Floats]]]:
+    """Subject, against, where and the two paired columns, of every comparison of the check."""
+    for subject, where, point, mine in _single(view, check, found):
+        for other in check.against:
+            theirs = _value(found, view, check, other, point)
+            yield subject, other, where, paired(mine, theirs)
+
+
+def _order(view: View, check: Check, found: Findings) -> Tests:
+    judge = above if check.direction == "higher" else below
+    for subject, other, where, columns in _pairs(view, check, found):
+        what = named(f"{check.metric}: {subject} − {other}", where)
+        yield where, judge(what, statistics.difference(*columns), 0.0, strict=True)
+
+
+def _ratio(view: View, check: Check, found: Findings) -> Tests:
+    assert check.threshold is not None
+    for what, where, estimate in _ratios(view, check, found):
+        yield where, below(what, estimate, check.threshold)
+
+
+def _ratios(view: View, check: Check, found: Findings) -> Iterator[tuple[str, str, Estimate]]:
+    for subject, other, where, columns in _pairs(view, check, found):
+        yield named(f"{check.metric}: {subject} / {other}", where), where, statistics.ratio(*columns)
+
+
+def _means(view: View, check: Check, found: Findings) -> Iterator[tuple[str, str, Estimate]]:
+    for subject, where, point, values in _single(view, check, found):
+        yield named(check.metric, subject, where), where, _mean(check, point, values)
+
+
+def _equal(view: View, check: Check, found: Findings) -> Tests:
+    assert check.threshold is not None
+    low, high = check.threshold * (1 - check.tolerance), check.threshold * (1 + check.tolerance)
+    for what, where, estimate in (_ratios if check.against else _means)(view, check, found):
+        yield where, within(what, estimate, low, high)
+
+
+def _bound(view: View, check: Check, found: Findings) -> Tests:
+    assert check.threshold is not None
+    judge = above if check.direction == "higher" else below
+    for what, where, estimate in _means(view, check, found):
+        yield where, judge(what, estimate, check.threshold, strict=True)
+
+
+def _share(view: View, check: Check, found: Findings) -> Tests:
+    assert check.threshold is not None
+    what = f"share of runs with {'some' if check.event == 'some' else 'no'} {check.metric}"
+    for subject, where, point, by_seed in _single(view, check, found):
+        values = np.array(list(by_seed.values()))
+        values = values[~np.isnan(values)]
+        hits = values > 0 if check.event == "some" else values == 0
+        certain = _is_certain(check, point) and len(hits) == 1
+        estimate = statistics.exact(float(hits[0])) if certain else statistics.share(hits)
+        if estimate.n:
+            found.values[what, subject, where] = estimate
+        yield where, above(named(what, subject, where), estimate, check.threshold, strict=True)
+
+
+def _rate(view: View, check: Check, found: Findings) -> Tests:
+    assert check.threshold is not None
+    limit = check.threshold * (1 + check.tolerance)
+    for subject in check.subject or ("",):
+        estimate = statistics.rate(list(_value(found, view, check, subject, check.at).values()))
+        yield "", below(named(f"{check.metric} a run", subject), estimate, limit, strict=True)
+
+
+def _tables(view: View, check: Check, found: Findings, *methods: str) -> tuple[list[float], list[Floats]]:
+    """The grid and for each method a row a seed, (seeds, K), of the seeds that all of them flew at every point."""
+    grid = _points(view, check)
+    columns = paired(*(_value(found, view, check, method, point) for method in methods for point in grid))
+    return grid, [np.array(columns[k * len(grid) : (k + 1) * len(grid)]).T for k in range(len(methods))]
+
+
+def _trend(view: View, check: Check, found: Findings) -> Tests:
+    for subject in check.subject:
+        grid, (rows,) = _tables(view, check, found, subject)
+        if len(grid) < 2:
+            found.missing.append(named(f"a grid of {check.experiment}", subject))
+            continue
+        rise = statistics.slopes(grid, rows) * (grid[-1] - grid[0])
+        what = f"{check.metric}: {subject}, fitted change over {_label(check, grid[0])}…{grid[-1]:g}"
+        if check.direction == "little gain":
+            assert check.threshold is not None
+            yield "", above(f"{what}, relative", statistics.ratio(rise, rows.mean(axis=-1)), -check.threshold)
+        elif check.direction == "falling":
+            yield "", below(what, statistics.mean(rise), 0.0, strict=True)
+        else:
+            yield "", above(what, statistics.mean(rise), 0.0, strict=True)
+
+
+def _slope(view: View, check: Check, found: Findings) -> Tests:
+    for subject in check.subject:
+        for other in check.against:
+            grid, (mine, theirs) = _tables(view, check, found, subject, other)
+            if len(grid) < 2:
+                found.missing.append(named(f"a grid of {check.experiment}", subject))
+                continue
+            gap = statistics.slopes(grid, mine) - statistics.slopes(grid, theirs)
+            yield "", below(f"slope of {check.metric}: {subject} − {other}", statistics.mean(gap), 0.0, strict=True)
+
+
+def _point(view: View, check: Check, found: Findings) -> Tests:
+    assert check.at is not None
+    for subject in check.subject:
+        grid, (rows,) = _tables(view, check, found, subject)
+        others = [k for k, point in enumerate(grid) if abs(point - check.at) > 1e-9]
+        if len(others) != len(grid) - 1 or not others:
+            found.missing.append(named(check.metric, subject, _label(check, check.at)))
+            continue
+        here = rows[:, next(k for k in range(len(grid)) if k not in others)]
+        what = f"{check.metric}: {subject}, {_label(check, check.at)} − mean of the others"
+        yield "", above(what, statistics.difference(here, rows[:, others].mean(axis=-1)), 0.0, strict=True)
+
+
+def _best(view: View, check: Check, found: Findings) -> Tests:
+    assert check.threshold is not None
+    cases: list[tuple[str, str, str, list[Floats]]] = []
+    for experiment in check.experiments:
+        grid: list[float | None] = list(view.points(experiment)) if experiment in COORDINATE else [None]
+        for point in grid:
+            for subject in check.subject:
+                mine = view.values(experiment, subject, check.metric, point)
+                for other in check.against:
+                    theirs = view.values(experiment, other, check.metric, point)
+                    columns = paired(mine, theirs)
+                    if len(columns[0]) >= 2:
+                        where = "S0" if point is None else f"{SYMBOL[COORDINATE[experiment]]} = {point:g}"
+                        cases.append((subject, other, where, columns))
+    if not cases:
+        found.missing.append(named(check.metric, *check.experiments))
+        return
+    level = 1.0 - (1.0 - statistics.CONFIDENCE) / len(cases)
+    tests: list[tuple[Test, tuple[str, str, str, list[Floats]]]] = []
+    for case in cases:
+        kept = statistics.ratio(*case[3], confidence=level)
+        saved = Estimate(1.0 - kept.value, 1.0 - kept.high, 1.0 - kept.low, kept.n)
+        if not math.isnan(saved.value):
+            what = f"{check.metric}: best of {len(cases)} savings, {case[0]} against {case[1]} at {case[2]}"
+            tests.append((above(what, saved, check.threshold * (1 - check.tolerance)), case))
+    if not tests:
+        found.missing.append(named(check.metric, *check.experiments))
+        return
+    test, (subject, other, where, columns) = max(tests, key=_best_first)
+    for name, column in ((subject, columns[0]), (other, columns[1])):
+        found.values[check.metric, name, where] = statistics.mean(column)
+    yield "", test
+
+
+def _best_first(tested: tuple[Test, object]) -> tuple[int, float]:
+    """The claim fails only where every saving does: what holds goes first, then what is undecided."""
+    outcome, saved = tested[0].outcome, tested[0].estimate
+    order = (Outcome.FAILS, Outcome.UNKNOWN, Outcome.UNDECIDED, Outcome.HOLDS)
+    return order.index(outcome), saved.low if math.isfinite(saved.low) else -1e9 + saved.value
+
+
+_KINDS: dict[str, Callable[[View, Check, Findings], Tests]] = {
+    "order": _order,
+    "ratio": _ratio,
+    "equal": _equal,
+    "bound": _bound,
+    "share": _share,
+    "rate": _rate,
+    "trend": _trend,
+    "slope": _slope,
+    "point": _point,
+    "best": _best,
+}
+
+
+def run_check(view: View, check: Check, found: Findings) -> Outcome:
+    """What the data say of a check. Its tests go into `found`."""
+    by_place: dict[str, list[Test]] = {}
+    for where, test in _KINDS[check.kind](view, check, found):
+        by_place.setdefault(where, []).append(test)
+        found.tests.append(test)
+    places = [all_of(test.outcome for test in tests) for tests in by_place.values()]
+    if not places:
+        return Outcome.UNKNOWN
+    return most_of(places) if check.points == "most" else all_of(places)

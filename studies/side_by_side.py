@@ -1,0 +1,122 @@
+"""A recording of several flights side by side on one timeline: who is where at the same moment, at what cost."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from meanflock.groundstation import durable, quantities
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.recording import blueprint as look
+from meanflock.groundstation.recording import palette
+from meanflock.groundstation.recording.columns import scalars
+from meanflock.groundstation.recording.plot_views import whole_flight
+from meanflock.groundstation.recording.plots import BITS_SENT, COLUMN
+from meanflock.groundstation.recording.recorder import APPLICATION, Writer, close, start
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import Telemetry
+
+# What the flights show in one plot: entity below the part of each, and what it is.
+ENERGY, BITS = "shared/energy", "shared/bits"
+COLLISIONS, ARRIVED = "shared/collisions", "shared/arrived"
+_TITLES = {
+    ENERGY: f"{quantities.ENERGY.title()}, mean",
+    BITS: f"{quantities.PAYLOAD.name}, Mbit",
+    COLLISIONS: quantities.COLLISIONS.title(),
+    ARRIVED: quantities.ARRIVED.title(),
+}
+
+
+def part_of(name: str) -> str:
+    """Under which entity a flight lies that is called so."""
+    return rr.escape_entity_path_part(name)
+
+
+def shape(count: int) -> tuple[int, int]:
+    """Rows and columns of so many maps."""
+    columns = math.ceil(math.sqrt(count))
+    return math.ceil(count / columns), columns
+
+
+def record(flights: Mapping[str, Scenario], path: Path) -> dict[str, dict[str, Any]]:
+    """Flies every scenario once in this process, into one recording; their summaries.
+
+    Args:
+        flights: what is flown, by its name in the recording; one at least. path: of the recording; what was there is
+            replaced.
+
+    Raises:
+        BadInput: the file cannot be written, or a controller fails before it flies.
+        RunFailed: a flight failed, or the disk is full.
+    """
+    durable.check_writable(path)
+    stream = rr.RecordingStream(APPLICATION, recording_id=f"compare {' '.join(flights)}")
+    rows, _ = shape(len(flights))
+    writers = {
+        name: _Beside(
+            flown, stream, part=part_of(name), color=palette.LINES[number % len(palette.LINES)], name=name, rows=rows
+        )
+        for number, (name, flown) in enumerate(flights.items())
+    }
+    start(stream, [rr.FileSink(path)], _blueprint(flights), path)
+    try:
+        stream.send_recording_name(f"compare: {', '.join(flights)}")
+        summaries = {}
+        for name, writer in writers.items():
+            writer.log_fixed()
+            summaries[name] = Engine(flights[name], f"compare-{name}", sinks=[writer]).complete()
+            writer.flush()
+    finally:
+        close(stream, path)
+    return summaries
+
+
+class _Beside(Writer):
+    """Sends a flight under its part, and a line for each plot that all flights share."""
+
+    def __init__(
+        self, scenario: Scenario, stream: rr.RecordingStream, part: str, name: str, color: int, rows: int
+    ) -> None:
+        super().__init__(scenario, stream, part=part, rows=rows)
+        self._name, self._color = name, color
+
+    def log_fixed(self) -> None:
+        """Logs what does not change in flight."""
+        super().log_fixed()
+        line = rr.SeriesLines(names=self._name, colors=np.array([self._color], dtype=np.uint32), widths=2.0)
+        for entity in _TITLES:
+            self._under.log(entity, line)
+
+    def _send_blocks(self, blocks: list[Telemetry]) -> None:
+        super()._send_blocks(blocks)
+        ticks = np.concatenate([block.first_tick + np.arange(len(block.states)) for block in blocks])
+        swarm = np.concatenate([block.swarm for block in blocks])
+        for entity, values in (
+            (ENERGY, np.concatenate([block.energy for block in blocks]).mean(axis=1)),
+            (BITS, swarm[:, BITS_SENT].sum(axis=1) / 1e6),
+            (COLLISIONS, swarm[:, COLUMN["collisions"]]),
+            (ARRIVED, swarm[:, COLUMN["arrived"]]),
+        ):
+            self._send(scalars(entity, ticks, values))
+
+
+def _blueprint(flights: Mapping[str, Scenario]) -> rrb.Blueprint:
+    """A map for every flight, and below them the plots they share."""
+    rows, columns = shape(len(flights))
+    maps = [look.swarm_map(flown, name, part_of(name), rows) for name, flown in flights.items()]
+    plots = [
+        rrb.TimeSeriesView(
+            origin="/",
+            contents=[f"/{part_of(name)}/{entity}" for name in flights],
+            name=title,
+            axis_x=whole_flight(),
+            plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop),
+        )
+        for entity, title in _TITLES.items()
+    ]
+    views = rrb.Vertical(rrb.Grid(*maps, grid_columns=columns), rrb.Horizontal(*plots), row_shares=[3, 1.2])
+    return look.shown(views, live=False)

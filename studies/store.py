@@ -1,0 +1,67 @@
+"""What a study leaves on disk while it flies: a file for every finished job; whoever is interrupted flies the rest.
+
+In DIR, the folder of `--out`:
+    DIR/data/jobs/*.job    checked, atomic: all that a study that goes on trusts
+    DIR/data/*.parquet     the tables made of them, if it makes any: see `paper/tables.py`
+"""
+
+import hashlib
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from meanflock.groundstation import durable
+from meanflock.studies.code_version import version
+from meanflock.studies.job_file import StoredRun, decode
+from meanflock.swarm.errors import BadInput, RunFailed
+
+DATA = "data"
+
+
+class Store:
+    """The job files of one output folder, and the tables made of them."""
+
+    def __init__(self, out: Path) -> None:
+        """Raises BadInput where the folder cannot be made."""
+        self.data = out / DATA
+        self._jobs = self.data / "jobs"
+        try:
+            self._jobs.mkdir(parents=True, exist_ok=True)
+            for left_over in self._jobs.glob(".*.part"):
+                left_over.unlink()
+        except OSError as error:
+            raise BadInput(f"--out {out}: {error.strerror}; name a folder that can be written") from error
+
+    def finished(self) -> dict[str, StoredRun]:
+        """Every run that is safely there, by key. What cannot be trusted is deleted: it will be flown again."""
+        runs: dict[str, StoredRun] = {}
+        for path in sorted(self._jobs.glob("*.job")):
+            try:
+                runs.update((run.key, run) for run in decode(path.read_bytes()))
+            except ValueError:
+                path.unlink(missing_ok=True)
+        return runs
+
+    def add(self, raw: bytes) -> None:
+        """Keeps the encoded runs of a job.
+
+        Raises:
+            RunFailed: the disk is full or the folder gone, or the worker runs other code than this process; what was
+                finished before is kept.
+        """
+        try:
+            decode(raw)
+        except ValueError as error:
+            raise RunFailed(f"a worker's result is {error}, this is {version()}: give workers the same code") from error
+        self.write(self._jobs / f"{hashlib.sha256(raw).hexdigest()[:24]}.job", raw)
+
+    def write(self, path: Path, raw: bytes | memoryview) -> None:
+        """Writes a file whole or not at all; raises RunFailed."""
+        durable.put(path, raw, "the runs finished so far are kept: make room and repeat the command")
+
+    def save(self, name: str, table: pa.Table) -> None:
+        """Writes one of the tables."""
+        sink = pa.BufferOutputStream()
+        pq.write_table(table, sink, compression="zstd")
+        self.write(self.data / f"{name}.parquet", memoryview(sink.getvalue()))

@@ -1,0 +1,151 @@
+"""Anyone's own scenario, flown many times: several methods side by side, or one key swept.
+
+What is finished is kept in `OUT/data/jobs` at once, by the hash of its scenario and of the code: whoever is interrupted
+and repeats the command flies the rest.
+"""
+
+import json
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from joblib import delayed
+
+from meanflock.groundstation import durable
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.studies.backends import possible, started
+from meanflock.studies.job_file import StoredRun, decode, encode
+from meanflock.studies.store import Store
+from meanflock.swarm import plugins
+from meanflock.swarm.errors import RunFailed
+from meanflock.swarm.scenario import Scenario
+
+Summaries = list[dict[str, Any]]
+Fly = Callable[[Scenario], dict[str, Any]]
+
+STUDY = "study"
+
+
+class Interrupted(RunFailed):
+    """By Ctrl-C, as the command tells it; from Python it is a KeyboardInterrupt."""
+
+
+def seeded(flown: Scenario, count: int) -> list[Scenario]:
+    """The scenario with its own seed and the `count` − 1 after it."""
+    return [msgspec.structs.replace(flown, seed=flown.seed + k) for k in range(count)]
+
+
+def fly_all(
+    points: Mapping[Any, Sequence[Scenario]],
+    jobs: int,
+    progress: Callable[[int, int], None],
+    store: Store,
+    study: str = STUDY,
+    fly: Fly | None = None,
+    keeps: bool = True,
+) -> dict[Any, Summaries]:
+    """Flies what `store` does not have yet, in `jobs` processes, without a bus: the first flight of each point, the
+    second of each, and so on, so that the time left can be told from the time it took.
+
+    Args:
+        points: by whatever tells them apart, scenarios that differ in their seeds only.
+        progress: called with the runs finished and wanted.
+        study: what keeps them, the first word of their names in the store. fly: flies one and says what is kept of it,
+            in whatever process; None for its summary. keeps: whether `store` outlives this call.
+
+    Returns:
+        For each point the summaries of its runs, in the order of its scenarios.
+
+    Raises:
+        RunFailed: disk full or a process died, or interrupted (Interrupted); what was finished is kept, the same call
+            flies the rest.
+    """
+    keys = {name: [key_of(flown, study) for flown in flights] for name, flights in points.items()}
+    finished = {key: run.scalars for key, run in store.finished().items()}
+    wanted = [zip(flights, keys[name], strict=True) for name, flights in points.items()]
+    turns = (flight for turn in zip_longest(*wanted) for flight in turn if flight is not None)
+    missing = [flown for flown, key in turns if key not in finished]
+    total = sum(map(len, keys.values()))
+    done = total - len(missing)
+    progress(done, total)
+    try:
+        calls = (delayed(_fly)(flown, os.getpid(), plugins.files(), study, fly) for flown in missing)
+        for raw in started(calls, possible(jobs)):
+            store.add(raw)
+            runs = decode(raw)
+            finished |= {run.key: run.scalars for run in runs}
+            done += len(runs)
+            progress(done, total)
+    except KeyboardInterrupt:
+        raise Interrupted(f"interrupted; {_kept(done, total, store if keeps else None)}") from None
+    except BrokenProcessPool as error:
+        raise RunFailed(
+            f"a process died, perhaps for want of memory; {_kept(done, total, store if keeps else None)}"
+        ) from error
+    return {name: [finished[key] for key in keys[name]] for name in points}
+
+
+def _kept(done: int, total: int, store: Store | None) -> str:
+    if store is None:
+        return f"{done} of {total} runs were flown and nothing is kept: name a folder for them, out=…"
+    return f"{done} of {total} runs are kept in {store.data}: repeat the command to fly the rest"
+
+
+def key_of(flown: Scenario, study: str = STUDY) -> str:
+    """The name of a run in the store, where the paper's grid may keep its own; another if a plug-in's file, or the
+    version of its package, has changed.
+    """
+    found = (plugins.find(door, name) for door, name, _ in flown.plugins())
+    theirs = (
+        plugin for plugin in found if not plugin.reference.startswith("meanflock.")
+    )  # the store knows our version
+    return ":".join([study, flown.sha256(), *map(_contents, theirs)])
+
+
+def _contents(plugin: plugins.Plugin) -> str:
+    if plugin.source != plugins.HERE:
+        return plugin.fingerprint
+    return f"{os.getpid()} {id(plugins.load(plugin.kind, plugin.name))}"  # a class of this process
+
+
+def _fly(
+    flown: Scenario, parent: int, files: Sequence[tuple[str, str]], study: str = STUDY, fly: Fly | None = None
+) -> bytes:
+    """Flies one run; the content of its file. files: the plug-ins of `parent`, for a process of an earlier call."""
+    if os.getpid() != parent:
+        plugins.hold(files)
+    return encode([StoredRun(key_of(flown, study), (fly or summarised)(flown))])
+
+
+def summarised(flown: Scenario) -> dict[str, Any]:
+    """Flies it in this process; the summary, see `of_all`."""
+    return of_all(flown, Engine(flown, f"{flown.method}-s{flown.seed}").complete())
+
+
+def of_all(flown: Scenario, summary: Mapping[str, Any]) -> dict[str, Any]:
+    """The summary with `t_avg_censored_s`, the mean travel time of all UAVs: one that never arrived counts with the
+    duration. That is a lower bound of the mean, which those who arrived alone are not.
+    """
+    arrived = summary["arrived"]
+    late = (flown.uavs - arrived) * flown.max_ticks * flown.dt
+    mean = ((summary["t_avg_s"] * arrived if arrived else 0.0) + late) / flown.uavs
+    return {**summary, "t_avg_censored_s": mean}
+
+
+def save(flown: Iterable[Summaries], path: Path) -> None:
+    """Writes every summary as one line of JSON, all of them or nothing.
+
+    Raises:
+        RunFailed: the disk is full.
+    """
+    lines = "".join(json.dumps(summary) + "\n" for summaries in flown for summary in summaries)
+    try:
+        durable.replace(path, lines.encode())
+    except OSError as error:
+        raise RunFailed(
+            f"{path}: {error.strerror}; make room and repeat the command, nothing is flown twice"
+        ) from error

@@ -1,0 +1,116 @@
+"""A leaderboard that was flown: its pages, its fields, its file."""
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from meanflock.groundstation import dictionary
+from meanflock.studies.leaderboard import board, missions, rows
+from meanflock.studies.leaderboard.contest import Contest
+from meanflock.studies.leaderboard.measures import BY_KEY
+from meanflock.studies.store import Store
+from meanflock.swarm.errors import EXIT_DONE
+from tests.studies.leaderboard.courses import QUICK, SMALL
+
+
+class Page(HTMLParser):
+    """Tables of a page, and what it would fetch."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.rows: list[list[str]] = []
+        self.best: list[str] = []
+        self.fetched: list[str] = []
+        self.pictures = 0
+        self._cell: str | None = None
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        given = dict(attributes)
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+            self._cell = given.get("class") or ""
+        where = given.get("src") or (given.get("href") if tag != "a" else None)
+        if where:
+            self.pictures += where.startswith("data:image/png;base64,")
+            self.fetched += [] if where.startswith("data:") else [where]
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag in ("td", "th"):
+            self._cell = None
+
+    def handle_data(self, data: str) -> None:
+        if self._cell is not None:
+            self.rows[-1][-1] += data
+
+
+def test_the_pages_show_the_same_cells_and_need_no_network(run, tmp_path, small) -> None:
+    assert run("leaderboard", "--missions", *small, "--controllers", "cruise", "mfg", *QUICK)[0] == EXIT_DONE
+    text = (tmp_path / "out/leaderboard.md").read_text()
+    page = Page()
+    page.feed((tmp_path / "out/leaderboard.html").read_text())
+    assert page.fetched == []
+    assert page.pictures == 2
+    lines = [line for line in text.splitlines() if line.startswith("| ")]
+    cells = [[cell.strip().strip("*") for cell in line.strip("|").split(" | ")] for line in lines]
+    assert [line for line in cells if line[0] in ("cruise", "mfg")] == [
+        line for line in page.rows if line[0] in ("cruise", "mfg")
+    ]
+    for picture in re.findall(r"\]\((pictures/\S+)\)", text):
+        assert (tmp_path / "out" / picture).read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_every_field_of_a_board_is_in_the_data_dictionary(run, tmp_path, small) -> None:
+    flags = ("--controllers", "cruise", "mfg", "--missions", "near.toml")
+    assert run("leaderboard", *flags, *QUICK)[0] == EXIT_DONE
+
+    def keys(value: Any, path: str) -> set[str]:
+        if isinstance(value, dict) and value:
+            free = path.split(".")[-1] in ("absent", "settings", "cells", "kbit_by_kind", "values")
+            return set().union(*(keys(one, f"{path}.{'*' if free else key}") for key, one in value.items()))
+        if isinstance(value, list) and value and isinstance(value[0], dict):
+            return set().union(*(keys(one, path) for one in value))
+        return {path.removeprefix(".")}
+
+    known = {field.key for field in dictionary.LEADERBOARD}
+    found = keys(json.loads((tmp_path / "out/leaderboard.json").read_bytes()), "")
+    assert {key for key in found if not key.endswith(("absent", "settings"))} <= known
+    assert found >= {key for key in known if not key.endswith(("absent.*", "settings.*"))}
+
+
+def test_who_stays_behind_is_best_in_nothing() -> None:
+    def row(name: str, arrived: float, energy: float) -> board.Standing:
+        rng = np.random.default_rng(len(name))
+        columns = {key: np.full(10, np.nan) for key in BY_KEY}
+        columns |= {"arrived": np.full(10, arrived), "energy_J": energy + 0.1 * rng.normal(size=10)}
+        values = {key: [board.rounded(value) for value in numbers] for key, numbers in columns.items()}
+        return board.Standing(name, name, "", {}, False, board.cells(columns), {}, values)
+
+    idle, good, worse = board.marked([row("idle", 0.0, 1.0), row("good", 1.0, 5.0), row("worse", 1.0, 9.0)])
+    assert not any(cell.best for cell in idle.cells.values())
+    assert good.cells["energy_J"].best
+    assert not worse.cells["energy_J"].best
+
+
+def test_a_board_that_was_written_is_read_as_the_same_and_a_damaged_one_is_bad_input(tmp_path: Path) -> None:
+    contest = Contest([missions.Mission(str(_file(tmp_path)))], rows.chosen(["cruise"]), 1, 1)
+    made = contest.fly(1, lambda *_: None, Store(tmp_path / "out"))
+    path = made.write(tmp_path)
+    assert msgspec.json.encode(board.read(path)) == msgspec.json.encode(made)
+    json.loads(path.read_text())  # as any other reader does
+    path.write_bytes(path.read_bytes()[:-9])
+    with pytest.raises(board.BadInput, match=r"leaderboard\.json: no leaderboard"):
+        board.read(path)
+
+
+def _file(folder: Path) -> Path:
+    (folder / "near.toml").write_text(SMALL)
+    return folder / "near.toml"

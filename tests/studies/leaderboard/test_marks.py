@@ -1,0 +1,78 @@
+"""Marks: the tests behind them against closed forms, and how often they are wrong where nobody is better."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from meanflock.studies.leaderboard import marks
+from meanflock.studies.leaderboard.measures import BY_KEY
+
+TIME, FREE, CLOSEST = BY_KEY["time_s"], BY_KEY["free"], BY_KEY["closest_m"]
+
+
+def test_holm_steps_down_and_stops_at_the_first_that_is_not_rejected() -> None:
+    """Holm 1979: .01 ≤ .05/4, .015 ≤ .05/3, .03 > .05/2, so .04 is not even looked at, though .04 ≤ .05."""
+    assert marks.holm([0.03, 0.01, 0.04, 0.015]) == [False, True, False, True]
+    assert marks.holm([]) == []
+    assert marks.holm([0.05]) == [True]
+    assert marks.holm([float("nan"), 0.001]) == [False, True]
+
+
+def test_pairs_by_seed_are_students() -> None:
+    rng = np.random.default_rng(1)
+    common = rng.normal(size=20)
+    first, second = common + 0.1 * rng.normal(size=20), common + 0.1 + 0.1 * rng.normal(size=20)
+    assert marks.paired(first, second) == pytest.approx(stats.ttest_rel(first, second).pvalue)
+    assert marks.paired(first, second) < 0.05 < stats.ttest_ind(first, second).pvalue
+
+
+def test_a_difference_that_never_varies_is_judged_by_its_sign() -> None:
+    assert marks.paired([1.0, 2.0], [2.0, 3.0]) == 0.5
+    assert marks.paired(np.zeros(30), np.ones(30)) == pytest.approx(2.0**-29)
+    assert marks.paired([1.0, 1.0], [1.0, 1.0]) == 1.0
+    assert marks.paired([1.0], [2.0]) == 1.0
+
+
+def test_yes_and_no_by_mcnemar() -> None:
+    """Eight flights only the first was free in and one only the second: 2·(1 + 9)/2⁹."""
+    first = [True] * 8 + [False] + [True] * 5
+    second = [False] * 8 + [True] + [True] * 5
+    assert marks.mcnemar(first, second) == pytest.approx(20 / 512)
+    assert marks.mcnemar(first, first) == 1.0
+
+
+def rows(rng: np.random.Generator, *means: float) -> dict[str, np.ndarray]:
+    common = rng.normal(size=30)
+    return {f"row{k}": mean + common + 0.1 * rng.normal(size=30) for k, mean in enumerate(means)}
+
+
+def test_the_best_is_marked_where_it_is_told_from_every_other_row_and_only_there() -> None:
+    rng = np.random.default_rng(2)
+    assert marks.best({TIME: rows(rng, 3.0, 2.0, 2.5)}) == {"time_s": "row1"}
+    assert marks.best({TIME: rows(rng, 3.0, 2.0, 2.001)}) == {}  # the next is as good, as far as anybody can tell
+    assert marks.best({CLOSEST: rows(rng, 3.0, 2.0, 2.5)}) == {"closest_m": "row0"}
+    assert marks.best({TIME: rows(rng, 1.0)}) == {}  # alone
+
+
+def test_a_row_without_numbers_does_not_compete() -> None:
+    rng = np.random.default_rng(3)
+    columns = rows(rng, 3.0, 2.0)
+    assert marks.best({TIME: {**columns, "none": np.full(30, np.nan)}}) == {"time_s": "row1"}
+
+
+def test_two_flights_mark_nothing_by_yes_and_no() -> None:
+    assert marks.best({FREE: {"a": np.array([1.0, 1.0]), "b": np.array([0.0, 0.0])}}) == {}
+    thirty = {"a": np.ones(30), "b": np.zeros(30)}
+    assert marks.best({FREE: thirty}) == {"free": "a"}
+
+
+def test_where_no_row_is_better_one_table_in_twenty_has_a_mark_at_most() -> None:
+    """Two rows that are equal and twelve that are far behind: the hardest case for whoever picks the best first. 300
+    such tables of three columns; more than 25 with a mark would be beyond 5 % by more than chance (p < .006)."""
+    rng = np.random.default_rng(4)
+    measures = [BY_KEY[key] for key in ("time_s", "energy_J", "kbit")]
+    wrong = 0
+    for _ in range(300):
+        means = [1.0, 1.0, *[5.0] * 12]
+        wrong += bool(marks.best({measure: rows(rng, *means) for measure in measures}))
+    assert wrong <= 25

@@ -1,0 +1,268 @@
+"""Comparisons and sweeps: what is flown, and what is finished is never flown twice."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+import meanflock as mf
+from meanflock.groundstation.cli.command import main
+from meanflock.studies import study
+from meanflock.studies.paper import experiments
+from meanflock.studies.store import Store
+from meanflock.studies.swept import Swept
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput
+from meanflock.swarm.scenario import load
+from meanflock.swarm.toml import apply
+from tests.polling import DEADLINE_S, until
+from tests.studies.studies import QUICK, flown, rows
+
+pytestmark = pytest.mark.usefixtures("undrawn")
+
+
+@pytest.mark.parametrize(
+    ("swept", "flags", "wanted"),
+    [
+        (
+            "method=hjb,mfg",
+            ("--seeds", "2", "--uavs", "2"),
+            [("hjb", 2, 1), ("hjb", 2, 2), ("mfg", 2, 1), ("mfg", 2, 2)],
+        ),
+        ("seed=5,9", ("--methods", "mfg", "--uavs", "2"), [("mfg", 2, 5), ("mfg", 2, 9)]),
+        ("uavs=2,3", ("--methods", "mfg", "--seeds", "1"), [("mfg", 2, 1), ("mfg", 3, 1)]),
+    ],
+)
+def test_method_seed_and_uavs_are_swept_as_any_key_is(run, tmp_path, swept, flags, wanted) -> None:
+    code, out, err = run("sweep", swept, *flags, *QUICK)
+    assert (code, err) == (EXIT_DONE, "")
+    assert [(one["method"], one["uavs"], one["seed"]) for one in flown(tmp_path / "out")] == wanted
+    column = swept.partition("=")[0]
+    assert column in out
+    (label,) = [name for name in rows(tmp_path / "out/sweep.csv")[0] if name.startswith(column)][:1]
+    assert [row[label] for row in rows(tmp_path / "out/sweep.csv")] == swept.partition("=")[2].split(",")
+
+
+def test_the_method_of_a_scenario_file_is_the_one_that_is_swept(run, tmp_path) -> None:
+    (tmp_path / "mine.toml").write_text('method = "mfg"\nuavs = 2\n')
+    assert run("sweep", "wind.sigma=0.1,0.2", "--scenario", "mine.toml", "--seeds", "1", *QUICK)[0] == EXIT_DONE
+    assert {one["method"] for one in flown(tmp_path / "out")} == {"mfg"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("method=hjb,mfg", "--methods", "hjb"), "leave out --methods"),
+        (("seed=1,2", "--seeds", "2"), "leave out --seeds"),
+        (("seed=1,2", "--seed", "2"), "leave out --seed"),
+        (("uavs=4,9", "--uavs", "2"), "leave out --uavs"),
+        (("duration=4,9", "--duration", "2"), "leave out --duration"),
+        (("wind.sigma=0.1,0.2", "--set", "wind.sigma=3"), "leave out this --set"),
+        (("wind.sigma=0.1,0.2", "--methods", "hjb", "--set", "method=mfg"), "leave out this --set"),
+        (("wind.sigma=0.1,0.10",), "there twice"),
+        (("wind.sigma=0.1",), "two values or more"),
+        (("wind.sgima=0.1,0.2",), "sgima"),
+        (("wind.sigma=0.1,0.2", "--jobs", "0"), "--jobs 0"),
+    ],
+)
+def test_what_cannot_be_swept_is_refused_before_anything_is_written(run, tmp_path, arguments, says) -> None:
+    code, out, err = run("sweep", *arguments)
+    assert (code, out) == (EXIT_BAD_INPUT, "")
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert says in err
+    assert os.listdir(tmp_path) in ([], ["out"])
+    assert not (tmp_path / "out/sweep").exists()
+
+
+def test_methods_are_compared_as_named_or_not_at_all(run) -> None:
+    code, _, err = run("compare", "hjb", "--set", "method=mfg", *QUICK)
+    assert code == EXIT_BAD_INPUT
+    assert "leave out this --set" in err
+
+
+@pytest.mark.parametrize("verb", [("compare", "hjb"), ("sweep", "wind.sigma=0.1,0.2")])
+def test_out_is_looked_at_before_anything_is_flown(run, tmp_path, monkeypatch, verb) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(study, "fly_all", lambda *_: pytest.fail("flown in vain"))
+    code, _, err = run(*verb, "--quiet", "--out", "file")
+    assert code == EXIT_BAD_INPUT
+    assert "--out file" in err
+
+
+def test_values_are_words_numbers_or_lists() -> None:
+    assert Swept.parse("radio.fading=amplitude, power").values == ("amplitude", "power")
+    assert Swept.parse("federation.period=50,100").values == (50, 100)
+    lists = Swept.parse("wind.mean=[1, -1],[0.5, 0.5]")
+    assert [load(None, [lists.setting(value)]).wind.mean for value in lists.values] == [(1.0, -1.0), (0.5, 0.5)]
+    discs = Swept.parse("obstacles=[], [{centre = [30.0, 0.0], radius = 2.0}]")
+    assert [len(load(None, [discs.setting(value)]).obstacles) for value in discs.values] == [0, 1]
+    assert discs.values[1] == "[{centre = [30.0, 0.0], radius = 2.0}]"
+    words = Swept.parse("""x=["a, b", "it's", "\\n"], [true]""")
+    apply(table := {}, words.setting(words.values[0]))
+    assert table == {"x": ["a, b", "it's", "\n"]}
+    assert words.values[1] == "[true]"
+    assert Swept.parse("federation.error_feedback=true,false").setting(False) == "federation.error_feedback=false"
+    with pytest.raises(BadInput, match="KEY=VALUE"):
+        Swept.parse("wind.sigma")
+
+
+# -- once -------------------------------------------------------------------------------------------------------------
+
+
+def test_what_is_finished_is_never_flown_twice(run, tmp_path, monkeypatch) -> None:
+    flags = ("--seeds", "2", "--uavs", "2", *QUICK)
+    assert run("sweep", "wind.sigma=0.1,0.2", "--methods", "mfg", *flags)[0] == EXIT_DONE
+    before = flown(tmp_path / "out")
+    tried: list[Any] = []
+    fly = study._fly
+    monkeypatch.setattr(study, "_fly", lambda one, *parent: tried.append(one) or fly(one, *parent))
+    assert run("sweep", "wind.sigma=0.1,0.2", "--methods", "mfg", *flags)[0] == EXIT_DONE
+    assert tried == []
+    assert flown(tmp_path / "out") == before
+    assert run("sweep", "wind.sigma=0.1,0.3", "--methods", "mfg", *flags)[0] == EXIT_DONE
+    assert [one.wind.sigma for one in tried] == [0.3, 0.3]
+
+
+def test_an_interrupted_study_keeps_what_is_finished_and_goes_on(tmp_path: Path, monkeypatch) -> None:
+    points = {
+        sigma: study.seeded(load(None, [f"wind.sigma={sigma}"], uavs=2, method="mfg", duration=2.0), 2)
+        for sigma in (0.1, 0.2, 0.3)
+    }
+    whole = study.fly_all(points, 1, lambda *_: None, Store(tmp_path / "whole"))
+    add = Store.add
+
+    def interrupted(self: Store, raw: bytes) -> None:
+        if self.finished():
+            raise KeyboardInterrupt
+        add(self, raw)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Store, "add", interrupted)
+        with pytest.raises(Exception, match=r"1 of 6 runs are kept .*repeat the command"):
+            study.fly_all(points, 1, lambda *_: None, Store(tmp_path / "part"))
+    told: list[tuple[int, int]] = []
+    again = study.fly_all(points, 1, lambda done, total: told.append((done, total)), Store(tmp_path / "part"))
+    assert told == [(done, 6) for done in range(1, 7)]
+
+    def hashes(flown: dict[Any, study.Summaries]) -> dict[Any, list[str]]:
+        return {point: [one["trajectory_sha256"] for one in runs] for point, runs in flown.items()}
+
+    assert hashes(again) == hashes(whole)
+
+
+HELD = """
+import time
+from pathlib import Path
+import meanflock as mf
+
+class Held(mf.Controller):
+    name = "held"
+
+    def step(self, memory, tick, own, received):
+        while self.scenario.seed > 1 and Path({!r}).exists():
+            time.sleep(0.01)
+        return mf.Step(memory, 0.0 * own[:, :2])
+"""
+
+
+@pytest.mark.processes
+def test_ctrl_c_ends_a_sweep_and_its_workers_and_a_repeat_goes_on(tmp_path: Path) -> None:
+    """Flights of the first seed end; all others wait for as long as a file is there, so none is over by chance."""
+    (hold := tmp_path / "hold").touch()
+    (plugin := tmp_path / "held.py").write_text(HELD.format(str(hold)), encoding="utf-8")
+    out = tmp_path / "out"
+    command = [sys.executable, "-c", "from meanflock.groundstation.cli.command import main; main()", "sweep"]
+    command += ["wind.sigma=0.1,0.2,0.3", "--methods", "held", "--plugin", str(plugin), "--uavs", "2"]
+    command += ["--duration", "2", "--seeds", "3", "--jobs", "2", "--quiet", "--out", str(out)]
+    sweep = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
+    jobs = out / "data" / "jobs"
+    until(lambda: list(jobs.glob("*.job")) or sweep.poll() is not None, "a finished job")
+    family = psutil.Process(sweep.pid).children(recursive=True)
+    os.killpg(sweep.pid, signal.SIGINT)
+    printed, said = sweep.communicate(timeout=DEADLINE_S)
+    assert (sweep.returncode, printed) == (EXIT_RUN_FAILED, b"")
+    assert b"error: interrupted; " in said
+    assert b"Traceback" not in said
+    _, alive = psutil.wait_procs(family, timeout=DEADLINE_S)
+    assert not alive
+    kept = {path: path.stat().st_mtime_ns for path in jobs.glob("*.job")}
+    assert 0 < len(kept) < 9
+    hold.unlink()
+    assert main([*command[3:], "--jobs", "1"]) == EXIT_DONE
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    assert len(flown(out)) == 9
+
+
+# -- plug-ins of one's own --------------------------------------------------------------------------------------------
+
+
+MINE = """
+import meanflock as mf
+
+class Mine(mf.Controller):
+    name = "{}"
+
+    def step(self, memory, tick, own, received):
+        return mf.Step(memory, own[:, :2] * {})
+"""
+
+
+@pytest.mark.processes
+def test_a_plugin_that_changed_or_came_later_is_flown_as_it_is_now(tmp_path: Path) -> None:
+    """Workers live on between two studies, and `out` keeps what an earlier form of the file flew."""
+
+    def energy(name: str, push: float) -> list[float]:
+        (tmp_path / f"{name}.py").write_text(MINE.format(name, push), encoding="utf-8")
+        out = tmp_path / "out"
+        return [
+            row["energy_mean_J"]
+            for row in mf.compare(
+                [name], plugin=tmp_path / f"{name}.py", seeds=2, jobs=2, out=out, uavs=2, duration=2.0
+            )
+        ]
+
+    first = energy("one", -0.01)
+    assert energy("other", -0.02) != first
+    assert energy("one", -0.02) == energy("other", -0.02) != first
+
+
+ONE_FLIGHT = ("--seeds", "1", "--first-seed", "1", "--jobs", "1")
+
+
+def told_to_end(*_: Any, **__: Any) -> None:
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+@pytest.mark.parametrize(
+    ("command", "last"),
+    [
+        (
+            ("compare", "plan", "--uavs", "2", "--duration", "3", "--seeds", "1", "--jobs", "1"),
+            "groundstation.plots.charts.write",
+        ),
+        (("sweep", "uavs=2,3", "--duration", "3", "--seeds", "1", "--jobs", "1"), "groundstation.plots.charts.write"),
+        (
+            ("leaderboard", "--missions", "crowd", "--controllers", "plan", *ONE_FLIGHT),
+            "studies.leaderboard.report.write",
+        ),
+        (("paper",), "studies.paper.measure.measured"),
+    ],
+)
+def test_a_study_that_is_told_to_end_after_its_last_flight_says_how_to_go_on(
+    command: tuple[str, ...], last: str, run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heard: list[int] = []
+    before = signal.signal(signal.SIGTERM, lambda number, _: heard.append(number))
+    monkeypatch.setattr(experiments, "run_grid", lambda *_, **__: None)
+    monkeypatch.setattr(f"meanflock.{last}", told_to_end)
+    try:
+        code, _, err = run(*command, "--quiet", "--out", "out")
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert (code, heard) == (EXIT_RUN_FAILED, [])  # as Ctrl-C: joblib ends its workers
+    assert err == ("error: interrupted; flights that were finished are kept in out/data: repeat the command to go on\n")
