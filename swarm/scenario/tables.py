@@ -102,7 +102,7 @@ class Cost(_Table, frozen=True):
         float,
         Meta(ge=0, description="weight of a repulsion from neighbours, who then broadcast every tick; 0: none, 1/s²"),
     ] = 0.0
-    separation_range: Annotated[float, Meta(gt=0, description="how far it reaches, std of its Gaussian, m")] = 0.5
+    separation_range: Annotated[float, Meta(ge=0.001, description="how far it reaches, std of its Gaussian, m")] = 0.5
 
 
 class Learner(_Table, frozen=True):

@@ -2,7 +2,9 @@
 
 from pathlib import Path
 
-PACKAGES = ("agent", "channel", "groundstation", "kernels", "leader", "meanflock", "swarm", "worldsim")
+from tests.sources import ROOMS
+
+PACKAGES = (*ROOMS, "meanflock")
 LIBRARIES = ("joblib", "msgspec", "numpy", "zenoh")
 
 
