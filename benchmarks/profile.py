@@ -75,6 +75,8 @@ class Stopwatch:
         self.ns: Counter[str] = Counter()
         self.calls: Counter[str] = Counter()
         self._clock = clock
+        self._thread = threading.get_ident()  # whose time it is
+        self._beside: set[str] = set()  # labels of what other threads did meanwhile
         self._local = threading.local()  # of each thread: what it spent in wrapped functions within those under way
         self._undo: list[tuple[Any, str, Any]] = []
         self.absent: list[str] = []  # names that are no longer there
@@ -103,7 +105,8 @@ class Stopwatch:
             setattr(owner, attribute, self._timed(original, label))
 
     def clear(self) -> None:
-        """Forgets what was measured so far."""
+        """Forgets what was measured so far; from now on it is the time of the thread that calls this."""
+        self._thread = threading.get_ident()
         self.ns.clear()
         self.calls.clear()
 
@@ -118,18 +121,23 @@ class Stopwatch:
                 return original(*args, **named)
             finally:
                 elapsed = clock() - start
-                ns[label] += elapsed - inner.pop()
-                calls[label] += 1
+                name = label
+                if threading.get_ident() != self._thread:
+                    name = f"{label}, in Zenoh's thread meanwhile"
+                    self._beside.add(name)
+                ns[name] += elapsed - inner.pop()
+                calls[name] += 1
                 inner[-1] += elapsed
 
         return timed
 
     def parts(self, ticks: int, total_us: float) -> list[dict[str, Any]]:
-        """Largest first: µs, share and calls a tick; what no label has is "everything else"."""
+        """Largest first: µs, share and calls a tick; what no label has is "everything else"; all but what
+        other threads did meanwhile makes up the total."""
         rows = [
             {"part": label, "us": ns / 1e3 / ticks, "calls": self.calls[label] / ticks} for label, ns in self.ns.items()
         ]
-        rest = total_us - sum(row["us"] for row in rows)
+        rest = total_us - sum(row["us"] for row in rows if row["part"] not in self._beside)
         rows.append({"part": "everything else", "us": rest, "calls": None})
         return [row | {"share": row["us"] / total_us} for row in sorted(rows, key=lambda row: -row["us"])]
 
