@@ -34,7 +34,8 @@ def _run() -> None:
     if given.count > 1 and given.tls and given.uav < 0:
         raise BadInput(f"--count {given.count}: with --tls say which UAV is the first: --uav K")
     number = fork(given.count)
-    end_with_launcher()
+    if given.count == 1:
+        end_with_launcher()  # several are ended by the one they were forked from
     if given.uav >= 0:
         given.uav += number * given.rows
     known = logs.start(given.log_format, run=given.run, node=keys.asker("agent", given.uav))

@@ -64,10 +64,13 @@ class Hangs(mf.Controller):
 """
 
 
-def test_a_controller_that_hangs_does_not_outlive_a_launcher_that_is_killed(command: Command, tmp_path: Path) -> None:
+@pytest.mark.parametrize("uavs", ["1", "2"])
+def test_a_controller_that_hangs_does_not_outlive_a_launcher_that_is_killed(
+    uavs: str, command: Command, tmp_path: Path
+) -> None:
     plugin = tmp_path / "hangs.py"
     plugin.write_text(HANGS)
-    launcher = command.start("--quiet", "--plugin", str(plugin), "--method", "hangs", "--uavs", "1", "--no-record")
+    launcher = command.start("--quiet", "--plugin", str(plugin), "--method", "hangs", "--uavs", uavs, "--no-record")
     until(plugin.with_suffix(".hangs").exists, "a controller that hangs")
     run = command.folder.name
     launcher.kill()
