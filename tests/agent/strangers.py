@@ -7,9 +7,9 @@ import numpy as np
 
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
 from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm import plugins
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire.messages import Telemetry
 
 BAD, WHEN = 2, 7  # the UAV whose controller goes wrong, and the tick it does in
 UAVS = 5
@@ -54,15 +54,8 @@ def flown(made: type[Controller], *settings: str) -> Scenario:
     return load(None, [f"uavs={UAVS}", "duration=3", 'stop="duration"', *settings], method=made.name)
 
 
-class Blocks:
-    """A sink that keeps the telemetry."""
-
-    def __init__(self) -> None:
-        self.blocks: list[Telemetry] = []
-
-    def write(self, block: Telemetry) -> None:
-        """One block more."""
-        self.blocks.append(block)
+class Blocks(Kept):
+    """The telemetry, and what its events say."""
 
     @property
     def events(self) -> list[tuple[str, str]]:

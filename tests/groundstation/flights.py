@@ -6,7 +6,6 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.studies.paper.methods import Method
 from meanflock.swarm.net import keys
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire.messages import Telemetry
 
 RUN = "engine-test"
 NUMBER = keys.fingerprint(RUN)
@@ -31,16 +30,6 @@ def steady(summary: dict[str, Any]) -> dict[str, Any]:
         name: {k: v for k, v in bill.items() if k != "wire_bytes"} for name, bill in summary["radio"]["traffic"].items()
     }
     return {**{k: v for k, v in summary.items() if k not in volatile}, "radio": radio, "traffic": traffic}
-
-
-class Kept:
-    """A sink that keeps everything."""
-
-    def __init__(self) -> None:
-        self.blocks: list[Telemetry] = []
-
-    def write(self, block: Telemetry) -> None:
-        self.blocks.append(block)
 
 
 INT8 = ("federation.payload=int8", "federation.broadcast_payload=int8")

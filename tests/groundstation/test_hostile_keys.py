@@ -7,12 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Join
-from tests.groundstation.flights import RUN, Kept, fly, scenario, steady
+from tests.groundstation.flights import RUN, fly, scenario, steady
 
 HOSTILE_KEYS = [
     "",

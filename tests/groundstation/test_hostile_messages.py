@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Act, Event, FrameKind, Frames, Join, Ready, Received, Refusal, Sense, Stop
 from meanflock.swarm.wire.tick import TYPES, read_sense, write_act, write_sense
-from tests.groundstation.flights import INT8, NUMBER, RUN, UAVS, Kept, fly, scenario, steady
+from tests.groundstation.flights import INT8, NUMBER, RUN, UAVS, fly, scenario, steady
 
 
 def act(tick: int, rows: int = 2, **changes: Any) -> Act:

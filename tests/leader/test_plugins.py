@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.station import Kept
 from meanflock.leader.aggregators.base import Aggregator, State
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.mean import fedavg
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire.messages import Telemetry
 from meanflock.worldsim.checkpoint import Resumption
 
 FLOATS = 108
@@ -37,15 +37,8 @@ def flown(made: type[Aggregator], *settings: str) -> Scenario:
     return load(None, [*fixed, "duration=6", *settings], method="mfgfl-h")
 
 
-class Blocks:
-    """A sink that keeps the telemetry."""
-
-    def __init__(self) -> None:
-        self.blocks: list[Telemetry] = []
-
-    def write(self, block: Telemetry) -> None:
-        """One block more."""
-        self.blocks.append(block)
+class Blocks(Kept):
+    """The telemetry, and what its events say."""
 
     @property
     def texts(self) -> list[str]:

@@ -8,6 +8,7 @@ import rerun as rr
 from rerun.chunk import RrdReader
 
 from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.station import Kept
 from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import legend
 from meanflock.groundstation.recording.part import Part
@@ -25,14 +26,6 @@ UAVS, TICKS = 3, 40
 
 def scenarios() -> dict[str, Scenario]:
     return {name: load(None, method=name, uavs=UAVS, duration=4.0, stop="duration") for name in ("mfgfl-h", "hjb")}
-
-
-class Kept:
-    def __init__(self) -> None:
-        self.blocks: list[Telemetry] = []
-
-    def write(self, block: Telemetry) -> None:
-        self.blocks.append(block)
 
 
 def flown(scenario: Scenario) -> list[Telemetry]:

@@ -15,12 +15,14 @@ from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.wire import tick
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense
 from tests.swarm.backends import BACKENDS, REFERENCE, Backend, outcome
+from tests.swarm.damage import damaged
 from tests.swarm.examples import OF_A_TICK, RAW, arrays_in, same
 from tests.swarm.ticks import QUICK, as_documented, as_meant, read, written
 
 pytestmark = pytest.mark.usefixtures("backend")  # all of this holds for every form
 
 MANY = settings(QUICK, max_examples=2000)
+HONEST = [RAW[name] for name in OF_A_TICK]
 REASONS = {"malformed", "wrong-shape", "non-finite", "wrong-kind"}
 
 
@@ -42,30 +44,8 @@ def never_worse(raw: bytes) -> None:
         assert written(message) == raw
 
 
-@st.composite
-def damaged(draw: st.DrawFn) -> bytes:
-    """An honest message, hurt in up to four places: bytes changed, cut out, put in, cut off, spliced with another."""
-    honest = [RAW[name] for name in OF_A_TICK]
-    raw = bytearray(draw(st.sampled_from(honest)))
-    for _ in range(draw(st.integers(1, 4))):
-        at = draw(st.integers(0, min(len(raw), 400)) | st.integers(0, len(raw)))
-        how = draw(st.sampled_from(["change", "change", "change", "cut", "insert", "truncate", "splice"]))
-        if how == "change" and at < len(raw):
-            raw[at] = draw(st.integers(0, 255))
-        elif how == "cut":
-            del raw[at : at + draw(st.integers(1, 9))]
-        elif how == "insert":
-            raw[at:at] = draw(st.binary(min_size=1, max_size=9))
-        elif how == "truncate":
-            del raw[at:]
-        elif how == "splice":
-            other = draw(st.sampled_from(honest))
-            raw[at:] = other[draw(st.integers(0, min(len(other), 400))) :]
-    return bytes(raw)
-
-
 @MANY
-@given(damaged())
+@given(damaged(HONEST))
 def test_damaged_bytes_are_a_message_or_are_rejected(raw: bytes) -> None:
     never_worse(raw)
 
@@ -78,13 +58,13 @@ def test_any_bytes_are_a_message_or_are_rejected(raw: bytes) -> None:
 
 @pytest.mark.parametrize("backend", [name for name in BACKENDS if BACKENDS[name] != REFERENCE], indirect=True)
 @settings(MANY, max_examples=1000)
-@given(damaged())
+@given(damaged(HONEST))
 def test_every_form_lets_in_the_same_and_rejects_for_the_same_reason(backend: Backend, raw: bytes) -> None:
     assert outcome(backend.read, raw) == outcome(REFERENCE.read, raw)
 
 
 @settings(MANY, max_examples=500)
-@given(damaged() | st.sampled_from([RAW[name] for name in OF_A_TICK]), st.integers(0, 3), st.integers(1, 5))
+@given(damaged(HONEST) | st.sampled_from([RAW[name] for name in OF_A_TICK]), st.integers(0, 3), st.integers(1, 5))
 def test_the_first_table_is_written_where_it_is_wanted_or_nowhere(
     backend: Backend, raw: bytes, rows: int, columns: int
 ) -> None:

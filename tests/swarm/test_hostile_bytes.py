@@ -13,9 +13,11 @@ from hypothesis import strategies as st
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Finished, Ready, Received, Welcome
+from tests.swarm.damage import damaged
 from tests.swarm.examples import DTYPES, EXAMPLES, OF_A_TICK, RAW, TYPES, arrays_in, carrying, same
 
 CONTROL = sorted(set(EXAMPLES) - set(OF_A_TICK))
+HONEST = list(RAW.values())
 REASONS = {"malformed", "oversized", "wrong-shape", "non-finite"}
 MANY = settings(max_examples=2000, deadline=None, database=None, suppress_health_check=[HealthCheck.too_slow])
 
@@ -35,29 +37,8 @@ def decode_or_reject(raw: bytes) -> None:
     same(control.decode(control.encode(message)), message)
 
 
-@st.composite
-def damaged(draw: st.DrawFn) -> bytes:
-    """An honest message, hurt in up to four places: bytes changed, cut out, put in, cut off, spliced with another."""
-    raw = bytearray(draw(st.sampled_from(list(RAW.values()))))
-    for _ in range(draw(st.integers(1, 4))):
-        at = draw(st.integers(0, min(len(raw), 400)))
-        how = draw(st.sampled_from(["change", "change", "cut", "insert", "truncate", "splice"]))
-        if how == "change" and at < len(raw):
-            raw[at] = draw(st.integers(0, 255))
-        elif how == "cut":
-            del raw[at : at + draw(st.integers(1, 9))]
-        elif how == "insert":
-            raw[at:at] = draw(st.binary(min_size=1, max_size=9))
-        elif how == "truncate":
-            del raw[at:]
-        elif how == "splice":
-            other = draw(st.sampled_from(list(RAW.values())))
-            raw[at:] = other[draw(st.integers(0, min(len(other), 400))) :]
-    return bytes(raw)
-
-
 @MANY
-@given(damaged())
+@given(damaged(HONEST))
 def test_damaged_bytes_are_a_message_or_are_rejected(raw: bytes) -> None:
     decode_or_reject(raw)
 

@@ -11,6 +11,7 @@ import pytest
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
 from meanflock.agent.controllers.ecbf import Ecbf
 from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm import declared, plugins
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Filter, Scenario, load
@@ -210,16 +211,8 @@ def test_scenarios_without_a_filter_keep_their_hash_and_others_have_their_own() 
 # -- flights ------------------------------------------------------------------------------------------------------
 
 
-class Blocks:
-    def __init__(self) -> None:
-        self.blocks: list[Telemetry] = []
-
-    def write(self, block: Telemetry) -> None:
-        self.blocks.append(block)
-
-
 def fly(of: Scenario, rows: int | None = None, **more: Any) -> tuple[dict[str, Any], list[Telemetry]]:
-    sink = Blocks()
+    sink = Kept()
     engine = Engine(of, "filtered", uavs_per_node=rows, sinks=[sink], **more)
     for _ in engine.fly():
         pass
