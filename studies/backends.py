@@ -94,10 +94,14 @@ def started(calls: Iterable[Any], jobs: int, **how: Any) -> Iterator[Any]:
 
     Of this machine, the processes leave Ctrl-C to this one and end with it, however it ends.
     """
-    import joblib
+    from joblib.parallel import LokyBackend, Parallel, get_active_backend
 
-    how = {"return_as": "generator_unordered", "batch_size": 1, **how}
-    parallel = joblib.Parallel(n_jobs=jobs, initializer=_become_a_worker, initargs=(os.getpid(),), **how)
+    from meanflock.studies.pool import Pool
+
+    active, _ = get_active_backend()
+    backend = Pool() if isinstance(active, LokyBackend) else None
+    how = {"return_as": "generator_unordered", "batch_size": 1, "backend": backend, **how}
+    parallel = Parallel(n_jobs=jobs, initializer=_become_a_worker, initargs=(os.getpid(),), **how)
     with ExitStack() as stack:
         with _unbroken():
             results = parallel(calls)

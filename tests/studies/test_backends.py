@@ -1,4 +1,4 @@
-"""Signals while processes of a study start."""
+"""Signals while processes of a study start, and a pool that is killed at once."""
 
 import signal
 import subprocess
@@ -35,3 +35,22 @@ def test_what_must_not_be_broken_off_is_finished_first(number: signal.Signals) -
         "finished",
         "interrupted; flights that were finished are kept in there/data: repeat the command to go on True",
     ]
+
+
+_KILL = """
+import time
+import warnings
+import joblib
+from meanflock.studies.pool import Pool
+if __name__ == "__main__":
+    warnings.simplefilter("ignore")  # that some results were not fetched
+    for _ in range(20):  # of which some are killed before their calls are on the way
+        parallel = joblib.Parallel(n_jobs=2, backend=Pool(), return_as="generator_unordered", batch_size=1)
+        parallel(joblib.delayed(time.sleep)(10) for _ in range(9)).close()
+"""
+
+
+def test_a_pool_that_is_killed_at_once_says_nothing() -> None:
+    command = [sys.executable, "-c", _KILL]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "", "")
