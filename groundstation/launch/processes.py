@@ -141,14 +141,14 @@ class Swarm(Family):
         if self._children and self._children[0].process.poll() is None:
             self._children[0].process.send_signal(signal.SIGINT)
 
-    def wait(self, timeout_s: float) -> bool:
-        """Waits until every process has ended by itself; False if some did not in time."""
+    def wait(self, timeout_s: float) -> list[str]:
+        """Waits until every process has ended by itself; the names of those that did not in time."""
         end = time.monotonic() + timeout_s
-        while any(child.process.poll() is None for child in self._children):
-            if time.monotonic() > end:
-                return False
+        while (left := [child.name for child in self._children if child.process.poll() is None]) and (
+            time.monotonic() <= end
+        ):
             time.sleep(0.01)
-        return True
+        return left
 
     def kill(self) -> None:
         """Ends whatever runs at once: for a process that ends itself at once."""

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from datetime import datetime
+from logging import WARNING
 from pathlib import Path
 from typing import Any
 
@@ -246,8 +247,13 @@ def _processes(
             bus.close()
         assert station.summary is not None
         some_lost = station.summary["nodes_lost"] > 0
-        if not swarm.wait(_LAST_WORDS_OF_THE_LOST_S if some_lost else _LAST_WORDS_S) and not some_lost:
-            raise RunFailed("the flight is over but some processes did not end")
+        left = swarm.wait(_LAST_WORDS_OF_THE_LOST_S if some_lost else _LAST_WORDS_S)
+        if left and not some_lost:
+            logs.tell(
+                f"warning: the flight is complete, but not all processes ended within {_LAST_WORDS_S:g} s of it; "
+                f"ended now: {', '.join(left)}",
+                WARNING,
+            )
         if not interrupted:
             swarm.check_world()
     return station.summary

@@ -5,7 +5,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -66,8 +66,10 @@ class Command:
 
         The command runs in this process, where all is loaded; what it starts, if anything, are processes of their own.
         """
-        with redirect_stdout(StringIO()) as told:
-            assert main(["run", "--out", str(self.out), "--json", "--quiet", *flags]) == 0
+        with redirect_stdout(StringIO()) as told, redirect_stderr(StringIO()) as err:
+            assert main(["run", "--out", str(self.out), "--json", "--quiet", *flags]) == 0, err.getvalue()
+        assert "not all processes ended" not in err.getvalue()
+        sys.stderr.write(err.getvalue())
         return json.loads(told.getvalue())
 
     def summary_of_a_process(self, *flags: str) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """How a command and its processes end: told twice, or while nobody flies yet; and what they do not listen to."""
 
+import json
 import os
 import signal
 import subprocess
@@ -9,7 +10,9 @@ from pathlib import Path
 import psutil
 import pytest
 
+from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch import processes as launch
+from meanflock.groundstation.launch import run as flight
 from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.process import CHILD
@@ -84,6 +87,18 @@ def test_a_ground_station_that_waits_for_a_world_hears_ctrl_c(tmp_path: Path, sp
     _, err = station.communicate(timeout=SOON_S)
     assert (station.returncode, list(tmp_path.iterdir())) == (1, [])
     assert "error: interrupted" in err
+
+
+def test_processes_that_do_not_end_cost_nothing_of_what_was_flown(
+    command: Command, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(flight, "_LAST_WORDS_S", -1.0)  # as if it had been waited for them
+    flags = ("--uavs", "2", "--duration", "20", "--no-record", "--out", str(command.out))
+    assert main(["run", "--quiet", "--json", *flags]) == 0
+    flown, warned = capsys.readouterr()
+    assert json.loads(flown) == json.loads((command.folder / "summary.json").read_text())
+    assert "warning: the flight is complete, but not all processes ended" in warned
+    until(lambda: not processes_of(command.folder.name), "the end of all processes", SOON_S)
 
 
 def test_what_the_variables_of_the_processes_say_changes_nothing_of_what_a_command_flies(
