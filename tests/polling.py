@@ -9,11 +9,17 @@ DEADLINE_S = 180.0  # costs nothing where it is not reached; below the timeout o
 LINK_SURE_S = 7.0
 
 
-def until(true: Callable[[], Any], what: str, deadline_s: float = DEADLINE_S, pause_s: float = 0.02) -> Any:
-    """Calls `true()` until it is, and returns what it was."""
+def until(
+    true: Callable[[], Any],
+    what: str,
+    deadline_s: float = DEADLINE_S,
+    pause_s: float = 0.02,
+    seen: Callable[[], object] = str,
+) -> Any:
+    """Calls `true()` until it is, and returns what it was. `seen()`: what there is instead, said if it never is."""
     end = time.monotonic() + deadline_s
     while True:
         if result := true():
             return result
-        assert time.monotonic() < end, f"not within {deadline_s:.0f} s: {what}"
+        assert time.monotonic() < end, f"not within {deadline_s:.0f} s: {what} {seen()}"
         time.sleep(pause_s)

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from meanflock.groundstation import certs
+from meanflock.groundstation.results.run_folder import LOSS
 from tests.polling import DEADLINE_S, until
 
 REPOSITORY = Path(__file__).parents[2]
@@ -113,9 +114,20 @@ class Compose:
         (folder,) = self.out.iterdir()
         return json.loads((folder / "summary.json").read_text())
 
-    def events(self, kind: str) -> list[dict[str, Any]]:
+    def events(self, *kinds: str) -> list[dict[str, Any]]:
         lines = [line for path in self.out.glob("*/events.jsonl") for line in path.read_text().splitlines()]
-        return [event for event in map(json.loads, lines) if event["kind"] == kind]
+        return [event for event in map(json.loads, lines) if event["kind"] in kinds]
+
+    def fates(self) -> list[dict[str, Any]]:
+        """What happened to UAVs beside their flight."""
+        return self.events(*LOSS, "rejoined")
+
+    def lost(self) -> set[int]:
+        """UAVs that are, after all that was written."""
+        lost: set[int] = set()
+        for event in self.fates():
+            lost = lost - set(event["uavs"]) if event["kind"] == "rejoined" else lost | set(event["uavs"])
+        return lost
 
 
 LONG = "seed=7 duration=400 stop=duration"
