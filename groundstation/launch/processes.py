@@ -144,9 +144,9 @@ class Swarm(Family):
     def wait(self, timeout_s: float) -> list[str]:
         """Waits until every process has ended by itself; the names of those that did not in time."""
         end = time.monotonic() + timeout_s
-        while (left := [child.name for child in self._children if child.process.poll() is None]) and (
-            time.monotonic() <= end
-        ):
+        while left := [child.name for child in self._children if child.process.poll() is None]:
+            if time.monotonic() > end:
+                break
             time.sleep(0.01)
         return left
 

@@ -152,10 +152,9 @@ class Outputs:
             self.progress = FlightProgress(scenario, options.quiet)
             self.sinks: list[Sink] = [self.folder, self.progress]
             if options.record:
+                # Here, for rerun takes a third of a second to load.
                 from meanflock.groundstation.recording.recorded import recorded
-                from meanflock.groundstation.recording.recorder import (
-                    Recorder,  # rerun takes a third of a second to load
-                )
+                from meanflock.groundstation.recording.recorder import Recorder
                 from meanflock.groundstation.recording.replay import missing
                 from meanflock.groundstation.recording.viewer import Continued, open_viewer
 
