@@ -1,7 +1,6 @@
 """The data dictionary: the page, the metadata and what runs leave say the same."""
 
 import ast
-import importlib.util
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,6 +23,7 @@ from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import Status
 from tests.groundstation.recordings import flight
+from tests.pages import script_of
 
 ROOT = Path(__file__).parents[2]
 FAULTS = [{"kind": "kill", "tick": 20, "uavs": [1]}, {"kind": "leader-loss", "tick": 250}]
@@ -49,11 +49,7 @@ def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 
 
 def test_the_page_is_that_of_the_code() -> None:
-    spec = importlib.util.spec_from_file_location("data", ROOT / "docs" / "data.py")
-    assert spec is not None
-    assert spec.loader is not None
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
+    script = script_of("data")
     assert script.PAGE.read_text(encoding="utf-8") == script.page(), "run `python docs/data.py`"
 
 

@@ -1,9 +1,7 @@
 """The published study: every verdict follows from its intervals, and README and documentation say the same counts."""
 
-import importlib.util
 import json
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
@@ -14,21 +12,12 @@ from meanflock.studies.paper.report import claims as report_claims
 from meanflock.studies.paper.report import write
 from meanflock.studies.paper.verdict import NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, UNDECIDED
 from meanflock.swarm.scenario import load
+from tests.pages import script_of
 
 ROOT = Path(__file__).parents[2]
 
 
-def generator() -> ModuleType:
-    """docs/reproduction.py, which wrote the page's numbers."""
-    spec = importlib.util.spec_from_file_location("reproduction", ROOT / "docs" / "reproduction.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-reproduction = generator()
+reproduction = script_of("reproduction")
 RECORDS: list[dict[str, Any]] = json.loads((ROOT / "docs/results/claims.json").read_text(encoding="utf-8"))
 MAP: dict[str, Any] = json.loads((ROOT / "docs/results/map.json").read_text(encoding="utf-8"))
 REPRODUCTION = (ROOT / "docs/reproduction.md").read_text(encoding="utf-8")

@@ -2,12 +2,10 @@
 
 import os
 import signal
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
-import psutil
 import pytest
 
 import meanflock as mf
@@ -19,8 +17,7 @@ from meanflock.studies.swept import Swept
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput
 from meanflock.swarm.scenario import load
 from meanflock.swarm.toml import apply
-from tests.polling import DEADLINE_S, until
-from tests.studies.studies import QUICK, flown, rows
+from tests.studies.studies import QUICK, flown, interrupted, rows
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -179,18 +176,11 @@ def test_ctrl_c_ends_a_sweep_and_its_workers_and_a_repeat_goes_on(tmp_path: Path
     command = [sys.executable, "-c", "from meanflock.groundstation.cli.command import main; main()", "sweep"]
     command += ["wind.sigma=0.1,0.2,0.3", "--methods", "held", "--plugin", str(plugin), "--uavs", "2"]
     command += ["--duration", "2", "--seeds", "3", "--jobs", "2", "--quiet", "--out", str(out)]
-    sweep = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
-    jobs = out / "data" / "jobs"
-    until(lambda: list(jobs.glob("*.job")) or sweep.poll() is not None, "a finished job")
-    family = psutil.Process(sweep.pid).children(recursive=True)
-    os.killpg(sweep.pid, signal.SIGINT)
-    printed, said = sweep.communicate(timeout=DEADLINE_S)
-    assert (sweep.returncode, printed) == (EXIT_RUN_FAILED, b"")
+    code, printed, said = interrupted(command, out)
+    assert (code, printed) == (EXIT_RUN_FAILED, b"")
     assert b"error: interrupted; " in said
     assert b"Traceback" not in said
-    _, alive = psutil.wait_procs(family, timeout=DEADLINE_S)
-    assert not alive
-    kept = {path: path.stat().st_mtime_ns for path in jobs.glob("*.job")}
+    kept = {path: path.stat().st_mtime_ns for path in out.glob("data/jobs/*.job")}
     assert 0 < len(kept) < 9
     hold.unlink()
     assert main([*command[3:], "--jobs", "1"]) == EXIT_DONE

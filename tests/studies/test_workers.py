@@ -2,17 +2,15 @@
 
 import os
 import signal
-import subprocess
 import sys
 from pathlib import Path
 
-import psutil
 import pytest
 
 from meanflock.studies.paper import experiments
 from meanflock.studies.paper.grid import Wanted
 from meanflock.swarm.errors import RunFailed
-from tests.polling import DEADLINE_S, until
+from tests.studies.studies import interrupted
 from tests.studies.tiny import fly, plan, same
 
 
@@ -20,8 +18,6 @@ def test_a_killed_worker_costs_a_second_try(tmp_path: Path, monkeypatch: pytest.
     marker = str(tmp_path / "killed")
 
     def killed_once(number: int, run: Wanted) -> tuple[int, bytes]:
-        import os
-        import signal
 
         from meanflock.studies.paper import experiments
 
@@ -40,8 +36,6 @@ def test_a_killed_worker_costs_a_second_try(tmp_path: Path, monkeypatch: pytest.
 
 def test_a_run_that_always_dies_ends_the_grid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def killed(number: int, run: Wanted) -> tuple[int, bytes]:
-        import os
-        import signal
 
         from meanflock.studies.paper import experiments
 
@@ -62,13 +56,6 @@ def test_ctrl_c_ends_the_grid_and_its_workers(tmp_path: Path) -> None:
         "import sys; from pathlib import Path; from meanflock.studies.paper.experiments import run_grid\n"
         f"run_grid(Path({str(tmp_path)!r}), 1, {{'s0'}}, jobs=2)"
     )
-    grid_process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, start_new_session=True)
-    finished = (tmp_path / "data" / "jobs").glob
-    until(lambda: list(finished("*.job")) or grid_process.poll() is not None, "a finished flight")
-    family = psutil.Process(grid_process.pid).children(recursive=True)
-    os.killpg(grid_process.pid, signal.SIGINT)
-    _, said = grid_process.communicate(timeout=DEADLINE_S)
-    assert grid_process.returncode == 1
+    exit_code, _, said = interrupted([sys.executable, "-c", code], tmp_path)
+    assert exit_code == 1
     assert b"RunFailed: interrupted" in said
-    _, alive = psutil.wait_procs(family, timeout=DEADLINE_S)
-    assert not alive

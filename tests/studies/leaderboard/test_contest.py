@@ -1,14 +1,11 @@
 """Real leaderboards, in small: what is flown, kept and refused, and what a failure costs."""
 
 import os
-import signal
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psutil
 import pytest
 from scipy import stats
 
@@ -18,8 +15,8 @@ from meanflock.studies.leaderboard.contest import Contest
 from meanflock.studies.leaderboard.measures import BY_KEY
 from meanflock.studies.store import Store
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED
-from tests.polling import DEADLINE_S, until
 from tests.studies.leaderboard.courses import QUICK
+from tests.studies.studies import interrupted
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -172,19 +169,11 @@ def test_ctrl_c_keeps_what_is_finished_and_a_repeat_flies_the_rest(run, tmp_path
     command = [sys.executable, "-c", "from meanflock.groundstation.cli.command import main; main()", "leaderboard"]
     command += ["--missions", "long.toml", "--controllers", "hjb", "mfg", "--seeds", "6", "--jobs", "2"]
     command += ["--quiet", "--out", "out"]
-    flying = subprocess.Popen(
-        command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
-    )
-    jobs = tmp_path / "out" / "data" / "jobs"
-    until(lambda: list(jobs.glob("*.job")) or flying.poll() is not None, "a finished job")
-    family = psutil.Process(flying.pid).children(recursive=True)
-    os.killpg(flying.pid, signal.SIGINT)
-    out, said = flying.communicate(timeout=DEADLINE_S)
-    assert (flying.returncode, out) == (EXIT_RUN_FAILED, b"")
+    code, printed, said = interrupted(command, tmp_path / "out", cwd=tmp_path)
+    assert (code, printed) == (EXIT_RUN_FAILED, b"")
     assert b"error: interrupted; " in said
     assert b"Traceback" not in said
-    assert not psutil.wait_procs(family, timeout=DEADLINE_S)[1]
-    kept = {path: path.stat().st_mtime_ns for path in jobs.glob("*.job")}
+    kept = {path: path.stat().st_mtime_ns for path in tmp_path.glob("out/data/jobs/*.job")}
     assert not (tmp_path / "out/leaderboard.json").exists()
     assert run(*command[3:], "--jobs", "1")[0] == EXIT_DONE
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
