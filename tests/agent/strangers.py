@@ -6,8 +6,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm import plugins
 from meanflock.swarm.scenario import Scenario, load
 
@@ -52,23 +50,6 @@ class Honest(Controller):
 def flown(made: type[Controller], *settings: str) -> Scenario:
     plugins.register(made)
     return load(None, [f"uavs={UAVS}", "duration=3", 'stop="duration"', *settings], method=made.name)
-
-
-class Blocks(Kept):
-    """The telemetry, and what its events say."""
-
-    @property
-    def events(self) -> list[tuple[str, str]]:
-        """Kind and text of all events."""
-        return [(event.kind, event.text) for block in self.blocks for event in block.events]
-
-
-def fly(of: Scenario, rows: int | None = None, **more: Any) -> tuple[dict[str, Any], Blocks]:
-    sink = Blocks()
-    engine = Engine(of, "strangers", uavs_per_node=rows, sinks=[sink], **more)
-    for _ in engine.fly():
-        pass
-    return engine.world.finish(), sink
 
 
 def wrong(**methods: Any) -> type[Controller]:

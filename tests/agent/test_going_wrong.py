@@ -9,7 +9,8 @@ import pytest
 from meanflock.agent.controllers.base import Broadcast, Memory, Received, Step
 from meanflock.groundstation.launch import engine as engines
 from meanflock.swarm.wire.messages import Status
-from tests.agent.strangers import BAD, QUIET, UAVS, Honest, changed, flown, fly, returns, spoiled, wrong
+from tests.agent.strangers import BAD, QUIET, UAVS, Honest, changed, flown, returns, spoiled, wrong
+from tests.telemetry import fly
 
 
 def raises(self: Honest, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
@@ -124,10 +125,10 @@ def test_a_controller_that_goes_wrong_costs_its_own_uav_in_one_process_as_in_man
         assert summary["nodes_lost"] == 0
         last = sink.blocks[-1].status[-1]
         assert (last == Status.LOST).tolist() == [uav == BAD for uav in range(UAVS)]
-        lost = [said for kind, said in sink.events if kind == "diverged"]
+        lost = [event.text for event in sink.events if event.kind == "diverged"]
         assert len(lost) == 1
         assert f"UAV {BAD}" in lost[0]
-        named = [said for kind, said in sink.events if "failed with UAV" in said]
+        named = [said for said in sink.texts if "failed with UAV" in said]
         assert len(named) == 1
         assert all(f"UAV {BAD}: " in said and text in said for said in named)
     assert together[0]["trajectory_sha256"] == alone[0]["trajectory_sha256"]
@@ -178,7 +179,7 @@ def test_a_memory_that_no_checkpoint_can_keep_costs_its_own_uav_and_not_the_chec
         hashes.add(summary["trajectory_sha256"])
         assert summary["dropped_messages"] == {}
         assert (sink.blocks[-1].status[-1] == Status.LOST).tolist() == [uav == BAD for uav in range(UAVS)]
-        (named,) = [said for kind, said in sink.events if "failed with UAV" in said]
+        (named,) = [said for said in sink.texts if "failed with UAV" in said]
         assert f"UAV {BAD}: ValueError: memory['aside'] has numbers that are not finite" in named
         assert sum(bool(block.checkpoint) for block in sink.blocks) >= 2
     assert len(hashes) == 1

@@ -10,7 +10,8 @@ from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.checkpoint import Resumption
-from tests.agent.strangers import Honest, flown, fly, wrong
+from tests.agent.strangers import Honest, flown, wrong
+from tests.telemetry import fly
 
 
 def checkpointed(of: Scenario) -> tuple[dict[str, Any], Resumption]:

@@ -21,9 +21,10 @@ from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import MemoryBus
 from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire.messages import Event, Join, Telemetry
+from meanflock.swarm.wire.messages import Join
 from meanflock.worldsim.checkpoint import EVERY_TICKS
 from tests.polling import DEADLINE_S, until
+from tests.telemetry import Record
 
 RUN = "faults"
 _SETTINGS = ("uavs=3", "seed=7", "stop=duration", "federation.period=40")
@@ -44,29 +45,12 @@ def scenario(*settings: str, method: str = "mfgfl-h") -> Scenario:
     return load(None, [*fixed, *settings], method=method)
 
 
-class Told:
-    """A sink that keeps the blocks."""
-
-    def __init__(self) -> None:
-        self.blocks: list[Telemetry] = []
-
-    def write(self, block: Telemetry) -> None:
-        self.blocks.append(block)
-
-    @property
-    def events(self) -> list[Event]:
-        return [event for block in self.blocks for event in block.events]
-
-    def kinds(self, *kinds: str) -> list[tuple[int, str]]:
-        return [(event.tick, event.kind) for event in self.events if event.kind in kinds]
-
-
 class Lab:
     """An engine whose nodes can die and be started again between two ticks."""
 
     def __init__(self, flown: Scenario, **options: Any) -> None:
-        self.told = Told()
-        self.engine = Engine(flown, RUN, sinks=[self.told], **options)
+        self.record = Record()
+        self.engine = Engine(flown, RUN, sinks=[self.record], **options)
         self.world = self.engine.world
 
     def fly(self, at: dict[int, Callable[[], Any]] | None = None) -> dict[str, Any]:

@@ -42,12 +42,12 @@ def test_a_flight_without_agents_stands_still_until_the_first_is_back() -> None:
     lab.while_waiting = dict.fromkeys((5, 6), lab.agent)
     summary = lab.fly({40: lab.kill_all})
     assert lab.waits == 5
-    assert [event.text.split(":")[0] for event in lab.told.events if event.kind == "lost"] == [
+    assert [event.text.split(":")[0] for event in lab.record.events if event.kind == "lost"] == [
         "agent-0",
         "agent-1",
         "agent-2",
     ]
-    assert lab.told.kinds("lost", "rejoined") == [(40, "lost")] * 3 + [(40, "rejoined")]
+    assert lab.record.kinds("lost", "rejoined") == [(40, "lost")] * 3 + [(40, "rejoined")]
     assert (summary["ticks"], summary["lost"]) == (120, 2)
     assert (summary["nodes_lost"], summary["nodes_rejoined"]) == (3, 1)
 
@@ -57,7 +57,7 @@ def test_where_nobody_comes_back_the_flight_fails_after_the_time_of_a_barrier_an
     with pytest.raises(RunFailed, match="every agent is lost, and none came back within 10 s"):
         lab.fly({40: lab.kill_all})
     assert 10.0 < lab.now <= 11.0
-    assert lab.told.kinds("failed", "finished") == [(40, "failed")]
+    assert lab.record.kinds("failed", "finished") == [(40, "failed")]
     assert lab.world.flight.tick == 40
 
 
@@ -101,5 +101,5 @@ def test_a_loss_for_good_delays_checkpoints_no_longer_than_a_barrier(tmp_path: P
         lab.now += 11.0
 
     lab.fly({150: lambda: lab.kill("agent-4"), 250: later})
-    kept = [block.first_tick + len(block.states) for block in lab.told.blocks if block.checkpoint]
+    kept = [block.first_tick + len(block.states) for block in lab.record.blocks if block.checkpoint]
     assert kept == [2, 102, 302, 402]

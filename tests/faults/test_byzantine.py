@@ -196,5 +196,5 @@ def test_refused_uploads_are_an_event_that_names_their_uavs() -> None:
     lab = Lab(scenario(*false_swarm("federation.byzantine_kind=huge")))
     lab.fly()
     false = ", ".join(map(str, Byzantine(lab.world._scenario).uavs))
-    texts = {event.text for event in lab.told.events if event.kind == "refused"}
+    texts = {event.text for event in lab.record.events if event.kind == "refused"}
     assert texts == {f"uploads of UAV {false} were not averaged"}

@@ -18,7 +18,7 @@ from tests.faults.dying import LATER, dead, flight, resumed, steady
 
 
 def voids(lab: Lab) -> list[tuple[int, str]]:
-    return [(event.tick, event.text) for event in lab.told.events if event.kind == "void"]
+    return [(event.tick, event.text) for event in lab.record.events if event.kind == "void"]
 
 
 def without(head: int, number: int, why: str) -> tuple[int, str]:
@@ -39,7 +39,7 @@ def test_a_head_that_is_paused_a_head_that_is_killed_and_a_relay_nobody_can_hear
         without(8, 5, "its head is silent"),
     ]
     assert summary["rounds"] == 5
-    relays = np.concatenate([block.links for block in lab.told.blocks])
+    relays = np.concatenate([block.links for block in lab.record.blocks])
     relays = relays[relays[:, 3] == FrameKind.RELAY]
     told = [(int(tick), int(source), bool(slots > 0)) for tick, source, _, _, slots in relays]
     assert told == [(21, 4, True), (21, 8, True), (41, 8, True), (61, 4, True), (81, 4, False), (101, 4, True)]

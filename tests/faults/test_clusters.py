@@ -140,7 +140,7 @@ def test_both_levels_cost_what_a_hand_counts(leader: int, bits: int) -> None:
     members = ((0, 1, 2), (3, 4, 5), (6, 7))
     up = {(uav, head) for head, group in zip(heads, members, strict=True) for uav in group if uav != head}
     relays = {(head, leader) for head in heads if head != leader}
-    links = np.concatenate([block.links for block in lab.told.blocks])
+    links = np.concatenate([block.links for block in lab.record.blocks])
     for kind, expected, ticks in ((FrameKind.UPLOAD, up, 0), (FrameKind.RELAY, relays, 1), (FrameKind.GLOBAL, None, 2)):
         of_kind = links[links[:, 3] == kind]
         assert sorted(set(of_kind[:, 0].tolist())) == [20 + ticks, 40 + ticks, 60 + ticks, 80 + ticks, 100 + ticks]

@@ -45,16 +45,16 @@ def test_a_standby_takes_over_within_one_round_and_the_flight_is_the_same(
     assert summary["trajectory_sha256"] == undisturbed["trajectory_sha256"]
     assert summary["rounds"] == undisturbed["rounds"] == 5
     assert summary["nodes_lost"] == 1
-    rounds = [event.tick for event in lab.told.events if event.kind == "round"]
+    rounds = [event.tick for event in lab.record.events if event.kind == "round"]
     assert rounds == [21, 41, 61, 81, 101]
-    (takeover,) = lab.told.kinds("leader")
+    (takeover,) = lab.record.kinds("leader")
     assert tick <= takeover[0] <= tick + 20
 
 
 def test_a_third_leader_takes_over_from_the_second_by_name(undisturbed: dict[str, object]) -> None:
     lab, summary = lead({30: "leader", 50: "leader.2"}, leaders=3)
     assert summary["trajectory_sha256"] == undisturbed["trajectory_sha256"]
-    texts = [event.text for event in lab.told.events if event.kind == "leader"]
+    texts = [event.text for event in lab.record.events if event.kind == "leader"]
     assert texts == ["leader.2 takes over from leader", "leader.3 takes over from leader.2"]
 
 
@@ -76,13 +76,13 @@ def test_a_leader_that_dies_while_it_is_asked_is_replaced_in_the_same_tick(undis
         bus.handler = once
         summary = lab.fly()
         assert summary["trajectory_sha256"] == undisturbed["trajectory_sha256"]
-        assert [e.tick for e in lab.told.events if e.kind == "round"] == [21, 41, 61, 81, 101]
+        assert [e.tick for e in lab.record.events if e.kind == "round"] == [21, 41, 61, 81, 101]
 
 
 def test_without_a_standby_a_round_is_void_and_a_restarted_leader_averages_the_next() -> None:
     lab = Lab(scenario())
     summary = lab.fly({35: lambda: lab.kill("leader"), 50: lab.leader})
-    assert lab.told.kinds("round", "void") == [
+    assert lab.record.kinds("round", "void") == [
         (21, "round"),
         (41, "void"),
         (61, "round"),
@@ -96,7 +96,7 @@ def test_a_restarted_leader_stands_by_while_another_leads(undisturbed: dict[str,
     lab = Lab(scenario(), leaders=2)
     summary = lab.fly({30: lambda: lab.kill("leader"), 50: lab.leader, 70: lambda: lab.kill("leader.2")})
     assert summary["trajectory_sha256"] == undisturbed["trajectory_sha256"]
-    texts = [event.text for event in lab.told.events if event.kind == "leader"]
+    texts = [event.text for event in lab.record.events if event.kind == "leader"]
     assert texts == ["leader.2 takes over from leader", "leader.3 takes over from leader.2"]
 
 

@@ -161,7 +161,7 @@ def test_of_a_block_that_does_not_fit_nothing_is_kept(
     lab = Lab(scenario())
     lab.fly()
     folder = RunFolder(tmp_path, "run", scenario())
-    for block in lab.told.blocks[:3]:
+    for block in lab.record.blocks[:3]:
         folder.write(block)
     folder._background.wait()
     rows = whole(tmp_path / "run")
@@ -177,9 +177,9 @@ def test_of_a_block_that_does_not_fit_nothing_is_kept(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(durable, "replace" if what == "checkpoint" else "write", half)
-    failing = next(b for b in lab.told.blocks[3:] if (b.checkpoint if what == "checkpoint" else b.events))
+    failing = next(b for b in lab.record.blocks[3:] if (b.checkpoint if what == "checkpoint" else b.events))
     if what == "checkpoint":  # beside the flight: its block has been kept, and the next one tells
-        for block in lab.told.blocks[3 : lab.told.blocks.index(failing) + 1]:
+        for block in lab.record.blocks[3 : lab.record.blocks.index(failing) + 1]:
             folder.write(block)
         rows = whole(tmp_path / "run")
         until(lambda: folder._background._doing is not None and folder._background._doing.done(), "the checkpoint")

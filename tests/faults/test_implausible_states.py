@@ -1,7 +1,6 @@
 """States that no UAV can have are not believed; a lie that one could have is."""
 
 from collections.abc import Callable
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -11,10 +10,10 @@ from hypothesis import strategies as st
 
 from meanflock.agent.node import Agent
 from meanflock.groundstation.launch import engine as rooms
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plausible
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Telemetry
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense
+from tests.telemetry import Record, fly
 
 LIAR = 3
 Lie = Callable[[np.ndarray], np.ndarray]
@@ -35,17 +34,6 @@ def far(said: np.ndarray) -> np.ndarray:
     said = said.copy()
     said[:, 0] = 1e7
     return said
-
-
-class Blocks:
-    """A sink that keeps what was noted of states."""
-
-    def __init__(self) -> None:
-        self.events: list[tuple[int, str]] = []
-
-    def write(self, block: Telemetry) -> None:
-        """One block more."""
-        self.events += [(event.tick, event.text) for event in block.events if "states of UAV" in event.text]
 
 
 @pytest.fixture
@@ -77,16 +65,13 @@ def lies(monkeypatch: pytest.MonkeyPatch) -> Callable[[Lie], None]:
     return begin
 
 
-def fly(of: Scenario, rows: int | None = None) -> tuple[dict[str, Any], Blocks]:
-    sink = Blocks()
-    engine = Engine(of, "lies", uavs_per_node=rows, sinks=[sink])
-    for _ in engine.fly():
-        pass
-    return engine.world.finish(), sink
-
-
 def flown(*settings: str) -> Scenario:
     return load(None, ["uavs=9", "duration=40", *settings], method="hjb")
+
+
+def refusals(record: Record) -> list[tuple[int, str]]:
+    """What was noted of states."""
+    return [(event.tick, event.text) for event in record.events if "states of UAV" in event.text]
 
 
 def believing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -107,13 +92,13 @@ def test_a_liar_beyond_all_speed_loses_itself_no_others(
 ) -> None:
     honest, _ = fly(flown())
     lies(fast(1e6))
-    (together, told), (alone, _) = fly(flown()), fly(flown(), rows=1)
+    (together, record), (alone, _) = fly(flown()), fly(flown(), rows=1)
     assert together["lost"] == honest["lost"] == 0
     assert together["trajectory_sha256"] == alone["trajectory_sha256"]
     assert together["phi_A"] == pytest.approx(honest["phi_A"], rel=0.1)
-    # Said in every tick after the first, heard one later; counted once a tick, whoever hears it, and told once.
+    # Said in every tick after the first, heard one later; counted once a tick, whoever hears it, and record once.
     assert together["states_refused"] == alone["states_refused"] == together["ticks"] - 2
-    assert told.events == [(2, f"states of UAV {LIAR} were not believed: no UAV can be so")]
+    assert refusals(record) == [(2, f"states of UAV {LIAR} were not believed: no UAV can be so")]
     believing(monkeypatch)
     believed, _ = fly(flown())
     assert believed["phi_A"] > 10 * honest["phi_A"]
@@ -121,9 +106,9 @@ def test_a_liar_beyond_all_speed_loses_itself_no_others(
 
 def test_a_place_nobody_can_have_come_to_is_not_believed(lies: Callable[[Lie], None]) -> None:
     lies(far)
-    summary, told = fly(flown("duration=2"))
+    summary, record = fly(flown("duration=2"))
     assert summary["states_refused"] == 18
-    assert len(told.events) == 1
+    assert len(refusals(record)) == 1
 
 
 def test_a_state_in_whole_numbers_is_none(lies: Callable[[Lie], None]) -> None:
@@ -139,8 +124,8 @@ def test_a_lie_that_could_be_true_is_believed_and_does_what_a_uav_of_that_speed_
     lies: Callable[[Lie], None],
 ) -> None:
     lies(fast(99.0))
-    summary, told = fly(flown())
-    assert (summary["states_refused"], summary["lost"], told.events) == (0, 0, [])
+    summary, record = fly(flown())
+    assert (summary["states_refused"], summary["lost"], refusals(record)) == (0, 0, [])
 
 
 @given(st.floats(0.0, 300.0), st.floats(0.0, 2 * np.pi), st.sampled_from([50.0, 100.0]))

@@ -203,7 +203,7 @@ def test_a_killed_ground_station_that_is_started_again_leaves_no_gap_in_rows_and
     table = pq.read_table(folder / "timeseries.parquet")
     assert table["tick"].to_pylist() == list(range(1801))
     assert recorded([folder / "recording.rrd"]).ticks.tolist() == list(range(1801))
-    expected = [(e.tick, e.kind, e.text) for e in lab.told.events if e.kind != "joined"]
+    expected = [(e.tick, e.kind, e.text) for e in lab.record.events if e.kind != "joined"]
     assert [(e["tick"], e["kind"], e["text"]) for e in events_in(folder) if e["kind"] != "joined"] == expected
     assert json.loads((folder / "summary.json").read_text())["trajectory_sha256"] == summary["trajectory_sha256"]
     assert summary["telemetry_blocks_dropped"] == 0

@@ -35,8 +35,8 @@ def test_an_agent_that_joins_while_uavs_are_lost_takes_them_over_and_they_fly_ag
     assert seen["lost"] == [0, 0, Status.LOST, 0, 0, 0]
     assert seen["rejoined"] == [0] * 6
     assert (summary["lost"], summary["nodes_lost"], summary["ticks"]) == (0, 1, 120)
-    assert lab.told.kinds("lost", "rejoined") == [(30, "lost"), (50, "rejoined")]
-    commands = np.concatenate([block.accelerations for block in lab.told.blocks])
+    assert lab.record.kinds("lost", "rejoined") == [(30, "lost"), (50, "rejoined")]
+    commands = np.concatenate([block.accelerations for block in lab.record.blocks])
     assert not commands[31:51, 2].any()
     assert commands[52:, 2].any(axis=-1).all()
 
@@ -52,7 +52,7 @@ def test_several_uavs_of_one_lost_node_are_taken_over_by_several_agents_until_no
 
     summary = lab.fly({10: lambda: lab.kill("agent-3"), 20: rejoin})
     assert summary["lost"] == 0
-    assert [event.uavs for event in lab.told.events if event.kind == "rejoined"] == [(3,), (4,), (5,)]
+    assert [event.uavs for event in lab.record.events if event.kind == "rejoined"] == [(3,), (4,), (5,)]
 
 
 def test_a_uav_that_had_arrived_has_arrived_still_after_its_agent_came_back() -> None:
@@ -138,7 +138,7 @@ def test_a_node_that_was_admitted_and_never_became_ready_frees_its_place_for_ano
 
     summary = lab.fly({10: lambda: lab.kill("agent-5"), 20: half, 30: patience_ends, 32: lab.agent})
     assert summary["lost"] == 0
-    assert [event.tick for event in lab.told.events if event.kind == "rejoined"] == [32]
+    assert [event.tick for event in lab.record.events if event.kind == "rejoined"] == [32]
 
 
 def test_who_was_admitted_and_is_ready_only_after_the_flight_is_sent_home_all_the_same() -> None:
@@ -221,4 +221,4 @@ def test_two_nodes_lost_at_the_same_barrier_do_not_hold_up_the_end_of_a_mission_
     lab.world._waiting._receive = lambda timeout_s: None
     with pytest.raises(RunFailed, match="every agent is lost"):
         lab.fly({5: deaf})
-    assert lab.told.kinds("lost", "failed", "finished") == [(5, "lost"), (5, "lost"), (6, "failed")]
+    assert lab.record.kinds("lost", "failed", "finished") == [(5, "lost"), (5, "lost"), (6, "failed")]

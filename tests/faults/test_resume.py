@@ -156,12 +156,12 @@ def test_a_checkpoint_does_not_alter_the_flight_or_the_rows_of_its_telemetry() -
         lab = Lab(scenario())
         lab.world._checkpoint_every = every
         summary = lab.fly()
-        runs.append((summary["trajectory_sha256"], np.concatenate([b.states for b in lab.told.blocks]).tobytes()))
-        assert sum(bool(block.checkpoint) for block in lab.told.blocks) == {0: 0, 10: 12, 100: 2}[every]
+        runs.append((summary["trajectory_sha256"], np.concatenate([b.states for b in lab.record.blocks]).tobytes()))
+        assert sum(bool(block.checkpoint) for block in lab.record.blocks) == {0: 0, 10: 12, 100: 2}[every]
     assert runs[0] == runs[1] == runs[2]
 
 
 def test_while_some_are_paused_no_checkpoint_is_taken_that_would_lack_their_minds() -> None:
     lab = Lab(scenario('faults=[{kind="pause", tick=95, duration_s=1.0, uavs=[1]}]'))
     lab.fly()
-    assert [block.first_tick for block in lab.told.blocks if block.checkpoint] == [0]
+    assert [block.first_tick for block in lab.record.blocks if block.checkpoint] == [0]

@@ -49,7 +49,7 @@ def test_every_script_flies_the_same_however_the_swarm_is_cut_into_nodes(method:
     summaries = [steady(run.fly()) for run in runs]
     assert summaries[0] == summaries[1] == summaries[2]
     assert summaries[0]["lost"] == 1
-    faults = [[(e.tick, e.text, e.uavs) for e in run.told.events if e.kind == "fault"] for run in runs]
+    faults = [[(e.tick, e.text, e.uavs) for e in run.record.events if e.kind == "fault"] for run in runs]
     assert faults[0] == faults[1] == faults[2]
     assert len(faults[0]) == 8 + 6
 
@@ -76,11 +76,11 @@ def test_a_killed_uav_falls_silent_and_flies_on_without_command_and_its_process_
     assert not client.stopped.lost
     assert summary["lost"] == 1
     assert summary["nodes_lost"] == 0
-    assert lab.told.kinds("lost", "rejoined") == [(30, "lost"), (35, "rejoined")]
-    commands = np.concatenate([block.accelerations for block in lab.told.blocks])
+    assert lab.record.kinds("lost", "rejoined") == [(30, "lost"), (35, "rejoined")]
+    commands = np.concatenate([block.accelerations for block in lab.record.blocks])
     assert not commands[31:, 2].any()
     assert commands[1:31, 2].any(axis=-1).all()
-    links = np.concatenate([block.links for block in lab.told.blocks])
+    links = np.concatenate([block.links for block in lab.record.blocks])
     uploads = links[links[:, 3] == FrameKind.UPLOAD]
     assert (uploads[uploads[:, 1] == 2, 0] < 30).all()
 
@@ -91,7 +91,7 @@ def test_a_paused_uav_holds_its_last_command_and_learns_nothing_and_then_goes_on
     weights_at = {}
     hold = {tick: (lambda tick=tick: weights_at.update({tick: agent.models.copy()})) for tick in (30, 31, 40, 41)}
     lab.fly(hold)
-    commands = np.concatenate([block.accelerations for block in lab.told.blocks])
+    commands = np.concatenate([block.accelerations for block in lab.record.blocks])
     assert (commands[31:41, 3] == commands[30, 3]).all()
     assert (commands[41, 3] != commands[30, 3]).any()
     assert (commands[31:41, 2] != commands[30, 2]).any()
@@ -101,7 +101,7 @@ def test_a_paused_uav_holds_its_last_command_and_learns_nothing_and_then_goes_on
 
 
 def outages(lab: Lab, first: int, last: int) -> np.ndarray:
-    links = np.concatenate([block.links for block in lab.told.blocks])
+    links = np.concatenate([block.links for block in lab.record.blocks])
     return links[(links[:, 4] < 0) & (links[:, 0] >= first) & (links[:, 0] <= last)]
 
 
@@ -142,7 +142,7 @@ def test_a_gust_adds_its_acceleration_to_whom_it_hits_for_as_long_as_it_blows() 
     with_gust, without = Lab(flown(gust, method="offline")), Lab(scenario(method="offline"))
     with_gust.fly()
     without.fly()
-    moved, still = (np.concatenate([b.states for b in lab.told.blocks]) for lab in (with_gust, without))
+    moved, still = (np.concatenate([b.states for b in lab.record.blocks]) for lab in (with_gust, without))
     difference = moved - still
     assert not difference[:41].any()
     assert not difference[:, [0, 2, 3, 4, 5]].any()
@@ -156,10 +156,10 @@ def test_a_scripted_loss_of_the_leader_is_taken_over_by_the_standby_started_for_
     plain = Lab(scenario()).fly()
     lab = Lab(flown('{kind="leader-loss", tick=41}'))
     assert lab.fly()["trajectory_sha256"] == plain["trajectory_sha256"]
-    assert lab.told.kinds("leader") == [(41, "leader")]
+    assert lab.record.kinds("leader") == [(41, "leader")]
     alone = Lab(flown('{kind="leader-loss", tick=41, standby=false}'))
     assert alone.fly()["rounds"] == 1
-    assert [tick for tick, _ in alone.told.kinds("void")] == [41, 61, 81, 101]
+    assert [tick for tick, _ in alone.record.kinds("void")] == [41, 61, 81, 101]
 
 
 BAD = {

@@ -18,21 +18,22 @@ from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Finished, Join, Welcome
-from tests.faults.conftest import RUN, Flight, Lab, Processes, Told, scenario, spool_bytes
+from tests.faults.conftest import RUN, Flight, Lab, Processes, scenario, spool_bytes
 from tests.polling import until
+from tests.telemetry import Record
 
 
 def test_a_station_that_comes_late_is_sent_everything_from_the_first_row() -> None:
-    engine = Engine(scenario(), RUN, sinks=[Told()])
+    engine = Engine(scenario(), RUN, sinks=[Record()])
     engine.network.endpoints.remove(engine.network.endpoints[1])
-    told = Told()
+    record = Record()
     for tick in engine.fly():
         if tick == 60:
             bus = engine.network.endpoint()
-            bus.handler = Station(bus, RUN, [told]).handle
+            bus.handler = Station(bus, RUN, [record]).handle
     engine.world.finish()
-    assert np.concatenate([b.first_tick + np.arange(len(b.states)) for b in told.blocks]).tolist() == list(range(121))
-    assert next(event.kind for event in told.events) == "joined"
+    assert np.concatenate([b.first_tick + np.arange(len(b.states)) for b in record.blocks]).tolist() == list(range(121))
+    assert next(event.kind for event in record.events) == "joined"
 
 
 def test_beyond_its_bound_the_world_gives_up_the_oldest_blocks_and_counts_them(
@@ -46,12 +47,12 @@ def test_beyond_its_bound_the_world_gives_up_the_oldest_blocks_and_counts_them(
     for _ in lab.engine.fly():
         most = max(most, lab.world.outbox._bytes)
     assert most <= 60_000
-    told = Told()
+    record = Record()
     late = lab.engine.network.endpoint()
-    late.handler = Station(late, RUN, [told], first_block=0).handle
+    late.handler = Station(late, RUN, [record], first_block=0).handle
     summary = lab.world.finish()
     assert summary["telemetry_blocks_dropped"] > 0
-    first = told.blocks[0]
+    first = record.blocks[0]
     assert first.block >= summary["telemetry_blocks_dropped"]
     assert f"{first.block} blocks of telemetry before tick {first.first_tick} will never come" in caplog.text
     assert summary["trajectory_sha256"] == Lab(scenario("duration=40")).fly()["trajectory_sha256"]
@@ -73,7 +74,7 @@ def test_blocks_that_are_lost_with_a_session_come_again(lost: list[int], monkeyp
     bus.handler = lossy
     assert lab.fly()["trajectory_sha256"] == whole.fly()["trajectory_sha256"]
     assert not left
-    assert [block.block for block in lab.told.blocks] == [block.block for block in whole.told.blocks]
+    assert [block.block for block in lab.record.blocks] == [block.block for block in whole.record.blocks]
     assert station.summary is not None
 
 
@@ -82,11 +83,11 @@ def test_without_a_station_one_checkpoint_waits_and_not_all_of_them() -> None:
     lab.engine.network.endpoints.remove(lab.engine.network.endpoints[1])
     for _ in lab.engine.fly():
         pass
-    told = Told()
+    record = Record()
     late = lab.engine.network.endpoint()
-    late.handler = Station(late, RUN, [told]).handle
+    late.handler = Station(late, RUN, [record]).handle
     lab.world.finish()
-    assert sum(bool(block.checkpoint) for block in told.blocks) == 1
+    assert sum(bool(block.checkpoint) for block in record.blocks) == 1
 
 
 @pytest.mark.parametrize("orderly", [False, True])
@@ -117,8 +118,10 @@ def test_a_folder_taken_up_again_holds_every_row_and_event_once(orderly: bool, t
         folder.summarise(summary)
     table = pq.read_table(tmp_path / "run" / "timeseries.parquet")
     assert table["tick"].to_pylist() == list(range(301))
-    told = [json.loads(line) for line in (tmp_path / "run" / "events.jsonl").read_text().splitlines()]
-    assert [(e["tick"], e["kind"], e["text"]) for e in told] == [(e.tick, e.kind, e.text) for e in expected.told.events]
+    written = [json.loads(line) for line in (tmp_path / "run" / "events.jsonl").read_text().splitlines()]
+    assert [(e["tick"], e["kind"], e["text"]) for e in written] == [
+        (e.tick, e.kind, e.text) for e in expected.record.events
+    ]
 
 
 def test_the_world_does_not_leave_before_its_summary_has_arrived() -> None:
@@ -152,19 +155,19 @@ def test_a_station_that_starts_after_the_last_tick_is_let_in_and_sent_what_waits
     lab = Lab(scenario())
     lab.engine.network.endpoints[1].close()
     lab.world._stations = 1
-    told, answers = Told(), []
+    record, answers = Record(), []
 
     def start(_timeout_s: float) -> None:
         if not answers:
             bus = lab.engine.network.endpoint()
             raw = bus.ask(keys.join(RUN, keys.asker("station")), control.encode(Join("station", 0)), 1.0)
             answers.append(control.decode(raw))
-            bus.handler = Station(bus, RUN, [told]).handle
+            bus.handler = Station(bus, RUN, [record]).handle
 
     lab.world._wait = start  # type: ignore[method-assign]
     lab.fly()
     assert isinstance(answers[0], Welcome)
-    assert sum(len(block.states) for block in told.blocks) == 121
+    assert sum(len(block.states) for block in record.blocks) == 121
     assert not lab.world.outbox.waiting
 
 
@@ -176,7 +179,7 @@ def test_the_world_waits_for_a_slow_station_as_long_as_it_takes_something_now_an
     lab = Lab(scenario())
     lab.engine.network.endpoints[1].close()
     now = [0.0]
-    bus, slow = lab.engine.network.endpoint(), Told()
+    bus, slow = lab.engine.network.endpoint(), Record()
     station, waiting = Station(bus, RUN, [slow]), []
     bus.handler = waiting.append
 

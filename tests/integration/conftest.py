@@ -66,11 +66,11 @@ class Command:
 
         The command runs in this process, where all is loaded; what it starts, if anything, are processes of their own.
         """
-        with redirect_stdout(StringIO()) as told, redirect_stderr(StringIO()) as err:
+        with redirect_stdout(StringIO()) as out, redirect_stderr(StringIO()) as err:
             assert main(["run", "--out", str(self.out), "--json", "--quiet", *flags]) == 0, err.getvalue()
         assert "not all processes ended" not in err.getvalue()
         sys.stderr.write(err.getvalue())
-        return json.loads(told.getvalue())
+        return json.loads(out.getvalue())
 
     def summary_of_a_process(self, *flags: str) -> dict[str, Any]:
         """The same of a command in a process of its own; the summary must be all that comes out of it."""

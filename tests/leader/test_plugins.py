@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.launch.station import Kept
 from meanflock.leader.aggregators.base import Aggregator, State
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.mean import fedavg
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.worldsim.checkpoint import Resumption
+from tests.telemetry import fly
 
 FLOATS = 108
 
@@ -35,23 +35,6 @@ def flown(made: type[Aggregator], *settings: str) -> Scenario:
     plugins.register(made)
     fixed = ["uavs=4", "federation.period=10", f"federation.aggregation={made.name}", 'stop="duration"']
     return load(None, [*fixed, "duration=6", *settings], method="mfgfl-h")
-
-
-class Blocks(Kept):
-    """The telemetry, and what its events say."""
-
-    @property
-    def texts(self) -> list[str]:
-        """The texts of all events."""
-        return [event.text for block in self.blocks for event in block.events]
-
-
-def fly(of: Scenario, **more: Any) -> tuple[dict[str, Any], Blocks]:
-    sink = Blocks()
-    engine = Engine(of, "rules", sinks=[sink], **more)
-    for _ in engine.fly():
-        pass
-    return engine.world.finish(), sink
 
 
 def wrong(**methods: Any) -> type[Aggregator]:

@@ -6,20 +6,10 @@ import numpy as np
 import pytest
 
 from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm.scenario import load
-from meanflock.swarm.wire.messages import FrameKind, Telemetry
+from meanflock.swarm.wire.messages import FrameKind
 from meanflock.worldsim.reporter import STATE_LINKS_EVERY_TICKS
-
-
-class Told:
-    """A sink that keeps the links."""
-
-    def __init__(self) -> None:
-        self.links: list[np.ndarray] = []
-
-    def write(self, block: Telemetry) -> None:
-        """One block more."""
-        self.links.append(block.links)
 
 
 @pytest.mark.parametrize(
@@ -33,7 +23,7 @@ class Told:
 )
 def test_outages_and_models_are_told_always_and_states_now_and_then(method: str, changes: list[str]) -> None:
     flown = load(None, ["uavs=5", "duration=6", "radio.target_snr_db=77", *changes], method=method)
-    engine, used = Engine(flown, "telemetry", sinks=[told := Told()]), []
+    engine, used = Engine(flown, "telemetry", sinks=[kept := Kept()]), []
     send = engine.world.air.send
 
     def noted(*given: Any) -> np.ndarray:
@@ -47,6 +37,6 @@ def test_outages_and_models_are_told_always_and_states_now_and_then(method: str,
     links = np.concatenate(used)
     sampled = (links[:, 0] + 1) % STATE_LINKS_EVERY_TICKS == 0
     expected = links[sampled | (links[:, 4] < 0) | (links[:, 3] != FrameKind.STATE)]
-    np.testing.assert_array_equal(np.concatenate(told.links), expected)
+    np.testing.assert_array_equal(np.concatenate([block.links for block in kept.blocks]), expected)
     assert sampled.any()
     assert (links[:, 4] < 0).any() == ("radio.target_snr_db=60" not in changes)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.scenario import Scenario, load
@@ -109,19 +110,13 @@ def test_a_vehicle_of_a_file_flies_and_its_hidden_state_is_kept(glider) -> None:
 
 def test_a_checkpoint_takes_it_across_the_wire(glider) -> None:
     glider()
-    blocks = []
-
-    class Sink:
-        def write(self, block) -> None:
-            blocks.append(block)
-
-    engine = Engine(scenario("duration=25", 'stop="duration"'), "glide", sinks=[Sink()])
+    engine = Engine(scenario("duration=25", 'stop="duration"'), "glide", sinks=[kept := Kept()])
     for _ in engine.fly():
         pass
     whole = engine.world.finish()["trajectory_sha256"]
-    assert any(block.checkpoint for block in blocks)
-    carrier = next(block for block in blocks if block.checkpoint)
-    states = np.concatenate([block.states for block in blocks])
+    assert any(block.checkpoint for block in kept.blocks)
+    carrier = next(block for block in kept.blocks if block.checkpoint)
+    states = np.concatenate([block.states for block in kept.blocks])
     tick = carrier.first_tick + len(carrier.states) - 1
     resumed = Engine(
         scenario("duration=25", 'stop="duration"'),

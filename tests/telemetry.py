@@ -1,0 +1,32 @@
+"""Flights in one process, with all that was reported of them."""
+
+from typing import Any
+
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.station import Kept
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import Event
+
+
+class Record(Kept):
+    """The telemetry of a flight, and what its events say."""
+
+    @property
+    def events(self) -> list[Event]:
+        return [event for block in self.blocks for event in block.events]
+
+    @property
+    def texts(self) -> list[str]:
+        return [event.text for event in self.events]
+
+    def kinds(self, *kinds: str) -> list[tuple[int, str]]:
+        return [(event.tick, event.kind) for event in self.events if event.kind in kinds]
+
+
+def fly(of: Scenario, rows: int | None = None, **more: Any) -> tuple[dict[str, Any], Record]:
+    """To the end: the summary and the record. `rows`: UAVs of an agent; `more` is of the engine."""
+    record = Record()
+    engine = Engine(of, "flight", uavs_per_node=rows, sinks=[record], **more)
+    for _ in engine.fly():
+        pass
+    return engine.world.finish(), record
