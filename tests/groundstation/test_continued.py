@@ -24,7 +24,7 @@ def test_a_recorder_killed_twice_leaves_three_parts_that_become_one(tmp_path: Pa
     flown = scenario()
     lab = Lab(flown)
     lab.fly()
-    path, blocks = tmp_path / "recording.rrd", lab.told.blocks
+    path, blocks = tmp_path / "recording.rrd", lab.record.blocks
     for number in range(3):
         continued = Continued(path)
         continued.__enter__()

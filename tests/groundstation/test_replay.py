@@ -35,7 +35,7 @@ def blocks() -> list[Telemetry]:
         patched.setattr(engine, "_BLOCK_ROWS", 20)
         lab = Lab(FLOWN)
     lab.fly()
-    return lab.told.blocks
+    return lab.record.blocks
 
 
 def kept(out: Path, blocks: list[Telemetry]) -> Path:
