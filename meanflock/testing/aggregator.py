@@ -23,7 +23,8 @@ from meanflock.testing.error import (
 )
 from meanflock.testing.pace import SLOW_MS, check_pace
 
-PARAMETERS, UAVS, ROUNDS = 12, 7, 5
+PARAMETERS = 12
+UPLOADS = (2, 1, 3, 5, 1, 7)  # of each round, as far as the swarm has so many UAVs; after these, one of every UAV
 SWARM, MODEL = 25, 216  # of the paper, for the time a round takes
 
 
@@ -33,11 +34,11 @@ def check_aggregator(
     scenario: Scenario | None = None,
     slow_ms: float = SLOW_MS,
 ) -> None:
-    """Runs some rounds and checks everything that a federation relies on.
+    """Runs rounds of one upload, of several and of the whole swarm, and checks everything that a federation relies on.
 
     Args:
         aggregator: the class. options: as in the table [federation.options]. scenario: another one than the paper's.
-        slow_ms: what a round of 25 models may take, median.
+        slow_ms: what a round of 25 models may take, median; of all UAVs in a smaller swarm.
 
     Raises:
         ConformanceError: a check fails; the text says what to mend.
@@ -53,8 +54,8 @@ def check_aggregator(
             rule: Aggregator = make(aggregator, options, flown)
             begun, averaged = _begun(rule, PARAMETERS), []
             state = begun
-            for number in range(1, ROUNDS + 1):
-                uavs = np.sort(draw.choice(50, 1 + number % UAVS, replace=False))
+            for number, uploads in enumerate((*UPLOADS, flown.uavs), 1):
+                uavs = np.sort(draw.choice(flown.uavs, min(uploads, flown.uavs), replace=False))
                 models = draw.standard_normal((len(uavs), PARAMETERS))
                 if afresh:
                     rule, state = make(aggregator, options, flown), decode_record(encode_record(state))
@@ -63,7 +64,7 @@ def check_aggregator(
                 try:
                     answer = rule.step(state, models, uavs, number)
                 except FAILURES as error:
-                    what = f"`step` with {len(uavs)} models failed: {last_line(error)}"
+                    what = f"`step` with {len(uavs)} model{'s' * (len(uavs) > 1)} failed: {last_line(error)}"
                     fail(aggregator, what, "any number from one on must do")
                 if not isinstance(answer, tuple) or len(answer) != 2:
                     fail(aggregator, f"`step` returns a {type(answer).__name__}", "return the state and the model")
@@ -98,14 +99,14 @@ def check_aggregator(
             fail(aggregator, why, mend)
 
     rule: Aggregator = make(aggregator, options, flown)
-    kept, uavs = _begun(rule, MODEL), np.arange(SWARM)
-    many = np.random.default_rng(6).standard_normal((SWARM, MODEL))
+    kept, uavs = _begun(rule, MODEL), np.arange(min(SWARM, flown.uavs))
+    many = np.random.default_rng(6).standard_normal((len(uavs), MODEL))
 
     def average(number: int) -> None:
         nonlocal kept
         kept, _ = rule.step(kept, many, uavs, number)
 
-    check_pace(aggregator, f"a round of {SWARM} models", slow_ms, average)
+    check_pace(aggregator, f"a round of {len(uavs)} models", slow_ms, average)
 
 
 def _begun(rule: Aggregator, parameters: int) -> State:

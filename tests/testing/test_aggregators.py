@@ -7,6 +7,7 @@ import pytest
 
 from meanflock.leader.aggregators.base import Aggregator, State
 from meanflock.swarm import plugins
+from meanflock.swarm.scenario import Scenario
 from meanflock.testing import ConformanceError, check_aggregator
 
 
@@ -28,8 +29,23 @@ class Good(Aggregator):
         return {"last": model}, model
 
 
-def test_a_good_one_conforms() -> None:
-    check_aggregator(Good)
+class HasARowForEachUav(Good):
+    """Remembers the last upload of every UAV of the swarm."""
+
+    name = "a-row-for-each"
+
+    def init(self, parameters: int) -> State:
+        return {"last": np.zeros((self.scenario.uavs, parameters))}
+
+    def step(self, state: State, models: np.ndarray, uavs: np.ndarray, round_: int) -> tuple[State, np.ndarray]:
+        (last := state["last"].copy())[uavs] = models
+        return {"last": last}, last.mean(axis=0)
+
+
+@pytest.mark.parametrize("uavs", [1, 4, 25, 60])
+@pytest.mark.parametrize("good", [Good, HasARowForEachUav])
+def test_a_good_one_conforms_in_swarms_of_all_sizes(good: type[Aggregator], uavs: int) -> None:
+    check_aggregator(good, scenario=Scenario(uavs=uavs))
 
 
 class DrawsItsOwn(Good):
@@ -70,6 +86,13 @@ class NotFinite(Good):
 class NeedsThree(Good):
     def step(self, state, models, uavs, round_):  # type: ignore[no-untyped-def]
         return state, models[2]
+
+
+class NeedsTwo(Good):
+    def step(self, state, models, uavs, round_):  # type: ignore[no-untyped-def]
+        if len(models) == 1:
+            raise ValueError("one model is no average")
+        return super().step(state, models, uavs, round_)
 
 
 class Nameless(Good):
@@ -122,6 +145,7 @@ class RemembersNoNumber(Good):
         (OfAnotherShape, r"a model of shape \(11,\), expected \(12,\)", "return one model"),
         (NotFinite, "not finite", "guard divisions"),
         (NeedsThree, "failed: IndexError", "any number from one on must do"),
+        (NeedsTwo, "`step` with 1 model failed: ValueError: one model", "any number from one on must do"),
         (Nameless, "no `name`", "give it a name"),
         (Leaves, r"`step` with \d models failed: SystemExit: 3", "any number from one on must do"),
         (ReturnsTheModel, "`step` returns a ndarray", "return the state and the model"),

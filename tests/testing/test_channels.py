@@ -41,6 +41,31 @@ class KeepsItElsewhere(Good):
         return slots + self.sent, delivered
 
 
+class FadesSlowly(Good):
+    """Remembers the fading of its links, and forgets it whenever it carries another number of them."""
+
+    def transmit(self, distance_m, bits, rng):  # type: ignore[no-untyped-def]
+        slots, delivered = super().transmit(distance_m, bits, rng)
+        last = getattr(self, "last", delivered)
+        self.last = delivered & last if len(last) == len(slots) else delivered
+        return slots, self.last
+
+
+class GoesByTheMotion(Good):
+    """Remembers where the links were, which shows once they have moved."""
+
+    def transmit(self, distance_m, bits, rng):  # type: ignore[no-untyped-def]
+        slots, delivered = super().transmit(distance_m, bits, rng)
+        last, self.last = getattr(self, "last", distance_m), distance_m
+        return slots + (len(last) == len(slots) and not np.array_equal(last, distance_m)), delivered
+
+
+class ExpectsWhatItHasSeen(Good):
+    def expected(self, distance_m, bits):  # type: ignore[no-untyped-def]
+        self.seen = getattr(self, "seen", 0.0) + len(distance_m)
+        return self.seen, self.seen
+
+
 class WritesToTheDistances(Good):
     def transmit(self, distance_m, bits, rng):  # type: ignore[no-untyped-def]
         distance_m *= 2.0
@@ -115,6 +140,9 @@ class NeedsALink(Good):
     [
         (DrawsItsOwn, "otherwise a second time", "draw from the generator you are given"),
         (KeepsItElsewhere, "go on from a checkpoint differ", "keep nothing between two calls"),
+        (FadesSlowly, "go on from a checkpoint differ", "keep nothing between two calls"),
+        (GoesByTheMotion, "go on from a checkpoint differ", "keep nothing between two calls"),
+        (ExpectsWhatItHasSeen, "go on from a checkpoint differ", "keep nothing between two calls"),
         (SpawnsGenerators, "go on from a checkpoint differ", "of `rng` take numbers only"),
         (WritesToTheDistances, "writes to the distances", "copy before you write"),
         (OfAnotherShape, r"slots: int64 \(40, 1\), expected int64 \(40,\)", "return that"),
