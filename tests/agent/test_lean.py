@@ -1,5 +1,6 @@
 """What the process of an agent weighs is what it loads; this is a list of what it once loaded and did not need."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -64,6 +65,55 @@ def test_an_agent_loads_nothing_it_does_not_need(method: str) -> None:
     loaded = loaded_by(LIFE.replace("METHOD", method))
     assert {"numpy", "zenoh", "meanflock.swarm.scenario"} < loaded
     assert sorted((loaded & NEEDLESS) - loaded_by(FINDING)) == []
+
+
+IMPORTS = """
+import ctypes
+import hmac
+import ssl
+
+import numpy as np
+import typing_extensions
+from hashlib import scrypt
+
+import meanflock as mf
+
+assert np.ones(1).ctypes.data_as(ctypes.POINTER(ctypes.c_double))[0] == 1.0
+
+
+class Linked(mf.Controller):
+    name = "linked"
+
+    def step(self, memory, tick, own, received):
+        return mf.Step(memory, -own[:, 2:])
+"""
+LOADS = """
+import meanflock.agent.__main__
+from meanflock.agent import prefork
+from meanflock.swarm import plugins
+from meanflock.swarm.process import parser
+
+parser("agent", "", "").parse_args()
+prefork._load_what_each_would()
+print(plugins.load("controller", "linked").name)
+"""
+
+
+@pytest.mark.parametrize("by", ["flag", "variable", "package"])
+def test_an_agent_flies_plug_ins_that_import_whatever_is_installed(by: str, tmp_path: Path) -> None:
+    (tmp_path / "linked.py").write_text(IMPORTS)
+    command, environment = [sys.executable, "-c", LOADS], dict(os.environ)
+    if by == "flag":
+        command.append(f"--plugin={tmp_path / 'linked.py'}")
+    elif by == "variable":
+        environment["MEANFLOCK_PLUGINS"] = str(tmp_path / "linked.py")
+    else:
+        (info := tmp_path / "linked-1.0.dist-info").mkdir()
+        (info / "METADATA").write_text("Metadata-Version: 2.1\nName: linked\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_text("[meanflock.controllers]\nlinked = linked:Linked\n")
+        environment["PYTHONPATH"] = str(tmp_path)
+    ran = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=DEADLINE_S)
+    assert ran.stdout == "linked\n", ran.stderr
 
 
 FORKED = """
