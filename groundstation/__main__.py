@@ -15,7 +15,7 @@ from meanflock.swarm.libraries import needed
 with needed("the ground station", "ground"):
     from meanflock.groundstation.launch.run import Options, Outputs, go_on, unused
     from meanflock.groundstation.launch.station import Station
-    from meanflock.groundstation.results.run_folder import SCENARIO, SUMMARY, RunFolder
+    from meanflock.groundstation.results.run_folder import SCENARIO, SUMMARY, RunFolder, lost_everyone
     from meanflock.groundstation.results.timeseries_file import Past, past
     from meanflock.swarm import (
         logs,
@@ -32,6 +32,7 @@ with needed("the ground station", "ground"):
     from meanflock.swarm.scenario import Scenario
     from meanflock.swarm.wire import control
     from meanflock.swarm.wire.messages import Join, Welcome
+    from meanflock.worldsim.summary import every_uav_was_lost
 
 _ASK_S = 2.0
 LATEST = "latest"
@@ -62,6 +63,8 @@ def _run() -> None:
             station = Station(bus, given.run, outputs.sinks, first_block=first_block, uavs=flown.uavs)
             outputs.summary = _listen(bus, station, outputs.folder, given, interrupted)
         print(json.dumps(outputs.summary, indent=1), flush=True)
+        if every_uav_was_lost(flown, outputs.summary):
+            raise RunFailed(lost_everyone(folder))
     finally:
         bus.close()
 

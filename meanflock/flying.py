@@ -44,7 +44,8 @@ def fly(
         settings: any dotted key of the scenario, `**{"wind.sigma": 0.2}`; for type checkers a `dict[str, Any]`.
 
     Returns:
-        The run: `.summary`, `.states`, `.events`, `.frame()`.
+        The run: `.summary`, `.states`, `.events`, `.frame()`. UAVs whose controller failed are counted in
+        `.summary["lost"]`, and `.events` says why, even if every UAV is lost.
 
     Raises:
         BadInput: something asked for cannot be had; nothing was flown.

@@ -23,6 +23,7 @@ with needed("the world", "world"):
     from meanflock.worldsim.members import MAX_LEADERS
     from meanflock.worldsim.node import World
     from meanflock.worldsim.schedule import factor
+    from meanflock.worldsim.summary import every_uav_was_lost
 
 LINGER_S = 20.0  # for a recorder that is slow, or was killed and is on its way back
 HURRIED_S = 5.0  # after an interrupt; what comes next from an impatient engine is SIGKILL, after ten
@@ -103,10 +104,13 @@ def _run() -> None:
             if interrupted or (tick % 50 == 0 and orphaned()):
                 break
         linger_s = 0.0 if orphaned() else LINGER_S if world.flight.over else HURRIED_S
-        print(json.dumps(world.finish(linger_s), indent=1), flush=True)
+        record = world.finish(linger_s)
+        print(json.dumps(record, indent=1), flush=True)
         _see_off(world, bus)
         if interrupted:
             raise RunFailed("interrupted; the summary is of what was flown")
+        if every_uav_was_lost(flown, record):
+            raise RunFailed("every UAV was lost; the summary is of what was flown")
 
 
 def _see_off(world: World, bus: ZenohBus) -> None:

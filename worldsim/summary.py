@@ -1,6 +1,6 @@
 """The summary of a run: what was flown, what it cost and how well it went. Unknown is None, never 0."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from meanflock import kernels
 from meanflock.channel.meter import TRAFFIC, Meter, Traffic
 from meanflock.swarm import __version__
+from meanflock.swarm.faults import Kill
+from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Status
 from meanflock.worldsim.commands import Commands
 from meanflock.worldsim.counters import Counters
@@ -154,3 +156,10 @@ def summary(flight: Flight, meter: Meter, run_id: str, mode: str, wall_time_s: f
         **flight_summary(flight),
         **radio_summary(meter, all_arrived=bool((flight.arrival_tick >= 0).all())),
     }
+
+
+def every_uav_was_lost(scenario: Scenario, record: Mapping[str, Any]) -> bool:
+    """Whether a flight lost all its UAVs, some of them by other means than the fault script. Such a run has failed."""
+    kills = [fault for fault in scenario.faults if isinstance(fault, Kill)]
+    killed = {uav for kill in kills if kill.begins(scenario.dt) < record["ticks"] for uav in kill.uavs}
+    return bool(record["lost"] == scenario.uavs > len(killed))

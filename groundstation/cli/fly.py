@@ -29,11 +29,12 @@ from meanflock.groundstation.cli.arguments import (
 from meanflock.groundstation.launch.progress import summary_table
 from meanflock.groundstation.launch.resume import Back, back
 from meanflock.groundstation.launch.run import Options, fly
-from meanflock.groundstation.results.run_folder import EVENTS, said_of_loss
+from meanflock.groundstation.results.run_folder import EVENTS, lost_everyone, said_of_loss
 from meanflock.swarm import logs, scenario
-from meanflock.swarm.errors import BadInput
+from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.net.address import Address
 from meanflock.worldsim.schedule import factor
+from meanflock.worldsim.summary import every_uav_was_lost
 
 
 class _Run(click.Command):
@@ -152,6 +153,8 @@ def _fly(
         click.echo(json.dumps(done.summary))
     else:
         Console().print(summary_table(done.summary))
+    if every_uav_was_lost(flown, done.summary):
+        raise RunFailed(lost_everyone(done.folder))
     if not only_logs:
         if done.summary["lost"] and (why := said_of_loss(done.folder)):
             lost = done.summary["lost"]

@@ -26,6 +26,7 @@ from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.process import Interrupted
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.checkpoint import Resumption
+from meanflock.worldsim.summary import every_uav_was_lost
 
 _CONNECT_S = 60.0
 _JOIN_S = 60.0
@@ -253,7 +254,7 @@ def _processes(
                 f"ended now: {', '.join(left)}",
                 WARNING,
             )
-        if not interrupted:
+        if not (interrupted or every_uav_was_lost(scenario, station.summary)):  # else it ends with an error, too
             swarm.check_world()
     return station.summary
 

@@ -213,6 +213,11 @@ def said_of_loss(folder: Path) -> str:
     return next((str(event["text"]) for event in events if event["kind"] in LOSS), "")
 
 
+def lost_everyone(folder: Path) -> str:
+    """The error of a finished run that lost every UAV: why the first one was lost, and where the rest can be read."""
+    return f"every UAV was lost: {said_of_loss(folder)}; all events are in {folder / EVENTS}, the summary in {SUMMARY}"
+
+
 def completed(folder: Path) -> None:
     """`recover`, for who wants to look at the run.
 

@@ -1,11 +1,13 @@
 """A flight that loses every agent stands still until one is back, and fails, to be resumed from before, if none is."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.resume import back
 from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.swarm.errors import RunFailed
@@ -103,3 +105,44 @@ def test_a_loss_for_good_delays_checkpoints_no_longer_than_a_barrier(tmp_path: P
     lab.fly({150: lambda: lab.kill("agent-4"), 250: later})
     kept = [block.first_tick + len(block.states) for block in lab.record.blocks if block.checkpoint]
     assert kept == [2, 102, 302, 402]
+
+
+BREAKS = """
+import meanflock as mf
+
+
+class Breaks(mf.Controller):
+    name = "breaks"
+
+    def step(self, memory, tick, own, received):
+        return mf.Step(memory, -own[:, :2] * (1 / (10 - tick)))
+"""
+
+
+@pytest.mark.parametrize(
+    ("mode", "method", "killed", "code"),
+    [
+        (["--in-process"], "breaks", [], 1),
+        (["--in-process"], "breaks", [0, 2], 1),
+        (["--in-process"], "breaks", [0, 1, 2], 0),
+        (["--in-process"], "plan", [0, 2], 0),
+        pytest.param([], "breaks", [2], 1, marks=pytest.mark.processes),
+    ],
+)
+def test_a_run_has_failed_if_it_lost_every_uav_and_the_fault_script_did_not_kill_them(
+    mode: list[str], method: str, killed: list[int], code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "breaks.py").write_text(BREAKS)
+    script = f'faults=[{{kind="kill", tick=5, uavs={killed}}}]' if killed else "faults=[]"
+    flags = ["--plugin", str(tmp_path / "breaks.py"), "--method", method, "--uavs", "3", "--duration", "2"]
+    flags += ["--set", script, "--no-record", "--json", "--quiet", "--out", str(tmp_path / "out")]
+    assert main(["run", *flags, *mode]) == code
+    printed, told = capsys.readouterr()
+    (folder,) = (tmp_path / "out").iterdir()
+    summary = json.loads(printed)
+    assert summary == json.loads((folder / "summary.json").read_text())
+    assert summary["lost"] == (3 if method == "breaks" else len(killed))
+    errors = [line for line in told.splitlines() if line.startswith("error: every UAV was lost: ")]
+    assert len(errors) == code
+    assert all(str(folder) in error for error in errors)
+    assert killed or "ZeroDivisionError: division by zero (breaks.py, line 9)" in errors[0]
