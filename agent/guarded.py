@@ -152,7 +152,8 @@ class Guarded:
             broken = broken & ~self.asleep
         self.broken = self.or_broken(broken)
         if (unheard := broken & ~self._known).any():
-            log.warning("controller %r failed: %s", self._method, last_line(error), exc_info=error)
+            trace = error if isinstance(error, Exception) else None  # there is no defect to find in a `sys.exit()`
+            log.warning("controller %r failed: %s", self._method, last_line(error), exc_info=trace)
             self._complain(unheard, last_line(error))
 
     def _complain(self, rows: Mask, why: str) -> None:

@@ -4,8 +4,9 @@ import sys
 import traceback
 from pathlib import Path
 
+PLUGIN_MODULE = "meanflock_plugin_"  # begins the name of the module that the file of a plug-in becomes
 FAILURES = (Exception, SystemExit)  # what ends a script would else end a flight; Ctrl-C is the person's
-_OURS = {"meanflock", "numpy", *sys.stdlib_module_names}  # and what ours call
+_OURS = {"meanflock", "numpy", "click", *sys.stdlib_module_names}  # and what ours call, or are called by
 
 
 def last_line(error: BaseException) -> str:
@@ -39,4 +40,6 @@ def reason(error: BaseException) -> str:
     said = traceback.TracebackException(type(error), error, None)
     said.__notes__ = []  # they would be what is said last
     *_, last = said.format_exception_only()
+    if type(error).__module__.startswith(PLUGIN_MODULE):  # a name that we gave the file
+        last = last.removeprefix(f"{type(error).__module__}.")
     return " ".join(filter(None, map(str.strip, last.splitlines())))

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, get_args
 import msgspec
 
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.failures import FAILURES, beside, last_line
+from meanflock.swarm.failures import FAILURES, PLUGIN_MODULE, beside, last_line
 from meanflock.swarm.libraries import lacking
 from meanflock.swarm.plugin_class import Door, checked
 from meanflock.swarm.source_read import SourceRead
@@ -127,7 +127,7 @@ def load_file(path: Path | str) -> list[Plugin]:
         raise BadInput(f"{where}: {error.strerror}; name a readable Python file") from error
     if path.suffix != ".py":
         raise BadInput(f"{where}: not a Python file; its name must end in .py")
-    name = f"meanflock_plugin_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+    name = f"{PLUGIN_MODULE}{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
     module = sys.modules[name] = ModuleType(name)
     module.__file__ = str(path)
     try:
@@ -232,6 +232,8 @@ def create(door: Door, name: str, options: dict[str, Any], *context: Any) -> Any
         asked = f"scenario schema --method {name}" if door == "controller" else "plugins"
         mend = f"`meanflock {asked}` lists the options of {name!r}"
         raise BadInput(explain(str(error), made.Options, options_table(door), mend)) from error
+    except FAILURES as error:  # of a `__post_init__`
+        raise BadInput(f"{door} {name!r}: its options cannot be made: {last_line(error)}") from error
     try:
         return made(typed, *context)
     except BadInput:

@@ -79,7 +79,9 @@ class Admission:
             elif delivery.kind == "question":
                 self._answer(delivery)
             elif delivery.kind == "oversized":
-                raise MessageRejected("oversized", f"{delivery.size} bytes")
+                if delivery.key != self._received:
+                    keys.node_of(delivery.key)  # wrong-key, if it is no key of a node: nothing may come under it
+                raise MessageRejected("oversized", f"{delivery.size} bytes, at most {delivery.largest} expected")
             else:
                 self._presence(delivery)
         except MessageRejected as error:

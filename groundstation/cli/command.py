@@ -16,6 +16,7 @@ from meanflock.groundstation.cli.prepare import certs_group, doctor, scenario_gr
 from meanflock.groundstation.cli.study import compare, paper, sweep
 from meanflock.swarm import __version__, logs
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, MeanflockError
+from meanflock.swarm.failures import last_line
 from meanflock.swarm.net.refusals import divert
 from meanflock.swarm.process import end
 
@@ -96,6 +97,12 @@ def main(arguments: list[str] | None = None) -> int:
         code = EXIT_RUN_FAILED
     except SystemExit as leaving:
         code = leaving.code if isinstance(leaving.code, int) else EXIT_RUN_FAILED
+    except BaseException as error:
+        if isinstance(error, Exception):  # a defect of meanflock: its traceback is wanted
+            raise
+        mend = "a plug-in must raise an Exception; what was flown is kept"
+        logs.tell(f"error: the command was ended by {last_line(error)}; {mend}", logging.ERROR)
+        code = EXIT_RUN_FAILED
     finally:
         logs.stop()
     if arguments is None:

@@ -122,14 +122,17 @@ def summary_table(summary: dict[str, object]) -> Table:
     add("on the wire", summary["wire_bytes"], "bytes")
     add(OUTAGES.name, radio["outages"], f"of {radio['sent']:,} {OUTAGES.unit}")
     if radio["outage_rate"] is not None:
+        theory = radio["outage_rate_theory"]  # None if the channel has no closed forms
         add(
-            "outage rate",
-            radio["outage_rate"] * 100,
-            f"%, closed form {radio['outage_rate_theory'] * 100:.2f} %",
+            "outage rate", radio["outage_rate"] * 100, "%" if theory is None else f"%, closed form {theory * 100:.2f} %"
         )
     if radio["latency_slots_mean"] is not None:
         theory = radio["latency_slots_mean_theory"]
-        add("latency, mean", radio["latency_slots_mean"], f"slots, closed form {theory:.2f}")
+        add(
+            "latency, mean",
+            radio["latency_slots_mean"],
+            "slots" if theory is None else f"slots, closed form {theory:.2f}",
+        )
     add("rounds", summary["rounds"], "")
     add("simulated time", summary["sim_time_s"], "s", 1)
     add("real-time factor", summary["real_time_factor"], "×", 1)

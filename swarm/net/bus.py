@@ -20,7 +20,7 @@ class Delivery(msgspec.Struct, frozen=True):
 
     kind: "message" (someone put `payload` under `key`), "question" (someone waits for `reply`),
         "alive" or "gone" (a liveliness token appeared or vanished under `key`),
-        "oversized" (a message or question of so many bytes, `size`, that they were not taken in).
+        "oversized" (a message or question of so many bytes, `size`, that they were not taken in; `largest` may be).
     """
 
     kind: Literal["message", "question", "alive", "gone", "oversized"]
@@ -28,6 +28,7 @@ class Delivery(msgspec.Struct, frozen=True):
     payload: bytes = b""
     reply: Callable[[bytes], None] | None = None
     size: int = 0
+    largest: int = 0
 
 
 class Quota(NamedTuple):

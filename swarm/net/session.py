@@ -239,7 +239,7 @@ class ZenohBus:
         if self._links is not None:
             self._links.explained(name, key, size)
         if size > largest:
-            self._backlog.keep(Delivery("oversized", key, size=size))
+            self._backlog.keep(Delivery("oversized", key, size=size, largest=largest))
         return size <= largest
 
     def _limit_links(self, largest: int) -> None:

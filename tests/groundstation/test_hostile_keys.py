@@ -47,19 +47,22 @@ def test_no_key_raises_or_is_shown_as_it_came(caplog: pytest.LogCaptureFixture) 
     for tick in engine.fly():
         if tick != 4:
             continue
+        for key in (keys.act(RUN, "agent-0"), keys.received(RUN)):
+            engine.world.handle(Delivery("oversized", key, size=70, largest=64))
+            assert caplog.messages[-1].endswith("oversized: 70 bytes, at most 64 expected")
         for key in HOSTILE_KEYS:
             for delivery in (
                 Delivery("message", key, b"x"),
                 Delivery("question", key, question, replies.append),
                 Delivery("alive", key),
                 Delivery("gone", key),
-                Delivery("oversized", key, size=10**9),
+                Delivery("oversized", key, size=1),  # longer than any message that may come under such a key
             ):
                 before = engine.world.counters.drops.total()
                 engine.world.handle(delivery)
                 assert engine.world.counters.drops.total() == before + 1, delivery
     summary = engine.world.finish()
-    assert summary["dropped_messages"] == {"wrong-key": 4 * len(HOSTILE_KEYS), "oversized": len(HOSTILE_KEYS)}
+    assert summary["dropped_messages"] == {"wrong-key": 5 * len(HOSTILE_KEYS), "oversized": 2}
     assert not replies
     texts = [event.text for block in kept.blocks for event in block.events]
     said = [record.getMessage() for record in caplog.records] + [str(vars(record)["peer"]) for record in caplog.records]
