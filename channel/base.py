@@ -47,3 +47,7 @@ class Channel:
             Outages, and slots of delivered messages (Σ E[D_m; delivered]); None where unknown, as by default.
         """
         return None
+
+    def least_slots(self, bits: int) -> int | None:
+        """Slots that a message of `bits` takes at best; None where unknown, as by default."""
+        return None

@@ -4,6 +4,7 @@ FDMA gives every link a band of its own, so links do not interfere; a frame sent
 n + max(1, ⌈D_m θ/dt⌉). What a link does to a message is the channel's to say.
 """
 
+import math
 from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -43,6 +44,7 @@ class Medium:
         slots = range(1, MOST_SLOTS + 1)
         self._soon = bisect_right(slots, 1, key=lambda spent: int(scenario.delivery_ticks(np.array(spent))))  # a tick
         self._range_squared = radio.range_m**2
+        self._models_reach = math.inf if scenario.federation.range_m is None else scenario.federation.range_m
         self._everyone = np.arange(scenario.uavs).tobytes()
         # The links of the last batch of a kind and of its number, which mostly are those of the next tick's, and who
         # used them: no mask where everyone reached everyone.
@@ -95,11 +97,10 @@ class Medium:
     def _send(self, tick: int, batch: Frames, states: state.States, cut: Cut | None) -> NDArray[np.int32]:
         links = self._links(batch, states)
         bits = 8 * batch.payload.itemsize * batch.payload.shape[1]
-        slots, delivered, expected = self._carried(bits, links, states)
+        reach = math.inf if batch.kind == FrameKind.STATE else self._models_reach
+        slots, delivered, expected = self._carried(bits, links, states, reach)
         if cut is not None:
-            failed = cut(links.source, links.target)
-            slots = np.where(failed, self._scenario.radio.latency_threshold_slots, slots)
-            delivered = delivered & ~failed
+            slots, delivered = self._failed(cut(links.source, links.target), slots, delivered)
         self.meter.count(batch.kind, bits, links, slots, delivered, expected)
 
         record = links.record.copy()
@@ -121,19 +122,31 @@ class Medium:
         return record
 
     def _carried(
-        self, bits: int, links: Links, states: state.States
+        self, bits: int, links: Links, states: state.States, reach: float
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_], tuple[float, float] | None]:
-        """What the channel says of a message over links by radio: slots (K,), delivered (K,), and closed forms."""
+        """What the channel says of a message over links by radio: slots (K,), delivered (K,), and closed forms.
+        Links longer than `reach`, in m, fail."""
         count = len(links.pair)
         if not count:
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool), (0.0, 0.0)
         try:
             distance = self._distance(states, links)
             slots, delivered = carried(self._channel.transmit(distance, bits, self._rng), count)
-            expected = closed_form(self._channel.expected(distance, bits))
+            if reach < math.inf and len(beyond := np.flatnonzero(distance > reach)):
+                slots, delivered = self._failed(distance > reach, slots, delivered)
+                distance = np.delete(distance, beyond)
+            expected = closed_form(self._channel.expected(distance, bits)) if len(distance) else (0.0, 0.0)
         except FAILURES as error:
             raise RunFailed(f"channel {self._scenario.radio.model!r}: failed: {last_line(error)}") from error
+        if expected is not None:
+            expected = expected[0] + (count - len(distance)), expected[1]
         return slots, delivered, expected
+
+    def _failed(
+        self, failed: NDArray[np.bool_], slots: NDArray[np.int64], delivered: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Slots and deliveries (K,) when the links `failed` (K,) carry nothing, so that they spend all their slots."""
+        return np.where(failed, self._scenario.radio.latency_threshold_slots, slots), delivered & ~failed
 
     def _deliver(self, tick: int, batch: Frames, ends: NDArray[np.int32]) -> None:
         """The frames of a batch arrive over these links in a tick to come."""

@@ -69,6 +69,7 @@ SUMMARY = (
     Field("radio.links_used", "links", "pairs of UAVs, with direction, that any message was sent between"),
     Field("radio.links", "", "`[source, target, sent, outages]` of each link; null where there are more than 1000"),
     Field("rounds", "1", "rounds averaged and broadcast"),
+    Field("rounds_void", "1", "rounds that had no model of another UAV to average, so that nothing was broadcast"),
     Field(
         "diagnostics.*",
         "",

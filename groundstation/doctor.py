@@ -15,10 +15,12 @@ from typing import Literal
 import psutil
 
 from meanflock import kernels
+from meanflock.channel.outlook import WARN_FROM, outlooks, remedies
 from meanflock.groundstation.memory import MEGABYTE, available_mb, needed_mb
 from meanflock.kernels import sources
 from meanflock.swarm import logs
 from meanflock.swarm.net.endpoint import DEFAULT_ENDPOINT
+from meanflock.swarm.scenario import Scenario
 
 THREADS = 8  # of a process of the swarm: measured 6, and 9 in the world
 PACKAGES = (
@@ -45,8 +47,9 @@ class Finding:
     mend: str = ""
 
 
-def examine(uavs: int, uavs_per_process: int, out: Path, tls: Path | None = None) -> list[Finding]:
-    """Looks at everything a run of that size would need."""
+def examine(scenario: Scenario, uavs_per_process: int, out: Path, tls: Path | None = None) -> list[Finding]:
+    """Looks at everything a run of a scenario would need."""
+    uavs = scenario.uavs
     return [
         _python(),
         *map(_package, PACKAGES),
@@ -59,6 +62,7 @@ def examine(uavs: int, uavs_per_process: int, out: Path, tls: Path | None = None
         _port("live viewer port", VIEWER_PORT, "end what listens there, or run without --view"),
         _writable(out),
         _disk(out),
+        *models(scenario),
         *engine(),
         *([] if tls is None else certificates(tls, uavs, uavs_per_process)),
     ]
@@ -97,6 +101,19 @@ def tell_if_slow() -> None:
     finding = compiled()
     if finding.verdict != "ok":
         logs.tell(f"warning: kernels {finding.found}; {finding.mend}", logging.WARNING)
+
+
+def models(scenario: Scenario) -> list[Finding]:
+    """Whether the models that a scenario sends get through."""
+    return [
+        Finding(
+            f"{one.what}s",
+            "warning" if one.lost >= WARN_FROM else "ok",
+            str(one),
+            "" if one.lost < WARN_FROM else remedies(scenario, one.what),
+        )
+        for one in outlooks(scenario)
+    ]
 
 
 def memory(uavs: int, processes: int, keeps_states: bool = False) -> Finding:

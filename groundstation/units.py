@@ -40,6 +40,7 @@ UNITS = {
     "filter.forget_s": "s",
     "federation.period": "ticks",
     "federation.state_period": "ticks",
+    "federation.range_m": "m",
     "radio.tx_power_dbm": "dBm",
     "radio.bandwidth_hz": "Hz",
     "radio.noise_psd_dbm_hz": "dBm/Hz",

@@ -1,6 +1,7 @@
 """The leader node: collects the uploads of a round, averages them when the round closes, broadcasts the result.
 
-Where clusters have heads it collects their relays instead: a mean, and the number of models to weigh it by.
+Where clusters have heads it collects their relays instead: a mean, and the number of models to weigh it by. A round is
+void, and changes nothing, unless it has a model of another UAV than the leader's.
 """
 
 import numpy as np
@@ -53,13 +54,13 @@ class Leader:
             models = (self._relay or self._up).decode(frames.payload)
             for uav, model in zip(frames.source.tolist(), models, strict=True):
                 of_round.setdefault(uav, model)
-        # 2. When the round closes, refuse what cannot be a model, average and broadcast the rest; a round in which
-        #    nothing is left is void.
+        # 2. When the round closes, refuse what cannot be a model, average and broadcast the rest, if the radio brought
+        #    any of it.
         number = self._rounds.closes(sense.tick)
         arrived, refused = refuse(self._arrived.get(number, {}))
         self._arrived = {later: models for later, models in self._arrived.items() if later > number}
         self._kept = b""
-        outbox = self._broadcast(number, arrived) if arrived else ()
+        outbox = self._broadcast(number, arrived) if self._has_models_of_others(number, arrived) else ()
         return Act(
             sense.run,
             sense.tick,
@@ -77,6 +78,15 @@ class Leader:
             return begun
         except FAILURES as error:
             raise BadInput(f"aggregator {name!r} failed in `init`: {last_line(error)}") from error
+
+    def _has_models_of_others(self, number: int, arrived: dict[int, Floats]) -> bool:
+        """Whether a model in `arrived` comes from another UAV than the one that averages."""
+        leader = self._scenario.federation.leader
+        if arrived.keys() - {leader}:
+            return True
+        if self._relay is None or leader not in arrived:
+            return False
+        return arrived[leader][-1] > float(leader in self._rounds.participants(number))
 
     def _broadcast(self, number: int, arrived: dict[int, Floats]) -> tuple[Frames, ...]:
         model = self._averaged(number, arrived)

@@ -5,6 +5,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from meanflock.channel.outlook import tell_of_lost_models
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept, Sink
 from meanflock.groundstation.results import columns
@@ -57,6 +58,7 @@ def fly(
     options = {"method": method, "uavs": uavs, "seed": seed, "duration": duration}
     flown = scenario_of(scenario, settings, **options)
     columns.check(flown.method, flown.declared.diagnostics)
+    tell_of_lost_models([flown])
     kept = Kept()
     with ExitStack() as stack:
         outputs, run_id = None, f"{flown.method}-s{flown.seed}"

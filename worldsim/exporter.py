@@ -71,6 +71,7 @@ class Exporter(Collector):
     def _protocol(self) -> Iterator[Metric]:
         counters, outbox = self._of.counters, self._of.outbox
         yield _counter("rounds", "Rounds averaged and broadcast.", counters.rounds)
+        yield _counter("rounds_void", "Rounds without a model of another UAV to average.", counters.rounds_void)
         drops = CounterMetricFamily("meanflock_dropped_messages", "Messages not let in, by reason.", labels=["reason"])
         for reason, count in sorted(counters.dropped.items()):
             drops.add_metric([reason], count)

@@ -215,7 +215,7 @@ class World:
 
     def _ask(self, tick: int, reporting: bool, whole: bool) -> None:
         due = self.air.due(tick)
-        self._leading.uploads.receive(due)
+        self._leading.receive(due, self._awake.uavs)
         self._heads.receive(due, self._awake.uavs)
         self._barrier.open(tick, reporting)
         self._ask_leader()  # first: in a round it has the most to do, and all others wait for it
@@ -251,7 +251,7 @@ class World:
             self.flight.lose(insane, "diverged", "an answer beyond all bounds")
         frames = self._merger.of(self.flight.tick, barrier.sent, self._awake.uavs, self.air.meter)
         if number := self._rounds.closes(self.flight.tick):
-            self._leading.uploads.close(number)
+            self._leading.close(number, self.members, self.counters)
         if (idle := self.flight.idle) is not None:
             self._commands.accelerations[idle] = 0.0
         return frames

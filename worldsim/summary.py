@@ -116,6 +116,7 @@ def protocol_summary(
     largest = dict(zip(names, commands.largest.tolist(), strict=True))
     return {
         "rounds": counters.rounds,
+        "rounds_void": counters.rounds_void,
         "diagnostics": dict(zip(names, commands.summed.tolist(), strict=True)),
         "diagnostics_max": largest,
         "hjb_residual_max": largest.get("hjb_residual"),

@@ -20,3 +20,6 @@ class Ideal(Channel):
 
     def expected(self, distance_m: Floats, bits: int) -> tuple[float, float]:
         return 0.0, float(len(distance_m) * slots_needed(self.scenario.radio, bits))
+
+    def least_slots(self, bits: int) -> int:
+        return slots_needed(self.scenario.radio, bits)

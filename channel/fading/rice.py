@@ -55,6 +55,9 @@ class Rice(Channel):
         outages, slots = self._expected[bits]
         return len(distance_m) * outages, len(distance_m) * slots
 
+    def least_slots(self, bits: int) -> int:
+        return slots_needed(self._radio, bits)
+
 
 def squared_amplitude(normal: Floats, xi: float, chi: float) -> Floats:
     """z² of independent slots, `(K,)`; z = |ξ + χ(n₁ + jn₂)|, `normal`: standard normal, `(K, 2)`, written to."""

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from meanflock.channel.outlook import tell_of_lost_models
 from meanflock.swarm import logs, plugins, scenario
 from meanflock.worldsim.faults import never
 
@@ -72,10 +73,12 @@ def load_scenario(file: Path | None, settings: Iterable[str], **options: Any) ->
     return scenario.load(file, settings, **options)
 
 
-def tell_what_never_happens(flights: Iterable[scenario.Scenario]) -> None:
-    """Warns of faults that begin after the end of a flight."""
+def warn_before_take_off(flights: Iterable[scenario.Scenario]) -> None:
+    """Warns of faults that begin after the end of a flight, and of models that the radio will mostly lose."""
+    flights = list(flights)
     for text in dict.fromkeys(text for flown in flights for text in never(flown)):
         logs.tell(f"warning: {text}", logging.WARNING)
+    tell_of_lost_models(flights)
 
 
 def number_option(flag: str, metavar: str, default: int, about: str, least: int = 1, most: int | None = None) -> Any:

@@ -21,10 +21,10 @@ from meanflock.groundstation.cli.arguments import (
     out_option,
     run_argument,
     scenario_arguments,
-    tell_what_never_happens,
     telling,
     tls_option,
     uavs_per_process_option,
+    warn_before_take_off,
 )
 from meanflock.groundstation.launch.progress import summary_table
 from meanflock.groundstation.launch.resume import Back, back
@@ -100,7 +100,7 @@ def run(
         flown = load_scenario(file, settings, method=method, uavs=uavs, seed=seed, duration=duration, faults=script)
         _refuse_if_too_large(flown, given["in_process"], given["uavs_per_process"])
     if given["log_format"] != logs.JSON:  # there it is the world that says so
-        tell_what_never_happens([flown])
+        warn_before_take_off([flown])
     if view and not record:
         raise BadInput("--view: shows what is recorded; leave out --no-record")
     if view:
@@ -156,6 +156,11 @@ def _fly(
     if every_uav_was_lost(flown, done.summary):
         raise RunFailed(lost_everyone(done.folder))
     if not only_logs:
+        if (void := done.summary["rounds_void"]) and not done.summary["rounds"]:
+            logs.tell(
+                f"warning: nothing was federated: no model of another UAV arrived in {void} rounds, which were void",
+                logging.WARNING,
+            )
         if done.summary["lost"] and (why := said_of_loss(done.folder)):
             lost = done.summary["lost"]
             logs.tell(

@@ -24,19 +24,22 @@ from meanflock.swarm.errors import EXIT_RUN_FAILED
 
 
 @click.command()
-@number_option("--uavs", "N", 25, "Number of UAVs to be flown.")
+@scenario_arguments("file", "method", "uavs", "settings", "plugin")
 @uavs_per_process_option
 @out_option("runs", "Where run folders would be made.")
 @click.option("--tls", type=PATH, metavar="DIR", help="Check the certificates in DIR too.")
-def doctor(uavs: int, uavs_per_process: int, out: Path, tls: Path | None) -> None:
-    """Check whether a run of N UAVs would work on this machine.
+def doctor(
+    file: Path | None, settings: tuple[str, ...], uavs_per_process: int, out: Path, tls: Path | None, **options: Any
+) -> None:
+    """Check whether a run would work on this machine.
 
-    Every finding that is not ok says what to do. The exit code is 1 if anything would fail.
+    SCENARIO is a TOML file, or the name of one that comes with meanflock; by default the paper's. Checked is also whether
+    its models get through the radio. Every finding that is not ok says what to do. The exit code is 1 if anything would fail.
 
     \b
     Example: meanflock doctor --uavs 64
     """
-    findings = checks.examine(uavs, uavs_per_process, out, tls)
+    findings = checks.examine(load_scenario(file, settings, **options), uavs_per_process, out, tls)
     table = Table(title=f"meanflock {__version__}")
     for heading in ("what", "verdict", "found", "what to do"):
         table.add_column(heading, overflow="fold")

@@ -14,7 +14,7 @@ from meanflock.groundstation.cli.arguments import (
     quiet_option,
     report,
     scenario_arguments,
-    tell_what_never_happens,
+    warn_before_take_off,
 )
 from meanflock.groundstation.cli.study_arguments import (
     SEEDS,
@@ -149,7 +149,7 @@ def _fly(
     from meanflock.studies import study
     from meanflock.studies.means import Means
 
-    tell_what_never_happens(scenarios.values())
+    warn_before_take_off(scenarios.values())
     points = {at: study.seeded(one, seeds) for at, one in scenarios.items()}
     with store_in(out) as store, progress_of(what, quiet) as progress:
         flown = study.fly_all(points, jobs, progress, store)

@@ -133,7 +133,7 @@ def summary_table(summary: dict[str, object]) -> Table:
             radio["latency_slots_mean"],
             "slots" if theory is None else f"slots, closed form {theory:.2f}",
         )
-    add("rounds", summary["rounds"], "")
+    add("rounds", summary["rounds"], f"{void} more were void" if (void := summary["rounds_void"]) else "")
     add("simulated time", summary["sim_time_s"], "s", 1)
     add("real-time factor", summary["real_time_factor"], "×", 1)
     if isinstance(kept := summary["realtime"], dict):

@@ -1,5 +1,6 @@
 """The conformance suite of controllers."""
 
+from contextlib import suppress
 from typing import Any
 
 import msgspec
@@ -46,7 +47,13 @@ def check_controller(
         behind: Controller = declared.filtered(alone, flown)
         return behind
 
-    check_swarm(PointSwarm(controller, flown, made), slow_ms)
+    swarm = PointSwarm(controller, flown, made)
+    check_swarm(swarm, slow_ms)
+    vars(flown)["declared"] = swarm.declared  # the class need not be registered, so its name may not lead to it
+    with suppress(ModuleNotFoundError):  # where only agents are, there is no channel
+        from meanflock.channel.outlook import tell_of_lost_models
+
+        tell_of_lost_models([flown])
 
 
 def check_swarm(swarm: PointSwarm, slow_ms: float) -> None:

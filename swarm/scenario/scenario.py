@@ -27,6 +27,7 @@ LATER = (
     "federation.broadcast_payload",
     "federation.error_feedback",
     "federation.clusters",
+    "federation.range_m",
     "federation.options",
     "controller",
     "radio.plausible_speed",

@@ -175,6 +175,12 @@ class Federation(_Table, frozen=True):
     error_feedback: Annotated[
         bool, Meta(description="what rounding to a narrower payload takes from an upload is added to the UAV's next")
     ] = True
+    range_m: (
+        Annotated[
+            float, Meta(gt=0, description="how far uploads, relays and global models reach; unset: any distance, m")
+        ]
+        | None
+    ) = None
     clusters: Annotated[int, Meta(ge=1, description="K, clusters whose heads average for the leader; 1: none do")] = 1
 
 

@@ -40,6 +40,24 @@ def test_an_upload_goes_to_the_leader_a_global_model_to_everyone_a_state_to_thos
     assert of_kind[FrameKind.STATE] == by_radio[FrameKind.STATE]
 
 
+@pytest.mark.parametrize("radio", ["radio.target_snr_db=75", "radio.path_loss_exponent=0.05"])
+def test_models_fail_beyond_the_range_of_the_federation_and_the_closed_form_knows_it(radio: str) -> None:
+    states, sent = line(0.0, 10.0, 19.0, 21.0, 30.0, 500.0), frames(FrameKind.UPLOAD, [0, 1, 2, 3, 4, 5], 246, 1)
+    near, anywhere = Medium(scenario("federation.range_m=20", radio)), Medium(scenario(radio))
+    anywhere_links = anywhere.send(5, [sent], states)
+    links = near.send(5, [sent], states)
+    limit = near.meter.radio.latency_threshold_slots
+    np.testing.assert_array_equal(links[:2], anywhere_links[:2])
+    np.testing.assert_array_equal(links[2:, 4], [-limit] * 3)
+    bill, free = near.meter.traffic[FrameKind.UPLOAD], anywhere.meter.traffic[FrameKind.UPLOAD]
+    assert (bill.sent, bill.payload_bits) == (free.sent, free.payload_bits)
+    assert free.expected_outages is not None
+    assert bill.expected_outages is not None
+    assert 3.0 < bill.expected_outages < 3.0 + free.expected_outages
+    nobody = Medium(scenario("federation.range_m=5", radio))
+    assert not links_of([batch for _ in [nobody.send(5, [sent], states)] for batch in nobody.due(6)]) - {(0, 0)}
+
+
 def test_with_clusters_an_upload_goes_to_the_head_and_a_relay_to_the_leader() -> None:
     """Clusters {0 1 2} and {3 4 5}; UAV 4 leads, so it heads the second."""
     medium = Medium(

@@ -162,6 +162,28 @@ def test_a_scripted_loss_of_the_leader_is_taken_over_by_the_standby_started_for_
     assert [tick for tick, _ in alone.record.kinds("void")] == [41, 61, 81, 101]
 
 
+@pytest.mark.parametrize("clusters", [1, 2])
+@pytest.mark.parametrize(
+    ("silent", "void"),
+    [
+        ('{kind="kill", tick=30, uavs=[0]}', [2, 3, 4, 5]),
+        ('{kind="pause", tick=40, duration_s=0.1, uavs=[0]}', []),  # it uploads nothing, and averages what arrives
+        ('{kind="pause", tick=41, duration_s=0.2, uavs=[0]}', [2]),
+        ('{kind="pause", tick=35, duration_s=3.0, uavs=[0]}', [2, 3]),
+    ],
+)
+def test_rounds_are_void_while_the_uav_that_averages_is_lost_or_paused(
+    silent: str, void: list[int], clusters: int
+) -> None:
+    lab = Lab(flown(silent, settings=(f"federation.clusters={clusters}", *CLEAR)))
+    summary = lab.fly()
+    assert (summary["rounds"], summary["rounds_void"]) == (5 - len(void), len(void))
+    texts = [event.text for event in lab.record.events if event.kind == "void" and "void" in event.text]
+    assert texts == [f"round {number} is void: UAV 0, which averages, is lost or paused" for number in void]
+    broadcasts = [row for block in lab.record.blocks for row in block.links.tolist() if row[3] == FrameKind.GLOBAL]
+    assert len(broadcasts) == 5 * (5 - len(void))
+
+
 BAD = {
     "no time": ('[[faults]]\nkind = "kill"\nuavs = [1]', "tick"),
     "two times": ('[[faults]]\nkind = "kill"\nuavs = [1]\ntick = 1\ntime_s = 1.0', "one of them"),

@@ -102,6 +102,22 @@ def test_a_round_in_which_nothing_arrived_is_void() -> None:
     assert said(node.act(sense(end, upload([4], number=2)))) == [(FrameKind.GLOBAL, 2, [3])]
 
 
+@pytest.mark.parametrize("rule", ["fedavg", "precision", "krum"])
+def test_a_round_with_no_model_but_the_leader_s_own_is_void_and_changes_nothing(rule: str) -> None:
+    of = flown(f'federation.aggregation="{rule}"')
+    node, fresh = leader(of), leader(of)
+    act = node.act(sense(closing(of, 1), upload([3])))
+    assert (said(act), act.memory) == ([], b"")
+    both = upload([3, 5], number=2)
+    assert node.act(sense(closing(of, 2), both)).memory == fresh.act(sense(closing(of, 2), both)).memory
+
+
+def test_a_relay_of_the_leader_s_own_cluster_counts_if_it_holds_the_model_of_another_uav() -> None:
+    of = flown("federation.clusters=3", "federation.fraction=1.0")
+    for models, averaged in ((1, []), (2, [(FrameKind.GLOBAL, 1, [3])])):
+        assert said(leader(of).act(sense(closing(of, 1), relayed({3: models})))) == averaged
+
+
 def test_a_round_is_averaged_once_and_its_models_do_not_reach_the_next() -> None:
     of = flown()
     node, end = leader(of), closing(of, 1)

@@ -1,0 +1,145 @@
+"""Share of a scenario's models that its radio will lose, by the channel's closed form, known before take-off."""
+
+import logging
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.channel.answer import closed_form
+from meanflock.channel.base import Channel
+from meanflock.swarm import logs, plugins
+from meanflock.swarm.clusters import Clusters
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.failures import FAILURES, last_line
+from meanflock.swarm.mission import starts
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import POSITION
+from meanflock.swarm.wire import payload
+from meanflock.swarm.wire.payload import Coding
+from meanflock.swarm.wire.relay import Relay
+
+WARN_FROM = 0.5  # share of lost messages from which a warning is given
+_SPARED = 0.2  # share of lost messages that a suggested remedy leaves at most
+_MOST_SLOTS = 2**14  # latency threshold up to which a remedy is searched for
+
+
+class Outlook(NamedTuple):
+    """One kind of model at take-off.
+
+    what: "upload", "relay" or "global model". bits: of one transmission. slots: it takes at least; None where the
+    channel does not say. limit: slots after which it is lost. lost: share of the links that lose it.
+    """
+
+    what: str
+    bits: int
+    slots: int | None
+    limit: int
+    lost: float
+
+    def __str__(self) -> str:
+        takes = "" if self.slots is None else f" takes {self.slots} slots; the limit is {self.limit}"
+        article = "an" if self.what == "upload" else "a"
+        return f"{article} {self.what} of {self.bits:,} bits{takes}: {100 * self.lost:.3g} % will be lost"
+
+
+class _Sent(NamedTuple):
+    """One kind of model: its coding, and the UAVs at both ends of the links that carry it, (K,) each."""
+
+    what: str
+    coding: Coding
+    source: NDArray[np.intp]
+    target: NDArray[np.intp]
+    payload_key: str | None
+
+
+def outlooks(scenario: Scenario) -> list[Outlook]:
+    """Every kind of model that a scenario sends, with all UAVs where they take off.
+
+    Returns:
+        Nothing without rounds, or where the channel has no closed form.
+
+    Raises:
+        BadInput: the channel is not installed, its options do not fit, or its closed form fails.
+    """
+    sent = list(_sent(scenario))
+    if not sent:
+        return []
+    channel: Channel = plugins.create("channel", scenario.radio.model, scenario.radio.options, scenario)
+    found = (_outlook(scenario, channel, one) for one in sent)
+    return [one for one in found if one is not None]
+
+
+def remedies(scenario: Scenario, what: str) -> str:
+    """A sentence with the settings that would spare most models of a kind, each of them alone."""
+    settings = [*_settings(scenario, what), "fewer parameters"]
+    return f"Use {', '.join(settings[:-1])}{' or ' * (len(settings) > 1)}{settings[-1]}"
+
+
+def tell_of_lost_models(flights: Iterable[Scenario]) -> None:
+    """Warns on standard error of models that the radio will mostly lose; each text once."""
+    found = ((one, flown) for flown in flights for one in outlooks(flown) if one.lost >= WARN_FROM)
+    for text in dict.fromkeys(f"warning: {one}. {remedies(flown, one.what)}" for one, flown in found):
+        logs.tell(text, logging.WARNING)
+
+
+def _outlook(scenario: Scenario, channel: Channel, sent: _Sent) -> Outlook | None:
+    """One kind of model; None where no radio carries it or the channel has no closed form."""
+    radio, range_m, bits = scenario.radio, scenario.federation.range_m, sent.coding.bits
+    apart = sent.source != sent.target
+    if not apart.any():
+        return None
+    places = starts(scenario)[:, POSITION]
+    distance = np.linalg.norm(places[sent.source[apart]] - places[sent.target[apart]], axis=-1)
+    within = distance if range_m is None else distance[distance <= range_m]
+    try:
+        expected = closed_form(channel.expected(within, bits)) if len(within) else (0.0, 0.0)
+        slots = channel.least_slots(bits)
+    except FAILURES as error:
+        raise BadInput(f"channel {radio.model!r}: its closed form failed: {last_line(error)}") from error
+    if expected is None:
+        return None
+    lost = (expected[0] + len(distance) - len(within)) / len(distance)
+    return Outlook(sent.what, bits, slots, radio.latency_threshold_slots, lost)
+
+
+def _sent(scenario: Scenario) -> Iterator[_Sent]:
+    """Every kind of model that a scenario sends, as if all UAVs took part."""
+    if not scenario.declared.is_federated:
+        return
+    clusters, leader, everyone = Clusters(scenario), scenario.federation.leader, np.arange(scenario.uavs)
+    yield _Sent("upload", payload.upload(scenario), everyone, clusters.head_of, "payload")
+    if scenario.federation.clusters > 1:
+        yield _Sent("relay", Relay(scenario), clusters.heads, np.full(len(clusters.heads), leader), None)
+    yield _Sent(
+        "global model", payload.broadcast(scenario), np.full(scenario.uavs, leader), everyone, "broadcast_payload"
+    )
+
+
+def _settings(scenario: Scenario, what: str) -> Iterator[str]:
+    """Settings that each would spare most models of a kind, with the share that would still be lost."""
+    key = next(sent.payload_key for sent in _sent(scenario) if sent.what == what)
+    changes: list[tuple[str, Any]] = [("radio.bits_per_float", 16)]
+    if key is not None:
+        changes.insert(0, (f"federation.{key}", "int8"))
+    slots, limit = scenario.radio.latency_threshold_slots, "radio.latency_threshold_slots"
+    while slots < _MOST_SLOTS and _lost(scenario, what, limit, slots) > _SPARED:
+        slots += max(1, slots // 8)
+    changes.append((limit, slots))
+    for path, value in changes:
+        if (lost := _lost(scenario, what, path, value)) <= _SPARED:
+            yield f"{path}={value} ({100 * lost:.2g} % lost)"
+
+
+def _lost(scenario: Scenario, what: str, path: str, value: Any) -> float:
+    """Share of the models of a kind that would be lost with another value of a key; 1 where the value does not fit."""
+    table, key = path.split(".")
+    try:
+        part = msgspec.structs.replace(getattr(scenario, table), **{key: value})
+        changed = msgspec.structs.replace(scenario, **{table: part})
+    except ValueError:  # other keys need wider floats
+        return 1.0
+    vars(changed)["declared"] = scenario.declared  # no radio changes what a controller declares
+    return next(one.lost for one in outlooks(changed) if one.what == what)

@@ -1,0 +1,111 @@
+"""Models that the radio will lose are foretold by its closed form, in every way to fly."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import meanflock as mf
+from meanflock.channel.base import Channel
+from meanflock.channel.outlook import outlooks, remedies
+from meanflock.groundstation.cli.command import main
+from meanflock.swarm.scenario import load
+from meanflock.testing import check_controller
+from tests.agent.large_model import Large
+
+LARGE = str(Path(__file__).parents[1] / "agent" / "large_model.py")
+WARNING = "an upload of 32,000 bits takes 13 slots; the limit is 8: 100 % will be lost. Use federation.payload=int8"
+
+
+@pytest.mark.parametrize(
+    "settings", [(), ("federation.payload=int8",), ("federation.clusters=4",), ("radio.path_loss_exponent=0.02",)]
+)
+def test_the_share_foretold_is_the_share_lost(settings: tuple[str, ...]) -> None:
+    flown = load(None, ["federation.fraction=1.0", "duration=1", "federation.period=3", *settings], method="mfgfl-hf")
+    runs = [mf.fly(flown, seed=seed).summary["radio"]["traffic"] for seed in range(60)]
+    names = {"upload": "uplink", "relay": "relay", "global model": "broadcast"}
+    for one in outlooks(flown):
+        bills = [run[names[one.what]] for run in runs]
+        sent, lost = sum(bill["sent"] for bill in bills), sum(bill["outages"] for bill in bills)
+        assert abs(lost / sent - one.lost) < 4.0 * np.sqrt(one.lost / sent) + 0.01
+
+
+def test_every_remedy_helps_alone() -> None:
+    mf.register(Large)
+    flown = load(None, method="large")
+    for one in outlooks(flown):
+        settings = re.findall(r"(\S+=\S+) \(([\d.]+) % lost\)", remedies(flown, one.what))
+        assert len(settings) == 2
+        for setting, share in settings:
+            changed = next(other for other in outlooks(load(None, [setting], method="large")) if other.what == one.what)
+            assert 100 * changed.lost == pytest.approx(float(share), rel=0.05)
+            assert changed.lost < 0.2 < one.lost
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["run", "--in-process", "--no-record", "--quiet", "--json", "--duration", "1"],
+        ["compare", "large", "mfgfl-h", "--seeds", "1", "--jobs", "1", "--quiet", "--duration", "1"],
+        [
+            "sweep",
+            "wind.sigma=0.1,0.2",
+            "--methods",
+            "large",
+            "--seeds",
+            "1",
+            "--jobs",
+            "1",
+            "--quiet",
+            "--duration",
+            "1",
+        ],
+        ["doctor"],
+        ["fly"],
+        ["suite"],
+    ],
+    ids=lambda command: command[0],
+)
+def test_every_way_to_fly_warns_before_take_off(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "1000")
+    if command[0] == "fly":
+        mf.fly(method=Large, duration=1.0)
+    elif command[0] == "suite":
+        check_controller(Large)
+    else:
+        method = ["--method", "large"] if command[0] in ("run", "doctor") else []
+        main([*command, "--plugin", LARGE, *method])
+    out, err = capsys.readouterr()
+    said = out if command[0] == "doctor" else err
+    assert "12 % lost" in said
+    assert (WARNING if command[0] != "doctor" else "takes 13 slots") in said
+
+
+def test_a_flight_that_federated_nothing_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    flags = ["--in-process", "--no-record", "--quiet", "--duration", "30"]
+    assert main(["run", *flags, "--plugin", LARGE, "--method", "large"]) == 0
+    assert "nothing was federated" in capsys.readouterr().err
+    assert main(["run", *flags, "--method", "mfgfl-h"]) == 0
+    assert "federated" not in capsys.readouterr().err
+
+
+def test_a_closed_form_that_fails_is_the_channel_s_fault() -> None:
+    class Wrong(Channel):
+        name = "wrong-form"
+
+        def transmit(self, distance_m, bits, rng):  # type: ignore[no-untyped-def]
+            return np.ones(len(distance_m), dtype=np.int64), np.ones(len(distance_m), dtype=bool)
+
+        def expected(self, distance_m, bits):  # type: ignore[no-untyped-def]
+            return "much", "more"
+
+    mf.register(Wrong)
+    with pytest.raises(mf.BadInput, match="wrong-form"):
+        mf.fly(method="mfgfl-h", duration=1.0, **{"radio.model": "wrong-form"})
