@@ -33,8 +33,9 @@ def doctor(
 ) -> None:
     """Check whether a run would work on this machine.
 
-    SCENARIO is a TOML file, or the name of one that comes with meanflock; by default the paper's. Checked is also whether
-    its models get through the radio. Every finding that is not ok says what to do. The exit code is 1 if anything would fail.
+    SCENARIO is a TOML file, or the name of one that comes with meanflock; by default the paper's. The check also says
+    what share of the models that UAVs send will be lost. Every finding that is not ok says what to do. The exit code is
+    1 if anything would fail.
 
     \b
     Example: meanflock doctor --uavs 64
