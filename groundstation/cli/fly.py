@@ -28,8 +28,9 @@ from meanflock.groundstation.cli.arguments import (
 )
 from meanflock.groundstation.launch.progress import summary_table
 from meanflock.groundstation.launch.resume import Back, back
-from meanflock.groundstation.launch.run import Options, fly
-from meanflock.groundstation.results.run_folder import EVENTS, lost_everyone, said_of_loss
+from meanflock.groundstation.launch.run import Options, Run, fly
+from meanflock.groundstation.recording.viewer import open_viewer
+from meanflock.groundstation.results.run_folder import EVENTS, RECORDING, lost_everyone, said_of_loss
 from meanflock.swarm import logs, scenario
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.net.address import Address
@@ -63,6 +64,7 @@ class _Run(click.Command):
 @click.option("--faults", type=PATH, metavar="FILE", help="Inject the faults of this script (TOML).")
 @click.option("--record/--no-record", default=True, show_default=True, help="Write recording.rrd for the Rerun viewer.")
 @click.option("--view", is_flag=True, help="Watch live in the Rerun viewer; needs a display.")
+@click.option("--web", is_flag=True, help="With --view: watch in a browser, at the address printed; needs no display.")
 @out_option("runs", "Where run folders are made.")
 @click.option(
     "--endpoint",
@@ -82,6 +84,7 @@ def run(
     realtime: str | None,
     record: bool,
     view: bool,
+    web: bool,
     as_json: bool,
     **given: Any,
 ) -> None:
@@ -103,13 +106,32 @@ def run(
         warn_before_take_off([flown])
     if view and not record:
         raise BadInput("--view: shows what is recorded; leave out --no-record")
-    if view:
-        display.check(
-            "fly without --view, then look with `meanflock picture` or with `meanflock view --web` in a browser"
-        )
+    if web and not view:
+        raise BadInput("--web: says how to watch the flight; add --view")
+    if view and not web:
+        display.check("add --web to watch in a browser, or fly without --view and use `meanflock picture` afterwards")
     given["realtime"] = factor(realtime) if realtime is not None else None
     given["serve"] = ("127.0.0.1", checks.VIEWER_PORT) if view else None
-    _fly(flown, as_json, record=record, view=view, **given)
+    if web:
+        _fly_in_a_browser(flown, as_json, **given)
+    else:
+        _fly(flown, as_json, record=record, watch=open_viewer if view else None, **given)
+
+
+def _fly_in_a_browser(flown: scenario.Scenario, as_json: bool, **given: Any) -> None:
+    """Flies it and shows it on a page, live and then from its recording, until Ctrl-C."""
+    from meanflock.groundstation.recording.web import WebPage
+
+    with WebPage() as page:
+
+        def watch(live_url: str) -> None:
+            page.recording = live_url
+            logs.tell(f"live at {page.url}")
+
+        done = _fly(flown, as_json, watch=watch, **given)
+        page.recording = done.folder / RECORDING
+        logs.tell(f"{page.url} shows the recording until Ctrl-C")
+        page.attend()
 
 
 @click.command()
@@ -143,7 +165,7 @@ def _fly(
     log_format: str | None,
     quiet: bool,
     **given: Any,
-) -> None:
+) -> Run:
     """Flies it, or what is left of it, and says what came of that."""
     where = None if metrics is None else Address.parse("--metrics", metrics)
     only_logs = log_format == logs.JSON  # each of whose lines names the run
@@ -167,6 +189,7 @@ def _fly(
                 f"UAVs lost: {lost}; the first event: {why}; all events are in {done.folder / EVENTS}", logging.WARNING
             )
         logs.tell(f"run folder {done.folder}")
+    return done
 
 
 def _prints_apart(as_json: bool) -> AbstractContextManager[object]:

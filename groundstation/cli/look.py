@@ -11,7 +11,7 @@ from meanflock.swarm.errors import BadInput
 
 @click.command()
 @run_argument
-@click.option("--web", is_flag=True, help="Show it in a browser, at the address printed; needs no display.")
+@click.option("--web", is_flag=True, help="Serve it to a browser, at the address printed; needs no display.")
 def view(folder: Path, web: bool) -> None:
     """Open a finished run in the Rerun viewer.
 
@@ -24,17 +24,19 @@ def view(folder: Path, web: bool) -> None:
     from meanflock.groundstation.recording import viewer
 
     path = _recording(folder)
-    if web:
-        _complete(folder, path)
-        shown, url = viewer.serve_web(path)
-        click.echo(f"{url}\nCtrl-C ends it.")
-    else:
+    if not web:
         display.check(
             f"try `meanflock view {folder} --web` with a browser, or `meanflock picture {folder} -o FILE.png`"
         )
         _complete(folder, path)
-        shown = viewer.open_viewer(path)
-    viewer.attend(shown)
+        viewer.attend(viewer.open_viewer(path))
+        return
+    from meanflock.groundstation.recording.web import WebPage
+
+    _complete(folder, path)
+    with WebPage(path) as page:
+        click.echo(f"{page.url}\nCtrl-C ends it.")
+        page.attend()
 
 
 @click.command()

@@ -48,7 +48,7 @@ class Options:
     endpoint: str | None = None
     tls: Path | None = None  # folder of certificates
     quiet: bool = False
-    view: bool = False  # also open a viewer there
+    watch: Callable[[str], object] | None = None  # called with the URL of the live recording before take-off
     metrics: Address | None = None  # where Prometheus can read the run
     log_format: str | None = (
         None  # what all processes say goes to standard error in that form; None: only warnings here
@@ -157,7 +157,7 @@ class Outputs:
                 from meanflock.groundstation.recording.recorded import recorded
                 from meanflock.groundstation.recording.recorder import Recorder
                 from meanflock.groundstation.recording.replay import missing
-                from meanflock.groundstation.recording.viewer import Continued, open_viewer
+                from meanflock.groundstation.recording.viewer import Continued
 
                 before = opening.enter_context(Continued(self.folder.path / RECORDING))
                 recorder = Recorder(scenario, run_id, self.folder.path / RECORDING, options.serve)
@@ -166,8 +166,8 @@ class Outputs:
                     for block in missing(self.folder.path, past, recorded(before.earlier), scenario.uavs):
                         recorder.write(block)
                 self.sinks.append(recorder)
-                if options.view and recorder.live_url is not None:
-                    open_viewer(recorder.live_url)
+                if options.watch is not None and recorder.live_url is not None:
+                    options.watch(recorder.live_url)
             opening.enter_context(self.progress)
             self._stack = opening.pop_all()
 

@@ -4,6 +4,7 @@ The binary is started itself, not through the `rerun` script, which leaves the v
 It listens on loopback only and does not phone home.
 """
 
+import http.client
 import importlib.util
 import logging
 import os
@@ -11,7 +12,7 @@ import socket
 import subprocess
 import sys
 import time
-import urllib.parse
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
@@ -110,21 +111,33 @@ def open_viewer(path_or_url: Path | str) -> "subprocess.Popen[bytes]":
     return subprocess.Popen([*_program(), target, "--bind", LOOPBACK, "--port", "auto"], env=_environment())
 
 
-def serve_web(path: Path) -> tuple["subprocess.Popen[bytes]", str]:
-    """Serves a recording and Rerun's own web viewer to browsers of this machine; returns the server and what to open.
+def web_viewer_files(paths: Iterable[str]) -> dict[str, bytes]:
+    """The files of the web viewer that Rerun's program has in itself, by their path on its server.
 
     Raises:
-        RunFailed: it ends before a browser could be served.
+        RunFailed: the program ends before it serves them.
     """
-    (_, data), (_, page) = listening_address(LOOPBACK, 0), listening_address(LOOPBACK, 0)
-    ports = ["--bind", LOOPBACK, "--port", str(data), "--web-viewer-port", str(page)]
-    server = subprocess.Popen([*_program(), str(path), "--serve-web", *ports], env=_environment())
-    while not (answers(LOOPBACK, page) and answers(LOOPBACK, data)):
-        if server.poll() is not None:
-            raise RunFailed(f"{path}: the web viewer ended with {server.returncode}")
-        time.sleep(_ASK_AGAIN_S)
-    source = urllib.parse.quote(f"rerun+http://{LOOPBACK}:{data}/proxy", safe="")
-    return server, f"http://{LOOPBACK}:{page}?url={source}"
+    _, port = listening_address(LOOPBACK, 0)
+    shown = f"rerun+http://{LOOPBACK}:{port}/proxy"  # never connected to: it keeps the program from serving data, too
+    arguments = ["--serve-web", shown, "--bind", LOOPBACK, "--web-viewer-port", str(port)]
+    server = subprocess.Popen([*_program(), *arguments], env=_environment(), stdout=subprocess.DEVNULL)
+    try:
+        while not answers(LOOPBACK, port):
+            if server.poll() is not None:
+                raise RunFailed(f"the web viewer ended with {server.returncode}; see `meanflock doctor`")
+            time.sleep(_ASK_AGAIN_S)
+        return {path: _read(port, path) for path in paths}
+    finally:
+        end(server)
+
+
+def _read(port: int, path: str) -> bytes:
+    connection = http.client.HTTPConnection(LOOPBACK, port, timeout=LISTEN_S)
+    try:
+        connection.request("GET", path)
+        return connection.getresponse().read()
+    finally:
+        connection.close()
 
 
 def attend(shown: "subprocess.Popen[bytes]") -> None:

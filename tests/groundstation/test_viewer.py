@@ -7,8 +7,6 @@ import socket
 import subprocess
 import sys
 import threading
-import urllib.parse
-import urllib.request
 from pathlib import Path
 
 import numpy as np
@@ -161,35 +159,6 @@ def test_a_picture_is_of_the_second_asked_for_or_of_the_last(run, tmp_path: Path
     assert code == EXIT_BAD_INPUT
     assert "of 0 to 19.9 s" in err
     assert not (tmp_path / "beyond.png").exists()
-
-
-@pytest.mark.processes
-def test_a_browser_is_served_a_page_and_the_recording_until_ctrl_c(tmp_path: Path) -> None:
-    record(tmp_path / "recording.rrd", flight(ticks=60))
-    code = "from meanflock.groundstation.cli.command import main; main()"
-    command = [sys.executable, "-c", code, "view", str(tmp_path / "recording.rrd"), "--web"]
-    serving = subprocess.Popen(command, stdout=subprocess.PIPE, cwd=Path(__file__).parents[2], text=True)
-    late = tmp_path / "late.rrd"
-    try:
-        assert serving.stdout is not None
-        url = urllib.parse.urlsplit(serving.stdout.readline().strip())
-        assert url.hostname == "127.0.0.1"
-        with urllib.request.urlopen(f"http://{url.netloc}/", timeout=DEADLINE_S) as page:
-            assert b"Rerun" in page.read()
-        (source,) = urllib.parse.parse_qs(url.query)["url"]
-        listener = save_live(source, late)
-        try:
-            until(lambda: listener.poll() is not None or len(ticks_so_far(late)) == 60, "the recording at the browser")
-            assert listener.poll() is None, "it ended by itself"
-        finally:
-            listener.terminate()
-            listener.wait(DEADLINE_S)
-    finally:
-        serving.send_signal(signal.SIGINT)
-        serving.wait(DEADLINE_S)
-    assert serving.returncode == EXIT_DONE
-    with socket.socket() as probe:  # nobody is left
-        assert probe.connect_ex(("127.0.0.1", url.port or 0)) != 0
 
 
 def test_no_picture_of_what_is_not_there(tmp_path: Path) -> None:
