@@ -20,6 +20,7 @@ KEYS: dict[Door, str] = {  # of a scenario, that names the plug-in
     "filter": "filter.kind",
 }
 _BOUNDS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
+_ABBREVIATIONS = {"al.", "cf.", "ch.", "e.g.", "eq.", "fig.", "i.e.", "no.", "sec.", "vs."}
 _INDENT, _ABOUT = " " * 2, " " * 4
 
 
@@ -64,8 +65,16 @@ def _entry(plugin: Plugin) -> Entry:
 def _about(found: type) -> str:
     """The first sentence of the docstring of a class, or else of its file."""
     said = found.__dict__.get("__doc__") or sys.modules[found.__module__].__doc__ or ""
-    sentence = " ".join(inspect.cleandoc(said).partition("\n\n")[0].split()).partition(". ")[0]
+    words = inspect.cleandoc(said).partition("\n\n")[0].split()
+    end = next((number for number, word in enumerate(words, 1) if _ends_a_sentence(word)), len(words))
+    sentence = " ".join(words[:end])
     return f"{sentence.removesuffix('.')}." if sentence else ""
+
+
+def _ends_a_sentence(word: str) -> bool:
+    plain = word.lstrip("(").lower()
+    is_initial = len(plain) == len("j.")
+    return plain.endswith(".") and not is_initial and plain not in _ABBREVIATIONS
 
 
 def _options(kind: type[msgspec.Struct]) -> Iterator[Option]:

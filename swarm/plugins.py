@@ -83,8 +83,12 @@ def find(door: Door, name: str) -> Plugin:
     key = (door, name)
     candidates = [*_packaged().get(key, ()), *([_files[key][0]] if key in _files else [])]
     if not candidates:
+        from difflib import get_close_matches  # only here: no agent needs it
+
+        close = get_close_matches(name, names(door), 1)
+        mend = f"did you mean {close[0]!r}? Else install" if close else "install"
         raise BadInput(
-            f"{door} {name!r} is not installed here; install its package, or name its file: --plugin FILE.py; "
+            f"{door} {name!r} is not installed here; {mend} its package, or name its file: --plugin FILE.py; "
             f"there are {', '.join(names(door)) or 'none'}"
         )
     if len(candidates) > 1:

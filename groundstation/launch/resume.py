@@ -39,10 +39,13 @@ def back(folder: Path) -> Back:
     folder = folder.resolve()
     if not (folder / SCENARIO).is_file():
         raise BadInput(f"{folder}: no run; name the folder of one that did not finish")
+    if (folder / SUMMARY).exists() and not (folder / CHECKPOINT).exists():
+        raise BadInput(
+            f"{folder}: this run has finished, and its summary is in {SUMMARY}; fly it again with "
+            f"`meanflock run {folder / SCENARIO}`"
+        )
     flown = scenario.load(folder / SCENARIO)
     flown_plugins.check(folder, flown)
-    if (folder / SUMMARY).exists() and not (folder / CHECKPOINT).exists():
-        raise BadInput(f"{folder}: this run has finished; fly it again with `meanflock run {folder / SCENARIO}`")
     kept = read_checkpoint(folder)
     rows = past(folder, kept["tick"]).rows
     start = Resumption.of(kept["body"], states_of(rows))

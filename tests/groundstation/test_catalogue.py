@@ -20,6 +20,7 @@ from meanflock.swarm.scenario import load
 
 SPRING = Path(__file__).parents[2] / "examples" / "spring.py"
 FLIGHT = ("--in-process", "--no-record", "--quiet", "--json", "--out", "runs")
+HOVERS = "Hovers as J. Doe et al. did in 1999 (cf. Eq. 3, e.g. of her thesis)."
 MINE = '''
 """What is in this file."""
 from typing import Annotated, Literal
@@ -27,9 +28,10 @@ from msgspec import Meta
 from meanflock.agent.controllers.base import Controller, Options
 
 class Mine(Controller):
-    """Hovers.
+    """Hovers as J. Doe et al. did in 1999
+    (cf. Eq. 3, e.g. of her thesis). And more.
 
-    And more.
+    And still more.
     """
     name = "mine"
     class Options(Options, frozen=True):
@@ -71,8 +73,8 @@ def test_the_catalogue_lists_everything_by_door_in_80_columns(run: Any, mine: Pa
     assert doors == ["controllers", "aggregators", "channels", "vehicles", "filters"]
     for plugin in plugins.installed():
         assert f"  {plugin.name}  (" in out
-    assert "    Hovers.\n" in out
-    assert "And more" not in out
+    assert f"    {HOVERS}\n" in out
+    assert "And " not in out
     assert "- stiffness = 0.02  number > 0; pull, 1/s²\n" in out
     assert "- share = required  number > 0, ≤ 1; of the battery, 1\n" in out
     assert '- kind = "new"  new | old\n' in out
@@ -85,7 +87,7 @@ def test_a_program_reads_the_same_as_json(run: Any, mine: Path) -> None:
     listed = {(record["kind"], record["name"]): record for record in json.loads(out)}
     assert {(plugin.kind, plugin.name) for plugin in plugins.installed()} == set(listed)
     record = listed["controller", "mine"]
-    assert (record["source"], record["key"], record["about"], record["fault"]) == (str(mine), "method", "Hovers.", None)
+    assert (record["source"], record["key"], record["about"], record["fault"]) == (str(mine), "method", HOVERS, None)
     assert record["options"][0] == {
         "name": "share",
         "kind": "number",
@@ -153,6 +155,13 @@ def test_a_run_keeps_the_file_that_flew_and_goes_on_with_it_once_that_is_named(r
     code, out, _ = run(*go_on, "--plugin", str(copy))
     assert code == EXIT_DONE
     assert json.loads(out)["trajectory_sha256"] == whole.world.finish()["trajectory_sha256"]
+
+    plugins._files.clear()
+    code, _, err = run(*go_on)  # it is finished now, and its plug-in is asked for by nobody
+    assert code == EXIT_BAD_INPUT
+    assert err.startswith(
+        f"error: {folder.path}: this run has finished, and its summary is in summary.json; fly it again"
+    )
 
 
 def test_a_run_of_packages_alone_has_no_such_folder(run: Any, tmp_path: Path) -> None:

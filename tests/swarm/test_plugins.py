@@ -103,6 +103,15 @@ def test_options_that_do_not_fit_are_named_with_how_to_list_them(what: str) -> N
     assert "`meanflock scenario schema --method spring` lists the options" in str(caught.value)
 
 
+@pytest.mark.parametrize("door", plugins.GROUPS)
+def test_a_misspelt_name_is_answered_with_the_one_that_is_meant(door: plugins.Door) -> None:
+    for name in plugins.names(door):
+        with pytest.raises(BadInput, match=f"is not installed here; did you mean '{name}'[?] Else install"):
+            plugins.find(door, name.replace("-", "") + "_")
+    with pytest.raises(BadInput, match="is not installed here; install its package, or name its file"):
+        plugins.find(door, "/etc/passwd")
+
+
 # -- over the network ---------------------------------------------------------------------------------------------
 
 
