@@ -213,7 +213,7 @@ def _networked(effort: Effort) -> dict[str, Any]:
                 next(flight)
             children.check()
             agent = json.loads(report.read_text(encoding="utf-8"))
-            world.finish(0.0)
+            world.finish(lambda: 0.0)
             children.wait(8.0)
         finally:
             bus.close()

@@ -122,7 +122,7 @@ def _networked(effort: Effort, say: Say) -> list[float]:
                 if repeat:
                     share.append(100 * (with_recorder - without) / with_recorder)
             watched.check()
-            worlds[0].finish(0.0)
+            worlds[0].finish(lambda: 0.0)
             worlds[1].stop("measured")
             for children in (watched, alone):
                 children.wait(8.0)

@@ -119,9 +119,14 @@ class Interrupted:
         os._exit(128 + number)  # also as process 1 of a container, where the default action is ignored
 
 
+def launched() -> bool:
+    """Whether this process was started by a launcher, which holds its standard input open."""
+    return os.environ.get(CHILD) == "1"
+
+
 def orphaned() -> bool:
-    """Whether this process was started by a launcher (it holds our standard input open) that is gone."""
-    if os.environ.get(CHILD) != "1":
+    """Whether this process was started by a launcher that is gone."""
+    if not launched():
         return False
     readable, _, _ = select.select([0], [], [], 0)
     return bool(readable) and os.read(0, 1) == b""
@@ -129,7 +134,7 @@ def orphaned() -> bool:
 
 def end_with_launcher() -> None:
     """From now on, a launcher that is gone ends this process, soon, whatever it is doing: a plug-in may hang."""
-    if os.environ.get(CHILD) == "1":
+    if launched():
         threading.Thread(target=_end_with_launcher, daemon=True).start()
 
 

@@ -1,6 +1,7 @@
 """`python -m meanflock.worldsim`: the world and channel emulator, and the router of the bus. Prints the summary."""
 
 import json
+import math
 import os
 import time
 from contextlib import ExitStack
@@ -17,7 +18,17 @@ with needed("the world", "world"):
     from meanflock.swarm.net.identity import WORLD
     from meanflock.swarm.net.refusals import Refusals
     from meanflock.swarm.net.session import ZenohBus
-    from meanflock.swarm.process import Interrupted, end_with_launcher, flag, identity, main, orphaned, parser, seconds
+    from meanflock.swarm.process import (
+        Interrupted,
+        end_with_launcher,
+        flag,
+        identity,
+        launched,
+        main,
+        orphaned,
+        parser,
+        seconds,
+    )
     from meanflock.worldsim.checkpoint import Resumption
     from meanflock.worldsim.limits import Limits, Quotas
     from meanflock.worldsim.members import MAX_LEADERS
@@ -103,14 +114,24 @@ def _run() -> None:
         for tick in world.fly(over):
             if interrupted or (tick % 50 == 0 and orphaned()):
                 break
-        linger_s = 0.0 if orphaned() else LINGER_S if world.flight.over else HURRIED_S
-        record = world.finish(linger_s)
+        record = world.finish(lambda: _linger_s(hurried=bool(interrupted) or not world.flight.over))
         print(json.dumps(record, indent=1), flush=True)
         _see_off(world, bus)
         if interrupted:
             raise RunFailed("interrupted; the summary is of what was flown")
         if every_uav_was_lost(flown, record):
             raise RunFailed("every UAV was lost; the summary is of what was flown")
+
+
+def _linger_s(hurried: bool) -> float:
+    """For how long a recorder may take nothing before the world leaves: a launcher as long as it lives, for it may be
+    stopped.
+    """
+    if orphaned():
+        return 0.0
+    if hurried:
+        return HURRIED_S
+    return math.inf if launched() else LINGER_S
 
 
 def _see_off(world: World, bus: ZenohBus) -> None:

@@ -154,8 +154,11 @@ class World:
             self.ticks.add(self._clock() - began)
             yield self.flight.tick
 
-    def finish(self, linger_s: float = 10.0) -> dict[str, Any]:
-        """Ends the run: everyone is told, the last block is handed over, the summary made."""
+    def finish(self, linger_s: Callable[[], float] = lambda: 10.0) -> dict[str, Any]:
+        """Ends the run: everyone is told, the last block is handed over, the summary made.
+
+        `linger_s`: for how long a recorder may take nothing before the world leaves; asked again and again.
+        """
         record = summary(self.flight, self.air.meter, self.run, self.mode, self.wall_s())
         names, dropped = self._declared.diagnostics, self.outbox.dropped
         record |= protocol_summary(self.counters, self._commands, names, self._schedule, dropped)
@@ -172,17 +175,17 @@ class World:
         except RunFailed as error:
             self._note("failed", str(error))
             self._reporter.flush()
-            self._leave(str(error), linger_s=5.0)
+            self._leave(str(error), linger_s=lambda: 5.0)
             raise
 
-    def _leave(self, why: str, linger_s: float) -> None:
+    def _leave(self, why: str, linger_s: Callable[[], float]) -> None:
         """Everyone is told; what is left of the telemetry is handed over, as long as some of it is every `linger_s`."""
         self._admission.closed = True
         self.stop(why)
         since = self._clock()
         # What is on its way when a session closes may never arrive, so all of it is waited for, the summary too.
         back = self._stations > 0 and self.flight.over  # a recorder that was killed may be on its way back
-        while (self.listeners or back) and (waiting := self.outbox.waiting) and self._clock() - since < linger_s:
+        while (self.listeners or back) and (waiting := self.outbox.waiting) and self._clock() - since < linger_s():
             self._reporter.publish()
             self._wait(0.1)
             since = self._clock() if self.outbox.waiting < waiting else since

@@ -31,6 +31,7 @@ from meanflock.swarm.net.identity import LEADER, Identity
 from meanflock.swarm.net.lease import lease
 from meanflock.swarm.net.links import Links
 from meanflock.swarm.net.refusals import FILTER, Refusals
+from meanflock.swarm.net.sockets import close_without_waiting
 from meanflock.swarm.wire.control import MAX_BYTES
 
 log = logging.getLogger("meanflock.bus")
@@ -133,8 +134,7 @@ class ZenohBus:
             if refusals is not None:
                 log_filter = FILTER
         bus = cls(_config(settings), log_filter, quotas or _a_key_a_sender, refusals)
-        if identity is not None:
-            bus._limit_links(largest)
+        bus._attend_links(None if identity is None else largest)
         return bus
 
     @classmethod
@@ -242,15 +242,22 @@ class ZenohBus:
             self._backlog.keep(Delivery("oversized", key, size=size, largest=largest))
         return size <= largest
 
-    def _limit_links(self, largest: int) -> None:
-        links = self._links = Links(_sessions, largest, self._refusals)
-        links.start()
+    def _attend_links(self, largest: int | None) -> None:
+        """Sees every link of the router come and go. `largest`: bytes of the longest message, where links are TLS and
+        their certificates are limited.
+        """
+        links: Links | None = None
+        if largest is not None:
+            links = self._links = Links(_sessions, largest, self._refusals)
+            links.start()
 
         def changed(event: zenoh.LinkEvent) -> None:
-            name, locator = event.link.auth_identifier or "", str(event.link.dst)
-            if event.kind == zenoh.SampleKind.PUT:
-                links.opened(name, str(event.link.zid), locator)
-            else:
+            locator, opened = str(event.link.dst), event.kind == zenoh.SampleKind.PUT
+            if opened:
+                close_without_waiting(locator)
+            if links is not None and opened:
+                links.opened(event.link.auth_identifier or "", str(event.link.zid), locator)
+            elif links is not None:
                 links.closed(locator)
 
         self._declared.append(self._session.info.declare_link_events_listener(changed, history=True))

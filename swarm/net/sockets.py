@@ -19,14 +19,31 @@ Address = tuple[str, int]  # host and port
 
 def shut_down(locator: str) -> bool:
     """Shuts down the socket of this process whose other end is at `locator`; whether there was one."""
-    wanted = address_of(locator)
-    for _, link in open_sockets():
-        if wanted is not None and peer_of(link) == wanted:
-            with suppress(OSError):
-                link.shutdown(socket.SHUT_RDWR)
-                _discard(link)
-                return True
+    for link in _with_peer(locator):
+        with suppress(OSError):
+            link.shutdown(socket.SHUT_RDWR)
+            _discard(link)
+            return True
     return False
+
+
+def close_without_waiting(locator: str) -> None:
+    """Lets the socket of this process whose other end is at `locator` close at once; the system sends what is left.
+
+    Zenoh's sockets wait for up to ten seconds when they are closed before the other end has taken everything, and the
+    router's only thread waits with them.
+    """
+    for link in _with_peer(locator):
+        link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 0, 0))
+
+
+def _with_peer(locator: str) -> Iterator[socket.socket]:
+    """The socket of this process whose other end is at `locator`, if there is one; only until the iterator goes on."""
+    wanted = address_of(locator)
+    for _, link in open_sockets() if wanted is not None else ():
+        if peer_of(link) == wanted:
+            yield link
+            return
 
 
 def _discard(link: socket.socket) -> None:
@@ -39,7 +56,7 @@ def _discard(link: socket.socket) -> None:
 def open_sockets() -> Iterator[tuple[int, socket.socket]]:
     """The sockets of this process by the numbers of their files; each only until the next one."""
     folder = next((path for path in _FOLDERS if os.path.isdir(path)), None)
-    for number in map(int, os.listdir(folder) if folder else ()):
+    for number in sorted(map(int, os.listdir(folder) if folder else ()), reverse=True):  # the newest first, as a rule
         try:
             if not stat.S_ISSOCK(os.fstat(number).st_mode):
                 continue

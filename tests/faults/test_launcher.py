@@ -6,10 +6,12 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import psutil
+import pyarrow.parquet as pq
 import pytest
 
 from meanflock.groundstation.cli.command import main
@@ -22,6 +24,7 @@ from meanflock.groundstation.results.run_folder import CHECKPOINT, RunFolder
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BusError, RunFailed
 from meanflock.swarm.net.bus import MemoryNetwork
+from meanflock.swarm.net.lease import LEASE
 from meanflock.swarm.process import Interrupted
 from tests.faults.conftest import Lab, events_in, spool_bytes
 from tests.polling import DEADLINE_S, until
@@ -88,9 +91,10 @@ class Launched:
         return json.loads((self.folder / "summary.json").read_text())
 
 
-@pytest.fixture
-def launched(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Launched]:
-    run = Launched(tmp_path / "runs", *getattr(request, "param", ()))
+@contextmanager
+def flying(out: Path, *settings: str) -> Iterator[Launched]:
+    """A run that has begun to fly, and is ended with the context."""
+    run = Launched(out, *settings)
     try:
         until(lambda: spool_bytes(run.out) > 20_000, "telemetry")
         yield run
@@ -98,6 +102,17 @@ def launched(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Launche
         if run.process.poll() is None:
             run.process.kill()
         run.process.communicate()
+
+
+@pytest.fixture
+def launched(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Launched]:
+    with flying(tmp_path / "runs", *getattr(request, "param", ())) as run:
+        yield run
+
+
+def alive(process: psutil.Process) -> bool:
+    """Whether a process still runs."""
+    return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
 
 
 @pytest.fixture(scope="module")
@@ -153,7 +168,7 @@ def test_the_process_that_agents_are_forked_from_can_die_alone(launched: Launche
     summary = launched.summary()
     assert summary["trajectory_sha256"] == undisturbed
     assert summary["nodes_lost"] == 0
-    until(lambda: not any(p.is_running() and p.status() != psutil.STATUS_ZOMBIE for p in agents), "all agents gone")
+    until(lambda: not any(map(alive, agents)), "all agents gone")
 
 
 @pytest.mark.processes
@@ -185,6 +200,26 @@ def test_a_run_that_loses_all_agents_fails_and_is_resumed_from_before(
     summary = json.loads((launched.folder / "summary.json").read_text())
     assert summary["trajectory_sha256"] == undisturbed
     assert (summary["lost"], summary["nodes_lost"]) == (0, 0)
+
+
+@linux
+@pytest.mark.processes
+def test_a_stopped_launcher_costs_the_flight_nothing_and_has_the_whole_record_when_it_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, undisturbed: str
+) -> None:
+    """As Ctrl-Z stops it: for longer than its lease, until the flight is over."""
+    monkeypatch.setitem(ENVIRONMENT, LEASE, "3")
+    with flying(tmp_path / "runs") as run:
+        agents = run.agents()
+        run.process.send_signal(signal.SIGSTOP)
+        stopped_at = spool_bytes(run.out)
+        until(lambda: not any(map(alive, agents)), "all agents gone home")
+        assert spool_bytes(run.out) == stopped_at
+        run.process.send_signal(signal.SIGCONT)
+        summary = run.summary()
+        assert (summary["trajectory_sha256"], summary["nodes_lost"]) == (undisturbed, 0)
+        ticks = pq.read_table(run.folder / "timeseries.parquet", columns=["tick"])["tick"]
+        assert ticks.to_pylist() == list(range(summary["ticks"] + 1))
 
 
 @pytest.mark.processes

@@ -178,7 +178,7 @@ def test_who_is_lost_before_take_off_is_missing_and_another_takes_the_place() ->
     world.gather(0.0)
     for _ in world.fly():
         pass
-    assert world.finish(0.0)["lost"] == 0
+    assert world.finish(lambda: 0.0)["lost"] == 0
 
 
 def test_a_node_that_was_let_in_and_never_got_ready_does_not_keep_all_others_on_the_ground(

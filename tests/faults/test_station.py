@@ -1,6 +1,8 @@
 """What no station has acknowledged the world keeps, bounded and counted; what comes twice is kept once."""
 
 import json
+import math
+import os
 import signal
 from pathlib import Path
 
@@ -16,8 +18,10 @@ from meanflock.groundstation.results.timeseries_file import past
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
+from meanflock.swarm.process import CHILD
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Finished, Join, Welcome
+from meanflock.worldsim.__main__ import _linger_s
 from tests.faults.conftest import RUN, Flight, Lab, Processes, scenario, spool_bytes
 from tests.polling import until
 from tests.telemetry import Record
@@ -171,9 +175,11 @@ def test_a_station_that_starts_after_the_last_tick_is_let_in_and_sent_what_waits
     assert not lab.world.outbox.waiting
 
 
-@pytest.mark.parametrize(("every_s", "all_of_it"), [(8.0, True), (12.0, False)])
+@pytest.mark.parametrize(
+    ("every_s", "linger_s", "all_of_it"), [(8.0, 10.0, True), (12.0, 10.0, False), (12.0, math.inf, True)]
+)
 def test_the_world_waits_for_a_slow_station_as_long_as_it_takes_something_now_and_then(
-    every_s: float, all_of_it: bool, monkeypatch: pytest.MonkeyPatch
+    every_s: float, linger_s: float, all_of_it: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("meanflock.groundstation.launch.engine._BLOCK_ROWS", 40)
     lab = Lab(scenario())
@@ -189,9 +195,30 @@ def test_the_world_waits_for_a_slow_station_as_long_as_it_takes_something_now_an
             station.handle(waiting.pop(0))
 
     lab.world._wait, lab.world._clock = wait, lambda: now[0]  # type: ignore[method-assign]
-    summary = lab.fly()
+    for _ in lab.engine.fly():
+        pass
+    summary = lab.world.finish(lambda: linger_s)
     assert (station.summary == summary) is all_of_it
     assert (sum(len(block.states) for block in slow.blocks) == 121) is all_of_it
+
+
+def test_a_launcher_is_waited_for_as_long_as_it_lives_and_another_recorder_for_seconds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert 0.0 < _linger_s(hurried=True) < _linger_s(hurried=False) < 60.0
+    reading, hold = os.pipe()
+    standard_input = os.dup(0)
+    os.dup2(reading, 0)
+    try:
+        monkeypatch.setenv(CHILD, "1")
+        assert _linger_s(hurried=False) == math.inf
+        assert _linger_s(hurried=True) < 60.0
+        os.close(hold)
+        assert _linger_s(hurried=False) == 0.0
+    finally:
+        os.dup2(standard_input, 0)
+        os.close(standard_input)
+        os.close(reading)
 
 
 def test_a_folder_without_rows_cannot_be_taken_up(tmp_path: Path) -> None:

@@ -256,7 +256,7 @@ def test_an_absurd_number_from_one_node_costs_neither_the_others_nor_the_recordi
     Forger(engine, 10, **ABSURD[what])  # a tick in which reports are asked for
     for _ in engine.fly():
         pass
-    summary = engine.world.finish(linger_s=0.5)
+    summary = engine.world.finish(lambda: 0.5)
     assert summary["ticks"] == 60
     assert summary["lost"] <= 2
     assert np.isfinite(engine.world.flight.states).all()
