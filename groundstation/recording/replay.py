@@ -4,7 +4,6 @@ A recorder gathers some hundred ticks before it sends them, the time series is w
 recorder takes its last ticks out of the recording alone.
 """
 
-import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,6 +16,7 @@ from meanflock.groundstation.recording.recorder import Recorder
 from meanflock.groundstation.recording.viewer import Continued, repair, verify
 from meanflock.groundstation.reported import Reported
 from meanflock.groundstation.results import inbound
+from meanflock.groundstation.results.event_log import past_events
 from meanflock.groundstation.results.run_folder import EVENTS, RECORDING, SCENARIO
 from meanflock.groundstation.results.series import block_of, unbroken
 from meanflock.groundstation.results.timeseries_file import Past, past
@@ -42,7 +42,7 @@ def complete(folder: Path) -> None:
     except BadInput:  # no folder of a run: a recording alone
         repair(path)
         return
-    _events(folder, kept)  # before anything is moved
+    _events(folder, kept, flown.uavs)  # before anything is moved
     with Continued(path) as before, Recorder(flown, folder.name, path, reported=Reported.within(kept.rows)) as recorder:
         for block in missing(folder, kept, recorded(before.earlier), flown.uavs):
             recorder.write(block)
@@ -57,7 +57,7 @@ def missing(folder: Path, kept: Past, there: Recorded, uavs: int) -> Iterator[Te
         BadInput: the rows or events are not those of a flight of so many UAVs.
     """
     rows = kept.rows.filter(pc.invert(pc.is_in(kept.rows["tick"], pa.array(there.ticks, pa.int32()))))
-    left = [event for event in _events(folder, kept) if (event.tick, line(event)) not in there.lines]
+    left = [event for event in _events(folder, kept, uavs) if (event.tick, line(event)) not in there.lines]
     try:
         pieces = list(unbroken(rows, _BLOCK_TICKS))
         for number, piece in enumerate(pieces):
@@ -69,18 +69,7 @@ def missing(folder: Path, kept: Past, there: Recorded, uavs: int) -> Iterator[Te
         raise BadInput(f"{folder}: time series or events are damaged ({error})") from error
 
 
-def _events(folder: Path, kept: Past) -> list[Event]:
+def _events(folder: Path, kept: Past, uavs: int) -> list[Event]:
     """Raises BadInput where some are missing or damaged."""
-    path = folder / EVENTS
     mend = f"bring the file back, or look at what there is: `meanflock view {folder / RECORDING}`"
-    try:
-        with path.open("rb") as file:
-            texts = file.read(kept.events_bytes)
-        if len(texts) < kept.events_bytes:
-            raise ValueError(f"{len(texts)} bytes of {kept.events_bytes}")
-        rows = map(json.loads, texts.splitlines())
-        return [Event(int(r["tick"]), str(r["kind"]), str(r["text"]), tuple(map(int, r["uavs"]))) for r in rows]
-    except OSError as error:
-        raise BadInput(f"{path}: {error.strerror}; {mend}") from error
-    except (ValueError, TypeError, KeyError) as error:
-        raise BadInput(f"{path}: damaged ({error}); {mend}") from error
+    return past_events(folder / EVENTS, kept.events_bytes, uavs, mend)

@@ -68,8 +68,27 @@ def lock(file: IO[Any], folder: Path) -> None:
         raise BadInput(f"{folder}: another process still writes this run; let it end first") from error
 
 
-def check_whole(path: Path, size: int, mend: str) -> None:
-    """Raises BadInput where the file has lost some of its first `size` bytes; `mend` says what then."""
-    there = path.stat().st_size if path.is_file() else 0
-    if there < size:
-        raise BadInput(f"{path}: {there} bytes of the {size} that belong to what was flown; {mend}")
+def past_events(path: Path, size: int, uavs: int, mend: str) -> list[Event]:
+    """Reads the events that belong to what was flown: the first `size` bytes of the file, of a swarm of so many UAVs.
+
+    Raises:
+        BadInput: some of them are missing or damaged; `mend` says what then.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(size)
+        if len(content) < size:
+            raise ValueError(f"{len(content)} bytes of the {size} that belong to what was flown")
+        return [_event(json.loads(line), uavs) for line in content.splitlines()]
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}; {mend}") from error
+    except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
+        raise BadInput(f"{path}: damaged ({error}); {mend}") from error
+
+
+def _event(row: Any, uavs: int) -> Event:
+    """Raises ValueError, TypeError, KeyError or OverflowError where the row is none of an event."""
+    event = Event(int(row["tick"]), str(row["kind"]), str(row["text"]), tuple(map(int, row["uavs"])))
+    if event.tick < 0 or any(not 0 <= uav < uavs for uav in event.uavs):
+        raise ValueError(f"an event of tick {event.tick} and UAVs {event.uavs}")
+    return event

@@ -12,9 +12,9 @@ from typing import Any
 import tomli_w
 
 from meanflock.groundstation import durable
-from meanflock.groundstation.results import columns, flown_plugins
+from meanflock.groundstation.results import columns, flown_plugins, inbound
 from meanflock.groundstation.results.background import BackgroundWorker
-from meanflock.groundstation.results.event_log import EventLog, check_whole, lock
+from meanflock.groundstation.results.event_log import EventLog, lock, past_events
 from meanflock.groundstation.results.series import block_of, unbroken
 from meanflock.groundstation.results.spool import Spool
 from meanflock.groundstation.results.timeseries_file import SPOOL, Past, recover
@@ -37,13 +37,14 @@ class RunFolder:
         """Creates `parent/run_id` and writes the resolved scenario into it; with a `past`, goes on in that folder.
 
         Raises:
-            BadInput: the folder cannot be created or written, another process still writes it, events of the past are
-                missing, the file of a plug-in is not what was loaded, or a diagnostic is called like another column.
+            BadInput: the folder cannot be created or written, another process still writes it, events or rows of the
+                past are missing or damaged, the file of a plug-in is not what was loaded, or a diagnostic is called
+                like another column. A folder with a past is then as it was.
         """
         self.path = parent / run_id
+        mend = f"bring the file back, or fly the run again with `meanflock run {self.path / SCENARIO}`"
         if past is not None:
-            mend = f"bring the file back, or fly the run again with `meanflock run {self.path / SCENARIO}`"
-            check_whole(self.path / EVENTS, past.events_bytes, mend)
+            past_events(self.path / EVENTS, past.events_bytes, flown.uavs, mend)
         columns.check(flown.method, flown.declared.diagnostics)
         self._flown, self._resumed = flown, past is not None
         self._over, self._full, self.last_tick = False, False, -1
@@ -61,6 +62,9 @@ class RunFolder:
         except OSError as error:
             self._events.close()
             raise self._unusable(error, new) from error
+        except MessageRejected as error:
+            self._events.close()
+            raise BadInput(f"{self.path}: rows of the time series are damaged ({error}); {mend}") from error
         self._background = BackgroundWorker("checkpoints")  # they wait for the disk
 
     def _create(self, sources: dict[str, bytes]) -> None:
@@ -71,20 +75,25 @@ class RunFolder:
         durable.sync_folder(self.path.parent)
 
     def _begin(self, past: Past | None) -> Spool:
-        """A new spool, with all rows of a past that goes on; what was said of its end is taken back."""
+        """A new spool, with all rows of a past that goes on; what was said of its end is taken back.
+
+        Raises:
+            MessageRejected: a row of the past is damaged. OSError: there is no room. The folder is as it was.
+        """
         spool = self.path / SPOOL
         part = spool.with_suffix(".part")
         try:
             begun = Spool(part, self._flown.dt)
             if past is not None:
-                self._events.truncate(past.events_bytes)
                 for rows in unbroken(past.rows, max(1, _PAST_STATES // self._flown.uavs)):
-                    begun.append(block_of(rows, past.next_block - 1), past.events_bytes)
+                    block = inbound.check(block_of(rows, past.next_block - 1), self._flown.uavs)
+                    begun.append(block, past.events_bytes)
                 self.last_tick = past.rows.num_rows - 1
+                self._events.truncate(past.events_bytes)
                 _sync(self._events, begun)
                 (self.path / SUMMARY).unlink(missing_ok=True)
             durable.rename(part, spool)
-        except OSError:
+        except (OSError, MessageRejected):
             part.unlink(missing_ok=True)
             raise
         return begun
@@ -135,8 +144,10 @@ class RunFolder:
         durable.replace(self.path / CHECKPOINT, control.encode_record({"sha256": _digest(record), "record": record}))
 
     def _holds(self, why: str) -> str:
-        mend = f"make room, then `meanflock resume {self.path}`"
-        return f"{self.path}: {why}; it holds the flight up to tick {self.last_tick}: {mend}"
+        resumable = (self.path / CHECKPOINT).exists()
+        command = f"`meanflock resume {self.path}`" if resumable else f"`meanflock run {self.path / SCENARIO}`"
+        there = f"the flight up to tick {self.last_tick}" if self.last_tick >= 0 else "nothing of the flight yet"
+        return f"{self.path}: {why}; it holds {there}: make room, then {command}"
 
     def summarise(self, summary: dict[str, Any]) -> None:
         """Writes `summary.json`, whole or not at all; a run that failed has none. One that finished needs no

@@ -83,15 +83,29 @@ def test_a_damaged_checkpoint_is_a_verdict_and_nothing_changes(
     assert contents(folder) == before
 
 
-@pytest.mark.parametrize("damage", ["missing", "empty", "cut"])
-def test_a_run_whose_events_are_gone_is_not_resumed_with_others(
-    damage: str, folder: Path, capsys: pytest.CaptureFixture[str]
+EVENT = b'{"tick": 1, "kind": "x", "text": "x", "uavs": []}'
+DAMAGED_EVENTS = {
+    "empty": b"",
+    "garbage": b"\xff garbage\n" * 500,
+    "no JSON": b"garbage\n" * 500,
+    "another kind of rows": b"[1]\n" * 1000,
+    "endless": EVENT.replace(b"1", b"Infinity") + b"\n" * 5000,
+    "of another swarm": EVENT.replace(b"[]", b"[77]") + b"\n" * 5000,
+}
+
+
+@pytest.mark.parametrize("recorded", [True, False])
+@pytest.mark.parametrize("damage", ["missing", "cut", *DAMAGED_EVENTS])
+def test_a_run_whose_events_are_gone_or_damaged_is_not_resumed_and_nothing_changes(
+    damage: str, recorded: bool, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = folder / EVENTS
     kept = path.read_bytes()
-    path.unlink() if damage == "missing" else path.write_bytes(kept[:-1] if damage == "cut" else b"")
+    path.unlink() if damage == "missing" else path.write_bytes(DAMAGED_EVENTS.get(damage, kept[:-1]))
+    (folder / RECORDING).write_bytes(b"as it was")
     before = contents(folder)
-    assert main(["resume", str(folder), "--in-process", "--quiet"]) == 2
+    flags = ("--record",) if recorded else ("--no-record",)
+    assert main(["resume", str(folder), "--in-process", "--quiet", *flags]) == 2
     assert EVENTS in verdict(capsys)
     assert contents(folder) == before
     path.write_bytes(kept)

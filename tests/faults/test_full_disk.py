@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from msgspec import structs
 
 from meanflock.groundstation import durable
 from meanflock.groundstation.cli.command import main
@@ -190,6 +191,31 @@ def test_of_a_block_that_does_not_fit_nothing_is_kept(
     with folder:  # completes nothing: the rows stay where a resumed run finds them
         pass
     assert whole(tmp_path / "run") == rows
+
+
+def test_the_verdict_says_how_to_go_on_with_what_the_folder_holds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lab, folder = Lab(scenario()), RunFolder(tmp_path, "run", scenario())
+    lab.fly()
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    again = f"meanflock run {folder.path / 'scenario.toml'}"
+    for blocks, holds in (([], "nothing of the flight yet"), (lab.record.blocks[:1], "the flight up to tick 1")):
+        for block in blocks:
+            folder.write(structs.replace(block, checkpoint=b""))
+        with monkeypatch.context() as disk:
+            disk.setattr(durable, "write", full)
+            with pytest.raises(RunFailed) as caught:
+                folder.write(lab.record.blocks[len(blocks)])
+        assert str(caught.value) == (
+            f"{folder.path}: No space left on device; it holds {holds}: make room, then `{again}`"
+        )
+        folder._full = False
+    with folder:
+        pass
 
 
 def test_a_disk_that_is_full_beforehand_is_bad_input_and_nothing_is_left(
