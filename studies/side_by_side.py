@@ -6,13 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rerun as rr
-import rerun.blueprint as rrb
 
 from meanflock.groundstation import durable, quantities
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.recording import blueprint as look
-from meanflock.groundstation.recording import palette
+from meanflock.groundstation.recording import palette, rr, rrb
 from meanflock.groundstation.recording.columns import scalars
 from meanflock.groundstation.recording.plot_views import whole_flight
 from meanflock.groundstation.recording.plots import BITS_SENT, COLUMN

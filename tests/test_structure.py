@@ -54,9 +54,9 @@ RERUN = {
     f"groundstation/recording/{name}.py"
     for name in (
         *("recorder", "columns", "motion", "links", "events", "marks", "mission", "disturbances", "part"),
-        *("blueprint", "plot_views", "legend", "screenshot", "viewer", "recorded"),
+        *("blueprint", "plot_views", "legend", "screenshot", "viewer", "recorded", "__init__"),
     )
-} | {"studies/side_by_side.py"}
+}
 LEGACY_RANDOM = {"default_rng", "Generator", "SeedSequence", "BitGenerator", "PCG64"}  # the rest of np.random is global
 
 

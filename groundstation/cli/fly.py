@@ -29,7 +29,6 @@ from meanflock.groundstation.cli.arguments import (
 from meanflock.groundstation.launch.progress import summary_table
 from meanflock.groundstation.launch.resume import Back, back
 from meanflock.groundstation.launch.run import Options, Run, fly
-from meanflock.groundstation.recording.viewer import open_viewer
 from meanflock.groundstation.results.run_folder import EVENTS, RECORDING, lost_everyone, said_of_loss
 from meanflock.swarm import logs, scenario
 from meanflock.swarm.errors import BadInput, RunFailed
@@ -114,8 +113,12 @@ def run(
     given["serve"] = ("127.0.0.1", checks.VIEWER_PORT) if view else None
     if web:
         _fly_in_a_browser(flown, as_json, **given)
+    elif view:
+        from meanflock.groundstation.recording.viewer import open_viewer
+
+        _fly(flown, as_json, watch=open_viewer, **given)
     else:
-        _fly(flown, as_json, record=record, watch=open_viewer if view else None, **given)
+        _fly(flown, as_json, record=record, **given)
 
 
 def _fly_in_a_browser(flown: scenario.Scenario, as_json: bool, **given: Any) -> None:
