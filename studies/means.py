@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from meanflock.groundstation import durable, statistics
+from meanflock.groundstation import statistics
 from meanflock.groundstation.quantities import number
+from meanflock.swarm import durable
 
 Summaries = Sequence[Mapping[str, Any]]
 

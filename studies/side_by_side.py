@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from meanflock.groundstation import durable, quantities
+from meanflock.groundstation import quantities
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import palette, rr, rrb
@@ -15,6 +15,7 @@ from meanflock.groundstation.recording.columns import scalars
 from meanflock.groundstation.recording.plot_views import whole_flight
 from meanflock.groundstation.recording.plots import BITS_SENT, COLUMN
 from meanflock.groundstation.recording.recorder import APPLICATION, Writer, close, start
+from meanflock.swarm import durable
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Telemetry
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from meanflock.groundstation import durable
 from meanflock.studies.code_version import version
 from meanflock.studies.job_file import StoredRun, decode
+from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput, RunFailed
 
 DATA = "data"

@@ -15,12 +15,11 @@ from typing import Any
 import msgspec
 from joblib import delayed
 
-from meanflock.groundstation import durable
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.studies.backends import possible, started
 from meanflock.studies.job_file import StoredRun, decode, encode
 from meanflock.studies.store import Store
-from meanflock.swarm import plugins
+from meanflock.swarm import durable, plugins
 from meanflock.swarm.errors import RunFailed
 from meanflock.swarm.scenario import Scenario
 

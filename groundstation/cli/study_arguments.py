@@ -11,8 +11,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from meanflock.groundstation.cli.arguments import PATH
 from meanflock.groundstation.doctor import tell_if_slow
-from meanflock.groundstation.durable import check_folder
 from meanflock.studies.backends import BACKENDS
+from meanflock.swarm.durable import check_folder
 from meanflock.swarm.errors import BadInput
 
 if TYPE_CHECKING:

@@ -22,9 +22,9 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from meanflock.groundstation import durable
 from meanflock.groundstation.plots.looks import Look, colour, look, looks, name
 from meanflock.groundstation.statistics import Estimate
+from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput
 
 __all__ = ("Look", "colour", "look", "looks", "name")  # of looks.py, beside all that is below

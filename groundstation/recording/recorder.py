@@ -18,7 +18,6 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from meanflock.groundstation import durable
 from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import legend
 from meanflock.groundstation.recording.columns import Sent, Ticks
@@ -30,7 +29,7 @@ from meanflock.groundstation.recording.part import Part
 from meanflock.groundstation.recording.plots import plot_rows, report_rows
 from meanflock.groundstation.recording.viewer import await_listener, listening_address
 from meanflock.groundstation.reported import Reported
-from meanflock.swarm import state
+from meanflock.swarm import durable, state
 from meanflock.swarm.errors import RunFailed
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Telemetry

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from rerun.experimental import ViewerClient
 
-from meanflock.groundstation import durable
 from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording.viewer import end, start_headless
+from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput, RunFailed
 
 VIEWER_DEADLINE_S = 60.0  # software rendering on a busy machine

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import IO, Any
 
-from meanflock.groundstation import durable
+from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.wire.messages import Event
 

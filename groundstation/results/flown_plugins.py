@@ -4,8 +4,7 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
-from meanflock.groundstation import durable
-from meanflock.swarm import plugins
+from meanflock.swarm import durable, plugins
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 

@@ -11,14 +11,13 @@ from typing import Any
 
 import tomli_w
 
-from meanflock.groundstation import durable
 from meanflock.groundstation.results import columns, flown_plugins, inbound
 from meanflock.groundstation.results.background import BackgroundWorker
 from meanflock.groundstation.results.event_log import EventLog, lock, past_events
 from meanflock.groundstation.results.series import block_of, unbroken
 from meanflock.groundstation.results.spool import Spool
 from meanflock.groundstation.results.timeseries_file import SPOOL, Past, recover
-from meanflock.swarm import scenario
+from meanflock.swarm import durable, scenario
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control

@@ -15,8 +15,8 @@ from zlib import crc32
 import msgspec
 import numpy as np
 
-from meanflock.groundstation import durable
 from meanflock.groundstation.results import inbound
+from meanflock.swarm import durable
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Telemetry

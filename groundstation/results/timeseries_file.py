@@ -8,10 +8,10 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from meanflock.groundstation import durable
 from meanflock.groundstation.results import seal
 from meanflock.groundstation.results.series import rows_of, schema
 from meanflock.groundstation.results.spool import spooled
+from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput
 
 TIMESERIES = "timeseries.parquet"

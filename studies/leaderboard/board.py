@@ -9,10 +9,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.groundstation import durable, statistics
+from meanflock.groundstation import statistics
 from meanflock.groundstation.statistics import Estimate
 from meanflock.studies.leaderboard import marks
 from meanflock.studies.leaderboard.measures import BY_KEY
+from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput
 
 SCHEMA = 1

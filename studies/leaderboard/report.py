@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from meanflock.groundstation import durable
 from meanflock.studies.leaderboard import pareto
 from meanflock.studies.leaderboard.board import Board
 from meanflock.studies.leaderboard.markdown import markdown
 from meanflock.studies.leaderboard.page import html
+from meanflock.swarm import durable
 from meanflock.swarm.errors import RunFailed
 
 PICTURES = "pictures"

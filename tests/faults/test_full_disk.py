@@ -15,12 +15,12 @@ import pyarrow.parquet as pq
 import pytest
 from msgspec import structs
 
-from meanflock.groundstation import durable
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.groundstation.recording.viewer import verify
 from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.groundstation.results.timeseries_file import past
+from meanflock.swarm import durable
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BadInput, RunFailed
 from tests.faults.conftest import Lab, Processes, scenario, spool_bytes

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from meanflock.groundstation import durable
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.resume import back
 from meanflock.groundstation.results.run_folder import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, RunFolder
+from meanflock.swarm import durable
 from meanflock.swarm import scenario as scenarios
 from tests.polling import DEADLINE_S
 
