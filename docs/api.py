@@ -35,7 +35,10 @@ SECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
     "Randomness": ("For whatever a controller of yours draws.", ("seeds",)),
     "Errors": ("", ("MeanflockError", "BadInput", "RunFailed")),
 }
-MEMBERS = {"Scenario": ("period_ticks", "participants", "max_ticks", "sha256"), "Plugin": ()}  # where not all are shown
+MEMBERS = {  # where not all are shown
+    "Scenario": ("load", "replace", "save", "period_ticks", "participants", "max_ticks", "sha256"),
+    "Plugin": (),
+}
 
 
 def page() -> str:
@@ -80,7 +83,7 @@ def _class(of: type, members: tuple[str, ...] | None) -> Iterator[str]:
         yield from ("", "```python", *fields, "```")
     for node in body:
         if isinstance(node, ast.FunctionDef) and _is_shown(node, members):
-            yield from ("", *_method(node))
+            yield from ("", *_method(node, f"mf.{of.__name__}."))
 
 
 def _is_shown(node: ast.FunctionDef, members: tuple[str, ...] | None) -> bool:
@@ -96,12 +99,14 @@ def _function(name: str, function: Any) -> Iterator[str]:
     yield from _prose(ast.get_docstring(node) or "")
 
 
-def _method(node: ast.FunctionDef) -> Iterator[str]:
+def _method(node: ast.FunctionDef, class_name: str) -> Iterator[str]:
+    is_of_class = any(ast.unparse(decorator) == "classmethod" for decorator in node.decorator_list)
     if any(isinstance(one, ast.Name | ast.Attribute) and "property" in ast.unparse(one) for one in node.decorator_list):
         yield from ("```python", f"{node.name}: {ast.unparse(node.returns) if node.returns else 'Any'}", "```", "")
     else:
         node.args.args = node.args.args[1:]  # without self
-        yield from ("```python", *_signature(node.name, node), "```", "")
+        name = class_name + node.name if is_of_class else node.name
+        yield from ("```python", *_signature(name, node), "```", "")
     yield from _prose(ast.get_docstring(node) or "")
 
 

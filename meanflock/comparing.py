@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from meanflock.channel.outlook import tell_of_lost_models
-from meanflock.settings import as_builtins, load_plugins, scenario_of
+from meanflock.settings import load_plugins, scenario_of
 from meanflock.studies import study
 from meanflock.studies.means import Means
 from meanflock.studies.store import Store
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.scenario import Scenario, as_builtins
 
 Progress = Callable[[int, int], None]  # flights finished, and wanted
 

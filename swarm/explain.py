@@ -2,6 +2,7 @@
 
 import difflib
 import re
+import reprlib
 from collections.abc import Iterator
 from typing import Any
 
@@ -19,13 +20,13 @@ _WORDS = {
 }
 
 
-def explain(message: str, root: type, where: str = "", mend: str = MEND) -> str:
-    """A message of msgspec about a table that should be a `root`, as a person can use it.
+def explain(message: str, root: type, table: dict[str, Any], where: str = "", mend: str = MEND) -> str:
+    """A message of msgspec about a `table` that should be a `root`, as a person can use it.
 
     `where`: the key of that table, if it is not the whole. `mend`: what lists its keys.
     """
     text, _, path = message.partition(" - at ")
-    place = path.strip("`").removeprefix("$").removeprefix(".")
+    place = path.removeprefix("`key` in ").strip("`").removeprefix("$").removeprefix(".")
     whole = ".".join(filter(None, (where, place)))
     prefix = f"{whole}: " if whole else ""
     unknown = re.search(r"unknown field `(.*)`", text)
@@ -36,9 +37,31 @@ def explain(message: str, root: type, where: str = "", mend: str = MEND) -> str:
     if text.startswith("Invalid "):
         choices = _choices(root, place)
         return f"{prefix}{text}{f'; choose one of {choices}' if choices else ''}; {mend}"
-    text = re.sub(r"`(\w+)`", lambda found: _WORDS.get(found[1], found[0]), text)
-    text = text.replace("Expected ", "expected ", 1)
+    if text.startswith("Expected "):
+        expected, _, got = re.sub(r"`([\w |]+)`", lambda found: _in_words(found[1]), text).partition(", got ")
+        got = _value_at(table, place) or got
+        return f"{prefix}e{expected[1:]}{f', got {got}' if got else ''}; {mend}"
     return prefix + (text if ";" in text else f"{text}; {mend}")
+
+
+def _in_words(types: str) -> str:
+    """`int | null`, as msgspec names types, in words; what may be left out need not be said."""
+    names = [name for name in types.split(" | ") if name != "null"] or ["null"]
+    return " or ".join(_WORDS.get(name, f"`{name}`") for name in names)
+
+
+_STEP = re.compile(r"[^.\[\]]+|\[[^\]]*\]")  # of a place: a key, or an index in brackets
+
+
+def _value_at(table: dict[str, Any], place: str) -> str:
+    """The value at a place as text; empty where msgspec does not say which entry of a dict the place is."""
+    value: Any = table
+    try:
+        for step in _STEP.findall(place):
+            value = value[int(step[1:-1])] if step.startswith("[") else value[step]
+    except (LookupError, ValueError):
+        return ""
+    return str(value).lower() if isinstance(value, bool) else reprlib.repr(value)
 
 
 def _parts(kind: inspect.Type) -> list[inspect.Type]:
@@ -53,7 +76,7 @@ def _parts(kind: inspect.Type) -> list[inspect.Type]:
 def _at(root: type, place: str) -> list[inspect.Type]:
     """The types a value at a place may be of: `radio.fading`, `faults[0].kind`; none where there is no such place."""
     found = _parts(inspect.type_info(root))
-    for name in re.findall(r"[^.\[\]]+|\[[^\]]*\]", place):
+    for name in _STEP.findall(place):
         inner: list[inspect.Type] = []
         for kind in found:
             if name.startswith("["):

@@ -235,7 +235,7 @@ def create(door: Door, name: str, options: dict[str, Any], *context: Any) -> Any
 
         asked = f"scenario schema --method {name}" if door == "controller" else "plugins"
         mend = f"`meanflock {asked}` lists the options of {name!r}"
-        raise BadInput(explain(str(error), made.Options, options_table(door), mend)) from error
+        raise BadInput(explain(str(error), made.Options, options, options_table(door), mend)) from error
     except FAILURES as error:  # of a `__post_init__`
         raise BadInput(f"{door} {name!r}: its options cannot be made: {last_line(error)}") from error
     try:

@@ -9,8 +9,6 @@ from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
-import tomli_w
-
 from meanflock.groundstation.results import columns, flown_plugins, inbound
 from meanflock.groundstation.results.background import BackgroundWorker
 from meanflock.groundstation.results.event_log import EventLog, lock, past_events
@@ -274,10 +272,4 @@ def _reason(error: OSError) -> str:
 
 def to_toml(flown: Scenario) -> str:
     """The resolved scenario as a file that flies the same run again."""
-    return tomli_w.dumps(_said(json.loads(scenario.encode(flown.resolved()))))
-
-
-def _said(table: dict[str, Any]) -> dict[str, Any]:
-    """Without the keys that are unset: TOML has no word for it."""
-    kept = {key: _said(value) if isinstance(value, dict) else value for key, value in table.items()}
-    return {key: value for key, value in kept.items() if value is not None}
+    return scenario.toml_text(flown.resolved())

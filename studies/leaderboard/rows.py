@@ -8,7 +8,7 @@ import msgspec
 
 from meanflock.swarm import plugins, toml
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.scenario import Scenario, from_table
+from meanflock.swarm.scenario import Scenario, validated
 
 ALL = "all"
 
@@ -46,7 +46,7 @@ class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         table = msgspec.to_builtins(table)  # a copy
         for key, value in self.settings.items():
             toml.put(table, key, value, where)
-        flown = from_table({**table, "method": self.controller, "seed": seed}, where)
+        flown = validated({**table, "method": self.controller, "seed": seed}, Scenario, where)
         flown.declared  # noqa: B018  # who cannot fly it says so now
         return flown
 

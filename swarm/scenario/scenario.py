@@ -1,18 +1,21 @@
 """A scenario: all of its tables, what they must not say together, and what follows from them."""
 
 from functools import cached_property
-from typing import Annotated, Any, Literal, cast
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, cast
 
 import msgspec
 import numpy as np
 from msgspec import Meta, field
 from numpy.typing import NDArray
 
-from meanflock.swarm import mission
+from meanflock.swarm import mission, scenarios, toml
 from meanflock.swarm.declared import NO_FILTER, Declared, controller, of
+from meanflock.swarm.errors import BadInput
 from meanflock.swarm.faults import Fault, LeaderLoss
 from meanflock.swarm.plugins import Door, find
 from meanflock.swarm.scenario import tables
+from meanflock.swarm.scenario.values import as_builtins, set_keys, toml_text, validated
 from meanflock.swarm.table import Table as _Table
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 
@@ -41,8 +44,31 @@ LATER = (
 )
 
 
-class Scenario(_Table, frozen=True, dict=True):
-    """Everything a run depends on. Immutable; equal scenarios and seeds fly equal trajectories."""
+class _Validating(msgspec.StructMeta):
+    """Metaclass that validates the keys of a call of the class. Decoders validate too, and construct without a call."""
+
+    def __call__(cls, **keys: Any) -> Any:
+        table: dict[str, Any] = {}
+        set_keys(table, keys)
+        return validated(table, cast(type[Any], cls), "scenario", keys)
+
+
+class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validating):
+    """Everything a run depends on. Immutable; equal scenarios and seeds fly equal trajectories.
+
+    Keys are those of a scenario file. A key that is left out has its default; all defaults together are the paper's
+    scenario. A table is a dict or the table of another scenario, and a dotted key sets one key of a table:
+
+        mf.Scenario(uavs=9, method="hjb", wind={"sigma": 0.2, "drag": 0.1})
+        mf.Scenario(uavs=9, method="hjb", **{"wind.sigma": 0.2, "wind.drag": 0.1})
+
+    `method` and the options of plug-ins are validated when the scenario is flown: until then a plug-in may be
+    registered.
+
+    Raises:
+        BadInput: unknown key, wrong type, value out of range, keys that contradict each other, or a key that does
+            nothing without another. The message names the key, its value, the bound, and how to mend it.
+    """
 
     method: Annotated[str, Meta(description="the controller of the UAVs; `meanflock plugins` lists them")] = "mfgfl-hf"
     controller: Annotated[dict[str, Any], Meta(description="options of that controller")] = msgspec.field(
@@ -73,6 +99,58 @@ class Scenario(_Table, frozen=True, dict=True):
     metrics: tables.Metrics = field(default_factory=tables.Metrics)
     pace: tables.Pace = field(default_factory=tables.Pace)
     faults: Annotated[tuple[Fault, ...], Meta(description="the fault script")] = ()
+
+    if TYPE_CHECKING:
+
+        def __init__(self, **keys: Any) -> None: ...
+
+    @classmethod
+    def load(cls, source: str | Path, **settings: Any) -> Self:
+        """Reads a scenario and sets some of its keys.
+
+        Args:
+            source: a TOML file, or the name of a shipped scenario: `"swap"`.
+            settings: any dotted key, `**{"wind.sigma": 0.2}`; a whole table as a dict replaces that table.
+
+        Raises:
+            BadInput: no such file or scenario, bad TOML, or an invalid scenario.
+        """
+        path = Path(source)
+        path = path if path.suffix else scenarios.FOLDER / f"{path}.toml"
+        table = toml.read(path, "scenario")
+        set_keys(table, settings)
+        return validated(table, cls, str(source), settings)
+
+    def replace(self, **settings: Any) -> Self:
+        """A copy with some keys set; this scenario stays as it is.
+
+        Args:
+            settings: any dotted key, `**{"wind.sigma": 0.2}`; a whole table as a dict replaces that table.
+
+        Raises:
+            BadInput: the copy is an invalid scenario.
+        """
+        table: dict[str, Any] = as_builtins(self)
+        set_keys(table, settings)
+        return validated(table, type(self), "scenario", settings)
+
+    def save(self, path: str | Path) -> Path:
+        """Writes every key that is set to a TOML file, from which `load` returns an equal scenario.
+
+        Returns:
+            The path of the file.
+
+        Raises:
+            BadInput: the file cannot be written, or an option of a plug-in is None, which TOML cannot express.
+        """
+        from meanflock.swarm import durable  # only here: nodes write no files
+
+        path = Path(path)
+        try:
+            durable.replace(path, toml_text(self).encode())
+        except OSError as error:
+            raise BadInput(f"{path}: {error.strerror}; name a file in a folder that can be written") from error
+        return path
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,6 +1,8 @@
 """A scenario with something wrong in it is bad input, in one line that helps whoever wrote it."""
 
+import tomllib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from meanflock.channel.link import slots_needed
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput
 from meanflock.swarm.rounds import Rounds
-from meanflock.swarm.scenario import load
+from meanflock.swarm.scenario import Scenario, Wind, load
 
 MEND = "`meanflock scenario schema`"
 BAD: dict[str, tuple[str, ...]] = {  # what is wrong: the text as TOML, then what the one line must contain
@@ -35,11 +37,11 @@ BAD: dict[str, tuple[str, ...]] = {  # what is wrong: the text as TOML, then wha
         MEND,
     ),
     "an unknown table": ("[weather]\nsigma = 0.1", "weather", MEND),
-    "a word for a number": ('dt = "fast"', "dt", "expected a number, got text", MEND),
-    "a number for a table": ("wind = 3", "wind", "expected a table, got a whole number", MEND),
-    "a table for a number": ("[dt]\na = 1", "dt", "expected a number, got a table", MEND),
-    "a fraction of a UAV": ("uavs = 2.5", "uavs", "expected a whole number, got a number", MEND),
-    "a truth for a count": ("uavs = true", "uavs", "expected a whole number, got true or false", MEND),
+    "a word for a number": ('dt = "fast"', "dt", "expected a number, got 'fast'", MEND),
+    "a number for a table": ("wind = 3", "wind", "expected a table, got 3", MEND),
+    "a table for a number": ("[dt]\na = 1", "dt", "expected a number, got {'a': 1}", MEND),
+    "a fraction of a UAV": ("uavs = 2.5", "uavs", "expected a whole number, got 2.5", MEND),
+    "a truth for a count": ("uavs = true", "uavs", "expected a whole number, got true", MEND),
     "no UAV": ("uavs = 0", "uavs", ">= 1", MEND),
     "fewer than no UAVs": ("uavs = -3", "uavs", ">= 1", MEND),
     "too many UAVs": ("uavs = 100001", "uavs", "<= 100000", MEND),
@@ -133,6 +135,49 @@ def test_a_bad_file_is_bad_input_with_one_line_naming_file_key_and_mend(what: st
     one_line(caught, str(path), *parts)
 
 
+@pytest.mark.parametrize("what", [what for what, (_, *parts) in BAD.items() if "TOML" not in parts])
+def test_python_code_is_refused_what_a_file_is_refused_in_the_same_words(what: str, tmp_path: Path) -> None:
+    text, *parts = BAD[what]
+    table, path = tomllib.loads(text), tmp_path / "bad.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(BadInput) as of_file:
+        load(path)
+    for attempt in (lambda: Scenario(**table), lambda: Scenario().replace(**table), lambda: Scenario.load(path)):
+        with pytest.raises(BadInput) as caught:
+            attempt()
+        one_line(caught, *parts)
+        assert str(caught.value).partition(": ")[2] == str(of_file.value).partition(": ")[2]
+
+
+@pytest.mark.parametrize(
+    ("keys", "parts"),
+    [
+        ({"uavs": "x"}, ("uavs", "a whole number, got 'x'", MEND)),
+        ({"wind": {"sigma": -0.3}}, ("wind.sigma", "a number >= 0.0, got -0.3", MEND)),
+        ({"wind.sigma": -0.3}, ("wind.sigma", "a number >= 0.0, got -0.3", MEND)),
+        ({"wind": Wind(sigma=-0.3)}, ("wind.sigma", "a number >= 0.0, got -0.3", MEND)),
+        ({"federation.period": "x"}, ("federation.period", "a whole number, got 'x'", MEND)),
+        ({"wind.mean": np.zeros(3)}, ("wind.mean", "a list of length 2, got [0.0, 0.0, 0.0]", MEND)),
+        ({"obstacles": [{"centre": [9, 9], "radius": -1}]}, ("obstacles[0].radius", "a number > 0.0, got -1", MEND)),
+        ({"controller": {1: 2}}, ("controller", "expected text, got {1: 2}", MEND)),
+        ({"duration": object()}, ("duration", "holds no object", "give a number")),
+        ({"method": 3}, ("method", "3", "give one of these")),
+        ({"wind": 3, "wind.sigma": 1}, ("wind.sigma", "`wind` is not a table")),
+    ],
+)
+def test_a_value_python_code_gives_is_named_with_its_key_and_bound(
+    keys: dict[str, Any], parts: tuple[str, ...]
+) -> None:
+    for attempt in (
+        lambda: Scenario(**keys),
+        lambda: Scenario().replace(**keys),
+        lambda: Scenario.load("swap", **keys),
+    ):
+        with pytest.raises(BadInput) as caught:
+            attempt()
+        one_line(caught, *parts)
+
+
 def test_a_file_that_is_not_there_or_cannot_be_read_is_named(tmp_path: Path) -> None:
     missing, folder = tmp_path / "missing.toml", tmp_path
     latin = tmp_path / "latin.toml"
@@ -149,19 +194,19 @@ def test_a_file_that_is_not_there_or_cannot_be_read_is_named(tmp_path: Path) -> 
         ("uavs", ("--set uavs", "key=value")),
         ("=3", ("--set =3", "key=value")),
         ("uavs=0", ("uavs", ">= 1")),
-        ("uavs=many", ("uavs", "expected a whole number, got text")),
-        ("uavs=", ("uavs", "expected a whole number, got text")),
+        ("uavs=many", ("uavs", "expected a whole number, got 'many'")),
+        ("uavs=", ("uavs", "expected a whole number, got ''")),
         ("wind.sigma=nan", ("wind.sigma",)),
         ("controller.gain=inf", ("`controller` must be a finite number within ±1e+30, not inf",)),
         ("vehicle.options.curve=[[1.0, nan]]", ("vehicle", "`options` must be a finite number within ±1e+30, not nan")),
-        ("wind.sigma=", ("wind.sigma", "expected a number, got text")),
-        ("wind.sigma.x=1", ("wind.sigma", "expected a number, got a table")),
+        ("wind.sigma=", ("wind.sigma", "expected a number, got ''")),
+        ("wind.sigma.x=1", ("wind.sigma", "expected a number, got {'x': 1}")),
         ("wind.gust=1", ("wind", "gust")),
         ("gust.wind=1", ("gust",)),
         ("wind.mean=[1", ("--set wind.mean=[1:", "not TOML", "Unclosed array")),
         ('method="hjb', ("--set method=", "not TOML")),
         ("radio={fading", ("--set radio={fading", "not TOML")),
-        ("wind.mean=3", ("wind.mean", "expected a list, got a whole number")),
+        ("wind.mean=3", ("wind.mean", "expected a list, got 3")),
         ("federation.agregation=median", ("did you mean `federation.aggregation`?",)),
         ("..=1", ()),
         ("filter.delta_m=1", ("`filter.delta_m` does nothing without `filter.kind`", "filter.kind=ecbf")),

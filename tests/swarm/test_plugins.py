@@ -89,7 +89,7 @@ def test_a_package_that_ends_the_process_when_it_is_imported_is_bad_input_with_t
 
 OPTIONS = {
     "beyond a bound": ("controller.stiffness=-1", r"controller\.stiffness: .*> 0"),
-    "of another type": ("controller.stiffness=soft", r"controller\.stiffness: expected a number, got text"),
+    "of another type": ("controller.stiffness=soft", r"controller\.stiffness: expected a number, got 'soft'"),
     "unknown": ("controller.stifness=1", r"controller: .*`stifness`; did you mean `controller\.stiffness`\?"),
 }
 

@@ -1,10 +1,13 @@
 """Scenarios: where a value comes from, and one hash however it was written."""
 
 import hashlib
+import os
+import pickle
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,6 +16,7 @@ from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.scenario.switches import SWITCHES
+from meanflock.swarm.scenarios import shipped
 from tests.methods import METHODS
 
 
@@ -96,6 +100,43 @@ def test_a_scenario_survives_the_bus(table: dict[str, Any]) -> None:
     assert received == flown
     assert scenario.encode(received) == scenario.encode(flown)
     assert received.sha256() == flown.sha256()
+
+
+SCENARIOS: dict[str, Scenario] = {  # constructed, loaded and replaced in Python
+    "paper": Scenario(),
+    "tables": Scenario(uavs=9, wind={"sigma": 0.3, "mean": (0.1, 1 / 3)}, radio=load(None, ["radio.rice_xi=5"]).radio),
+    "dotted keys": Scenario(uavs=np.int64(9), **{"wind.sigma": np.float32(0.3), "wind.mean": np.array([0.1, 1 / 3])}),
+    "options": Scenario(method="spring", controller={"gains": (1.0, 2.0), "names": {"a": 'ä"\n'}, "none": []}),
+    "faults": Scenario(faults=[{"kind": "kill", "tick": 3, "uavs": [1]}], obstacles=[{"centre": [0, 9], "radius": 1}]),
+    **{path.stem: Scenario.load(path.stem) for path in shipped() if path.stem != "faults"},
+    "replaced": Scenario.load("swap", seed=4).replace(method="hjb", **{"truth.drag": 0.2, "federation.period": None}),
+}
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_scenario_of_python_is_equal_after_a_file_a_pickle_and_the_bus(name: str, tmp_path: Path) -> None:
+    flown = SCENARIOS[name]
+    path = flown.save(tmp_path / "my.toml")
+    assert Scenario.load(path) == load(path) == flown
+    assert os.listdir(tmp_path) == ["my.toml"]
+    assert pickle.loads(pickle.dumps(flown)) == scenario.decode(scenario.encode(flown)) == flown.replace() == flown
+
+
+def test_a_replaced_scenario_is_the_one_that_was_set_from_the_start(tmp_path: Path) -> None:
+    first = Scenario(uavs=9, wind={"sigma": 0.3, "drag": 0.2})
+    assert first.replace(**{"wind.drag": 0.4}) == Scenario(uavs=9, **{"wind.sigma": 0.3, "wind.drag": 0.4})
+    assert first.replace(wind={"drag": 0.4}) == Scenario(uavs=9, **{"wind.drag": 0.4})
+    assert first.wind.drag == 0.2
+    changed = Scenario.load("windy", **{"wind.sigma": 0.7})
+    assert changed == Scenario.load("windy").replace(**{"wind.sigma": 0.7}) == load(Path("windy"), ["wind.sigma=0.7"])
+
+
+def test_what_cannot_be_saved_is_bad_input_and_leaves_no_file(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match=r"nowhere/my\.toml: .*; name a file in a folder"):
+        Scenario().save(tmp_path / "nowhere" / "my.toml")
+    with pytest.raises(BadInput, match="TOML has no such value; leave that option out"):
+        Scenario(controller={"gain": None}).save(tmp_path / "my.toml")
+    assert os.listdir(tmp_path) == []
 
 
 def test_the_hash_does_not_depend_on_how_a_scenario_was_written(tmp_path: Path) -> None:
