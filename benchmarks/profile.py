@@ -62,7 +62,7 @@ WORLD: list[Part] = [
     ("meanflock.channel.medium:Medium.due", "channel"),
     ("meanflock.worldsim.flight:Flight.advance", "flight: wind, hash, records"),
     ("meanflock.worldsim.physics:Physics.__call__", "flight: motion, energy"),
-    ("meanflock.worldsim.flight:pairs", "flight: metrics of all pairs"),
+    ("meanflock.worldsim.flight:pairs", "flight: close pairs"),
 ]
 MEMORY_BUS: list[Part] = [("meanflock.swarm.net.bus:MemoryBus.put", "bus: put")]
 ZENOH_BUS: list[Part] = [("meanflock.swarm.net.session:ZenohBus.put", "bus: put")]

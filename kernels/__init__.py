@@ -9,12 +9,57 @@ import os
 
 from meanflock.kernels.tables import Tables
 
-__all__ = ["BACKEND", "Tables", "columns", "learn", "nearest", "pairs", "prepare", "read", "repel", "write"]
+__all__ = [
+    "BACKEND",
+    "Tables",
+    "alignment",
+    "columns",
+    "learn",
+    "nearest",
+    "pairs",
+    "prepare",
+    "read",
+    "repel",
+    "write",
+]
 
 if os.environ.get("MEANFLOCK_PURE") == "1":
-    from meanflock.kernels.reference import BACKEND, columns, learn, nearest, pairs, prepare, read, repel, write
+    from meanflock.kernels.reference import (
+        BACKEND,
+        alignment,
+        columns,
+        learn,
+        nearest,
+        pairs,
+        prepare,
+        read,
+        repel,
+        write,
+    )
 else:
     try:
-        from meanflock.kernels.compiled import BACKEND, columns, learn, nearest, pairs, prepare, read, repel, write
+        from meanflock.kernels.compiled import (
+            BACKEND,
+            alignment,
+            columns,
+            learn,
+            nearest,
+            pairs,
+            prepare,
+            read,
+            repel,
+            write,
+        )
     except ImportError:
-        from meanflock.kernels.reference import BACKEND, columns, learn, nearest, pairs, prepare, read, repel, write
+        from meanflock.kernels.reference import (
+            BACKEND,
+            alignment,
+            columns,
+            learn,
+            nearest,
+            pairs,
+            prepare,
+            read,
+            repel,
+            write,
+        )

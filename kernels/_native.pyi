@@ -3,6 +3,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.kernels.reference import alignment as alignment
 from meanflock.kernels.reference import columns as columns
 from meanflock.kernels.reference import learn as learn
 from meanflock.kernels.reference import nearest as nearest

@@ -157,20 +157,37 @@ static PyObject *learn(PyObject *module, PyObject *args) {
 
 /* ---- pairs ---- */
 
-static PyObject *measure(PyObject *module, PyObject *args) {
-    PyObject *states, *found;
+/* So many columns of an array of states, from `column` on, one after the other. */
+static void copy_columns(const Py_buffer *states, int column, int count, double *to) {
+    const Py_ssize_t n = states->len / (SIZE * D);
+    const char *from = (const char *)states->buf + column * D; /* wherever it begins */
+    for (Py_ssize_t i = 0; i < n; i++)
+        for (int k = 0; k < count; k++) memcpy(to + k * n + i, from + (i * SIZE + k) * D, D);
+}
+
+static PyObject *align(PyObject *module, PyObject *states) {
     Arrays arrays = {.held = 0};
-    double hazard, collision, *room;
-    if (!PyArg_ParseTuple(args, "OddO:pairs", &states, &hazard, &collision, &found)) return NULL;
+    double *room;
     const Py_ssize_t n = items(&arrays, states, "states", 1, SIZE);
-    const Py_buffer *to = n < 0 ? NULL : hold(&arrays, found, "found", "lq", 8, WRITTEN);
+    if (n < 0 || (room = room_for(&arrays, alignment_room(n))) == NULL) return done(&arrays, NULL);
+    copy_columns(arrays.view, AXES, AXES, room);
+    return done(&arrays, PyFloat_FromDouble(alignment(n, room)));
+}
+
+static PyObject *measure(PyObject *module, PyObject *args) {
+    PyObject *before, *after, *found;
+    Arrays arrays = {.held = 0};
+    double hazard, collision, nearest, *room;
+    if (!PyArg_ParseTuple(args, "OOdddO:pairs", &before, &after, &hazard, &collision, &nearest, &found)) return NULL;
+    const Py_ssize_t n = items(&arrays, before, "before", 1, SIZE);
+    if (n < 0 || !doubles(&arrays, after, "after", n * SIZE, READ)) return done(&arrays, NULL);
+    const Py_buffer *to = hold(&arrays, found, "found", "lq", 8, WRITTEN);
     const Py_ssize_t most = to == NULL ? 0 : to->len / 16; /* of pairs of 8 bytes each */
     if (!fits(to, "found", most * 16) || (room = room_for(&arrays, pairs_room(n))) == NULL) return done(&arrays, NULL);
-    for (Py_ssize_t i = 0; i < n; i++)
-        for (int k = 0; k < SIZE; k++) memcpy(room + k * n + i, (const char *)arrays.view[0].buf + (i * SIZE + k) * D, D);
-    const Measured seen = pairs(n, room, hazard, collision, to->buf, most);
-    return done(&arrays, Py_BuildValue("dLLd", seen.speed_difference, (long long)seen.near, (long long)seen.touching,
-                                       seen.nearest));
+    copy_columns(&arrays.view[0], 0, AXES, room);
+    copy_columns(&arrays.view[1], 0, AXES, room + AXES * n);
+    const Measured seen = pairs(n, room, hazard, collision, nearest, to->buf, most);
+    return done(&arrays, Py_BuildValue("LLd", (long long)seen.near, (long long)seen.touching, seen.nearest));
 }
 
 /* ---- nearest ---- */
@@ -260,7 +277,8 @@ static PyObject *push(PyObject *module, PyObject *args) {
 static PyMethodDef methods[] = {
     {"tables", tables, METH_VARARGS, "tables(numbers, indices): both packed; checked once."},
     {"learn", learn, METH_VARARGS, "learn(tables, states, weights, around, weights_out, numbers)"},
-    {"pairs", measure, METH_VARARGS, "pairs(states, hazard_m, collision_m, found)"},
+    {"alignment", align, METH_O, "alignment(states)"},
+    {"pairs", measure, METH_VARARGS, "pairs(before, after, hazard_m, collision_m, nearest_m, found)"},
     {"nearest", nearest_of_all, METH_VARARGS, "nearest(wanted, normals, bounds, limit, found, missing)"},
     {"columns", columns, METH_VARARGS, "columns(left, right, out, first)"},
     {"repel", push, METH_VARARGS, "repel(states, known, weight, range_m, pushed)"},

@@ -3,13 +3,14 @@
 #include "native.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "pairwise.h"
 
-enum { FEW = 100 }; /* up to here all N² distances are one sum; as in kernels/reference.py */
+enum { FEW = 100 }; /* up to here all N² speed differences are one sum; as in kernels/reference.py */
 
-ptrdiff_t pairs_room(ptrdiff_t n) { return 4 * n + (n <= FEW ? n * n : 2 * n); }
+ptrdiff_t alignment_room(ptrdiff_t n) { return 2 * n + (n <= FEW ? n * n : 2 * n); }
 
 /* From a point to n points (x, y). */
 static TARGET void distances(ptrdiff_t n, double from_x, double from_y, const double *__restrict x,
@@ -20,32 +21,10 @@ static TARGET void distances(ptrdiff_t n, double from_x, double from_y, const do
     }
 }
 
-/* From the first of n points to the others, squared: how many are at most `most`, how many less than `least`, and the
- * smallest, if it is less than `nearest`. */
-static TARGET int64_t count(ptrdiff_t n, const double *__restrict x, const double *__restrict y, double most,
-                            double least, int64_t *touching, double *nearest) {
-    int64_t within = 0, closer = 0;
-    double smallest[4] = {*nearest, *nearest, *nearest, *nearest}; /* side by side, for none waits for another */
-    ptrdiff_t j = 1;
-    for (; j + 4 <= n; j += 4)
-        for (int k = 0; k < 4; k++) {
-            const double along = x[j + k] - x[0], across = y[j + k] - y[0], squared = along * along + across * across;
-            within += squared <= most;
-            closer += squared < least;
-            smallest[k] = squared < smallest[k] ? squared : smallest[k];
-        }
-    for (; j < n; j++) {
-        const double along = x[j] - x[0], across = y[j] - y[0], squared = along * along + across * across;
-        within += squared <= most;
-        closer += squared < least;
-        smallest[0] = squared < smallest[0] ? squared : smallest[0];
-    }
-    for (int k = 0; k < 4; k++) *nearest = smallest[k] < *nearest ? smallest[k] : *nearest;
-    *touching = closer;
-    return within;
-}
-
-static double mean_distance(ptrdiff_t n, const double *x, const double *y, double *room) {
+double alignment(ptrdiff_t n, double *room) {
+    const double *x = room, *y = x + n;
+    room += 2 * n;
+    if (!n) return 0.0;
     if (n <= FEW) {
         for (ptrdiff_t i = 0; i < n; i++) distances(n, x[i], y[i], x, y, room + i * n);
         return sum_of(room, n * n) / (double)(n * n);
@@ -57,20 +36,93 @@ static double mean_distance(ptrdiff_t n, const double *x, const double *y, doubl
     return 2.0 * sum_of(room, n - 1) / ((double)n * (double)n);
 }
 
-Measured pairs(ptrdiff_t n, double *room, double hazard, double collision, char *found, ptrdiff_t most) {
-    const double *x = room, *y = x + n, least = collision * collision;
-    Measured seen = {n ? mean_distance(n, y + n, y + 2 * n, room + 4 * n) : 0.0, 0, 0, INFINITY};
-    for (ptrdiff_t i = 0; i < n; i++) {
-        int64_t left;
-        seen.near += count(n - i, x + i, y + i, hazard * hazard, least, &left, &seen.nearest);
-        for (ptrdiff_t j = i + 1; left && j < n; j++) {
-            const double along = x[j] - x[i], across = y[j] - y[i];
-            if (!(along * along + across * across < least)) continue;
-            const int64_t pair[] = {i, j};
+/* The smaller of two numbers; NaN if one of them is. */
+static double smaller(double a, double b) { return a < b || a != a ? a : b; }
+
+/* The larger of a number and another, which may be NaN: then NaN. */
+static double larger(double a, double b) { return a > b ? a : b; }
+
+ptrdiff_t pairs_room(ptrdiff_t n) { return 14 * n; }
+
+typedef struct { /* a UAV in the order of the sweep */
+    double low_x;
+    int64_t uav;
+} Place;
+
+typedef struct { /* columns in that order: the box around each segment, and its ends */
+    double *low_x, *high_x, *low_y, *high_y, *x, *y, *to_x, *to_y;
+} Sweep;
+
+static int by_low(const void *a, const void *b) {
+    const double low = ((const Place *)a)->low_x, other = ((const Place *)b)->low_x;
+    return (low > other) - (low < other);
+}
+
+static int by_pair(const void *a, const void *b) {
+    int64_t pair[2], other[2];
+    memcpy(pair, a, sizeof pair), memcpy(other, b, sizeof other); /* they may begin anywhere */
+    const int k = pair[0] == other[0];
+    return (pair[k] > other[k]) - (pair[k] < other[k]);
+}
+
+/* kernels/state.py: approach, of the difference of two UAVs. */
+static double approach(double x, double y, double to_x, double to_y) {
+    const double step_x = to_x - x, step_y = to_y - y, before = x * step_x + y * step_y, after = to_x * step_x + to_y * step_y;
+    const double ends = smaller(x * x + y * y, to_x * to_x + to_y * to_y);
+    if (!(before < 0.0 && after > 0.0)) return ends;
+    const double share = -before / (step_x * step_x + step_y * step_y);
+    const double at_x = x + share * step_x, at_y = y + share * step_y;
+    return smaller(ends, at_x * at_x + at_y * at_y);
+}
+
+/* Sorts the UAVs whose place at the end of the tick is a number; returns how many. */
+static ptrdiff_t sorted(ptrdiff_t n, const double *x, Place *place, const Sweep *sweep) {
+    const double *y = x + n, *to_x = y + n, *to_y = to_x + n;
+    ptrdiff_t present = 0;
+    for (ptrdiff_t uav = 0; uav < n; uav++)
+        if (to_x[uav] == to_x[uav] && to_y[uav] == to_y[uav]) place[present++] = (Place){fmin(x[uav], to_x[uav]), uav};
+    qsort(place, present, sizeof *place, by_low);
+    for (ptrdiff_t i = 0; i < present; i++) {
+        const ptrdiff_t uav = place[i].uav;
+        sweep->x[i] = x[uav], sweep->y[i] = y[uav], sweep->to_x[i] = to_x[uav], sweep->to_y[i] = to_y[uav];
+        sweep->low_x[i] = place[i].low_x, sweep->high_x[i] = fmax(x[uav], to_x[uav]);
+        sweep->low_y[i] = fmin(y[uav], to_y[uav]), sweep->high_y[i] = fmax(y[uav], to_y[uav]);
+    }
+    return present;
+}
+
+Measured pairs(ptrdiff_t n, double *room, double hazard, double collision, double nearest, char *found, ptrdiff_t most) {
+    double *at = room + 4 * n;
+    Place *place = (Place *)(room + 12 * n);
+    const Sweep s = {at, at + n, at + 2 * n, at + 3 * n, at + 4 * n, at + 5 * n, at + 6 * n, at + 7 * n};
+    const ptrdiff_t present = sorted(n, room, place, &s);
+    Measured seen = {0, 0, nearest * nearest};
+    hazard *= hazard, collision *= collision;
+    const double radius = larger(hazard, collision);
+    for (ptrdiff_t i = 0; i < present; i++) {
+        const double right = s.high_x[i], top = s.high_y[i], bottom = s.low_y[i];
+        double reach = larger(radius, seen.nearest);
+        for (ptrdiff_t j = i + 1; j < present; j++) {
+            const double along = larger(s.low_x[j] - right, 0.0), squared_along = along * along;
+            if (squared_along > reach) break;
+            const double across = larger(larger(s.low_y[j] - top, bottom - s.high_y[j]), 0.0);
+            const double box = squared_along + across * across;
+            if (box > reach) continue;
+            const double to_x = s.to_x[j] - s.to_x[i], to_y = s.to_y[j] - s.to_y[i];
+            const double squared = larger(box, approach(s.x[j] - s.x[i], s.y[j] - s.y[i], to_x, to_y));
+            seen.near += to_x * to_x + to_y * to_y <= hazard;
+            if (squared < seen.nearest) {
+                seen.nearest = squared;
+                reach = larger(radius, squared);
+            }
+            if (!(squared < collision)) continue;
+            const int64_t one = place[i].uav, other = place[j].uav;
+            const int64_t pair[] = {one < other ? one : other, one < other ? other : one};
             if (seen.touching < most) memcpy(found + seen.touching * (ptrdiff_t)sizeof pair, pair, sizeof pair);
-            seen.touching++, left--;
+            seen.touching++;
         }
     }
+    qsort(found, seen.touching < most ? seen.touching : most, 2 * sizeof(int64_t), by_pair);
     seen.nearest = sqrt(seen.nearest);
     return seen;
 }

@@ -41,3 +41,17 @@ def speed(states: States) -> Rows:
 def norm(states: States) -> Rows:
     """‖s‖ as the paper prints it, mixing metres and m/s, shape `(...,)`; the destination test uses it."""
     return np.sqrt(dot(states, states))
+
+
+def approach(first: Plane, last: Plane) -> Rows:
+    """Least squared distance to the origin of points that move straight from `first` to `last`, `(..., 2)`; `(...,)`.
+
+    NaN where a point has no beginning or no end.
+    """
+    step = last - first
+    before, after, length = dot(first, step), dot(last, step), dot(step, step)
+    ends = np.minimum(dot(first, first), dot(last, last))
+    passing = (before < 0.0) & (after > 0.0)  # nearest on the way, not at an end
+    share = np.divide(-before, length, out=np.zeros_like(before), where=passing)
+    nearest = first + share[..., None] * step
+    return np.where(passing, np.minimum(ends, dot(nearest, nearest)), ends)

@@ -14,6 +14,7 @@ from meanflock.kernels.state import (  # noqa: F401
     States,
     X,
     Y,
+    approach,
     dot,
     norm,
     speed,

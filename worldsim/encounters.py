@@ -1,4 +1,4 @@
-"""Who met whom, and what: collisions, the closest approach of any two, obstacles that were hit. Kept in checkpoints."""
+"""Encounters of a flight: collisions, closest approach, obstacle hits. A checkpoint contains them."""
 
 import math
 from typing import Any
@@ -8,58 +8,59 @@ from numpy.typing import NDArray
 
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
+from meanflock.worldsim.metrics import Pairs
 
 Pair = tuple[int, int]
 
 
 class Encounters:
-    """Of one flight, every pair once, and every UAV with every disc once.
+    """Encounters of one flight, every pair once, and every UAV with every disc once.
 
-    collided: pairs that came within r_coll while both were on the way. touched: in the air, whatever they were, arrived
-    or lost. hit: (N, K), which UAVs were within which discs.
+    collided: pairs that came within r_coll in a tick that both began on the way. touched: pairs of any UAVs in the air,
+    arrived and lost ones too. hit: (N, K), which UAVs were within which discs. nearest_m: least distance of any two in
+    the air, infinite if there never were two.
+
+    UAVs move straight in a tick, so all of them are closest approaches of segments, not distances at ticks.
     """
 
     def __init__(self, scenario: Scenario) -> None:
         self.collided: set[Pair] = set()
         self.touched: set[Pair] = set()
-        self._nearest_m = math.inf
+        self.nearest_m = math.inf
         self._discs = mission.obstacles(scenario)
         self.hit = np.zeros((scenario.uavs, len(self._discs)), dtype=bool)
 
     @property
     def closest_approach_m(self) -> float | None:
         """The least distance of any two in the air; None where there never were two."""
-        return self._nearest_m if math.isfinite(self._nearest_m) else None
+        return self.nearest_m if math.isfinite(self.nearest_m) else None
 
-    def meet(self, nearest_m: float, touching: NDArray[np.intp], flying: NDArray[np.bool_]) -> list[Pair]:
-        """Takes an instant: the least distance, the pairs (K, 2) within r_coll, and who is on the way (N,).
+    def meet(self, seen: Pairs, on_way: NDArray[np.bool_]) -> list[Pair]:
+        """Adds the close pairs of a tick; `on_way`: which UAVs were on the way when it began, (N,).
 
         Returns:
             The pairs on the way that have not collided before.
         """
-        self._nearest_m = min(self._nearest_m, nearest_m)
+        self.nearest_m = seen.nearest_m
         new: list[Pair] = []
-        if len(touching):
-            for first, second in touching.tolist():
-                self.touched.add((first, second))
-                if flying[first] and flying[second] and (first, second) not in self.collided:
-                    self.collided.add((first, second))
-                    new.append((first, second))
+        for first, second in seen.touching.tolist():
+            self.touched.add((first, second))
+            if on_way[first] and on_way[second] and (first, second) not in self.collided:
+                self.collided.add((first, second))
+                new.append((first, second))
         return new
 
-    def enter(self, states: state.States, waiting: NDArray[np.bool_] | None) -> list[Pair]:
-        """Takes where everyone is, (N, 4), but who is on the ground, (N,).
+    def enter(self, before: state.States, after: state.States) -> list[Pair]:
+        """Adds the discs that UAVs entered on the way from `before` to `after`, (N, 4); NaN: the UAV enters none.
 
         Returns:
             UAV and disc, of those within one for the first time.
         """
         if not len(self._discs):
             return []
-        x, y, radius = self._discs.T
-        within = np.hypot(states[:, state.X, None] - x, states[:, state.Y, None] - y) < radius
-        if waiting is not None:
-            within[waiting] = False
-        new = within & ~self.hit
+        centres, radius = self._discs[:, : state.AXES], self._discs[:, state.AXES]
+        first, last = (states[:, None, state.POSITION] - centres for states in (before, after))
+        new = (state.approach(first, last) < radius * radius) & ~self.hit
         if not np.count_nonzero(new):
             return []
         self.hit |= new
@@ -78,5 +79,5 @@ class Encounters:
         """Goes on with a snapshot; KeyError or ValueError where it is of something else."""
         self.collided = {(first, second) for first, second in snapshot["collided"]}
         self.touched = {(first, second) for first, second in snapshot["touched"]}
-        self._nearest_m = math.inf if snapshot["nearest_m"] is None else float(snapshot["nearest_m"])
+        self.nearest_m = math.inf if snapshot["nearest_m"] is None else float(snapshot["nearest_m"])
         self.hit[...] = snapshot["hit"]

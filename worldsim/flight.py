@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock import kernels
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator, random_state, set_random_state
@@ -66,7 +67,7 @@ class Flight:
         self.last_arrival = -1  # tick of the last arrival so far
         self._wind = generator(scenario.seed, "wind")
         self._hash = hashlib.sha256()
-        self._observe()
+        self._observe(self.states, self.on_way)
 
     @property
     def time_s(self) -> float:
@@ -163,6 +164,7 @@ class Flight:
             accelerations = np.where(idle[:, None], 0.0, accelerations)
         felt = accelerations if gust is None else accelerations + gust
         noise = self._wind.standard_normal(accelerations.shape)
+        before = self.states if waiting is None else np.where(waiting[:, None], np.nan, self.states)
         moved = self._physics(self.states, self.hidden, felt, noise, waiting)
         self.tick += 1
         self.states, self.hidden = moved.states, moved.hidden
@@ -177,10 +179,12 @@ class Flight:
         if len(moved.diverged):
             accelerations = accelerations.copy()
             accelerations[moved.diverged] = 0.0
+            before = before.copy()
+            before[moved.diverged] = np.nan
             self.lose(moved.diverged, "diverged", "left every bound")
         squared = accelerations * accelerations
         self.effort += (squared[:, 0] + squared[:, 1]) * on_way
-        self._observe()
+        self._observe(before, on_way)
         on_way &= state.norm(self.states - self._goals) <= scenario.destination.radius
         if np.count_nonzero(on_way):
             on_way[moved.diverged] = False
@@ -222,17 +226,23 @@ class Flight:
             raise ValueError(f"the time series does not end in the states of tick {self.tick}")
         self._hash = hashlib.sha256(np.ascontiguousarray(history, dtype="<f8").tobytes())
 
-    def _observe(self) -> None:
+    def _observe(self, before: state.States, on_way: NDArray[np.bool_]) -> None:
+        """Measures the tick that led to `states`.
+
+        Args:
+            before: (N, 4), the states it began with; NaN for UAVs that flew no segment, as they were on the ground or
+                were put back. on_way: (N,), which UAVs were on the way then.
+        """
         self._hash.update(self.states.astype(_KEPT, order="C", copy=False).data)
-        waiting = self.waiting
-        aloft = None if waiting is None else np.flatnonzero(~waiting)
-        seen = pairs(self.scenario.metrics, self.states if aloft is None else self.states[aloft])
-        self.speed_difference_sum += seen.speed_difference
+        after = aloft = self.states
+        if (waiting := self.waiting) is not None:
+            after, aloft = np.where(waiting[:, None], np.nan, after), after[~waiting]
+        self.speed_difference_sum += kernels.alignment(aloft)
+        seen = pairs(self.scenario.metrics, before, after, self.encounters.nearest_m)
         self.near_sum += seen.near
-        touching = seen.colliding if aloft is None else aloft[seen.colliding]
-        for first, second in self.encounters.meet(seen.nearest_m, touching, self.status == FLYING):
+        for first, second in self.encounters.meet(seen, on_way):
             self._event("collision", f"UAV {first} and UAV {second} collided", np.array([first, second]))
-        for uav, disc in self.encounters.enter(self.states, waiting):
+        for uav, disc in self.encounters.enter(before, after):
             self._event("hit", f"UAV {uav} hit obstacle {disc}", np.array([uav]))
 
     def _arrive(self, new: NDArray[np.intp]) -> None:

@@ -1,4 +1,4 @@
-"""How well the swarm flies as a flock: alignment, risk, collisions. Over all pairs, exact."""
+"""How close the UAVs of a swarm come to each other in a tick. Over all pairs, exact."""
 
 from typing import NamedTuple
 
@@ -9,29 +9,32 @@ from meanflock import kernels
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Metrics
 
-_MOST = 64  # colliding pairs there is room for at first
+_ROOM = 64  # pairs there is room for at first, besides one for each UAV
 
 
 class Pairs(NamedTuple):
-    """One instant of a swarm of N.
+    """Close pairs of one tick.
 
-    speed_difference: mean over all N² pairs of ‖v_j − v_i‖, m/s (the integrand of φ_A).
-    near: pairs i < j within the hazard radius.
-    colliding: (K, 2), ascending: the pairs i < j within the collision radius.
-    nearest_m: the least distance of any two; infinite where there are not two.
+    near: pairs i < j within the hazard radius at the end of the tick.
+    touching: (K, 2), ascending: the pairs i < j that came within the collision radius during the tick.
+    nearest_m: the least closest approach of any pair, or the given bound if that is less.
     """
 
-    speed_difference: float
     near: int
-    colliding: NDArray[np.intp]
+    touching: NDArray[np.intp]
     nearest_m: float
 
 
-def pairs(metrics: Metrics, states: state.States) -> Pairs:
-    """Measures all pairs of `states`, `(N, 4)`."""
-    found = np.empty((_MOST, 2), dtype=np.intp)
-    mean, near, count, nearest = kernels.pairs(states, metrics.hazard_radius, metrics.collision_radius, found)
+def pairs(metrics: Metrics, before: state.States, after: state.States, nearest_m: float) -> Pairs:
+    """Measures a tick in which everyone moves straight from `before` to `after`, both `(N, 4)`.
+
+    A UAV with NaN in `before` approaches nobody; one with NaN in `after` is left out. Closest approaches above
+    `nearest_m` are of no interest.
+    """
+    radii = (metrics.hazard_radius, metrics.collision_radius)
+    found = np.empty((_ROOM + len(after), 2), dtype=np.intp)
+    near, count, nearest_m = kernels.pairs(before, after, *radii, nearest_m, found)
     if count > len(found):
         found = np.empty((count, 2), dtype=np.intp)
-        kernels.pairs(states, metrics.hazard_radius, metrics.collision_radius, found)
-    return Pairs(mean, near, found[:count], nearest)
+        kernels.pairs(before, after, *radii, nearest_m, found)
+    return Pairs(near, found[:count], nearest_m)

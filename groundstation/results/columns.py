@@ -67,7 +67,11 @@ _OF_SWARM = (
         True,
     ),
     Column(
-        "collisions", _NUMBER, "pairs", "pairs that came nearer than r_coll while both were on the way, each once", True
+        "collisions",
+        _NUMBER,
+        "pairs",
+        "pairs that came nearer than r_coll in a tick that both began on the way, each once",
+        True,
     ),
     Column("arrived", _NUMBER, "UAVs", "UAVs that have arrived"),
     Column("round", _NUMBER, "1", "rounds averaged and broadcast", True),

@@ -58,7 +58,8 @@ def interaction_term(flown: Trace) -> Floats:
 
 
 def collisions(flown: Trace) -> Floats:
-    """Where and when each pair first came within r_coll, both on the way: rows (t in s, x in m, y in m).
+    """Where and when each pair first came within r_coll, both on the way: rows (t in s, x in m, y in m), at the end of
+    the tick in which it did.
 
     A trace has every second tick. The tick between is not lost: a position is the one before plus dt times the new
     velocity, so r(k − 1) = r(k) − dt v(k), exactly.
@@ -66,13 +67,15 @@ def collisions(flown: Trace) -> Floats:
     position, velocity = flown.states[..., state.POSITION], flown.states[..., state.VELOCITY]
     dt, radius = Scenario().dt, Scenario().metrics.collision_radius
     met: dict[tuple[int, int], tuple[float, float, float]] = {}
+    before = position[0]
     for k in range(len(flown.times)):
         on_way = flown.status[max(k - 1, 0)] == Status.FLYING
         for back in (1, 0) if k else (0,):
             here = position[k] - back * dt * velocity[k]
-            gap = np.linalg.norm(here[:, None] - here[None], axis=-1)
-            close = np.triu(gap < radius, 1) & on_way[:, None] & on_way[None]
+            squared = state.approach(before[:, None] - before[None], here[:, None] - here[None])
+            close = np.triu(squared < radius * radius, 1) & on_way[:, None] & on_way[None]
             for i, j in np.argwhere(close).tolist():
                 middle = (here[i] + here[j]) / 2
                 met.setdefault((i, j), (float(flown.times[k] - back * dt), float(middle[0]), float(middle[1])))
+            before = here
     return np.array(sorted(met.values())).reshape(-1, 3)

@@ -43,7 +43,7 @@ def test_a_variable_chooses_numpy_and_nothing_else_does(pure: str) -> None:
 
 
 def test_both_forms_have_the_same_names() -> None:
-    names = {"BACKEND", "columns", "learn", "nearest", "pairs", "prepare", "read", "repel", "write"}
+    names = {"BACKEND", "alignment", "columns", "learn", "nearest", "pairs", "prepare", "read", "repel", "write"}
     assert set(kernels.__all__) - {"Tables"} == names
     for module in ("compiled", "reference"):
         code = f"import meanflock.kernels.{module} as m; print(*sorted({names!r} & set(vars(m))))"

@@ -1,4 +1,4 @@
-"""All pairs of a swarm: both forms against the plain matrix of all pairs, and what does not fit is refused."""
+"""Pairs of a swarm: both forms against a plain comparison of all pairs, and what does not fit is refused."""
 
 import math
 import tracemalloc
@@ -18,79 +18,135 @@ both_forms = settings(suppress_health_check=[HealthCheck.function_scoped_fixture
 
 
 def measured(
-    backend: ModuleType, states: np.ndarray, hazard: float, collision: float
-) -> tuple[float, int, list[Any], float]:
-    found = np.full((len(states) ** 2 + 1, 2), -7)
-    mean, near, count, nearest = backend.pairs(states, hazard, collision, found)
+    backend: ModuleType,
+    before: np.ndarray,
+    after: np.ndarray,
+    hazard: float,
+    collision: float,
+    nearest: float = math.inf,
+) -> tuple[int, list[Any], float]:
+    found = np.full((len(after) ** 2 + 1, 2), -7)
+    near, count, nearest = backend.pairs(before, after, hazard, collision, nearest, found)
     assert (found[count:] == -7).all()
-    return mean, near, found[:count].tolist(), nearest
+    return near, found[:count].tolist(), nearest
 
 
-def by_the_matrix(states: np.ndarray, hazard: float, collision: float) -> tuple[np.ndarray, int, list[Any], float]:
-    """The N × N distances of velocities, the number of near pairs, the touching ones, and the least distance."""
+def distances(states: np.ndarray, x: int, y: int) -> np.ndarray:
+    """The squared differences of two columns of all pairs, N × N."""
     difference = states[:, None] - states[None]
-    squared = difference[..., state.X] ** 2 + difference[..., state.Y] ** 2
-    speeds = np.sqrt(difference[..., state.VX] ** 2 + difference[..., state.VY] ** 2)
-    close, touching = np.triu(squared <= hazard * hazard, 1), np.triu(squared < collision * collision, 1)
-    nearest = math.sqrt(squared[np.triu_indices(len(states), 1)].min(initial=math.inf))
-    return speeds, int(close.sum()), np.argwhere(touching).tolist(), nearest
+    return difference[..., x] ** 2 + difference[..., y] ** 2
 
 
 coarse = st.sampled_from([0.0, 0.1, 0.25, -0.3, 0.5, 1.0, -7.75, 1e-160, 1e6, 1e6 + 0.25])
+swarms = arrays(np.float64, st.tuples(st.integers(1, 40), st.just(state.SIZE)), elements=coarse)
 
 
 @both_forms
 @given(
-    arrays(np.float64, st.tuples(st.integers(1, 40), st.just(state.SIZE)), elements=coarse),
+    swarms,
     st.sampled_from([1e-3, 0.25, 0.5, math.sqrt(0.5), 1.0]),
     st.sampled_from([1e-3, 0.1, 0.25, 2.0]),
     st.booleans(),
 )
-def test_pairs_are_those_of_the_matrix(
+def test_pairs_at_rest_are_those_of_the_matrix(
     backend: ModuleType, states: np.ndarray, hazard: float, collision: float, large: bool
 ) -> None:
     """Coincident UAVs, and pairs exactly on either radius, are common; a large swarm is a small one many times."""
     states = np.tile(states, (1 + FEW // len(states), 1)) if large else states
-    mean, near, touching, nearest = measured(backend, states, hazard, collision)
-    speeds, all_near, all_touching, least = by_the_matrix(states, hazard, collision)
-    assert (near, touching, nearest) == (all_near, all_touching, least)
+    squared, speeds = distances(states, state.X, state.Y), np.sqrt(distances(states, state.VX, state.VY))
+    near, touching, nearest = measured(backend, states, states, hazard, collision)
+    assert near == np.triu(squared <= hazard * hazard, 1).sum()
+    assert touching == np.argwhere(np.triu(squared < collision * collision, 1)).tolist()
+    assert nearest == math.sqrt(squared[np.triu_indices(len(states), 1)].min(initial=math.inf))
+    mean = backend.alignment(states)
     assert mean == pytest.approx(speeds.mean(), rel=1e-12)
     if len(states) <= FEW:
         assert mean == speeds.ravel().sum() / len(states) ** 2
 
 
+def closest_approaches(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """The least distance of all pairs on straight segments, N × N, in extended precision."""
+    first, last = (states[:, state.POSITION].astype(np.longdouble) for states in (before, after))
+    apart, moved = first[:, None] - first[None], (last - first)[:, None] - (last - first)[None]
+    length = (moved**2).sum(axis=-1)
+    share = np.clip(-(apart * moved).sum(axis=-1) / np.where(length > 0.0, length, 1.0), 0.0, 1.0)
+    at = apart + share[..., None] * moved
+    return np.sqrt((at**2).sum(axis=-1))
+
+
+@both_forms
+@given(
+    st.integers(1, 250),
+    st.sampled_from([0.02, 0.3, 3.0, 100.0]),
+    st.sampled_from([0.0, 0.05, 1.0, 40.0]),
+    st.sampled_from([0.1, 1.0]),
+    st.sampled_from([math.inf, 0.2, 1e-3]),
+    st.booleans(),
+    st.integers(0, 2**32 - 1),
+)
+def test_pairs_in_motion_are_those_of_all_closest_approaches(
+    backend: ModuleType, uavs: int, spread: float, step: float, collision: float, bound: float, grid: bool, seed: int
+) -> None:
+    """Some UAVs have no segment, some are left out; on a grid many have the same x."""
+    draw = np.random.default_rng(seed)
+    before = draw.normal(size=(uavs, state.SIZE)) * spread
+    before = np.rint(before / spread) * spread if grid else before
+    after = before + draw.normal(size=before.shape) * step
+    before[draw.random(uavs) < 0.1] = np.nan
+    after[draw.random(uavs) < 0.1] = np.nan
+    near, touching, nearest = measured(backend, before, after, 0.5, collision, bound)
+    with np.errstate(invalid="ignore"):
+        assert near == np.triu(distances(after, state.X, state.Y) <= 0.25, 1).sum()
+        found, apart = np.zeros((uavs, uavs), dtype=bool), closest_approaches(before, after)
+        found[tuple(np.array(touching, dtype=np.intp).reshape(-1, 2).T)] = True
+        assert touching == sorted(touching)
+        assert (found >= np.triu(apart < collision - 1e-12, 1)).all()
+        assert (found <= np.triu(apart < collision + 1e-12, 1)).all()
+    least = np.fmin.reduce(apart[np.triu_indices(uavs, 1)], initial=bound)
+    assert nearest == pytest.approx(float(least), rel=1e-9, abs=1e-12)
+
+
 @pytest.mark.parametrize("uavs", [0, 1, 2, 5, 25, FEW - 1, FEW, FEW + 1, 333])
 @pytest.mark.parametrize("spread", [300.0, 3.0, 0.03])  # nobody is near, some are, all are
-def test_both_forms_give_the_same_bits(uavs: int, spread: float) -> None:
+@pytest.mark.parametrize("step", [0.0, 0.4, 100.0])
+def test_both_forms_give_the_same_bits(uavs: int, spread: float, step: float) -> None:
     compiled = pytest.importorskip("meanflock.kernels.compiled")
     from meanflock.kernels import reference
 
     draw = np.random.default_rng(uavs)
-    states = draw.normal(size=(uavs, state.SIZE)) * [spread, spread, 1.0, 1e-9] + [150.0, 100.0, 12.0, -7.0]
-    assert measured(compiled, states, 0.7, 0.1) == measured(reference, states, 0.7, 0.1)
+    before = draw.normal(size=(uavs, state.SIZE)) * [spread, spread, 1.0, 1e-9] + [150.0, 100.0, 12.0, -7.0]
+    after = before + draw.normal(size=before.shape) * step
+    before[::7], after[::11] = np.nan, np.nan
+    for bound in (math.inf, 0.5, 0.0):
+        expected = measured(reference, before, after, 0.7, 0.1, bound)
+        assert measured(compiled, before, after, 0.7, 0.1, bound) == expected
+    moving = after[~np.isnan(after[:, state.X])]
+    assert compiled.alignment(moving) == reference.alignment(moving)
 
 
 def test_numbers_beyond_all_bounds_are_nobody_s_neighbours(backend: ModuleType) -> None:
     states = np.zeros((4, state.SIZE))
     states[0], states[1, state.X], states[2, state.Y] = np.nan, np.inf, 1e200
     with np.errstate(all="ignore"):
-        mean, near, touching, nearest = measured(backend, states, 1.0, 1.0)
-    assert (math.isnan(mean), near, touching, nearest) == (True, 0, [], math.inf)
+        assert measured(backend, states, states, 1.0, 1.0) == (0, [], math.inf)
+        assert math.isnan(backend.alignment(states))
 
 
 def test_there_may_be_more_pairs_than_room(backend: ModuleType) -> None:
     found = np.full((3, 2), -7)
     states = np.zeros((6, state.SIZE))
-    for room, expected in ((found[:2], [[0, 1], [0, 2], [-7, -7]]), (found[:0], [[0, 1], [0, 2], [-7, -7]])):
-        assert backend.pairs(states, 1.0, 1.0, room) == (0.0, 15, 15, 0.0)
-        assert found.tolist() == expected
+    for room in (found[:2], found[:0]):
+        assert backend.pairs(states, states, 1.0, 1.0, math.inf, room) == (15, 15, 0.0)
+        assert (found[:2] >= 0).all()
+        assert found[2].tolist() == [-7, -7]
 
 
 def test_a_large_swarm_needs_no_room_for_all_its_pairs(backend: ModuleType) -> None:
     states = np.random.default_rng(6).normal(size=(2000, state.SIZE)) * [100.0, 100.0, 1.0, 1.0]
     tracemalloc.start()
     try:
-        backend.pairs(states, 0.7, 0.1, np.empty((64, 2), dtype=np.intp))
+        backend.alignment(states)
+        backend.pairs(states, states + 0.1, 0.7, 0.1, math.inf, np.empty((64, 2), dtype=np.intp))
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
@@ -105,9 +161,10 @@ READ_ONLY.flags.writeable = False
 @pytest.mark.parametrize(
     ("states", "found", "said"),
     [
-        (np.zeros(3), FOUND, "states: 24 bytes"),
-        (np.zeros((2, 4), np.float32), FOUND, "states: format f"),
-        (np.zeros((2, 4), np.int64), FOUND, "states: format"),
+        (np.zeros((1, 4)), FOUND, "after: 64 bytes, expected 32"),
+        (np.zeros(3), FOUND, "before: 24 bytes"),
+        (np.zeros((2, 4), np.float32), FOUND, "before: format f"),
+        (np.zeros((2, 4), np.int64), FOUND, "before: format"),
         (np.zeros((4, 2)).T, FOUND, "contiguous"),
         (np.zeros((2, 8))[:, ::2], FOUND, "contiguous"),
         (np.zeros((2, 4)), np.zeros((2, 2)), "found: format d"),
@@ -120,7 +177,7 @@ READ_ONLY.flags.writeable = False
 def test_what_does_not_fit_is_refused(states: Any, found: Any, said: str) -> None:
     native = pytest.importorskip("meanflock.kernels._native")
     with pytest.raises((TypeError, ValueError, BufferError), match=said):
-        native.pairs(states, 1.0, 1.0, found)
+        native.pairs(states, np.zeros((2, 4)), 1.0, 1.0, math.inf, found)
 
 
 def test_arrays_may_begin_anywhere() -> None:
@@ -129,5 +186,7 @@ def test_arrays_may_begin_anywhere() -> None:
     odd = np.frombuffer(b"." + states.tobytes(), dtype=np.float64, offset=1).reshape(5, state.SIZE)
     found, room = np.zeros((10, 2), dtype=np.intp), bytearray(161)
     odd_found = np.frombuffer(room, dtype=np.intp, offset=1).reshape(10, 2)
-    assert native.pairs(states, 1.0, 2.0, found) == native.pairs(odd, 1.0, 2.0, odd_found)
+    expected = native.pairs(states, states, 1.0, 2.0, math.inf, found)
+    assert native.pairs(odd, odd, 1.0, 2.0, math.inf, odd_found) == expected
+    assert native.alignment(odd) == native.alignment(states)
     np.testing.assert_array_equal(found, odd_found)

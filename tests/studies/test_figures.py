@@ -177,6 +177,9 @@ def test_collisions_between_samples_are_found() -> None:
     times, flying = np.array([0.0, 0.2, 0.4]), np.zeros((3, 2), dtype=np.uint8)
     assert collisions(Trace(times, states, flying)) == pytest.approx(np.array([[0.1, 0.0, 0.0]]))
     assert len(collisions(Trace(times, states, np.ones((3, 2), dtype=np.uint8)))) == 0
+    states[..., 0] -= 0.5  # they meet on the way from tick to tick
+    states[:, 0, 0] = 0.0
+    assert collisions(Trace(times, states, flying)) == pytest.approx(np.array([[0.1, -0.25, 0.0]]))
 
 
 def test_mission_ends_with_the_last_arrival() -> None:

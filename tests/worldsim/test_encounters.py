@@ -1,5 +1,7 @@
-"""Who met whom and what, and who is still on the ground: worked by hand."""
+"""Collisions and obstacle hits, and UAVs that are still on the ground: worked by hand."""
 
+import math
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +11,102 @@ import pytest
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import state
 from meanflock.swarm.scenario import load
+from meanflock.swarm.wire.messages import Status
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.summary import flight_summary
 from tests.faults.dying import dead, flight, resumed, steady
 from tests.worldsim.flights import calm, idle, kinds, put
 
 DISC = "obstacles=[{centre=[20.0, 0.0], radius=3.0}, {centre=[20.0, 4.0], radius=3.0}]"
+
+
+def segment_distance(first: np.ndarray, last: np.ndarray) -> float:
+    """Distance from the origin to the segment between two points, sampled and then refined about the best sample."""
+    low, high = 0.0, 1.0
+    for _ in range(6):
+        shares = np.linspace(low, high, 201)
+        apart = np.hypot(*(first + shares[:, None] * (last - first)).T)
+        best = int(apart.argmin())
+        low, high = shares[max(best - 1, 0)], shares[min(best + 1, 200)]
+    return float(apart[best])
+
+
+def test_encounters_are_the_closest_approaches_of_all_segments_flown() -> None:
+    """A dense swarm in waves with arrived, lost and diverged UAVs, resumed on the way; all is counted again by hand."""
+    discs = "obstacles=[{centre=[92.3, 2.6], radius=0.4}, {centre=[94.1, 0.3], radius=0.2}]"
+    keys = ["uavs=12", "start.formation=waves", "start.group=4", "start.interval=0.5", "start.spacing=0.6"]
+    keys += ["start.centre=[90.0, 0.0]", "wind.sigma=0.3", "destination.radius=1", discs]
+    flight, draw = Flight(load(None, keys)), np.random.default_rng(4)
+    put(flight, 0, position=(0.0, 0.0))
+    history, events = [flight.states], list(flight.events)
+    touched, collided, hit, nearest = set(), set(), set(), math.inf
+    for tick in range(80):
+        if tick == 40:
+            events, snapshot = flight.events, flight.snapshot()
+            flight = Flight(flight.scenario)
+            flight.restore(snapshot, np.array(history))
+        before, flying = flight.states, flight.on_way.copy()
+        aloft = flight.launch_tick <= tick
+        wanted = draw.normal(size=(12, 2)) * 12.0 - 0.5 * (before[:, state.POSITION] - [93.0, 1.5])
+        if tick == 12:
+            wanted[3, 0] = np.inf
+        if tick == 20:
+            flight.lose(np.array([5, 6]), "lost", "a test")
+            flying[[5, 6]] = False
+        flight.advance(wanted)
+        history.append(flight.states)
+        aloft[3] &= tick != 12  # put back
+        first, last = before[:, state.POSITION], flight.states[:, state.POSITION]
+        for i, j in combinations(np.flatnonzero(aloft).tolist(), 2):
+            apart = segment_distance(first[i] - first[j], last[i] - last[j])
+            nearest = min(nearest, apart)
+            if apart < 0.1:
+                touched.add((i, j))
+                collided |= {(i, j)} if flying[i] and flying[j] else set()
+        for uav in np.flatnonzero(aloft).tolist():
+            for number, disc in enumerate(flight.scenario.obstacles):
+                if segment_distance(first[uav] - disc.centre, last[uav] - disc.centre) < disc.radius:
+                    hit.add((uav, number))
+    found = flight.encounters
+    assert (found.collided, found.touched) == (collided, touched)
+    assert {(uav, disc) for uav, disc in np.argwhere(found.hit).tolist()} == hit
+    assert found.closest_approach_m == pytest.approx(nearest, abs=1e-9)
+    named = sorted(event.uavs for event in events + flight.events if event.kind == "collision")
+    assert named == sorted(collided)
+    assert len(touched) > len(collided) > 3
+    assert hit
+
+
+@pytest.mark.parametrize("arrives", [False, True])
+def test_uavs_that_pass_each_other_between_two_ticks_collide(arrives: bool) -> None:
+    """They are on the way when the tick begins; at the ticks themselves they are twice the radius apart."""
+    flight = calm(DISC, uavs=3)
+    put(flight, 0, position=(4.95 if arrives else 60.0, 0.0), velocity=(2.0, 0.0) if not arrives else (-0.4, 0.0))
+    first = flight.states[0].copy()
+    put(flight, 1, position=first[state.POSITION] + [0.2, 0.05], velocity=first[state.VELOCITY] - [4.0, 0.0])
+    near = flight.near_sum
+    idle(flight)
+    assert (flight.collisions, kinds(flight)[0]) == (1, ("collision", (0, 1)))
+    assert flight.encounters.closest_approach_m == pytest.approx(0.05)
+    assert math.dist(*flight.states[:2, state.POSITION]) == pytest.approx(math.hypot(0.2, 0.05))
+    assert flight.near_sum - near == 1  # φ_C is measured at ticks
+
+
+def test_who_flies_no_segment_in_a_tick_touches_nobody_in_it() -> None:
+    """One is put back because it diverged, one is on the ground until the tick has ended: others fly through both."""
+    flight = calm("start.formation=waves", "start.group=3", "start.interval=0.1", uavs=4)
+    start, command = flight.states[3, state.POSITION], np.zeros((4, 2))
+    put(flight, 0, position=start - [0.2, 0.0], velocity=(4.0, 0.0))
+    put(flight, 1, position=(50.0, 0.0))
+    put(flight, 2, position=(50.2, 0.0), velocity=(-4.0, 0.0))
+    command[1] = np.inf
+    flight.advance(command)
+    assert flight.status.tolist() == [Status.FLYING, Status.LOST, Status.FLYING, Status.FLYING]
+    assert (flight.waiting, flight.encounters.touched) == (None, set())
+    put(flight, 0, position=start - [0.2, 0.0], velocity=(4.0, 0.0))
+    put(flight, 2, position=(50.2, 0.0), velocity=(-4.0, 0.0))
+    idle(flight)
+    assert (flight.encounters.touched, flight.encounters.collided) == ({(0, 3), (1, 2)}, {(0, 3)})
 
 
 def test_an_arrived_uav_counts_among_all_collisions_and_not_among_those_on_the_way() -> None:
@@ -135,8 +227,9 @@ def test_travel_time_counts_from_the_launch() -> None:
 def test_a_flight_with_waves_and_obstacles_resumes_to_what_it_would_have_been(tmp_path: Path) -> None:
     keys = [*WAVES[1:], "uavs=6", "start.interval=9", "duration=30", "federation.period=40"]
     keys += ["start.centre=[18.0, 0.0]", DISC.replace("20.0, 4.0", "9.0, 4.0").replace("20.0, 0.0", "12.0, 0.0")]
-    flown = load(None, [*keys, "method=mfgfl-h"])
+    flown = load(None, [*keys, "method=mfgfl-h", "metrics.collision_radius=0.35"])
     expected: dict[str, Any] = flight(tmp_path / "whole", flown)
     folder = dead(tmp_path / "dead", flown, 150)
     assert steady(resumed(folder)) == steady(expected)
     assert expected["obstacle_hits"] > 0
+    assert expected["collisions_all"] > 0

@@ -9,16 +9,21 @@ from typing import Any
 import numpy as np
 import pytest
 
+from meanflock import kernels
 from meanflock.kernels.interaction import empirical
 from meanflock.swarm import state
 from meanflock.swarm.scenario import load
 from meanflock.worldsim.flight import Flight
-from meanflock.worldsim.metrics import pairs
+from meanflock.worldsim.metrics import Pairs, pairs
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "metrics.json").read_text())
 METRICS = load(None).metrics
 RTOL = 1e-9
 cases = pytest.mark.parametrize("case", ORACLE, ids=lambda case: f"N{case['N']}")
+
+
+def at_rest(states: state.States) -> Pairs:
+    return pairs(METRICS, states, states, math.inf)
 
 
 def states_of(case: dict[str, Any]) -> state.States:
@@ -27,8 +32,8 @@ def states_of(case: dict[str, Any]) -> state.States:
 
 @cases
 def test_alignment_and_risk_are_the_oracle_s(case: dict[str, Any]) -> None:
-    n, seen = case["N"], [pairs(METRICS, instant) for instant in states_of(case)]
-    alignment = np.mean([one.speed_difference for one in seen])
+    n, seen = case["N"], [at_rest(instant) for instant in states_of(case)]
+    alignment = np.mean([kernels.alignment(instant) for instant in states_of(case)])
     assert alignment == pytest.approx(case["phi_A_as_printed"], rel=RTOL)
     near = 2 * np.mean([one.near for one in seen])
     assert (near + n) / n**2 == pytest.approx(case["phi_C_as_printed"], rel=RTOL)
@@ -61,17 +66,14 @@ def test_a_flight_s_running_metrics_are_those_of_its_states_measured_by_hand() -
     assert 1 / 5 < flight.phi_c < 1
 
 
-def test_who_flies_alike_has_no_difference_and_colliding_pairs_are_named_once() -> None:
+def test_colliding_pairs_are_named_once() -> None:
     states = np.zeros((4, 4))
-    states[:, state.VX] = 3.0
     states[:, state.X] = [0.0, 0.05, 5.0, 5.2]
-    seen = pairs(METRICS, states)
-    assert seen.speed_difference == 0.0
-    assert seen.near == 2
-    assert seen.colliding.tolist() == [[0, 1]]
+    seen = at_rest(states)
+    assert (seen.near, seen.touching.tolist(), seen.nearest_m) == (2, [[0, 1]], 0.05)
 
 
 @pytest.mark.parametrize("uavs", [2, 11, 12, 40, 130])
 def test_however_many_collide_all_are_named(uavs: int) -> None:
-    seen = pairs(METRICS, np.zeros((uavs, state.SIZE)))
-    assert seen.colliding.tolist() == [list(pair) for pair in combinations(range(uavs), 2)]
+    seen = at_rest(np.zeros((uavs, state.SIZE)))
+    assert seen.touching.tolist() == [list(pair) for pair in combinations(range(uavs), 2)]
