@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from meanflock.groundstation import catalogue
@@ -47,7 +48,7 @@ def doctor(
     colours = {"ok": "green", "warning": "yellow", "fails": "red"}
     for finding in findings:
         colour = colours[finding.verdict]
-        table.add_row(finding.what, f"[{colour}]{finding.verdict}[/]", finding.found, finding.mend)
+        table.add_row(finding.what, f"[{colour}]{finding.verdict}[/]", escape(finding.found), escape(finding.mend))
     Console().print(table)
     if any(finding.verdict == "fails" for finding in findings):
         raise SystemExit(EXIT_RUN_FAILED)

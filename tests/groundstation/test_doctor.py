@@ -168,7 +168,7 @@ def test_the_key_that_can_make_anyone_is_nobody_elses_to_read(tmp_path: Path) ->
 
 
 def test_the_verdicts_are_shown_and_a_failure_is_the_exit_code(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     certs.init(tmp_path / "certs", 2)
     wide = ["doctor", "--uavs", "2", "--out", str(tmp_path), "--tls", str(tmp_path / "certs")]
@@ -177,5 +177,9 @@ def test_the_verdicts_are_shown_and_a_failure_is_the_exit_code(
     for what in ("threads", "bus port", "container engine", "certificates", "prometheus-client"):
         assert what in said
     (tmp_path / "certs" / "agent-1.pem").unlink()
+    monkeypatch.setattr(doctor, "PACKAGES", ("no-such-package",))
+    monkeypatch.setenv("COLUMNS", "200")
     assert main(wide) == 1
-    assert "fails" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "fails" in said
+    assert "pip install 'meanflock[ground]'" in said
