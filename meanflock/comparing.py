@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from meanflock.channel.outlook import tell_of_lost_models
-from meanflock.settings import load_plugins, scenario_of
+from meanflock.settings import load_plugins, scenario_of, with_settings
 from meanflock.studies import study
 from meanflock.studies.means import Means
 from meanflock.studies.store import Store
@@ -46,6 +46,7 @@ class Comparison:
         return self.means.points
 
 
+@with_settings
 def compare(
     methods: Sequence[str | type] | str | type,
     *,
@@ -84,6 +85,7 @@ def compare(
     return Comparison(("method",), _fly(points, _processes(jobs, named), out, progress))
 
 
+@with_settings
 def sweep(
     key: str,
     values: Sequence[Any],

@@ -10,13 +10,14 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept, Sink
 from meanflock.groundstation.results import columns
 from meanflock.runs import Run
-from meanflock.settings import load_plugins, scenario_of
+from meanflock.settings import load_plugins, scenario_of, with_settings
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 
 Progress = Callable[[int, int], None]  # ticks flown, and at the most to be flown
 
 
+@with_settings
 def fly(
     scenario: str | Path | Scenario | None = "paper",
     *,
@@ -42,7 +43,7 @@ def fly(
         out: a folder in which the run leaves one of its own, as `meanflock run` does; None: nothing is written.
         record: leave a Rerun recording there, too.
         progress: called every hundred ticks with the ticks flown and the most there may be.
-        settings: any dotted key of the scenario, `**{"wind.sigma": 0.2}`; for type checkers a `dict[str, Any]`.
+        settings: any dotted key of the scenario, `**{"wind.sigma": 0.2}`.
 
     Returns:
         The run: `.summary`, `.states`, `.events`, `.frame()`. UAVs whose controller failed are counted in

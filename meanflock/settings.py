@@ -1,11 +1,32 @@
 """A scenario from what somebody wrote in Python: a name or a file, options, and dotted keys."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, Protocol, TypeVar, cast, overload
 
 from meanflock.swarm import plugins
 from meanflock.swarm.scenario import Scenario
+
+Arguments = ParamSpec("Arguments")
+Returned = TypeVar("Returned", covariant=True)
+
+
+class WithSettings(Protocol[Arguments, Returned]):
+    """Type of a function that takes dotted keys as further keywords.
+
+    A type checker compares the values of `**{"wind.sigma": 0.2}` with every named parameter, and no signature can
+    exclude that. The second form accepts them; the first shows the parameters in an editor.
+    """
+
+    @overload
+    def __call__(self, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Returned: ...
+    @overload
+    def __call__(self, *args: Any, **settings: Any) -> Returned: ...
+
+
+def with_settings(function: Callable[Arguments, Returned]) -> WithSettings[Arguments, Returned]:
+    """The function itself; type checkers accept `**{"wind.sigma": 0.2}` as keywords of it."""
+    return cast(WithSettings[Arguments, Returned], function)
 
 
 def load_plugins(given: str | Path | Sequence[str | Path] | None) -> None:
