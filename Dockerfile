@@ -23,16 +23,7 @@ ENV PIP_DISABLE_PIP_VERSION_CHECK=1 \
 WORKDIR /build
 
 FROM builder AS wheel
-COPY pyproject.toml LICENSE ./
-COPY meanflock meanflock
-COPY swarm swarm
-COPY kernels kernels
-COPY agent agent
-COPY leader leader
-COPY channel channel
-COPY worldsim worldsim
-COPY groundstation groundstation
-COPY studies studies
+COPY . .
 # With a compiler the wheel carries all kernels; without one NumPy does their work, with the same bits.
 RUN command -v cc >/dev/null || { apt-get -qq update && apt-get -qq install -y --no-install-recommends gcc libc6-dev; } \
     || echo "no C compiler to be had"

@@ -78,11 +78,11 @@ test-compose: ## Test the containers, on whichever container engine is running
 		echo "test-compose: there is no tests/compose, so nothing to test"; \
 	fi
 
-constraints: ## Refresh constraints.txt from a clean install (after changing a pin in pyproject.toml)
+constraints: ## Pin the newest versions within the ranges of pyproject.toml in constraints.txt
 	@set -eu; tmp=$$(mktemp -d); trap 'rm -rf "$$tmp"' EXIT; \
 	$(find_python); $(call make_venv,"$$tmp/venv"); \
 	"$$tmp/venv/bin/python" -m pip install -qq -e '.[dev]'; \
-	{ echo "# Every direct and transitive dependency of .[dev], at the version we test. Refresh: make constraints"; \
+	{ echo "# Every direct and transitive dependency of .[dev], at the version we test; pyproject.toml has the ranges. Refresh: make constraints"; \
 	  "$$tmp/venv/bin/python" -m pip freeze --exclude-editable --exclude meanflock | tr 'A-Z_' 'a-z-' | LC_ALL=C sort; \
 	} > "$$tmp/constraints.txt"; \
 	cp "$$tmp/constraints.txt" constraints.txt; echo "constraints.txt: $$(grep -c == constraints.txt) packages"
@@ -121,7 +121,8 @@ if [ $$pip = own ]; then "$$python" -m venv --clear $(1); \
 else "$$python" -m venv --clear --without-pip $(1); "$$python" -m pip --python $(1)/bin/python install -qq pip; fi
 endef
 
-# $(call install,EXTRA): make the environment if there is none, then install this checkout into it. Its bytecode is made
+# $(call install,EXTRA): make the environment if there is none, then install this checkout into it. Type checkers do not
+# find an editable install, so a .pth file names a folder with nothing but a link to meanflock/. The bytecode is made
 # here: where PYTHONDONTWRITEBYTECODE is set, every process of a swarm would compile it for itself, each time.
 define install
 @set -eu; \
@@ -131,15 +132,17 @@ if ! { $(in_place); }; then \
 	$(call make_venv,$(VENV)); \
 fi; \
 $(BIN)/python -m pip install -qq -c constraints.txt -e '.[$(1)]'; \
-$(BIN)/python -m compileall -q -l meanflock; \
-$(BIN)/python -m compileall -q agent channel groundstation kernels leader meanflock/testing studies swarm worldsim; \
+mkdir -p $(VENV)/checkout; \
+ln -sfn ../../meanflock $(VENV)/checkout/meanflock; \
+echo "$$(pwd -P)/$(VENV)/checkout" > "$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/checkout.pth"; \
+$(BIN)/python -m compileall -q meanflock $$(find meanflock -type l -exec readlink -f {} +); \
 pwd -P > $(VENV)/.home
 endef
 
-$(VENV)/.ground: pyproject.toml constraints.txt $(wildcard */*.[ch]) $(STALE)
+$(VENV)/.ground: pyproject.toml setup.py constraints.txt $(wildcard */*.[ch]) $(STALE)
 	$(call install,ground)
 	@touch $@
 
-$(VENV)/.dev: pyproject.toml constraints.txt $(wildcard */*.[ch]) $(STALE)
+$(VENV)/.dev: pyproject.toml setup.py constraints.txt $(wildcard */*.[ch]) $(STALE)
 	$(call install,dev)
 	@touch $@ $(VENV)/.ground

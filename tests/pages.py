@@ -1,6 +1,7 @@
 """The programs that write pages."""
 
 import importlib.util
+import re
 from pathlib import Path
 from types import ModuleType
 
@@ -15,3 +16,15 @@ def script_of(page: str) -> ModuleType:
     script = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(script)
     return script
+
+
+def modules_of(page: Path) -> dict[str, str]:
+    """Python of a page by file name: blocks that begin with a comment `# NAME.py`, and all others as one script."""
+    modules = {page.name.replace(".", "_") + ".py": ""}
+    (script,) = modules
+    for code in re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.M | re.S):
+        if name := re.match(r"# (\w+\.py)\n", code):
+            modules[name[1]] = code
+        else:
+            modules[script] += code
+    return modules

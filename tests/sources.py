@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-ROOMS = ("swarm", "kernels", "agent", "leader", "channel", "worldsim", "groundstation", "studies")
+ROOMS = tuple(sorted(path.name for path in (ROOT / "meanflock").iterdir() if path.is_symlink()))
 CLI = "meanflock.groundstation.cli"  # with all that is called so: the commands are calls of the Python door
 DOOR = sorted(path for path in (ROOT / "meanflock").rglob("*.py") if path.relative_to(ROOT).parts[1] not in ROOMS)
 MODULES = sorted(path for room in ROOMS for path in (ROOT / room).rglob("*.py")) + DOOR

@@ -1,0 +1,150 @@
+"""Source distribution and wheel, as somebody installs them who has no checkout: in fresh environments, and flown."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from packaging.requirements import Requirement
+
+import meanflock as mf
+from tests.integration.hostile_folder import LIBRARIES, PACKAGES, hostile
+from tests.packaging.requirements import EXTRAS, PROJECT, direct
+from tests.pages import modules_of
+from tests.polling import DEADLINE_S
+from tests.sources import ROOMS, ROOT
+
+pytestmark = [pytest.mark.processes, pytest.mark.xdist_group("packaging")]
+
+SPRING = ROOT / "examples" / "spring.py"
+PAGES = [
+    ROOT / "README.md",
+    *(ROOT / "docs" / f"{name}.md" for name in ("first-flight", "your-controller", "your-aggregation")),
+]
+
+
+def done(*line: str | Path, cwd: Path) -> str:
+    """Standard output of a command that must end well."""
+    ended = subprocess.run(list(map(str, line)), cwd=cwd, capture_output=True, text=True, timeout=DEADLINE_S)
+    assert ended.returncode == 0, f"{ended.stdout[-3000:]}\n{ended.stderr[-3000:]}"
+    return ended.stdout
+
+
+class Distributions(NamedTuple):
+    """What `python -m build` makes; it builds the wheel from the source distribution."""
+
+    source: Path
+    wheel: Path
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Distributions:
+    """Both, built from a copy of the checkout without what earlier builds and flights left in it."""
+    folder = tmp_path_factory.mktemp("built")
+    left = shutil.ignore_patterns(".*", "__pycache__", "*.so", "*.egg-info", "build", "dist", "out", "runs")
+    shutil.copytree(ROOT, folder / "checkout", symlinks=True, ignore=left)
+    done(sys.executable, "-m", "build", "--outdir", folder / "dist", folder / "checkout", cwd=folder)
+    (source,) = (folder / "dist").glob("*.tar.gz")
+    (wheel,) = (folder / "dist").glob("*.whl")
+    return Distributions(source, wheel)
+
+
+def oldest(requirement: Requirement) -> str:
+    """The first version of a requirement's range, as a requirement."""
+    (first,) = (bound.version for bound in requirement.specifier if bound.operator == ">=")
+    return f"{requirement.name}=={first}"
+
+
+@pytest.fixture(scope="module", params=["newest", "oldest"])
+def python(request: pytest.FixtureRequest, built: Distributions, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The interpreter of a fresh environment: with the source distribution and the newest libraries of all ranges, or
+    with the wheel and the oldest. Rerun is not among the oldest: it needs newer NumPy."""
+    environment = tmp_path_factory.mktemp(request.param)
+    if request.param == "newest":
+        wanted = [f"{built.source}[ground]"]
+    elif sys.version_info >= (3, 13):
+        pytest.skip("the oldest NumPy has no wheel for this Python")
+    else:
+        libraries = direct(PROJECT["dependencies"], EXTRAS["world"], EXTRAS["ground"])
+        wanted = [str(built.wheel), *(oldest(library) for library in libraries if library.name != "rerun-sdk")]
+    done(sys.executable, "-m", "venv", "--without-pip", environment, cwd=environment)
+    python = environment / "bin" / "python"
+    done(sys.executable, "-m", "pip", "--python", python, "install", "-q", "--no-compile", *wanted, cwd=environment)
+    return python
+
+
+def test_both_distributions_have_what_the_checkout_has(built: Distributions) -> None:
+    """Whatever can be imported or read below meanflock/ in a checkout is in the wheel, and nothing else is."""
+    with tarfile.open(built.source) as archive:
+        parts = {tuple(name.split("/")[1:]) for name in archive.getnames()}
+    assert {part[0] for part in parts if part[1:] == ("__init__.py",)} == {"meanflock", *ROOMS}
+    assert not {part[1] for part in parts if part[:1] == ("meanflock",) and part[1:]} & set(ROOMS), "links are followed"
+    packed = {name for name in zipfile.ZipFile(built.wheel).namelist() if ".dist-info/" not in name}
+    there = {
+        (Path(folder) / file).relative_to(ROOT).as_posix()
+        for folder, _, files in os.walk(ROOT / "meanflock", followlinks=True)
+        for file in files
+        if not file.endswith((".c", ".h", ".so", ".pyc"))
+    }
+    assert {name for name in packed if not name.endswith(".so")} == there
+
+
+def test_nothing_of_ours_but_meanflock_can_be_imported(python: Path, tmp_path: Path) -> None:
+    find = "import sys; from importlib.util import find_spec; print(*(n for n in sys.argv[1:] if find_spec(n)))"
+    assert done(python, "-c", find, *PACKAGES, cwd=tmp_path).split() == ["meanflock"]
+    where = Path(done(python, "-c", "import meanflock; print(meanflock.__file__)", cwd=tmp_path).strip())
+    assert where.is_relative_to(python.parents[1])
+
+
+def test_it_flies_from_a_hostile_working_folder_as_the_checkout_does(python: Path, tmp_path: Path) -> None:
+    """A plug-in on processes with TLS and in one, and a method that learns and federates."""
+    working, ran = hostile(tmp_path)
+    meanflock = python.with_name("meanflock")
+    done(meanflock, "certs", "init", tmp_path / "certs", "--uavs", "3", cwd=working)
+    command = [meanflock, "run", "--no-record", "--json", "--quiet", "--out", tmp_path / "out"]
+    plug_in = ["--plugin", SPRING, "--method", "spring", "--uavs", "3", "--duration", "10"]
+    each, alone, federated = (
+        json.loads(done(*command, *flags, cwd=working))
+        for flags in (
+            [*plug_in, "--tls", tmp_path / "certs"],
+            [*plug_in, "--in-process"],
+            ["--in-process", "--uavs", "4", "--duration", "25"],
+        )
+    )
+    assert not ran.exists(), ran.read_text()
+    assert (each["mode"], alone["mode"]) == ("processes", "in-process")
+    assert (each["method"], each["ticks"], each["lost"]) == ("spring", 100, 0)
+    assert sorted(path.name for path in working.iterdir()) == sorted(
+        [*PACKAGES, *(f"{name}.py" for name in (*PACKAGES, *LIBRARIES))]
+    )
+    ours = mf.fly(plugin=SPRING, method="spring", uavs=3, duration=10).summary["trajectory_sha256"]
+    assert each["trajectory_sha256"] == alone["trajectory_sha256"] == ours
+    assert federated["rounds"] > 0
+    assert federated["trajectory_sha256"] == mf.fly(uavs=4, duration=25).summary["trajectory_sha256"]
+    assert (federated["backend"], alone["backend"]) == (mf.fly(uavs=1, duration=1).summary["backend"],) * 2
+    done(meanflock, "plot", tmp_path / "out" / federated["run_id"], cwd=working)
+
+
+@pytest.mark.parametrize("python", ["newest"], indirect=True)
+def test_it_records(python: Path, tmp_path: Path) -> None:
+    done(python.with_name("meanflock"), "run", "--in-process", "--duration", "5", cwd=tmp_path)
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert (folder / "recording.rrd").stat().st_size > 0
+
+
+@pytest.mark.parametrize("python", ["newest"], indirect=True)
+def test_a_type_checker_accepts_the_pages_and_sees_the_types(python: Path, tmp_path: Path) -> None:
+    """With the environment of the checkout, and with one that has the distribution."""
+    for page in PAGES:
+        for name, code in modules_of(page).items():
+            (tmp_path / name).write_text(code, encoding="utf-8")
+    (tmp_path / "reveal.py").write_text("import meanflock as mf\n\nreveal_type(mf.fly(uavs=2).states)\n")
+    for interpreter in (sys.executable, python):
+        seen = done(sys.executable, "-m", "mypy", "--python-executable", interpreter, tmp_path, cwd=tmp_path)
+        assert 'numpy.dtype[numpy.float64]]"' in seen
