@@ -1,6 +1,5 @@
 """A recording of several flights side by side on one timeline: who is where at the same moment, at what cost."""
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ import numpy as np
 from meanflock.groundstation import quantities
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.recording import blueprint as look
-from meanflock.groundstation.recording import palette, rr, rrb
+from meanflock.groundstation.recording import mission, palette, rr, rrb
 from meanflock.groundstation.recording.columns import scalars
 from meanflock.groundstation.recording.plot_views import whole_flight
 from meanflock.groundstation.recording.plots import BITS_SENT, COLUMN
@@ -35,12 +34,6 @@ def part_of(name: str) -> str:
     return rr.escape_entity_path_part(name)
 
 
-def shape(count: int) -> tuple[int, int]:
-    """Rows and columns of so many maps."""
-    columns = math.ceil(math.sqrt(count))
-    return math.ceil(count / columns), columns
-
-
 def record(flights: Mapping[str, Scenario], path: Path) -> dict[str, dict[str, Any]]:
     """Flies every scenario once in this process, into one recording; their summaries.
 
@@ -54,10 +47,14 @@ def record(flights: Mapping[str, Scenario], path: Path) -> dict[str, dict[str, A
     """
     durable.check_writable(path)
     stream = rr.RecordingStream(APPLICATION, recording_id=f"compare {' '.join(flights)}")
-    rows, _ = shape(len(flights))
     writers = {
         name: _Beside(
-            flown, stream, part=part_of(name), color=palette.LINES[number % len(palette.LINES)], name=name, rows=rows
+            flown,
+            stream,
+            part=part_of(name),
+            color=palette.LINES[number % len(palette.LINES)],
+            name=name,
+            maps=len(flights),
         )
         for number, (name, flown) in enumerate(flights.items())
     }
@@ -78,9 +75,9 @@ class _Beside(Writer):
     """Sends a flight under its part, and a line for each plot that all flights share."""
 
     def __init__(
-        self, scenario: Scenario, stream: rr.RecordingStream, part: str, name: str, color: int, rows: int
+        self, scenario: Scenario, stream: rr.RecordingStream, part: str, name: str, color: int, maps: int
     ) -> None:
-        super().__init__(scenario, stream, part=part, rows=rows)
+        super().__init__(scenario, stream, part=part, maps=maps)
         self._name, self._color = name, color
 
     def log_fixed(self) -> None:
@@ -105,8 +102,8 @@ class _Beside(Writer):
 
 def _blueprint(flights: Mapping[str, Scenario]) -> rrb.Blueprint:
     """A map for every flight, and below them the plots they share."""
-    rows, columns = shape(len(flights))
-    maps = [look.swarm_map(flown, name, part_of(name), rows) for name, flown in flights.items()]
+    _, columns = mission.shape(len(flights))
+    maps = [look.swarm_map(flown, name, part_of(name), len(flights)) for name, flown in flights.items()]
     plots = [
         rrb.TimeSeriesView(
             origin="/",

@@ -101,15 +101,13 @@ def _run_paths(table: pa.Table, flown: mission.Flown, folder: Path) -> Figure:
     plotstyle.paths(ax, position, grid(table, PHI_G)[::step] if shaded else plotstyle.colour(flown.method))
     ax.plot(x[0], y[0], linestyle="", marker="s", markersize=2.0, color=plotstyle.PALE, label="start")
     ax.plot(x[-1], y[-1], linestyle="", marker="o", markersize=2.4, color=plotstyle.INK, label="end")
-    met = [
-        (event["tick"], event["uavs"])
-        for event in _events(folder, "collision")
-        if 0 <= event["tick"] < len(x) and event["uavs"] and all(0 <= uav < x.shape[1] for uav in event["uavs"])
-    ]
-    if (counted := int(line(table, "collisions")[-1])) != len(met):
-        log.warning("%s: %d of %d collisions; the others are not marked", folder / EVENTS, len(met), counted)
-    places = np.array([position_of(x, y, tick, uavs) for tick, uavs in met]).reshape(-1, 2)
-    ax.plot(places[:, 0], places[:, 1], **plotstyle.STAR, label=f"collisions: {counted}")
+    collisions = _places(folder, "collision", x, y)
+    if (counted := int(line(table, "collisions")[-1])) != len(collisions):
+        log.warning("%s: %d of %d collisions; the others are not marked", folder / EVENTS, len(collisions), counted)
+    ax.plot(*collisions.T, **plotstyle.STAR, label=f"collisions: {counted}")
+    if len(flown.obstacles):
+        hits = _places(folder, "hit", x, y)
+        ax.plot(*hits.T, **plotstyle.CROSS, label=f"obstacle hits: {len(hits)}")
     mission.draw(ax, flown)
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.05)
@@ -124,6 +122,16 @@ def _run_paths(table: pa.Table, flown: mission.Flown, folder: Path) -> Figure:
         label = plotstyle.tex(f"{FIELDS[PHI_G].name} as a UAV reports it ({FIELDS[PHI_G].unit})")
         made.colorbar(ScalarMappable(**plotstyle.PHI_G), ax=ax, extend="both", label=label)
     return made
+
+
+def _places(folder: Path, kind: str, x: Floats, y: Floats) -> Floats:
+    """Where events of a kind happened, (K, 2), m; x and y are `(T, N)`."""
+    places = [
+        position_of(x, y, event["tick"], event["uavs"])
+        for event in _events(folder, kind)
+        if 0 <= event["tick"] < len(x) and event["uavs"] and all(0 <= uav < x.shape[1] for uav in event["uavs"])
+    ]
+    return np.array(places).reshape(-1, 2)
 
 
 def position_of(x: Floats, y: Floats, tick: int, uavs: Sequence[int]) -> tuple[float, float]:

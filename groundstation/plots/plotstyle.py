@@ -43,6 +43,7 @@ STAR: dict[str, Any] = {  # a collision, wherever paths are drawn
     "markeredgecolor": "white",
     "markeredgewidth": 0.4,
 }
+CROSS: dict[str, Any] = {**STAR, "marker": "X", "markersize": 5.0, "color": "#E69F00"}  # an obstacle hit
 INK, PALE, GOAL = "#222222", "#9A9A9A", "#2E8B57"
 RING: dict[str, Any] = {  # the goal, in a legend
     "linestyle": "",

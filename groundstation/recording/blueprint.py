@@ -33,6 +33,7 @@ TRAILS = "map/trails"
 MODEL_LINKS = "map/links/models"
 STATE_LINKS = "map/links/states"
 COLLISIONS = "map/collisions"
+OBSTACLE_HITS = "map/obstacle_hits"
 LEADER = "map/leader"
 CLOSE_UP = "map/leader/close_up"  # what the view around the leader alone shows
 HEADS = "map/heads"
@@ -48,7 +49,7 @@ LARGE_SWARM = 200  # UAVs; a larger swarm is recorded more coarsely, or its reco
 ARROW_S = 2.0  # an arrow reaches to where its UAV will be this much later, s
 TRAIL_S = 30.0  # length of a trail, s; a third of it for a large swarm
 LINK_S = 1.0  # how long a model's way through the air stays visible, s
-STAR_S = 10.0  # how long a collision stays on the map, s
+STAR_S = 10.0  # how long a collision or an obstacle hit stays on the map, s
 GUST_S2 = 10.0  # a gust's arrow, as that of a velocity so many seconds long would be: m per m/s²
 JAMS_DRAWN = 200  # links that a script jams, at the most
 CLOSE_UP_M = 6.0  # half the width of the close-up on the leader
@@ -102,6 +103,7 @@ def log_static(stream: Part, scenario: Scenario, reported: Reported) -> None:
     log(MODEL_LINKS, rr.LineStrips2D.from_fields(radii=size(1.0), draw_order=15.0))
     log(STATE_LINKS, rr.LineStrips2D.from_fields(radii=size(0.3), draw_order=14.0))
     log(COLLISIONS, rr.LineStrips2D.from_fields(colors=[palette.COLLISION], radii=size(1.2), draw_order=40.0))
+    log(OBSTACLE_HITS, rr.LineStrips2D.from_fields(colors=[palette.HIT], radii=size(1.5), draw_order=40.0))
     log(f"{LEADER}/ring", rr.Points2D([(0.0, 0.0)], radii=size(5.5), colors=[palette.WHITE], draw_order=20.0))
     log(CLOSE_UP, rr.Transform3D(scale=[1.0, -1.0, 1.0]))  # undoes that of the map: the view's origin has y down again
     log(HEADS, rr.Points2D.from_fields(radii=size(5.5), colors=[palette.HEAD], draw_order=19.0))
@@ -164,9 +166,9 @@ def shown(views: rrb.Container, live: bool) -> rrb.Blueprint:
     return rrb.Blueprint(views, time_panel, *others, auto_layout=False, auto_views=False)
 
 
-def swarm_map(scenario: Scenario, name: str, part: str = "", rows: int = 1) -> rrb.Spatial2DView:
-    """The map of a flight; `part`: under which its entities lie, where it is not alone in its recording. rows: of maps
-    below each other.
+def swarm_map(scenario: Scenario, name: str, part: str = "", maps: int = 1) -> rrb.Spatial2DView:
+    """The map of a flight; `part`: under which its entities lie, where it is not alone in its recording. maps: in the
+    same window.
     """
     root = f"/{part}" if part else ""
     return rrb.Spatial2DView(
@@ -174,7 +176,7 @@ def swarm_map(scenario: Scenario, name: str, part: str = "", rows: int = 1) -> r
         contents=[f"{root}/{MAP}/**", f"- {root}/{CLOSE_UP}/**"],
         name=name,
         background=_CANVAS,
-        visual_bounds=_map_bounds(scenario, rows),
+        visual_bounds=_map_bounds(scenario, maps),
         overrides={f"{part}/{entity}" if part else entity: last for entity, last in _recent(scenario).items()},
     )
 
@@ -201,15 +203,15 @@ def _recent(scenario: Scenario) -> dict[Any, rrb.VisibleTimeRanges]:
         MODEL_LINKS: last(LINK_S),
         STATE_LINKS: last(scenario.dt),
         COLLISIONS: last(STAR_S),
+        OBSTACLE_HITS: last(STAR_S),
     }
 
 
-def _map_bounds(scenario: Scenario, rows: int) -> rrb.VisualBounds2D:
+def _map_bounds(scenario: Scenario, maps: int) -> rrb.VisualBounds2D:
     """What the map shows with a margin, in the view's own y-down metres."""
     low, high = mission.box(scenario)
-    if rows > 1:
-        low, _ = mission.key_box(scenario, rows)
-    margin = 0.04 * float(np.max(high - low))
+    margin = mission.MARGIN * float(np.max(high - low))
+    low = np.array([mission.key_box(scenario, maps)[0][0], low[1]])
     return rrb.VisualBounds2D(
         x_range=[low[0] - margin, high[0] + margin], y_range=[-high[1] - margin, -low[1] + margin]
     )

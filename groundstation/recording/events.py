@@ -14,16 +14,20 @@ from meanflock.groundstation.recording.recorded import line
 from meanflock.swarm.wire.messages import Event
 
 LEVELS = {"dropped": "WARN", "slow": "WARN", "collision": "ERROR", "hit": "ERROR", "lost": "ERROR", "diverged": "ERROR"}
-_STARS = ("collision", "hit")  # that are marked on the map
-STAR_M = 1.4  # radius of a collision's star
+MARK_M = 1.4  # radius of a mark on the map
+# What is marked on the map: as what, and in which colour.
+MARKS = {
+    "collision": (look.COLLISIONS, legend.STAR, palette.COLLISION),
+    "hit": (look.OBSTACLE_HITS, legend.CROSS, palette.HIT),
+}
 
 _LEVEL_COLORS = {"INFO": palette.WHITE, "WARN": palette.ORANGE, "ERROR": palette.RED}
 _TEXT, _LEVEL, _COLOR = rr.TextLog.descriptor_text(), rr.TextLog.descriptor_level(), rr.TextLog.descriptor_color()
 
 
 def event_rows(ticks: Ticks, positions: Floats, swarm: NDArray[np.float64], events: Sequence[Event]) -> Iterator[Sent]:
-    """Lines of the log; a collision is also a star on the map and a mark on the risk it was taken at, and an
-    obstacle hit a star.
+    """Lines of the log; a collision is also a star on the map and a mark on the risk it was taken at, an obstacle hit
+    a cross on the map.
 
     Args:
         positions: (T, N, 2), m, at ticks (T,). swarm: (T, columns), as in `SWARM_COLUMNS`.
@@ -32,7 +36,7 @@ def event_rows(ticks: Ticks, positions: Floats, swarm: NDArray[np.float64], even
         return
     levels = [LEVELS.get(event.kind, "INFO") for event in events]
     shades = [
-        palette.COLLISION if event.kind in _STARS else _LEVEL_COLORS[level]
+        MARKS[event.kind][2] if event.kind in MARKS else _LEVEL_COLORS[level]
         for event, level in zip(events, levels, strict=True)
     ]
     log = (
@@ -42,14 +46,14 @@ def event_rows(ticks: Ticks, positions: Floats, swarm: NDArray[np.float64], even
     )
     yield look.EVENTS, np.array([event.tick for event in events], dtype=np.int64), cut(len(events), *log)
 
-    hits = [event for event in events if event.kind in _STARS and event.uavs]
-    if not hits:
-        return
-    at = np.array([event.tick for event in hits], dtype=np.int64)
-    rows = np.clip(np.searchsorted(ticks, at), 0, len(ticks) - 1)
-    centres = np.stack([positions[row, list(event.uavs)].mean(axis=0) for row, event in zip(rows, hits, strict=True)])
-    stars = (centres[:, None] + STAR_M * legend.STAR).astype(np.float32)  # (hits, 11, 2)
-    yield look.COLLISIONS, at, cut(len(at), (STRIPS, strips(stars)))
-    met = np.array([event.kind == "collision" for event in hits])
-    if met.any():
-        yield from scalars(panels.HITS, at[met], swarm[rows[met], COLUMN["phi_C"]])
+    for kind, (entity, mark, _) in MARKS.items():
+        marked = [event for event in events if event.kind == kind and event.uavs]
+        if not marked:
+            continue
+        at = np.array([event.tick for event in marked], dtype=np.int64)
+        rows = np.clip(np.searchsorted(ticks, at), 0, len(ticks) - 1)
+        places = [positions[row, list(event.uavs)].mean(axis=0) for row, event in zip(rows, marked, strict=True)]
+        points = (np.stack(places)[:, None] + MARK_M * mark).astype(np.float32)  # (marked, points of the mark, 2)
+        yield entity, at, cut(len(at), (STRIPS, strips(points)))
+        if kind == "collision":
+            yield from scalars(panels.HITS, at, swarm[rows, COLUMN["phi_C"]])

@@ -13,68 +13,55 @@ from meanflock.groundstation.recording import palette
 from meanflock.groundstation.recording.marks import Point, circle, label, line
 from meanflock.groundstation.recording.part import Part
 from meanflock.groundstation.reported import Reported
-from meanflock.swarm import mission, state
 from meanflock.swarm.faults import Gust, Jam, Kill, Partition, Pause
 from meanflock.swarm.scenario import Scenario
 
-_COLUMNS, _COLUMN, _ROW = 4, 0.095, 0.085  # of the key, steps as shares of the map's width
-_LOW_ROW = 0.0625  # a row of a key beside the map, as a share of the heights of all maps in a column
-_SAMPLE = 0.035  # length of a sample, likewise
-_SCALE = 0.16  # of the bar that shows the scale, at the most
+_COLUMNS = 2
+_ROW = 1 / 12  # of the key's height, at the most
+_SAMPLE, _SCALE = 0.16, 0.7  # lengths of a sample, and of the bar that shows the scale at the most, in columns
 _CORNERS = np.arange(11) * (math.pi / 5) + math.pi / 2
 STAR = np.stack([np.cos(_CORNERS), np.sin(_CORNERS)], axis=-1) * np.where(np.arange(11) % 2, 0.4, 1.0)[:, None]
 
+CROSS = np.array([(-1.0, -1.0), (1.0, 1.0), (0.0, 0.0), (-1.0, 1.0), (1.0, -1.0)]) * math.sqrt(0.5)
+
 
 class Layout(NamedTuple):
-    """Where the key stands: left and top, its columns and rows, the length of a sample and of the scale at most, m.
-
-    area: the corners of all of it.
-    """
+    """Where the key stands: middle of its upper left sample, its columns and rows, the length of a sample, m."""
 
     left: float
     top: float
-    columns: int
     column: float
     row: float
     sample: float
-    scale: float
-    area: recording_mission.Corners
 
 
-def layout(scenario: Scenario, words: int, rows: int = 1) -> Layout:
-    """The place for a key of so many `words`: in a free corner of the map or, of several `rows` of maps, beside it."""
-    if rows > 1:
-        low, high = recording_mission.key_box(scenario, rows)
-        column, row = float(high[0] - low[0]) / 2, _LOW_ROW * rows * float(high[1] - low[1])
-        return Layout(low[0] + column / 2, high[1] - row / 2, 2, column, row, 0.16 * column, 0.7 * column, (low, high))
-    low, high = recording_mission.box(scenario)
-    width = float(high[0] - low[0])
-    x, y = mission.starts(scenario)[:, state.POSITION].mean(axis=0)
-    # The way leads from the start to the goal, so the corner beside the start is free; else there is room on the right.
-    column, row = _COLUMN * width, _ROW * width
+def layout(scenario: Scenario, words: int, maps: int = 1) -> Layout:
+    """The place for a key of so many `words` beside the map, which is one of several `maps`.
+
+    It begins level with the mission, or in the middle of the view where it is higher than the mission.
+    """
+    low, high = recording_mission.key_box(scenario, maps)
+    column = float(high[0] - low[0]) / _COLUMNS
     lines = 2 + math.ceil(words / _COLUMNS)
-    on_the_right = x < 0 or recording_mission.is_about_its_start(scenario)
-    left = float(high[0] - (_COLUMNS - 0.5) * column if on_the_right else low[0] + column / 2)
-    top = float(high[1] - row / 2 if y >= 0 else low[1] + lines * row)
-    area = np.array([left - column / 2, top - lines * row]), np.array([left + (_COLUMNS - 0.5) * column, top + row])
-    return Layout(left, top, _COLUMNS, column, row, _SAMPLE * width, _SCALE * width, area)
+    row = float(high[1] - low[1]) * min(_ROW * recording_mission.shape(maps)[0], 1 / lines)
+    mission_low, mission_high = recording_mission.box(scenario)
+    top = max(float(mission_high[1]), float(mission_low[1] + mission_high[1] + lines * row) / 2)
+    return Layout(low[0] + column / 2, top - row / 2, column, row, _SAMPLE * column)
 
 
-def log(stream: Part, scenario: Scenario, reported: Reported, rows: int = 1) -> None:
-    """Logs the map's fixed parts, and those of the close-up on the leader; `rows`: of maps below each other."""
+def log(stream: Part, scenario: Scenario, reported: Reported, maps: int = 1) -> None:
+    """Logs the map's fixed parts, and those of the close-up on the leader; `maps`: in the same window."""
     key = _key(scenario)
-    where = layout(scenario, len(key), rows)
-    left, top, column, row = where.left, where.top, where.column, where.row
-    recording_mission.log(stream, scenario, where.area)
-    quarter = (where.columns - 2) * column / 4  # wind and scale in the middle of either half
-    _log_wind(stream, scenario, (left + quarter, top), 0.6 * row)
-    _log_scale(stream, "map/legend/scale", (left + (where.columns / 2) * column + quarter, top), where.scale)
-    _log_colours(stream, left, left + (where.columns - 1) * column, top - row, 0.2 * where.sample, reported.has_phi_g)
+    left, top, column, row, sample = layout(scenario, len(key), maps)
+    recording_mission.log(stream, scenario)
+    _log_wind(stream, scenario, (left, top), 0.6 * row)
+    _log_scale(stream, "map/legend/scale", (left + column, top), _SCALE * column)
+    _log_colours(stream, left, left + column, top - row, 0.2 * sample, reported.has_phi_g)
     for number, (word, color, shape, thickness) in enumerate(key):
-        at = left + number % where.columns * column, top - (2 + number // where.columns) * row
+        at = left + number % _COLUMNS * column, top - (2 + number // _COLUMNS) * row
         entity = f"map/legend/{word.replace(' ', '_')}"
-        line(stream, entity, shape * where.sample / 2 + at, color, thickness)
-        label(stream, f"{entity}/word", (at[0], at[1] - 0.2 * where.sample), word, color)
+        line(stream, entity, shape * sample / 2 + at, color, thickness)
+        label(stream, f"{entity}/word", (at[0], at[1] - 0.2 * sample), word, color)
     _log_close_up(stream, scenario)
 
 
@@ -87,7 +74,7 @@ def _key(scenario: Scenario) -> list[tuple[str, int, NDArray[np.float64], float]
         ("collision", palette.COLLISION, 0.7 * STAR, 1.2),
     ]
     if scenario.obstacles:
-        key.append(("obstacle", palette.GREY, ring, 1.0))
+        key += [("obstacle", palette.GREY, ring, 1.0), ("obstacle hit", palette.HIT, 0.7 * CROSS, 1.5)]
     if scenario.federation.clusters > 1:
         key.append(("head", palette.HEAD, ring, 2.0))
     kinds = {type(fault) for fault in scenario.faults}

@@ -15,8 +15,11 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.wind import MeanWind
 
 ROOM = 0.22  # around a goal, as a share of the way there
-BESIDE = 0.45  # of the mission's width, for the key to the map, where there is no room within
-KEY = 0.36  # width of a key beside the map, as a share of the heights of all maps in a column
+MARGIN = 0.04  # around all that is shown, as a share of the longer side
+KEY_PX = 260.0  # width of the map's key; its words are as long in every window
+_WINDOW_PX = 1920.0  # width of the window for which the key is laid out
+_SINGLE_PX = 960.0, 545.0  # size there of a flight's map beside its plots
+_MAPS_PX, _TITLE_PX = 730.0, 30.0  # heights there of the maps of several flights together, and of the title of each
 ARROWS = 14  # of the wind, along the longer side of the map
 ARROW = 0.8  # length of the longest, as a share of their distance
 
@@ -24,29 +27,37 @@ Corners = tuple[NDArray[np.float64], NDArray[np.float64]]  # lower left and uppe
 
 
 def is_about_its_start(scenario: Scenario) -> bool:
-    """Whether the goals are where others start, as in a swap: no corner of the map is free then."""
+    """Whether the goals are where others start, as in a swap."""
     low, high = start_box(scenario)
     return _way_m(scenario) < 0.25 * float((high - low).max())
 
 
 def box(scenario: Scenario) -> Corners:
-    """What the map shows: all starts, all discs, all goals with room to overshoot, and a place for the key."""
+    """What the map shows of the mission: all starts, all discs, all goals with room to overshoot."""
     first, last = start_box(scenario)
     goals, discs = mission.goals(scenario), mission.obstacles(scenario)
     room = max(2 * scenario.destination.radius, ROOM * _way_m(scenario))
     low, high = np.minimum(first, goals.min(axis=0) - room), np.maximum(last, goals.max(axis=0) + room)
     for x, y, radius in discs.tolist():
         low, high = np.minimum(low, (x - radius, y - radius)), np.maximum(high, (x + radius, y + radius))
-    if is_about_its_start(scenario):
-        high = high + np.array([BESIDE * float(high[0] - low[0]), 0.0])
     return low, high
 
 
-def key_box(scenario: Scenario, rows: int) -> Corners:
-    """Left of what the map shows: the key of a map that is one of `rows` below each other, and so lower than wide."""
+def shape(maps: int) -> tuple[int, int]:
+    """Rows and columns of so many maps."""
+    columns = math.ceil(math.sqrt(maps))
+    return math.ceil(maps / columns), columns
+
+
+def key_box(scenario: Scenario, maps: int) -> Corners:
+    """The place of the key, left of the mission, where it covers nothing. maps: in the same window."""
     low, high = box(scenario)
-    width = KEY * rows * float(high[1] - low[1])
-    return np.array([low[0] - width, low[1]]), np.array([low[0], high[1]])
+    wide, tall = (high - low) + 2 * MARGIN * float((high - low).max())
+    rows, columns = shape(maps)
+    view = (_WINDOW_PX / columns, _MAPS_PX / rows - _TITLE_PX) if maps > 1 else _SINGLE_PX
+    metre_px = min((view[0] - KEY_PX) / wide, view[1] / tall)
+    middle, half = (low[1] + high[1]) / 2, view[1] / metre_px / 2 / (1 + 2 * MARGIN)
+    return np.array([low[0] - KEY_PX / metre_px, middle - half]), np.array([low[0], middle + half])
 
 
 def start_box(scenario: Scenario) -> Corners:
@@ -55,9 +66,9 @@ def start_box(scenario: Scenario) -> Corners:
     return places.min(axis=0) - scenario.start.spacing, places.max(axis=0) + scenario.start.spacing
 
 
-def log(stream: Part, scenario: Scenario, key: Corners) -> None:
-    """Logs all of it, but no arrows where the key to the map is."""
-    _log_wind(stream, scenario, key)
+def log(stream: Part, scenario: Scenario) -> None:
+    """Logs all of it."""
+    _log_wind(stream, scenario)
     _log_discs(stream, scenario)
     places, goals = mission.starts(scenario)[:, state.POSITION], mission.goals(scenario)
     low, high = start_box(scenario)
@@ -89,7 +100,7 @@ def _log_discs(stream: Part, scenario: Scenario) -> None:
         stream.log("map/obstacles/edges", outline)
 
 
-def _log_wind(stream: Part, scenario: Scenario, key: Corners) -> None:
+def _log_wind(stream: Part, scenario: Scenario) -> None:
     """Arrows of the wind that the world flies, where it is not the same everywhere; the longest fills its place."""
     wind = MeanWind(scenario.flown())
     if wind.uniform:
@@ -98,7 +109,6 @@ def _log_wind(stream: Part, scenario: Scenario, key: Corners) -> None:
     step = float((high - low).max()) / ARROWS
     places = np.stack(np.meshgrid(*(np.arange(a + step / 2, b, step) for a, b in zip(low, high, strict=True))), axis=-1)
     places = places.reshape(-1, 2)
-    places = places[~((places > key[0]) & (places < key[1])).all(axis=-1)]
     velocity = wind(np.concatenate([places, np.zeros_like(places)], axis=-1))
     vectors = velocity * (ARROW * step / np.sqrt(state.dot(velocity, velocity)).max())
     arrows = rr.Arrows2D(

@@ -12,7 +12,7 @@ SPEED_HIGH = 5.0  # end of the colour scale of speed, which begins at 0, m/s
 # Told apart with every common colour vision: what is delivered from what is not, and the lines of one plot.
 BLUE, ORANGE, GREEN, RED = 0x5AA9E6FF, 0xF4A259FF, 0x35D6A0FF, 0xF2552CFF
 VIOLET, WHITE, GREY, PINK, ICE = 0x8B5CF6FF, 0xECEFF4FF, 0x8A93A6FF, 0xFF7AC6FF, 0x8FE9FFFF
-COLLISION, HEAD = PINK, BLUE
+COLLISION, HIT, HEAD = PINK, ORANGE, BLUE
 LINES = (ORANGE, BLUE, GREEN, VIOLET, WHITE, GREY, RED, PINK, ICE)  # of one plot; who has more begins again
 DISC, BREEZE = 0x3A4150FF, 0xF4A25966  # an obstacle; the wind at a place
 FROZEN, CUT, JAMMED, GUST = ICE, RED, RED, ORANGE  # what stops the radio has the colour of its outages

@@ -55,7 +55,7 @@ class Writer:
         reported: what the controller reports; None: what its class declares.
         part: of the recording, under which all entities of the flight lie; empty: they are the whole of it.
         patience_s: what was written waits no longer, wall clock.
-        rows: of maps that are shown below each other.
+        maps: shown in the same window.
 
     Raises:
         BadInput: the class is not installed here.
@@ -68,10 +68,10 @@ class Writer:
         reported: Reported | None = None,
         part: str = "",
         patience_s: float = FILE_WALL_S,
-        rows: int = 1,
+        maps: int = 1,
     ) -> None:
         self._reported = reported if reported is not None else Reported.by(scenario.declared)
-        self._scenario, self._part, self._rows = scenario, f"{part}/" if part else "", rows
+        self._scenario, self._part, self._maps = scenario, f"{part}/" if part else "", maps
         self._large = scenario.uavs > look.LARGE_SWARM
         self._disturbances, self._trails, self._links = Disturbances(scenario), Trails(scenario), LinkRows(scenario)
         self._pending: list[Telemetry] = []
@@ -87,7 +87,7 @@ class Writer:
     def log_fixed(self) -> None:
         """Logs what does not change in flight."""
         look.log_static(self._under, self._scenario, self._reported)
-        legend.log(self._under, self._scenario, self._reported, self._rows)
+        legend.log(self._under, self._scenario, self._reported, self._maps)
 
     def write(self, block: Telemetry) -> None:
         """Records a block of T ≥ 1 ticks. Blocks come in the order of the flight; one may be missing."""

@@ -1,6 +1,5 @@
 """What the map shows of faults and heads is what the script says, for as long as it says so."""
 
-from itertools import pairwise
 from pathlib import Path
 from unittest.mock import patch
 
@@ -9,10 +8,10 @@ import numpy as np
 import pytest
 
 from meanflock.groundstation.recording import blueprint as look
-from meanflock.groundstation.recording import mission, palette, panels
+from meanflock.groundstation.recording import palette, panels
 from meanflock.groundstation.reported import Reported
 from meanflock.swarm.faults import Fault, Gust, Jam, Kill, Partition, Pause
-from meanflock.swarm.scenario import Federation, Metrics, Scenario, Start
+from meanflock.swarm.scenario import Federation, Metrics, Scenario
 from meanflock.swarm.wire.messages import Status, Telemetry
 from tests.groundstation.recordings import column, fixed, flight, record, rows
 
@@ -155,22 +154,3 @@ def test_dots_of_the_close_up_have_the_collision_radius() -> None:
     (radius,) = close_up["overrides"][look.UAVS].radii.as_arrow_array().to_pylist()
     assert radius == 0.25
     assert "r_coll 0.25 m" in close_up["name"]
-
-
-def test_the_legend_keeps_off_the_way_wherever_the_start_is(tmp_path: Path) -> None:
-    for number, centre in enumerate([(150.0, 100.0), (-150.0, 100.0), (150.0, -100.0), (-150.0, -100.0)]):
-        path = tmp_path / f"{number}.rrd"
-        scenario = record(path, flight(ticks=5), start=Start(centre=centre), faults=SCRIPT)
-        low, high = mission.box(scenario)
-        for word in ("delivered", "collision", "lost"):
-            ((x, y),) = fixed(path, f"map/legend/{word}/word", "Points2D:positions")
-            assert (x < (low[0] + high[0]) / 2) == (centre[0] > 0)
-            assert (y > 0) == (centre[1] > 0)
-            assert low[0] <= x <= high[0]
-            assert low[1] <= y <= high[1]
-
-
-def test_the_words_of_the_key_do_not_overlap(disturbed: tuple[Path, np.ndarray]) -> None:
-    words = ("delivered", "outage", "collision", "frozen")
-    at = [fixed(disturbed[0], f"map/legend/{word.replace(' ', '_')}/word", "Points2D:positions")[0] for word in words]
-    assert all(right[0] - left[0] > 15.0 for left, right in pairwise(at))

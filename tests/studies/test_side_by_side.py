@@ -11,6 +11,7 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
 from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import legend
+from meanflock.groundstation.recording.mission import box, shape
 from meanflock.groundstation.recording.part import Part
 from meanflock.groundstation.recording.viewer import verify
 from meanflock.groundstation.reported import Reported
@@ -91,23 +92,33 @@ def test_compare_leaves_it_where_it_was_asked_for(run, tmp_path) -> None:
 
 
 WINDOW_PX = (1920.0, 1080.0)
+SINGLE_PX = (960.0, 545.0)  # of the map of one flight, beside its plots
 LETTER_PX, LINE_PX, PADDING_PX = 7.2, 14.0, 8.0  # of the viewer's labels
+SMALL = ("start.centre=[6,4]", "destination.radius=0.5")
+NORTH = ("start.centre=[-9,150]",)
 
 
-@pytest.mark.parametrize("count", [2, 3, 4, 6, 9])
-@pytest.mark.parametrize("mission", ["paper", "swap", "obstacles", "hierarchical"])
-def test_no_words_of_a_maps_key_cover_each_other_however_many_maps_there_are(count, mission) -> None:
-    flown = load(Path(mission))
-    rows, columns = side_by_side.shape(count)
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 6, 9])
+@pytest.mark.parametrize(
+    ("mission", "settings"),
+    [
+        *((mission, ()) for mission in ("paper", "swap", "streams", "obstacles", "hierarchical", "faults")),
+        *(("paper", settings) for settings in (SMALL, NORTH)),
+    ],
+    ids=str,
+)
+def test_a_maps_key_covers_neither_itself_nor_the_mission_however_many_maps_there_are(count, mission, settings) -> None:
+    flown = load(Path(mission), settings)
+    rows, columns = shape(count)
     bounds = (
-        look.swarm_map(flown, "map", "map", rows).properties["VisualBounds2D"].range.as_arrow_array().to_pylist()[0]
+        look.swarm_map(flown, "map", "map", count).properties["VisualBounds2D"].range.as_arrow_array().to_pylist()[0]
     )
     across, up = bounds["x_range"][1] - bounds["x_range"][0], bounds["y_range"][1] - bounds["y_range"][0]
     title, plots, frame = 30.0, 280.0, 70.0
-    high = (WINDOW_PX[1] - plots - frame) / rows - title
-    scale = min(WINDOW_PX[0] / columns / across, high / up)  # pixels a metre
+    view = (WINDOW_PX[0] / columns, (WINDOW_PX[1] - plots - frame) / rows - title) if count > 1 else SINGLE_PX
+    scale = min(view[0] / across, view[1] / up)  # pixels a metre
     stream = Labels()
-    legend.log(stream, flown, Reported.by(flown.declared), rows)
+    legend.log(stream, flown, Reported.by(flown.declared), count)
     boxes = [
         (x * scale - w / 2, -y * scale, x * scale + w / 2, -y * scale + LINE_PX)
         for (x, y), word in stream.words
@@ -121,8 +132,11 @@ def test_no_words_of_a_maps_key_cover_each_other_however_many_maps_there_are(cou
         if a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
     ]
     assert covered == []
-    inside = [bounds["x_range"][0] * scale <= box[0] and box[2] <= bounds["x_range"][1] * scale for box in boxes]
-    assert all(inside) or across * scale < WINDOW_PX[0] / columns - 100.0  # a wide window has room beside its bounds
+    beside = box(flown)[0][0] * scale + PADDING_PX
+    middle = (bounds["x_range"][0] + bounds["x_range"][1]) / 2 * scale, sum(bounds["y_range"]) / 2 * scale
+    for left, upper, right, lower in boxes:
+        assert middle[0] - view[0] / 2 <= left + PADDING_PX < right <= beside
+        assert middle[1] - view[1] / 2 <= upper < lower <= middle[1] + view[1] / 2
 
 
 class Labels(Part):
