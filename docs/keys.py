@@ -125,6 +125,13 @@ KEYS: dict[str, tuple[str, str]] = {
     "pace.slow_s": (OURS, "far above what a healthy node takes"),
     "pace.slow_factor": (OURS, "where all nodes are slow, none is"),
     "pace.slow_ticks": (OURS, "spares who is slow now and then"),
+    "pace.wait_share": (
+        OURS,
+        "a flight is slowed down by a quarter at most; an agent with more of the UAVs may cost that",
+    ),
+    "pace.wait_window_s": (OURS, "longer than any hiccup of a healthy machine"),
+    "pace.rejoins": (OURS, "as often as a launcher starts a process again"),
+    "pace.rejoin_ticks": (OURS, "a minute of flight"),
 }
 
 

@@ -112,6 +112,14 @@ class Admission:
         else:
             self._note("lost", f"{member.name}: {why}")
 
+    def expel(self, name: str, why: str, out_s: float) -> None:
+        """Loses a node, and lets nobody take its place for so many seconds."""
+        member = self.members.get(name)
+        assert member is not None
+        self.lose(member, why)
+        if out_s:
+            self.members.shut(member, self._clock() + out_s, f"is lost: {why}")
+
     def dismiss(self, member: Member, why: str, lost: bool = False) -> None:
         """Sends a node home; its UAVs are free for another. `lost`: not because it has nothing left to do."""
         self.members.lose(member)
@@ -221,6 +229,10 @@ class Admission:
             self._note("rejoined", f"{member.name} stands by")
         elif self.flying:
             self._flight.rejoin(member.uavs, member.name)
+        if self.flying and self.members.rejoined(member, self._flight.tick, self._scenario.pace):
+            text = f"{member.name} rejoined for the last time: nobody may take its place again"
+            log.warning(text, extra={"tick": self._flight.tick, "peer": member.name})
+            self._note("refused", text)
 
     # -- questions ----------------------------------------------------------------------------------------------
 

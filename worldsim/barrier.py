@@ -1,7 +1,9 @@
 """The barrier of a tick: who was asked, what was asked, and who has replied."""
 
 import threading
+import time
 from collections import Counter
+from collections.abc import Callable
 
 import numpy as np
 
@@ -21,9 +23,10 @@ class Barrier:
     A reply is taken in whatever thread brings it; all that does not fit is left to the thread of the world.
     """
 
-    def __init__(self, bus: Bus, run: str, replies: Replies) -> None:
+    def __init__(self, bus: Bus, run: str, replies: Replies, clock: Callable[[], float] = time.monotonic) -> None:
+        """`clock`: seconds, monotonic."""
         self._bus, self._run, self._fingerprint = bus, run, keys.fingerprint(run)
-        self._replies = replies
+        self._replies, self._clock = replies, clock
         self._requests: dict[str, bytes] = {}  # by name
         self._silent: dict[str, Member] = {}  # who has yet to reply, by the key of the reply
         self._gate = threading.RLock()  # of that and of the replies
@@ -35,6 +38,8 @@ class Barrier:
         self._nobody = np.zeros(len(self.commands), dtype=bool)
         self.replied = self._nobody  # (N,), which these are
         self.standing = False  # between the first request of a tick and the last reply
+        self.asked_at = 0.0  # when the requests of a tick began, by the clock
+        self.settled: list[tuple[float, Member]] = []  # when each node replied since or was given up, in order
 
     def open(self, number: int, reporting: bool) -> None:
         """A new tick, in which agents report what they have learned or not: nobody is asked yet."""
@@ -42,7 +47,7 @@ class Barrier:
             self._tick, self.reporting = number, reporting
             self.asked, self.acts, self._requests, self._silent = {}, {}, {}, {}
             self.commands, self.replied = self.commands.copy(), self._nobody.copy()
-            self.standing = True
+            self.standing, self.asked_at, self.settled = True, self._clock(), []
 
     def close(self) -> None:
         """The tick waits for nobody any more; what comes now is late."""
@@ -106,6 +111,7 @@ class Barrier:
     def _store(self, member: Member, act: Act, key: str) -> None:
         self.acts[member.name] = act
         self.replied[member.place] = True
+        self.settled.append((self._clock(), member))
         del self._silent[key]
 
     def is_repeat(self, name: str) -> bool:
@@ -119,7 +125,8 @@ class Barrier:
     def forget(self, name: str) -> bool:
         """A node is gone: what it replied in this tick counts no more. Returns whether it had been asked."""
         with self._gate:
-            self._silent.pop(keys.act(self._run, name), None)
+            if (waited_for := self._silent.pop(keys.act(self._run, name), None)) is not None:
+                self.settled.append((self._clock(), waited_for))
             self._repeats.pop(name, None)
             self.acts.pop(name, None)
             if (member := self.asked.pop(name, None)) is not None:

@@ -108,7 +108,7 @@ class World:
         federated = self._declared.is_federated
         wanted = scenario.leaders(self.flight.tick) if federated else 0
         members = self.members = Members(scenario.uavs, wanted, standbys=federated, rows_at_most=rows_at_most)
-        barrier = self._barrier = Barrier(bus, run, Replies(scenario, keys.fingerprint(run)))
+        barrier = self._barrier = Barrier(bus, run, Replies(scenario, keys.fingerprint(run)), self._clock)
         admission = self._admission = Admission(
             bus, run, members, self.flight, barrier, self.outbox, counters, note, self._clock
         )
@@ -118,7 +118,8 @@ class World:
         admission.resumed, admission.stations = self._resumed, self._stations
         admission.on_leader_lost = self._ask_leader
         self._merger = FrameMerger(self._rounds, counters, admission.drop, note)
-        pace, patience_s = Pace(scenario.pace, note), self._barrier_s
+        patience_s = self._barrier_s
+        pace = Pace(scenario.pace, note, patience_s)
         self._waiting = Waiting(barrier, admission, counters, self._schedule, patience_s, pace, self._wait, self._clock)
         self.waits = self._waiting.took
 

@@ -66,7 +66,7 @@ class Waiting:
     def _for_everyone(self) -> float:
         """Lockstep: until everyone has answered, or is lost; returns when."""
         now = self._clock()
-        waited = asked = 0.0
+        waited = asked = before_that = 0.0
         self._pace.begin()
         while self._barrier.silent:
             before = now
@@ -77,13 +77,14 @@ class Waiting:
             if waited > self._patience_s:
                 for name in self._barrier.missing:
                     self._admission.lose(self._barrier.asked[name], f"no answer for {self._patience_s:.0f} s")
+                before_that += waited
                 waited = asked = 0.0  # whoever takes over has its own time to answer
             elif waited - asked > ASK_AGAIN_S:
                 asked = waited
                 self._barrier.ask_again()
-        for name, why in self._pace.overdrawn():
-            if name in self._barrier.asked:
-                self._admission.lose(self._barrier.asked[name], why)
+        self._pace.charge(before_that + waited, now, self._barrier)
+        for verdict in self._pace.overdrawn():
+            self._admission.expel(verdict.node, verdict.why, verdict.out_s)
         return now
 
     def _until(self, end: float) -> float:

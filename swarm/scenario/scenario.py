@@ -35,7 +35,7 @@ LATER = (
     "controller",
     "radio.plausible_speed",
     *("radio.model", "radio.options", "vehicle.model", "vehicle.options"),
-    "pace",
+    *("pace", "pace.wait_share", "pace.wait_window_s", "pace.rejoins", "pace.rejoin_ticks"),
     *("wind.field_rms", "wind.field_length", "wind.field_modes", "vehicle.power_speed", "truth"),
     *("start.formation", "start.radius", "start.positions", "start.group", "start.interval"),
     *("destination.goals", "destination.positions", "obstacles"),
@@ -327,8 +327,8 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             *parents, key = path.split(".")
             part, standard = table, default
             for parent in parents:
-                part, standard = part[parent], standard[parent]
-            if part[key] == standard[key]:
+                part, standard = part.get(parent, {}), standard[parent]
+            if key in part and part[key] == standard[key]:
                 del part[key]
         import hashlib  # only here: it loads OpenSSL, and an agent never asks
 

@@ -247,7 +247,7 @@ class Metrics(_Table, frozen=True):
 
 
 class Pace(_Table, frozen=True):
-    """Which replies are slow, and how many of one node a flight in lockstep takes; in seconds of the wall clock."""
+    """How much waiting for one node a flight in lockstep takes, in seconds of the wall clock, and how many rejoins."""
 
     slow_s: Annotated[float, Meta(gt=0, description="a reply is slow if it takes longer than this and …, s")] = 2.0
     slow_factor: Annotated[
@@ -256,3 +256,13 @@ class Pace(_Table, frozen=True):
     slow_ticks: Annotated[
         int, Meta(ge=1, description="slow replies after which a node is lost; one in 100 ticks is forgiven")
     ] = 50
+    wait_share: Annotated[
+        float, Meta(gt=0, le=1, description="share of the wall time for which all others may wait for one agent alone")
+    ] = 0.2
+    wait_window_s: Annotated[
+        float, Meta(ge=1, le=1e6, description="window of that share; an agent that exceeds it stays out as long, s")
+    ] = 60.0
+    rejoins: Annotated[
+        int, Meta(ge=1, le=1000, description="rejoins within `rejoin_ticks` after which a node is refused for good")
+    ] = 5
+    rejoin_ticks: Annotated[int, Meta(ge=1, description="window of that limit, ticks")] = 600

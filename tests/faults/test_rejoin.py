@@ -7,7 +7,7 @@ import pytest
 
 from meanflock.agent.node import Agent
 from meanflock.leader.node import Leader
-from meanflock.swarm.errors import BusError, RunFailed
+from meanflock.swarm.errors import BusError, Refused, RunFailed
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery, MemoryNetwork
 from meanflock.swarm.net.client import NodeClient
@@ -88,6 +88,39 @@ def test_an_agent_that_rejoins_knows_the_mission_plan_and_takes_the_next_global_
     assert weights_at["old"][:108].any()
     # Round 2 was averaged in tick 41 and heard in tick 42: both began that tick with the same value model.
     assert apart[43] < apart[42] / 5
+
+
+@pytest.mark.parametrize("place", ["agent-3", "leader"])
+@pytest.mark.parametrize(("every", "rejoins"), [(3, 5), (7, 8)])
+def test_a_node_that_rejoins_five_times_within_some_ticks_is_refused_for_good_and_no_other_is(
+    place: str, every: int, rejoins: int
+) -> None:
+    lab = Lab(scenario("pace.rejoin_ticks=20"), uavs_per_node=1)
+    names = iter([place, *(f"{place}.{life}" for life in range(2, 10))])
+    refused = []
+
+    def again() -> None:
+        if not refused:
+            lab.kill(next(names))
+            try:
+                lab.leader() if place == "leader" else lab.agent()
+            except Refused as error:
+                refused.append(str(error))
+
+    def honest() -> None:
+        lab.kill("agent-5")
+        lab.agent()
+
+    summary = lab.fly({**dict.fromkeys(range(20, 20 + 8 * every, every), again), 100: honest})
+    told = [event.text for event in lab.record.events if event.kind == "refused"]
+    assert summary["nodes_rejoined"] == rejoins + 1
+    if every == 7:
+        assert (refused, told) == ([], [])
+    else:
+        assert told == [f"{place}.6 rejoined for the last time: nobody may take its place again"]
+        assert "refused for good: the " in refused[0]
+        assert "joined again 5 times within 20 ticks, the most that `pace.rejoins` and" in refused[0]
+        assert summary["lost"] == (place != "leader")
 
 
 def test_the_old_process_that_comes_back_is_refused_and_told_to_go_home_and_its_successor_is_not() -> None:

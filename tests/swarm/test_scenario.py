@@ -171,7 +171,8 @@ def test_payloads_left_out_are_the_radio_s_floats_written_out_and_leave_no_trace
     table = msgspec.to_builtins(left_out.resolved())  # as the first version wrote it
     for later in scenario.LATER:
         part, _, key = later.rpartition(".")
-        del (table[part] if part else table)[key]
+        if part in ("", *table):  # else the table is gone as a whole
+            del (table[part] if part else table)[key]
     first = hashlib.sha256(msgspec.json.encode(table, order="sorted")).hexdigest()
     assert left_out.sha256() == left_out.resolved().sha256() == first
     assert load(None, [f"radio.bits_per_float={bits}", "federation.payload=int8"]).sha256() != first

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from meanflock.agent.node import Agent
+from meanflock.leader.node import Leader
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery, MemoryBus, MemoryNetwork, Offer
 from meanflock.swarm.net.client import NodeClient
@@ -51,18 +52,26 @@ class SlowBus(MemoryBus):
 class Flight:
     """Two UAVs or so, each on a node of its own, 20 ticks or so in real time, or in lockstep."""
 
-    def __init__(self, realtime: float | None = 2.0, settings: Sequence[str] = (), uavs: int = 2) -> None:
-        network = MemoryNetwork()
-        self.bus = SlowBus(network)
-        flown = load(None, [f"uavs={uavs}", "method=mfg", "duration=2", 'stop="duration"', *settings])
+    def __init__(
+        self, realtime: float | None = 2.0, settings: Sequence[str] = (), rows: Sequence[int] = (1, 1)
+    ) -> None:
+        """`rows`: UAVs of each agent."""
+        self._network = MemoryNetwork()
+        self.bus = SlowBus(self._network)
+        flown = load(None, [f"uavs={sum(rows)}", "method=mfg", "duration=2", 'stop="duration"', *settings])
         self.world = self.bus.world = World(flown, self.bus, RUN, realtime=realtime, clock=lambda: self.bus.now)
-        for _ in range(uavs):
-            endpoint = network.endpoint()
-            client = NodeClient(endpoint, RUN)
-            endpoint.handler = client.handle
-            client.join(Join("agent", 1), Agent, timeout_s=1.0)
+        for count in rows:
+            self._join(Join("agent", count), Agent)
+        if flown.declared.is_federated:
+            self._join(Join("leader", 0), Leader)
         self.world.gather(10.0)
         self.commands: list[np.ndarray] = []
+
+    def _join(self, request: Join, make: Callable[..., Agent | Leader]) -> None:
+        endpoint = self._network.endpoint()
+        client = NodeClient(endpoint, RUN)
+        endpoint.handler = client.handle
+        client.join(request, make, timeout_s=1.0)
 
     def fly(self, before: Callable[[int], None] = lambda tick: None) -> dict:
         before(0)

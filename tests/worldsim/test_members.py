@@ -1,5 +1,7 @@
 """Who is let in: a place for each, and one place for who asks twice."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -40,3 +42,23 @@ def test_a_token_is_no_way_back_in_once_its_node_listens_or_is_lost_and_none_is_
         members.admit(Join("agent", 1))
     assert np.concatenate([member.uavs for member in members.present]).tolist() == [0, 1, 2, 3]
     assert anonymous[0] in members.present
+
+
+def test_nobody_takes_a_place_that_is_shut_and_whoever_asks_for_any_is_given_another() -> None:
+    members = Members(3, leaders=1)
+    first, second, _ = (members.admit(Join("agent", 1, uav)) for uav in range(3))
+    for lost in (first, second):
+        members.lose(lost)
+    members.shut(first, 60.0, "was slow")
+    with pytest.raises(JoinRefused, match="refused for 50 s: the agent of UAV 0 was slow") as for_now:
+        members.admit(Join("agent", 1, 0), 10.0)
+    assert members.admit(Join("agent", 2), 10.0).uavs.tolist() == [1]
+    with pytest.raises(JoinRefused, match="refused for 50 s"):
+        members.admit(Join("agent", 1), 10.0)
+    assert members.admit(Join("agent", 1), 60.0).uavs.tolist() == [0]
+    leader = members.admit(Join("leader", 0))
+    members.lose(leader)
+    members.shut(leader, math.inf, "was slow")
+    with pytest.raises(JoinRefused, match="refused for good: the leader was slow") as for_good:
+        members.admit(Join("leader", 0), 1e9)
+    assert (for_now.value.for_now, for_good.value.for_now) == (True, False)

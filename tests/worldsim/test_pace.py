@@ -1,21 +1,30 @@
 """Slow drip, on a clock of the test's own: who answers just in time, tick after tick, is warned of and then lost."""
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
 
+import numpy as np
 import pytest
 
+from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import load
+from meanflock.worldsim.members import Member
 from meanflock.worldsim.pace import Pace
 from tests.worldsim.late import PROMPT_S, Flight
 
 JUST_IN_TIME_S = 9.5  # the barrier's deadline is 10 s
-SHORT = ["pace.slow_ticks=6"]
+ANY = "pace.wait_share=1"  # of the wall time: slow replies alone are judged
+SHORT = ["pace.slow_ticks=6", ANY]
 
 
-def fly(delay_s: Callable[[int, str], float], *settings: str, realtime: float | None = None) -> dict[str, Any]:
-    """Three nodes, each answering when `delay_s` of tick and node is over; the summary, and the events in it."""
-    flight = Flight(realtime, settings, uavs=3)
+def fly(
+    delay_s: Callable[[int, str], float],
+    *settings: str,
+    realtime: float | None = None,
+    rows: Sequence[int] = (1, 1, 1),
+) -> dict[str, Any]:
+    """Some nodes, each answering when `delay_s` of tick and node is over; the summary, and the events in it."""
+    flight = Flight(realtime, settings, rows)
 
     def slow(tick: int) -> None:
         flight.bus.delay_s = lambda node: delay_s(tick, node)
@@ -47,8 +56,8 @@ def test_who_answers_just_in_time_is_warned_of_then_lost_and_the_flight_goes_on(
     assert text.startswith("agent-1: 3 replies took more than 2 s")
 
 
-def test_by_default_a_bad_minute_costs_nobody_anything() -> None:
-    summary = fly(drip)
+def test_by_default_some_slow_replies_cost_nobody_anything() -> None:
+    summary = fly(drip, ANY)
     assert summary["nodes_lost"] == 0
     assert summary["wall_time_s"] > 19 * JUST_IN_TIME_S
     assert summary["trajectory_sha256"] == fly(lambda tick, node: PROMPT_S)["trajectory_sha256"]
@@ -70,6 +79,59 @@ def test_who_is_slow_with_others_or_seldom_is_not_lost(delay_s: Callable[[int, s
     assert [kind for _, kind, _ in summary["told"]] in ([], ["slow"] * 3)
 
 
+SIX = (1,) * 6
+ROUNDS = ("method=mfgfl-h", "federation.period=2", "pace.slow_ticks=1")
+
+
+@pytest.mark.parametrize(
+    ("delay_s", "lost"),
+    [
+        (lambda tick, node: 1.9 if node == "agent-1" else PROMPT_S, ["agent-1"]),
+        (lambda tick, node: 0.5 if node == "agent-1" else PROMPT_S, ["agent-1"]),
+        (lambda tick, node: 1.9 if node in ("agent-1", "agent-4") and tick % 2 == int(node[-1]) % 2 else 0.01, None),
+        (lambda tick, node: 0.2 if node == "agent-1" else PROMPT_S, []),
+        (lambda tick, node: JUST_IN_TIME_S if node == "agent-1" and tick == 9 else PROMPT_S, []),
+        (lambda tick, node: 1.9 if node == f"agent-{tick % 6}" else PROMPT_S, []),
+        (lambda tick, node: 1.9, []),
+        (lambda tick, node: 1.9 if node == "agent-1" else 1.0, []),
+    ],
+    ids=[
+        "1.9 s",
+        "0.5 s",
+        "two in turns",
+        "12 s in a minute",
+        "a hiccup",
+        "all in turns",
+        "all are slow",
+        "half as quick",
+    ],
+)
+def test_an_agent_for_which_alone_the_others_wait_a_fifth_of_the_time_is_lost_and_no_other(
+    delay_s: Callable[[int, str], float], lost: list[str] | None
+) -> None:
+    summary = fly(delay_s, "duration=6", rows=SIX)
+    gone = [text.partition(":")[0] for _, kind, text in summary["told"] if kind == "lost"]
+    assert gone == (["agent-4", "agent-1"] if lost is None else lost)
+    if lost:
+        assert summary["wall_time_s"] < 12.0 + 1.9 + 60 * 2 * PROMPT_S
+        assert "s of the last 60 s for it alone" in summary["told"][-1][2]
+    assert summary["ticks"] == 60
+
+
+@pytest.mark.parametrize(
+    ("rows", "settings", "slow"),
+    [((6,), ROUNDS, ["agent-0"]), ((5, 1), (), ["agent-0"]), ((1, 1, 1), ROUNDS[:2], ["leader"])],
+    ids=["the only agent", "five of six UAVs", "the leader"],
+)
+def test_who_has_the_work_of_a_swarm_alone_may_take_its_time(
+    rows: Sequence[int], settings: Sequence[str], slow: list[str]
+) -> None:
+    delay_s = 5.0 if rows == (6,) else 0.8
+    summary = fly(lambda tick, node: delay_s if node in slow else delay_s / 20, "duration=6", *settings, rows=rows)
+    assert summary["nodes_lost"] == 0
+    assert summary["wall_time_s"] > 25 * delay_s
+
+
 def test_in_real_time_nobody_waits_and_nobody_is_lost_for_it() -> None:
     summary = fly(drip, "pace.slow_ticks=1", realtime=2.0)
     assert summary["nodes_lost"] == 0
@@ -79,7 +141,7 @@ def test_in_real_time_nobody_waits_and_nobody_is_lost_for_it() -> None:
 class Nobody:
     """A barrier at which one of three nodes has not answered."""
 
-    asked = dict.fromkeys(("agent-0", "agent-1", "agent-2"))
+    asked: ClassVar = {f"agent-{uav}": Member(f"agent-{uav}", "agent", np.array([uav])) for uav in range(3)}
     silent = 1
 
     def __init__(self, late: str) -> None:
@@ -90,11 +152,11 @@ def slow_tick(pace: Pace, late: str) -> list[str]:
     pace.begin()
     pace.look(0.1, Nobody(late))  # type: ignore[arg-type]
     pace.look(3.0, Nobody(late))  # type: ignore[arg-type]
-    return [name for name, _ in pace.overdrawn()]
+    return [verdict.node for verdict in pace.overdrawn()]
 
 
 def test_another_life_has_the_same_account_and_one_reply_in_a_hundred_ticks_is_forgiven() -> None:
-    pace = Pace(load(None, SHORT).pace, lambda kind, text: None)
+    pace = Pace(load(None, SHORT).pace, lambda kind, text: None, 10.0)
     assert [slow_tick(pace, "agent-1") for _ in range(6)] == [[]] * 5 + [["agent-1"]]
     assert slow_tick(pace, "agent-1.2") == ["agent-1.2"]
     for _ in range(3 * Pace.FORGIVEN_TICKS):
@@ -103,12 +165,17 @@ def test_another_life_has_the_same_account_and_one_reply_in_a_hundred_ticks_is_f
     assert [slow_tick(pace, "agent-1.3") for _ in range(2)] == [[], ["agent-1.3"]]
 
 
-@pytest.mark.parametrize("table", ["pace.slow_s=0", "pace.slow_s=inf", "pace.slow_factor=0.5", "pace.slow_ticks=0"])
-def test_a_pace_that_makes_no_sense_is_bad_input(table: str) -> None:
-    with pytest.raises(Exception, match="slow_"):
-        load(None, [table])
+NONSENSE = ["slow_s=0", "slow_s=inf", "slow_factor=0.5", "slow_ticks=0", "wait_share=0", "wait_share=1.1"]
+
+
+@pytest.mark.parametrize("setting", [*NONSENSE, "wait_window_s=0", "rejoins=0", "rejoin_ticks=0"])
+def test_a_pace_that_makes_no_sense_is_bad_input(setting: str) -> None:
+    with pytest.raises(BadInput, match=setting.partition("=")[0]):
+        load(None, [f"pace.{setting}"])
 
 
 def test_the_pace_counts_in_the_hash_only_where_it_is_not_the_default() -> None:
     assert load(None, ["pace.slow_ticks=50"]).sha256() == load(None).sha256()
     assert load(None, SHORT).sha256() != load(None).sha256()
+    before_the_shares = "3dc832919f8e5ab2e91acdb5630c50cbaf214557c61b24b28e7cbfc2da3ceb0f"
+    assert load(None, SHORT[:1]).sha256() == before_the_shares

@@ -28,7 +28,7 @@ def losses(steps: list[float]) -> int:
         now += steps[looks] if looks < len(steps) else timeout_s
         looks += 1
 
-    pace = Pace(load(None).pace, lambda kind, text: None)
+    pace = Pace(load(None).pace, lambda kind, text: None, 2.0)
     Waiting(barrier, Admission(), None, None, 2.0, pace, receive, lambda: now).for_answers()  # type: ignore[arg-type]
     return looks
 
