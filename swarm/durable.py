@@ -1,8 +1,10 @@
 """Files that are whole after a crash, of the process or the machine: what is on the disk is the old or the new one."""
 
+import errno
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
 
@@ -33,6 +35,33 @@ def put(path: Path, content: bytes | memoryview, mend: str = "make room and repe
     except OSError as error:
         raise RunFailed(f"{path}: {error.strerror}; {mend}") from error
     return path
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[FileIO]:
+    """A new file beside `path`, which takes its place when the context ends without an error, Ctrl-C included.
+
+    Raises:
+        BadInput: no file can be made there.
+        RunFailed: the disk is full or gone.
+    """
+    part = _part(path)
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        file = part.open("wb", buffering=0)
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}; name a file in a folder that can be written") from error
+    try:
+        with file:
+            yield file
+            os.fsync(file.fileno())
+        rename(part, path)
+    except BaseException as error:
+        part.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise RunFailed(f"{path}: {error.strerror}; make room and repeat the command") from error
+        raise
 
 
 def write(file: FileIO, content: bytes | memoryview) -> None:

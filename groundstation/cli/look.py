@@ -1,11 +1,14 @@
 """Commands that look at a run: view, picture, plot."""
 
 from pathlib import Path
+from typing import get_args
 
 import click
 
-from meanflock.groundstation.cli.arguments import PATH, report, run_argument
-from meanflock.groundstation.results.run_folder import RECORDING, alone, completed
+from meanflock.groundstation.cli.arguments import PATH, quiet_option, report, run_argument
+from meanflock.groundstation.cli.study_arguments import progress_of
+from meanflock.groundstation.results.csv_file import Per, write_csv
+from meanflock.groundstation.results.run_folder import RECORDING, alone, completed, flown_rows
 from meanflock.swarm.errors import BadInput
 
 
@@ -68,21 +71,39 @@ def picture(folder: Path, at_s: float | None, png: Path, size: str) -> None:
 
 @click.command()
 @run_argument
-def plot(folder: Path) -> None:
-    """Plot paths and time series of a finished run.
+@click.option(
+    "--csv",
+    "csv_file",
+    type=PATH,
+    metavar="FILE.csv",
+    help="Write the time series to this file instead of plots.",
+)
+@click.option(
+    "--per", type=click.Choice(get_args(Per)), help="Rows of that file: tick and UAV, or tick.  [default: uav]"
+)
+@quiet_option
+def plot(folder: Path, csv_file: Path | None, per: Per | None, quiet: bool) -> None:
+    """Plot paths and time series of a finished run, or write them as CSV.
 
     RUN is its folder; the plots are written to RUN/plots, as PNG and SVG.
 
     \b
     Example: meanflock plot runs/20261121-101500-mfgfl-hf-s7
     """
-    from meanflock.groundstation.plots import charts
-
     if not folder.is_dir():
         raise BadInput(f"{folder}: no such run; name the folder of one")
+    if per is not None and csv_file is None:
+        raise BadInput(f"--per {per}: it is about the rows of --csv FILE.csv; give that too")
     with alone(folder):
         completed(folder)
-    report(charts.write(charts.plot_run(folder), folder / "plots"))
+    if csv_file is not None:
+        with progress_of("writing", quiet, "ticks") as show:
+            written = [write_csv(flown_rows(folder), csv_file, per or "uav", show)]
+    else:
+        from meanflock.groundstation.plots import charts
+
+        written = charts.write(charts.plot_run(folder), folder / "plots")
+    report(written)
 
 
 def _recording(folder: Path) -> Path:

@@ -60,14 +60,14 @@ scheduler_option = click.option(
 
 
 @contextmanager
-def progress_of(what: str, quiet: bool) -> Iterator[Callable[[int, int], None]]:
-    """A bar with the time left, on stderr; told of the runs finished and wanted."""
+def progress_of(what: str, quiet: bool, units: str = "runs") -> Iterator[Callable[[int, int], None]]:
+    """A bar with the time left, on stderr; called with the units that are finished and wanted."""
     console = Console(stderr=True)
     bar = Progress(
         TextColumn(f"[bold]{what}"),
         BarColumn(bar_width=24),
         MofNCompleteColumn(),
-        TextColumn("runs"),
+        TextColumn(units),
         TimeRemainingColumn(compact=True),
         console=console,
         disable=quiet or not console.is_terminal,

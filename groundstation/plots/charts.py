@@ -19,11 +19,9 @@ from meanflock.groundstation.plots import mission, plotstyle
 from meanflock.groundstation.plots.curves import MAX_POINTS, Curves, grid, line
 from meanflock.groundstation.quantities import FIELDS, number
 from meanflock.groundstation.reported import PHI_G
-from meanflock.groundstation.results.run_folder import EVENTS, SCENARIO
+from meanflock.groundstation.results.run_folder import EVENTS, flown_rows
 from meanflock.groundstation.results.series import diagnostics_in
-from meanflock.groundstation.results.timeseries_file import TIMESERIES, read_table
 from meanflock.groundstation.units import with_unit
-from meanflock.swarm.errors import BadInput
 
 log = logging.getLogger("meanflock.plots")
 
@@ -64,15 +62,7 @@ def plot_run(folder: Path) -> dict[str, Figure]:
     Raises:
         BadInput: no run there, or one that never wrote a row.
     """
-    path = folder / TIMESERIES
-    try:
-        table = read_table(path)
-    except OSError as error:
-        again = f"bring the file back, or fly the run again with `meanflock run {folder / SCENARIO}`"
-        mend = again if (folder / SCENARIO).is_file() else "name the folder of a run"
-        raise BadInput(f"{path}: {error.strerror or error}; {mend}") from error
-    if table.num_rows < 2:
-        raise BadInput(f"{path}: nothing was flown; name the folder of a run that took off")
+    table = flown_rows(folder)
     flown = mission.flown(folder)
     with plotstyle.style():
         return {"paths": _run_paths(table, flown, folder), "curves": _run_curves(table, flown)}

@@ -9,12 +9,14 @@ from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
+
 from meanflock.groundstation.results import columns, flown_plugins, inbound
 from meanflock.groundstation.results.background import BackgroundWorker
 from meanflock.groundstation.results.event_log import EventLog, lock, past_events
 from meanflock.groundstation.results.series import block_of, unbroken
 from meanflock.groundstation.results.spool import Spool
-from meanflock.groundstation.results.timeseries_file import SPOOL, Past, recover
+from meanflock.groundstation.results.timeseries_file import SPOOL, TIMESERIES, Past, read_table, recover
 from meanflock.swarm import durable, scenario
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
 from meanflock.swarm.scenario import Scenario
@@ -236,6 +238,24 @@ def completed(folder: Path) -> None:
         recover(folder)
     except OSError as error:
         raise RunFailed(f"{folder}: {_reason(error)}; make room, then give the command again") from error
+
+
+def flown_rows(folder: Path) -> pa.Table:
+    """The time series of the run in `folder`.
+
+    Raises:
+        BadInput: no run there, a damaged file, or a run that never took off.
+    """
+    path = folder / TIMESERIES
+    try:
+        table = read_table(path)
+    except OSError as error:
+        again = f"bring the file back, or fly the run again with `meanflock run {folder / SCENARIO}`"
+        mend = again if (folder / SCENARIO).is_file() else "name the folder of a run"
+        raise BadInput(f"{path}: {error.strerror or error}; {mend}") from error
+    if table.num_rows < 2:
+        raise BadInput(f"{path}: nothing was flown; name the folder of a run that took off")
+    return table
 
 
 def read_checkpoint(folder: Path) -> dict[str, Any]:

@@ -91,6 +91,21 @@ def unbroken(rows: pa.Table, at_most: int) -> Iterator[pa.Table]:
         yield rows.slice(begin, end - begin)
 
 
+def long_form(rows: pa.Table) -> pa.Table:
+    """A time series with a row a tick and UAV: tick, sim_time_s, uav, and each column that has an entry a UAV.
+
+    Columns of the swarm, and `leader_model`, are not in it.
+    """
+    lists = [field for field in rows.schema if pa.types.is_list(field.type) and field.name != "leader_model"]
+    uavs = len(rows["x_m"][0]) if len(rows) else 0
+    ticks = pa.array(np.repeat(np.arange(len(rows)), uavs))
+    shared = rows.select(["tick", "sim_time_s"]).take(ticks)
+    fields = [*shared.schema, pa.field("uav", pa.int32()), *(field.with_type(field.type.value_type) for field in lists)]
+    numbers = np.tile(np.arange(uavs, dtype=np.int32), len(rows))
+    values = [pc.list_flatten(rows[field.name]) for field in lists]
+    return pa.table([*shared.columns, numbers, *values], schema=pa.schema(fields))
+
+
 def states_of(rows: pa.Table) -> NDArray[np.float64]:
     """The states (T, N, 4) in rows of a time series."""
     return per_uav(rows, "x_m", "y_m", "vx_m_s", "vy_m_s")

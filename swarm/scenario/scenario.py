@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from meanflock.swarm import mission, scenarios, toml
 from meanflock.swarm.declared import NO_FILTER, Declared, controller, of
-from meanflock.swarm.errors import BadInput
 from meanflock.swarm.faults import Fault, LeaderLoss
 from meanflock.swarm.plugins import Door, find
 from meanflock.swarm.scenario import tables
@@ -141,16 +140,15 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             The path of the file.
 
         Raises:
-            BadInput: the file cannot be written, or an option of a plug-in is None, which TOML cannot express.
+            BadInput: no file can be made there, or an option of a plug-in is None, which TOML cannot express.
+            RunFailed: the disk is full.
         """
         from meanflock.swarm import durable  # only here: nodes write no files
 
-        path = Path(path)
-        try:
-            durable.replace(path, toml_text(self).encode())
-        except OSError as error:
-            raise BadInput(f"{path}: {error.strerror}; name a file in a folder that can be written") from error
-        return path
+        text = toml_text(self).encode()
+        with durable.replacing(Path(path)) as file:
+            durable.write(file, text)
+        return Path(path)
 
     def __post_init__(self) -> None:
         super().__post_init__()

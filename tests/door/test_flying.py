@@ -1,9 +1,11 @@
 """`mf.fly` and `mf.open`: a flight from Python is the one the command flies, whoever calls it and wherever."""
 
+import csv
 import json
 import os
 import signal
 import threading
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -199,6 +201,71 @@ def test_a_frame_is_a_row_a_tick() -> None:
     assert table["tick"].to_pylist() == list(range(61))
     x_m = np.array(table["x_m"].to_pylist())
     np.testing.assert_array_equal(x_m, run.states[:, :, 0])
+
+
+@pytest.fixture(scope="module")
+def left(tmp_path_factory: pytest.TempPathFactory) -> mf.Run:
+    """A run that left a folder."""
+    return mf.fly(method="mfgfl-h", out=tmp_path_factory.mktemp("runs"), **SMALL)
+
+
+@pytest.mark.parametrize("per", ["uav", "tick"])
+def test_a_csv_file_holds_every_float_of_the_frame(
+    per: Any, left: mf.Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert left.folder is not None
+    path = left.to_csv(tmp_path / "flight.csv", per)
+    with path.open() as file:
+        header, *rows = csv.reader(file)
+    table = left.frame(per)
+    flat = [field.name for field in table.schema if not str(field.type).startswith("list")]
+    assert header == flat
+    assert header[:3] == ["tick", "sim_time_s", "uav" if per == "uav" else "uplink_bits"]
+    assert len(rows) == len(table) == 61 * (4 if per == "uav" else 1)
+    for number, name in enumerate(header):
+        assert [float(row[number]) if row[number] else None for row in rows] == table[name].to_pylist(), name
+    assert main(["plot", str(left.folder), "--csv", str(tmp_path / "command.csv"), "--per", per]) == 0
+    assert (tmp_path / "command.csv").read_bytes() == path.read_bytes()
+    assert capsys.readouterr().out.split() == [str(tmp_path / "command.csv")]
+    assert mf.open(left.folder).to_csv(tmp_path / "opened.csv", per).read_bytes() == path.read_bytes()
+
+
+def test_a_long_frame_is_a_row_a_tick_and_uav(left: mf.Run) -> None:
+    table = left.frame("uav")
+    assert set(left.frame().column_names) > set(table.column_names) - {"uav"}
+    states = np.stack([table[name].to_numpy() for name in ("x_m", "y_m", "vx_m_s", "vy_m_s")], axis=-1)
+    np.testing.assert_array_equal(states, left.states.reshape(-1, 4))
+    assert table["uav"].to_pylist()[:5] == [0, 1, 2, 3, 0]
+    assert table["tick"].to_pylist()[3:5] == [0, 1]
+    assert table.schema.field("x_m").metadata[b"unit"] == b"m"
+    if find_spec("pandas"):
+        assert left.to_pandas().groupby("uav")["energy_J"].max().shape == (4,)
+    else:
+        with pytest.raises(mf.BadInput, match="pandas is not installed; `pip install pandas`, or use"):
+            left.to_pandas()
+
+
+def test_a_csv_file_that_is_not_whole_is_not_there(
+    left: mf.Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("meanflock.groundstation.results.csv_file._ENTRIES", 40)
+    (path := tmp_path / "flight.csv").write_text("old")
+    ticks: list[tuple[int, int]] = []
+
+    def interrupt(done: int, wanted: int) -> None:
+        ticks.append((done, wanted))
+        if done > 30:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        left.to_csv(path, progress=interrupt)
+    assert ticks == [(10, 61), (20, 61), (30, 61), (40, 61)]
+    assert (os.listdir(tmp_path), path.read_text()) == (["flight.csv"], "old")
+    with pytest.raises(mf.BadInput, match=r"nowhere/flight\.csv: .*; name a file in a folder that can be written"):
+        left.to_csv(tmp_path / "nowhere" / "flight.csv")
+    with pytest.raises(mf.BadInput, match="per: 'row'; give \"uav\""):
+        left.to_csv(path, "row")  # type: ignore[arg-type]
+    assert main(["plot", str(left.folder), "--per", "tick"]) == 2
 
 
 def test_a_recording_is_made_where_it_is_asked_for(tmp_path: Path) -> None:
