@@ -40,6 +40,7 @@ COMPARED = tuple(  # key of a summary, title of its panel
         "arrived",
     )
 )
+FLIGHTS_BELOW = 0.32  # of the distance of two rows
 _MAX_SEGMENTS = 60_000  # of all paths
 
 
@@ -169,37 +170,47 @@ def _panels(metrics: Sequence[tuple[str, str]], row_in: float, more_in: float, s
 
 
 def plot_compare(runs: Mapping[str, Summaries]) -> Figure:
-    """A panel a metric, a method a row: every run as a pale dot, the mean with its 95 % interval over seeds; by method
-    the summaries of its runs.
+    """A panel a metric, a method a row: the mean with its 95 % interval over seeds, and below it a pale dot a run.
+
+    runs: by method the summaries of its runs.
     """
     methods, looks = list(runs), plotstyle.looks(runs)
     with plotstyle.style():
-        made, axes = _panels(COMPARED, 0.75 + 0.2 * len(methods), 0.3, "y")
+        made, axes = _panels(COMPARED, 0.75 + 0.22 * len(methods), 0.3, "y")
         for (key, _), ax in zip(COMPARED, axes, strict=False):
             for place, method in enumerate(methods):
                 values = np.array([number(summary, key) for summary in runs[method]])
                 _row(ax, place, values, looks[method])
-            ax.set_ylim(len(methods) - 0.5, -0.5)
+            ax.set_ylim(len(methods) - 0.4, -0.5)
             ax.set_yticks(range(len(methods)), methods)
             ax.grid(visible=False, axis="y")
             ax.set_xlabel(_label(key))
+            ax.xaxis.set_major_locator(MaxNLocator(6, integer=key in ("arrived", "collisions")))
             if key.startswith("payload_bits"):
                 plotstyle.bit_axis(ax.xaxis)
             if key == "arrived":
                 most = max(number(summary, "uavs") for summaries in runs.values() for summary in summaries)
-                ax.set_xlim(-0.03 * most, 1.03 * most)
-                ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+                ax.set_xlim(0.0, most)
+            _never_negative(ax)
         _explained(made, [len(summaries) for summaries in runs.values()], "pale: single flights; ")
     return made
 
 
+def _never_negative(ax: Axes) -> None:
+    """Begins the x axis just left of 0 where it would begin farther left: no metric here is negative."""
+    left, right = ax.get_xlim()
+    if left <= 0.0:
+        right = max(right, 1.0) if ax.dataLim.x1 <= 0.0 else right
+        ax.set_xlim(-0.03 * right, 1.03 * right)
+
+
 def _row(ax: Axes, place: int, values: Floats, look: plotstyle.Look) -> None:
-    """A method's flights, their mean and its interval."""
+    """A method's mean and its interval, and its flights below them, where neither covers them."""
     estimate = statistics.mean(values)
-    pale: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 3, "alpha": 0.3}
-    ax.plot(values, np.full(len(values), place), color=look.colour, **pale)
+    pale: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 3, "markeredgewidth": 0.0, "alpha": 0.45}
+    ax.plot(values, np.full(len(values), place + FLIGHTS_BELOW), color=look.colour, **pale)
     if estimate.bounded:
-        ax.plot([estimate.low, estimate.high], [place, place], color=look.colour, linewidth=2.0)
+        ax.plot([max(estimate.low, 0.0), estimate.high], [place, place], color=look.colour, linewidth=2.0)
     mean: dict[str, Any] = {"marker": look.marker, "markersize": 6, "markeredgecolor": "white"}
     ax.plot([estimate.value], [place], color=look.colour, **mean)
 

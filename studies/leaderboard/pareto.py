@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator
 from numpy.typing import NDArray
 
 from meanflock.groundstation.plots import plotstyle
@@ -19,6 +20,9 @@ from meanflock.studies.leaderboard.marks import COMPETES
 YOURS = "#CC2222"
 _ORDINARY = 4.5  # size of a marker
 _YOURS = 11.0
+_LEADS = ((1, 2, 3, 5), (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9))  # of the numbers written at an axis: the fewest that suffice
+_LEAST_NUMBERS = 2  # at an axis: fewer tell no scale
+_TICKS = 100  # of an axis, at the most
 _LEAST_KBIT, _LEAST_PAIRS = 1.0, 0.1  # below, the axes are linear, so that nothing has a place
 
 
@@ -73,8 +77,11 @@ def _time_energy(ax: Axes, course: Course, rows: Sequence[Standing]) -> None:
     ax.set_yscale("log")
     _frame(ax, [row.cells["time_s"].mean for row in rows], [row.cells["energy_J"].mean for row in rows])
     for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_formatter(FuncFormatter(_plain))
-        axis.set_minor_formatter(FuncFormatter(_plain))
+        low, high = axis.get_view_interval()
+        leads = next((leads for leads in _LEADS if _written(leads, low, high) >= _LEAST_NUMBERS), _LEADS[-1])
+        axis.set_minor_locator(LogLocator(subs=sorted({*range(2, 10), *leads[1:]}), numticks=_TICKS))
+        axis.set_major_formatter(FuncFormatter(partial(_plain, leads)))
+        axis.set_minor_formatter(FuncFormatter(partial(_plain, leads)))
     ax.tick_params(which="minor", labelsize=6.5)
     ax.set_xlabel("travel time T (s)")
     ax.set_ylabel("energy until arrival (J)")
@@ -89,7 +96,7 @@ def _bits_collisions(ax: Axes, rows: Sequence[Standing]) -> None:
     ax.set_xlim(-0.15, max(10.0, *(row.cells["kbit"].mean for row in rows)) * 4)
     ax.set_ylim(-0.06, max(1.0, *(row.cells["collisions_all"].mean for row in rows)) * 2.5)
     for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_formatter(FuncFormatter(_plain))
+        axis.set_major_formatter(FuncFormatter(partial(_plain, _LEADS[0])))
     ax.set_xlabel("sent until the last arrival (kbit)")
     ax.set_ylabel("collisions a flight (pairs, arrived UAVs too)")
     plotstyle.titled(ax, "b", "bits and collisions: best is below and left")
@@ -143,9 +150,15 @@ def _frame(ax: Axes, x: Sequence[float], y: Sequence[float]) -> None:
     ax.set_ylim(min(y) / 1.9, max(y) * 1.4)
 
 
-def _plain(value: float, _: int | None = None) -> str:
-    """1, 2, 3, 5 and tens of them, in digits; others unwritten."""
+def _written(leads: Sequence[float], low: float, high: float) -> int:
+    """How many numbers with these leads lie on a logarithmic axis."""
+    powers = range(math.floor(math.log10(low)), math.floor(math.log10(high)) + 1)
+    return sum(low <= lead * 10.0**power <= high for lead in leads for power in powers)
+
+
+def _plain(leads: Sequence[float], value: float, _: int | None = None) -> str:
+    """A number that is one of the leads times a power of ten, in digits; others unwritten."""
     if value == 0:
         return "0"
     lead = value / 10 ** math.floor(math.log10(abs(value)) + 1e-9)
-    return f"{value:g}" if round(lead, 6) in (1, 2, 3, 5) else ""
+    return f"{value:g}" if round(lead, 6) in leads else ""

@@ -92,6 +92,24 @@ def test_comparison_has_a_row_a_method_and_a_panel_a_metric() -> None:
     assert [text.get_text() for text in panels[0].get_yticklabels()] == ["hjb", "mfgfl-hf"]
 
 
+@pytest.mark.parametrize(("level", "seeds"), [(20.0, 4), (0.0, 1), (0.3, 2)])
+def test_comparison_covers_no_flight_and_has_no_negative_number(level: float, seeds: int) -> None:
+    made = charts.plot_compare({"hjb": summaries(level, seeds), "mfgfl-hf": summaries(level, seeds)})
+    made.draw_without_rendering()
+    for ax in made.axes[: len(charts.COMPARED)]:
+        height_px = abs(ax.transData.transform((0.0, 0.0))[1] - ax.transData.transform((0.0, 1.0))[1])
+        flights = [line for line in ax.lines if line.get_alpha()]
+        others = [line for line in ax.lines if not line.get_alpha()]
+        assert [len(line.get_xdata()) for line in flights] == [seeds, seeds]
+        for flight in flights:
+            apart = min(abs(flight.get_ydata()[0] - other.get_ydata()[0]) for other in others) * height_px
+            widest = max(other.get_markersize() for other in others) / 2 * made.dpi / 72
+            assert apart > widest
+        low, high = ax.get_xlim()
+        assert [tick for tick in ax.get_xticks() if low <= tick < 0.0] == []
+        assert len([tick for tick in ax.get_xticks() if 0.0 <= tick <= high]) >= 2
+
+
 @pytest.mark.parametrize("values", [(0.1, 0.2, 0.3), ("amplitude", "power")])
 def test_sweep_runs_along_numbers_or_names(values: tuple[Any, ...], tmp_path: Path) -> None:
     points = {value: {"hjb": summaries(20.0), "mfg": summaries(19.0)} for value in values}
