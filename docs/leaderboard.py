@@ -20,6 +20,7 @@ from meanflock.studies.leaderboard.measures import BY_KEY
 HERE = Path(__file__).parent
 PAGE, RESULTS = Path(__file__).with_suffix(".md"), HERE / "results" / "leaderboard.json"
 PICTURES = HERE / "pictures" / "leaderboard"
+AT_TICKS = "0.1.0+6b70ea44f9bb"  # this code looked for collisions at ticks only
 TOLD = ("paper", "unknown", "windy")  # missions in which learning together is compared with learning alone
 NO_GAIN = 0.01  # of the whole: less is nothing gained
 
@@ -61,6 +62,12 @@ def introduction(found: Board) -> str:
         "fields are in "
         "[data](data.md#leaderboardjson); the controllers are on [their page](controllers.md).",
     ]
+    if found.code == AT_TICKS:
+        parts.append(
+            f"Code {AT_TICKS} looked for collisions at ticks only. Later code counts the closest approach between "
+            "ticks and finds more of them. It also calls a round void if only the averager's own model arrived; this "
+            "code averaged such rounds."
+        )
     return "\n\n".join(parts)
 
 

@@ -22,11 +22,15 @@ SYMBOL = {"uavs": "N", "period": "n0", "sigma": "σ"}
 
 @dataclass
 class Findings:
-    """What the checks of a claim found: the tests, and the plain values behind them by (metric, method, point)."""
+    """What the checks of a claim found: the tests, and the plain values behind them by (metric, method, point).
+
+    remarks: sentences about the data that a reader of the verdict should know.
+    """
 
     tests: list[Test] = field(default_factory=list)
     values: dict[tuple[str, str, str], Estimate] = field(default_factory=dict)
     missing: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
 
 
 # -- where the numbers of a check come from ----------------------------------------------------------------------------
@@ -222,9 +226,24 @@ def _point(view: View, check: Check, found: Findings) -> Tests:
         yield "", above(what, statistics.difference(here, rows[:, others].mean(axis=-1)), 0.0, strict=True)
 
 
+@dataclass(frozen=True)
+class _Case:
+    """One comparison of a best case: two methods at one point of a grid, or in S0."""
+
+    subject: str
+    other: str
+    experiment: str
+    point: float | None
+    columns: list[Floats]
+
+    @property
+    def where(self) -> str:
+        return "S0" if self.point is None else f"{SYMBOL[COORDINATE[self.experiment]]} = {self.point:g}"
+
+
 def _best(view: View, check: Check, found: Findings) -> Tests:
     assert check.threshold is not None
-    cases: list[tuple[str, str, str, list[Floats]]] = []
+    cases: list[_Case] = []
     for experiment in check.experiments:
         grid: list[float | None] = list(view.points(experiment)) if experiment in COORDINATE else [None]
         for point in grid:
@@ -234,26 +253,37 @@ def _best(view: View, check: Check, found: Findings) -> Tests:
                     theirs = view.values(experiment, other, check.metric, point)
                     columns = paired(mine, theirs)
                     if len(columns[0]) >= 2:
-                        where = "S0" if point is None else f"{SYMBOL[COORDINATE[experiment]]} = {point:g}"
-                        cases.append((subject, other, where, columns))
+                        cases.append(_Case(subject, other, experiment, point, columns))
     if not cases:
         found.missing.append(named(check.metric, *check.experiments))
         return
     level = 1.0 - (1.0 - statistics.CONFIDENCE) / len(cases)
-    tests: list[tuple[Test, tuple[str, str, str, list[Floats]]]] = []
+    tests: list[tuple[Test, _Case]] = []
     for case in cases:
-        kept = statistics.ratio(*case[3], confidence=level)
+        kept = statistics.ratio(*case.columns, confidence=level)
         saved = Estimate(1.0 - kept.value, 1.0 - kept.high, 1.0 - kept.low, kept.n)
         if not math.isnan(saved.value):
-            what = f"{check.metric}: best of {len(cases)} savings, {case[0]} against {case[1]} at {case[2]}"
+            what = f"{check.metric}: best of {len(cases)} savings, {case.subject} against {case.other} at {case.where}"
             tests.append((above(what, saved, check.threshold * (1 - check.tolerance)), case))
     if not tests:
         found.missing.append(named(check.metric, *check.experiments))
         return
-    test, (subject, other, where, columns) = max(tests, key=_best_first)
-    for name, column in ((subject, columns[0]), (other, columns[1])):
-        found.values[check.metric, name, where] = statistics.mean(column)
+    test, best = max(tests, key=_best_first)
+    for name, column in zip((best.subject, best.other), best.columns, strict=True):
+        found.values[check.metric, name, best.where] = statistics.mean(column)
+        _note_absent(view, best, name, found)
     yield "", test
+
+
+def _note_absent(view: View, case: _Case, method: str, found: Findings) -> None:
+    """Note how many UAVs of a method never arrive: their times and energies are those of the whole flight."""
+    arrived = view.values(case.experiment, method, "arrived", case.point)
+    uavs = view.values(case.experiment, method, "uavs", case.point)
+    absent = [1.0 - arrived[seed] / uavs[seed] for seed in arrived]
+    if any(absent):
+        share = statistics.mean(absent)
+        found.values["never_arrived", method, case.where] = share
+        found.remarks.append(f"{100 * share.value:.0f} % of the UAVs of {method} never arrive at {case.where}")
 
 
 def _best_first(tested: tuple[Test, object]) -> tuple[int, float]:

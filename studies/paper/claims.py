@@ -7,7 +7,7 @@ import msgspec
 from msgspec import Meta, field
 
 Kind = Literal["order", "ratio", "equal", "bound", "share", "rate", "trend", "slope", "point", "best"]
-Basis = Literal["measured", "arithmetic", "calibrated", "by construction"]
+Basis = Literal["measured", "arithmetic", "calibrated", "by construction", "no divergence"]
 Direction = Literal["lower", "higher", "falling", "rising", "little gain"]
 
 COMPARING = frozenset({"order", "ratio", "slope", "best"})  # kinds that need `against`
@@ -51,7 +51,8 @@ class Claim(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     """A claim: what is said, how it is measured, where, and the checks that decide it.
 
     kind: what a verdict on it rests on. measured: flights. arithmetic: message sizes and periods alone. calibrated: a
-    parameter was chosen with it in view. by construction: it follows from how it is asked.
+    parameter was chosen with it in view. by construction: it follows from how it is asked. no divergence: the checks
+    fail only if a learner or a state diverges.
     """
 
     id: Annotated[str, Meta(pattern="^[CO][1-9][0-9]?$")]  # O: our own, about what the paper does not say

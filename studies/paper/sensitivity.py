@@ -11,7 +11,7 @@ import pyarrow.compute as pc
 
 from meanflock.studies.paper import claims
 from meanflock.studies.paper.tables import Results
-from meanflock.studies.paper.verdict import NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, UNDECIDED, judge
+from meanflock.studies.paper.verdict import HOLDING, NOT_REPRODUCED, NOT_TESTABLE, UNDECIDED, judge
 from meanflock.studies.paper.view import View
 
 EXPERIMENTS = ("sensitivity", "random")
@@ -47,7 +47,7 @@ def shares(results: Results) -> list[Share]:
         verdicts = [record["verdict"] for record in judged.values()]
         if all(verdict == NOT_TESTABLE for verdict in verdicts):
             continue
-        kept = tuple(setting for setting, record in judged.items() if record["verdict"] == REPRODUCED)
+        kept = tuple(setting for setting, record in judged.items() if record["verdict"] in HOLDING)
         table.append(Share(claim.id, len(kept), verdicts.count(UNDECIDED), verdicts.count(NOT_REPRODUCED), kept))
     return table
 

@@ -12,13 +12,18 @@ from meanflock.studies.paper.single import single_flights
 from meanflock.studies.paper.tables import Results
 from meanflock.studies.paper.view import View
 
-REPRODUCED, NOT_REPRODUCED, UNDECIDED, NOT_TESTABLE = "reproduced", "not reproduced", "undecided", "not testable"
-VERDICTS = {
+REPRODUCED, BY_CONSTRUCTION, NOT_REFUTED = "reproduced", "reproduced, by construction", "not refuted"
+NOT_REPRODUCED, UNDECIDED, NOT_TESTABLE = "not reproduced", "undecided", "not testable"
+VERDICTS = (REPRODUCED, BY_CONSTRUCTION, NOT_REFUTED, NOT_REPRODUCED, UNDECIDED, NOT_TESTABLE)
+OF_OUTCOME = {
     Outcome.HOLDS: REPRODUCED,
     Outcome.FAILS: NOT_REPRODUCED,
     Outcome.UNDECIDED: UNDECIDED,
     Outcome.UNKNOWN: NOT_TESTABLE,
 }
+# Verdicts on claims that hold because their checks can hardly fail: never plainly "reproduced".
+HOLDS_ANYWAY = {"by construction": BY_CONSTRUCTION, "no divergence": NOT_REFUTED}
+HOLDING = frozenset({REPRODUCED, *HOLDS_ANYWAY.values()})
 
 
 def judge(view: View, claim: Claim) -> dict[str, Any]:
@@ -31,7 +36,9 @@ def judge(view: View, claim: Claim) -> dict[str, Any]:
         outcome = all_of(outcomes)
         if outcome is Outcome.UNKNOWN and Outcome.HOLDS in outcomes:  # one check is left open: so is the claim
             outcome = Outcome.UNDECIDED
-        verdict = VERDICTS[outcome]
+        verdict = OF_OUTCOME[outcome]
+        if outcome is Outcome.HOLDS:
+            verdict = HOLDS_ANYWAY.get(claim.kind, REPRODUCED)
         reason = _reason(verdict, found)
     return {
         "id": claim.id,
@@ -45,7 +52,7 @@ def judge(view: View, claim: Claim) -> dict[str, Any]:
         "ci95": _plain({key: [estimate.low, estimate.high] for key, estimate in found.values.items()}),
         "threshold": list(dict.fromkeys(test.need for test in found.tests)),
         "verdict": verdict,
-        "reason": ". ".join(part.rstrip(".") for part in (reason, claim.note) if part) + ".",
+        "reason": ". ".join(part.rstrip(".") for part in (reason, *found.remarks, claim.note) if part) + ".",
         "tests": [
             {
                 "what": test.what,
@@ -68,7 +75,7 @@ def _reason(verdict: str, found: Findings) -> str:
         return "one seed has no interval" if tests else "no data"
     by_outcome = {outcome: [test for test in tests if test.outcome is outcome] for outcome in Outcome}
     held, failed, open_ = (by_outcome[outcome] for outcome in (Outcome.HOLDS, Outcome.FAILS, Outcome.UNDECIDED))
-    if verdict == REPRODUCED:
+    if verdict in HOLDING:
         count = f"{len(held)} of {len(tests)} comparisons hold" if len(tests) > 1 else "it holds"
         return f"{count}: {_weakest(held)}"
     shares = [f"{len(failed)} of {len(tests)} comparisons fail"] if failed else []

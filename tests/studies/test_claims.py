@@ -9,7 +9,17 @@ from scipy import stats
 
 from meanflock.studies.paper import claims
 from meanflock.studies.paper.claims import Check, Claim
-from meanflock.studies.paper.verdict import NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, UNDECIDED, evaluate, judge
+from meanflock.studies.paper.verdict import (
+    BY_CONSTRUCTION,
+    HOLDING,
+    NOT_REFUTED,
+    NOT_REPRODUCED,
+    NOT_TESTABLE,
+    REPRODUCED,
+    UNDECIDED,
+    evaluate,
+    judge,
+)
 from meanflock.studies.paper.view import View
 from tests.studies.synthetic import gridded, noisy, results, row
 
@@ -51,7 +61,7 @@ def test_a_check_that_lacks_what_its_kind_needs_is_refused(broken: dict[str, Any
 
 def test_without_data_nothing_is_testable_and_every_record_is_whole() -> None:
     records = evaluate(results([row("nothing", HF, 1)]))
-    assert [record["id"] for record in records] == [*(f"C{k}" for k in range(1, 54)), *(f"O{k}" for k in range(1, 6))]
+    assert [record["id"] for record in records] == [*(f"C{k}" for k in range(1, 54)), *(f"O{k}" for k in range(1, 10))]
     for record in records:
         assert record["verdict"] == NOT_TESTABLE
         assert len(record["reason"]) > 5
@@ -226,6 +236,34 @@ def test_a_best_case_that_fails_leaves_open_what_another_leaves_open() -> None:
     check = {"kind": "best", "metric": "x", "experiments": ("s0",), "subject": (HF,)}
     assert verdict(rows, threshold=0.7, against=(H,), **check) == NOT_REPRODUCED
     assert verdict(rows, threshold=0.7, against=(H, F), **check) == UNDECIDED
+
+
+def test_a_best_case_says_how_many_uavs_never_arrive() -> None:
+    levels = {HF: (1.0, 25), H: (1.5, 25), F: (4.0, 20)}
+    rows = [
+        row("s0", method, seed, x=level + 0.001 * seed, arrived=arrived)
+        for method, (level, arrived) in levels.items()
+        for seed in range(5)
+    ]
+    check = Check(kind="best", metric="x", experiments=("s0",), subject=(HF,), against=(H, F), threshold=0.25)
+    claim = Claim(id="C1", figure="", statement="", metric="", scenario="", check=(check,))
+    record = judge(View.of(results(rows)), claim)
+    assert "20 % of the UAVs of mfgfl-f never arrive at S0" in record["reason"]
+    assert record["value"]["never_arrived, mfgfl-f"] == pytest.approx(0.2)
+    assert "arrive" not in judge(View.of(results([each for each in rows if each["method"] != F])), claim)["reason"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "holding"),
+    [("measured", REPRODUCED), ("by construction", BY_CONSTRUCTION), ("no divergence", NOT_REFUTED)],
+)
+def test_only_a_claim_that_could_fail_is_called_reproduced(kind: claims.Basis, holding: str) -> None:
+    check = Check(kind="bound", metric="x", subject=(HF,), threshold=1.5)
+    claim = Claim(id="C1", kind=kind, figure="", statement="", metric="", scenario="", check=(check,))
+    found = {level: judge(View.of(results(noisy("x", {HF: level}))), claim) for level in (1.0, 1.5, 2.0)}
+    assert [record["verdict"] for record in found.values()] == [holding, UNDECIDED, NOT_REPRODUCED]
+    assert found[1.0]["verdict"] in HOLDING
+    assert found[1.0]["reason"].startswith("it holds")
 
 
 def test_most_points_suffice_where_the_claim_says_so() -> None:

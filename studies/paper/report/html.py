@@ -27,7 +27,6 @@ def _table(table: Table) -> str:
 
 
 def _claim(record: Mapping[str, Any]) -> str:
-    kind = record["verdict"].replace(" ", "-")
     tests = "".join(
         f"<li class='{test['outcome']}'>{escape(test['what'])} = "
         f"{escape(interval_text(test['value'], test['ci95']))}, needs {escape(test['needs'])} "
@@ -38,12 +37,18 @@ def _claim(record: Mapping[str, Any]) -> str:
     said = f"numbers and {len(record['tests'])} comparisons"
     more = f"<details><summary>{said}</summary><ul>{numbers}</ul><ul>{tests}</ul></details>"
     return (
-        f"<article class='{kind}' id='{record['id']}'><header><b>{record['id']}</b> <span class='fig'>"
+        f"<article class='{_class(record['verdict'])}' id='{record['id']}'>"
+        f"<header><b>{record['id']}</b> <span class='fig'>"
         f"{escape(record['figure'])}</span> <span class='verdict'>{escape(record['verdict'])}</span></header>"
         f"<p>{escape(record['statement'])}</p>"
         f"<p class='how'>{escape(record['metric'])} — {escape(record['scenario'])}</p>"
         f"<p class='why'>{escape(record['reason'])}</p>{more if record['tests'] else ''}</article>"
     )
+
+
+def _class(verdict: str) -> str:
+    """The class that `report.css` colours a verdict by."""
+    return verdict.replace(",", "").replace(" ", "-")
 
 
 def _figure(name: str, path: Path) -> str:
@@ -67,9 +72,7 @@ def html(
         records: of `verdict.evaluate`. tally: how many of them have each verdict. drawn: a picture for a figure's name.
     """
     css = Path(__file__).with_name("report.css").read_text(encoding="utf-8")
-    seen = "".join(
-        f"<span class='{name.replace(' ', '-')}'><b>{count}</b> {name}</span>" for name, count in tally.items()
-    )
+    seen = "".join(f"<span class='{_class(name)}'><b>{count}</b> {name}</span>" for name, count in tally.items())
     tables = "".join(
         f"<section><h2>{escape(heading)}</h2><p>{escape(words)}</p>{_table(table)}</section>"
         for heading, words, table in sections

@@ -43,4 +43,4 @@ def write_report(
 def counts(records: Iterable[Mapping[str, Any]]) -> dict[str, int]:
     """How many claims of the paper have each verdict."""
     seen = Counter(record["verdict"] for record in records if record["id"].startswith("C"))
-    return {name: seen[name] for name in verdict.VERDICTS.values()}
+    return {name: seen[name] for name in verdict.VERDICTS}
