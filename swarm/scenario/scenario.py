@@ -46,10 +46,10 @@ LATER = (
 class _Validating(msgspec.StructMeta):
     """Metaclass that validates the keys of a call of the class. Decoders validate too, and construct without a call."""
 
-    def __call__(cls, **keys: Any) -> Any:
+    def __call__(cls, **keys: Any) -> "Scenario":
         table: dict[str, Any] = {}
         set_keys(table, keys)
-        return validated(table, cast(type[Any], cls), "scenario", keys)
+        return validated(table, cast("type[Scenario]", cls), "scenario", keys)
 
 
 class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validating):
