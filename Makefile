@@ -139,10 +139,10 @@ $(BIN)/python -m compileall -q meanflock $$(find meanflock -type l -exec readlin
 pwd -P > $(VENV)/.home
 endef
 
-$(VENV)/.ground: pyproject.toml setup.py constraints.txt $(wildcard */*.[ch]) $(STALE)
+$(VENV)/.ground: pyproject.toml setup.py constraints.txt $(wildcard */*.[ch] */*/*.[ch]) $(STALE)
 	$(call install,ground)
 	@touch $@
 
-$(VENV)/.dev: pyproject.toml setup.py constraints.txt $(wildcard */*.[ch]) $(STALE)
+$(VENV)/.dev: pyproject.toml setup.py constraints.txt $(wildcard */*.[ch] */*/*.[ch]) $(STALE)
 	$(call install,dev)
 	@touch $@ $(VENV)/.ground

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from meanflock.kernels.weights import DENSITY_FEATURES, VALUE_FEATURES
+from meanflock.kernels.mean_field.layout import DENSITY_FEATURES, VALUE_FEATURES
 
 _PRODUCTS, _NODES, _POWERS = 495, 64, 28
 

@@ -12,7 +12,7 @@ from meanflock.agent.controllers.mean_field.learner import Learner
 from meanflock.agent.controllers.mean_field.tables import tables
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.kernels import reference
-from meanflock.kernels.weights import NUMBERS
+from meanflock.kernels.mean_field.layout import NUMBERS
 from meanflock.swarm import mission, scenario, state
 from meanflock.swarm.scenario import Scenario
 

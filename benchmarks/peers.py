@@ -16,7 +16,7 @@ from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_m
 from benchmarks.in_process import flight, learner_step
 from benchmarks.peer.environment import Environment
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.kernels.weights import MODEL_FLOATS
+from meanflock.kernels.mean_field.layout import MODEL_FLOATS
 from meanflock.swarm import scenario
 from meanflock.swarm.mean import fedavg
 

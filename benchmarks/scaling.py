@@ -16,7 +16,7 @@ from scipy.optimize import nnls
 from benchmarks import sizes, store
 from benchmarks.machine import BUSY_LOAD, ROOT
 from meanflock.channel.link import slots_needed
-from meanflock.kernels.weights import MODEL_FLOATS
+from meanflock.kernels.mean_field.layout import MODEL_FLOATS
 from meanflock.studies.markdown import replaced
 from meanflock.swarm import scenario, state
 from meanflock.swarm.wire import control

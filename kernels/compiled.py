@@ -6,8 +6,8 @@ Among many processes that take turns on a core it is calls that cost: each finds
 from typing import Any
 
 from meanflock.kernels._native import SOURCES, alignment, columns, learn, nearest, pairs, read, repel, tables, write
+from meanflock.kernels.mean_field.layout import Tables, packed
 from meanflock.kernels.sources import checksum
-from meanflock.kernels.tables import Tables, packed
 
 if checksum() not in (0, SOURCES):
     raise ImportError("kernels._native was built from other sources than those that lie beside it")

@@ -1,4 +1,4 @@
-/* What native.c calls of pairs.c, halfplanes.c and separation.c. */
+/* What native.c calls of all_pairs.c and halfplanes.c. */
 #ifndef MEANFLOCK_NATIVE_H
 #define MEANFLOCK_NATIVE_H
 
@@ -27,8 +27,5 @@ Measured pairs(ptrdiff_t n, double *room, double hazard, double collision, doubl
  * What is returned is `missing` of kernels/halfplanes.py. */
 double nearest(const double *wanted, const double *normals, const double *bounds, ptrdiff_t count, double limit,
                double *room, double *a);
-
-/* Of one row: its state and the n states it knows, 32 bytes each, wherever they begin. Room for 2 n products. */
-void repel(const char *state, const char *known, ptrdiff_t n, double weight, double range, double *room, double *pushed);
 
 #endif

@@ -1,4 +1,4 @@
-"""The C sources that lie here, by which an extension built from others is known."""
+"""Checksum of the C sources here, by which an extension that was built from other sources is recognised."""
 
 import zlib
 from importlib.util import find_spec
@@ -9,8 +9,9 @@ HERE = Path(__file__).parent
 
 def checksum() -> int:
     """CRC-32 of the C sources, names included; 0 where there are none, as in a wheel."""
-    files = sorted(HERE.glob("*.[ch]"))
-    return zlib.crc32(b"".join(path.name.encode() + path.read_bytes() for path in files)) if files else 0
+    files = sorted(HERE.rglob("*.[ch]"))
+    named = (path.relative_to(HERE).as_posix().encode() + path.read_bytes() for path in files)
+    return zlib.crc32(b"".join(named)) if files else 0
 
 
 def built() -> bool:

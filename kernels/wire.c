@@ -1,5 +1,5 @@
 /* What kernels/wire.py says: the layout of a tick message, read and written. Same signatures, results and reasons. */
-#include "wire.h"
+#include "module.h"
 
 #include <stdint.h>
 #include <string.h>

@@ -132,6 +132,17 @@ def test_nobody_outside_the_kernels_knows_which_form_runs() -> None:
     assert asks == {"kernels/__init__.py", "kernels/compiled.py", "groundstation/doctor.py", "worldsim/summary.py"}
 
 
+def test_only_the_mean_field_methods_read_their_tables_and_call_their_kernels() -> None:
+    """Except that swarm/ defines the tables, kernels/ chooses a form, and the study of the paper reads both."""
+    theirs = ("agent/controllers/mean_field/", "kernels/", "swarm/scenario/", "studies/paper/")
+    table = re.compile(r"scenario\.(cost|learner|density|offline)$")
+    packages = ("meanflock.kernels.mean_field", "meanflock.swarm.scenario.mean_field")
+    for path in MODULES:
+        reads = {dotted(node) for node in nodes(path) if isinstance(node, ast.Attribute) and table.search(dotted(node))}
+        reads |= {name for name in needed(path) if name.startswith(packages)}
+        assert not reads or name_of(path).startswith(theirs), f"{name_of(path)} reads {reads}"
+
+
 def test_one_file_imports_zenoh() -> None:
     assert users_of("zenoh") == {"swarm/net/session.py"}
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.kernels import weights
+from meanflock.kernels.mean_field import layout
 from meanflock.studies.paper.methods import Method
 from meanflock.studies.paper.series import Record, Seen, Sums, Trace, scalars_of, series_of
 from meanflock.swarm.scenario import Scenario
@@ -62,8 +62,8 @@ def _look(flight: Flight, diagnostics: Floats, models: Floats) -> Seen:
     """diagnostics: (N, K). models: (N, 246), as they are now."""
     scenario, alive = flight.scenario, flight.status != LOST
     if not models.shape[1]:  # offline learns nothing
-        models = np.zeros((len(models), weights.MODEL_FLOATS))
-    value, density = models[:, weights.VALUE], models[:, weights.DENSITY]
+        models = np.zeros((len(models), layout.MODEL_FLOATS))
+    value, density = models[:, layout.VALUE], models[:, layout.DENSITY]
     learns_density = Method(scenario.method).learns_density
     return Seen(
         tick=flight.tick,

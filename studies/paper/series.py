@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.kernels import interaction
+from meanflock.kernels.mean_field import interaction
 from meanflock.studies.job_file import StoredRun, StoredTrace
 from meanflock.studies.paper.methods import Method
 from meanflock.swarm import state

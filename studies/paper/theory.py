@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.mean_field.tables import tables
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.kernels import features, fpk, hjb
-from meanflock.kernels.weights import DENSITY, VALUE
+from meanflock.kernels.mean_field import features, fpk, hjb
+from meanflock.kernels.mean_field.layout import DENSITY, VALUE
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Status

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.kernels import interaction
+from meanflock.kernels.mean_field import interaction
 from meanflock.studies.paper.view import View
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario

@@ -3,15 +3,11 @@
 from meanflock.swarm.scenario.files import decode, encode, load, read_faults, schema  # noqa: F401
 from meanflock.swarm.scenario.scenario import LATER, Scenario  # noqa: F401
 from meanflock.swarm.scenario.tables import (  # noqa: F401
-    Cost,
-    Density,
     Destination,
     Federation,
     Filter,
-    Learner,
     Metrics,
     Obstacle,
-    Offline,
     Payload,
     Radio,
     Start,

@@ -13,7 +13,7 @@ from meanflock.swarm import mission, scenarios, toml
 from meanflock.swarm.declared import NO_FILTER, Declared, controller, of
 from meanflock.swarm.faults import Fault, LeaderLoss
 from meanflock.swarm.plugins import Door, find
-from meanflock.swarm.scenario import tables
+from meanflock.swarm.scenario import mean_field, tables
 from meanflock.swarm.scenario.values import as_builtins, set_keys, toml_text, validated
 from meanflock.swarm.table import Table as _Table
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
@@ -87,10 +87,10 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
     ] = ()
     wind: tables.Wind = field(default_factory=tables.Wind)
     truth: tables.Truth = field(default_factory=tables.Truth)
-    cost: tables.Cost = field(default_factory=tables.Cost)
-    learner: tables.Learner = field(default_factory=tables.Learner)
-    density: tables.Density = field(default_factory=tables.Density)
-    offline: tables.Offline = field(default_factory=tables.Offline)
+    cost: mean_field.Cost = field(default_factory=mean_field.Cost)
+    learner: mean_field.Learner = field(default_factory=mean_field.Learner)
+    density: mean_field.Density = field(default_factory=mean_field.Density)
+    offline: mean_field.Offline = field(default_factory=mean_field.Offline)
     filter: tables.Filter = field(default_factory=tables.Filter)
     federation: tables.Federation = field(default_factory=tables.Federation)
     radio: tables.Radio = field(default_factory=tables.Radio)

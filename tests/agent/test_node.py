@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from meanflock.agent.node import Agent
-from meanflock.kernels import weights
+from meanflock.kernels.mean_field import layout
 from meanflock.swarm import plugins, state
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.rounds import Rounds
@@ -152,7 +152,7 @@ def test_a_state_beyond_a_narrow_radio_float_does_not_spoil_the_whole_answer() -
 # -- what does not fit --------------------------------------------------------------------------------------------
 
 
-ZERO = np.zeros((1, weights.MODEL_FLOATS))
+ZERO = np.zeros((1, layout.MODEL_FLOATS))
 MISFITS: dict[str, Sense] = {
     "an upload": sense(1, frames(FrameKind.UPLOAD, [0], ZERO, [[0, 2]])),
     "a relay": sense(1, frames(FrameKind.RELAY, [0], np.zeros((1, 247)), [[0, 2]])),

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from meanflock.agent.controllers.mean_field.tables import DENSITY_EXPONENTS, VALUE_EXPONENTS, scales, tables
-from meanflock.kernels import features, fpk
-from meanflock.kernels.weights import DENSITY_FEATURES, VALUE_FEATURES
+from meanflock.kernels.mean_field import features, fpk
+from meanflock.kernels.mean_field.layout import DENSITY_FEATURES, VALUE_FEATURES
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
 

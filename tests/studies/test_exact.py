@@ -6,8 +6,8 @@ import pytest
 from scipy import integrate, linalg
 
 from meanflock.agent.controllers.mean_field.tables import tables
-from meanflock.kernels import features, hjb
-from meanflock.kernels.hjb import local_cost
+from meanflock.kernels.mean_field import features, hjb
+from meanflock.kernels.mean_field.hjb import local_cost
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
 from tests.studies import exact

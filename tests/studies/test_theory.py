@@ -9,7 +9,7 @@ import pytest
 
 from meanflock.agent.controllers.mean_field.tables import tables
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.kernels import features, fpk
+from meanflock.kernels.mean_field import features, fpk
 from meanflock.studies.paper import theory
 from meanflock.studies.paper.measure import LONG_S, filter_moments, long_flight, measure, measured
 from meanflock.studies.paper.view import keep_measured

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meanflock.agent.controllers.mean_field.methods import MeanField
-from meanflock.kernels import weights
+from meanflock.kernels.mean_field import layout
 from meanflock.swarm import plugins
 from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario, load
@@ -124,14 +124,14 @@ def test_every_uav_is_drawn_equally_often_within_four_standard_errors() -> None:
 
 def test_a_method_shares_as_many_floats_as_the_paper_counts_and_those() -> None:
     floats = {"mfgfl-h": 108, "mfgfl-f": 138, "mfgfl-hf": 246}
-    whole = range(weights.MODEL_FLOATS)
+    whole = range(layout.MODEL_FLOATS)
     for method in METHODS:
         declared = scenario(f"method={method}").declared
         assert declared.parameters == floats.get(method, 0)
         assert declared.is_federated == (method in FEDERATED)
-        assert declared.weights == (0 if method == "offline" else weights.MODEL_FLOATS)
+        assert declared.weights == (0 if method == "offline" else layout.MODEL_FLOATS)
     shared = {method: learner(method).shared for method in LEARNING}
-    assert (shared["mfgfl-h"], shared["mfgfl-f"]) == (weights.VALUE, weights.DENSITY)
+    assert (shared["mfgfl-h"], shared["mfgfl-f"]) == (layout.VALUE, layout.DENSITY)
     assert whole[shared["mfgfl-hf"]] == whole
     assert not whole[shared["hjb"]]
     assert not whole[shared["mfg"]]

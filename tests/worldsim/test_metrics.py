@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from meanflock import kernels
-from meanflock.kernels.interaction import empirical
+from meanflock.kernels.mean_field.interaction import empirical
 from meanflock.swarm import state
 from meanflock.swarm.scenario import load
 from meanflock.worldsim.flight import Flight

@@ -1,1 +1,1 @@
-"""The methods of the paper: what their networks are, how they start, and how they learn in flight."""
+"""The paper's methods and what only they use: features, learners, the open-loop plan; `kernels/mean_field` computes."""

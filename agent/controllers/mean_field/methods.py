@@ -11,17 +11,60 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock import kernels
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
 from meanflock.agent.controllers.believed import believed, of_kind
 from meanflock.agent.controllers.mean_field.learner import Learner
-from meanflock.agent.controllers.mean_field.separation import Separation
-from meanflock.kernels.weights import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, VALUE, VALUE_FEATURES
+from meanflock.kernels.mean_field.layout import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, VALUE, VALUE_FEATURES
 from meanflock.swarm import mission, plausible
 from meanflock.swarm.ascending import distinct
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import SIZE, Floats, States
+from meanflock.swarm.state import AXES, POSITION, SIZE, VELOCITY, Floats, States
 from meanflock.swarm.wire.messages import NOBODY
+
+FORGET_S = 1.0  # a UAV that sent nothing for so long is not nearby
+
+
+class Separation:
+    """Repulsion from UAVs nearby, where `cost.separation` asks for it.
+
+    The paper's interaction term aligns velocities and keeps nobody apart. With a separation every UAV broadcasts its
+    state in every tick, which the radio counts, and adds to its command the negative gradient of a cost that falls
+    with distance. The learners see nothing of it.
+
+    Memory: `believed`, the states of others (M, N, 4); `updated`, the tick in which each was last received, (M, N).
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._dt, self._forget_ticks = scenario.dt, FORGET_S / scenario.dt
+        self._weight, self._range = scenario.cost.separation, scenario.cost.separation_range
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        """At take-off every UAV is where the mission plan says."""
+        believed = np.repeat(plan[None], len(uavs), axis=0)
+        updated = np.zeros(believed.shape[:2], dtype=np.int32)
+        return {"believed": believed, "updated": updated, "uav": uavs.astype(np.int32)}
+
+    def step(
+        self, memory: Memory, tick: int, own: States, received: Floats, links: tuple[Rows, Rows]
+    ) -> tuple[Memory, Floats]:
+        """Memory with the states received, and the acceleration away from UAVs nearby, (M, 2), m/s².
+
+        Args:
+            own: (M, 4). received: (M, N, 4), `believed` with the states just received, all a tick old. links: (L,) and
+                (L,), the rows that received a state, and the UAVs that sent it.
+        """
+        last = memory["updated"].copy()
+        last[links] = tick
+        believed = received.copy()
+        if tick:  # they flew straight on since
+            believed[..., POSITION] += self._dt * received[..., VELOCITY]
+        believed[np.arange(len(own)), memory["uav"]] = own
+        nearby = np.where((tick - last <= self._forget_ticks)[..., None], believed, np.inf)
+        pushed = np.empty((len(own), AXES))
+        kernels.repel(np.ascontiguousarray(own), nearby, self._weight, self._range, pushed)
+        return memory | {"believed": believed, "updated": last}, pushed
 
 
 class MeanField(Controller):

@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.kernels import Tables, interaction
-from meanflock.kernels.features import POWERS
-from meanflock.kernels.weights import DENSITY_FEATURES, VALUE_FEATURES
+from meanflock.kernels.mean_field import interaction
+from meanflock.kernels.mean_field.features import POWERS
+from meanflock.kernels.mean_field.layout import DENSITY_FEATURES, VALUE_FEATURES, Tables
 from meanflock.swarm import state
-from meanflock.swarm.scenario import Learner, Scenario
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.scenario.mean_field import Learner
 from meanflock.swarm.state import Floats
 
 Indices = NDArray[np.intp]

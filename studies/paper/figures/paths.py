@@ -11,7 +11,7 @@ from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
 
 from meanflock.groundstation.plots import plotstyle
-from meanflock.kernels import weights
+from meanflock.kernels.mean_field import layout
 from meanflock.studies.paper.figures.grids import COMPARED
 from meanflock.studies.paper.traces import Trace, collisions, interaction_term, trace
 from meanflock.studies.paper.view import View
@@ -119,7 +119,7 @@ def _weights(ax: Axes, view: View, method: str) -> None:
         return
     order = np.argsort(frame["t_s"])
     times, models = frame["t_s"][order], frame["model"][order]
-    block = models[:, weights.VALUE.start + weights.VALUE_FEATURES : weights.VALUE.stop]
+    block = models[:, layout.VALUE.start + layout.VALUE_FEATURES : layout.VALUE.stop]
     ax.plot(times, block, linewidth=0.6, color=plotstyle.colour(method), alpha=0.8)
     scenario = load(None, method=method)
     if scenario.declared.is_federated:

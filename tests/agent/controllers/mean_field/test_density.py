@@ -6,9 +6,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from meanflock.agent.controllers.mean_field import density as density_module
+from meanflock.agent.controllers.mean_field import learner as learner_module
 from meanflock.agent.controllers.mean_field.learner import Learner
-from meanflock.kernels import weights as layout
+from meanflock.kernels.mean_field import layout
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.seeds import generator
@@ -118,10 +118,10 @@ def test_a_fit_to_many_needs_no_room_for_all_pairs_of_them_and_gives_the_same_bi
     centres = draw.standard_normal((1500, 4)) * [30.0, 30.0, 1.0, 1.0]
     tracemalloc.start()
     try:
-        found = density_module.mixture(centres, centres, BANDWIDTH)
+        found = learner_module.mixture(centres, centres, BANDWIDTH)
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
     assert peak < 32 * 2**20 < 4 * 8 * 1500**2
     some = slice(None, None, 37)  # other points share a block
-    np.testing.assert_array_equal(found[some], density_module.mixture(centres[some], centres, BANDWIDTH))
+    np.testing.assert_array_equal(found[some], learner_module.mixture(centres[some], centres, BANDWIDTH))

@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import norm, qmc
 
 from meanflock.agent.controllers.mean_field.learner import Learner
-from meanflock.kernels import weights as layout
+from meanflock.kernels.mean_field import layout
 from meanflock.swarm import state
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario, load

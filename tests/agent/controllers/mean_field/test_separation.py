@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from meanflock.agent.controllers.mean_field.methods import MfgflHf
-from meanflock.agent.controllers.mean_field.separation import Separation
+from meanflock.agent.controllers.mean_field.methods import MfgflHf, Separation
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load

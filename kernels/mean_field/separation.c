@@ -1,11 +1,11 @@
-/* What kernels/separation.py says: the same operations in the same order. */
+/* What separation.py says: the same operations in the same order. */
 #define LANES 1
-#include "native.h"
+#include "learn.h"
 
 #include <math.h>
 #include <string.h>
 
-#include "pairwise.h"
+#include "../pairwise.h"
 
 static const double FARTHEST = 36.0, LOG2_E = 1.4426950408889634;
 static const double LN2_HIGH = 0.693147180369123816490, LN2_LOW = 1.90821492927058770002e-10;

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from meanflock.kernels import state
-from meanflock.kernels.tables import Floats
+from meanflock.kernels.mean_field.layout import Floats
 
 FARTHEST = 36.0  # d²/2ℓ² beyond which nothing is added: exp(−36) is 2e-16
 _LOG2_E = 1.4426950408889634

@@ -12,8 +12,8 @@ from hypothesis.extra.numpy import arrays
 from meanflock.agent.controllers.mean_field.learner import Learner
 from meanflock.agent.controllers.mean_field.tables import tables
 from meanflock.kernels import reference
-from meanflock.kernels import weights as layout
-from meanflock.kernels.tables import Tables, packed
+from meanflock.kernels.mean_field import layout
+from meanflock.kernels.mean_field.layout import Tables, packed
 from meanflock.swarm import state
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import load

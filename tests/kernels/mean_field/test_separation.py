@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from meanflock.kernels import reference
-from meanflock.kernels.separation import FARTHEST, decay
+from meanflock.kernels.mean_field.separation import FARTHEST, decay
 
 any_number = st.floats(allow_nan=True, allow_infinity=True, width=64)
 

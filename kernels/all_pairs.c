@@ -1,4 +1,4 @@
-/* What kernels/reference.py says of all pairs: the same operations in the same order. */
+/* What all_pairs.py says: the same operations in the same order. */
 #define LANES 1
 #include "native.h"
 
@@ -8,7 +8,7 @@
 
 #include "pairwise.h"
 
-enum { FEW = 100 }; /* up to here all N² speed differences are one sum; as in kernels/reference.py */
+enum { FEW = 100 }; /* up to here all N² speed differences are one sum; as in all_pairs.py */
 
 ptrdiff_t alignment_room(ptrdiff_t n) { return 2 * n + (n <= FEW ? n * n : 2 * n); }
 

@@ -8,7 +8,7 @@ Every function is row-wise: row i of the result depends on row i of the argument
 import numpy as np
 
 from meanflock.kernels import state
-from meanflock.kernels.tables import Floats, Indices, Tables
+from meanflock.kernels.mean_field.layout import Floats, Indices, Tables
 
 POWERS = 7  # 1, u, u² … u⁶ of each coordinate
 AXIS_FEATURES = 27  # of σ_H, each of which belongs to one axis

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from meanflock.kernels.reference import FEW
+from meanflock.kernels.all_pairs import FEW
 from meanflock.swarm import state
 
 both_forms = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)

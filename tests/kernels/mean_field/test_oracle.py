@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from meanflock.agent.controllers.mean_field.tables import DENSITY_EXPONENTS, VALUE_EXPONENTS, tables
-from meanflock.kernels import Tables, features, fpk, hjb
-from meanflock.kernels import weights as layout
+from meanflock.kernels.mean_field import features, fpk, hjb, layout
+from meanflock.kernels.mean_field.layout import Tables
 from meanflock.swarm import state
 from meanflock.swarm.scenario import load
 
-ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "learner.json").read_text())
+ORACLE = json.loads((Path(__file__).parents[2] / "oracle" / "learner.json").read_text())
 CASES = range(len(ORACLE["cases"]))
 RTOL = 1e-9
 

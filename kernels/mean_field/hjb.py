@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.kernels import features, state
-from meanflock.kernels.tables import Floats, Tables
+from meanflock.kernels import state
+from meanflock.kernels.mean_field import features
+from meanflock.kernels.mean_field.layout import Floats, Tables
 
 
 class ValueStep(NamedTuple):

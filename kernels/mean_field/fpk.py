@@ -5,8 +5,9 @@ Weights `(..., 138)` are [ŵ_F0, ŵ_F1]: m̂ = ŵ_F0ᵀσ_F and its time derivat
 
 import numpy as np
 
-from meanflock.kernels import features, state
-from meanflock.kernels.tables import Floats, Tables
+from meanflock.kernels import state
+from meanflock.kernels.mean_field import features
+from meanflock.kernels.mean_field.layout import Floats, Tables
 
 
 def divergence(t: Tables, curvature: Floats) -> Floats:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meanflock.agent.controllers.offline import OpenLoopPlan, speeds
+from meanflock.agent.controllers.mean_field.offline import OpenLoopPlan, speeds
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import state
 from meanflock.swarm.mission import starts

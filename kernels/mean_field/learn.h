@@ -12,7 +12,7 @@ enum {
     WEIGHTS = 2 * VALUES + 2 * DENSITIES, PRODUCTS = 494, NODES = 64, NUMBERS = 5
 };
 
-/* The fields of kernels/tables.py in their order: first all doubles, from value_first on all indices. */
+/* The fields of layout.py in their order: first all doubles, from value_first on all indices. */
 typedef struct {
     double scale[SIZE], value_factor[BLOCKS], pair_factor[ALL_PAIRS], coefficient[TERMS], factorial[TERMS];
     double monomials[TERMS * NODES], kernel[NODES], wind[AXES];
@@ -29,14 +29,17 @@ typedef struct {
     int learns_density;
 } Rows;
 
-/* φ_G of one row: the mean of K over the n states it knows (kernels/interaction.py). Room for n products. */
+/* φ_G of one row: the mean of K over the n states it knows (interaction.py). Room for n products. */
 double empirical(const Tables *t, const char *state, const char *known, ptrdiff_t n, double *products);
 
-/* kernels/reference.py's `learn` of row `from`; where no density is learned, φ_G is among its numbers already. */
+/* `learn` of learn.py for row `from`; where no density is learned, φ_G is among its numbers already. */
 void step_one(const Tables *t, const Rows *rows, ptrdiff_t from, int count);
 
 /* The same of `count` rows beginning with `from`, at most MANY, where the processor has AVX2. */
 void step_many(const Tables *t, const Rows *rows, ptrdiff_t from, int count);
+
+/* Of one row: its state and the n states it knows, 32 bytes each, wherever they begin. Room for 2 n products. */
+void repel(const char *state, const char *known, ptrdiff_t n, double weight, double range, double *room, double *pushed);
 
 #if defined(__x86_64__) && defined(__GNUC__)
 #define MANY 4

@@ -7,7 +7,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "pairwise.h"
+#include "../pairwise.h"
 #include "learn.h"
 
 #if LANES > 1
@@ -47,7 +47,7 @@ INLINE Lanes dot(const Lanes *a, const Lanes *b, int n) {
 
 INLINE Lanes plane(const Lanes *a, const Lanes *b) { return dot(a, b, AXES); }
 
-/* kernels/interaction.py: quadrature; terms: [1, σ_F] */
+/* interaction.py: quadrature; terms: [1, σ_F] */
 INLINE Lanes quadrature(const Tables *t, const Lanes *weights, const Lanes *terms) {
     Lanes w[DENSITIES], s[TERMS], coefficient[TERMS], mass[NODES], weighed[NODES];
     for (int k = 0; k < DENSITIES; k++) w[k] = weights[k] * t->factorial[k + 1];
@@ -69,7 +69,7 @@ INLINE Lanes quadrature(const Tables *t, const Lanes *weights, const Lanes *term
     return (0.0 + pairwise(weighed, NULL, NODES)) / at_least(0.0 + pairwise(mass, NULL, NODES), DBL_MIN);
 }
 
-/* kernels/hjb.py: step; numbers: [a_x, a_y, e_H, …]. Returns the curvature. */
+/* hjb.py: step; numbers: [a_x, a_y, e_H, …]. Returns the curvature. */
 INLINE Lanes value_step(const Tables *t, const Lanes *s, const Lanes *powers, Lanes phi_g, const Lanes *weights,
                         Lanes *stepped, Lanes *numbers) {
     Lanes blocks[BLOCKS], gradient[2 * VALUES], before[AXES], drift[AXES], slope[AXES], by_position[AXES];
@@ -109,7 +109,7 @@ INLINE Lanes value_step(const Tables *t, const Lanes *s, const Lanes *powers, La
     return dot(bend, stepped, VALUES);
 }
 
-/* kernels/fpk.py: step; returns e_F. */
+/* fpk.py: step; returns e_F. */
 INLINE Lanes density_step(const Tables *t, const Lanes *s, const Lanes *pairs, const Lanes *terms, const Lanes *action,
                           Lanes curvature, const Lanes *weights, Lanes *stepped) {
     Lanes parts[4 * PAIRS], gradient[2 * DENSITIES], drift[AXES];

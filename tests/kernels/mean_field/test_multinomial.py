@@ -7,8 +7,8 @@ import pytest
 
 from meanflock.agent.controllers.mean_field.learner import Learner
 from meanflock.agent.controllers.mean_field.tables import offsets, tables
-from meanflock.kernels import features, fpk, interaction, reference
-from meanflock.kernels import weights as layout
+from meanflock.kernels import reference
+from meanflock.kernels.mean_field import features, fpk, interaction, layout
 from meanflock.swarm import state
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import load

@@ -7,7 +7,7 @@ a quadrature of m̂ over nodes that travel with the UAV.
 import numpy as np
 
 from meanflock.kernels import state
-from meanflock.kernels.tables import Floats, Tables
+from meanflock.kernels.mean_field.layout import Floats, Tables
 
 _ROWS_AT_ONCE = 64  # 36 KB each, while they are summed
 

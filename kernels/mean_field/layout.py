@@ -1,7 +1,7 @@
-"""What one tick of the mean-field learners works on: a scenario's constants, and which products its features are.
+"""The model of a mean-field learner, and the constants that a step of it works on; `learn.h` says the same in C.
 
-A *power* is one of 1, u, u² … u⁶ of a scaled coordinate u; four coordinates make 28. A *feature* is a product of two
-powers and a factor. M_H = 54 features of the value, M_F = 69 of the density.
+A model is one row of floats, [ŵ_H0 (54), ŵ_H1 (54), ŵ_F0 (69), ŵ_F1 (69)]. A *power* is one of 1, u, u² … u⁶ of a
+scaled coordinate u; four coordinates make 28. A *feature* is a product of two powers and a factor.
 """
 
 from typing import NamedTuple
@@ -13,9 +13,16 @@ from meanflock.kernels.state import Floats
 
 Indices = NDArray[np.intp]
 
+VALUE_FEATURES = 54  # M_H: terms of σ_H
+DENSITY_FEATURES = 69  # M_F: terms of σ_F
+VALUE = slice(0, 2 * VALUE_FEATURES)
+DENSITY = slice(VALUE.stop, VALUE.stop + 2 * DENSITY_FEATURES)
+MODEL_FLOATS = DENSITY.stop  # 246
+NUMBERS = 5  # results of a step: [a_x, a_y, e_H, e_F, φ_G]
+
 
 class Tables(NamedTuple):
-    """In the order of the struct in learn.h: first all floats, then all indices."""
+    """Constants of a scenario, in the order of the struct in learn.h: first all floats, then all indices."""
 
     scale: Floats  # (4,): L_r, L_r, L_v, L_v
     value_factor: Floats  # (216,): of σ_H, ∂σ_H/∂r, ∂σ_H/∂v, ∂²σ_H/∂v², 54 each
@@ -51,7 +58,7 @@ class Tables(NamedTuple):
 
 
 def packed(tables: Tables) -> tuple[Floats, NDArray[np.int32]]:
-    """All floats and all indices, each as one array."""
+    """Pack all floats into one array and all indices into another."""
     split = Tables._fields.index("value_first")
     floats, indices = ([np.ravel(field) for field in part] for part in (tables[:split], tables[split:]))
     return np.concatenate(floats).astype(np.float64), np.concatenate(indices).astype(np.int32)

@@ -1,0 +1,76 @@
+"""Functions of all pairs of UAVs: the mean difference of their velocities, and who is close to whom."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.kernels import state
+from meanflock.kernels.state import Floats
+
+FEW = (
+    100  # UAVs up to which all N² speed differences are one sum, as in all_pairs.c, and all pairs are compared at once
+)
+
+
+def alignment(states: Floats) -> float:
+    """The mean over all N² pairs of UAVs `(N, 4)` of ‖v_j − v_i‖, m/s; 0 of no UAV."""
+    n, columns = len(states), np.ascontiguousarray(states[:, state.VELOCITY].T)
+    if n <= FEW:
+        difference = columns[:, :, None] - columns[:, None, :]
+        difference *= difference
+        return float(np.add.reduce(np.sqrt(difference[0] + difference[1]).ravel())) / max(1, n * n)
+    rows = np.zeros(n - 1)  # Σ_{j > i} ‖v_j − v_i‖ of each i
+    for i in range(n - 1):
+        difference = columns[:, i + 1 :] - columns[:, i, None]
+        difference *= difference
+        rows[i] = np.add.reduce(np.sqrt(difference[0] + difference[1]))
+    return 2.0 * float(np.add.reduce(rows)) / (float(n) * float(n))
+
+
+def pairs(
+    before: Floats, after: Floats, hazard_m: float, collision_m: float, nearest_m: float, found: NDArray[np.intp]
+) -> tuple[int, int, float]:
+    """Pairs of N UAVs that are close to each other in a tick, in which everyone moves straight; exactly.
+
+    Distances are those of the closest approach within the tick, and no less than those of the boxes around both
+    segments. So a sweep along x that leaves out distant boxes finds what a comparison of all pairs would.
+
+    Args:
+        before: (N, 4), states at the beginning of the tick; NaN: the UAV has no segment, so it approaches nobody.
+        after: (N, 4), states at its end; NaN: the UAV is left out.
+        hazard_m: distance for the number of near pairs. collision_m: distance for pairs that touch.
+        nearest_m: a bound: pairs farther apart than this need not be found for the least distance.
+        found: (R, 2), written: the pairs i < j that touch, ascending; if they are more than R, any R of them.
+
+    Returns:
+        The number of pairs at most `hazard_m` apart at the end; the number of pairs whose closest approach is less than
+        `collision_m`, which may be more than R; the least closest approach of all, m, or `nearest_m` if that is less.
+    """
+    hazard, collision, nearest = hazard_m * hazard_m, collision_m * collision_m, nearest_m * nearest_m
+    first, last = before[:, state.POSITION], after[:, state.POSITION]
+    low, high = np.fmin(first, last), np.fmax(first, last)
+    present = np.flatnonzero(~np.isnan(last).any(axis=-1))
+    order = present[np.argsort(low[present, state.X], kind="stable")]
+    few = len(order) <= FEW
+    left, right = np.triu_indices(len(order), 1) if few else (np.arange(len(order) - 1), np.arange(1, len(order)))
+    near, touching = 0, [np.zeros((0, 2), dtype=np.intp)]
+    while len(left):  # places in the order; next, each left one with the one after its right one
+        i, j = order[left], order[right]
+        gap = np.maximum(np.maximum(low[j] - high[i], low[i] - high[j]), 0.0)
+        gap *= gap
+        box, reach = gap[:, state.X] + gap[:, state.Y], max(hazard, collision, nearest)
+        close = ~(box > reach)
+        i, j = i[close], j[close]
+        apart = last[j] - last[i]
+        squared = np.maximum(state.approach(first[j] - first[i], apart), box[close])
+        near += int(np.count_nonzero(state.dot(apart, apart) <= hazard))
+        nearest = float(np.fmin.reduce(squared, initial=nearest))  # NaN is near nobody
+        touch = squared < collision
+        touching.append(np.sort(np.stack([i[touch], j[touch]], axis=-1)))
+        ahead = ~(gap[:, state.X] > reach) & (right < len(order) - 1)
+        left, right = (left[:0], right[:0]) if few else (left[ahead], right[ahead] + 1)
+    all_touching = np.concatenate(touching)
+    all_touching = all_touching[np.lexsort(all_touching.T[::-1])]
+    found[: len(all_touching)] = all_touching[: len(found)]
+    return near, len(all_touching), math.sqrt(nearest)

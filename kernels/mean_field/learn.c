@@ -1,0 +1,112 @@
+/* The functions of the extension that only the mean-field methods call: their arrays are checked here. */
+#include "../module.h" /* Python.h comes first */
+
+#include <string.h>
+
+#include "learn.h"
+
+static const char *NAME = "meanflock.tables";
+
+static void forget(PyObject *capsule) { PyMem_Free(PyCapsule_GetPointer(capsule, NAME)); }
+
+static int all_below(const int32_t *index, int count, int end) {
+    for (int k = 0; k < count; k++)
+        if (index[k] < 0 || index[k] >= end) return 0;
+    return 1;
+}
+
+/* Whether all indices point into what they are indices of. */
+static int sound(const Tables *t) {
+    int few = t->starts[0] == 0 && t->starts[TERMS] == PRODUCTS;
+    for (int k = 0; k < TERMS; k++) /* products of a term: one at least, and no more than there are terms */
+        few = few && t->starts[k] < t->starts[k + 1] && t->starts[k + 1] - t->starts[k] <= TERMS;
+    return few && all_below(t->value_first, BLOCKS, FLAT) && all_below(t->value_second, BLOCKS, FLAT)
+        && all_below(t->pair_first, ALL_PAIRS, FLAT) && all_below(t->pair_second, ALL_PAIRS, FLAT)
+        && all_below(t->at_position, TERMS, PAIRS) && all_below(t->at_velocity, TERMS, PAIRS)
+        && all_below(t->left, 2 * DENSITIES, 4 * PAIRS) && all_below(t->right, 2 * DENSITIES, 4 * PAIRS)
+        && all_below(t->weight, PRODUCTS, DENSITIES) && all_below(t->term, PRODUCTS, TERMS);
+}
+
+PyObject *learner_tables(PyObject *module, PyObject *args) {
+    PyObject *numbers, *indices, *capsule = NULL;
+    Arrays arrays = {.held = 0};
+    const Py_ssize_t split = offsetof(Tables, value_first), end = offsetof(Tables, starts) + sizeof((Tables *)0)->starts;
+    if (!PyArg_ParseTuple(args, "OO:tables", &numbers, &indices)) return NULL;
+    if (!doubles(&arrays, numbers, "numbers", split / D, READ)
+        || !sized(hold(&arrays, indices, "indices", "il", 4, READ), "indices", end - split))
+        return done(&arrays, NULL);
+    Tables *t = PyMem_Calloc(1, sizeof *t);
+    if (t == NULL) return done(&arrays, PyErr_NoMemory());
+    memcpy(t, arrays.view[0].buf, split);
+    memcpy((char *)t + split, arrays.view[1].buf, end - split);
+    if (sound(t)) capsule = PyCapsule_New(t, NAME, forget);
+    else PyErr_SetString(PyExc_ValueError, "an index of the tables points outside of them");
+    if (capsule == NULL) PyMem_Free(t);
+    return done(&arrays, capsule);
+}
+
+/* Three rows are stepped at once, too, with a lane to spare; two are as quick one by one. */
+static void step_rows(const Tables *t, const Rows *rows, Py_ssize_t count) {
+    Py_ssize_t from = 0;
+#if MANY > 1
+    if (__builtin_cpu_supports("avx2"))
+        for (Py_ssize_t left; (left = count - from) > 2; from += left < MANY ? left : MANY)
+            step_many(t, rows, from, (int)(left < MANY ? left : MANY));
+#endif
+    for (; from < count; from++) step_one(t, rows, from, 1);
+}
+
+/* φ_G of all rows into their numbers: as it is given, (M,), or of the states they know, (M, N, 4). */
+static int interaction(Arrays *arrays, PyObject *around, const Tables *t, const Rows *rows, Py_ssize_t count) {
+    const Py_ssize_t each = items(arrays, around, "around", count, 1), others = each / SIZE;
+    double phi_g, *products;
+    if (each < 0) return 0;
+    if (count && each != 1 && (each == 0 || each % SIZE)) {
+        PyErr_Format(PyExc_ValueError, "around: %zd bytes for %zd rows", arrays->view[4].len, count);
+        return 0;
+    }
+    if ((products = room_for(arrays, others)) == NULL) return 0;
+    for (Py_ssize_t m = 0; m < count; m++) {
+        const char *known = (const char *)arrays->view[4].buf + m * each * D;
+        if (each == 1) memcpy(&phi_g, known, D);
+        else phi_g = empirical(t, rows->states + m * SIZE * D, known, others, products);
+        memcpy(rows->numbers + (m * NUMBERS + 4) * D, &phi_g, D);
+    }
+    return 1;
+}
+
+PyObject *learner_step(PyObject *module, PyObject *args) {
+    PyObject *capsule, *states, *weights, *around, *weights_out, *numbers;
+    Arrays arrays = {.held = 0};
+    if (!PyArg_ParseTuple(args, "OOOOOO:learn", &capsule, &states, &weights, &around, &weights_out, &numbers)) return NULL;
+    const Tables *t = PyCapsule_GetPointer(capsule, NAME);
+    const Py_ssize_t count = t == NULL ? -1 : items(&arrays, states, "states", 1, SIZE);
+    if (count < 0 || !doubles(&arrays, weights, "weights", count * WEIGHTS, READ)
+        || !doubles(&arrays, weights_out, "weights_out", count * WEIGHTS, WRITTEN)
+        || !doubles(&arrays, numbers, "numbers", count * NUMBERS, WRITTEN))
+        return done(&arrays, NULL);
+    const Py_buffer *of = arrays.view;
+    const Rows rows = {of[0].buf, of[1].buf, of[2].buf, of[3].buf, around == Py_None};
+    if (around != Py_None && !interaction(&arrays, around, t, &rows, count)) return done(&arrays, NULL);
+    step_rows(t, &rows, count);
+    return done(&arrays, Py_NewRef(Py_None));
+}
+
+PyObject *learner_repel(PyObject *module, PyObject *args) {
+    PyObject *states, *known, *pushed;
+    Arrays arrays = {.held = 0};
+    double weight, range, *room;
+    if (!PyArg_ParseTuple(args, "OOddO:repel", &states, &known, &weight, &range, &pushed)) return NULL;
+    const Py_ssize_t rows = items(&arrays, states, "states", 1, SIZE);
+    const Py_ssize_t others = rows < 0 ? -1 : items(&arrays, known, "known", rows, SIZE);
+    if (others < 0 || !doubles(&arrays, pushed, "pushed", rows * AXES, WRITTEN)
+        || (room = room_for(&arrays, 2 * others)) == NULL)
+        return done(&arrays, NULL);
+    for (Py_ssize_t m = 0; m < rows; m++) {
+        const char *state = (const char *)arrays.view[0].buf + m * SIZE * D;
+        double found[AXES];
+        repel(state, (const char *)arrays.view[1].buf + m * others * SIZE * D, others, weight, range, room, found);
+        memcpy((char *)arrays.view[2].buf + m * AXES * D, found, sizeof found);
+    }
+    return done(&arrays, Py_NewRef(Py_None));
+}

@@ -1,0 +1,45 @@
+"""A step of the mean-field learners, in NumPy: what `learn.c` and `rows.h` compile."""
+
+from typing import Any
+
+import numpy as np
+
+from meanflock.kernels import state
+from meanflock.kernels.mean_field import features, fpk, hjb, interaction
+from meanflock.kernels.mean_field.layout import DENSITY, DENSITY_FEATURES, VALUE, Tables
+from meanflock.kernels.state import Floats
+
+
+def prepare(given: Tables) -> Any:
+    """The tables as `learn` takes them; whoever calls it keeps them and looks at nothing in them."""
+    return given
+
+
+def learn(
+    tables: Tables, states: Floats, weights: Floats, around: Floats | None, weights_out: Floats, numbers: Floats
+) -> None:
+    """One tick of the mean-field learners of M UAVs: φ_G, the value step, the density step, the action.
+
+    Args:
+        states: (M, 4). weights: (M, 246), [ŵ_H0, ŵ_H1, ŵ_F0, ŵ_F1].
+        around: None: the density is learned and φ_G is its quadrature. Else the density stays as it is, and φ_G is
+            the mean over the states each row knows (M, N, 4), with β = 1, or what is given, (M,).
+        weights_out: (M, 246), written; may be `weights`. numbers: (M, 5), written: [a_x, a_y, e_H, e_F, φ_G].
+    """
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        powers = features.powers(tables, states)
+        if around is not None:
+            phi_g = around if around.ndim == 1 else interaction.empirical(states, around, tables.epsilon)
+            value = hjb.step(tables, weights[:, VALUE], states, powers, phi_g)
+            density, residual = weights[:, DENSITY], np.zeros(len(states))
+        else:
+            pairs = features.pairs(tables, powers)
+            terms = features.terms(tables, pairs)
+            density = weights[:, DENSITY]
+            phi_g = interaction.quadrature(tables, density[:, :DENSITY_FEATURES], terms)
+            value = hjb.step(tables, weights[:, VALUE], states, powers, phi_g)
+            drift = hjb.drift(tables, states, value.action)
+            density, residual = fpk.step(tables, density, states, pairs, terms[:, 1:], drift, value.curvature)
+    weights_out[:, VALUE], weights_out[:, DENSITY] = value.weights, density
+    numbers[:, : state.AXES] = value.action
+    numbers[:, 2], numbers[:, 3], numbers[:, 4] = value.residual, residual, phi_g
