@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 from meanflock.groundstation.launch.run import Options, fly
-from meanflock.groundstation.recording.screenshot import screenshot
+from meanflock.groundstation.recording.viewer import screenshot
 from meanflock.groundstation.results.run_folder import RECORDING
 from meanflock.studies import side_by_side
 from meanflock.swarm import scenario

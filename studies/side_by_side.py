@@ -8,10 +8,9 @@ import numpy as np
 
 from meanflock.groundstation import quantities
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.recording import blueprint as look
-from meanflock.groundstation.recording import mission, palette, rr, rrb
-from meanflock.groundstation.recording.columns import scalars
-from meanflock.groundstation.recording.plot_views import whole_flight
+from meanflock.groundstation.recording import blueprint, drawing, mission_map, rr, rrb
+from meanflock.groundstation.recording.blueprint import whole_flight
+from meanflock.groundstation.recording.drawing import scalars
 from meanflock.groundstation.recording.plots import BITS_SENT, COLUMN
 from meanflock.groundstation.recording.recorder import APPLICATION, Writer, close, start
 from meanflock.swarm import durable
@@ -52,7 +51,7 @@ def record(flights: Mapping[str, Scenario], path: Path) -> dict[str, dict[str, A
             flown,
             stream,
             part=part_of(name),
-            color=palette.LINES[number % len(palette.LINES)],
+            color=drawing.LINES[number % len(drawing.LINES)],
             name=name,
             maps=len(flights),
         )
@@ -102,8 +101,8 @@ class _Beside(Writer):
 
 def _blueprint(flights: Mapping[str, Scenario]) -> rrb.Blueprint:
     """A map for every flight, and below them the plots they share."""
-    _, columns = mission.shape(len(flights))
-    maps = [look.swarm_map(flown, name, part_of(name), len(flights)) for name, flown in flights.items()]
+    _, columns = mission_map.shape(len(flights))
+    maps = [blueprint.swarm_map(flown, name, part_of(name), len(flights)) for name, flown in flights.items()]
     plots = [
         rrb.TimeSeriesView(
             origin="/",
@@ -115,4 +114,4 @@ def _blueprint(flights: Mapping[str, Scenario]) -> rrb.Blueprint:
         for entity, title in _TITLES.items()
     ]
     views = rrb.Vertical(rrb.Grid(*maps, grid_columns=columns), rrb.Horizontal(*plots), row_shares=[3, 1.2])
-    return look.shown(views, live=False)
+    return blueprint.window(views, live=False)

@@ -53,8 +53,8 @@ PRIVATE = re.compile(r"(^|_)(minds?|chorus|reflex|spoken|told|heard|siblings?|br
 RERUN = {
     f"groundstation/recording/{name}.py"
     for name in (
-        *("recorder", "columns", "motion", "links", "events", "marks", "mission", "disturbances", "part"),
-        *("blueprint", "plot_views", "legend", "screenshot", "viewer", "recorded", "__init__"),
+        *("recorder", "drawing", "flight", "disturbances", "mission_map", "blueprint", "replay", "viewer"),
+        "__init__",
     )
 }
 LEGACY_RANDOM = {"default_rng", "Generator", "SeedSequence", "BitGenerator", "PCG64"}  # the rest of np.random is global

@@ -58,7 +58,7 @@ def picture(folder: Path, at_s: float | None, png: Path, size: str) -> None:
     Example:
       meanflock picture runs/20261121-101500-mfgfl-hf-s7 --at 40 -o swarm.png
     """
-    from meanflock.groundstation.recording.screenshot import pixels, screenshot
+    from meanflock.groundstation.recording.viewer import pixels, screenshot
 
     wanted = pixels(size)
     if png.suffix.lower() != ".png":
@@ -115,8 +115,7 @@ def _recording(folder: Path) -> Path:
 
 def _complete(folder: Path, path: Path) -> None:
     """What was killed is filled in from its time series, or mended where there is none."""
-    from meanflock.groundstation.recording.replay import complete
-    from meanflock.groundstation.recording.viewer import repair, verify
+    from meanflock.groundstation.recording.replay import complete, repair, verify
 
     if folder.is_dir():
         with alone(folder):

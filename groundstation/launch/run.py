@@ -154,10 +154,8 @@ class Outputs:
             self.sinks: list[Sink] = [self.folder, self.progress]
             if options.record:
                 # Here, for rerun takes a third of a second to load.
-                from meanflock.groundstation.recording.recorded import recorded
                 from meanflock.groundstation.recording.recorder import Recorder
-                from meanflock.groundstation.recording.replay import missing
-                from meanflock.groundstation.recording.viewer import Continued
+                from meanflock.groundstation.recording.replay import Continued, missing, recorded
 
                 before = opening.enter_context(Continued(self.folder.path / RECORDING))
                 recorder = Recorder(scenario, run_id, self.folder.path / RECORDING, options.serve)

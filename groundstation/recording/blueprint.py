@@ -1,8 +1,7 @@
-"""How a recording opens in Rerun: the fixed parts of every entity and the arrangement of the views.
+"""The blueprint of a recording: its entities, their fixed look, and the arrangement of the views in Rerun.
 
-`recording_*.py` and `disturbances.py` fill the entities named here, `legend.py` draws what of the map stays where it
-is; the plots are in `panels.py`, the colours in `palette.py`.
-The map is in metres with the goal at the origin and y up.
+`flight.py`, `plots.py` and `disturbances.py` make rows of these entities, `mission_map.py` logs the fixed parts of the
+map, which is in metres with the goal at the origin and y up.
 """
 
 import enum
@@ -14,9 +13,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from meanflock.groundstation.recording import mission, palette, panels
-from meanflock.groundstation.recording.part import Part
-from meanflock.groundstation.recording.plot_views import learned, series, tabs, whole_flight
+from meanflock.groundstation.recording import drawing, mission_map, plots
+from meanflock.groundstation.recording.drawing import Part, circle
 from meanflock.groundstation.reported import Reported
 from meanflock.swarm.clusters import Clusters
 from meanflock.swarm.scenario import Scenario
@@ -25,7 +23,7 @@ from meanflock.swarm.wire.messages import Status
 TIMELINE = "sim_time"  # seconds since take-off
 TICKS = "tick"
 
-# Entities. What lies under MAP is drawn on the plane of flight, what lies under PLOTS over time.
+# Entities below MAP are drawn on the plane of flight; those of the plots are in `plots.py`.
 MAP = "map"
 UAVS = "map/uavs"
 VELOCITY = "map/velocity"
@@ -35,7 +33,7 @@ STATE_LINKS = "map/links/states"
 COLLISIONS = "map/collisions"
 OBSTACLE_HITS = "map/obstacle_hits"
 LEADER = "map/leader"
-CLOSE_UP = "map/leader/close_up"  # what the view around the leader alone shows
+CLOSE_UP = "map/leader/close_up"  # shown only in the view around the leader
 HEADS = "map/heads"
 FAULTS = "map/faults"
 HALOS, JAMS, GUSTS = f"{FAULTS}/halos", f"{FAULTS}/jams", f"{FAULTS}/gusts"  # with the UAVs they hit
@@ -44,21 +42,21 @@ LANES = "UAVs"
 ROUND = "round"
 EVENTS = "events"
 
-
 LARGE_SWARM = 200  # UAVs; a larger swarm is recorded more coarsely, or its recording costs more than its flight
-ARROW_S = 2.0  # an arrow reaches to where its UAV will be this much later, s
-TRAIL_S = 30.0  # length of a trail, s; a third of it for a large swarm
-LINK_S = 1.0  # how long a model's way through the air stays visible, s
-STAR_S = 10.0  # how long a collision or an obstacle hit stays on the map, s
-GUST_S2 = 10.0  # a gust's arrow, as that of a velocity so many seconds long would be: m per m/s²
-JAMS_DRAWN = 200  # links that a script jams, at the most
-CLOSE_UP_M = 6.0  # half the width of the close-up on the leader
+ARROW_S = 2.0  # seconds of flight that the arrow of a velocity shows
+TRAIL_S = 30.0  # length of a trail; a third of it for a large swarm
+LINK_S = 1.0  # seconds for which the transmission of a model is shown
+MARK_S = 10.0  # seconds for which a collision or an obstacle hit is shown
+GUST_S2 = 10.0  # length of a gust's arrow, m per m/s²
+JAMS_DRAWN = 200  # jammed links that are drawn, at most
+CLOSE_UP_M = 6.0  # half the width of the view around the leader
 
+_IN_A_TAB = 3  # plots
 _CANVAS = (16, 19, 26)
 
 
 class Lane(enum.IntEnum):
-    """What a UAV's lane says: its status, or the fault that holds it."""
+    """The state that a UAV's lane shows: its status, or the fault that holds it."""
 
     FLYING = Status.FLYING
     ARRIVED = Status.ARRIVED
@@ -68,67 +66,76 @@ class Lane(enum.IntEnum):
 
 
 LANE_COLORS = {
-    Lane.FLYING: palette.BLUE,
-    Lane.ARRIVED: palette.GREEN,
-    Lane.LOST: palette.GREY,
-    Lane.FROZEN: palette.FROZEN,
-    Lane.CUT_OFF: palette.CUT,
+    Lane.FLYING: drawing.BLUE,
+    Lane.ARRIVED: drawing.GREEN,
+    Lane.LOST: drawing.GREY,
+    Lane.FROZEN: drawing.FROZEN,
+    Lane.CUT_OFF: drawing.CUT,
 }
 
 
 def lane(uav: int, now: Lane) -> str:
-    """What a UAV's lane reads; the number is in it because lanes have no names."""
+    """The text of a UAV's lane, with its number because lanes have no names."""
     return f"UAV {uav}: {now.name.lower().replace('_', ' ')}"
 
 
-def graph(flown: Scenario) -> tuple[list[str], NDArray[np.float64]]:
-    """Names of the UAVs in the graph of a round, and where they are, (N, 2)."""
-    angle = np.arange(flown.uavs) * (2 * math.pi / flown.uavs)
-    places = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * max(80.0, 9.0 * flown.uavs)
-    places[Clusters(flown).heads] *= 0.5  # of clusters, between their UAVs and the leader
-    places[flown.federation.leader] = 0.0
-    return [str(uav) for uav in range(flown.uavs)], places
+def graph(scenario: Scenario) -> tuple[list[str], NDArray[np.float64]]:
+    """Names of the UAVs in the graph of a round, and their places, (N, 2): heads between their UAVs and the leader."""
+    angle = np.arange(scenario.uavs) * (2 * math.pi / scenario.uavs)
+    places = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * max(80.0, 9.0 * scenario.uavs)
+    places[Clusters(scenario).heads] *= 0.5
+    places[scenario.federation.leader] = 0.0
+    return [str(uav) for uav in range(scenario.uavs)], places
 
 
-def log_static(stream: Part, scenario: Scenario, reported: Reported) -> None:
-    """Logs what does not change in flight: how marks look that move, and names and colours of all series."""
-
-    log, size = stream.log, rr.Radius.ui_points
+def log_static(part: Part, scenario: Scenario, reported: Reported) -> None:
+    """Logs the fixed look of everything that moves, names and colours of all lines, and the view around the leader."""
+    log, size = part.log, rr.Radius.ui_points
     log(MAP, rr.Transform3D(scale=[1.0, -1.0, 1.0]))  # 2-D views are y-down
-    numbers = [f"UAV {uav}" for uav in range(scenario.uavs)]  # of the one under the mouse
-    dots = rr.Points2D.from_fields(radii=size(3.0), labels=numbers, show_labels=False, draw_order=30.0)
-    log(UAVS, dots)
-    log(VELOCITY, rr.Arrows2D.from_fields(colors=[palette.WHITE], radii=size(0.6), draw_order=25.0))
+    numbers = [f"UAV {uav}" for uav in range(scenario.uavs)]  # shown under the mouse
+    log(UAVS, rr.Points2D.from_fields(radii=size(3.0), labels=numbers, show_labels=False, draw_order=30.0))
+    log(VELOCITY, rr.Arrows2D.from_fields(colors=[drawing.WHITE], radii=size(0.6), draw_order=25.0))
     log(TRAILS, rr.LineStrips2D.from_fields(radii=size(0.9), draw_order=10.0))
     log(MODEL_LINKS, rr.LineStrips2D.from_fields(radii=size(1.0), draw_order=15.0))
     log(STATE_LINKS, rr.LineStrips2D.from_fields(radii=size(0.3), draw_order=14.0))
-    log(COLLISIONS, rr.LineStrips2D.from_fields(colors=[palette.COLLISION], radii=size(1.2), draw_order=40.0))
-    log(OBSTACLE_HITS, rr.LineStrips2D.from_fields(colors=[palette.HIT], radii=size(1.5), draw_order=40.0))
-    log(f"{LEADER}/ring", rr.Points2D([(0.0, 0.0)], radii=size(5.5), colors=[palette.WHITE], draw_order=20.0))
-    log(CLOSE_UP, rr.Transform3D(scale=[1.0, -1.0, 1.0]))  # undoes that of the map: the view's origin has y down again
-    log(HEADS, rr.Points2D.from_fields(radii=size(5.5), colors=[palette.HEAD], draw_order=19.0))
+    log(COLLISIONS, rr.LineStrips2D.from_fields(colors=[drawing.COLLISION], radii=size(1.2), draw_order=40.0))
+    log(OBSTACLE_HITS, rr.LineStrips2D.from_fields(colors=[drawing.HIT], radii=size(1.5), draw_order=40.0))
+    log(f"{LEADER}/ring", rr.Points2D([(0.0, 0.0)], radii=size(5.5), colors=[drawing.WHITE], draw_order=20.0))
+    log(CLOSE_UP, rr.Transform3D(scale=[1.0, -1.0, 1.0]))  # undoes that of the map
+    log(HEADS, rr.Points2D.from_fields(radii=size(5.5), colors=[drawing.HEAD], draw_order=19.0))
     log(HALOS, rr.Points2D.from_fields(radii=size(6.5), draw_order=18.0))
-    log(JAMS, rr.LineStrips2D.from_fields(colors=[palette.JAMMED], radii=size(1.0), draw_order=16.0))
-    log(GUSTS, rr.Arrows2D.from_fields(colors=[palette.GUST], radii=size(0.8), draw_order=26.0))
+    log(JAMS, rr.LineStrips2D.from_fields(colors=[drawing.JAMMED], radii=size(1.0), draw_order=16.0))
+    log(GUSTS, rr.Arrows2D.from_fields(colors=[drawing.GUST], radii=size(0.8), draw_order=26.0))
     log(AREAS, rr.LineStrips2D.from_fields(radii=size(1.5), draw_order=5.0))
-    log(WORDS, rr.Points2D.from_fields(colors=[palette.WHITE], radii=0.0, show_labels=True))
+    log(WORDS, rr.Points2D.from_fields(colors=[drawing.WHITE], radii=0.0, show_labels=True))
 
-    plots = [*panels.OF_EVERY_FLIGHT, *map(panels.diagnostic, reported.diagnostics)]
-    for plot in plots + [panels.SPREAD] * (reported.weights > 0):
+    spread = [plots.SPREAD] if reported.weights else []
+    for plot in (*plots.OF_EVERY_FLIGHT, *map(plots.diagnostic, reported.diagnostics), *spread):
         log(plot.entity, rr.SeriesLines(names=plot.names, colors=_rgba(plot.colors), widths=plot.widths or 2.0))
-    log(panels.HITS, rr.SeriesPoints(names="collision", colors=palette.COLLISION, markers="asterisk", marker_sizes=5.0))
+    log(plots.HITS, rr.SeriesPoints(names="collision", colors=drawing.COLLISION, markers="asterisk", marker_sizes=5.0))
     if reported.weights:
         names = [f"weight {number}" for number in reported.drawn]
-        shades = palette.viridis(np.linspace(0.0, 1.0, len(names)))
-        log(panels.WEIGHTS, rr.SeriesLines(names=names, colors=shades, widths=1.0))
+        shades = drawing.viridis(np.linspace(0.0, 1.0, len(names)))
+        log(plots.WEIGHTS, rr.SeriesLines(names=names, colors=shades, widths=1.0))
     if scenario.uavs <= LARGE_SWARM:
         texts = [lane(uav, now) for uav in range(scenario.uavs) for now in Lane]
         colors = _rgba(tuple(LANE_COLORS[now] for now in Lane) * scenario.uavs)
         log(LANES, rr.StateConfiguration(values=texts, labels=texts, colors=colors))
+    _log_close_up(part, scenario)
 
 
-def blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.Blueprint:
-    """The views, arranged; a live recording follows the flight, a finished one plays it from the start."""
+def _log_close_up(part: Part, scenario: Scenario) -> None:
+    """Logs the scale and the radius r_C around the leader, in a frame with y down."""
+    edge, hazard = 0.9 * CLOSE_UP_M, scenario.metrics.hazard_radius
+    scale = np.array([(-edge, edge - 0.9), (1.0 - edge, edge - 0.9)])
+    part.line(f"{CLOSE_UP}/scale", scale, drawing.WHITE, 1.5)
+    part.label(f"{CLOSE_UP}/scale/word", (0.5 - edge, edge - 0.9), "1 m", drawing.WHITE)
+    part.line(f"{CLOSE_UP}/hazard", circle((0.0, 0.0), hazard), drawing.GREY, 1.0)
+    part.label(f"{CLOSE_UP}/hazard/word", (0.0, hazard), f"r_C {hazard:.2g} m", drawing.GREY)
+
+
+def flight_blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.Blueprint:
+    """The views of one flight."""
     leader, radius = scenario.federation.leader, scenario.metrics.collision_radius
     trails = f"trails coloured by {'φ_G' if reported.has_phi_g else 'speed'}"
     maps = swarm_map(scenario, f"swarm map, m: {trails}, arrows reach 2 s ahead")
@@ -140,22 +147,22 @@ def blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.Bluepri
         visual_bounds=rrb.VisualBounds2D(x_range=[-CLOSE_UP_M, CLOSE_UP_M], y_range=[-CLOSE_UP_M, CLOSE_UP_M]),
         overrides={**_recent(scenario), UAVS: rr.Points2D.from_fields(radii=radius)},
     )
-    of_grid, beside = learned(leader, reported)
-    said = rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
+    in_grid, in_tabs = _learned(leader, reported)
+    columns = rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
     details: list[rrb.View | rrb.Container] = [
-        rrb.TextLogView(origin=f"/{EVENTS}", name="events", columns=said),
-        *tabs(beside, "learning" if reported.weights else "diagnostics"),
+        rrb.TextLogView(origin=f"/{EVENTS}", name="events", columns=columns),
+        *_tabs(in_tabs, "learning" if reported.weights else "diagnostics"),
     ]
     if scenario.uavs <= LARGE_SWARM:
         lanes = rrb.StateTimelineView(origin=f"/{LANES}", name="UAVs", time_view=whole_flight())
         details = [lanes, *details, rrb.GraphView(origin=f"/{ROUND}", name="last round")]
-    grid = rrb.Grid(*map(series, panels.OF_EVERY_FLIGHT), *of_grid, grid_columns=2)
+    grid = rrb.Grid(*map(_series, plots.OF_EVERY_FLIGHT), *in_grid, grid_columns=2)
     below = rrb.Horizontal(close_up, rrb.Tabs(*details, active_tab=0), column_shares=[2, 3])
-    return shown(rrb.Horizontal(rrb.Vertical(maps, below, row_shares=[4, 3]), grid, column_shares=[1, 1]), live)
+    return window(rrb.Horizontal(rrb.Vertical(maps, below, row_shares=[4, 3]), grid, column_shares=[1, 1]), live)
 
 
-def shown(views: rrb.Container, live: bool) -> rrb.Blueprint:
-    """Views, and nothing else of the viewer; it follows a live flight and plays a finished one from its start."""
+def window(views: rrb.Container, live: bool) -> rrb.Blueprint:
+    """A window with these views alone; it follows a live flight and plays a finished one from its start."""
     time_panel = rrb.TimePanel(
         state="collapsed",
         timeline=TIMELINE,
@@ -167,8 +174,11 @@ def shown(views: rrb.Container, live: bool) -> rrb.Blueprint:
 
 
 def swarm_map(scenario: Scenario, name: str, part: str = "", maps: int = 1) -> rrb.Spatial2DView:
-    """The map of a flight; `part`: under which its entities lie, where it is not alone in its recording. maps: in the
-    same window.
+    """The map of a flight.
+
+    Args:
+        part: the part of the recording that shows the flight; empty: the whole.
+        maps: in the same window.
     """
     root = f"/{part}" if part else ""
     return rrb.Spatial2DView(
@@ -182,17 +192,17 @@ def swarm_map(scenario: Scenario, name: str, part: str = "", maps: int = 1) -> r
 
 
 def trail_seconds(scenario: Scenario) -> float:
-    """How long a trail is, s."""
+    """Length of a trail, s."""
     return TRAIL_S if scenario.uavs <= LARGE_SWARM else TRAIL_S / 3
 
 
 def _rgba(colors: tuple[int, ...]) -> NDArray[np.uint32]:
-    """As rerun wants to be told that these are colours and not channels."""
+    """Colours in the type that Rerun does not take for channels."""
     return np.array(colors, dtype=np.uint32)
 
 
 def _recent(scenario: Scenario) -> dict[Any, rrb.VisibleTimeRanges]:
-    """Trails, links and stars are drawn while their rows are recent: nothing is logged twice or cleared."""
+    """The time for which trails, links and marks are shown: nothing is logged twice or cleared."""
 
     def last(seconds: float) -> rrb.VisibleTimeRanges:
         start = rr.TimeRangeBoundary.cursor_relative(seconds=-seconds)
@@ -202,16 +212,56 @@ def _recent(scenario: Scenario) -> dict[Any, rrb.VisibleTimeRanges]:
         TRAILS: last(trail_seconds(scenario)),
         MODEL_LINKS: last(LINK_S),
         STATE_LINKS: last(scenario.dt),
-        COLLISIONS: last(STAR_S),
-        OBSTACLE_HITS: last(STAR_S),
+        COLLISIONS: last(MARK_S),
+        OBSTACLE_HITS: last(MARK_S),
     }
 
 
 def _map_bounds(scenario: Scenario, maps: int) -> rrb.VisualBounds2D:
-    """What the map shows with a margin, in the view's own y-down metres."""
-    low, high = mission.box(scenario)
-    margin = mission.MARGIN * float(np.max(high - low))
-    low = np.array([mission.key_box(scenario, maps)[0][0], low[1]])
+    """The bounds of the map with a margin, in the view's own y-down metres."""
+    low, high = mission_map.box(scenario)
+    margin = mission_map.MARGIN * float(np.max(high - low))
+    low = np.array([mission_map.key_box(scenario, maps)[0][0], low[1]])
     return rrb.VisualBounds2D(
         x_range=[low[0] - margin, high[0] + margin], y_range=[-high[1] - margin, -low[1] + margin]
+    )
+
+
+def _learned(leader: int, reported: Reported) -> tuple[list[rrb.View], list[rrb.View]]:
+    """Plots of a controller's reports: at most two for the grid, the others for tabs."""
+    views: list[rrb.View] = [_series(plots.diagnostic(name)) for name in reported.diagnostics]
+    if not reported.weights:
+        return views[:2], views[2:]
+    weights = rrb.TimeSeriesView(
+        origin=f"/{plots.WEIGHTS}",
+        name=plots.weights_title(leader, reported),
+        axis_x=whole_flight(),
+        plot_legend=rrb.PlotLegend(visible=False),
+    )
+    return [*views[:1], weights], [*views[1:], _series(plots.SPREAD)]
+
+
+def _tabs(views: list[rrb.View], name: str) -> list[rrb.Container]:
+    """Tabs with views below each other."""
+    groups = [views[first : first + _IN_A_TAB] for first in range(0, len(views), _IN_A_TAB)]
+    return [
+        rrb.Vertical(*group, name=name if len(groups) == 1 else f"{name} {number}")
+        for number, group in enumerate(groups, 1)
+    ]
+
+
+def _series(plot: plots.Plot) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=f"/{plot.entity}",
+        name=plot.title,
+        axis_x=whole_flight(),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=plot.legend),
+    )
+
+
+def whole_flight() -> rrb.TimeAxis:
+    """A time axis with the whole flight; by default a plot shows half a minute around the cursor."""
+    return rrb.TimeAxis(
+        link=rrb.components.LinkAxis.Independent,
+        view_range=rr.TimeRange(rr.TimeRangeBoundary.infinite(), rr.TimeRangeBoundary.infinite()),
     )

@@ -1,10 +1,8 @@
 """The flight as a Rerun recording: written to a file, served to viewers.
 
-`Writer` alone sends: in batches, what `motion.py`, `links.py`, `plots.py`, `events.py` and `disturbances.py` make of
-the telemetry, in the form of `columns.py`. `blueprint.py` says how it looks, `legend.py` what it means, `screenshot.py`
-shows it, `recorded.py` reads it back. Only these and `viewer.py` import rerun. Of what was sent, memory holds no more
-than rerun's index of the file, which becomes its footer: some 70 KB a batch, and all of a run that grows with its
-length here.
+`Writer` alone sends, in batches: the rows that `flight.py`, `plots.py` and `disturbances.py` make of telemetry, and
+the fixed parts of `blueprint.py` and `mission_map.py`. `replay.py` reads recordings back. Memory keeps only Rerun's
+index of the file, which becomes its footer: some 70 KB a batch.
 """
 
 import time
@@ -18,14 +16,10 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from meanflock.groundstation.recording import blueprint as look
-from meanflock.groundstation.recording import legend
-from meanflock.groundstation.recording.columns import Sent, Ticks
+from meanflock.groundstation.recording import blueprint, mission_map
 from meanflock.groundstation.recording.disturbances import Disturbances
-from meanflock.groundstation.recording.events import event_rows
-from meanflock.groundstation.recording.links import LinkRows
-from meanflock.groundstation.recording.motion import Trails, uav_colors, uav_rows
-from meanflock.groundstation.recording.part import Part
+from meanflock.groundstation.recording.drawing import Part, Sent, Ticks
+from meanflock.groundstation.recording.flight import LinkRows, Trails, event_rows, uav_colors, uav_rows
 from meanflock.groundstation.recording.plots import plot_rows, report_rows
 from meanflock.groundstation.recording.viewer import await_listener, listening_address
 from meanflock.groundstation.reported import Reported
@@ -72,7 +66,7 @@ class Writer:
     ) -> None:
         self._reported = reported if reported is not None else Reported.by(scenario.declared)
         self._scenario, self._part, self._maps = scenario, f"{part}/" if part else "", maps
-        self._large = scenario.uavs > look.LARGE_SWARM
+        self._large = scenario.uavs > blueprint.LARGE_SWARM
         self._disturbances, self._trails, self._links = Disturbances(scenario), Trails(scenario), LinkRows(scenario)
         self._pending: list[Telemetry] = []
         self._pending_ticks = 0
@@ -86,8 +80,8 @@ class Writer:
 
     def log_fixed(self) -> None:
         """Logs what does not change in flight."""
-        look.log_static(self._under, self._scenario, self._reported)
-        legend.log(self._under, self._scenario, self._reported, self._maps)
+        blueprint.log_static(self._under, self._scenario, self._reported)
+        mission_map.log(self._under, self._scenario, self._reported, self._maps)
 
     def write(self, block: Telemetry) -> None:
         """Records a block of T ≥ 1 ticks. Blocks come in the order of the flight; one may be missing."""
@@ -134,8 +128,8 @@ class Writer:
     def _send(self, sent: Iterable[Sent]) -> None:
         for entity, ticks, columns in sent:
             if ticks is not self._index_of:  # most columns of a batch have those of all its ticks
-                duration = rr.TimeColumn(look.TIMELINE, duration=ticks * self._scenario.dt)
-                self._index_of, self._index = ticks, (duration, rr.TimeColumn(look.TICKS, sequence=ticks))
+                duration = rr.TimeColumn(blueprint.TIMELINE, duration=ticks * self._scenario.dt)
+                self._index_of, self._index = ticks, (duration, rr.TimeColumn(blueprint.TICKS, sequence=ticks))
             rr.send_columns(self._part + entity, self._index, columns, recording=self._stream)
 
 
@@ -178,7 +172,7 @@ class Recorder(Writer):
         stream = rr.RecordingStream(APPLICATION, recording_id=run_id)
         super().__init__(scenario, stream, reported, patience_s=FILE_WALL_S if serve is None else BATCH_WALL_S)
         self._path = path
-        start(stream, sinks, look.blueprint(scenario, reported, serve is not None), path)
+        start(stream, sinks, blueprint.flight_blueprint(scenario, reported, serve is not None), path)
         if (
             serve is not None
         ):  # the server starts in a thread of its own; a viewer that came before it would end at once

@@ -1,19 +1,26 @@
-"""What a run folder keeps of a flight and its recording lacks, as telemetry again.
+"""Recording files: check, repair and read them, continue one, and complete one from its run folder.
 
-A recorder gathers some hundred ticks before it sends them, the time series is written block by block: whoever kills a
-recorder takes its last ticks out of the recording alone.
+A recorder gathers some hundred ticks before it sends them, while the time series is written block by block. So a
+recorder that is killed leaves a time series that is longer than its recording.
 """
 
+import logging
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from numpy.typing import NDArray
+from rerun.chunk import RrdReader
 
-from meanflock.groundstation.recording.recorded import Recorded, line, recorded
+from meanflock.groundstation.recording import blueprint, plots
+from meanflock.groundstation.recording.flight import event_text
 from meanflock.groundstation.recording.recorder import Recorder
-from meanflock.groundstation.recording.viewer import Continued, repair, verify
+from meanflock.groundstation.recording.viewer import reason, run_program
 from meanflock.groundstation.reported import Reported
 from meanflock.groundstation.results import inbound
 from meanflock.groundstation.results.event_log import past_events
@@ -21,43 +28,143 @@ from meanflock.groundstation.results.run_folder import EVENTS, RECORDING, SCENAR
 from meanflock.groundstation.results.series import block_of, unbroken
 from meanflock.groundstation.results.timeseries_file import Past, past
 from meanflock.swarm import scenario
-from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
 from meanflock.swarm.wire.messages import Event, Telemetry
 
 _BLOCK_TICKS = 500
 
+log = logging.getLogger("meanflock.recording")
+
+
+def verify(path: Path) -> str | None:
+    """The fault of a recording; None: it has none."""
+    done = run_program("rrd", "verify", str(path))
+    if done.returncode != 0:
+        return reason(done)
+    return None if _holds_a_run(path) else "there is no recording in it"
+
+
+def repair(path: Path) -> None:
+    """Rewrites a recording that was cut off, in place, with all of it that can be read.
+
+    Raises:
+        RunFailed: nothing of it can be read; the file is left as it was.
+    """
+    repaired = path.with_name(f".{path.name}.mended")
+    try:
+        done = run_program("rrd", "optimize", str(path), "-o", str(repaired))
+        if done.returncode != 0 or not repaired.exists():
+            raise RunFailed(f"{path}: the recording cannot be repaired: {reason(done)}")
+        if not _holds_a_run(repaired):
+            raise RunFailed(f"{path}: nothing of a flight can be read of the recording; it is left as it was")
+        repaired.replace(path)
+    finally:
+        repaired.unlink(missing_ok=True)
+
+
+def _holds_a_run(path: Path) -> bool:
+    """Whether a recording has more than a blueprint; Rerun's program accepts a file that was cut after that."""
+    try:
+        RrdReader(path).stream()
+    except (RuntimeError, ValueError):
+        return False
+    return True
+
+
+class Continued:
+    """Moves an older recording of a run aside while a new one is written, and joins them at the end."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.earlier: list[Path] = []  # the older recordings that can be read
+
+    def __enter__(self) -> "Continued":
+        # A process that was killed before it joined them leaves more than one.
+        aside = sorted(self._path.parent.glob(f".earlier-*.{self._path.name}"))
+        if self._path.exists():
+            aside.append(self._path.replace(self._path.with_name(f".earlier-{len(aside):03}.{self._path.name}")))
+        for part in aside:
+            try:
+                if verify(part) is not None:
+                    repair(part)
+                self.earlier.append(part)
+            except RunFailed as error:
+                log.warning("%s", error)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Joins all recordings that can be read; where that fails, they stay beside each other."""
+        if not self.earlier or not self._path.exists():
+            return
+        joined = self._path.with_name(f".joined.{self._path.name}")
+        try:
+            parts = [str(part) for part in (*self.earlier, self._path)]
+            if run_program("rrd", "merge", *parts, "-o", str(joined)).returncode == 0 and joined.exists():
+                joined.replace(self._path)
+                for part in self.earlier:
+                    part.unlink()
+        finally:
+            joined.unlink(missing_ok=True)
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """The contents of recordings of a run: ticks (R,) that are complete, and lines of the log with their ticks."""
+
+    ticks: NDArray[np.int64]
+    lines: set[tuple[int, str]]
+
+
+def recorded(parts: Iterable[Path]) -> Recorded:
+    """Reads recordings that `verify` accepts."""
+    ticks: list[int] = []
+    lines: set[tuple[int, str]] = set()
+    for part in parts:
+        ticks += [tick for tick, _ in _rows(part, plots.LAST.entity, "Scalars:scalars")]
+        lines |= {(tick, text[0]) for tick, text in _rows(part, blueprint.EVENTS, "TextLog:text")}
+    return Recorded(np.unique(np.array(ticks, dtype=np.int64)), lines)
+
+
+def _rows(path: Path, entity: str, component: str) -> Iterator[tuple[int, Any]]:
+    for chunk in RrdReader(path).stream().filter(content=f"/{entity}"):
+        batch = chunk.to_record_batch()
+        if {blueprint.TICKS, component} <= set(batch.schema.names):
+            ticks = batch.column(blueprint.TICKS).to_pylist()
+            yield from zip(ticks, batch.column(component).to_pylist(), strict=True)
+
 
 def complete(folder: Path) -> None:
-    """Mends the recording of a run that was killed: what of it can be read, and the rest from the time series.
+    """Repairs the recording of a run that was killed and fills it up from the time series.
 
     Raises:
         BadInput: time series or events are damaged.
-        RunFailed: nothing can be read of the recording, and there is nothing else; it is left as it was.
+        RunFailed: nothing of the recording can be read, and there is no time series; the file is left as it was.
     """
     path = folder / RECORDING
     if verify(path) is None:
         return
     try:
-        flown, kept = scenario.load(folder / SCENARIO), past(folder)
-    except BadInput:  # no folder of a run: a recording alone
+        flown, series = scenario.load(folder / SCENARIO), past(folder)
+    except BadInput:  # a recording alone
         repair(path)
         return
-    _events(folder, kept, flown.uavs)  # before anything is moved
-    with Continued(path) as before, Recorder(flown, folder.name, path, reported=Reported.within(kept.rows)) as recorder:
-        for block in missing(folder, kept, recorded(before.earlier), flown.uavs):
+    _events(folder, series, flown.uavs)  # before any file is moved
+    reported = Reported.within(series.rows)
+    with Continued(path) as before, Recorder(flown, folder.name, path, reported=reported) as recorder:
+        for block in missing(folder, series, recorded(before.earlier), flown.uavs):
             recorder.write(block)
 
 
-def missing(folder: Path, kept: Past, there: Recorded, uavs: int) -> Iterator[Telemetry]:
-    """Rows and events that `kept` has of the flight in `folder` and that are not `there`, in the order of the ticks.
+def missing(folder: Path, series: Past, there: Recorded, uavs: int) -> Iterator[Telemetry]:
+    """Rows and events of the flight in `folder` that `there` lacks, in the order of the ticks.
 
-    Which links were used is nowhere but in a recording: these blocks have none.
+    The blocks have no links, which no file but a recording has.
 
     Raises:
         BadInput: the rows or events are not those of a flight of so many UAVs.
     """
-    rows = kept.rows.filter(pc.invert(pc.is_in(kept.rows["tick"], pa.array(there.ticks, pa.int32()))))
-    left = [event for event in _events(folder, kept, uavs) if (event.tick, line(event)) not in there.lines]
+    rows = series.rows.filter(pc.invert(pc.is_in(series.rows["tick"], pa.array(there.ticks, pa.int32()))))
+    left = [event for event in _events(folder, series, uavs) if (event.tick, event_text(event)) not in there.lines]
     try:
         pieces = list(unbroken(rows, _BLOCK_TICKS))
         for number, piece in enumerate(pieces):
@@ -69,7 +176,7 @@ def missing(folder: Path, kept: Past, there: Recorded, uavs: int) -> Iterator[Te
         raise BadInput(f"{folder}: time series or events are damaged ({error})") from error
 
 
-def _events(folder: Path, kept: Past, uavs: int) -> list[Event]:
-    """Raises BadInput where some are missing or damaged."""
+def _events(folder: Path, series: Past, uavs: int) -> list[Event]:
+    """Raises BadInput where events are missing or damaged."""
     mend = f"bring the file back, or look at what there is: `meanflock view {folder / RECORDING}`"
-    return past_events(folder / EVENTS, kept.events_bytes, uavs, mend)
+    return past_events(folder / EVENTS, series.events_bytes, uavs, mend)

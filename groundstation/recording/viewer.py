@@ -1,102 +1,37 @@
-"""Rerun's own program as a child process: it checks and mends recordings, and shows them.
+"""Rerun's own program as a child process: it shows recordings in a window, as a picture or to the web page.
 
-The binary is started itself, not through the `rerun` script, which leaves the viewer behind when it is ended.
-It listens on loopback only and does not phone home.
+The binary is started directly, because the `rerun` script leaves the viewer behind when it is ended. It listens on
+loopback only and sends no analytics.
 """
 
 import http.client
 import importlib.util
-import logging
 import os
+import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from rerun.experimental import ViewerClient
+
+from meanflock.groundstation.recording import blueprint
+from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.process import Interrupted
 
 LOOPBACK = "127.0.0.1"
-LISTEN_S = 60.0  # until a server that has been started listens, on a machine that is busy
+LISTEN_S = 60.0  # until a server that was started listens, on a busy machine
 _ASK_AGAIN_S = 0.02
-
-log = logging.getLogger("meanflock.viewer")
-
-
-def verify(path: Path) -> str | None:
-    """What is wrong with a recording; None: nothing."""
-    done = _run("rrd", "verify", str(path))
-    if done.returncode != 0:
-        return _reason(done)
-    return None if _holds_a_run(path) else "there is no recording in it"
-
-
-def repair(path: Path) -> None:
-    """Rewrites a recording that was cut off, in place, with all that can be read of it.
-
-    Raises:
-        RunFailed: nothing can be read of it; the file is left as it was.
-    """
-    mended = path.with_name(f".{path.name}.mended")
-    try:
-        done = _run("rrd", "optimize", str(path), "-o", str(mended))
-        if done.returncode != 0 or not mended.exists():
-            raise RunFailed(f"{path}: the recording cannot be repaired: {_reason(done)}")
-        if not _holds_a_run(mended):
-            raise RunFailed(f"{path}: nothing of a flight can be read of the recording; it is left as it was")
-        mended.replace(path)
-    finally:
-        mended.unlink(missing_ok=True)
-
-
-def _holds_a_run(path: Path) -> bool:
-    """Whether there is anything but what says how it is shown; Rerun's program calls a cut beginning sound."""
-    from rerun.chunk import RrdReader  # a third of a second, where a recording is looked at
-
-    try:
-        RrdReader(path).stream()
-    except (RuntimeError, ValueError):  # no file of that kind, nothing but a blueprint
-        return False
-    return True
-
-
-class Continued:
-    """Lets a new recording be written in the place of an older one of the same run; in the end they are one."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self.earlier: list[Path] = []  # what there is already, whole; what cannot be read is left aside
-
-    def __enter__(self) -> "Continued":
-        # Some may be left by who was killed before it could join them.
-        aside = sorted(self._path.parent.glob(f".earlier-*.{self._path.name}"))
-        if self._path.exists():
-            aside.append(self._path.replace(self._path.with_name(f".earlier-{len(aside):03}.{self._path.name}")))
-        for part in aside:
-            try:
-                if verify(part) is not None:
-                    repair(part)
-                self.earlier.append(part)
-            except RunFailed as error:
-                log.warning("%s", error)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Joins all that can be read; where that fails, the new one stands alone and the others are left aside."""
-        if not self.earlier or not self._path.exists():
-            return
-        joined = self._path.with_name(f".joined.{self._path.name}")
-        try:
-            parts = [str(part) for part in (*self.earlier, self._path)]
-            if _run("rrd", "merge", *parts, "-o", str(joined)).returncode == 0 and joined.exists():
-                joined.replace(self._path)
-                for part in self.earlier:
-                    part.unlink()
-        finally:
-            joined.unlink(missing_ok=True)
+VIEWER_DEADLINE_S = 60.0  # until a picture is rendered in software, on a busy machine
+LEAST, MOST = 200, 8192  # pixels of a side
+MISSING_GRAPHICS = "apt-get install mesa-vulkan-drivers libgl1 libegl1"
 
 
 def open_viewer(path_or_url: Path | str) -> "subprocess.Popen[bytes]":
@@ -112,13 +47,13 @@ def open_viewer(path_or_url: Path | str) -> "subprocess.Popen[bytes]":
 
 
 def web_viewer_files(paths: Iterable[str]) -> dict[str, bytes]:
-    """The files of the web viewer that Rerun's program has in itself, by their path on its server.
+    """The files of the web viewer within Rerun's program, by their path on its server.
 
     Raises:
         RunFailed: the program ends before it serves them.
     """
     _, port = listening_address(LOOPBACK, 0)
-    shown = f"rerun+http://{LOOPBACK}:{port}/proxy"  # never connected to: it keeps the program from serving data, too
+    shown = f"rerun+http://{LOOPBACK}:{port}/proxy"  # never opened; without it the program would serve data, too
     arguments = ["--serve-web", shown, "--bind", LOOPBACK, "--web-viewer-port", str(port)]
     server = subprocess.Popen([*_program(), *arguments], env=_environment(), stdout=subprocess.DEVNULL)
     try:
@@ -160,7 +95,7 @@ def attend(shown: "subprocess.Popen[bytes]") -> None:
 
 
 def end(viewer: "subprocess.Popen[bytes]") -> None:
-    """Ends a viewer that still runs: first asked, then killed."""
+    """Ends a viewer that still runs, with SIGTERM, then with SIGKILL."""
     viewer.terminate()
     try:
         viewer.wait(timeout=5)
@@ -170,11 +105,11 @@ def end(viewer: "subprocess.Popen[bytes]") -> None:
 
 
 def start_headless(path: Path, size: tuple[int, int], log: Path) -> tuple["subprocess.Popen[bytes]", str]:
-    """Starts a viewer without a window, `size` in pixels, that writes to `log`; returns it and its URL."""
+    """Starts a viewer of `size` pixels without a window, which logs to `log`; returns the process and its URL."""
     _, port = listening_address(LOOPBACK, 0)
     window = f"{size[0]}x{size[1]}"
     arguments = ["--headless", "--bind", LOOPBACK, "--port", str(port), "--window-size", window]
-    environment = {**_environment(), "RUST_LOG": "warn"}  # what it logs below that it also lays over the views
+    environment = {**_environment(), "RUST_LOG": "warn"}  # it would show lesser messages over the views
     with log.open("wb") as output:
         viewer = subprocess.Popen(
             [*_program(), str(path), *arguments], env=environment, stdout=output, stderr=subprocess.STDOUT
@@ -183,7 +118,7 @@ def start_headless(path: Path, size: tuple[int, int], log: Path) -> tuple["subpr
 
 
 def listening_address(host: str, port: int) -> tuple[str, int]:
-    """The numeric address and the port to serve on, 0 being any; rerun itself would only log a failure.
+    """The numeric address and the port to serve on, 0 being any; Rerun itself would only log a failure.
 
     Raises:
         BadInput: `port` is taken, or `host` is not this machine.
@@ -201,7 +136,7 @@ def listening_address(host: str, port: int) -> tuple[str, int]:
 
 
 def answers(host: str, port: int) -> bool:
-    """Whether somebody listens there; 0.0.0.0 and :: are this machine."""
+    """Whether a server listens there; 0.0.0.0 and :: are this machine."""
     try:
         socket.create_connection(({"0.0.0.0": LOOPBACK, "::": "::1"}.get(host, host), port), timeout=1.0).close()
     except OSError:
@@ -210,10 +145,10 @@ def answers(host: str, port: int) -> bool:
 
 
 def await_listener(host: str, port: int, timeout_s: float = LISTEN_S) -> None:
-    """Waits until somebody listens on `host`:`port`.
+    """Waits until a server listens on `host`:`port`.
 
     Raises:
-        RunFailed: nobody does within `timeout_s`.
+        RunFailed: none does within `timeout_s`.
     """
     end = time.monotonic() + timeout_s
     while not answers(host, port):
@@ -222,12 +157,13 @@ def await_listener(host: str, port: int, timeout_s: float = LISTEN_S) -> None:
         time.sleep(_ASK_AGAIN_S)
 
 
-def _run(*arguments: str) -> "subprocess.CompletedProcess[str]":
+def run_program(*arguments: str) -> "subprocess.CompletedProcess[str]":
+    """Runs Rerun's program to its end."""
     return subprocess.run([*_program(), *arguments], env=_environment(), capture_output=True, text=True, check=False)
 
 
 def _program() -> list[str]:
-    """Where the wheel put the binary; macOS may have it in a bundle."""
+    """The binary in the installed wheel; on macOS it may lie in a bundle."""
     package = importlib.util.find_spec("rerun_cli")
     if package is None or package.origin is None:
         raise RunFailed("rerun is not installed; pip install 'meanflock[ground]'")
@@ -238,11 +174,108 @@ def _program() -> list[str]:
 
 
 def _environment() -> dict[str, str]:
-    """The environment of a child that neither asks about analytics nor sends any, and says only what went wrong."""
+    """The environment of a child that sends no analytics and logs only warnings and errors."""
     return {"RUST_LOG": "warn", **os.environ, "CI": "1", "NO_COLOR": "1"}
 
 
-def _reason(done: "subprocess.CompletedProcess[str]") -> str:
-    """What the program said, on one line."""
-    said = " ".join((done.stderr or done.stdout).split())
-    return said or f"rerun ended with {done.returncode}"
+def reason(done: "subprocess.CompletedProcess[str]") -> str:
+    """The output of a program that failed, on one line."""
+    output = " ".join((done.stderr or done.stdout).split())
+    return output or f"rerun ended with {done.returncode}"
+
+
+def pixels(size: str) -> tuple[int, int]:
+    """Reads `WIDTHxHEIGHT`.
+
+    Raises:
+        BadInput: it is something else, too small to show anything, or too large to render.
+    """
+    numbers = [int(part) for part in size.split("x") if part.isascii() and part.isdigit()]
+    if size.count("x") != 1 or len(numbers) != 2 or not all(LEAST <= number <= MOST for number in numbers):
+        raise BadInput(f"--size {size}: write it as WIDTHxHEIGHT, each {LEAST} to {MOST} pixels, for example 1920x1080")
+    return numbers[0], numbers[1]
+
+
+def screenshot(path: Path, png: Path, at_s: float | None, size: tuple[int, int] = (1920, 1080)) -> None:
+    """Renders a recording as a picture of `size` pixels; needs no display.
+
+    Args:
+        at_s: seconds since take-off; None for the end of the recording.
+
+    Raises:
+        BadInput: no such recording or second, or the picture cannot be written.
+        RunFailed: the viewer does not start or answer, or one of the views reports an error.
+    """
+    if not path.is_file():
+        raise BadInput(f"{path}: no such recording; give the `recording.rrd` of a run")
+    try:
+        png.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"{png}: {error.strerror}; give a file in a folder that can be written") from error
+    durable.check_folder(png.parent, "-o")
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "viewer.log"
+        viewer, url = start_headless(path, size, log)
+        try:
+            picture = _render(viewer, url, at_s)
+        except (OSError, RuntimeError, ValueError) as error:
+            lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
+            cause = next((line for line in lines if "panicked" in line or "ERROR" in line), str(error))
+            raise RunFailed(
+                f"{path}: no picture: {cause}; without a display the viewer needs software rendering: "
+                f"{MISSING_GRAPHICS}"
+            ) from error
+        finally:
+            end(viewer)
+    durable.put(png, picture, "the picture is not written")
+
+
+def _render(viewer: "subprocess.Popen[bytes]", url: str, at_s: float | None) -> bytes:
+    """The picture once the recording is loaded and the viewer repeats an earlier picture.
+
+    Two pictures in a row need not be equal: a plot may alternate between two widths of its labels.
+    """
+    deadline = time.monotonic() + VIEWER_DEADLINE_S
+    client: ViewerClient | None = None
+    prepared = False
+    pictures: set[bytes] = set()
+    while time.monotonic() < deadline:
+        if viewer.poll() == -signal.SIGINT:  # Ctrl-C reaches both processes
+            raise KeyboardInterrupt
+        if viewer.returncode is not None:
+            raise OSError(f"the viewer ended with {viewer.returncode}")
+        time.sleep(0.2)
+        try:
+            client = client or ViewerClient.connect(url)
+            seen = client.get_state()
+            if not seen.recordings or not seen.recordings[0].timelines or seen.loading:
+                continue
+            if not prepared:
+                client.set_time(blueprint.TIMELINE, duration=_second(seen.recordings[0], at_s), play_state="paused")
+                client.run_command("ui.toggle_top_panel")  # its only message is that it renders in software
+                prepared = True
+                continue
+            picture = client.take_screenshot()
+        except (RuntimeError, ConnectionError):
+            continue  # not listening yet
+        if picture in pictures:
+            reports = [(view.name, report) for view in seen.views for report in view.reports]
+            errors = [f"{name}: {report.summary}" for name, report in reports if report.severity == "error"]
+            if errors:
+                raise RunFailed(f"views report errors: {'; '.join(errors)}")
+            return picture
+        pictures.add(picture)
+    raise TimeoutError(f"the viewer gave no steady picture within {VIEWER_DEADLINE_S:.0f} s")
+
+
+def _second(recording: Any, at_s: float | None) -> float:
+    """The second to show: `at_s`, if the recording has it, or its last."""
+    (flight,) = [line for line in recording.timelines if line.name == blueprint.TIMELINE]
+    first, last = (
+        np.timedelta64(nanoseconds, "ns") / np.timedelta64(1, "s") for nanoseconds in (flight.start, flight.end)
+    )
+    if at_s is None:
+        return float(last)
+    if not first <= at_s <= last:
+        raise BadInput(f"--at {at_s:g}: the recording is of {first:g} to {last:g} s")
+    return at_s

@@ -14,8 +14,7 @@ import meanflock as mf
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.plots.charts import plot_run
 from meanflock.groundstation.recording import viewer
-from meanflock.groundstation.recording.recorded import recorded
-from meanflock.groundstation.recording.viewer import verify
+from meanflock.groundstation.recording.replay import recorded, verify
 from meanflock.groundstation.results.run_folder import CHECKPOINT, EVENTS, RECORDING, read_checkpoint
 from meanflock.swarm.errors import BadInput
 from tests.faults.conftest import scenario

@@ -17,7 +17,7 @@ from msgspec import structs
 
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.processes import free_endpoint
-from meanflock.groundstation.recording.viewer import verify
+from meanflock.groundstation.recording.replay import verify
 from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.groundstation.results.timeseries_file import past
 from meanflock.swarm import durable

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from meanflock.groundstation.launch.processes import free_endpoint
-from meanflock.groundstation.recording.recorded import recorded
+from meanflock.groundstation.recording.replay import recorded
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.lease import LEASE

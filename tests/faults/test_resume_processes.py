@@ -9,8 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from meanflock.groundstation.launch.resume import back
-from meanflock.groundstation.recording.recorded import recorded
-from meanflock.groundstation.recording.viewer import verify
+from meanflock.groundstation.recording.replay import recorded, verify
 from meanflock.groundstation.results.run_folder import CHECKPOINT
 from meanflock.swarm import scenario as scenarios
 from tests.faults.conftest import Lab

@@ -8,7 +8,7 @@ import numpy as np
 from rerun.chunk import RrdReader
 
 from meanflock.groundstation.recording import blueprint as look
-from meanflock.groundstation.recording import panels
+from meanflock.groundstation.recording import plots
 from meanflock.groundstation.recording import recorder as recording
 from meanflock.groundstation.recording.recorder import Recorder
 from meanflock.groundstation.reported import Reported
@@ -18,7 +18,7 @@ from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, FrameKind, Statu
 ROUND_TICKS = 100
 DIAGNOSTICS = ("hjb_residual", "fpk_residual", "phi_G")  # of the paper's scenario, which is the default
 WEIGHTS = 246
-HJB = panels.diagnostic("hjb_residual")
+HJB = plots.diagnostic("hjb_residual")
 COLLISIONS = ((120, (3, 4)), (121, (5, 6)), (333, (0, 24)))  # tick, pair
 
 
@@ -99,7 +99,7 @@ def column(path: Path, entity: str, name: str) -> tuple[np.ndarray, list[Any]]:
     return np.array([tick for tick, _ in rows]), [value for _, value in rows]
 
 
-def scalars(path: Path, plot: panels.Plot | str) -> tuple[np.ndarray, np.ndarray]:
+def scalars(path: Path, plot: plots.Plot | str) -> tuple[np.ndarray, np.ndarray]:
     entity = plot if isinstance(plot, str) else plot.entity
     ticks, values = column(path, entity, "Scalars:scalars")
     return ticks, np.array(values)

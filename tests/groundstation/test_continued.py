@@ -6,7 +6,7 @@ from rerun.chunk import RrdReader
 
 from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording.recorder import Recorder
-from meanflock.groundstation.recording.viewer import Continued, verify
+from meanflock.groundstation.recording.replay import Continued, verify
 from tests.faults.conftest import Lab, scenario
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from meanflock.groundstation import dictionary
 from meanflock.groundstation.launch.run import Options, fly
-from meanflock.groundstation.recording import events
+from meanflock.groundstation.recording import flight as flight_rows
 from meanflock.groundstation.results import columns, inbound
 from meanflock.groundstation.results.run_folder import EVENTS, SUMMARY, RunFolder
 from meanflock.groundstation.results.series import diagnostics_in
@@ -135,7 +135,7 @@ def test_every_kind_of_event_is_described(run: Path) -> None:
     told = [json.loads(line) for line in (run / EVENTS).read_text().splitlines()]
     assert {"joined", "fault", "lost", "finished"} <= {event["kind"] for event in told} <= set(dictionary.EVENTS)
     assert all(set(event) == set(dictionary.EVENT) for event in told)
-    assert set(events.LEVELS) <= set(dictionary.EVENTS)
+    assert set(flight_rows.LEVELS) <= set(dictionary.EVENTS)
 
 
 def test_a_diagnostic_called_as_a_column_is_refused_and_nothing_is_written(

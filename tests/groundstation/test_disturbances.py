@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from meanflock.groundstation.recording import blueprint as look
-from meanflock.groundstation.recording import palette, panels
+from meanflock.groundstation.recording import drawing, plots
 from meanflock.groundstation.reported import Reported
 from meanflock.swarm.faults import Fault, Gust, Jam, Kill, Partition, Pause
 from meanflock.swarm.scenario import Federation, Metrics, Scenario
@@ -42,7 +42,7 @@ def test_frozen_and_cut_off_uavs_have_a_halo_while_they_are(disturbed: tuple[Pat
     assert places[0] == []  # a recording that goes on shows nothing of the one before
     np.testing.assert_array_equal(places[30], points[30, [3, 4]])
     np.testing.assert_array_equal(places[36], points[36, [5, 3, 4]])
-    assert colors[36] == [palette.CUT, palette.FROZEN, palette.FROZEN]
+    assert colors[36] == [drawing.CUT, drawing.FROZEN, drawing.FROZEN]
     np.testing.assert_array_equal(places[54], points[54, [5]])
     assert places[55] == places[75] == []
     assert sorted(places) == [0, *range(30, 66), *range(70, 76)]
@@ -52,7 +52,7 @@ def test_an_area_and_the_words_for_it_come_and_go(disturbed: tuple[Path, np.ndar
     areas = rows(disturbed[0], look.AREAS, "LineStrips2D:strips")
     ((circle),) = areas[50]
     np.testing.assert_allclose(np.hypot(*(np.array(circle) - (120.0, 80.0)).T), 7.0, rtol=1e-5)
-    assert rows(disturbed[0], look.AREAS, "LineStrips2D:colors")[50] == [palette.JAMMED]
+    assert rows(disturbed[0], look.AREAS, "LineStrips2D:colors")[50] == [drawing.JAMMED]
     assert areas[60] == []
     said = rows(disturbed[0], look.WORDS, "Points2D:labels")
     assert said[35] == ["pause of UAV 3, 4 for 1 s\npartition of UAV 5 for 2 s"]
@@ -97,8 +97,8 @@ def test_lanes_say_who_is_frozen_or_cut_off_and_the_lost_stay_lost(tmp_path: Pat
     assert lanes[40][4] == "UAV 4: lost"
     assert lanes[50][3:6] == ["UAV 3: flying", "UAV 4: lost", "UAV 5: cut off"]
     shown = rows(path, look.UAVS, "Points2D:colors")
-    assert shown[40][4] == palette.GREY
-    assert shown[39][4] != palette.GREY
+    assert shown[40][4] == drawing.GREY
+    assert shown[39][4] != drawing.GREY
 
 
 def test_heads_of_clusters_are_marked_where_they_are(tmp_path: Path) -> None:
@@ -133,11 +133,11 @@ def test_the_map_explains_itself(disturbed: tuple[Path, np.ndarray]) -> None:
 
 def test_collisions_do_not_look_like_outages(disturbed: tuple[Path, np.ndarray]) -> None:
     path = disturbed[0]
-    assert fixed(path, "map/legend/outage", "LineStrips2D:colors") == [palette.RED]
-    assert fixed(path, look.COLLISIONS, "LineStrips2D:colors") == [palette.COLLISION]
-    assert fixed(path, panels.HITS, "SeriesPoints:colors") == [palette.COLLISION]
-    assert fixed(path, panels.FAILURES.entity, "SeriesLines:colors") == [palette.RED, palette.COLLISION]
-    assert palette.COLLISION not in (palette.RED, palette.ORANGE)
+    assert fixed(path, "map/legend/outage", "LineStrips2D:colors") == [drawing.RED]
+    assert fixed(path, look.COLLISIONS, "LineStrips2D:colors") == [drawing.COLLISION]
+    assert fixed(path, plots.HITS, "SeriesPoints:colors") == [drawing.COLLISION]
+    assert fixed(path, plots.FAILURES.entity, "SeriesLines:colors") == [drawing.RED, drawing.COLLISION]
+    assert drawing.COLLISION not in (drawing.RED, drawing.ORANGE)
 
 
 def test_the_close_up_has_the_maps_handedness(disturbed: tuple[Path, np.ndarray]) -> None:
@@ -149,7 +149,7 @@ def test_the_close_up_has_the_maps_handedness(disturbed: tuple[Path, np.ndarray]
 def test_dots_of_the_close_up_have_the_collision_radius() -> None:
     scenario = Scenario(metrics=Metrics(collision_radius=0.25))
     with patch.object(look.rrb, "Spatial2DView", wraps=look.rrb.Spatial2DView) as view:
-        look.blueprint(scenario, Reported((), 0), live=False)
+        look.flight_blueprint(scenario, Reported((), 0), live=False)
     (close_up,) = [call.kwargs for call in view.call_args_list if call.kwargs["origin"] == f"/{look.CLOSE_UP}"]
     (radius,) = close_up["overrides"][look.UAVS].radii.as_arrow_array().to_pylist()
     assert radius == 0.25

@@ -11,9 +11,8 @@ import pytest
 from meanflock.groundstation.cli import display
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.recording import viewer
-from meanflock.groundstation.recording.recorded import recorded
 from meanflock.groundstation.recording.recorder import Recorder
-from meanflock.groundstation.recording.viewer import verify
+from meanflock.groundstation.recording.replay import recorded, verify
 from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import (

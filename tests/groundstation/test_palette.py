@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from meanflock.groundstation.recording import palette
+from meanflock.groundstation.recording import drawing
 
 # Linear RGB as it is seen: Machado, Oliveira and Fernandes, IEEE TVCG 15 (2009), severity 1.
 VISION = {
@@ -42,13 +42,13 @@ def test_white_and_black_are_as_far_apart_as_they_are_defined_to_be() -> None:
 
 
 def test_what_is_delivered_does_not_look_like_an_outage_to_anybody() -> None:
-    assert difference(palette.GREEN, palette.RED) > 30.0
+    assert difference(drawing.GREEN, drawing.RED) > 30.0
 
 
 def test_nor_does_a_collision_look_like_an_outage() -> None:
-    assert difference(palette.COLLISION, palette.RED) > 20.0
+    assert difference(drawing.COLLISION, drawing.RED) > 20.0
 
 
-@pytest.mark.parametrize(("one", "other"), list(combinations(palette.LINES[:6], 2)), ids=lambda color: f"{color:08X}")
+@pytest.mark.parametrize(("one", "other"), list(combinations(drawing.LINES[:6], 2)), ids=lambda color: f"{color:08X}")
 def test_six_lines_of_a_plot_are_told_apart(one: int, other: int) -> None:
     assert difference(one, other) > 15.0

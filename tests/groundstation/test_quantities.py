@@ -21,7 +21,7 @@ from meanflock.groundstation.launch.run import Options, fly
 from meanflock.groundstation.plots import charts, plotstyle
 from meanflock.groundstation.plots import looks as looks_of
 from meanflock.groundstation.quantities import FIELDS, Quantity
-from meanflock.groundstation.recording import panels
+from meanflock.groundstation.recording import plots
 from meanflock.groundstation.recording.plots import plot_rows
 from meanflock.groundstation.reported import Reported
 from meanflock.groundstation.results.series import block_of
@@ -91,20 +91,20 @@ def test_the_summarys_table_uses_them(runs: dict[str, Path]) -> None:
 
 def test_the_plots_of_a_recording_use_them() -> None:
     for plot, quantity in (
-        (panels.ENERGY, quantities.ENERGY),
-        (panels.SPEED, quantities.SPEED),
-        (panels.BITS, quantities.PAYLOAD),
-        (panels.ALIGNMENT, quantities.ALIGNMENT),
-        (panels.RISK, quantities.RISK_PRINTED),
-        (panels.FAILURES, quantities.OUTAGES),
-        (panels.FAILURES, quantities.COLLISIONS),
-        (panels.diagnostic("hjb_residual"), quantities.HJB_RESIDUAL),
-        (panels.diagnostic("fpk_residual"), quantities.FPK_RESIDUAL),
-        (panels.diagnostic("phi_G"), quantities.INTERACTION),
-        (panels.SPREAD, quantities.SPREAD),
+        (plots.ENERGY, quantities.ENERGY),
+        (plots.SPEED, quantities.SPEED),
+        (plots.BITS, quantities.PAYLOAD),
+        (plots.ALIGNMENT, quantities.ALIGNMENT),
+        (plots.RISK, quantities.RISK_PRINTED),
+        (plots.FAILURES, quantities.OUTAGES),
+        (plots.FAILURES, quantities.COLLISIONS),
+        (plots.diagnostic("hjb_residual"), quantities.HJB_RESIDUAL),
+        (plots.diagnostic("fpk_residual"), quantities.FPK_RESIDUAL),
+        (plots.diagnostic("phi_G"), quantities.INTERACTION),
+        (plots.SPREAD, quantities.SPREAD),
     ):
         assert quantity.name in plot.title
-    assert panels.ALIGNMENT.title == "alignment φ_A, m/s, lower is better"
+    assert plots.ALIGNMENT.title == "alignment φ_A, m/s, lower is better"
 
 
 def test_plots_use_them(runs: dict[str, Path]) -> None:
@@ -196,7 +196,7 @@ def test_who_is_lost_reports_nothing_and_counts_for_nothing(of_a_stranger: Path)
         np.arange(len(rows)), block.states, block.diagnostics, block.swarm, block.energy, block.status,
         block.diagnostic_names,
     )  # fmt: skip
-    (ticks,) = [ticks for entity, ticks, _ in sent if entity == panels.diagnostic("tension").entity]
+    (ticks,) = [ticks for entity, ticks, _ in sent if entity == plots.diagnostic("tension").entity]
     assert list(ticks) == list(range(1, len(rows) - 1))
 
 

@@ -9,9 +9,9 @@ import pytest
 from rerun.chunk import RrdReader
 
 from meanflock.groundstation.recording import blueprint as look
-from meanflock.groundstation.recording import palette, panels
+from meanflock.groundstation.recording import drawing, plots
 from meanflock.groundstation.recording.recorder import Recorder
-from meanflock.groundstation.recording.viewer import verify
+from meanflock.groundstation.recording.replay import verify
 from meanflock.groundstation.reported import Reported
 from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
@@ -71,18 +71,18 @@ def test_plots_hold_the_telemetrys_numbers(recorded: tuple[Path, list[Telemetry]
     path, blocks = recorded
     swarm = {name: np.concatenate([b.swarm for b in blocks])[:, i] for i, name in enumerate(SWARM_COLUMNS)}
     energy = np.concatenate([block.energy for block in blocks])
-    ticks, values = scalars(path, panels.ENERGY)
+    ticks, values = scalars(path, plots.ENERGY)
     np.testing.assert_array_equal(ticks, np.arange(600))
     np.testing.assert_allclose(values, np.stack([energy.mean(1), energy.min(1), energy.max(1)], axis=-1))
     for plot, names, unit in (
-        (panels.BITS, ("uplink_bits", "relay_bits", "broadcast_bits", "state_bits"), 1e6),
-        (panels.ALIGNMENT, ("phi_A",), 1),
-        (panels.RISK, ("phi_C", "phi_C_distinct"), 1),
-        (panels.FAILURES, ("outages", "collisions"), 1),
+        (plots.BITS, ("uplink_bits", "relay_bits", "broadcast_bits", "state_bits"), 1e6),
+        (plots.ALIGNMENT, ("phi_A",), 1),
+        (plots.RISK, ("phi_C", "phi_C_distinct"), 1),
+        (plots.FAILURES, ("outages", "collisions"), 1),
     ):
         _, values = scalars(path, plot)
         np.testing.assert_allclose(values, np.stack([swarm[name] for name in names], axis=-1) / unit)
-    ticks, values = scalars(path, panels.WEIGHTS)
+    ticks, values = scalars(path, plots.WEIGHTS)
     np.testing.assert_array_equal(ticks, np.arange(0, 600, 20))
     drawn = Reported((), WEIGHTS).drawn
     assert len(drawn) == 60
@@ -106,16 +106,16 @@ def test_a_collision_is_a_star_a_mark_and_a_line_of_the_log(recorded: tuple[Path
     for (tick, pair), star in zip(COLLISIONS, strips, strict=True):
         corners = np.array(star)[0, :-1]
         np.testing.assert_allclose(corners.mean(axis=0), states[tick, pair, :2].mean(axis=0), atol=1e-3)
-    hit_ticks, risks = scalars(path, panels.HITS)
+    hit_ticks, risks = scalars(path, plots.HITS)
     np.testing.assert_array_equal(hit_ticks, ticks)
-    np.testing.assert_array_equal(risks, scalars(path, panels.RISK)[1][ticks, :1])
+    np.testing.assert_array_equal(risks, scalars(path, plots.RISK)[1][ticks, :1])
     _, texts = column(path, look.EVENTS, "TextLog:text")
     _, levels = column(path, look.EVENTS, "TextLog:level")
     log = [(text[0], level[0]) for text, level in zip(texts, levels, strict=True)]
     assert log.count(("collision: too near", "ERROR")) == len(COLLISIONS)
     _, colors = column(path, look.EVENTS, "TextLog:color")
     shades = {text[0]: color for text, color in zip(texts, colors, strict=True)}
-    assert shades["collision: too near"] == [palette.COLLISION]
+    assert shades["collision: too near"] == [drawing.COLLISION]
     assert ("lost: UAV 7 is silent", "ERROR") in log
     assert ("round 1 averaged", "INFO") in log
 
@@ -127,7 +127,7 @@ def test_links_are_green_where_delivered_and_red_in_outage(recorded: tuple[Path,
     _, colors = column(path, look.MODEL_LINKS, "LineStrips2D:colors")
     np.testing.assert_array_equal(ticks, np.arange(ROUND_TICKS, 600, ROUND_TICKS))
     sources = np.arange(1, 24)
-    expected = np.where(sources % 5 == 0, palette.RED, palette.GREEN)
+    expected = np.where(sources % 5 == 0, drawing.RED, drawing.GREEN)
     for tick, ends, shown in zip(ticks, strips, colors, strict=True):
         np.testing.assert_array_equal(np.array(ends)[:, 0], states[tick, sources, :2].astype(np.float32))
         np.testing.assert_array_equal(np.array(ends)[:, 1], states[tick, [0] * 23, :2].astype(np.float32))
@@ -150,7 +150,7 @@ def test_a_round_whose_uploads_are_all_in_outage_is_a_graph_without_edges(tmp_pa
     _, colors = column(path, look.ROUND, "GraphNodes:colors")
     assert ticks.tolist() == [last]
     assert edges == [[]]
-    assert colors == [[palette.WHITE, palette.RED, palette.RED, palette.RED]]
+    assert colors == [[drawing.WHITE, drawing.RED, drawing.RED, drawing.RED]]
     assert verify(path) is None
 
 
@@ -165,7 +165,7 @@ def test_a_round_of_clusters_is_a_tree(tmp_path: Path) -> None:
     _, colors = column(path, look.ROUND, "GraphNodes:colors")
     assert ticks.tolist() == [2, 3]
     assert [len(of_tick) for of_tick in edges] == [20 - 1, 20 - 1 + 4 - 1]
-    expected = [palette.WHITE, palette.GREEN, palette.GREEN, palette.RED, palette.RED]
+    expected = [drawing.WHITE, drawing.GREEN, drawing.GREEN, drawing.RED, drawing.RED]
     assert [colors[1][uav] for uav in (0, 5, 6, 7, 10)] == expected
     ticks, strips = column(path, look.MODEL_LINKS, "LineStrips2D:strips")
     assert (ticks.tolist(), [len(lines) for lines in strips]) == ([2, 3], [20, 4])
@@ -191,7 +191,7 @@ def test_rows_that_come_one_by_one_are_recorded_the_same(tmp_path: Path) -> None
         (look.UAVS, "Points2D:positions"),
         (look.TRAILS, "LineStrips2D:strips"),
         (look.LANES, "StateChange:state"),
-        (panels.ENERGY.entity, "Scalars:scalars"),
+        (plots.ENERGY.entity, "Scalars:scalars"),
     ):
         ticks, rows = column(whole, entity, name)
         single_ticks, single_rows = column(single, entity, name)
@@ -224,12 +224,12 @@ def test_a_large_swarm_is_recorded_coarsely(tmp_path: Path) -> None:
     np.testing.assert_array_equal(ticks, np.arange(0, 60, 5))
     assert len(positions[0]) == 300
     assert not len(column(path, look.LANES, "StateChange:state")[0])
-    assert len(scalars(path, panels.ENERGY)[0]) == 60
+    assert len(scalars(path, plots.ENERGY)[0]) == 60
 
 
 def test_the_colours_of_phi_g_end_where_the_legend_says() -> None:
-    below, low, high, above = palette.phi_g_colors(
-        np.array([0.0, palette.PHI_G_LOW, palette.PHI_G_HIGH, 1e9], dtype="f4")
+    below, low, high, above = drawing.phi_g_colors(
+        np.array([0.0, drawing.PHI_G_LOW, drawing.PHI_G_HIGH, 1e9], dtype="f4")
     )
     assert below == low
     assert high == above == 0xFDE725FF

@@ -11,8 +11,7 @@ from matplotlib.patches import Circle
 import meanflock as mf
 from meanflock.groundstation.plots import charts
 from meanflock.groundstation.recording import blueprint as look
-from meanflock.groundstation.recording import legend, palette
-from meanflock.groundstation.recording import mission as recording_mission
+from meanflock.groundstation.recording import drawing, mission_map
 from meanflock.groundstation.recording.recorder import Recorder
 from meanflock.groundstation.reported import Reported
 from meanflock.swarm.mission import goals, obstacles, starts
@@ -64,7 +63,7 @@ def test_arrows_blow_as_the_wind_does_where_they_are(recorded: dict[str, Path]) 
 def test_everything_of_a_mission_is_on_the_map() -> None:
     for name in (*MISSIONS, "paper"):
         flown = load(Path(name))
-        low, high = recording_mission.box(flown)
+        low, high = mission_map.box(flown)
         for places in (starts(flown)[:, :2], goals(flown)):
             assert (places >= low).all()
             assert (places <= high).all()
@@ -81,12 +80,12 @@ def test_an_obstacle_hit_is_marked_as_itself_and_not_as_a_collision(tmp_path: Pa
     assert set(crosses) == {event["tick"] for event in hits}
     stars = rows(run.recording, look.COLLISIONS, "LineStrips2D:strips")
     assert set(stars) == {event["tick"] for event in run.events if event["kind"] == "collision"}
-    assert len(np.ravel(crosses[hits[0]["tick"]])) != len(np.ravel(legend.STAR))
+    assert len(np.ravel(crosses[hits[0]["tick"]])) != len(np.ravel(drawing.STAR))
     shades = {kind: fixed(run.recording, kind, "LineStrips2D:colors") for kind in (look.OBSTACLE_HITS, look.COLLISIONS)}
     assert shades[look.OBSTACLE_HITS] != shades[look.COLLISIONS]
     levels = rows(run.recording, "events", "TextLog:level")
     assert "ERROR" in levels[hits[0]["tick"]]
-    assert fixed(run.recording, "map/obstacles/edges", "LineStrips2D:colors") == [palette.GREY]
+    assert fixed(run.recording, "map/obstacles/edges", "LineStrips2D:colors") == [drawing.GREY]
     assert run.folder is not None
     (ax, *_) = charts.plot_run(run.folder)["paths"].axes
     drawn = {str(line.get_label()): line for line in ax.lines}

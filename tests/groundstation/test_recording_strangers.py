@@ -8,8 +8,8 @@ import pytest
 from rerun.chunk import RrdReader
 
 from meanflock.groundstation.recording import blueprint as look
-from meanflock.groundstation.recording import palette, panels
-from meanflock.groundstation.recording.recorded import recorded as recorded_of
+from meanflock.groundstation.recording import drawing, plots
+from meanflock.groundstation.recording.replay import recorded as recorded_of
 from meanflock.groundstation.reported import Reported
 from meanflock.swarm import state
 from meanflock.swarm.wire.messages import Telemetry
@@ -51,14 +51,14 @@ def test_diagnostics_of_ones_own_are_drawn_under_their_names(tmp_path: Path) -> 
     path = tmp_path / "recording.rrd"
     blocks = of_a_stranger(path, ("tension", "phi_G"), 0)
     values = np.concatenate([block.diagnostics for block in blocks])[..., 0].astype(np.float64)
-    plot = panels.diagnostic("tension")
+    plot = plots.diagnostic("tension")
     assert plot.title == "tension: mean, min, max"
     ticks, lines = scalars(path, plot)
     np.testing.assert_array_equal(ticks, np.arange(1, 60))  # at take-off nothing was reported yet
     values = values[1:]
     np.testing.assert_allclose(lines, np.stack([values.mean(1), values.min(1), values.max(1)], axis=-1))
-    assert panels.diagnostic("phi_G").entity in entities(path)  # a name we know, and its look, whoever reports it
-    assert not {panels.WEIGHTS, panels.SPREAD.entity, panels.diagnostic("hjb_residual").entity} & entities(path)
+    assert plots.diagnostic("phi_G").entity in entities(path)  # a name we know, and its look, whoever reports it
+    assert not {plots.WEIGHTS, plots.SPREAD.entity, plots.diagnostic("hjb_residual").entity} & entities(path)
 
 
 def test_trails_have_the_colours_of_phi_g_where_it_is_reported_else_of_speed(tmp_path: Path) -> None:
@@ -72,10 +72,10 @@ def test_trails_have_the_colours_of_phi_g_where_it_is_reported_else_of_speed(tmp
         states = np.concatenate([block.states for block in blocks])
         _, colors = column(path, look.UAVS, "Points2D:colors")
         if entity == "speed":
-            np.testing.assert_array_equal(colors, palette.speed_colors(state.speed(states)))
+            np.testing.assert_array_equal(colors, drawing.speed_colors(state.speed(states)))
         else:
             phi = np.concatenate([block.diagnostics for block in blocks])[..., 1]
-            np.testing.assert_array_equal(colors, palette.phi_g_colors(phi))
+            np.testing.assert_array_equal(colors, drawing.phi_g_colors(phi))
         said = [static(path, f"map/legend/{entity}/{end}", "Points2D:labels") for end in ("low", "high")]
         assert said == [[end] for end in ends]
         assert not {"map/legend/speed", "map/legend/phi_G"} - {f"map/legend/{entity}"} & entities(path)
@@ -84,10 +84,10 @@ def test_trails_have_the_colours_of_phi_g_where_it_is_reported_else_of_speed(tmp
 def test_a_model_of_any_size_is_drawn_with_a_title_that_says_what_of_it(tmp_path: Path) -> None:
     path = tmp_path / "recording.rrd"
     of_a_stranger(path, (), 3)
-    assert scalars(path, panels.WEIGHTS)[1].shape == (3, 3)
-    assert scalars(path, panels.SPREAD)[1].shape == (3, 1)
-    assert panels.weights_title(0, Reported((), 3)) == "what UAV 0 has learned: all 3 weights"
-    assert panels.weights_title(2, Reported((), 1000)) == "what UAV 2 has learned: 60 of 1000 weights"
+    assert scalars(path, plots.WEIGHTS)[1].shape == (3, 3)
+    assert scalars(path, plots.SPREAD)[1].shape == (3, 1)
+    assert plots.weights_title(0, Reported((), 3)) == "what UAV 0 has learned: all 3 weights"
+    assert plots.weights_title(2, Reported((), 1000)) == "what UAV 2 has learned: 60 of 1000 weights"
     for weights in (0, 1, 2, 59, 60, 61, 1_000_000):
         drawn = Reported((), weights).drawn
         assert len(drawn) == min(weights, 60) == len(set(drawn.tolist()))

@@ -9,11 +9,9 @@ import pytest
 from meanflock.groundstation.launch import engine
 from meanflock.groundstation.launch.run import Options, Outputs
 from meanflock.groundstation.recording import blueprint as look
-from meanflock.groundstation.recording import panels
-from meanflock.groundstation.recording.recorded import Recorded, recorded
+from meanflock.groundstation.recording import plots
 from meanflock.groundstation.recording.recorder import Recorder
-from meanflock.groundstation.recording.replay import complete, missing
-from meanflock.groundstation.recording.viewer import verify
+from meanflock.groundstation.recording.replay import Recorded, complete, missing, recorded, verify
 from meanflock.groundstation.results.run_folder import EVENTS, RunFolder
 from meanflock.groundstation.results.timeseries_file import past, recover
 from meanflock.swarm.errors import BadInput
@@ -75,11 +73,11 @@ Contents = dict[str, tuple[list[int], list[Any]]]
 EVERYTHING = (
     (look.UAVS, "Points2D:positions"),
     (look.VELOCITY, "Arrows2D:vectors"),
-    (panels.ENERGY.entity, "Scalars:scalars"),
-    (panels.BITS.entity, "Scalars:scalars"),
-    *((panels.diagnostic(name).entity, "Scalars:scalars") for name in DIAGNOSTICS),
-    (panels.WEIGHTS, "Scalars:scalars"),
-    (panels.SPREAD.entity, "Scalars:scalars"),
+    (plots.ENERGY.entity, "Scalars:scalars"),
+    (plots.BITS.entity, "Scalars:scalars"),
+    *((plots.diagnostic(name).entity, "Scalars:scalars") for name in DIAGNOSTICS),
+    (plots.WEIGHTS, "Scalars:scalars"),
+    (plots.SPREAD.entity, "Scalars:scalars"),
     (look.EVENTS, "TextLog:text"),
 )
 

@@ -15,8 +15,8 @@ import pytest
 from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import viewer
 from meanflock.groundstation.recording.recorder import Recorder
-from meanflock.groundstation.recording.screenshot import MISSING_GRAPHICS, screenshot
-from meanflock.groundstation.recording.viewer import repair, verify
+from meanflock.groundstation.recording.replay import repair, verify
+from meanflock.groundstation.recording.viewer import MISSING_GRAPHICS, screenshot
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput, RunFailed
 from meanflock.swarm.scenario import Scenario
 from tests.groundstation.recordings import column, flight, record

@@ -12,7 +12,7 @@ import pytest
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.groundstation.launch.resume import back
-from meanflock.groundstation.recording.viewer import verify
+from meanflock.groundstation.recording.replay import verify
 from meanflock.groundstation.results.run_folder import CHECKPOINT, read_checkpoint
 from meanflock.swarm.scenario import load
 from tests.integration.conftest import Command, Spawn, processes_of

@@ -14,7 +14,7 @@ from typing import Any
 import psutil
 import pyarrow.parquet as pq
 
-from meanflock.groundstation.recording.viewer import verify
+from meanflock.groundstation.recording.replay import verify
 from meanflock.groundstation.results.run_folder import CHECKPOINT
 from meanflock.groundstation.results.series import states_of
 from meanflock.swarm.rounds import Rounds

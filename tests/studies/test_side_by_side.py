@@ -10,10 +10,10 @@ from rerun.chunk import RrdReader
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
 from meanflock.groundstation.recording import blueprint as look
-from meanflock.groundstation.recording import legend
-from meanflock.groundstation.recording.mission import box, shape
-from meanflock.groundstation.recording.part import Part
-from meanflock.groundstation.recording.viewer import verify
+from meanflock.groundstation.recording import mission_map
+from meanflock.groundstation.recording.drawing import Part
+from meanflock.groundstation.recording.mission_map import box, shape
+from meanflock.groundstation.recording.replay import verify
 from meanflock.groundstation.reported import Reported
 from meanflock.studies import side_by_side
 from meanflock.swarm import state
@@ -118,7 +118,7 @@ def test_a_maps_key_covers_neither_itself_nor_the_mission_however_many_maps_ther
     view = (WINDOW_PX[0] / columns, (WINDOW_PX[1] - plots - frame) / rows - title) if count > 1 else SINGLE_PX
     scale = min(view[0] / across, view[1] / up)  # pixels a metre
     stream = Labels()
-    legend.log(stream, flown, Reported.by(flown.declared), count)
+    mission_map.log(stream, flown, Reported.by(flown.declared), count)
     boxes = [
         (x * scale - w / 2, -y * scale, x * scale + w / 2, -y * scale + LINE_PX)
         for (x, y), word in stream.words
