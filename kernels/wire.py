@@ -143,12 +143,12 @@ def write(
         for part in map(bytes, tables):
             parts += _BYTES.pack(_BIN32, len(part)), part
         parts.append(_FRAMES.pack(_ARRAY16, len(frames)))
-        for of, number, code, width, source, payload, links in frames:
+        for frame_kind, number, code, width, source, payload, links in frames:
             source, payload, links = bytes(source), bytes(payload), bytes(links)
             named, left = divmod(len(source), _NAME)
-            if left or len(payload) != named * width * _SIZE[code] or len(links) % _LINK or of > 127:
+            if left or len(payload) != named * width * _SIZE[code] or len(links) % _LINK or frame_kind > 127:
                 raise ValueError(f"wrong-shape: {len(payload)} bytes of payload from {len(source)} of sources")
-            head = _BATCH.pack(_ARRAY | _BATCH_ITEMS, of, _U32, number, code, _U32, width, _BIN32, len(source))
+            head = _BATCH.pack(_ARRAY | _BATCH_ITEMS, frame_kind, _U32, number, code, _U32, width, _BIN32, len(source))
             parts += head, source, _BYTES.pack(_BIN32, len(payload)), payload, _BYTES.pack(_BIN32, len(links)), links
     except (struct.error, KeyError, IndexError) as error:
         raise ValueError(f"wrong-shape: {error}") from None

@@ -1,7 +1,7 @@
-"""Straight to the goal at the speed of least energy, blind to all others: what a swarm without a plan pays at least."""
+"""Straight flight to the goal at cruise speed: the controller `cruise`, and what other controllers take of it."""
 
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from msgspec import Meta
@@ -9,10 +9,63 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.agent.controllers.planned.trajectory import CRUISE_M_S
-from meanflock.agent.controllers.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel, against_the_air
+from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import VELOCITY, States
+from meanflock.swarm.state import AXES, POSITION, VELOCITY, Plane, Rows, States
+
+CRUISE_M_S = 2.25  # the least energy a metre of the paper's craft
+SLOWING_1_S = 0.5
+# Options of a controller that travels.
+CruiseSpeed: TypeAlias = Annotated[float, Meta(gt=0, description="cruise speed, m/s")]
+Slowing: TypeAlias = Annotated[float, Meta(gt=0, description="speed near the goal, a metre from it, 1/s")]
+
+
+class Travel:
+    """Velocities that rows would fly if they were alone."""
+
+    def __init__(self, scenario: Scenario, speed_m_s: float, slowing_1_s: float, stays: bool = False) -> None:
+        """`stays`: a UAV stays where it arrived and does not go on to the very goal."""
+        self._speed, self._slowing, self._stays = speed_m_s, slowing_1_s, stays
+        self._radius = scenario.destination.radius
+        self._goals = mission.goal_states(scenario)
+
+    def init(self, uavs: NDArray[np.intp]) -> Memory:
+        """Memory of rows with numbers (M,): where each goes or stays. Names begin with `travel_`."""
+        memory: Memory = {"travel_end": self._goals[uavs, :AXES]}
+        if self._stays:
+            memory |= {"travel_uav": uavs.astype(np.int32), "travel_arrived": np.zeros(len(uavs), dtype=bool)}
+        return memory
+
+    def velocity(self, memory: Memory, own: States) -> tuple[Memory, Plane]:
+        """Memory after the tick, and velocities (M, 2) m/s: min(speed, slowing · distance) towards the goal."""
+        if self._stays:
+            memory = self._arrive(memory, own)
+        return memory, towards(memory["travel_end"], own, self._speed, self._slowing)
+
+    def _arrive(self, memory: Memory, own: States) -> Memory:
+        arrived = memory["travel_arrived"]
+        reached = state.norm(own - self._goals[memory["travel_uav"]]) <= self._radius
+        reached &= ~arrived
+        if not reached.any():
+            return memory
+        end = np.where(reached[:, None], own[:, POSITION], memory["travel_end"])
+        return memory | {"travel_arrived": arrived | reached, "travel_end": end}
+
+
+def towards(end: Plane, own: States, speed_m_s: Rows | float, slowing_1_s: float) -> Plane:
+    """Velocities (M, 2) m/s from rows (M, 4) towards their ends (M, 2) m: min(speed, slowing · distance)."""
+    way = end - own[:, POSITION]
+    return way * np.minimum(speed_m_s / np.maximum(state.norm(way), 1e-9), slowing_1_s)[:, None]
+
+
+def against_the_air(scenario: Scenario, own: States) -> Plane:
+    """Acceleration c0(v − v_o), (M, 2) m/s², that cancels drag and mean wind as they are known before take-off."""
+    return scenario.wind.drag * (own[:, VELOCITY] - np.array(scenario.wind.mean))
+
+
+def limited(vectors: Plane, most: float) -> Plane:
+    """Vectors (M, 2), those longer than `most` shortened to it."""
+    return vectors * np.minimum(1.0, most / np.maximum(state.norm(vectors), 1e-9))[:, None]
 
 
 class Cruise(Controller):

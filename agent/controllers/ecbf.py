@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from meanflock import kernels
 from meanflock.agent.controllers.base import Controller, Options
+from meanflock.agent.controllers.cruise import against_the_air
 from meanflock.agent.controllers.filtered import Filter, Floats
-from meanflock.agent.controllers.sharing.closest import Closest, closest, closest_discs, with_obstacles
-from meanflock.agent.controllers.travel import against_the_air
+from meanflock.agent.controllers.sharing.nearby import Closest, closest, closest_discs, with_obstacles
 from meanflock.swarm import mission
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Plane, Rows, States
@@ -57,16 +57,16 @@ class Ecbf(Filter):
 
     def admit(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Plane) -> tuple[Plane, Floats]:
         """See `Filter.admit`."""
-        of = self.options
+        options = self.options
         motion = np.ascontiguousarray(wanted - against_the_air(self.scenario, own), dtype=np.float64)
-        near = closest(own, others, uavs, of.reach_m, of.neighbours)
-        normals, bounds = half_planes(near, of.rate_1_s, of.distance_m, 0.5)
+        near = closest(own, others, uavs, options.reach_m, options.neighbours)
+        normals, bounds = half_planes(near, options.rate_1_s, options.distance_m, 0.5)
         if len(self._discs):
-            discs, radii = closest_discs(own, self._discs, of.reach_m, of.obstacles)
-            more, least = half_planes(discs, of.obstacle_rate_1_s, radii + of.clearance_m, 1.0)
+            discs, radii = closest_discs(own, self._discs, options.reach_m, options.obstacles)
+            more, least = half_planes(discs, options.obstacle_rate_1_s, radii + options.clearance_m, 1.0)
             normals, bounds = with_obstacles(normals, bounds, more, least)
         admitted, missing = np.empty_like(motion), np.empty(len(own))
-        kernels.nearest(motion, normals, bounds, of.acceleration_max_m_s2, admitted, missing)
+        kernels.nearest(motion, normals, bounds, options.acceleration_max_m_s2, admitted, missing)
         changed = (admitted != motion).any(axis=1, keepdims=True)
         infeasible = (missing > INFEASIBLE_M_S2)[:, None].astype(np.float64)
         return np.where(changed, wanted + (admitted - motion), wanted), infeasible

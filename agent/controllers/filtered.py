@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Controller, Memory, Options, Received, Rows, Step
-from meanflock.agent.controllers.sharing.neighbours import Neighbours
+from meanflock.agent.controllers.sharing.base import Neighbours
 from meanflock.swarm.ascending import distinct
 from meanflock.swarm.failures import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario

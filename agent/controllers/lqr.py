@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.agent.controllers.travel import against_the_air
+from meanflock.agent.controllers.cruise import against_the_air
 from meanflock.swarm import mission
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import POSITION, VELOCITY, States

@@ -23,27 +23,27 @@ def powers(t: Tables, states: Floats) -> Floats:
     return np.multiply.accumulate(result, axis=-1, out=result).reshape(*states.shape[:-1], state.SIZE * POWERS)
 
 
-def value(t: Tables, of: Floats) -> Floats:
+def value(t: Tables, given: Floats) -> Floats:
     """Powers to `(..., 4, 2, 27)`: [σ, ∂σ/∂r, ∂σ/∂v, ∂²σ/∂v²] of the features of axis x and of axis y."""
-    return _products(of, t.value_first, t.value_second, t.value_factor).reshape(
-        *of.shape[:-1], 4, state.AXES, AXIS_FEATURES
+    return _products(given, t.value_first, t.value_second, t.value_factor).reshape(
+        *given.shape[:-1], 4, state.AXES, AXIS_FEATURES
     )
 
 
-def pairs(t: Tables, of: Floats) -> Floats:
+def pairs(t: Tables, given: Floats) -> Floats:
     """Powers to `(..., 8, 15)`: of positions A, ∂A/∂x, ∂A/∂y, of velocities V, ∂V/∂vx, ∂V/∂vy, ∂²V/∂vx², ∂²V/∂vy²."""
-    return _products(of, t.pair_first, t.pair_second, t.pair_factor).reshape(*of.shape[:-1], 8, PAIRS)
+    return _products(given, t.pair_first, t.pair_second, t.pair_factor).reshape(*given.shape[:-1], 8, PAIRS)
 
 
-def terms(t: Tables, of: Floats) -> Floats:
+def terms(t: Tables, given: Floats) -> Floats:
     """Pairs to [1, σ_F], `(..., 70)`: a term x̄^a ȳ^b v̄x^c v̄y^d is a product of a position and a velocity pair."""
-    result = of[..., 0, :].take(t.at_position, axis=-1) * of[..., 3, :].take(t.at_velocity, axis=-1)
+    result = given[..., 0, :].take(t.at_position, axis=-1) * given[..., 3, :].take(t.at_velocity, axis=-1)
     result *= t.coefficient
     return result
 
 
-def _products(of: Floats, first: Indices, second: Indices, factor: Floats) -> Floats:
-    products = of.take(first, axis=-1)
-    products *= of.take(second, axis=-1)
+def _products(given: Floats, first: Indices, second: Indices, factor: Floats) -> Floats:
+    products = given.take(first, axis=-1)
+    products *= given.take(second, axis=-1)
     products *= factor
     return products

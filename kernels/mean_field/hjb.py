@@ -51,8 +51,8 @@ def step(t: Tables, weights: Floats, states: Floats, powers: Floats, phi_g: Floa
     Args:
         weights: (..., 108). states: (..., 4). powers: of the states, (..., 28). phi_g: φ_G, (...).
     """
-    of = features.value(t, powers)  # of axis x and axis y: (..., 2, 27) each
-    sigma, by_position, by_velocity, curvature = (of[..., k, :, :] for k in range(4))
+    blocks = features.value(t, powers)  # of axis x and axis y: (..., 2, 27) each
+    sigma, by_position, by_velocity, curvature = (blocks[..., k, :, :] for k in range(4))
     rows = weights.shape[:-1]
     per_axis = (*rows, 2, state.AXES, features.AXIS_FEATURES)  # [ŵ_H0, ŵ_H1] of axis x and axis y
 

@@ -7,7 +7,6 @@ import msgspec
 import numpy as np
 from msgspec import Meta, field
 
-from meanflock.swarm.sharing import Sharing
 from meanflock.swarm.state import Floats
 from meanflock.swarm.table import Table as _Table
 
@@ -88,6 +87,26 @@ class Truth(_Table, frozen=True):
 
     drag: Annotated[float, Meta(ge=0, description="instead of `wind.drag`, 1/s")] | None = None
     wind: Annotated[tuple[float, float], Meta(description="instead of `wind.mean`, m/s")] | None = None
+
+
+class Sharing(_Table, frozen=True):
+    """When a UAV broadcasts its state, and how long others believe it; derive options from it."""
+
+    broadcast: Annotated[
+        Literal["tick", "event"],
+        Meta(description="every tick, four floats; or 64 bits whenever others predict the position too badly"),
+    ] = "event"
+    delta_m: Annotated[
+        float, Meta(gt=0, description="δ of an event, how far the position may be from what others predict, m")
+    ] = 0.3
+    velocity_delta_m_s: Annotated[
+        float, Meta(ge=0, description="the same of the velocity; 0: only the position makes an event, m/s")
+    ] = 0.0
+    repeats: Annotated[int, Meta(ge=1, le=16, description="r, ticks in a row in which an event is sent")] = 1
+    forget_s: Annotated[
+        float,
+        Meta(gt=0, description="with a broadcast every tick: who was not received for so long is not reckoned with, s"),
+    ] = 5.0
 
 
 class Filter(Sharing, frozen=True):

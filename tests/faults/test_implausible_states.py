@@ -8,9 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from meanflock.agent.controllers.mean_field import methods
+from meanflock.agent.controllers.received import plausible
+from meanflock.agent.controllers.sharing import base
 from meanflock.agent.node import Agent
 from meanflock.groundstation.launch import engine as rooms
-from meanflock.swarm import plausible
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense
 from tests.telemetry import Record, fly
@@ -75,7 +77,8 @@ def refusals(record: Record) -> list[tuple[int, str]]:
 
 
 def believing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plausible, "check", lambda scenario: lambda states: np.ones(len(states), bool))
+    for module in (methods, base):
+        monkeypatch.setattr(module, "plausible", lambda scenario: lambda states: np.ones(len(states), bool))
 
 
 def test_honest_flights_are_what_they_are_without_the_check(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -117,7 +120,7 @@ def test_a_state_in_whole_numbers_is_none(lies: Callable[[Lie], None]) -> None:
     silent, _ = fly(flown("duration=5"))
     assert silent["lost"] == 0
     assert silent["dropped_messages"] == {}
-    assert not plausible.check(flown())(np.array([[0, 0, 65536, 0]], dtype=np.int32)).any()
+    assert not plausible(flown())(np.array([[0, 0, 65536, 0]], dtype=np.int32)).any()
 
 
 def test_a_lie_that_could_be_true_is_believed_and_does_what_a_uav_of_that_speed_would(
@@ -132,7 +135,7 @@ def test_a_lie_that_could_be_true_is_believed_and_does_what_a_uav_of_that_speed_
 def test_whoever_is_no_faster_than_the_bound_is_believed_and_nobody_else(
     speed: float, heading: float, bound: float
 ) -> None:
-    check = plausible.check(load(None, [f"radio.plausible_speed={bound}"]))
+    check = plausible(load(None, [f"radio.plausible_speed={bound}"]))
     velocity = speed * np.array([np.cos(heading), np.sin(heading)])
     if abs(speed - bound) > 1e-9 * bound:
         assert check(np.array([[150.0, 100.0, *velocity]])).tolist() == [speed < bound]

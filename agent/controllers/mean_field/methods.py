@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from meanflock import kernels
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
-from meanflock.agent.controllers.believed import believed, of_kind
 from meanflock.agent.controllers.mean_field.learner import Learner
+from meanflock.agent.controllers.received import believed, of_kind, plausible
 from meanflock.kernels.mean_field.layout import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, VALUE, VALUE_FEATURES
-from meanflock.swarm import mission, plausible
+from meanflock.swarm import mission
 from meanflock.swarm.ascending import distinct
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
@@ -87,7 +87,7 @@ class MeanField(Controller):
                 f"`federation.state_period` {self.state_period} and `cost.separation` {scenario.cost.separation}: with "
                 "a separation every state is shared in every tick; leave one of them out"
             )
-        self._plausible = plausible.check(scenario)
+        self._plausible = plausible(scenario)
 
     @cached_property
     def learner(self) -> Learner:
@@ -113,8 +113,8 @@ class MeanField(Controller):
         if self.state_period:
             known, fresh, _, refused = self._take_in(memory["known"], received)
             if self.learns_density and len(fresh):  # only rows that received something: another row is another UAV
-                of = known if goal is None else known - goal[:, None]
-                weights = self.learner.refit(weights, distinct(fresh), of)
+                seen = known if goal is None else known - goal[:, None]
+                weights = self.learner.refit(weights, distinct(fresh), seen)
             known[np.arange(len(own)), memory["uav"]] = own
             memory = memory | {"known": known}
         states = own if goal is None else own - goal

@@ -1,8 +1,15 @@
 """Federated least-squares policy iteration: learns in flight to follow the plan, knowing neither drag nor wind.
 
-Every UAV knows its trajectory (`trajectory.py`) and nothing of what moves it. It perturbs its commands at first, keeps
-what follows from what, and every two seconds improves its four gains (`policy_iteration.py`), which the federation
-averages: one UAV's data are few and noisy, the errors of twenty-five are nearly independent.
+Every UAV knows its trajectory (`trajectory.py`) and nothing of what moves it. It perturbs its commands at first,
+records how the error changes, and every two seconds improves its four gains by least-squares policy iteration
+(Lagoudakis and Parr 2003). The federation averages the gains: one UAV's data are few and noisy, and the errors of 25
+are nearly independent.
+
+An axis has the error e = (p, v), m and m/s, to the trajectory and the input u, m/s², on top of its acceleration. The
+policy is u = −k1 p − k2 v − k3, with k1 and k2 of both axes and a k3 for each; the cost of a tick is p² + ½v² + ½u².
+Its discounted sum from (e, u) on is a quadratic function w·φ of 14 features, and so is that of the best policy for it.
+Two matrices sum all data, whatever the policy was: M1 = Σ φφᵀ and M2 = Σ φ ψ(e′)ᵀ. ψ are the 9 features of a state,
+from which those of the next (e′, u′) follow for any policy, φ′ = L ψ(e′).
 """
 
 from collections.abc import Sequence
@@ -14,13 +21,24 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Memory, Received, Step
-from meanflock.agent.controllers.planned import policy_iteration as lspi
-from meanflock.agent.controllers.planned.base import PlannedLearner
-from meanflock.agent.controllers.planned.trajectory import CRUISE_M_S
-from meanflock.agent.controllers.travel import CruiseSpeed
+from meanflock.agent.controllers.cruise import CRUISE_M_S, CruiseSpeed
+from meanflock.agent.controllers.elimination import product, solve
+from meanflock.agent.controllers.planned.plan import PlannedLearner, tracking
 from meanflock.swarm import seeds, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats
+from meanflock.swarm.state import AXES, Floats
+
+GAINS = 4  # k1 1/s², k2 1/s, k3 along x and y m/s²
+PAIRS, STATES = 14, 9  # features of (e, u) and of e
+RIDGE = 1e-7
+ITERATIONS = 15
+SETTLED = 1e-6  # a change of the gains below it ends the iteration
+LEAST_CURVATURE = 1e-6  # of the value along u; less is no minimum
+LOWEST, HIGHEST = np.array([0.02, 0.1, -3.0, -3.0]), np.array([10.0, 10.0, 3.0, 3.0])  # gains that are flown
+
+_P2, _V2, _U2, _PV, _PU, _VU = range(6)  # of both axes; then p, v, u and 1 of each
+_COST = np.zeros(PAIRS)
+_COST[[_P2, _V2, _U2]] = 1.0, 0.5, 0.5
 
 
 class FedLspi(PlannedLearner):
@@ -31,7 +49,7 @@ class FedLspi(PlannedLearner):
 
     name = "fed-lspi"
     learned = "gains"
-    weights = lspi.GAINS
+    weights = GAINS
     diagnostics = ("tracking_cost", "k1", "k2", "k3_x", "k3_y")
     period_ticks = 20
 
@@ -60,10 +78,10 @@ class FedLspi(PlannedLearner):
         rows, first = len(uavs), [self.options.k1, self.options.k2, 0.0, 0.0]
         return super().init(uavs, plan) | {
             "gains": np.tile(np.array(first), (rows, 1)),
-            "squares": np.zeros((rows, lspi.PAIRS, lspi.PAIRS)),
-            "steps": np.zeros((rows, lspi.PAIRS, lspi.STATES)),
-            "error": np.zeros((rows, state.AXES, 2)),  # and input, of `tick`
-            "input": np.zeros((rows, state.AXES)),
+            "squares": np.zeros((rows, PAIRS, PAIRS)),
+            "steps": np.zeros((rows, PAIRS, STATES)),
+            "error": np.zeros((rows, AXES, 2)),  # and input, of `tick`
+            "input": np.zeros((rows, AXES)),
         }
 
     def step(self, memory: Memory, tick: int, own: state.States, received: Sequence[Received]) -> Step:
@@ -71,12 +89,12 @@ class FedLspi(PlannedLearner):
         error, acceleration = self._off(uavs, tick, own)
         memory = self._learn(memory, tick, error)
         gains = memory["gains"]
-        wanted = lspi.inputs(gains, error)
+        wanted = inputs(gains, error)
         if tick < self._explores:
             wanted = wanted + self.options.exploration * self._perturbation(uavs, tick)
         given = np.clip(wanted, -self.options.limit, self.options.limit)
         after = memory | {"error": error, "input": given, "tick": np.full(len(own), tick, dtype=np.int32)}
-        reported = np.concatenate([lspi.tracking(error)[:, None], gains], axis=1)
+        reported = np.concatenate([tracking(error)[:, None], gains], axis=1)
         return Step(after, acceleration + given, reported)
 
     def _learn(self, memory: Memory, tick: int, error: Floats) -> Memory:
@@ -84,22 +102,113 @@ class FedLspi(PlannedLearner):
         squares, steps = memory["squares"], memory["steps"]
         fresh = self._follows(memory, tick)
         if fresh.any():
-            first, second = lspi.seen(memory["error"], memory["input"], error)
+            first, second = seen(memory["error"], memory["input"], error)
             squares = squares + np.where(fresh[:, None, None], first, 0.0)
             steps = steps + np.where(fresh[:, None, None], second, 0.0)
         memory = memory | {"squares": squares, "steps": steps}
         if (tick + 1) % self.period_ticks == 0:
-            of = self.options
-            better = lspi.improve(memory["gains"], squares, steps, of.discount, of.gain_factor, of.offset_change)
+            options = self.options
+            better = improve(
+                memory["gains"], squares, steps, options.discount, options.gain_factor, options.offset_change
+            )
             memory = memory | {"gains": better}
         return memory
 
     def _perturbation(self, uavs: NDArray[np.int32], tick: int) -> Floats:
         """Standard normal numbers, (M, 2), of the UAVs in a tick."""
-        return np.array([self._of(int(uav))[tick] for uav in uavs]).reshape(-1, state.AXES)
+        return np.array([self._of(int(uav))[tick] for uav in uavs]).reshape(-1, AXES)
 
     def _of(self, uav: int) -> Floats:
         if uav not in self._noise:
             draw = seeds.generator(self.scenario.seed, "controller", uav)
-            self._noise[uav] = draw.standard_normal((self._explores, state.AXES))
+            self._noise[uav] = draw.standard_normal((self._explores, AXES))
         return self._noise[uav]
+
+
+def inputs(gains: Floats, error: Floats) -> Floats:
+    """u of the policies (M, 4) at errors (M, 2 axes, 2), `(M, 2)` m/s²; gains beyond their bounds count as these."""
+    k = np.clip(gains, LOWEST, HIGHEST)
+    return -k[:, :1] * error[..., 0] - k[:, 1:2] * error[..., 1] - k[:, 2:]
+
+
+def seen(error: Floats, given: Floats, then: Floats) -> tuple[Floats, Floats]:
+    """What a tick adds to M1 and M2, `(M, 14, 14)` and `(M, 14, 9)`.
+
+    Args:
+        error, then: (M, 2 axes, 2) the errors before and after it. given: (M, 2) the inputs.
+    """
+    rows = len(error)
+    p, v, u = error[..., 0], error[..., 1], given
+    first, second = np.zeros((rows, AXES, PAIRS)), np.zeros((rows, AXES, STATES))
+    first[..., :6] = np.stack([p * p, v * v, u * u, p * v, p * u, v * u], axis=-1)
+    p_, v_ = then[..., 0], then[..., 1]
+    second[..., :3] = np.stack([p_ * p_, v_ * v_, p_ * v_], axis=-1)
+    one = np.ones(rows)
+    for axis in range(AXES):
+        at, its = 6 + 4 * axis, 3 + 3 * axis
+        first[:, axis, at : at + 4] = np.stack([p[:, axis], v[:, axis], u[:, axis], one], axis=-1)
+        second[:, axis, its : its + 3] = np.stack([p_[:, axis], v_[:, axis], one], axis=-1)
+    columns = first[..., None]
+    squares, steps = columns * first[..., None, :], columns * second[..., None, :]
+    return squares[:, 0] + squares[:, 1], steps[:, 0] + steps[:, 1]
+
+
+def following(gains: Floats) -> Floats:
+    """L, `(M, 14, 9)`: the features of (e, u) are L ψ(e) where u is what the policies (M, 4) say."""
+    k1, k2 = gains[:, 0], gains[:, 1]
+    matrix = np.zeros((len(gains), PAIRS, STATES))
+    p2, v2, pv = 0, 1, 2
+    matrix[:, _P2, p2] = matrix[:, _V2, v2] = matrix[:, _PV, pv] = 1.0
+    matrix[:, _U2, p2], matrix[:, _U2, v2], matrix[:, _U2, pv] = k1 * k1, k2 * k2, 2.0 * k1 * k2
+    matrix[:, _PU, p2], matrix[:, _PU, pv] = -k1, -k2
+    matrix[:, _VU, pv], matrix[:, _VU, v2] = -k1, -k2
+    for axis in range(AXES):
+        p, v, u, one = range(6 + 4 * axis, 10 + 4 * axis)
+        p_, v_, one_ = range(3 + 3 * axis, 6 + 3 * axis)
+        k3 = gains[:, 2 + axis]
+        matrix[:, p, p_] = matrix[:, v, v_] = matrix[:, one, one_] = 1.0
+        matrix[:, u, p_], matrix[:, u, v_], matrix[:, u, one_] = -k1, -k2, -k3
+        matrix[:, _U2, p_], matrix[:, _U2, v_], matrix[:, _U2, one_] = 2.0 * k1 * k3, 2.0 * k2 * k3, k3 * k3
+        matrix[:, _PU, p_] = matrix[:, _VU, v_] = -k3
+    return matrix
+
+
+def improve(gains: Floats, squares: Floats, steps: Floats, discount: float, factor: float, shift: float) -> Floats:
+    """Better policies in view of all that was seen, `(M, 4)`: evaluate, take the best in view of that, and again.
+
+    Args:
+        gains: (M, 4) of the policies now. squares, steps: M1 and M2. discount: γ of a tick. factor: by which k1 and k2
+            change at the most, either way. shift: by how much k3 changes at the most.
+    """
+    now = np.clip(gains, LOWEST, HIGHEST)
+    low = np.maximum(LOWEST, np.concatenate([now[:, :2] / factor, now[:, 2:] - shift], axis=1))
+    high = np.minimum(HIGHEST, np.concatenate([now[:, :2] * factor, now[:, 2:] + shift], axis=1))
+    transition = solve(squares + RIDGE * np.eye(PAIRS), steps)  # from features to those of the next state
+    unsettled = np.isfinite(transition).all(axis=(1, 2))
+    for _ in range(ITERATIONS):
+        if not unsettled.any():
+            break
+        better, sound = _best(now, transition, discount)
+        better = np.clip(better, low, high)
+        unsettled &= sound
+        change = np.abs(better - now).max(axis=1)
+        now = np.where(unsettled[:, None], better, now)
+        unsettled &= change > SETTLED
+    return now
+
+
+def _best(gains: Floats, transition: Floats, discount: float) -> tuple[Floats, NDArray[np.bool_]]:
+    """The policies that are best in view of the value of others, `(M, 4)`; and where there are such, `(M,)`.
+
+    w = w_c + γ G Lᵀ w; with y = Lᵀ w of only 9 unknowns, (1 − γ Lᵀ G) y = Lᵀ w_c.
+    """
+    across = following(gains).transpose(0, 2, 1)
+    system = np.eye(STATES) - discount * product(across, transition)
+    begun = product(across, _COST[:, None])
+    weights = _COST + discount * product(transition, solve(system, begun))[..., 0]
+    with np.errstate(all="ignore"):
+        curvature = weights[:, _U2 : _U2 + 1]
+        slopes = weights[:, [_PU, _VU, 8, 12]]
+        better = slopes / (2.0 * curvature)
+    sound = np.isfinite(better).all(axis=1) & (curvature[:, 0] > LEAST_CURVATURE)
+    return np.where(sound[:, None], better, gains), sound

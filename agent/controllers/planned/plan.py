@@ -1,21 +1,83 @@
-"""Concurrent trajectories (Turpin, Michael and Kumar, Concurrent assignment and planning of trajectories for large
-teams of robots, ICRA 2013), tracked: everybody knows them before take-off, and nobody says anything on the way.
+"""Flight along concurrent trajectories (Turpin, Michael and Kumar, Concurrent assignment and planning of trajectories
+for large teams of robots, ICRA 2013): the controller `plan`, and the base classes of controllers that learn to do it.
 
-The assignment is that of the formation: a UAV's slot is its place in it, drawn together about the goal of all. Where
-goals differ, companions are those with the same goal; a UAV that has one of its own goes there.
+All UAVs know all trajectories before take-off and send nothing on the way. A UAV's slot at the goal is its place in the
+formation, drawn together about the goal. UAVs with the same goal are companions; a UAV with a goal of its own goes
+there.
 """
 
 from collections.abc import Sequence
-from typing import Annotated
+from functools import cached_property
+from typing import Annotated, Any, ClassVar
 
+import numpy as np
 from msgspec import Meta
+from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
-from meanflock.agent.controllers.base import Memory, Received, Step
-from meanflock.agent.controllers.planned.base import Planned
-from meanflock.agent.controllers.planned.trajectory import CRUISE_M_S
-from meanflock.agent.controllers.travel import CruiseSpeed, against_the_air
-from meanflock.swarm.state import States
+from meanflock.agent.controllers.base import Controller, Memory, Received, Rows, Step
+from meanflock.agent.controllers.cruise import CRUISE_M_S, CruiseSpeed, against_the_air
+from meanflock.agent.controllers.planned.trajectory import Trajectory
+from meanflock.agent.controllers.prediction import AlongPlan
+from meanflock.swarm import mission
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import POSITION, VELOCITY, Floats, Mask, Plane, States
+
+
+class Planned(Controller):
+    """Base class of controllers that follow trajectories known to all; their option `speed_m_s` is the cruise speed."""
+
+    broadcast_numbers = 0
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        return {"uav": uavs.astype(np.int32)}
+
+    @cached_property
+    def _trajectory(self) -> Trajectory:
+        return Trajectory(self.scenario, mission.starts(self.scenario), self.options.speed_m_s)
+
+    def prediction(self) -> AlongPlan:
+        """A UAV that is off its trajectory comes back to it."""
+        return AlongPlan(self._trajectory.states, self.scenario.dt)
+
+    def _off(self, uavs: Rows, tick: int, own: States) -> tuple[Floats, Plane]:
+        """Errors of rows (M, 4) to their trajectories, (M, 2 axes, 2) m and m/s; and accelerations there, (M, 2)."""
+        position, velocity, acceleration = (ideal[uavs] for ideal in self._trajectory.at(tick))
+        return np.stack([own[:, POSITION] - position, own[:, VELOCITY] - velocity], axis=-1), acceleration
+
+
+class PlannedLearner(Planned):
+    """Base class of controllers that learn to follow trajectories.
+
+    The model is an array of the memory, (M, weights), which the federation averages if the option `share` says so. The
+    memory also has the last `tick`.
+    """
+
+    learned: ClassVar[str]  # name of the array that is the model
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
+        self.parameters = (self.weights or 0) if options.share else 0
+        self._launches = mission.launches(scenario)
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        return super().init(uavs, plan) | {"tick": np.full(len(uavs), -2, dtype=np.int32)}
+
+    def get(self, memory: Memory) -> Floats:
+        return memory[self.learned][:, : self.parameters]
+
+    def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
+        learned = memory[self.learned].copy()
+        learned[rows] = models
+        return memory | {self.learned: learned}
+
+    def report(self, memory: Memory) -> Floats:
+        return memory[self.learned]
+
+    def _follows(self, memory: Memory, tick: int) -> Mask:
+        """Mask (M,) of the rows whose last tick was the one before this: not paused, and not on the ground."""
+        follows: Mask = (memory["tick"] == tick - 1) & (tick > self._launches[memory["uav"]])
+        return follows
 
 
 class Plan(Planned):
@@ -34,7 +96,14 @@ class Plan(Planned):
         velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 4.0
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
-        of = self.options
+        options = self.options
         off, acceleration = self._off(memory["uav"], tick, own)
-        acceleration = acceleration - of.position_gain_1_s2 * off[..., 0] - of.velocity_gain_1_s * off[..., 1]
+        acceleration = acceleration - options.position_gain_1_s2 * off[..., 0] - options.velocity_gain_1_s * off[..., 1]
         return Step(memory, acceleration + against_the_air(self.scenario, own))
+
+
+def tracking(error: Floats) -> Floats:
+    """Cost ‖p‖² + ½‖v‖² of errors (M, 2 axes, 2) to the trajectory, `(M,)`."""
+    each = error[..., 0] ** 2 + 0.5 * error[..., 1] ** 2
+    total: Floats = each[..., 0] + each[..., 1]
+    return total

@@ -14,11 +14,9 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Memory, Received, Step
+from meanflock.agent.controllers.cruise import CRUISE_M_S, CruiseSpeed
 from meanflock.agent.controllers.elimination import product
-from meanflock.agent.controllers.planned.base import PlannedLearner
-from meanflock.agent.controllers.planned.policy_iteration import tracking
-from meanflock.agent.controllers.planned.trajectory import CRUISE_M_S
-from meanflock.agent.controllers.travel import CruiseSpeed
+from meanflock.agent.controllers.planned.plan import PlannedLearner, tracking
 from meanflock.swarm import state
 from meanflock.swarm.state import VELOCITY, States
 
@@ -65,11 +63,11 @@ class Rls(PlannedLearner):
         }
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
-        of, moving = self.options, own[:, VELOCITY]
+        options, moving = self.options, own[:, VELOCITY]
         off, acceleration = self._off(memory["uav"], tick, own)
         memory = memory | self._learn(memory, tick, moving)
         estimate = np.clip(memory["estimate"], LOWEST, HIGHEST)
-        command = acceleration - of.position_gain_1_s2 * off[..., 0] - of.velocity_gain_1_s * off[..., 1]
+        command = acceleration - options.position_gain_1_s2 * off[..., 0] - options.velocity_gain_1_s * off[..., 1]
         command += estimate[:, :1] * moving - estimate[:, 1:]
         after = {"velocity": moving.copy(), "command": command, "tick": np.full(len(own), tick, dtype=np.int32)}
         reported = np.concatenate([tracking(off)[:, None], memory["estimate"]], axis=1)

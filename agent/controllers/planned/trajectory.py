@@ -10,11 +10,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.agent.controllers.cruise import CRUISE_M_S
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 
-CRUISE_M_S = 2.25  # on the way; the least energy a metre of the paper's craft
 ACCELERATION_M_S2, BRAKE_M_S2 = 1.0, 0.5
 FILLED = 0.84  # of the destination's radius that slots take up at the most
 

@@ -1,5 +1,16 @@
-"""What controllers have in common whose UAVs broadcast their states and fly by those of the others."""
+"""Controllers whose UAVs broadcast their states: what rows know of the others, and the base classes that fly by it.
 
+A UAV broadcasts its state every tick, or at events. An event is that its position is more than δ from where all others
+predict it by what it last sent, or its velocity if an option asks for that. The state is sent as (x, y, vx, vy) in 1 cm
+and 1 cm/s, four int16, and again, as it is by then, in the next r − 1 ticks. x and y count from halfway between the
+UAV's own start and goal, so they reach 327 m beyond; a state beyond that is not sent.
+
+A state that arrives in a tick was sent in the tick before; on a radio so slow that it is older, it is taken for younger
+than it is. With events, silence says that a UAV flies as predicted, however long it lasts. With a broadcast every tick,
+silence says that a UAV is lost or out of range, and it is forgotten (`forget_s`).
+"""
+
+import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar
@@ -8,14 +19,131 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.agent.controllers.planned.trajectory import CRUISE_M_S
-from meanflock.agent.controllers.sharing.neighbours import Neighbours
-from meanflock.agent.controllers.travel import SLOWING_1_S, CruiseSpeed, Slowing, Travel, against_the_air
+from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
+from meanflock.agent.controllers.cruise import CRUISE_M_S, SLOWING_1_S, CruiseSpeed, Slowing, Travel, against_the_air
+from meanflock.agent.controllers.prediction import ConstantVelocity, Prediction
+from meanflock.agent.controllers.received import believed, of_kind, plausible
 from meanflock.swarm import mission
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.sharing import Sharing
-from meanflock.swarm.state import States
+from meanflock.swarm.scenario.tables import Sharing
+from meanflock.swarm.state import POSITION, SIZE, VX, VY, Floats, States, X, Y
+from meanflock.swarm.wire.control import FLOAT_OF_BITS
+
+FAR_M = 1e6  # where those are put of whom nothing is known: out of everybody's way
+UNIT = 0.01  # m and m/s, of an int16
+_NOWHERE = np.array([FAR_M, FAR_M, 0.0, 0.0])
+_MOST = float(np.iinfo(np.int16).max)
+
+
+class Neighbours:
+    """States of all UAVs as rows know them, kept in a memory whose names begin with `neighbour_`.
+
+    numbers: that a UAV broadcasts in a tick.
+    """
+
+    numbers = SIZE
+
+    def __init__(self, sharing: Sharing, scenario: Scenario, predict: Prediction | None = None) -> None:
+        """`predict`: how states are carried on from when they were sent; None: at constant velocity."""
+        self._events, self._repeats = sharing.broadcast == "event", sharing.repeats
+        self._delta_squared = sharing.delta_m * sharing.delta_m
+        self._velocity_delta_squared = sharing.velocity_delta_m_s * sharing.velocity_delta_m_s or math.inf
+        self._forget = None if self._events else max(1, round(sharing.forget_s / scenario.dt))
+        self._float = FLOAT_OF_BITS[scenario.radio.bits_per_float]
+        self._predict = ConstantVelocity(scenario.dt) if predict is None else predict
+        self._plausible = plausible(scenario)
+        self._origin = np.zeros((scenario.uavs, SIZE))  # of what a UAV sends
+        self._origin[:, POSITION] = 0.5 * (mission.starts(scenario)[:, POSITION] + mission.goals(scenario))
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        """The memory at take-off: the mission plan (N, 4), known to all, of rows with numbers (M,)."""
+        rows, everyone = len(uavs), len(plan)
+        kept = self._predict.keep(plan, np.arange(everyone), 0)
+        return {
+            "neighbour_uav": uavs.astype(np.int32),
+            "neighbour_kept": np.repeat(kept.T[None], rows, axis=0),  # (M, 4, N)
+            "neighbour_tick": np.zeros((rows, everyone), dtype=np.int32),  # in which it was sent
+            "neighbour_repeats": np.zeros(rows, dtype=np.int32),  # ticks an event is still to be sent in
+            "neighbour_unsent": np.zeros(rows, dtype=bool),
+        }
+
+    def receive(
+        self, memory: Memory, tick: int, received: Sequence[Received], number: int = 0
+    ) -> tuple[Memory, NDArray[np.int32]]:
+        """The memory with the states of frames `number` in it, and whose of them are not believed, ascending, for
+        `Step.refused`; what cannot be a state is left out."""
+        frames = of_kind(received, SIZE, np.int16 if self._events else np.float64, number)
+        if self._events:
+            frames = [Received(number, f.source, self._decoded(f.payload, f.source), f.links) for f in frames]
+        frames, refused = believed(frames, self._plausible)
+        if not frames:
+            return memory, refused
+        kept, sent_in = memory["neighbour_kept"].copy(), memory["neighbour_tick"].copy()
+        for states in frames:
+            sent, row = states.links.T
+            source = states.source[sent]
+            kept[row, :, source] = self._predict.keep(states.payload, states.source, tick - 1)[sent]
+            sent_in[row, source] = tick - 1
+        return memory | {"neighbour_kept": kept, "neighbour_tick": sent_in}, refused
+
+    def states(self, memory: Memory, tick: int) -> States:
+        """Where everybody is in a tick, as far as rows know: (M, N, 4), a view whose columns are contiguous.
+
+        A row's own UAV is in it as it last sent. Who is forgotten is `FAR_M` away, at rest.
+        """
+        age = tick - memory["neighbour_tick"]
+        now = self._predict.now(memory["neighbour_kept"], age, slice(None), tick)
+        states: States = np.swapaxes(now, 1, 2)
+        if self._forget is not None and (gone := age > self._forget).any():
+            states[gone] = _NOWHERE
+        return states
+
+    def speak(self, memory: Memory, tick: int, own: States) -> tuple[Memory, Broadcast]:
+        """The memory after rows (M, 4) have sent what is due in this tick, and what they send."""
+        if not self._events:
+            sent = own.astype(self._float).astype(np.float64)
+            return self._sent(memory, tick, np.arange(len(own)), sent), Broadcast(own)
+        uav, left = memory["neighbour_uav"], memory["neighbour_repeats"]
+        off = own - self._own(memory, tick)
+        off *= off
+        event = off[:, X] + off[:, Y] > self._delta_squared
+        event |= off[:, VX] + off[:, VY] > self._velocity_delta_squared
+        left = np.where(event, self._repeats, left)
+        due = left > 0
+        numbers = np.rint((own - self._origin[uav]) * (1.0 / UNIT))
+        fits = np.maximum.reduce(np.abs(numbers), axis=1) <= _MOST
+        rows = np.flatnonzero(due & fits)
+        memory = memory | {
+            "neighbour_repeats": left - due.astype(np.int32),
+            "neighbour_unsent": due & ~fits,
+        }
+        said = numbers[rows].astype(np.int16)
+        return self._sent(memory, tick, rows, self._decoded(said, uav[rows])), Broadcast(said, rows)
+
+    def unsent(self, memory: Memory) -> Floats:
+        """1 where a row had a state to send in the last tick that four int16 cannot say, as a diagnostic, (M, 1)."""
+        return memory["neighbour_unsent"][:, None].astype(np.float64)
+
+    def _own(self, memory: Memory, tick: int) -> States:
+        """What all others predict of the rows themselves by what was last sent, (M, 4)."""
+        uav = memory["neighbour_uav"].astype(np.intp)
+        rows = np.arange(len(uav))
+        kept = memory["neighbour_kept"][rows, :, uav][:, :, None]
+        age = tick - memory["neighbour_tick"][rows, uav][:, None]
+        return self._predict.now(kept, age, uav[:, None], tick)[:, :, 0]
+
+    def _sent(self, memory: Memory, tick: int, rows: NDArray[np.intp], states: States) -> Memory:
+        """The memory after `rows` have sent states (len(rows), 4)."""
+        if not len(rows):
+            return memory
+        uav = memory["neighbour_uav"][rows].astype(np.intp)
+        kept, sent_in = memory["neighbour_kept"].copy(), memory["neighbour_tick"].copy()
+        kept[rows, :, uav] = self._predict.keep(states, uav, tick)
+        sent_in[rows, uav] = tick
+        return memory | {"neighbour_kept": kept, "neighbour_tick": sent_in}
+
+    def _decoded(self, numbers: NDArray[np.int16], uavs: NDArray[np.integer]) -> States:
+        return numbers * UNIT + self._origin[uavs]
 
 
 class SharingController(Controller):

@@ -9,12 +9,12 @@ import numpy as np
 from msgspec import Meta
 
 from meanflock.agent.controllers.base import Memory, Step
+from meanflock.agent.controllers.cruise import limited
 from meanflock.agent.controllers.sharing.base import SharingController
-from meanflock.agent.controllers.sharing.near import Near, edges, near, summed
-from meanflock.agent.controllers.travel import limited
+from meanflock.agent.controllers.sharing.nearby import Near, edges, near, summed
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.sharing import Sharing
+from meanflock.swarm.scenario.tables import Sharing
 from meanflock.swarm.state import POSITION, VELOCITY, VX, VY, Plane, Rows, States
 
 
@@ -62,40 +62,40 @@ class OlfatiSaber(SharingController):
         self._shift = abs(options.a - options.b) / math.sqrt(4.0 * options.a * options.b)
 
     def fly(self, memory: Memory, own: States, others: States) -> Step:
-        uavs, of = memory["neighbour_uav"], self.options
-        pairs = near(own, others, uavs, of.r_m)
-        way = (self._goals[uavs] - own[:, POSITION]) / of.near_m
+        uavs, options = memory["neighbour_uav"], self.options
+        pairs = near(own, others, uavs, options.r_m)
+        way = (self._goals[uavs] - own[:, POSITION]) / options.near_m
         way /= np.sqrt(1.0 + state.dot(way, way))[:, None]
-        acceleration = of.pull_m_s2 * way - of.damping_1_s * own[:, VELOCITY]
+        acceleration = options.pull_m_s2 * way - options.damping_1_s * own[:, VELOCITY]
         acceleration += summed(pairs.row, self._of_pairs(pairs), len(own))
         if len(self._obstacles):
             acceleration += self._of_obstacles(own)
-        return Step(memory, limited(acceleration, of.acceleration_max_m_s2))
+        return Step(memory, limited(acceleration, options.acceleration_max_m_s2))
 
     def _of_pairs(self, pairs: Near) -> Plane:
         """c1 φ_α(‖Δ‖σ) n + c2 ρ_h (Δv), his Eq. 23, of pairs, (P, 2) m/s²."""
-        of = self.options
+        options = self.options
         squared = pairs.distance * pairs.distance
         sigma = self._sigma(squared)
-        weight = bump(sigma / self._range, of.h)
+        weight = bump(sigma / self._range, options.h)
         z = sigma - self._distance + self._shift
-        action = weight * 0.5 * ((of.a + of.b) * z / np.sqrt(1.0 + z * z) + (of.a - of.b))
+        action = weight * 0.5 * ((options.a + options.b) * z / np.sqrt(1.0 + z * z) + (options.a - options.b))
         # n = Δ/√(1 + ε‖Δ‖²), his Eq. 9; of two in one place it is 0
-        along = (of.c1 * action / np.sqrt(1.0 + of.epsilon_1_m2 * squared))[:, None] * pairs.apart
-        return -along - (of.c2_1_s * weight)[:, None] * pairs.closing
+        along = (options.c1 * action / np.sqrt(1.0 + options.epsilon_1_m2 * squared))[:, None] * pairs.apart
+        return -along - (options.c2_1_s * weight)[:, None] * pairs.closing
 
     def _of_obstacles(self, own: States) -> Plane:
         """c1 φ_β(‖Δ‖σ) n̂ + c2 ρ_h (p̂ − p), his Eq. 56 to 59: agents on the edges go along with a UAV, (M, 2) m/s²."""
-        of = self.options
+        options = self.options
         edge, x, y = edges(own, self._obstacles)
         gap = np.maximum(edge, 0.0)
-        sigma, reach = self._sigma(gap * gap), self._sigma(of.d_obstacle_m**2)
-        weight, z = bump(sigma / reach, of.h), sigma - reach
-        action = of.c1_obstacle_m_s2 * weight * (1.0 - z / np.sqrt(1.0 + z * z))
+        sigma, reach = self._sigma(gap * gap), self._sigma(options.d_obstacle_m**2)
+        weight, z = bump(sigma / reach, options.h), sigma - reach
+        action = options.c1_obstacle_m_s2 * weight * (1.0 - z / np.sqrt(1.0 + z * z))
         # Its velocity is that of the UAV along the edge, by μ = R/(R + gap) slower.
         along = own[:, VY, None] * x - own[:, VX, None] * y
         slower = self._obstacles[:, 2] / (self._obstacles[:, 2] + gap) * along
-        damping = of.c2_obstacle_1_s * weight
+        damping = options.c2_obstacle_1_s * weight
         ax = action * x + damping * (-y * slower - own[:, VX, None])
         ay = action * y + damping * (x * slower - own[:, VY, None])
         return np.stack([np.add.reduce(ax, axis=1), np.add.reduce(ay, axis=1)], axis=-1)

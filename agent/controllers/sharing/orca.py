@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from meanflock import kernels
 from meanflock.agent.controllers.base import Memory, Step
 from meanflock.agent.controllers.sharing.base import Travelling, TravellingController
-from meanflock.agent.controllers.sharing.closest import Closest, closest, closest_discs, with_obstacles
+from meanflock.agent.controllers.sharing.nearby import Closest, closest, closest_discs, with_obstacles
 from meanflock.swarm.state import VELOCITY, Plane, Rows, States
 
 INFEASIBLE_M_S = 1e-6  # what may be missing of a half-plane that is still called kept
@@ -57,15 +57,15 @@ class Orca(TravellingController):
 
         `others`: (M, N, 4), where they take all to be. `uavs`: (M,), the numbers of the rows.
         """
-        of, dt = self.options, self.scenario.dt
-        near = closest(own, others, uavs, of.reach_m, of.neighbours)
-        normals, bounds = half_planes(near, own, of.radius_m, of.horizon_s, dt, 0.5)
+        options, dt = self.options, self.scenario.dt
+        near = closest(own, others, uavs, options.reach_m, options.neighbours)
+        normals, bounds = half_planes(near, own, options.radius_m, options.horizon_s, dt, 0.5)
         if len(self._obstacles):
-            discs, radii = closest_discs(own, self._obstacles, of.reach_m, of.obstacles)
-            more, least = half_planes(discs, own, radii + 0.5 * of.radius_m, of.horizon_s, dt, 1.0)
+            discs, radii = closest_discs(own, self._obstacles, options.reach_m, options.obstacles)
+            more, least = half_planes(discs, own, radii + 0.5 * options.radius_m, options.horizon_s, dt, 1.0)
             normals, bounds = with_obstacles(normals, bounds, more, least)
         chosen, missing = np.empty((len(own), 2)), np.empty(len(own))
-        kernels.nearest(np.ascontiguousarray(wished), normals, bounds, of.speed_max_m_s, chosen, missing)
+        kernels.nearest(np.ascontiguousarray(wished), normals, bounds, options.speed_max_m_s, chosen, missing)
         return chosen, missing
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from msgspec import Meta
 
 from meanflock.agent.controllers.base import Memory, Step
+from meanflock.agent.controllers.cruise import limited
 from meanflock.agent.controllers.sharing.base import Travelling, TravellingController
-from meanflock.agent.controllers.sharing.near import edges, near, summed
-from meanflock.agent.controllers.travel import limited
+from meanflock.agent.controllers.sharing.nearby import edges, near, summed
 from meanflock.swarm.state import VELOCITY, Plane, Rows, States
 
 
@@ -40,21 +40,25 @@ class PotentialField(TravellingController):
         acceleration_max_m_s2: Annotated[float, Meta(gt=0, description="limit on ‖a‖ before drag, m/s²")] = 3.0
 
     def fly(self, memory: Memory, own: States, others: States) -> Step:
-        of = self.options
+        options = self.options
         memory, velocity = self._travel.velocity(memory, own)
-        acceleration = of.velocity_gain_1_s * (velocity - own[:, VELOCITY])
-        pairs = near(own, others, memory["neighbour_uav"], of.rho0_m + of.radius_m)
-        force = repulsion(pairs.distance - of.radius_m, of.rho0_m, of.eta_m3_s2, of.acceleration_max_m_s2)
+        acceleration = options.velocity_gain_1_s * (velocity - own[:, VELOCITY])
+        pairs = near(own, others, memory["neighbour_uav"], options.rho0_m + options.radius_m)
+        force = repulsion(
+            pairs.distance - options.radius_m, options.rho0_m, options.eta_m3_s2, options.acceleration_max_m_s2
+        )
         acceleration += summed(pairs.row, force[:, None] * pairs.away, len(own))
         if len(self._obstacles):
             acceleration += self._off_obstacles(own)
-        return Step(memory, limited(acceleration, of.acceleration_max_m_s2))
+        return Step(memory, limited(acceleration, options.acceleration_max_m_s2))
 
     def _off_obstacles(self, own: States) -> Plane:
         """Repulsion of rows by all obstacles, (M, 2) m/s²."""
-        of = self.options
+        options = self.options
         edge, x, y = edges(own, self._obstacles)
-        force = repulsion(edge - of.radius_m, of.obstacle_rho0_m, of.obstacle_eta_m3_s2, of.acceleration_max_m_s2)
+        force = repulsion(
+            edge - options.radius_m, options.obstacle_rho0_m, options.obstacle_eta_m3_s2, options.acceleration_max_m_s2
+        )
         return np.stack([np.add.reduce(force * x, axis=1), np.add.reduce(force * y, axis=1)], axis=-1)
 
 

@@ -8,9 +8,9 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Memory, Step
+from meanflock.agent.controllers.cruise import limited
 from meanflock.agent.controllers.sharing.base import Travelling, TravellingController
-from meanflock.agent.controllers.sharing.near import NOWHERE_M, Near, edges, near, summed
-from meanflock.agent.controllers.travel import limited
+from meanflock.agent.controllers.sharing.nearby import NOWHERE_M, Near, edges, near, summed
 from meanflock.swarm import state
 from meanflock.swarm.state import VELOCITY, VX, VY, Floats, Plane, Rows, States
 
@@ -65,27 +65,32 @@ class Vasarhelyi(TravellingController):
 
     def _matters(self, squared: Floats, difference_squared: Floats) -> NDArray[np.bool_]:
         """Which pairs can push at all. √(2ar − a²/p²) is nowhere more than D(r, a, p)."""
-        of = self.options
-        least = 2.0 * of.a_frict_m_s2 * (np.sqrt(squared) - of.r0_frict_m) - (of.a_frict_m_s2 / of.p_frict_1_s) ** 2
-        np.maximum(least, of.v_frict_m_s**2, out=least)
-        return (difference_squared > least) | (squared < of.r0_rep_m**2)
+        options = self.options
+        least = (
+            2.0 * options.a_frict_m_s2 * (np.sqrt(squared) - options.r0_frict_m)
+            - (options.a_frict_m_s2 / options.p_frict_1_s) ** 2
+        )
+        np.maximum(least, options.v_frict_m_s**2, out=least)
+        return (difference_squared > least) | (squared < options.r0_rep_m**2)
 
     def _off_obstacles(self, own: States) -> Plane:
         """Agents that come off the nearest points of all obstacles, whose velocity is to be matched: their Eq. 5 and 6,
         (M, 2) m/s."""
-        of = self.options
+        options = self.options
         edge, x, y = edges(own, self._obstacles)
-        vx, vy = own[:, VX, None] - of.v_shill_m_s * x, own[:, VY, None] - of.v_shill_m_s * y
+        vx, vy = own[:, VX, None] - options.v_shill_m_s * x, own[:, VY, None] - options.v_shill_m_s * y
         difference = np.sqrt(vx * vx + vy * vy)
-        allowed = braking(edge - of.r0_shill_m, of.p_shill_1_s, of.a_shill_m_s2)
+        allowed = braking(edge - options.r0_shill_m, options.p_shill_1_s, options.a_shill_m_s2)
         share = np.maximum(difference - allowed, 0.0) / np.maximum(difference, NOWHERE_M)
         return -np.stack([np.add.reduce(share * vx, axis=1), np.add.reduce(share * vy, axis=1)], axis=-1)
 
     def _push(self, pairs: Near) -> Plane:
         """Repulsion (their Eq. 1) and friction (Eq. 2, 4) of pairs, (P, 2) m/s."""
-        of = self.options
-        repulsion = of.p_rep_1_s * np.maximum(of.r0_rep_m - pairs.distance, 0.0)
+        options = self.options
+        repulsion = options.p_rep_1_s * np.maximum(options.r0_rep_m - pairs.distance, 0.0)
         difference = np.sqrt(state.dot(pairs.closing, pairs.closing))
-        allowed = np.maximum(of.v_frict_m_s, braking(pairs.distance - of.r0_frict_m, of.p_frict_1_s, of.a_frict_m_s2))
-        friction = of.c_frict * np.maximum(difference - allowed, 0.0) / np.maximum(difference, NOWHERE_M)
+        allowed = np.maximum(
+            options.v_frict_m_s, braking(pairs.distance - options.r0_frict_m, options.p_frict_1_s, options.a_frict_m_s2)
+        )
+        friction = options.c_frict * np.maximum(difference - allowed, 0.0) / np.maximum(difference, NOWHERE_M)
         return repulsion[:, None] * pairs.away - friction[:, None] * pairs.closing

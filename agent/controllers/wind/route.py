@@ -9,13 +9,56 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.agent.controllers.wind.airspeed import Fare
 from meanflock.agent.controllers.wind.belief import WindGrid
+from meanflock.swarm import mission, state
+from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 
+SPEEDS_M_S = np.linspace(0.5, 6.0, 45)  # over ground, that are compared
+SHORTEST_M = 1.0  # corridor
 STATION_M, ABREAST_M = 6.0, 3.0
 BESIDE_J_M = 1.0  # for a metre beside the goal: more than any metre of a way costs
 REACH = 2  # places to either side that are reached from one station to the next
+
+
+class Fare:
+    """Energy and time, J + μ s, of a metre, at the speed over ground that makes it least."""
+
+    def __init__(self, scenario: Scenario, time_price_w: float) -> None:
+        """`time_price_w`: μ, what a second costs beside the energy, J."""
+        self._vehicle, self._price = scenario.vehicle, time_price_w
+        self._through_air = scenario.vehicle.power_speed == "air"
+
+    def best(self, along: Floats, across: Floats) -> tuple[Floats, Floats]:
+        """The least J/m with that price, and the m/s over ground it takes.
+
+        Args:
+            along, across: components of the wind in m/s, in the direction of flight and at right angles to it.
+        """
+        if not self._through_air:
+            along, across = np.zeros_like(along), np.zeros_like(across)
+        headway = SPEEDS_M_S - along[..., None]
+        squared = headway * headway + (across * across)[..., None]
+        each = (self._vehicle.power(squared, np.sqrt(squared)) + self._price) / SPEEDS_M_S
+        which = np.argmin(each, axis=-1)
+        return np.take_along_axis(each, which[..., None], axis=-1)[..., 0], SPEEDS_M_S[which]
+
+
+class Corridor:
+    """Attributes:
+    goals: (N, 2) m. launches: (N,) ticks. goal: (2,) m, the middle of the goals. back: (2,) unit vector from it
+        towards the starts. length_m: of the longest way.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        starts = mission.starts(scenario)[:, state.POSITION]
+        self.goals, self.launches = mission.goals(scenario), mission.launches(scenario)
+        self.goal = self.goals.mean(axis=0)
+        way = starts.mean(axis=0) - self.goal
+        length = float(np.sqrt(state.dot(way, way)))
+        self.back = way / length if length >= SHORTEST_M else np.array([1.0, 0.0])
+        along = state.dot(starts - self.goals, np.broadcast_to(self.back, starts.shape))
+        self.length_m = max(SHORTEST_M, float(along.max()))
 
 
 class Router:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.agent.controllers.travel import SLOWING_1_S, against_the_air, limited, towards
-from meanflock.agent.controllers.wind.airspeed import Fare
+from meanflock.agent.controllers.cruise import SLOWING_1_S, against_the_air, limited, towards
+from meanflock.agent.controllers.wind.route import Fare
 from meanflock.swarm import mission
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import POSITION, VELOCITY, States, norm

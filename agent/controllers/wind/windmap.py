@@ -21,12 +21,10 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
-from meanflock.agent.controllers.believed import believed, of_kind
-from meanflock.agent.controllers.travel import SLOWING_1_S, limited
-from meanflock.agent.controllers.wind.airspeed import Fare
+from meanflock.agent.controllers.cruise import SLOWING_1_S, limited
+from meanflock.agent.controllers.received import believed, of_kind
 from meanflock.agent.controllers.wind.belief import INFORMATION, WindGrid
-from meanflock.agent.controllers.wind.corridor import Corridor
-from meanflock.agent.controllers.wind.route import Router
+from meanflock.agent.controllers.wind.route import Corridor, Fare, Router
 from meanflock.agent.controllers.wind.straight import LIMIT_M_S2
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
@@ -80,15 +78,23 @@ class Windmap(Controller):
 
     @cached_property
     def _grid(self) -> WindGrid:
-        of, way = self.options, self._corridor
-        margin = of.spacing_m
+        options, way = self.options, self._corridor
+        margin = options.spacing_m
         origin = way.goal - margin * way.back
-        return WindGrid(origin, way.back, way.length_m + 2 * margin, of.width_m, of.spacing_m, of.rms_m_s, of.scale_m)
+        return WindGrid(
+            origin,
+            way.back,
+            way.length_m + 2 * margin,
+            options.width_m,
+            options.spacing_m,
+            options.rms_m_s,
+            options.scale_m,
+        )
 
     @cached_property
     def _router(self) -> Router:
-        way, of = self._corridor, self.options
-        return Router(Fare(self.scenario, of.time_price_w), way.back, way.length_m, of.width_m, self._mean)
+        way, options = self._corridor, self.options
+        return Router(Fare(self.scenario, options.time_price_w), way.back, way.length_m, options.width_m, self._mean)
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         rows, nodes, stations = len(uavs), self._grid.count, self._router.stations

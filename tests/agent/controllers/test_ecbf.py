@@ -10,7 +10,7 @@ import pytest
 import meanflock as mf
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.agent.controllers.ecbf import Ecbf
-from meanflock.agent.controllers.sharing.closest import closest, closest_discs
+from meanflock.agent.controllers.sharing.nearby import closest, closest_discs
 from meanflock.swarm.scenario import Destination, Filter, Obstacle, Scenario, Start, Wind, load
 from meanflock.swarm.scenario import files as scenario_files
 

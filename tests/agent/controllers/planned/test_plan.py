@@ -5,10 +5,10 @@ import pytest
 
 import meanflock as mf
 from meanflock.agent.controllers.planned.plan import Plan
-from meanflock.agent.controllers.sharing.neighbours import Neighbours
+from meanflock.agent.controllers.sharing.base import Neighbours
 from meanflock.swarm import declared, mission
 from meanflock.swarm.scenario import load
-from meanflock.swarm.sharing import Sharing
+from meanflock.swarm.scenario.tables import Sharing
 
 
 def test_without_noise_it_keeps_to_its_trajectory() -> None:

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meanflock.agent.controllers.planned.trajectory import BRAKE_M_S2, CRUISE_M_S, Trajectory, Trapezoid, slots
+from meanflock.agent.controllers.cruise import CRUISE_M_S
+from meanflock.agent.controllers.planned.trajectory import BRAKE_M_S2, Trajectory, Trapezoid, slots
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
 

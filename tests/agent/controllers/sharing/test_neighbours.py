@@ -5,7 +5,7 @@ import pytest
 
 from meanflock.agent.controllers.base import Broadcast, Memory, Received
 from meanflock.agent.controllers.prediction import AlongPlan
-from meanflock.agent.controllers.sharing.neighbours import FAR_M, Neighbours, Sharing
+from meanflock.agent.controllers.sharing.base import FAR_M, Neighbours, Sharing
 from meanflock.swarm import mission
 from meanflock.swarm.scenario import Scenario, load
 

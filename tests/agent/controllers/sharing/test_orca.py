@@ -8,7 +8,7 @@ import pyrvo
 import pytest
 
 import meanflock as mf
-from meanflock.agent.controllers.sharing.closest import closest
+from meanflock.agent.controllers.sharing.nearby import closest
 from meanflock.agent.controllers.sharing.orca import Orca, half_planes
 from meanflock.swarm.scenario import Obstacle, Scenario, load
 

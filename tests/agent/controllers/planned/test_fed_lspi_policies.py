@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from meanflock.agent.controllers.planned import policy_iteration as lspi
+from meanflock.agent.controllers.planned import fed_lspi as lspi
 
 DT, DISCOUNT = 0.1, 0.95
 

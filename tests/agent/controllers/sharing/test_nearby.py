@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from meanflock.agent.controllers.sharing.near import edges, near, summed
+from meanflock.agent.controllers.sharing.nearby import edges, near, summed
 
 
 def swarm(rows: int, uavs: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
