@@ -7,7 +7,7 @@ from setuptools import Extension, find_packages, setup
 from setuptools.command.build_ext import build_ext
 
 # Top-level folders that are imported as meanflock.<name>; the links in meanflock/ do not enter a build.
-ROOMS = ("agent", "channel", "groundstation", "kernels", "leader", "studies", "swarm", "worldsim")
+ROOMS = ("agent", "channel", "federation", "groundstation", "kernels", "leader", "studies", "swarm", "worldsim")
 
 packages = ["meanflock", "meanflock.testing"]
 for room in ROOMS:

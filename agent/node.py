@@ -5,22 +5,18 @@ import logging
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.agent.byzantine import Byzantine
 from meanflock.agent.controllers.base import Broadcast, Received
-from meanflock.agent.feedback import Feedback
 from meanflock.agent.guarded import Guarded
-from meanflock.agent.heads import Heads
 from meanflock.agent.rows import picked
+from meanflock.federation.party import Party, check_links
 from meanflock.swarm import faults, state
 from meanflock.swarm.ascending import contains, distinct
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.model import BEYOND_SENSE
-from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario, decode
-from meanflock.swarm.wire import payload
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record, expect
-from meanflock.swarm.wire.messages import NOBODY, Act, FrameKind, Frames, Sense, Welcome
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Welcome
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -28,7 +24,6 @@ Mask = NDArray[np.bool_]
 log = logging.getLogger("meanflock.agent")
 
 _STATE = np.dtype(np.float64)
-_RESIDUALS = "meanflock.residuals"  # in a checkpoint, beside the arrays of the controller
 
 
 class Agent:
@@ -42,17 +37,12 @@ class Agent:
         self._scenario: Scenario = decode(welcome.scenario)
         self._declared = self._scenario.declared
         self._float = FLOAT_OF_BITS[self._scenario.radio.bits_per_float]
-        self._rounds = Rounds(self._scenario, self.uavs)
-        self._rounds.draw_ahead()
-        self._byzantine = Byzantine(self._scenario)
-        self._heads = Heads(self._scenario, self.uavs)
-        self._up, self._down = payload.upload(self._scenario), payload.broadcast(self._scenario)
-        self._feedback = Feedback(self._up, len(self.uavs), kept=self._scenario.keeps_residuals)
-        self._period = self._scenario.period_ticks if self._declared.is_federated else 0  # of rounds; 0 without any
+        self._party = Party(self._scenario, "agent", self.uavs, self.complaints, self)
         self._own = np.zeros(self._scenario.uavs, dtype=bool)
         self._own[self.uavs] = True
         self._failed = np.zeros(len(self.uavs), dtype=bool)
         self._any_failed = False
+        self._asleep: Mask | None = None  # rows that the fault script pauses in this tick
         self._pauses = any(isinstance(fault, faults.Pause) for fault in self._scenario.faults)
         plan = expect("initial_states", welcome.initial_states, (self._scenario.uavs, state.SIZE), self._float)
         self._controller = Guarded(self._scenario, self.uavs, self.complaints)
@@ -76,22 +66,13 @@ class Agent:
             self._check(frames)
 
         # 0. Rows the fault script pauses are as they were when the tick is over, whatever the others do.
-        asleep = self._asleep(tick) if self._pauses else None
+        asleep = self._asleep = self._paused(tick) if self._pauses else None
         before, controller = self._memory, self._controller
         controller.begin(asleep)
-        # 1. Take in what the radio brought: a global model goes to the controller, as do frames of other UAVs, and the
-        #    head of a cluster keeps the uploads of a round.
-        received = self._receive(sense.inbox) if sense.inbox else ()
-        # 2. Speak in the rounds: the participants' models as they are now, and the means of clusters once all their
-        #    uploads have come or are lost.
-        outbox: list[Frames] = []
-        refused: list[int] = []
-        if self._period and tick % self._period == 0 and (number := self._rounds.opens(tick)):
-            outbox += self._uploads(number, asleep)
-        if averages := self._rounds.relays(tick):
-            silent = self._failed if asleep is None else self._failed | asleep
-            relays, refused = self._heads.relay(averages, self.uavs[controller.or_broken(silent)])
-            outbox += relays
+        # 1. Receive: the party takes models, the controller the frames of other UAVs.
+        received = self._receive(tick, sense.inbox) if sense.inbox else ()
+        # 2. Take part in the rounds.
+        outbox, refused = self._party.act(tick)
         # 3. Let the controller fly.
         step, commands, largest = controller.step(self._memory, tick, sense.states, received)
         self._memory = step.memory
@@ -158,58 +139,50 @@ class Agent:
     # -- what comes in ------------------------------------------------------------------------------------------
 
     def _check(self, frames: Frames) -> None:
-        """A batch this node can receive, or MessageRejected."""
-        rows, everyone = len(frames.source), self._scenario.uavs
-        is_global = frames.kind == FrameKind.GLOBAL
-        if frames.kind == FrameKind.RELAY or (is_global and not self._declared.is_federated):
-            raise MessageRejected("wrong-kind", f"{frames.kind.name} frames are not for an agent")
-        if frames.links is None:
-            raise MessageRejected("wrong-shape", "frames without links")
-        sent, to = frames.links[:, 0], frames.links[:, 1]
-        if not (_within(frames.source, everyone) and _within(to, everyone) and self._own[to].all()):
-            raise MessageRejected("wrong-shape", "frames name UAVs that are not here")
-        if not _within(sent, rows):
-            raise MessageRejected("wrong-shape", "links beyond the payload")
-        if is_global:
-            self._down.check(frames.payload, rows)
-        elif frames.kind == FrameKind.UPLOAD:
-            self._heads.check(frames)
+        """Validates a batch for this node; raises MessageRejected."""
+        check_links(frames, self._scenario.uavs)
+        assert frames.links is not None
+        if not self._own[frames.links[:, 1]].all():
+            raise MessageRejected("wrong-shape", "frames for UAVs that are not here")
+        if frames.kind != FrameKind.STATE:
+            self._party.check(frames)
 
-    def _receive(self, inbox: tuple[Frames, ...]) -> tuple[Received, ...]:
-        """Global models into the memory, uploads to the heads; what other UAVs said, by row."""
+    def _receive(self, tick: int, inbox: tuple[Frames, ...]) -> tuple[Received, ...]:
+        """Gives models to the party; returns the frames of other UAVs, by row."""
         received = []
         for frames in inbox:
+            if frames.kind != FrameKind.STATE:
+                self._party.receive(frames, tick)
+                continue
             assert frames.links is not None
-            if frames.kind == FrameKind.UPLOAD:
-                self._heads.collect(frames)
-                continue
             sent, row = frames.links[:, 0].astype(np.intp), self.uavs.searchsorted(frames.links[:, 1])
-            if frames.kind == FrameKind.GLOBAL:
-                self._memory = self._controller.set(self._memory, row, self._down.decode(frames.payload[sent]))
-                continue
             said = frames.payload.astype(np.float64) if frames.payload.dtype.kind == "f" else frames.payload
             links = np.stack([sent, row], axis=-1)
             received.append(Received(frames.round, frames.source.astype(np.intp), said, links))
         return tuple(received)
 
-    # -- rounds -------------------------------------------------------------------------------------------------
+    # -- rounds: what the party asks of a learner ---------------------------------------------------------------
 
-    def _uploads(self, number: int, asleep: Mask | None) -> list[Frames]:
-        rows = self._rounds.rows(number)
-        silent = self._failed if asleep is None else self._failed | asleep
-        rows = rows[~self._controller.or_broken(silent)[rows]]
+    def tell(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], Floats]:
+        """The rows among these that can send, and their models (S, L)."""
+        rows = rows[~self.silent()[rows]]
         if not len(rows):
-            return []
+            return rows, np.zeros((0, self._declared.parameters))
         models = self._controller.get(self._memory, rows)
-        rows = rows[~self._controller.or_broken(silent)[rows]]
-        source, models = self._names[rows], models[rows]
-        sent = self._byzantine.distort(number, source, self._feedback.encode(rows, models), self._up)
-        fits = self._up.sound(sent)  # a model beyond the range of the payload cannot be sent
-        return [Frames(FrameKind.UPLOAD, number, source[fits], sent[fits])] if fits.any() else []
+        rows = rows[~self.silent()[rows]]  # `get` may have failed for some
+        return rows, models[rows]
+
+    def take(self, rows: NDArray[np.intp], models: Floats) -> None:
+        """Puts models (S, L) in the place of those of some rows."""
+        self._memory = self._controller.set(self._memory, rows, models)
+
+    def silent(self) -> Mask:
+        """The rows that send nothing in this tick, (M,): failed, paused or broken."""
+        return self._controller.or_broken(self._failed if self._asleep is None else self._failed | self._asleep)
 
     # -- the fault script, and checkpoints ----------------------------------------------------------------------
 
-    def _asleep(self, tick: int) -> Mask | None:
+    def _paused(self, tick: int) -> Mask | None:
         """Which rows the fault script pauses in this tick, (M,); None for none."""
         paused = np.array(faults.paused(self._scenario.faults, tick, self._scenario.dt), dtype=np.intp)
         asleep = contains(paused, self.uavs)
@@ -217,9 +190,7 @@ class Agent:
 
     def _kept(self) -> bytes:
         """All that the rows remember, as a record; nothing where that is more than a checkpoint has room for."""
-        kept = dict(self._memory)
-        if self._feedback.residuals is not None:
-            kept[_RESIDUALS] = self._feedback.residuals
+        kept = self._memory | self._party.state()
         size = sum(array.nbytes for array in kept.values())
         if size * self._scenario.uavs > MAX_MEMORY_BYTES * len(self.uavs):
             return b""
@@ -229,9 +200,7 @@ class Agent:
         """Goes on with what its rows had in memory, a record of `_kept`; BadInput where that does not fit."""
         try:
             kept = decode_record(record)
-            if (residuals := self._feedback.residuals) is not None:
-                found = kept.pop(_RESIDUALS, NOBODY)
-                self._feedback.residuals = expect("residuals", found, residuals.shape, np.float64).copy()
+            self._party.restore(kept)
             if set(kept) != set(self._memory):
                 raise MessageRejected("wrong-shape", f"a memory of {sorted(kept)}, expected {sorted(self._memory)}")
             for name, array in self._memory.items():
@@ -239,8 +208,3 @@ class Agent:
         except MessageRejected as error:
             uavs = ", ".join(map(str, self.uavs))
             raise BadInput(f"what UAV {uavs} had in memory does not fit this controller: {error}") from error
-
-
-def _within(numbers: NDArray[np.int32], end: int) -> bool:
-    """Whether all of them are 0…end − 1."""
-    return bool((numbers.astype(np.uint32) < end).all())  # what is negative is very large

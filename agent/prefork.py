@@ -53,11 +53,11 @@ def fork(count: int) -> int:
 
 
 def _load_what_each_would() -> None:
-    """Entry points, and the controllers and filters that come with them in one package with this file. Others' are
-    loaded by those who are told to fly one: nobody knows what an import of them starts.
+    """Loads the entry points, and our own controllers, filters and topologies. Plug-ins of others are loaded only by an
+    agent that flies one: nobody knows what their import starts.
     """
     for plugin in plugins.installed():
-        if plugin.kind in ("controller", "filter") and plugin.reference.startswith("meanflock."):
+        if plugin.kind in ("controller", "filter", "topology") and plugin.reference.startswith("meanflock."):
             with contextlib.suppress(BadInput):  # for who is told to fly it to say
                 plugins.load(plugin.kind, plugin.name)
 

@@ -15,10 +15,10 @@ import numpy as np
 from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms, per_tick_ms
 from benchmarks.in_process import flight, learner_step
 from benchmarks.peer.environment import Environment
+from meanflock.federation.rules.fedavg import mean
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.kernels.mean_field.layout import MODEL_FLOATS
 from meanflock.swarm import scenario
-from meanflock.swarm.mean import fedavg
 
 TITLE = "Peers"
 ABOUT = (
@@ -54,7 +54,7 @@ def _tick(method: str, uavs: int) -> Measure:
 
 def _fedavg(models: int) -> Measure:
     draw = np.random.default_rng(1)
-    return partial(per_call_ms, partial(fedavg, draw.random((models, MODEL_FLOATS))))
+    return partial(per_call_ms, partial(mean, draw.random((models, MODEL_FLOATS))))
 
 
 def _round(uavs: int) -> Measure:

@@ -30,15 +30,18 @@ class Links:
     record: NDArray[np.int32]
 
     @classmethod
-    def of(cls, kind: FrameKind, sources: Indices, row: Indices, target: Indices, uavs: int) -> "Links":
-        """Links from `sources[row]` to `target`, (L,) each, rows ascending; `uavs`: N."""
+    def of(
+        cls, kind: FrameKind, sources: Indices, row: Indices, target: Indices, uavs: int, is_unicast: bool = False
+    ) -> "Links":
+        """Links from `sources[row]` to `target`, (L,) each, rows ascending; `uavs`: N. `is_unicast`: a link for each
+        source, so that a source that is its own target transmits nothing."""
         ends = np.stack([row, target], axis=-1).astype(np.int32)
         by_radio = sources[row] != target
         row, target = row[by_radio], target[by_radio]
         source = sources[row]
         record = np.zeros((len(source), 5), dtype=np.int32)
         record[:, 1], record[:, 2], record[:, 3] = source, target, kind
-        if kind in (FrameKind.UPLOAD, FrameKind.RELAY):  # a link each, so who needs no radio pays nothing
+        if is_unicast:
             transmissions, first = len(source), np.arange(len(source))
         else:
             transmissions, first = len(sources), np.flatnonzero(np.diff(row, prepend=-1))

@@ -18,7 +18,6 @@ from meanflock.channel.base import Channel
 from meanflock.channel.links import Links
 from meanflock.channel.meter import Meter
 from meanflock.swarm import plugins, state
-from meanflock.swarm.clusters import Clusters
 from meanflock.swarm.errors import RunFailed
 from meanflock.swarm.failures import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
@@ -40,7 +39,7 @@ class Medium:
         self._scenario = scenario
         self._channel: Channel = plugins.create("channel", radio.model, radio.options, scenario)
         self._rng = generator(scenario.seed, "radio")
-        self._head_of = Clusters(scenario).head_of
+        self._targets = {hop.label: hop.targets for hop in scenario.hops}
         slots = range(1, MOST_SLOTS + 1)
         self._soon = bisect_right(slots, 1, key=lambda spent: int(scenario.delivery_ticks(np.array(spent))))  # a tick
         self._range_squared = radio.range_m**2
@@ -176,10 +175,8 @@ class Medium:
         if reached is not None:
             row, target = reached.nonzero()
             links = Links.of(kind, sources, row, target, uavs)
-        elif kind == FrameKind.UPLOAD:
-            links = Links.of(kind, sources, rows, self._head_of[sources], uavs)
-        elif kind == FrameKind.RELAY:
-            links = Links.of(kind, sources, rows, np.full(len(sources), self._scenario.federation.leader), uavs)
+        elif (target_of := self._targets.get(kind)) is not None:
+            links = Links.of(kind, sources, rows, target_of[sources], uavs, is_unicast=True)
         else:
             targets, all_rows = np.tile(np.arange(uavs), len(sources)), rows.repeat(uavs)
             apart = sources[all_rows] != targets if kind == FrameKind.STATE else slice(None)

@@ -6,20 +6,17 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from meanflock.channel.answer import closed_form
 from meanflock.channel.base import Channel
+from meanflock.federation.topology.base import Hop
 from meanflock.swarm import logs, plugins
-from meanflock.swarm.clusters import Clusters
-from meanflock.swarm.errors import BadInput
+from meanflock.swarm.errors import RunFailed
 from meanflock.swarm.failures import FAILURES, last_line
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import POSITION
-from meanflock.swarm.wire import payload
-from meanflock.swarm.wire.payload import Coding
-from meanflock.swarm.wire.relay import Relay
+from meanflock.swarm.wire.messages import FrameKind
 
 WARN_FROM = 0.5  # share of lost messages from which a warning is given
 _SPARED = 0.2  # share of lost messages that a suggested remedy leaves at most
@@ -45,14 +42,8 @@ class Outlook(NamedTuple):
         return f"{article} {self.what} of {self.bits:,} bits{takes}: {100 * self.lost:.3g} % will be lost"
 
 
-class _Sent(NamedTuple):
-    """One kind of model: its coding, and the UAVs at both ends of the links that carry it, (K,) each."""
-
-    what: str
-    coding: Coding
-    source: NDArray[np.intp]
-    target: NDArray[np.intp]
-    payload_key: str | None
+_NAMES = {FrameKind.UPLOAD: "upload", FrameKind.RELAY: "relay", FrameKind.GLOBAL: "global model"}
+_PAYLOAD_KEYS = {FrameKind.UPLOAD: "federation.payload", FrameKind.GLOBAL: "federation.broadcast_payload"}
 
 
 def outlooks(scenario: Scenario) -> list[Outlook]:
@@ -62,13 +53,13 @@ def outlooks(scenario: Scenario) -> list[Outlook]:
         Nothing without rounds, or where the channel has no closed form.
 
     Raises:
-        BadInput: the channel is not installed, its options do not fit, or its closed form fails.
+        BadInput: the channel is not installed, or its options do not fit.
+        RunFailed: its closed form fails.
     """
-    sent = list(_sent(scenario))
-    if not sent:
+    if not scenario.hops:
         return []
     channel: Channel = plugins.create("channel", scenario.radio.model, scenario.radio.options, scenario)
-    found = (_outlook(scenario, channel, one) for one in sent)
+    found = (_outlook(scenario, channel, hop) for hop in scenario.hops)
     return [one for one in found if one is not None]
 
 
@@ -85,45 +76,33 @@ def tell_of_lost_models(flights: Iterable[Scenario]) -> None:
         logs.tell(text, logging.WARNING)
 
 
-def _outlook(scenario: Scenario, channel: Channel, sent: _Sent) -> Outlook | None:
+def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:
     """One kind of model; None where no radio carries it or the channel has no closed form."""
-    radio, range_m, bits = scenario.radio, scenario.federation.range_m, sent.coding.bits
-    apart = sent.source != sent.target
+    radio, range_m, bits = scenario.radio, scenario.federation.range_m, hop.coding.bits
+    source, target = hop.senders.repeat(scenario.uavs), np.tile(np.arange(scenario.uavs), len(hop.senders))
+    if hop.targets is not None:
+        source, target = hop.senders, hop.targets[hop.senders]
+    apart = source != target
     if not apart.any():
         return None
     places = starts(scenario)[:, POSITION]
-    distance = np.linalg.norm(places[sent.source[apart]] - places[sent.target[apart]], axis=-1)
+    distance = np.linalg.norm(places[source[apart]] - places[target[apart]], axis=-1)
     within = distance if range_m is None else distance[distance <= range_m]
     try:
         expected = closed_form(channel.expected(within, bits)) if len(within) else (0.0, 0.0)
         slots = channel.least_slots(bits)
     except FAILURES as error:
-        raise BadInput(f"channel {radio.model!r}: its closed form failed: {last_line(error)}") from error
+        raise RunFailed(f"channel {radio.model!r}: failed: {last_line(error)}") from error
     if expected is None:
         return None
     lost = (expected[0] + len(distance) - len(within)) / len(distance)
-    return Outlook(sent.what, bits, slots, radio.latency_threshold_slots, lost)
-
-
-def _sent(scenario: Scenario) -> Iterator[_Sent]:
-    """Every kind of model that a scenario sends, as if all UAVs took part."""
-    if not scenario.declared.is_federated:
-        return
-    clusters, leader, everyone = Clusters(scenario), scenario.federation.leader, np.arange(scenario.uavs)
-    yield _Sent("upload", payload.upload(scenario), everyone, clusters.head_of, "payload")
-    if scenario.federation.clusters > 1:
-        yield _Sent("relay", Relay(scenario), clusters.heads, np.full(len(clusters.heads), leader), None)
-    yield _Sent(
-        "global model", payload.broadcast(scenario), np.full(scenario.uavs, leader), everyone, "broadcast_payload"
-    )
+    return Outlook(_NAMES[hop.label], bits, slots, radio.latency_threshold_slots, lost)
 
 
 def _settings(scenario: Scenario, what: str) -> Iterator[str]:
     """Settings that each would spare most models of a kind, with the share that would still be lost."""
-    key = next(sent.payload_key for sent in _sent(scenario) if sent.what == what)
-    changes: list[tuple[str, Any]] = [("radio.bits_per_float", 16)]
-    if key is not None:
-        changes.insert(0, (f"federation.{key}", "int8"))
+    changes: list[tuple[str, Any]] = [(key, "int8") for label, key in _PAYLOAD_KEYS.items() if _NAMES[label] == what]
+    changes.append(("radio.bits_per_float", 16))
     slots, limit = scenario.radio.latency_threshold_slots, "radio.latency_threshold_slots"
     while slots < _MOST_SLOTS and _lost(scenario, what, limit, slots) > _SPARED:
         slots += max(1, slots // 8)

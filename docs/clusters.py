@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 from joblib import Parallel, delayed
 
+from meanflock.federation.schedule import Schedule
+from meanflock.federation.topology.clusters import Division
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
 from meanflock.studies.markdown import replaced
 from meanflock.swarm import scenario
-from meanflock.swarm.clusters import Clusters
-from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import FrameKind
 
@@ -73,7 +73,9 @@ def measure(of: Scenario) -> dict[str, float]:
         "queue": np.bincount(sent[:, 2], np.abs(sent[:, 4])).max() * slot_ms / rounds,
         "lost": 100 * sum(bill["outages"] for bill in up) / sum(bill["sent"] for bill in up),
         "share": float(np.mean([_share(of, sent, number) for number in range(1, rounds + 1)])),
-        "ticks": next(tick for tick in range(of.period_ticks, 10**6) if Rounds(of).closes(tick)) - of.period_ticks + 1,
+        "ticks": next(tick for tick in range(of.period_ticks, 10**6) if Schedule(of).closes(tick))
+        - of.period_ticks
+        + 1,
     }
 
 
@@ -82,8 +84,8 @@ def _share(of: Scenario, sent: np.ndarray, number: int) -> float:
     of_round = sent[(sent[:, 0] >= number * of.period_ticks) & (sent[:, 0] < (number + 1) * of.period_ticks)]
     failed = of_round[of_round[:, 4] < 0]
     uploads, relays = (failed[failed[:, 3] == kind, 1] for kind in (FrameKind.UPLOAD, FrameKind.RELAY))
-    source = Rounds(of).participants(number)
-    lost = np.isin(source, uploads) | np.isin(Clusters(of).head_of[source], relays)
+    source = Schedule(of).participants(number)
+    lost = np.isin(source, uploads) | np.isin(Division(of).head_of[source], relays)
     return float(100 * (1 - lost.mean()))
 
 

@@ -8,20 +8,19 @@ import numpy as np
 from joblib import Parallel, delayed
 from msgspec import structs
 
-from meanflock.agent.feedback import Feedback
 from meanflock.channel.link import slots_needed
+from meanflock.federation import coding as codings
+from meanflock.federation.coding import Coding, Feedback
+from meanflock.federation.rules.fedavg import mean
+from meanflock.federation.schedule import Schedule
 from meanflock.groundstation import statistics
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.studies.markdown import replaced, table
 from meanflock.studies.study import summarised
 from meanflock.swarm import scenario
 from meanflock.swarm.declared import controller
-from meanflock.swarm.mean import fedavg
-from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.wire import payload
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
-from meanflock.swarm.wire.payload import Coding
 from meanflock.swarm.wire.tick import write_act
 
 PAGE = Path(__file__).with_suffix(".md")
@@ -77,7 +76,7 @@ def transmissions() -> list[str]:
     for method in METHODS:
         for name in ("float64", "float32", "float16", "int8"):
             of = scenario.load(None, WRITTEN[name], method=method)
-            coding = payload.upload(of)
+            coding = codings.of_uploads(of)
             coded = coding.encode(np.full((1, coding.floats), 1.5))
             sent = Frames(FrameKind.UPLOAD, 5, np.zeros(1, np.int32), coded)
             bare = Act(2**31, 1000, np.ones((1, 2 + len(of.declared.diagnostics))))
@@ -131,7 +130,7 @@ def rounding(seeds: range) -> list[str]:
 
 def uploads(flown: Scenario) -> list[Frames]:
     """Every round's uploads of one flight: the participants' models as they are when it opens, in double precision."""
-    rounds, sent = Rounds(flown), []
+    rounds, sent = Schedule(flown), []
     shared = controller(flown).shared  # of the weights, what the method shares
 
     def look(engine: Engine) -> None:
@@ -150,7 +149,7 @@ def distances(flown: Scenario, coding: Coding, kept: bool, rounds: list[Frames])
     off, meant = [], []
     for batch in rounds:
         rows = batch.source.astype(np.intp)
-        means = [fedavg(models) for models in (coding.decode(feedback.encode(rows, batch.payload)), batch.payload)]
+        means = [mean(models) for models in (coding.decode(feedback.encode(rows, batch.payload)), batch.payload)]
         off.append(means[0] - means[1])
         meant.append(means[1])
     norm = np.linalg.norm

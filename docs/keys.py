@@ -90,6 +90,7 @@ KEYS: dict[str, tuple[str, str]] = {
     "federation.broadcast_payload": (OURS, "likewise"),
     "federation.error_feedback": (OURS, "without it rounding adds up; see [communication](communication.md)"),
     "federation.clusters": (OURS, "one leader for all; what heads cost and save is in [scaling](scaling.md)"),
+    "federation.topology": (OURS, "one leader; K > 1 clusters mean `clusters`"),
     "federation.range_m": (PRINTED, "the paper's uploads and global models reach any distance"),
     "radio.tx_power_dbm": (PRINTED, ""),
     "radio.bandwidth_hz": (PRINTED, ""),

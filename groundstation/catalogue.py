@@ -10,7 +10,7 @@ import msgspec
 
 from meanflock.swarm import plugins, scenario
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.plugins import Door, Plugin, options_table
+from meanflock.swarm.plugins import GROUPS, Door, Plugin, options_table
 
 KEYS: dict[Door, str] = {  # of a scenario, that names the plug-in
     "controller": "method",
@@ -18,6 +18,7 @@ KEYS: dict[Door, str] = {  # of a scenario, that names the plug-in
     "channel": "radio.model",
     "vehicle": "vehicle.model",
     "filter": "filter.kind",
+    "topology": "federation.topology",
 }
 _BOUNDS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
 _ABBREVIATIONS = {"al.", "cf.", "ch.", "e.g.", "eq.", "fig.", "i.e.", "no.", "sec.", "vs."}
@@ -95,7 +96,8 @@ def text(entries: list[Entry], width: int) -> str:
     lines: list[str] = []
     for kind, key in KEYS.items():
         of_kind = [entry for entry in entries if entry.plugin.kind == kind]
-        lines += [*([""] if lines else []), f"{kind}s: `{key}`, options in [{options_table(kind)}]"]
+        group, options = GROUPS[kind].removeprefix("meanflock."), f", options in [{options_table(kind)}]"
+        lines += [*([""] if lines else []), f"{group}: `{key}`{options if kind != 'topology' else ''}"]
         if not of_kind:
             lines.append(f"{_INDENT}none")
         for entry in of_kind:

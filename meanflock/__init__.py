@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from meanflock.comparing import Comparison as Comparison
     from meanflock.comparing import compare as compare
     from meanflock.comparing import sweep as sweep
+    from meanflock.federation.rules.base import Aggregator as Aggregator
     from meanflock.flying import fly as fly
-    from meanflock.leader.aggregators.base import Aggregator as Aggregator
     from meanflock.runs import Run as Run
     from meanflock.runs import open_run as open
     from meanflock.swarm import mission as mission
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from meanflock.worldsim.vehicles.base import Vehicle as Vehicle
 
 _WHERE = {  # a name → its module, and what it is called there
-    "Aggregator": ("meanflock.leader.aggregators.base", "Aggregator"),
+    "Aggregator": ("meanflock.federation.rules.base", "Aggregator"),
     "BadInput": ("meanflock.swarm.errors", "BadInput"),
     "Broadcast": ("meanflock.agent.controllers.base", "Broadcast"),
     "Channel": ("meanflock.channel.base", "Channel"),

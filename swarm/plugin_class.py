@@ -7,7 +7,7 @@ import msgspec
 
 from meanflock.swarm.errors import BadInput
 
-Door: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle", "filter"]
+Door: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle", "filter", "topology"]
 
 NEEDED: dict[Door, tuple[str, ...]] = {  # what a class must have; the rest has defaults in the base classes
     "controller": ("init", "step"),
@@ -15,6 +15,7 @@ NEEDED: dict[Door, tuple[str, ...]] = {  # what a class must have; the rest has 
     "channel": ("transmit",),
     "vehicle": ("step", "power"),
     "filter": ("init", "step"),
+    "topology": ("hops",),
 }
 PLAIN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")  # names: they are parts of those of files and of keys
 

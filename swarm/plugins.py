@@ -23,7 +23,9 @@ from meanflock.swarm.libraries import lacking
 from meanflock.swarm.plugin_class import Door, checked
 from meanflock.swarm.source_read import SourceRead
 
-GROUPS: dict[Door, str] = {door: f"meanflock.{door}s" for door in get_args(Door)}
+GROUPS: dict[Door, str] = {
+    door: "meanflock.topologies" if door == "topology" else f"meanflock.{door}s" for door in get_args(Door)
+}
 HERE = "this process"  # the source of a class that is in no file
 NO_PLUGIN = "derive a class from meanflock.Controller, Aggregator, Channel, Vehicle or Filter and give it a `name`"
 FILES = "MEANFLOCK_PLUGINS"  # a variable: the files a process registers when it starts, as PATH separates them

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.channel.medium import Medium
+from meanflock.federation.post import Post
 from meanflock.swarm import __version__
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import BadInput, MessageRejected
@@ -23,12 +24,10 @@ from meanflock.worldsim.barrier import Barrier
 from meanflock.worldsim.commands import Commands
 from meanflock.worldsim.counters import Counters
 from meanflock.worldsim.flight import Flight
-from meanflock.worldsim.heads import Heads
-from meanflock.worldsim.leading import Leading
 from meanflock.worldsim.members import Member
 from meanflock.worldsim.reporter import Reporter
 
-SCHEMA = 5
+SCHEMA = 6
 EVERY_TICKS = 100
 MAX_BYTES = 24 * 2**20  # a larger one would push the telemetry out of the outbox
 
@@ -133,12 +132,11 @@ class Checkpoints:
         air: Medium,
         counters: Counters,
         commands: Commands,
-        heads: Heads,
-        leading: Leading,
+        post: Post,
         reporter: Reporter,
     ) -> None:
         self._scenario, self._flight, self._air, self._counters = flight.scenario, flight, air, counters
-        self._commands, self._heads, self._leading, self._reporter = commands, heads, leading, reporter
+        self._commands, self._post, self._reporter = commands, post, reporter
         self._memories: Memories | None = None  # where, in the last tick, all were asked for what they remember
 
     def collect(self, barrier: Barrier, drop: Callable[[MessageRejected, str], None]) -> None:
@@ -171,13 +169,11 @@ class Checkpoints:
                 "flight": self._flight.snapshot(),
                 "air": self._air.snapshot(),
                 "counters": self._counters.snapshot(wall_s()),
-                "uploads": self._leading.uploads.snapshot(),
-                "heads": self._heads.snapshot(),
+                "post": self._post.snapshot(),
                 "commands": self._commands.accelerations,
                 "largest": self._commands.largest,
                 "summed": self._commands.summed,
                 "memory": memories.arrays,
-                "aggregation": self._leading.aggregation,
             }
         )
         if len(body) <= MAX_BYTES:
@@ -199,12 +195,10 @@ class Checkpoints:
             self._flight.restore(kept["flight"], resume.history)
             self._air.restore(kept["air"])
             self._counters.restore(kept["counters"])
-            self._leading.uploads.restore(kept["uploads"])
-            self._heads.restore(kept["heads"])
+            self._post.restore(kept["post"])
             self._commands.accelerations[...] = kept["commands"]
             self._commands.largest[...] = kept["largest"]
             self._commands.summed[...] = kept["summed"]
-            self._leading.aggregation = kept["aggregation"]
             self._reporter.begin(kept["block"] + 1, self._flight.tick + 1)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise BadInput(f"the run cannot be resumed: {error}") from error

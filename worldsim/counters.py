@@ -10,9 +10,6 @@ class Counters:
     def __init__(self, refused: Counter[str] | None = None) -> None:
         """`refused`: what the router keeps from the world, counted by whoever reads its log."""
         self._refused = refused if refused is not None else Counter()
-        self.rounds = 0  # averaged and broadcast
-        self.rounds_void = 0  # closed without a model of another UAV than the one that averages
-        self.averaged = 0  # the last of them by number: none is averaged twice
         self.held = 0  # commands held over in real time
         self.deadline_misses = 0  # ticks with at least one of them
         self.nodes_lost = 0

@@ -69,9 +69,9 @@ class Exporter(Collector):
             yield family
 
     def _protocol(self) -> Iterator[Metric]:
-        counters, outbox = self._of.counters, self._of.outbox
-        yield _counter("rounds", "Rounds averaged and broadcast.", counters.rounds)
-        yield _counter("rounds_void", "Rounds without a model of another UAV to average.", counters.rounds_void)
+        counters, post, outbox = self._of.counters, self._of.post, self._of.outbox
+        yield _counter("rounds", "Rounds averaged and broadcast.", post.rounds)
+        yield _counter("rounds_void", "Rounds without a model of another UAV to average.", post.rounds_void)
         drops = CounterMetricFamily("meanflock_dropped_messages", "Messages not let in, by reason.", labels=["reason"])
         for reason, count in sorted(counters.dropped.items()):
             drops.add_metric([reason], count)

@@ -3,36 +3,27 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.federation.post import Post
+from meanflock.federation.topology.base import Role
 from meanflock.swarm import state
 from meanflock.swarm.ascending import contains
-from meanflock.swarm.clusters import Clusters
 from meanflock.swarm.declared import MAX_BROADCASTS
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
-from meanflock.swarm.wire import payload
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
-from meanflock.swarm.wire.relay import Relay
 from meanflock.worldsim.members import LEADER, Member
-
-_OF_LEADERS = (FrameKind.GLOBAL,)
 
 
 class Replies:
     """The Acts of a run, as they must be."""
 
-    def __init__(self, scenario: Scenario, run: int) -> None:
-        self._scenario, self._run, self._rounds = scenario, run, Rounds(scenario)
+    def __init__(self, scenario: Scenario, run: int, post: Post) -> None:
+        self._scenario, self._run, self._post = scenario, run, post
         self._columns = state.AXES + len(scenario.declared.diagnostics)
         self._weights, self._most_said = scenario.declared.weights, scenario.declared.broadcast_numbers
-        self._relay = Relay(scenario) if scenario.federation.clusters > 1 else None
-        uploads = (FrameKind.UPLOAD,) if scenario.declared.is_federated else ()
-        self._of_agents = (FrameKind.STATE, *uploads, *((FrameKind.RELAY,) if self._relay else ()))
-        self._head_of = Clusters(scenario).head_of
-        self._up, self._down = payload.upload(scenario), payload.broadcast(scenario)
         self._float = FLOAT_OF_BITS[scenario.radio.bits_per_float]
         self._leader = np.array([scenario.federation.leader])
 
@@ -75,12 +66,10 @@ class Replies:
         if len(np.unique(refused)) < len(refused) or not ((refused >= -uavs) & (refused < uavs)).all():
             raise MessageRejected("wrong-shape", "refused names UAVs that are not there, or one twice")
         uploads, states = ~refused[refused < 0], refused[refused >= 0]
-        if member.role == LEADER:
-            if len(states):
-                raise MessageRejected("wrong-shape", "a leader receives no states")
-            return
-        if len(uploads) and not (self._rounds.relays(tick) and contains(member.uavs, self._head_of[uploads]).all()):
-            raise MessageRejected("wrong-shape", "refused names uploads to others")
+        if member.role == LEADER and len(states):
+            raise MessageRejected("wrong-shape", "a leader receives no states")
+        if len(uploads):
+            self._post.check_refused(_role(member), tick, uploads, member.uavs)
         if member.rows == 1 and contains(member.uavs, states).any():
             raise MessageRejected("wrong-shape", "refused names the node's own UAV")
 
@@ -94,18 +83,15 @@ class Replies:
 
     def _check_frames(self, member: Member, frames: Frames) -> None:
         kind, source, said = frames.kind, frames.source, frames.payload
-        if kind not in (_OF_LEADERS if member.role == LEADER else self._of_agents):
+        if kind != FrameKind.STATE:
+            self._post.check(_role(member), frames)
+        elif member.role == LEADER:
             raise MessageRejected("wrong-kind", f"{kind.name} frames from {member.name}")
-        if kind == FrameKind.STATE:
+        else:
             if said.dtype.kind == "f" and said.dtype != self._float:
                 raise MessageRejected("wrong-shape", f"payload: expected floats {self._float}, got {said.dtype}")
             if not 0 < said.shape[1] <= self._most_said or frames.round >= MAX_BROADCASTS:
                 raise MessageRejected("wrong-shape", f"broadcast {frames.round} of {said.shape[1]} numbers")
-        elif kind == FrameKind.RELAY:
-            assert self._relay is not None
-            self._relay.check_relays(source, said)
-        else:
-            (self._up if kind == FrameKind.UPLOAD else self._down).check(said, len(source))
         own = self._leader if member.role == LEADER else member.uavs
         if not len(source) or not (_same(own, source) or _some(own, source)):
             raise MessageRejected("wrong-shape", f"frames of {member.name} name UAVs {source.tolist()}")
@@ -113,25 +99,8 @@ class Replies:
             raise MessageRejected("wrong-shape", "only the world says which links carried a frame")
 
 
-def stray(frames: Frames, tick: int, rounds: Rounds, averaged: int) -> MessageRejected | None:
-    """Why a batch does not belong to the round that is open for its kind in this tick; None where it does.
-
-    Frames of a kind go on the air as those of one round: who names another would take everybody's models there, and
-    the world would keep those of a round to come until then. Nor has a round room for models of UAVs that do not take
-    part in it. `averaged`: the last round that was.
-    """
-    if frames.kind == FrameKind.STATE:
-        return None
-    expected = rounds.of(frames.kind, tick)
-    if frames.kind == FrameKind.GLOBAL and frames.round <= averaged:
-        return MessageRejected("duplicate", f"round {frames.round} has been averaged")
-    if frames.round != expected:
-        return MessageRejected("wrong-round", f"{frames.kind.name} of round {frames.round}, expected {expected}")
-    if frames.kind == FrameKind.UPLOAD and not (taking := contains(rounds.participants(expected), frames.source)).all():
-        return MessageRejected(
-            "wrong-round", f"UAVs {frames.source[~taking].tolist()} take no part in round {expected}"
-        )
-    return None
+def _role(member: Member) -> Role:
+    return "leader" if member.role == LEADER else "agent"
 
 
 def _same(own: NDArray[np.intp], source: NDArray[np.int32]) -> bool:

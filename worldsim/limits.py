@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from meanflock.swarm import mission, plugins, state
+from meanflock.federation.averager import Rule
+from meanflock.swarm import mission, state
 from meanflock.swarm.declared import MAX_BROADCASTS, controller
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.failures import FAILURES, last_line
@@ -30,22 +31,20 @@ class Limits:
 
     def __init__(self, scenario: Scenario) -> None:
         """Raises BadInput where the controller or the aggregation rule cannot begin."""
-        declared, federation, uavs = scenario.declared, scenario.federation, scenario.uavs
+        declared, uavs = scenario.declared, scenario.uavs
         flyer = controller(scenario)
         memory = _record(
             "memory",
             f"controller {scenario.method!r} failed in `init` with UAV 0",
             lambda: _begun(flyer, scenario),
         )
-        rule = plugins.create("aggregator", federation.aggregation, federation.options, scenario)
-        state_of_rule = _record(
-            "state", f"aggregator {federation.aggregation!r} failed in `init`", lambda: rule.init(declared.parameters)
-        )
+        rule = Rule(scenario)
         numbers = state.AXES + len(declared.diagnostics) + declared.weights + declared.broadcast_numbers
-        numbers += 2 * declared.parameters + MAX_BROADCASTS  # an upload and what rounding took from it; names
+        numbers += declared.parameters + MAX_BROADCASTS  # residuals of the coding; names
+        numbers += sum(hop.coding.width for hop in scenario.hops if hop.role == "agent")
         self._row = _NUMBER_BYTES * numbers + len(memory)
         self._fixed = _OVERHEAD_BYTES + _FRAME_BYTES * MAX_BROADCASTS + 8 * uavs  # and the UAVs it refuses or loses
-        self._leader = _NUMBER_BYTES * declared.parameters + len(state_of_rule)
+        self._leader = _NUMBER_BYTES * declared.parameters + len(rule.record)
 
     def act(self, rows: int) -> int:
         """The most bytes of an Act of a node with so many UAVs; of the leader, with none."""

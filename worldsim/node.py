@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from meanflock.channel.medium import NO_LINKS, Medium
+from meanflock.federation.post import Post
 from meanflock.swarm import state
 from meanflock.swarm.errors import RunFailed
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Bus
-from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Act, Frames
 from meanflock.worldsim import inbox
@@ -25,7 +25,6 @@ from meanflock.worldsim.counters import Counters
 from meanflock.worldsim.durations import Durations
 from meanflock.worldsim.faults import Script
 from meanflock.worldsim.flight import Flight
-from meanflock.worldsim.heads import Heads
 from meanflock.worldsim.inbound import Replies
 from meanflock.worldsim.leading import Leading
 from meanflock.worldsim.members import LEADER, Member, Members
@@ -79,24 +78,23 @@ class World:
         self._bus, self.run, self.mode, self._stations, self._barrier_s = bus, run, mode, stations, barrier_s
         self._schedule = None if realtime is None else Schedule(realtime, scenario.dt)
         self._checkpoint_every, self._resumed = checkpoint_every, resume
-        self._rounds, self._script, self._heads = Rounds(scenario), Script(scenario), Heads(scenario)
-        self._rounds.draw_ahead()
+        self.post, self._script = Post(scenario), Script(scenario)
         self.flight, self.air = Flight(scenario), Medium(scenario)
         counters, self.ticks = Counters(refused), Durations()
         commands = Commands(scenario.uavs, len(self._declared.diagnostics))
         rows, self.counters, self._commands = block_rows if realtime is None else None, counters, commands
-        self._reporter = Reporter(bus, run, self.flight, self.air, commands, counters, block_rows=rows, keeps=telemetry)
+        self._reporter = Reporter(
+            bus, run, self.flight, self.air, commands, counters, self.post, block_rows=rows, keeps=telemetry
+        )
         self._note, self.outbox = self._reporter.note, self._reporter.outbox
         self._awake = Awake(self._script, self.flight, self._reporter)
-        self._leading = Leading(scenario, self._rounds, self._note)
+        self._leading = Leading(self.post, self._note)
         self._begin()
         self._connect(rows_at_most)
 
     def _begin(self) -> None:
         """At tick 0, or where a run that is resumed goes on."""
-        self._checkpoints = Checkpoints(
-            self.flight, self.air, self.counters, self._commands, self._heads, self._leading, self._reporter
-        )
+        self._checkpoints = Checkpoints(self.flight, self.air, self.counters, self._commands, self.post, self._reporter)
         if self._resumed is not None:
             self._checkpoints.restore(self._resumed)
         else:
@@ -108,7 +106,8 @@ class World:
         federated = self._declared.is_federated
         wanted = scenario.leaders(self.flight.tick) if federated else 0
         members = self.members = Members(scenario.uavs, wanted, standbys=federated, rows_at_most=rows_at_most)
-        barrier = self._barrier = Barrier(bus, run, Replies(scenario, keys.fingerprint(run)), self._clock)
+        replies = Replies(scenario, keys.fingerprint(run), self.post)
+        barrier = self._barrier = Barrier(bus, run, replies, self._clock)
         admission = self._admission = Admission(
             bus, run, members, self.flight, barrier, self.outbox, counters, note, self._clock
         )
@@ -117,7 +116,7 @@ class World:
         self.listeners = admission.listeners
         admission.resumed, admission.stations = self._resumed, self._stations
         admission.on_leader_lost = self._ask_leader
-        self._merger = FrameMerger(self._rounds, counters, admission.drop, note)
+        self._merger = FrameMerger(self.post, admission.drop)
         patience_s = self._barrier_s
         pace = Pace(scenario.pace, note, patience_s)
         self._waiting = Waiting(barrier, admission, counters, self._schedule, patience_s, pace, self._wait, self._clock)
@@ -162,7 +161,7 @@ class World:
         """
         record = summary(self.flight, self.air.meter, self.run, self.mode, self.wall_s())
         names, dropped = self._declared.diagnostics, self.outbox.dropped
-        record |= protocol_summary(self.counters, self._commands, names, self._schedule, dropped)
+        record |= protocol_summary(self.counters, self.post, self._commands, names, self._schedule, dropped)
         self._note("finished", f"{record['arrived']} of {self._scenario.uavs} arrived")
         finished = self._reporter.finish(record)
         self._leave("finished", linger_s)
@@ -206,9 +205,7 @@ class World:
         # 4. What they want to say goes on the air.
         frames = self._collect()
         links = self.air.send(tick, frames, self.flight.states, self._script.cut(tick, self.flight.states))
-        if number := self._rounds.relays(tick):
-            for text in self._heads.relayed(number, frames, links):
-                self._note("void", text)
+        self.post.close(tick, frames, links, self._awake.uavs, self.members.lead() is not None, self._note)
         # 5. The world moves.
         self.flight.advance(self._commands.accelerations, self._script.gust(tick, self.flight.states))
         # 6. Whoever listens is told.
@@ -218,9 +215,7 @@ class World:
         self._reporter.publish()
 
     def _ask(self, tick: int, reporting: bool, whole: bool) -> None:
-        due = self.air.due(tick)
-        self._leading.receive(due, self._awake.uavs)
-        self._heads.receive(due, self._awake.uavs)
+        due = self.post.deliver(tick, self.air.due(tick), self._awake.uavs)
         self._barrier.open(tick, reporting)
         self._ask_leader()  # first: in a round it has the most to do, and all others wait for it
         asked = [member for member in self.members.present if member.role != LEADER and member.ready]
@@ -229,12 +224,12 @@ class World:
         received = inbox.of_agents(due, self._awake.uavs)
         for member in asked:
             own = inbox.of_agent(member, received, self._scenario.uavs) if received else ()
-            if self._heads.any_sent:
-                own += self._heads.read(member)
+            if self.post.has_mail:
+                own += self.post.mail("agent", member.name, member.uavs)
             self._barrier.ask(member, self.flight.states[member.place], own, whole)
 
     def _ask_leader(self) -> None:
-        self._leading.ask(self.flight.tick, self.members, self._barrier)
+        self._leading.ask(self.flight.tick, self.members, self._barrier, self._awake.uavs)
 
     def _wait(self, timeout_s: float) -> None:
         if (delivery := self._bus.receive(timeout_s)) is not None:
@@ -253,9 +248,7 @@ class World:
         insane = self._commands.store(barrier.commands, barrier.replied, self._awake.uavs, self.flight.on_way)
         if len(insane):
             self.flight.lose(insane, "diverged", "an answer beyond all bounds")
-        frames = self._merger.of(self.flight.tick, barrier.sent, self._awake.uavs, self.air.meter)
-        if number := self._rounds.closes(self.flight.tick):
-            self._leading.close(number, self.members, self.counters)
+        frames = self._merger.merged(self.flight.tick, barrier.sent, self._awake.uavs, self.air.meter)
         if (idle := self.flight.idle) is not None:
             self._commands.accelerations[idle] = 0.0
         return frames
@@ -266,7 +259,7 @@ class World:
         if len(act.lost):
             self.flight.lose(act.lost.astype(np.intp), "diverged", "the controller failed or left the finite numbers")
         if member.role == LEADER and act.memory:
-            self._leading.aggregation = act.memory
+            self.post.rule_record = act.memory
         if len(uploads := ~act.refused[act.refused < 0]):
             self.counters.uploads_refused += len(uploads)
             self._note("refused", f"uploads of UAV {', '.join(map(str, uploads))} were not averaged")

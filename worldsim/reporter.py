@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.channel.medium import Medium
+from meanflock.federation.post import Post
 from meanflock.swarm import state
 from meanflock.swarm.model import BEYOND_SENSE
 from meanflock.swarm.net import keys
@@ -47,13 +48,15 @@ class Reporter:
         air: Medium,
         commands: Commands,
         counters: Counters,
+        post: Post,
         *,
         block_rows: int | None,
         keeps: bool,
     ) -> None:
         """`block_rows`: of a block at most; None in real time. `keeps`: whether anybody listens."""
         self._bus, self._run, self._fingerprint = bus, run, keys.fingerprint(run)
-        self._flight, self._air, self._commands, self._counters = flight, air, commands, counters
+        self._flight, self._air, self._commands = flight, air, commands
+        self._counters, self._post = counters, post
         uavs, self._declared = flight.scenario.uavs, flight.scenario.declared
         rows = _BLOCK_ROWS_REALTIME
         if block_rows is not None:
@@ -120,7 +123,7 @@ class Reporter:
             flight.phi_c_distinct or 0.0,
             flight.collisions,
             flight.status.tobytes().count(_ARRIVED),
-            counters.rounds,
+            self._post.rounds,
             counters.held,
             counters.deadline_misses,
         )

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from meanflock import kernels
 from meanflock.channel.meter import TRAFFIC, Meter, Traffic
+from meanflock.federation.post import Post
 from meanflock.swarm import __version__
 from meanflock.swarm.faults import Kill
 from meanflock.swarm.scenario import Scenario
@@ -110,13 +111,18 @@ def _observed(bill: Traffic) -> dict[str, Any]:
 
 
 def protocol_summary(
-    counters: Counters, commands: Commands, names: Sequence[str], schedule: Schedule | None, blocks_dropped: int
+    counters: Counters,
+    post: Post,
+    commands: Commands,
+    names: Sequence[str],
+    schedule: Schedule | None,
+    blocks_dropped: int,
 ) -> dict[str, Any]:
     """What only the node knows. `names`: of the diagnostics. `schedule`: of a flight in real time."""
     largest = dict(zip(names, commands.largest.tolist(), strict=True))
     return {
-        "rounds": counters.rounds,
-        "rounds_void": counters.rounds_void,
+        "rounds": post.rounds,
+        "rounds_void": post.rounds_void,
         "diagnostics": dict(zip(names, commands.summed.tolist(), strict=True)),
         "diagnostics_max": largest,
         "hjb_residual_max": largest.get("hjb_residual"),

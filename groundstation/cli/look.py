@@ -83,7 +83,7 @@ def picture(folder: Path, at_s: float | None, png: Path, size: str) -> None:
 )
 @quiet_option
 def plot(folder: Path, csv_file: Path | None, per: Per | None, quiet: bool) -> None:
-    """Plot paths and time series of a finished run, or write them as CSV.
+    """Plot paths and time series of a run, or write them as CSV.
 
     RUN is its folder; the plots are written to RUN/plots, as PNG and SVG.
 

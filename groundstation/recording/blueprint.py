@@ -13,10 +13,10 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from meanflock.federation.topology.clusters import Division
 from meanflock.groundstation.recording import drawing, mission_map, plots
 from meanflock.groundstation.recording.drawing import Part, circle
 from meanflock.groundstation.reported import Reported
-from meanflock.swarm.clusters import Clusters
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Status
 
@@ -83,7 +83,7 @@ def graph(scenario: Scenario) -> tuple[list[str], NDArray[np.float64]]:
     """Names of the UAVs in the graph of a round, and their places, (N, 2): heads between their UAVs and the leader."""
     angle = np.arange(scenario.uavs) * (2 * math.pi / scenario.uavs)
     places = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * max(80.0, 9.0 * scenario.uavs)
-    places[Clusters(scenario).heads] *= 0.5
+    places[Division(scenario).heads] *= 0.5
     places[scenario.federation.leader] = 0.0
     return [str(uav) for uav in range(scenario.uavs)], places
 

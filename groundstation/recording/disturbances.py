@@ -11,10 +11,10 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from meanflock.federation.topology.clusters import Division
 from meanflock.groundstation.recording import blueprint, drawing, mission_map
 from meanflock.groundstation.recording.blueprint import Lane
 from meanflock.groundstation.recording.drawing import Sent, Ticks, circle
-from meanflock.swarm.clusters import Clusters
 from meanflock.swarm.faults import Gust, Jam, Partition, Pause
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import POSITION, States
@@ -68,7 +68,7 @@ class Disturbances:
     def __init__(self, scenario: Scenario) -> None:
         self._dt, self._script = scenario.dt, Script(scenario)
         self._faults = [fault for fault in scenario.faults if isinstance(fault, Lasting)]
-        self._heads = Clusters(scenario).heads if scenario.federation.clusters > 1 else np.zeros(0, dtype=np.intp)
+        self._heads = Division(scenario).heads if scenario.federation.clusters > 1 else np.zeros(0, dtype=np.intp)
         self._shown: list[Lasting] | None = None  # faults in the last row; None: there is no row
         self._lanes: NDArray[np.uint8] = np.full(scenario.uavs, 255, dtype=np.uint8)  # likewise; 255: there is no row
         low, high = mission_map.box(scenario)

@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from meanflock.leader.aggregators.base import Aggregator, State
+from meanflock.federation.rules.base import Aggregator, State
 from meanflock.swarm.failures import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.control import decode_record, encode_record

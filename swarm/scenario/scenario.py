@@ -11,12 +11,16 @@ from numpy.typing import NDArray
 
 from meanflock.swarm import mission, scenarios, toml
 from meanflock.swarm.declared import NO_FILTER, Declared, controller, of
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.failures import FAILURES, last_line
 from meanflock.swarm.faults import Fault, LeaderLoss
-from meanflock.swarm.plugins import Door, find
+from meanflock.swarm.plugins import Door, create, find
 from meanflock.swarm.scenario import mean_field, tables
 from meanflock.swarm.scenario.values import as_builtins, set_keys, toml_text, validated
 from meanflock.swarm.table import Table as _Table
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
+
+LEADER = "leader"  # the default topology
 
 # Keys that came later count in the hash only where they differ from their default: older runs keep their hash.
 LATER = (
@@ -30,6 +34,7 @@ LATER = (
     "federation.error_feedback",
     "federation.clusters",
     "federation.range_m",
+    "federation.topology",
     "federation.options",
     "controller",
     "radio.plausible_speed",
@@ -168,7 +173,8 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                     f"`federation.{key}` {wanted} is wider than a float of the radio, `radio.bits_per_float` "
                     f"{radio_bits}; take a narrower payload or a wider float"
                 )
-        self._check_clusters()
+        if self.topology != LEADER:
+            self.hops  # noqa: B018  # raises where the topology has no room in this scenario
         mission.check(self)
         widest = float(np.finfo(FLOAT_OF_BITS[self.radio.bits_per_float]).max)
         if (farthest := float(np.abs(mission.starts(self)).max())) > widest:
@@ -180,35 +186,6 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             if any(uav >= self.uavs for uav in getattr(fault, "uavs", ())):
                 raise ValueError(f"`faults[{number}].uavs` names UAV {max(fault.uavs)} of 0…{self.uavs - 1}")  # type: ignore[union-attr]
 
-    def _check_clusters(self) -> None:
-        """Raises ValueError where the heads of clusters cannot do what the rest of it asks."""
-        federation, count = self.federation, self.federation.clusters
-        if count == 1:
-            return
-        asked = f"`federation.clusters` is {count}, but"
-        if count > self.uavs:
-            raise ValueError(f"{asked} `uavs` is {self.uavs}; a cluster holds at least one")
-        if not self.declared.is_federated:
-            raise ValueError(
-                f"{asked} `method` {self.method} has no rounds; take one that shares a model, as mfgfl-hf does"
-            )
-        if federation.aggregation != "fedavg":
-            raise ValueError(
-                f"{asked} `federation.aggregation` {federation.aggregation} must see every upload, and heads send "
-                "means; take fedavg, or one cluster"
-            )
-        if self.period_ticks <= self.round_ticks:
-            raise ValueError(
-                f"{asked} `federation.period` {self.period_ticks} has no room for two hops of up to {self.hop_ticks} "
-                f"ticks; take at least {self.round_ticks + 1}"
-            )
-        exact = 2 ** (np.finfo(FLOAT_OF_BITS[self.radio.bits_per_float]).nmant + 1)
-        if (largest := -(-self.uavs // count)) > exact:
-            raise ValueError(
-                f"{asked} a cluster of {largest} UAVs is more than a {self.radio.bits_per_float}-bit float counts "
-                f"exactly, {exact}; take more clusters or wider floats"
-            )
-
     @cached_property
     def declared(self) -> Declared:
         """What its controller declares.
@@ -217,6 +194,26 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             BadInput: the controller is not installed here, or its options do not fit.
         """
         return of(controller(self), self.method)
+
+    @property
+    def topology(self) -> str:
+        """Name of the topology of its rounds."""
+        return self.federation.topology or ("clusters" if self.federation.clusters > 1 else LEADER)
+
+    @cached_property
+    def hops(self) -> tuple[Any, ...]:
+        """The hops of every round, see `federation.topology.base.Hop`; none for methods without rounds.
+
+        Raises:
+            BadInput: the topology is not installed here, or has no room in this scenario.
+        """
+        if self.topology == LEADER and not self.declared.is_federated:
+            return ()
+        topology = create("topology", self.topology, {}, self)
+        try:
+            return tuple(topology.hops())
+        except FAILURES as error:
+            raise BadInput(f"topology {self.topology!r}: {last_line(error)}") from error
 
     @property
     def period_ticks(self) -> int:
@@ -267,11 +264,6 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         """Ticks after which a message has arrived or is lost."""
         return int(self.delivery_ticks(np.array(self.radio.latency_threshold_slots)))
 
-    @property
-    def round_ticks(self) -> int:
-        """Ticks from a round's uploads until it is averaged: a hop, or one to the head of a cluster and one from it."""
-        return self.hop_ticks * (2 if self.federation.clusters > 1 else 1)
-
     def plugins(self) -> tuple[tuple[Door, str, str], ...]:
         """Door, name and fingerprint of every plug-in it needs.
 
@@ -283,6 +275,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             ("aggregator", self.federation.aggregation),
             ("channel", self.radio.model),
             ("vehicle", self.vehicle.model),
+            ("topology", self.topology),
         )
         if self.filter.kind != NO_FILTER:
             wanted += (("filter", self.filter.kind),)
@@ -294,7 +287,9 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         losses = [fault for fault in self.faults if isinstance(fault, LeaderLoss)]
         started = 1 + sum(fault.standby for fault in losses)
         left = max(0, started - sum(fault.begins(self.dt) < tick for fault in losses))
-        return left if self.declared.is_federated else min(left, 1)
+        if not self.declared.is_federated:
+            return min(left, 1)
+        return left if any(hop.role == "leader" for hop in self.hops) else 0
 
     def known(self) -> "Scenario":
         """What agents and leader get of it: all but the truth that they are not told."""

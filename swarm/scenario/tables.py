@@ -12,7 +12,7 @@ from meanflock.swarm.table import Table as _Table
 
 Payload: TypeAlias = Literal[
     "float64", "float32", "float16", "int8"
-]  # how a model is written, see swarm/wire/payload.py
+]  # how a model is written, see federation/coding.py
 
 
 Places: TypeAlias = tuple[tuple[float, float], ...]
@@ -149,6 +149,13 @@ class Federation(_Table, frozen=True):
     range_m: (
         Annotated[
             float, Meta(gt=0, description="how far uploads, relays and global models reach; unset: any distance, m")
+        ]
+        | None
+    ) = None
+    topology: (
+        Annotated[
+            str,
+            Meta(description="the way that models take, see `meanflock plugins`; unset: leader, or clusters if K > 1"),
         ]
         | None
     ) = None

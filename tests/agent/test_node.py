@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from meanflock.agent.node import Agent
+from meanflock.federation.schedule import Schedule
 from meanflock.kernels.mean_field import layout
 from meanflock.swarm import plugins, state
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense
 from tests.agent.nodes import UAVS, flown, frames, models, sense, states_at, welcome
@@ -23,7 +23,7 @@ def test_a_global_model_overwrites_only_the_rows_it_was_sent_to_and_only_what_is
         told.act(sense(tick))
     shared = plugins.load("controller", method).shared  # type: ignore[attr-defined]
     vector = np.random.default_rng(1).normal(0, 1e-3, of.declared.parameters)
-    before, after = quiet.act(sense(3)), told.act(sense(3, frames(FrameKind.GLOBAL, [0], [vector], [[0, 3]])))
+    before, after = quiet.act(sense(3)), told.act(sense(3, frames(FrameKind.GLOBAL, [0], [vector], [[0, 3]], 0)))
     for row in (0, 2):
         np.testing.assert_array_equal(after.commands[row], before.commands[row])
         np.testing.assert_array_equal(models(after)[row], models(before)[row])
@@ -32,7 +32,7 @@ def test_a_global_model_overwrites_only_the_rows_it_was_sent_to_and_only_what_is
     everyone = Agent(welcome(of))
     for tick in range(3):
         everyone.act(sense(tick))
-    all_told = everyone.act(sense(3, frames(FrameKind.GLOBAL, [0], [vector], [[0, 2], [0, 3], [0, 5]])))
+    all_told = everyone.act(sense(3, frames(FrameKind.GLOBAL, [0], [vector], [[0, 2], [0, 3], [0, 5]], 0)))
     np.testing.assert_array_equal(models(all_told)[1], models(after)[1])
     np.testing.assert_array_equal(all_told.commands[1], after.commands[1])
 
@@ -42,15 +42,15 @@ def test_the_global_model_is_in_place_before_the_update_of_the_tick() -> None:
     of = flown("cost.c2=0", method="mfgfl-h")  # no φ_G: the density models differ
     old, new = Agent(welcome(of)), Agent(welcome(of))
     old.act(sense(0))
-    nothing = frames(FrameKind.GLOBAL, [0], np.zeros((1, 108)), [[0, 2], [0, 3], [0, 5]])
-    taught, fresh = old.act(sense(1, nothing)), new.act(sense(1))
+    nothing = frames(FrameKind.GLOBAL, [0], np.zeros((1, 108)), [[0, 2], [0, 3], [0, 5]], 0)
+    taught, fresh = old.act(sense(2, nothing)), new.act(sense(2))
     assert fresh.commands[:, :2].all()
     np.testing.assert_array_equal(taught.commands[:, :2], fresh.commands[:, :2])
 
 
 def test_participants_upload_their_model_as_it_is_in_the_round_s_tick() -> None:
     of = flown(method="mfgfl-hf")
-    agent, rounds = Agent(welcome(of)), Rounds(of)
+    agent, rounds = Agent(welcome(of)), Schedule(of)
     seen = models(agent.act(sense(0)))
     for tick in range(1, 16):
         act = agent.act(sense(tick))

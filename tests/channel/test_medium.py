@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from meanflock.channel.medium import Medium
+from meanflock.federation.schedule import Schedule
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import FrameKind
 from tests.channel.frames import UAVS, frames, line, links_of, scenario
@@ -146,7 +146,7 @@ def test_an_upload_that_takes_every_slot_it_may_is_there_when_its_round_closes(
         f"radio.bandwidth_hz={246 * 32 / theta / math.log2(1.1) / (slots - 0.5)}",
         "radio.noise_psd_dbm_hz=-200",
     )
-    medium, rounds = Medium(flown), Rounds(flown)
+    medium, rounds = Medium(flown), Schedule(flown)
     tick = flown.period_ticks
     records = medium.send(tick, [frames(FrameKind.UPLOAD, [1], 246, rounds.opens(tick))], line(*range(UAVS)))
     assert records[:, 4].tolist() == [slots]

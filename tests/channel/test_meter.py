@@ -7,9 +7,9 @@ import pytest
 
 from meanflock.channel.medium import Medium
 from meanflock.channel.meter import Meter
+from meanflock.federation.schedule import Schedule
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import state
-from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 from meanflock.swarm.wire.messages import FrameKind, Frames
 from tests.channel.frames import UAVS, frames, line, links_of, scenario
@@ -40,7 +40,7 @@ def test_a_transmission_costs_its_floats_and_the_bill_is_their_count(
     flown = scenario(f"method={method}", f"federation.period={PERIOD}")
     rounds = range(1, (TICKS - 1) // PERIOD + 1) if method in FEDERATED else range(0)
     leader = flown.federation.leader
-    uploads = sum(int((Rounds(flown).participants(k) != leader).sum()) for k in rounds)
+    uploads = sum(int((Schedule(flown).participants(k) != leader).sum()) for k in rounds)
     model_bits = sum(PARTS.get(method, ())) * 32
     states = UAVS * TICKS if method == "hjb" else UAVS  # the mission plan is the first, then every tick
 

@@ -107,5 +107,5 @@ def test_a_closed_form_that_fails_is_the_channel_s_fault() -> None:
             return "much", "more"
 
     mf.register(Wrong)
-    with pytest.raises(mf.BadInput, match="wrong-form"):
+    with pytest.raises(mf.RunFailed, match="wrong-form"):
         mf.fly(method="mfgfl-h", duration=1.0, **{"radio.model": "wrong-form"})

@@ -8,10 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from meanflock.agent.byzantine import Byzantine
-from meanflock.leader.aggregators.suspects import suspects
-from meanflock.swarm import mean, plugins
-from meanflock.swarm.mean import ABSURD, refuse, stacked
+from meanflock.federation.averager import ABSURD, usable
+from meanflock.federation.byzantine import Byzantine
+from meanflock.federation.rules.fedavg import mean
+from meanflock.federation.rules.robust import suspects
+from meanflock.swarm import plugins
 from meanflock.swarm.scenario import load
 from tests.faults.conftest import Lab, scenario
 
@@ -31,8 +32,16 @@ def rule(name: str, tolerance: float) -> Rule:
     return of
 
 
+def stacked(arrived: dict[int, np.ndarray]) -> np.ndarray:
+    return np.stack([arrived[uav] for uav in sorted(arrived)]).astype(np.float64)
+
+
+def mail(rows: np.ndarray) -> dict[int, tuple[np.ndarray, float]]:
+    return {uav: (model, 1.0) for uav, model in enumerate(rows)}
+
+
 def fedavg(arrived: dict[int, np.ndarray]) -> np.ndarray:
-    return mean.fedavg(stacked(arrived))
+    return mean(stacked(arrived))
 
 
 ROBUST: dict[str, Rule] = {name: rule(name, 0.25) for name in ("median", "trimmed-mean", "krum")}
@@ -117,10 +126,10 @@ def test_the_rules_are_what_they_are_called() -> None:
 def test_a_model_that_is_no_model_is_refused_and_the_others_are_averaged(bad: float) -> None:
     rows = np.ones((4, 3))
     rows[2, 1] = bad
-    kept, refused = refuse(models(rows))
+    kept, refused = usable(mail(rows))
     assert refused == [2]
-    np.testing.assert_array_equal(fedavg(kept), [1.0, 1.0, 1.0])
-    assert refuse(models(np.full((2, 3), ABSURD / 2)))[1] == []
+    np.testing.assert_array_equal(fedavg({uav: model for uav, (model, _) in kept.items()}), [1.0, 1.0, 1.0])
+    assert usable(mail(np.full((2, 3), ABSURD / 2)))[1] == []
 
 
 def false_swarm(*extra: str) -> tuple[str, ...]:

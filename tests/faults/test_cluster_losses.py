@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from meanflock.federation.schedule import Schedule
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.resume import back
 from meanflock.swarm.net.client import NodeClient
-from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames
 from tests.faults.clusters import CLEAR, PERIOD, SLOW, swarm
@@ -72,7 +72,8 @@ def test_a_node_that_takes_a_head_over_between_the_hops_hears_what_its_predecess
         other.kill("agent-4")
         return other.agent()
 
-    assert Rounds(other.world._scenario).relays(43) == 2
+    rounds = Schedule(other.world._scenario)
+    assert rounds.number(rounds.hops[1], 43) == 2
     summary = other.fly({42: again})
     assert voids(other) == []
     counts = {

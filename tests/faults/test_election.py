@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from meanflock.federation.post import Mailbox
 from meanflock.swarm.wire.messages import FrameKind, Frames
 from meanflock.worldsim.members import elect
 from tests.faults.conftest import Lab, scenario
@@ -132,21 +133,20 @@ def test_uploads_spread_over_several_ticks_all_reach_whoever_leads_when_the_roun
         assert summary["trajectory_sha256"] == expected["trajectory_sha256"], tick
 
 
-def test_what_a_leader_has_heard_it_does_not_hear_again_and_a_new_one_hears_all() -> None:
-    from meanflock.worldsim.inbox import Uploads
-
+def test_a_leader_reads_its_mail_once_and_a_new_leader_reads_all() -> None:
     def batch(number: int, uav: int) -> Frames:
         links = np.array([[0, 0]], dtype=np.int32)
         return Frames(FrameKind.UPLOAD, number, np.array([uav], np.int32), np.zeros((1, 2), np.float32), links)
 
-    uploads = Uploads()
-    uploads.receive([batch(1, 1)])
-    assert [f.source[0] for f in uploads.read("a")] == [1]
-    uploads.receive([batch(1, 2), batch(2, 3)])
-    assert [f.source[0] for f in uploads.read("a")] == [2, 3]
-    assert [f.source[0] for f in uploads.read("b")] == [1, 2, 3]
-    uploads.close(1)
-    assert uploads.read("b") == ()
-    assert [f.source[0] for f in uploads.read("a")] == [3]
-    uploads.close(2)
-    assert list(itertools.chain(uploads.read("a"), uploads.read("c"))) == []
+    box = Mailbox()
+    box.put(batch(1, 1))
+    assert [f.source[0] for f in box.read("a")] == [1]
+    box.put(batch(1, 2))
+    box.put(batch(2, 3))
+    assert [f.source[0] for f in box.read("a")] == [2, 3]
+    assert [f.source[0] for f in box.read("b")] == [1, 2, 3]
+    box.close(1)
+    assert box.read("b") == ()
+    assert [f.source[0] for f in box.read("a")] == [3]
+    box.close(2)
+    assert list(itertools.chain(box.read("a"), box.read("c"))) == []

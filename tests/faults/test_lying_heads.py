@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from meanflock.swarm.rounds import Rounds
+from meanflock.federation.schedule import Schedule
 from meanflock.swarm.wire import tick
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from tests.faults.clusters import CLEAR, FLOATS, PERIOD, globals_of, swarm
@@ -133,8 +133,8 @@ def test_who_takes_no_part_in_a_round_is_not_heard_in_it(clusters: int) -> None:
     of = swarm("federation.fraction=0.5", clusters=clusters)
     expected = Lab(of, uavs_per_node=1).fly()
     lab = Lab(of, uavs_per_node=1)
-    takes_part = [uav for uav in range(12) if 11 in Rounds(of).participants(1 + uav)]
-    idle = [number for number in range(1, 6) if 11 not in Rounds(of).participants(number)]
+    takes_part = [uav for uav in range(12) if 11 in Schedule(of).participants(1 + uav)]
+    idle = [number for number in range(1, 6) if 11 not in Schedule(of).participants(number)]
     assert idle
     assert takes_part
     client: Any = lab.bus_of("agent-11").handler.__self__  # type: ignore[union-attr]

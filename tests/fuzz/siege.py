@@ -247,7 +247,7 @@ class Siege:
 def _whole(node: Any) -> dict[int, Any]:
     """What a copy of a node shares with it: the tables as the kernels take them, which nobody can change or copy."""
     learner = getattr(getattr(getattr(node, "_controller", None), "_controller", None), "learner", None)
-    prepared = getattr(learner, "_tables", None)
+    prepared = getattr(learner, "_prepared", None)
     return {} if prepared is None else {id(prepared): prepared}
 
 

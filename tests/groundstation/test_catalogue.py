@@ -70,7 +70,7 @@ def test_the_catalogue_lists_everything_by_door_in_80_columns(run: Any, mine: Pa
     assert code == EXIT_DONE
     assert max(map(len, out.splitlines())) <= max(80, len(str(mine)) + 20)  # a path is not broken
     doors = [line.partition(":")[0] for line in out.splitlines() if line and not line.startswith(" ")]
-    assert doors == ["controllers", "aggregators", "channels", "vehicles", "filters"]
+    assert doors == ["controllers", "aggregators", "channels", "vehicles", "filters", "topologies"]
     for plugin in plugins.installed():
         assert f"  {plugin.name}  (" in out
     assert f"    {HOVERS}\n" in out

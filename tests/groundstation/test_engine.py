@@ -30,7 +30,8 @@ def test_however_the_swarm_is_cut_into_nodes_it_flies_the_same_trajectory(method
     assert summaries[0]["ticks"] == SECONDS * 10
     federated = flown.declared.is_federated
     if federated:
-        assert summaries[0]["rounds"] >= 10
+        assert summaries[0]["rounds"] >= 4
+        assert summaries[0]["rounds"] + summaries[0]["rounds_void"] >= 10
     assert (summaries[0]["radio"]["outages"] > 0) == (federated or method is Method.HJB)
 
 
@@ -58,8 +59,8 @@ def test_a_swarm_of_one_and_of_an_odd_number_flies_and_its_summary_is_plain_json
 @pytest.mark.parametrize("bits", [16, 64])
 def test_the_radio_s_width_changes_the_bill_and_the_flight_still_flies(bits: int) -> None:
     summary = fly(scenario("mfgfl-hf", f"radio.bits_per_float={bits}", "duration=8"), uavs_per_node=3)
-    assert summary["rounds"] == 3
-    assert summary["payload_bits"]["broadcast"] == 3 * 246 * bits
+    assert summary["rounds"] + summary["rounds_void"] == 3
+    assert summary["payload_bits"]["broadcast"] == summary["rounds"] * 246 * bits > 0
     assert summary["payload_bits"]["state"] == UAVS * 4 * bits
 
 

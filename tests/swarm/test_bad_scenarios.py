@@ -9,9 +9,9 @@ import pytest
 
 from meanflock.channel import theory
 from meanflock.channel.link import slots_needed
+from meanflock.federation.schedule import Schedule
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput
-from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario, Wind, load
 
 MEND = "`meanflock scenario schema`"
@@ -268,7 +268,7 @@ def test_a_number_too_large_or_small_to_compute_with_is_bad_input_before_the_fli
             raise
         return
     # Whatever is let in can be flown: every number the radio and the calendar derive from it exists.
-    Rounds(loaded)
+    Schedule(loaded)
     assert loaded.max_ticks >= 1
     assert slots_needed(loaded.radio, 128) >= 1
     assert np.isfinite(theory.slot_success(loaded.radio, np.array([100.0]))).all()

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from meanflock.federation import coding as codings
 from meanflock.kernels.wire import ACT, DTYPES, FIRST, SENSE
 from meanflock.swarm.scenario import load
-from meanflock.swarm.wire import payload, tick
+from meanflock.swarm.wire import tick
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense
 from tests.swarm.backends import Backend
 from tests.swarm.examples import EXAMPLES, GOLDEN, OF_A_TICK, RAW, arrays_in, same
@@ -108,7 +109,7 @@ def test_what_a_batch_takes_in_a_message_is_known_beforehand() -> None:
 
 @pytest.mark.parametrize("method", ["mfgfl-h", "mfgfl-f", "mfgfl-hf"])
 def test_an_upload_takes_at_most_a_tenth_more_than_its_payload(method: str) -> None:
-    coding = payload.upload(load(None, method=method))
+    coding = codings.of_uploads(load(None, method=method))
     said = coding.encode(np.ones((1, coding.floats)))
     act = Act(0xFFFFFFFF, 2**31, np.zeros((1, 5)))
     batch = Frames(FrameKind.UPLOAD, 2**32 - 1, np.array([99_999], np.int32), said)

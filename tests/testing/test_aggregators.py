@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from meanflock.leader.aggregators.base import Aggregator, State
+from meanflock.federation.rules.base import Aggregator, State
 from meanflock.swarm import plugins
 from meanflock.swarm.scenario import Scenario
 from meanflock.testing import ConformanceError, check_aggregator

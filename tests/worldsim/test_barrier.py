@@ -6,6 +6,7 @@ import threading
 import numpy as np
 import pytest
 
+from meanflock.federation.post import Post
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Bus, MemoryNetwork
@@ -28,7 +29,7 @@ FRAMES = Frames(FrameKind.STATE, 0, np.zeros(1, np.int32), np.zeros((1, 4), np.f
 
 
 def barrier_of(bus: Bus, flown: Scenario) -> Barrier:
-    return Barrier(bus, RUN, Replies(flown, FINGERPRINT))
+    return Barrier(bus, RUN, Replies(flown, FINGERPRINT, Post(flown)))
 
 
 class Stand:

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from meanflock.federation.post import Post
 from meanflock.swarm.declared import MAX_BROADCASTS
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Scenario, load
@@ -43,7 +44,7 @@ def act(*uavs: int, outbox: tuple[Frames, ...] | None = None, report: bool = Fal
 
 
 def read(raw: bytes, by: Member, bits: int = 32, method: str = "hjb") -> Act:
-    return Replies(flown(bits, method), RUN).read(by, TICK, raw)
+    return Replies(flown(bits, method), RUN, Post(flown(bits, method))).read(by, TICK, raw)
 
 
 @pytest.mark.parametrize("bits", [16, 32, 64])

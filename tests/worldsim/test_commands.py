@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from meanflock.federation.post import Post
 from meanflock.swarm.model import BEYOND_SENSE
+from meanflock.swarm.scenario import load
 from meanflock.worldsim.commands import Commands
 from meanflock.worldsim.counters import Counters
 from meanflock.worldsim.summary import protocol_summary
@@ -59,6 +61,6 @@ def test_diagnostics_of_those_on_the_way_add_up() -> None:
     commands.store(numbers, ALL, ALL, ALL)
     twice = commands.diagnostics[on_way].sum(axis=0) + commands.diagnostics.sum(axis=0)
     np.testing.assert_allclose(commands.summed, twice, rtol=1e-12)
-    said_of = protocol_summary(Counters(), commands, ["a", "b", "c"], None, 0)
+    said_of = protocol_summary(Counters(), Post(load(None)), commands, ["a", "b", "c"], None, 0)
     assert list(said_of["diagnostics"].values()) == commands.summed.tolist()
     assert said_of["diagnostics_max"] == dict(zip("abc", commands.largest.tolist(), strict=True))

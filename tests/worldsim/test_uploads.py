@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from meanflock.channel.meter import Meter
+from meanflock.federation import coding as codings
+from meanflock.federation.post import Post
+from meanflock.federation.schedule import Schedule
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire import payload
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
-from meanflock.worldsim.counters import Counters
 from meanflock.worldsim.inbound import Replies
 from meanflock.worldsim.members import Member
 from meanflock.worldsim.merger import FrameMerger
@@ -33,7 +33,7 @@ def member(*uavs: int) -> Member:
 
 
 def batch(of: Scenario, *uavs: int, number: int = 2) -> Frames:
-    coding = payload.upload(of)
+    coding = codings.of_uploads(of)
     models = np.random.default_rng(uavs[0]).normal(size=(len(uavs), coding.floats))
     return Frames(FrameKind.UPLOAD, number, np.array(uavs, np.int32), coding.encode(models))
 
@@ -44,7 +44,7 @@ def act(of: Scenario, *uavs: int, report: bool = False, number: int = 2, tick: i
 
 
 def read(of: Scenario, raw: bytes, by: Member) -> Act:
-    return Replies(of, RUN).read(by, TICK, raw)
+    return Replies(of, RUN, Post(of)).read(by, TICK, raw)
 
 
 @pytest.mark.parametrize("coding", ["float32", "float16", "int8"])
@@ -92,7 +92,7 @@ def test_a_damaged_upload_is_let_in_only_as_one_that_can_be(coding: str) -> None
         assert wire.write_act(got) == bytes(raw)
         for said in got.outbox:
             if said.kind == FrameKind.UPLOAD:
-                assert payload.upload(of).sound(said.payload).all()
+                assert codings.of_uploads(of).sound(said.payload).all()
 
     check()
 
@@ -110,15 +110,13 @@ class Air:
 
     def __init__(self, of: Scenario) -> None:
         self.dropped: list[str] = []
-        self.counters, self.meter = Counters(), Meter(of.radio, of.uavs)
-        self._merger = FrameMerger(
-            Rounds(of), self.counters, lambda error, where: self.dropped.append(where), lambda *_: None
-        )
+        self.meter = Meter(of.radio, of.uavs)
+        self._merger = FrameMerger(Post(of), lambda error, where: self.dropped.append(where))
 
     def say(self, *batches: Frames, asleep: tuple[int, ...] = (), tick: int = TICK) -> list[Frames]:
         awake = np.ones(8, dtype=bool)
         awake[list(asleep)] = False
-        return self._merger.of(tick, batches, awake, self.meter)
+        return self._merger.merged(tick, batches, awake, self.meter)
 
     @property
     def billed(self) -> int:
@@ -148,7 +146,7 @@ def test_of_uploads_only_the_stray_and_the_silent_are_left_out() -> None:
 
 def test_who_takes_no_part_in_a_round_is_not_heard() -> None:
     of = flown("federation.fraction=0.5")
-    taking = Counter(Rounds(of).participants(2).tolist())
+    taking = Counter(Schedule(of).participants(2).tolist())
     air = Air(of)
     (said,) = air.say(*[batch(of, uav) for uav in range(8)])
     assert said.source.tolist() == sorted(taking)
@@ -161,7 +159,6 @@ def test_a_second_global_model_of_a_round_is_not_broadcast() -> None:
     air = Air(of)
     (said,) = air.say(one, one, tick=TICK + 1)
     assert len(said.source) == 1
-    assert air.counters.rounds == 1
     assert len(air.dropped) == 1
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from meanflock.federation.post import Post
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import MemoryNetwork
 from meanflock.swarm.scenario import load
@@ -11,11 +12,15 @@ from meanflock.worldsim.members import Member
 from meanflock.worldsim.pace import Pace
 from meanflock.worldsim.waiting import Waiting
 
+SCENARIO = load(None, uavs=3)
+
 
 def losses(steps: list[float]) -> int:
     """How often the clock is looked at, in such steps and then 0.1 s, until a node that says nothing is lost."""
     now, looks = 0.0, 0
-    barrier = Barrier(MemoryNetwork().endpoint(), "patience", Replies(load(None, uavs=3), keys.fingerprint("patience")))
+    barrier = Barrier(
+        MemoryNetwork().endpoint(), "patience", Replies(SCENARIO, keys.fingerprint("patience"), Post(SCENARIO))
+    )
     barrier.open(0, reporting=False)
     barrier.ask(Member("agent-0", "agent", np.arange(1)), np.zeros((1, 4)))
 

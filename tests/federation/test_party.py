@@ -1,20 +1,19 @@
-"""The head of a cluster: what it keeps, what it hands on and when, and what it will not take."""
+"""A node's part in the rounds: heads of clusters collect uploads, relay averages and refuse what does not fit."""
 
 import numpy as np
 import pytest
 
-from meanflock.agent.heads import Heads
 from meanflock.agent.node import Agent
+from meanflock.federation.coding import Coding
+from meanflock.federation.party import Party
+from meanflock.federation.rules.fedavg import mean
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.mean import fedavg
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Welcome
-from meanflock.swarm.wire.payload import Coding
 
-NOBODY = np.zeros(0, dtype=np.intp)
 OPENS, RELAYS = 10, 11  # of round 1
 
 
@@ -24,8 +23,42 @@ def flown(*settings: str) -> Scenario:
     return load(None, [*fixed, *settings], method="mfgfl-h")
 
 
-def heads(*uavs: int, of: Scenario | None = None) -> Heads:
-    return Heads(of or flown(), np.array(uavs, dtype=np.intp))
+class Rows:
+    """A learner whose rows share no model; `silence` names the UAVs that send nothing."""
+
+    def __init__(self, uavs: tuple[int, ...]) -> None:
+        self.uavs, self.silence = np.array(uavs), np.zeros(0, dtype=int)
+
+    def tell(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return rows[:0], np.zeros((0, 108))
+
+    def take(self, rows: np.ndarray, models: np.ndarray) -> None:
+        raise AssertionError("nothing was broadcast")
+
+    def silent(self) -> np.ndarray:
+        return np.isin(self.uavs, self.silence)
+
+
+class Heads:
+    """A party of agents, asked at the ticks of a round's relays."""
+
+    def __init__(self, *uavs: int, flight: Scenario | None = None) -> None:
+        self.rows = Rows(uavs)
+        self.party = Party(flight or flown(), "agent", np.array(uavs, dtype=np.intp), [], self.rows)
+
+    def check(self, frames: Frames) -> None:
+        self.party.check(frames)
+
+    def collect(self, frames: Frames, number: int = 1) -> None:
+        self.party.receive(frames, 10 * number + 1)
+
+    def relay(self, number: int, *silent: int) -> tuple[list[Frames], list[int]]:
+        self.rows.silence = np.array(silent, dtype=int)
+        return self.party.act(10 * number + 1)
+
+    @property
+    def mail(self) -> int:
+        return sum(len(averager._mail) for averager in self.party._averagers)
 
 
 def model(uav: int, seed: int = 0) -> np.ndarray:
@@ -38,61 +71,61 @@ def uploads(source: list[int], to: list[int], number: int = 1, seed: int = 0) ->
     return Frames(FrameKind.UPLOAD, number, np.array(source, dtype=np.int32), payload, links)
 
 
-def mean(*uavs: int) -> np.ndarray:
-    return fedavg(np.stack([model(uav) for uav in uavs])).astype(np.float32)
+def average(*uavs: int) -> np.ndarray:
+    return mean(np.stack([model(uav) for uav in uavs]).astype(np.float64)).astype(np.float32)
 
 
-def test_each_head_hands_on_its_own_mean_and_count_and_once() -> None:
-    node = heads(0, 3, 4, 6)
+def test_each_head_relays_its_own_mean_and_count_once() -> None:
+    node = Heads(0, 3, 4, 6)
     node.collect(uploads([0, 2, 3, 4], [0, 0, 4, 4]))
     node.collect(uploads([5], [4]))
-    (said,), refused = node.relay(1, NOBODY)
-    assert (said.kind, said.round, said.source.tolist(), refused) == (FrameKind.RELAY, 1, [0, 4], [])
-    assert said.payload.dtype == np.float32
-    np.testing.assert_array_equal(said.payload[:, -1], [2, 3])
-    np.testing.assert_array_equal(said.payload[:, :-1], [mean(0, 2), mean(3, 4, 5)])
-    assert node.relay(1, NOBODY) == ([], [])
+    (sent,), refused = node.relay(1)
+    assert (sent.kind, sent.round, sent.source.tolist(), refused) == (FrameKind.RELAY, 1, [0, 4], [])
+    assert sent.payload.dtype == np.float32
+    np.testing.assert_array_equal(sent.payload[:, -1], [2, 3])
+    np.testing.assert_array_equal(sent.payload[:, :-1], [average(0, 2), average(3, 4, 5)])
+    assert node.relay(1) == ([], [])
 
 
-def test_a_second_copy_changes_nothing_a_later_round_is_kept_and_an_older_is_forgotten() -> None:
-    node = heads(0)
+def test_a_second_copy_changes_nothing_and_mail_of_a_closed_round_is_dropped() -> None:
+    node = Heads(0)
     node.collect(uploads([1, 2], [0, 0]))
     node.collect(uploads([1], [0], seed=9))
-    node.collect(uploads([0], [0], number=2))
-    (said,), _ = node.relay(1, NOBODY)
-    np.testing.assert_array_equal(said.payload[0], np.append(mean(1, 2), 2))
-    node.collect(uploads([1], [0]))  # too late for its round
-    (said,), _ = node.relay(2, NOBODY)
-    np.testing.assert_array_equal(said.payload[0], np.append(mean(0), 1))
-    assert not node._arrived
+    (sent,), _ = node.relay(1)
+    np.testing.assert_array_equal(sent.payload[0], np.append(average(1, 2), 2))
+    node.collect(uploads([0], [0], number=2), 2)
+    node.collect(uploads([1], [0]), 2)  # too late for its round
+    (sent,), _ = node.relay(2)
+    np.testing.assert_array_equal(sent.payload[0], np.append(average(0), 1))
+    assert not node.mail
 
 
-def test_who_is_silent_hands_on_nothing_and_the_others_do() -> None:
-    node = heads(0, 4)
+def test_a_silent_head_relays_nothing_and_the_others_do() -> None:
+    node = Heads(0, 4)
     node.collect(uploads([1, 3], [0, 4]))
-    (said,), _ = node.relay(1, np.array([0, 7]))
-    assert said.source.tolist() == [4]
-    assert not node._arrived
+    (sent,), _ = node.relay(1, 0, 7)
+    assert sent.source.tolist() == [4]
+    assert not node.mail
 
 
 def test_absurd_models_are_refused_and_a_head_with_nothing_else_sends_nothing() -> None:
-    node = heads(0, 6)
+    node = Heads(0, 6)
     batch = uploads([1, 2, 7], [0, 0, 6])
     batch.payload[[0, 2], 5] = 1e10
     node.collect(batch)
-    (said,), refused = node.relay(1, NOBODY)
-    assert (said.source.tolist(), refused) == ([0], [1, 7])
-    np.testing.assert_array_equal(said.payload[0], np.append(mean(2), 1))
+    (sent,), refused = node.relay(1)
+    assert (sent.source.tolist(), refused) == ([0], [1, 7])
+    np.testing.assert_array_equal(sent.payload[0], np.append(average(2), 1))
 
 
-def test_a_mean_no_float_of_the_radio_can_hold_is_not_sent() -> None:
-    of = flown("radio.bits_per_float=16", "federation.payload=int8")
-    coding, node = Coding("int8", of.declared.parts), heads(0, 6, of=of)
+def test_a_mean_that_no_float_of_the_radio_can_hold_is_not_sent() -> None:
+    flight = flown("radio.bits_per_float=16", "federation.payload=int8")
+    coding, node = Coding("int8", flight.declared.parts), Heads(0, 6, flight=flight)
     written = coding.encode(np.stack([np.full(108, 1e8), np.full(108, 2.0)]))
     links = np.array([[0, 0], [1, 6]], dtype=np.int32)
     node.collect(Frames(FrameKind.UPLOAD, 1, np.array([1, 7], np.int32), written, links))
-    (said,), refused = node.relay(1, NOBODY)
-    assert (said.source.tolist(), said.payload.dtype, refused) == ([6], np.float16, [])
+    (sent,), refused = node.relay(1)
+    assert (sent.source.tolist(), sent.payload.dtype, refused) == ([6], np.float16, [])
 
 
 MISFITS = {
@@ -107,14 +140,14 @@ MISFITS = {
 
 @pytest.mark.parametrize("what", MISFITS)
 def test_uploads_that_do_not_fit_are_rejected(what: str) -> None:
-    node = heads(0, 4, 5, 6)
+    node = Heads(0, 4, 5, 6)
     node.check(uploads([1, 3, 7], [0, 4, 6]))
     with pytest.raises(MessageRejected):
         node.check(MISFITS[what])
 
 
-@pytest.mark.parametrize("node", [heads(1, 2, 3), heads(0, 4, of=load(None, ["uavs=8"], method="mfgfl-h"))])
-def test_who_heads_nothing_hears_no_uploads(node: Heads) -> None:
+@pytest.mark.parametrize("node", [Heads(1, 2, 3), Heads(0, 4, flight=load(None, ["uavs=8"], method="mfgfl-h"))])
+def test_an_agent_that_heads_nothing_receives_no_uploads(node: Heads) -> None:
     with pytest.raises(MessageRejected, match="wrong-kind"):
         node.check(uploads([1], [0]))
 
@@ -123,8 +156,8 @@ def test_who_heads_nothing_hears_no_uploads(node: Heads) -> None:
 
 
 def agent(*uavs: int) -> Agent:
-    of = flown()
-    return Agent(Welcome(0, "agent", uavs, 0, scenario.encode(of), starts(of).astype(np.float32)))
+    flight = flown()
+    return Agent(Welcome(0, "agent", uavs, 0, scenario.encode(flight), starts(flight).astype(np.float32)))
 
 
 def sense(tick: int, rows: int, *inbox: Frames) -> Sense:

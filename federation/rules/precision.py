@@ -6,8 +6,8 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from meanflock.leader.aggregators import base
-from meanflock.leader.aggregators.base import Aggregator, Floats, State
+from meanflock.federation.rules import base
+from meanflock.federation.rules.base import Aggregator, Floats, State
 
 
 class Precision(Aggregator):

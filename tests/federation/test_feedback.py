@@ -6,13 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from meanflock.agent.feedback import Feedback
 from meanflock.agent.node import Agent
+from meanflock.federation.coding import Coding, Feedback
+from meanflock.federation.rules.fedavg import mean
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.mean import fedavg
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import FrameKind, Frames, Welcome
-from meanflock.swarm.wire.payload import Coding
 from tests.agent.nodes import UAVS, flown, kept, models, sense, welcome
 from tests.methods import PARTS
 
@@ -29,7 +28,7 @@ def test_what_is_sent_adds_up_to_what_was_meant_but_for_the_last_residual(name: 
     @given(st.integers(0, 2**32), st.integers(1, 12), st.integers(-6, 4))
     def check(seed: int, rounds: int, power: int) -> None:
         draw = np.random.default_rng(seed)
-        feedback = Feedback(coding, 4, kept=True)
+        feedback = Feedback(coding, 4, active=True)
         sent, meant = np.zeros((4, 246)), np.zeros((4, 246))
         for _ in range(rounds):
             rows = np.flatnonzero(draw.random(4) < 0.7)
@@ -44,7 +43,7 @@ def test_what_is_sent_adds_up_to_what_was_meant_but_for_the_last_residual(name: 
 
 def test_the_residual_never_exceeds_what_one_rounding_takes() -> None:
     coding, draw = Coding("int8", HF), np.random.default_rng(3)
-    feedback = Feedback(coding, 1, kept=True)
+    feedback = Feedback(coding, 1, active=True)
     for _ in range(200):  # every upload may have been lost in an outage: nobody tells the UAV
         feedback.encode(np.array([0]), draw.uniform(-1, 1, (1, 246)))
         assert feedback.residuals is not None
@@ -56,13 +55,13 @@ def test_a_weight_too_small_for_the_steps_gets_through_in_the_long_run_and_never
     model = np.zeros((1, 108))
     model[0, :3] = 1.0, 1.1e-3, -0.4e-3  # a step is 1/127
     for keeps in (True, False):
-        feedback = Feedback(coding, 1, kept=keeps)
+        feedback = Feedback(coding, 1, active=keeps)
         heard = [coding.decode(feedback.encode(np.array([0]), model))[0] for _ in range(1000)]
-        mean = np.mean(heard, axis=0)
+        average = np.mean(heard, axis=0)
         if keeps:
-            np.testing.assert_allclose(mean, model[0], atol=1e-5)
+            np.testing.assert_allclose(average, model[0], atol=1e-5)
         else:
-            np.testing.assert_allclose(mean[:3], [1.0, 0.0, 0.0], atol=1e-7)
+            np.testing.assert_allclose(average[:3], [1.0, 0.0, 0.0], atol=1e-7)
 
 
 def test_an_average_of_rounded_models_follows_the_average_of_the_models() -> None:
@@ -70,17 +69,17 @@ def test_an_average_of_rounded_models_follows_the_average_of_the_models() -> Non
     base = draw.standard_normal((20, 246))
     off = {}
     for keeps in (True, False):
-        feedback, total = Feedback(coding, 20, kept=keeps), np.zeros(246)
+        feedback, total = Feedback(coding, 20, active=keeps), np.zeros(246)
         for _ in range(30):
             heard = coding.decode(feedback.encode(np.arange(20), base))
-            total += fedavg(heard)
+            total += mean(heard)
         off[keeps] = np.linalg.norm(total / 30 - base.mean(axis=0))
     assert off[True] < off[False] / 5
 
 
 def test_rows_that_do_not_upload_and_models_that_cannot_be_sent_leave_residuals_as_they_were() -> None:
     coding, draw = Coding("int8", HF), np.random.default_rng(5)
-    feedback = Feedback(coding, 3, kept=True)
+    feedback = Feedback(coding, 3, active=True)
     feedback.encode(np.array([0, 1, 2]), draw.standard_normal((3, 246)))
     assert feedback.residuals is not None
     before = feedback.residuals.copy()

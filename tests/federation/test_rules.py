@@ -5,11 +5,11 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
+from meanflock.federation.rules.base import Aggregator, State
+from meanflock.federation.rules.fedavg import mean
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.leader.aggregators.base import Aggregator, State
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.mean import fedavg
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.worldsim.checkpoint import Resumption
 from tests.telemetry import fly
@@ -26,7 +26,7 @@ class Momentum(Aggregator):
         return {"last": np.zeros(parameters), "moved": np.zeros(parameters)}
 
     def step(self, state: State, models: np.ndarray, uavs: np.ndarray, round_: int) -> tuple[State, np.ndarray]:
-        moved = fedavg(models) - state["last"] + 0.5 * state["moved"]
+        moved = mean(models) - state["last"] + 0.5 * state["moved"]
         last = state["last"] + moved
         return {"last": last, "moved": moved}, last
 
@@ -100,7 +100,7 @@ def in_round_two(spoil: Any) -> Any:
 
 GOES_WRONG = {
     "raises": (explodes, "OSError: no such table"),
-    "calls it a day": (leaves, "SystemExit: 3 (test_plugins.py, line"),
+    "calls it a day": (leaves, "SystemExit: 3 (test_rules.py, line"),
     "returns nothing": (lambda state, model: None, "`step` returns a NoneType; expected the state and the model"),
     "a state named by number": (
         lambda state, model: ({1: model}, model),

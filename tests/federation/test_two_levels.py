@@ -7,50 +7,60 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from meanflock.agent.heads import Heads
 from meanflock.channel.medium import Medium
+from meanflock.federation.party import Party
+from meanflock.federation.rules.fedavg import mean
+from meanflock.federation.schedule import Schedule
+from meanflock.federation.topology.clusters import Division
 from meanflock.leader.node import Leader
 from meanflock.swarm import scenario as scenarios
-from meanflock.swarm.clusters import Clusters
-from meanflock.swarm.mean import fedavg
 from meanflock.swarm.mission import starts
-from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames, Sense, Welcome
 from tests.faults.clusters import CLEAR, FLOATS, PERIOD, ROUGH, SLOW, globals_of, swarm
 from tests.faults.conftest import Lab, scenario
 
 
-def one_round(of: Scenario, models: np.ndarray) -> tuple[np.ndarray | None, list[int], Medium]:
-    """The mean the leader broadcasts of `models` (N, L), the UAVs whose model got through both hops, and the air."""
-    rounds, air, states = Rounds(of), Medium(of), starts(of)
-    heads = Heads(of, np.arange(of.uavs))
-    leader = Leader(Welcome(0, "leader", (), 0, scenarios.encode(of), states))
-    tick, (uploads, relays) = PERIOD, (np.zeros((0, 5)), np.zeros((0, 5)))
+class Rows:
+    """A learner whose rows share no model."""
+
+    def __init__(self, uavs: int) -> None:
+        self._silent = np.zeros(uavs, dtype=bool)
+
+    def tell(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return rows[:0], np.zeros((0, FLOATS))
+
+    def take(self, rows: np.ndarray, models: np.ndarray) -> None:
+        raise AssertionError("the leader's broadcast is not delivered here")
+
+    def silent(self) -> np.ndarray:
+        return self._silent
+
+
+def one_round(flight: Scenario, models: np.ndarray) -> tuple[np.ndarray | None, list[int], Medium]:
+    """The mean the leader broadcasts of `models` (N, L), the UAVs whose model got through all hops, and the air."""
+    rounds, air, states = Schedule(flight), Medium(flight), starts(flight)
+    agents = Party(flight, "agent", np.arange(flight.uavs), [], Rows(flight.uavs))
+    leader = Leader(Welcome(0, "leader", (), 0, scenarios.encode(flight), states))
+    tick, relays = PERIOD, np.zeros((0, 5))
     source = rounds.participants(1).astype(np.int32)
     uploads = air.send(tick, [Frames(FrameKind.UPLOAD, 1, source, models[source])], states)
-    while True:
+    has_heads = flight.federation.clusters > 1
+    while not rounds.closes(tick):
         tick += 1
         due = air.due(tick)
         for frames in due:
-            if frames.kind == FrameKind.UPLOAD and of.federation.clusters > 1:
-                heads.check(frames)
-                heads.collect(frames)
-        if number := rounds.relays(tick):
-            said, refused = heads.relay(number, np.zeros(0, dtype=np.intp))
-            assert not refused
-            relays = air.send(tick, said, states)
-        kind = FrameKind.RELAY if of.federation.clusters > 1 else FrameKind.UPLOAD
-        heard = tuple(
-            Frames(kind, 1, f.source[f.links[:, 0]], f.payload[f.links[:, 0]])  # type: ignore[index]
-            for f in due
-            if f.kind == kind
-        )
-        act = leader.act(Sense(0, tick, np.zeros((0, 4)), inbox=heard))
-        if rounds.closes(tick):
-            break
+            if frames.kind == FrameKind.UPLOAD and has_heads:
+                agents.check(frames)
+                agents.receive(frames, tick)
+        sent, refused = agents.act(tick)
+        assert not refused
+        if sent:
+            relays = air.send(tick, sent, states)
+        last = FrameKind.RELAY if has_heads else FrameKind.UPLOAD
+        act = leader.act(Sense(0, tick, np.zeros((0, 4)), inbox=tuple(f for f in due if f.kind == last)))
     lost, silent = (set(links[links[:, 4] < 0, 1].tolist()) for links in (uploads, relays))
-    head_of = Clusters(of).head_of if of.federation.clusters > 1 else np.full(of.uavs, -1)
+    head_of = Division(flight).head_of if has_heads else np.full(flight.uavs, -1)
     through = [uav for uav in source.tolist() if uav not in lost and head_of[uav] not in silent]
     return (act.outbox[0].payload[0] if act.outbox else None), through, air
 
@@ -78,16 +88,16 @@ def drawn(uavs: int, seed: int) -> np.ndarray:
 def test_where_nothing_is_lost_the_mean_on_two_levels_is_that_on_one(asked: tuple[list[str], int]) -> None:
     of = load(None, [*asked[0], *CLEAR], method="mfgfl-h")
     models = drawn(of.uavs, asked[1])
-    mean, through, _ = one_round(of, models)
+    two, through, _ = one_round(of, models)
     flat, _, _ = one_round(load(None, [*asked[0], *CLEAR, "federation.clusters=1"], method="mfgfl-h"), models)
-    assert through == Rounds(of).participants(1).tolist()
+    assert through == Schedule(of).participants(1).tolist()
     if set(through) <= {of.federation.leader}:  # void: nobody else's model arrived
-        assert mean is None
+        assert two is None
         assert flat is None
         return
-    assert mean is not None
+    assert two is not None
     assert flat is not None
-    np.testing.assert_allclose(mean, flat, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(two, flat, rtol=0, atol=1e-12)
 
 
 @settings(max_examples=60, deadline=None, database=None)
@@ -97,10 +107,10 @@ def test_whatever_is_lost_the_mean_is_that_of_the_models_that_got_through_both_l
 ) -> None:
     of = load(None, [*asked[0], *ROUGH], method="mfgfl-h")
     models = drawn(of.uavs, asked[1])
-    mean, through, _ = one_round(of, models)
-    assert (mean is None) == (set(through) <= {of.federation.leader})
-    if mean is not None:
-        np.testing.assert_allclose(mean, fedavg(models[through]), rtol=0, atol=1e-12)
+    found, through, _ = one_round(of, models)
+    assert (found is None) == (set(through) <= {of.federation.leader})
+    if found is not None:
+        np.testing.assert_allclose(found, mean(models[through]), rtol=0, atol=1e-12)
 
 
 def test_with_outages_some_models_are_lost_on_the_first_hop_and_some_on_the_second() -> None:

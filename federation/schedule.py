@@ -1,8 +1,9 @@
-"""When a federated round happens and who takes part: known to all beforehand, so no invitation is paid for."""
+"""Schedule of the rounds: when each hop of a round transmits and who takes part, known to all nodes beforehand."""
 
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.federation.topology.base import Hop
 from meanflock.swarm.ascending import contains
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator
@@ -12,55 +13,57 @@ _DRAWN_AT_ONCE = 8  # rounds: the first draw of a process among many finds nothi
 _DRAWN_AHEAD, _UAVS_AHEAD = 128, 2**16  # rounds, and UAVs in them, at most: some 5 ms and half a MiB
 
 
-class Rounds:
-    """The calendar of the rounds k = 1, 2 … of a scenario; without rounds for methods that share no model."""
+class Schedule:
+    """The rounds k = 1, 2 … of a scenario; none for methods that share no model.
+
+    Attributes:
+        hops: of every round, in order.
+    """
 
     def __init__(self, scenario: Scenario, uavs: NDArray[np.intp] | None = None) -> None:
-        """`uavs`: whose rows are wanted, ascending; None for nobody's."""
+        """`uavs`: (M,) ascending, those that `rows` speaks of; None for none."""
         self._scenario = scenario
         self._uavs = np.zeros(0, dtype=np.intp) if uavs is None else uavs
-        self._period = scenario.period_ticks if scenario.declared.is_federated else 0
-        self._hop_ticks, self._open_ticks = scenario.hop_ticks, scenario.round_ticks
-        self._relays = scenario.federation.clusters > 1
+        self.hops: tuple[Hop, ...] = scenario.hops
+        self._period = scenario.period_ticks if self.hops else 0
+        self._phases = {hop.after % self._period for hop in self.hops}
         self._drawn: dict[int, tuple[NDArray[np.intp], NDArray[np.intp]]] = {}
 
-    def opens(self, tick: int) -> int:
-        """The round whose uploads are sent in this tick (tick = k·n0), or 0."""
-        return tick // self._period if self._period and tick and tick % self._period == 0 else 0
+    def is_busy(self, tick: int) -> bool:
+        """Whether any hop may transmit in this tick."""
+        return self._period > 0 and tick % self._period in self._phases
 
-    def relays(self, tick: int) -> int:
-        """The round whose heads hand on their means in this tick, when every upload has arrived or is lost, or 0."""
-        return self.opens(tick - self._hop_ticks) if self._relays and tick > self._hop_ticks else 0
+    def opens(self, tick: int) -> int:
+        """The round that opens in this tick (tick = k·n0), or 0."""
+        return tick // self._period if self._period and tick > 0 and tick % self._period == 0 else 0
+
+    def number(self, hop: Hop, tick: int) -> int:
+        """The round whose `hop` transmits in this tick, when all earlier mail has arrived or is lost; or 0."""
+        return self.opens(tick - hop.after)
 
     def closes(self, tick: int) -> int:
-        """The round that is averaged in this tick, when all that is sent to the leader has arrived or is lost, or 0."""
-        return self.opens(tick - self._open_ticks) if tick > self._open_ticks else 0
+        """The round whose last hop transmits in this tick, or 0."""
+        return self.number(self.hops[-1], tick) if self.hops else 0
 
-    def of(self, kind: FrameKind, tick: int) -> int:
-        """The round that frames of a kind sent in this tick belong to, or 0."""
-        match kind:
-            case FrameKind.UPLOAD:
-                return self.opens(tick)
-            case FrameKind.RELAY:
-                return self.relays(tick)
-            case FrameKind.GLOBAL:
-                return self.closes(tick)
-        return 0
+    def sent(self, label: FrameKind, number: int, tick: int) -> Hop | None:
+        """The hop that transmitted the frames of a label and round that arrive in this tick; None for none."""
+        age = tick - number * self._period
+        return next((hop for hop in reversed(self.hops) if hop.label == label and hop.after < age), None)
 
     def is_open(self, tick: int) -> bool:
-        """Whether the leader may have anything to do in this tick: the first upload comes a tick after it is sent."""
-        return bool(self._period) and tick > self._period and (tick - 1) % self._period < self._open_ticks
+        """Whether mail of a round may arrive in this tick, or its last hop transmit."""
+        return self._period > 0 and tick > self._period and (tick - 1) % self._period < self.hops[-1].after
 
     def participants(self, number: int) -> NDArray[np.intp]:
         """𝒩_h of a round: N_h UAVs, ascending."""
         return self._draws(number)[0]
 
     def rows(self, number: int) -> NDArray[np.intp]:
-        """The places of those that take part in a round among the `uavs`, ascending."""
+        """The places of the participants of a round among `uavs`, ascending."""
         return self._draws(number)[1]
 
     def draw_ahead(self) -> None:
-        """Draws who takes part in the rounds of the flight, or in the first of very many, while nobody waits."""
+        """Draws the participants of the flight's rounds, or of the first of very many, while nobody waits."""
         if not self._period:
             return
         most = max(_DRAWN_AT_ONCE, min(_DRAWN_AHEAD, _UAVS_AHEAD // self._scenario.participants))

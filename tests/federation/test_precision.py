@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from meanflock.leader.aggregators.precision import Precision
+from meanflock.federation.rules.precision import Precision
 from meanflock.swarm.scenario import Scenario
 
 UAVS = np.arange(3)

@@ -5,13 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from meanflock.swarm import mean
-from meanflock.swarm.mean import stacked
+from meanflock.federation.rules.fedavg import mean
 
 
 def fedavg(models: dict[int, np.ndarray]) -> np.ndarray:
     """The mean of models that arrived, by UAV."""
-    return mean.fedavg(stacked(models))
+    return mean(np.stack([models[uav] for uav in sorted(models)]).astype(np.float64))
 
 
 def models(count: int, seed: int = 1) -> dict[int, np.ndarray]:

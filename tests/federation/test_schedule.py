@@ -1,16 +1,13 @@
-"""Randomness that has a name, and the calendar of the rounds that follows from it."""
-
-import itertools
+"""When rounds open and close, who takes part, and which models travel."""
 
 import numpy as np
 import pytest
 
 from meanflock.agent.controllers.mean_field.methods import MeanField
+from meanflock.federation.schedule import Schedule
 from meanflock.kernels.mean_field import layout
 from meanflock.swarm import plugins
-from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.seeds import STREAMS, generator
 from meanflock.swarm.wire.messages import FrameKind
 from tests.methods import FEDERATED, LEARNING, METHODS
 
@@ -19,43 +16,12 @@ def scenario(*settings: str) -> Scenario:
     return load(None, settings)
 
 
-# -- seeds --------------------------------------------------------------------------------------------------------
-
-
-def test_the_same_name_always_gives_the_same_numbers() -> None:
-    for stream in STREAMS:
-        one, other = generator(7, stream, 3), generator(7, stream, 3)
-        np.testing.assert_array_equal(one.standard_normal(100), other.standard_normal(100))
-
-
-def test_another_seed_stream_or_index_gives_other_numbers() -> None:
-    keys = list(itertools.product((0, 1, 2**62), STREAMS, (0, 1, 2)))
-    drawn = {tuple(generator(*key).integers(2**63, size=2)) for key in keys}
-    assert len(drawn) == len(keys)
-
-
-def test_streams_are_uncorrelated_within_four_standard_errors() -> None:
-    n = 20_000
-    drawn = [generator(1, stream).standard_normal(n) for stream in STREAMS]
-    for one, other in itertools.combinations(drawn, 2):
-        assert abs((one * other).mean()) < 4 / np.sqrt(n)
-
-
-def test_the_order_of_the_streams_is_part_of_every_result() -> None:
-    assert STREAMS[:4] == ("wind", "radio", "participants", "density-fit")
-
-
-def test_an_unknown_stream_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"no stream 'weather'; there are .*controller"):
-        generator(1, "weather")
-
-
 # -- rounds -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_rounds_open_every_n0_ticks_but_not_at_take_off(method: str) -> None:
-    rounds = Rounds(scenario(f"method={method}"))
+    rounds = Schedule(scenario(f"method={method}"))
     opened = {tick: rounds.opens(tick) for tick in range(601) if rounds.opens(tick)}
     period = {"mfgfl-h": 100, "mfgfl-f": 100, "mfgfl-hf": 200}.get(method)
     assert opened == ({k * period: k for k in range(1, 600 // period + 1)} if period else {})
@@ -67,7 +33,7 @@ def test_rounds_open_every_n0_ticks_but_not_at_take_off(method: str) -> None:
 def test_every_round_that_opens_closes_once_in_order_while_it_is_open(
     period: int, coherence: float, slots: int
 ) -> None:
-    rounds = Rounds(
+    rounds = Schedule(
         scenario(
             "method=mfgfl-h",
             f"federation.period={period}",
@@ -87,7 +53,7 @@ def test_every_round_that_opens_closes_once_in_order_while_it_is_open(
 
 def test_a_method_without_rounds_never_has_anything_to_do() -> None:
     for method in set(METHODS) - set(FEDERATED):
-        rounds = Rounds(scenario(f"method={method}", "federation.period=1"))
+        rounds = Schedule(scenario(f"method={method}", "federation.period=1"))
         assert not any(rounds.opens(t) or rounds.closes(t) or rounds.is_open(t) for t in range(50))
 
 
@@ -95,7 +61,7 @@ def test_a_method_without_rounds_never_has_anything_to_do() -> None:
 def test_participants_are_the_agreed_number_of_distinct_uavs_ascending(
     uavs: int, fraction: float, expected: int
 ) -> None:
-    rounds = Rounds(scenario(f"uavs={uavs}", f"federation.fraction={fraction}"))
+    rounds = Schedule(scenario(f"uavs={uavs}", f"federation.fraction={fraction}"))
     for number in range(1, 20):
         drawn = rounds.participants(number)
         assert len(drawn) == expected
@@ -105,15 +71,15 @@ def test_participants_are_the_agreed_number_of_distinct_uavs_ascending(
 
 
 def test_every_process_draws_the_same_participants_and_every_round_others() -> None:
-    one, other = Rounds(scenario()), Rounds(scenario())
+    one, other = Schedule(scenario()), Schedule(scenario())
     drawn = [tuple(one.participants(k)) for k in (3, 1, 2)]
     assert drawn == [tuple(other.participants(k)) for k in (3, 1, 2)]
     assert len(set(drawn)) == 3
-    assert tuple(Rounds(scenario("seed=2")).participants(1)) != drawn[1]
+    assert tuple(Schedule(scenario("seed=2")).participants(1)) != drawn[1]
 
 
 def test_every_uav_is_drawn_equally_often_within_four_standard_errors() -> None:
-    rounds, n = Rounds(scenario("uavs=10", "federation.fraction=0.3")), 2000
+    rounds, n = Schedule(scenario("uavs=10", "federation.fraction=0.3")), 2000
     drawn = np.concatenate([rounds.participants(k) for k in range(n)])
     often = np.bincount(drawn, minlength=10) / n
     assert (np.abs(often - 0.3) < 4 * np.sqrt(0.3 * 0.7 / n)).all()
@@ -151,43 +117,49 @@ def test_who_learns_what_is_as_the_paper_s_algorithms_say() -> None:
 @pytest.mark.parametrize("clusters", [1, 3])
 @pytest.mark.parametrize(("coherence", "slots"), [(5e-5, 8), (0.1, 3)])
 @pytest.mark.parametrize("period", [1, 4, 9, 20])
-def test_every_kind_of_model_is_of_the_round_in_whose_tick_it_is_sent(
+def test_every_hop_transmits_once_a_round_and_its_frames_are_known_when_they_arrive(
     period: int, coherence: float, slots: int, clusters: int
 ) -> None:
-    hop = max(1, round(coherence * slots / 0.1))
-    if clusters > 1 and period < 2 * hop:
+    ticks = max(1, round(coherence * slots / 0.1))
+    if clusters > 1 and period <= 2 * ticks:
         return  # there is no such scenario
-    of = scenario(
-        "method=mfgfl-h",
-        f"federation.period={period}",
-        f"federation.clusters={clusters}",
-        f"radio.coherence_time_s={coherence}",
-        f"radio.latency_threshold_slots={slots}",
+    rounds = Schedule(
+        scenario(
+            "method=mfgfl-h",
+            f"federation.period={period}",
+            f"federation.clusters={clusters}",
+            f"radio.coherence_time_s={coherence}",
+            f"radio.latency_threshold_slots={slots}",
+        )
     )
-    rounds = Rounds(of)
+    labels = [FrameKind.UPLOAD, *[FrameKind.RELAY] * (clusters > 1), FrameKind.GLOBAL]
+    assert [(hop.label, hop.after) for hop in rounds.hops] == [(label, k * ticks) for k, label in enumerate(labels)]
     for tick in range(500):
         opens = rounds.opens(tick)
-        assert rounds.of(FrameKind.UPLOAD, tick) == opens
-        assert rounds.of(FrameKind.RELAY, tick + hop) == (opens if clusters > 1 else 0)
-        assert rounds.of(FrameKind.GLOBAL, tick + (hop if clusters == 1 else 2 * hop)) == opens
-        assert rounds.of(FrameKind.STATE, tick) == 0
+        for hop in rounds.hops:
+            assert rounds.number(hop, tick + hop.after) == opens
+            assert rounds.is_busy(tick + hop.after) or not opens
+            assert rounds.sent(FrameKind.STATE, 0, tick) is None
+            if opens:
+                assert rounds.sent(hop.label, opens, tick + hop.after + 1) is hop
+                assert rounds.sent(hop.label, opens, tick + hop.after) is None
 
 
 @pytest.mark.parametrize("duration", [1.9, 2.0, 20.1, 900.0])
 def test_those_who_take_part_are_the_same_drawn_ahead_or_when_they_are_asked_for(duration: float) -> None:
     of = scenario("method=mfgfl-h", "federation.period=20", f"duration={duration}")
-    rounds = Rounds(of, np.array([3]))
+    rounds = Schedule(of, np.array([3]))
     rounds.draw_ahead()
     for number in (1, 10, 11, 128, 129, 130, 2):
-        np.testing.assert_array_equal(rounds.participants(number), Rounds(of).participants(number))
-        np.testing.assert_array_equal(rounds.rows(number), Rounds(of, np.array([3])).rows(number))
+        np.testing.assert_array_equal(rounds.participants(number), Schedule(of).participants(number))
+        np.testing.assert_array_equal(rounds.rows(number), Schedule(of, np.array([3])).rows(number))
 
 
 def test_rows_that_take_part_are_the_participants_among_them() -> None:
     of = scenario("method=mfgfl-h", "federation.fraction=0.4")
     uavs = np.array([2, 3, 11, 17, 24])
-    rounds = Rounds(of, uavs)
+    rounds = Schedule(of, uavs)
     for number in (1, 2, 9, 30, 4):
         assert uavs[rounds.rows(number)].tolist() == sorted(set(uavs) & set(rounds.participants(number)))
-        np.testing.assert_array_equal(rounds.participants(number), Rounds(of).participants(number))
-    assert len(Rounds(of).rows(1)) == 0
+        np.testing.assert_array_equal(rounds.participants(number), Schedule(of).participants(number))
+    assert len(Schedule(of).rows(1)) == 0

@@ -1,4 +1,4 @@
-"""How a model is written on the radio: as floats of a width, or as 8-bit steps with a scale for each of its parts.
+"""Coding of models on the radio: floats of a width, or 8-bit steps with a scale for each part of the model.
 
 A row of a payload is what is transmitted, to the bit: L floats, or a byte for each of L weights and then the scales of
 the parts that the controller declares as float32. A weight is −127 … 127 steps of its part's
@@ -25,7 +25,7 @@ _FLOATS = {f"float{bits}": dtype for bits, dtype in FLOAT_OF_BITS.items()}
 
 
 class Coding:
-    """One way to write what a method shares. Rows are independent, to the last bit."""
+    """One way to write models. Rows are independent, to the last bit."""
 
     def __init__(self, name: Payload, parts: tuple[int, ...]) -> None:
         """`parts`: sizes of the parts of a model."""
@@ -69,13 +69,21 @@ class Coding:
         bounded = ((scales >= FINEST) & (scales <= COARSEST)).all(axis=-1)
         return np.asarray(bounded & (steps >= -STEPS).all(axis=-1))
 
-    def check(self, payload: np.ndarray, rows: int) -> None:
-        """Lets through what came by network as the payloads of so many models.
+    def write(self, models: Floats, weights: Floats) -> np.ndarray:
+        """Models `(S, L)`, each an average of `weights` (S,) models, as payloads `(S, width)`."""
+        return self.encode(models)
+
+    def read(self, payload: np.ndarray) -> tuple[Floats, Floats]:
+        """The models `(S, L)` in sound payloads, and the numbers of models behind them `(S,)`."""
+        return self.decode(payload), np.ones(len(payload))
+
+    def check(self, source: np.ndarray, payload: np.ndarray) -> None:
+        """Validates payloads of the UAVs `source` (S,) that come by network.
 
         Raises:
             MessageRejected: `wrong-shape` or `non-finite`.
         """
-        expect("payload", payload, (rows, self.width), self.dtype)
+        expect("payload", payload, (len(source), self.width), self.dtype)
         if not self.sound(payload).all():
             raise MessageRejected("non-finite", "payload: steps or scales beyond all bounds")
 
@@ -88,14 +96,72 @@ class Coding:
         return np.repeat(scales, self._sizes, axis=-1).astype(np.float64)
 
 
+class Counted(Coding):
+    """Averages as floats of the radio, with the number of models behind each as one more float.
+
+    The number is paid for like every weight. A coarser coding would lose what no later upload gives back.
+    """
+
+    def __init__(self, name: Payload, parameters: int, most: NDArray[np.intp]) -> None:
+        """`most`: (N,) models that an average of each UAV can stand for."""
+        super().__init__(name, (parameters + 1,))
+        self._most = most
+
+    def write(self, models: Floats, weights: Floats) -> np.ndarray:
+        """Averages `(S, L)` of `weights` (S,) models each, as payloads `(S, L + 1)`."""
+        return self.encode(np.concatenate([models, weights[:, None]], axis=-1))
+
+    def read(self, payload: np.ndarray) -> tuple[Floats, Floats]:
+        """The models `(S, L)` in sound payloads, and the numbers of models behind them `(S,)`."""
+        numbers = self.decode(payload)
+        return numbers[:, :-1], numbers[:, -1]
+
+    def check(self, source: np.ndarray, payload: np.ndarray) -> None:
+        """Validates payloads that come by network, and that no average stands for more models than its UAV can have.
+
+        Raises:
+            MessageRejected: `wrong-shape` or `non-finite`.
+        """
+        super().check(source, payload)
+        counts = payload[:, -1].astype(np.float64)
+        if ((counts < 1) | (counts > self._most[source]) | (np.floor(counts) != counts)).any():
+            raise MessageRejected("wrong-shape", f"averages of {counts.tolist()} models")
+
+
+class Feedback:
+    """Error feedback for M rows: what coding takes from an upload is added to the row's next upload.
+
+    With w the model, e the residual and Q the coding, a UAV sends q = Q(w + e) and sets e ← w + e − q (Seide et al.
+    2014; Karimireddy et al. 2019), so Σ q = Σ w − e. Whole models are sent: a lost upload costs at most one rounding.
+    """
+
+    def __init__(self, coding: Coding, rows: int, *, active: bool) -> None:
+        self.residuals: Floats | None = np.zeros((rows, coding.floats)) if active else None  # (M, L)
+        self._coding = coding
+
+    def encode(self, rows: NDArray[np.intp], models: Floats) -> NDArray[np.generic]:
+        """Payloads of `rows` (S,) for their `models` (S, L); a payload that cannot be sent leaves no residual.
+
+        The residuals are replaced, never written to, so a caller may keep the earlier ones.
+        """
+        if self.residuals is None:
+            return self._coding.encode(models)
+        meant = models + self.residuals[rows]
+        payload = self._coding.encode(meant)
+        sound = self._coding.sound(payload)
+        self.residuals = self.residuals.copy()
+        self.residuals[rows[sound]] = meant[sound] - self._coding.decode(payload[sound])
+        return payload
+
+
 _coding = cache(Coding)
 
 
-def upload(scenario: Scenario) -> Coding:
-    """How a scenario's uploads are written."""
+def of_uploads(scenario: Scenario) -> Coding:
+    """The coding of a scenario's uploads."""
     return _coding(scenario.upload_payload, scenario.declared.parts)
 
 
-def broadcast(scenario: Scenario) -> Coding:
-    """How a scenario's global models are written."""
+def of_broadcasts(scenario: Scenario) -> Coding:
+    """The coding of a scenario's global models."""
     return _coding(scenario.broadcast_payload, scenario.declared.parts)

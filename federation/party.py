@@ -1,0 +1,218 @@
+"""Party: the part that one node, an agent or the leader, has in the rounds."""
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.federation.averager import Averager, RuleFailed
+from meanflock.federation.byzantine import Byzantine
+from meanflock.federation.coding import Feedback
+from meanflock.federation.schedule import Schedule
+from meanflock.federation.topology.base import Hop, Role
+from meanflock.swarm.ascending import contains
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import Floats, Mask
+from meanflock.swarm.wire.control import decode_record, expect
+from meanflock.swarm.wire.messages import NOBODY, Frames
+
+_RESIDUALS = "meanflock.residuals"  # in a checkpoint, next to the arrays of the controller
+
+
+class Learner(Protocol):
+    """The models of a node's rows."""
+
+    def tell(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], Floats]:
+        """The rows among these that can send, and their models (S, L)."""
+        ...
+
+    def take(self, rows: NDArray[np.intp], models: Floats) -> None:
+        """Puts models (S, L) in the place of those of some rows."""
+        ...
+
+    def silent(self) -> Mask:
+        """The rows that send nothing in this tick, (M,)."""
+        ...
+
+
+class Party:
+    """What one node sends, averages and takes over in the rounds.
+
+    Attributes:
+        complaints: texts for the world, appended.
+        rule_record: the state of the aggregation rule after this tick's round, as a record; empty where none closed.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        role: Role,
+        uavs: NDArray[np.intp],
+        complaints: list[str],
+        learner: Learner | None = None,
+    ) -> None:
+        """`uavs`: (M,) ascending, the rows of an agent; of the leader none.
+
+        Raises:
+            BadInput: the aggregation rule cannot begin.
+        """
+        self._scenario, self._uavs, self._learner, self.complaints = scenario, uavs, learner, complaints
+        self._schedule = schedule = Schedule(scenario, uavs)
+        schedule.draw_ahead()
+        self.rule_record = b""
+        hops = schedule.hops
+        self._own = [hop for hop in hops if hop.role == role]
+        self._averagers = [
+            Averager(hop, schedule, scenario) for hop in self._own if hop.mail is not None and self._here(hop)
+        ]
+        self._last = next((hop for hop in hops if hop.is_last), None) if role == "agent" else None
+        self._byzantine = Byzantine(scenario)
+        first = next((hop for hop in self._own if hop.mail is None), None)
+        self._feedback = None if first is None else Feedback(first.coding, len(uavs), active=scenario.keeps_residuals)
+
+    @property
+    def is_federated(self) -> bool:
+        """Whether this scenario has rounds."""
+        return bool(self._schedule.hops)
+
+    def check(self, frames: Frames) -> None:
+        """Validates frames of a round that the world delivers, their links checked by `check_links`.
+
+        Raises:
+            MessageRejected: `wrong-kind`, `wrong-shape` or `non-finite`; nothing has changed.
+        """
+        hops = [hop for hop in self._schedule.hops if hop.label == frames.kind and self._receives(hop)]
+        if not hops:
+            raise MessageRejected("wrong-kind", f"{frames.kind.name} frames are not for this node")
+        assert frames.links is not None
+        sent, to = frames.links[:, 0], frames.links[:, 1]
+        if not contains(hops[0].senders, frames.source).all():
+            raise MessageRejected("wrong-shape", f"{frames.kind.name} frames of UAVs {frames.source.tolist()}")
+        hops[0].coding.check(frames.source, frames.payload)
+        source = frames.source[sent]
+        if not any(hop.targets is None or (hop.targets[source] == to).all() for hop in hops):
+            raise MessageRejected("wrong-shape", f"{frames.kind.name} frames to UAVs that do not receive them")
+
+    def receive(self, frames: Frames, tick: int) -> None:
+        """Takes frames that `check` let through: collects mail, and hands the model of a last hop to the learner."""
+        hop = self._schedule.sent(frames.kind, frames.round, tick)
+        if hop is None:
+            return
+        for averager in self._averagers:
+            if averager.hop.mail is hop:
+                averager.collect(frames)
+        if hop is self._last:
+            assert self._learner is not None
+            assert frames.links is not None
+            sent, row = frames.links[:, 0].astype(np.intp), self._uavs.searchsorted(frames.links[:, 1])
+            self._learner.take(row, hop.coding.decode(frames.payload[sent]))
+
+    def act(self, tick: int) -> tuple[list[Frames], list[int]]:
+        """The frames that this node's UAVs transmit in a tick, and the UAVs whose models they refuse to average."""
+        self.rule_record = b""
+        outbox: list[Frames] = []
+        refused: list[int] = []
+        if not self._schedule.is_busy(tick):
+            return outbox, refused
+        for hop in self._own:
+            if hop.mail is None and (number := self._schedule.number(hop, tick)):
+                outbox += self._uploads(hop, number)
+        for averager in self._averagers:
+            if number := self._schedule.number(averager.hop, tick):
+                outbox += self._averages(averager, number, refused)
+        return outbox, refused
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Arrays of M rows that a checkpoint keeps."""
+        residuals = None if self._feedback is None else self._feedback.residuals
+        return {} if residuals is None else {_RESIDUALS: residuals}
+
+    def restore(self, state: dict[str, NDArray[Any]]) -> None:
+        """Takes the arrays of `state` out of a checkpoint.
+
+        Raises:
+            MessageRejected: they do not fit.
+        """
+        for name, array in self.state().items():
+            assert self._feedback is not None
+            self._feedback.residuals = expect(name, state.pop(name, NOBODY), array.shape, array.dtype).copy()
+
+    def take_over(self, record: bytes) -> None:
+        """Goes on with the state of the aggregation rule that another leader left, a record."""
+        state = decode_record(record)
+        for averager in self._averagers:
+            if averager.rule is not None:
+                averager.rule.state = state
+
+    def _here(self, hop: Hop) -> bool:
+        """Whether UAVs of this node send in a hop."""
+        return hop.role == "leader" or bool(contains(hop.senders, self._uavs).any())
+
+    def _receives(self, hop: Hop) -> bool:
+        return hop is self._last or any(averager.hop.mail is hop for averager in self._averagers)
+
+    def _uploads(self, hop: Hop, number: int) -> list[Frames]:
+        """The models of the rows that take part in a round."""
+        assert self._learner is not None
+        assert self._feedback is not None
+        rows, models = self._learner.tell(self._schedule.rows(number))
+        if not len(rows):
+            return []
+        source = self._uavs[rows].astype(np.int32)
+        payload = self._feedback.encode(rows, models)
+        return _sound(hop, number, source, self._byzantine.distort(number, source, payload, hop.coding))
+
+    def _averages(self, averager: Averager, number: int, refused: list[int]) -> list[Frames]:
+        """The averages of the UAVs of this node that send in a hop; a UAV with nothing to average sends nothing."""
+        hop, found = averager.hop, dict[int, tuple[Floats, float]]()
+        for uav in self._speakers(hop):
+            try:
+                model, weight, bad = averager.average(number, uav)
+            except RuleFailed as error:
+                self.complaints.append(str(error))
+                continue
+            refused += bad
+            if model is not None:
+                found[uav] = model, weight
+        if found and averager.rule is not None:
+            self.rule_record = averager.rule.record
+        averager.close(number)
+        if not found:
+            return []
+        models = np.stack([model for model, _ in found.values()])
+        payload = hop.coding.write(models, np.array([weight for _, weight in found.values()]))
+        frames = _sound(hop, number, np.array(list(found), dtype=np.int32), payload)
+        if not frames and hop.role == "leader":
+            self.complaints.append(f"round {number}: the global model is beyond what the radio's floats can say")
+        return frames
+
+    def _speakers(self, hop: Hop) -> list[int]:
+        """The UAVs of this node that send in a hop and are not silent now, ascending."""
+        if self._learner is None:
+            return hop.senders.tolist()
+        awake = self._uavs[~self._learner.silent()]
+        return awake[contains(hop.senders, awake)].tolist()
+
+
+def check_links(frames: Frames, uavs: int) -> None:
+    """Validates that frames name UAVs of 0…`uavs` − 1, and rows that they have.
+
+    Raises:
+        MessageRejected: `wrong-shape`.
+    """
+    if frames.links is None:
+        raise MessageRejected("wrong-shape", "frames without links")
+    sent, to = frames.links[:, 0], frames.links[:, 1]
+    if not (_within(frames.source, uavs) and _within(to, uavs) and _within(sent, len(frames.source))):
+        raise MessageRejected("wrong-shape", "frames name UAVs or rows that are not there")
+
+
+def _within(numbers: NDArray[np.int32], end: int) -> bool:
+    return bool((numbers.astype(np.uint32) < end).all())  # a negative number becomes very large
+
+
+def _sound(hop: Hop, number: int, source: NDArray[np.int32], payload: np.ndarray) -> list[Frames]:
+    """Frames of a hop, without models that are beyond the range of the coding."""
+    fits = hop.coding.sound(payload)
+    return [Frames(hop.label, number, source[fits], payload[fits])] if fits.any() else []

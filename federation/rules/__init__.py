@@ -1,0 +1,1 @@
+"""Aggregation rules: how one model is made of many."""

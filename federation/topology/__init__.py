@@ -1,0 +1,1 @@
+"""Topologies: the ways that the models of a round take between UAVs."""

@@ -1,0 +1,68 @@
+"""Base class of topologies: the hops that make a round."""
+
+from abc import abstractmethod
+from typing import Any, ClassVar, Literal, Optional, TypeAlias
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.federation.coding import Coding
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import FrameKind
+
+Role: TypeAlias = Literal["agent", "leader"]
+Indices: TypeAlias = NDArray[np.intp]
+
+
+class Hop(msgspec.Struct, frozen=True, eq=False):
+    """One step of a round: some UAVs transmit a model each, at the same time.
+
+    Attributes:
+        label: kind of the frames, by which the radio bills them and orders their random draws.
+        after: ticks from the opening of the round to the transmission.
+        role: the nodes that transmit for these UAVs.
+        senders: (S,) the UAVs that may transmit, ascending.
+        targets: (N,) the UAV that each one transmits to; None: everyone, the sender included.
+        coding: how the models are written.
+        mail: the hop whose models the senders average; None: the participants send their own models.
+        ruled: the scenario's aggregation rule averages; else the mean, weighted by the number of models.
+        is_last: receivers put the model in the place of their own.
+    """
+
+    label: FrameKind
+    after: int
+    role: Role
+    senders: Indices
+    targets: Indices | None
+    coding: Coding
+    mail: Optional["Hop"] = None
+    ruled: bool = False
+    is_last: bool = False
+
+
+class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The options of a topology: none."""
+
+
+class Topology:
+    """Base class of topologies; override `hops`."""
+
+    door: ClassVar[Literal["topology"]] = "topology"
+    name: ClassVar[str] = ""  # value of `federation.topology`
+    Options: ClassVar[type[msgspec.Struct]] = Options
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        """`options`: of the type `Options`."""
+        self.options, self.scenario = options, scenario
+
+    @abstractmethod
+    def hops(self) -> tuple[Hop, ...]:
+        """The hops of every round, in the order of their transmissions; the last one is `is_last`.
+
+        Hops of one label share role and coding, and no two of them transmit at once.
+
+        Raises:
+            ValueError: the scenario has no room for such a round; the text names the keys.
+        """
+        raise NotImplementedError

@@ -1,0 +1,88 @@
+"""Heads of clusters average for the leader: two levels instead of one."""
+
+import numpy as np
+
+from meanflock.federation import coding
+from meanflock.federation.topology.base import Hop, Topology
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.control import FLOAT_OF_BITS
+from meanflock.swarm.wire.messages import FrameKind
+
+
+class Division:
+    """The clusters of a scenario: K groups of neighbouring UAV numbers, as equal as can be.
+
+    Attributes:
+        cluster: (N,) the cluster ⌊iK/N⌋ of UAV i. sizes: (K,) UAVs in each. heads: (K,) UAVs, ascending: the leader's
+        UAV h in its own cluster, the lowest in every other. head_of: (N,) the UAV that heads the cluster of UAV i.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        count, leader = scenario.federation.clusters, scenario.federation.leader
+        self.cluster = np.arange(scenario.uavs) * count // scenario.uavs
+        self.sizes = np.bincount(self.cluster, minlength=count)
+        self.heads = np.searchsorted(self.cluster, np.arange(count))
+        self.heads[self.cluster[leader]] = leader
+        self.head_of = self.heads[self.cluster]
+
+
+class Clusters(Topology):
+    """Participants upload to the heads of their clusters; the leader averages and broadcasts the heads' means."""
+
+    name = "clusters"
+
+    def hops(self) -> tuple[Hop, ...]:
+        scenario, leader, hop_ticks = self.scenario, self.scenario.federation.leader, self.scenario.hop_ticks
+        self._check()
+        division = Division(scenario)
+        upload = Hop(
+            FrameKind.UPLOAD, 0, "agent", np.arange(scenario.uavs), division.head_of, coding.of_uploads(scenario)
+        )
+        relay = Hop(
+            FrameKind.RELAY,
+            hop_ticks,
+            "agent",
+            division.heads,
+            np.full(scenario.uavs, leader),
+            coding.Counted(scenario.radio_payload, scenario.declared.parameters, division.sizes[division.cluster]),
+            mail=upload,
+        )
+        everyone = Hop(
+            FrameKind.GLOBAL,
+            2 * hop_ticks,
+            "leader",
+            np.array([leader]),
+            None,
+            coding.of_broadcasts(scenario),
+            mail=relay,
+            is_last=True,
+        )
+        return upload, relay, everyone
+
+    def _check(self) -> None:
+        """Raises ValueError where clusters cannot do what the rest of the scenario asks."""
+        scenario, federation = self.scenario, self.scenario.federation
+        count, bits = federation.clusters, scenario.radio.bits_per_float
+        asked = f"`federation.clusters` is {count}, but"
+        if count > scenario.uavs:
+            raise ValueError(f"{asked} `uavs` is {scenario.uavs}; a cluster holds at least one")
+        if not scenario.declared.is_federated:
+            raise ValueError(
+                f"{asked} `method` {scenario.method} has no rounds; take one that shares a model, as mfgfl-hf does"
+            )
+        if federation.aggregation != "fedavg":
+            raise ValueError(
+                f"{asked} `federation.aggregation` {federation.aggregation} must see every upload, and heads send "
+                "means; take fedavg, or one cluster"
+            )
+        if scenario.period_ticks <= 2 * scenario.hop_ticks:
+            raise ValueError(
+                f"{asked} `federation.period` {scenario.period_ticks} has no room for two hops of up to "
+                f"{scenario.hop_ticks} ticks; take at least {2 * scenario.hop_ticks + 1}"
+            )
+        exact = 2 ** (np.finfo(FLOAT_OF_BITS[bits]).nmant + 1)
+        if (largest := -(-scenario.uavs // count)) > exact:
+            raise ValueError(
+                f"{asked} a cluster of {largest} UAVs is more than a {bits}-bit float counts exactly, {exact}; take "
+                "more clusters or wider floats"
+            )
