@@ -1,14 +1,14 @@
-"""Writes data.md, the data dictionary, from what the code knows of its columns, fields and events."""
+"""Writes data.md, the data dictionary, from the registry of quantities, the events and the leaderboard's fields."""
 
 from collections.abc import Iterable
 from pathlib import Path
 
-from meanflock.groundstation import dictionary
-from meanflock.groundstation.results import columns
+from meanflock.groundstation.results import event_log, quantities, series
+from meanflock.groundstation.results.quantities import Field
+from meanflock.studies.leaderboard import board
 from meanflock.studies.leaderboard.measures import MEASURES, Measure
 
 PAGE = Path(__file__).with_suffix(".md")
-_KNOWN = ("hjb_residual", "fpk_residual", "phi_G")  # diagnostics of the built-in controllers
 
 
 def page() -> str:
@@ -25,18 +25,21 @@ def page() -> str:
         "(`description`, `unit`, `cumulative`, and `values` of the status):",
         '`pyarrow.parquet.read_schema(path).field("energy_J").metadata`.',
         "",
-        *_table(("column", "unit", "", "cumulative", "what"), map(_row, columns.BEFORE)),
+        *_table(("column", "unit", "", "cumulative", "what"), map(_column, quantities.COLUMNS_BEFORE)),
         "",
         "Then a column for every diagnostic that the controller declares, under its name. `offline` declares none,",
         "`hjb` all of these but `fpk_residual`, the other learners all of them.",
         "",
-        *_table(("column", "unit", "", "cumulative", "what"), (_row(columns.diagnostic(name)) for name in _KNOWN)),
+        *_table(
+            ("column", "unit", "", "cumulative", "what"),
+            map(_column, map(quantities.diagnostic, quantities.DIAGNOSTICS)),
+        ),
         "",
         "The rest is the same for all:",
         "",
-        *_table(("column", "unit", "", "cumulative", "what"), map(_row, columns.AFTER)),
+        *_table(("column", "unit", "", "cumulative", "what"), map(_column, quantities.COLUMNS_AFTER)),
         "",
-        f"Numbers of `status`: {columns.status_names()}.",
+        f"Numbers of `status`: {series.status_names()}.",
         "",
         "### As CSV",
         "",
@@ -55,13 +58,13 @@ def page() -> str:
         "these segments, so a pair that passes between two ticks counts. A UAV that diverged flies no segment in",
         "that tick, and a UAV on the ground flies none. φ_C is measured at ticks, as the paper defines it.",
         "",
-        *_table(("field", "unit", "what"), ((f"`{key}`", unit, about) for key, unit, about in dictionary.SUMMARY)),
+        *_table(("field", "unit", "what"), map(_field, quantities.SUMMARY)),
         "",
         "## leaderboard.json",
         "",
         "What `meanflock leaderboard` leaves, one object; `courses`, and `standings` within each, are lists.",
         "",
-        *_table(("field", "unit", "what"), ((f"`{key}`", unit, about) for key, unit, about in dictionary.LEADERBOARD)),
+        *_table(("field", "unit", "what"), map(_field, board.FIELDS)),
         "",
         "Measures, in the order of the tables:",
         "",
@@ -71,11 +74,11 @@ def page() -> str:
         "",
         "A line an event, an object with",
         "",
-        *_table(("field", "what"), ((f"`{name}`", about) for name, about in dictionary.EVENT.items())),
+        *_table(("field", "what"), ((f"`{name}`", about) for name, about in event_log.FIELDS.items())),
         "",
         "Kinds:",
         "",
-        *_table(("kind", "what"), ((f"`{kind}`", about) for kind, about in dictionary.EVENTS.items())),
+        *_table(("kind", "what"), ((f"`{kind}`", about) for kind, about in event_log.KINDS.items())),
     ]
     return "\n".join(lines) + "\n"
 
@@ -85,9 +88,13 @@ def _measure(measure: Measure) -> tuple[str, ...]:
     return f"`{measure.key}`", unit, measure.better, measure.about
 
 
-def _row(column: columns.Column) -> tuple[str, ...]:
-    each = "each" if str(column.type).startswith("list") and column.name != "leader_model" else ""
-    return f"`{column.name}`", column.unit, each, "yes" if column.cumulative else "", column.about
+def _field(field: Field) -> tuple[str, ...]:
+    return f"`{field.key}`", field.unit, field.about
+
+
+def _column(column: Field) -> tuple[str, ...]:
+    each = "each" if column.type.endswith("[]") and column.key != "leader_model" else ""
+    return f"`{column.key}`", column.unit, each, "yes" if column.cumulative else "", column.about
 
 
 def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> list[str]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from meanflock.groundstation.units import UNITS
+from meanflock.groundstation.results.quantities import KEY_UNITS
 from meanflock.swarm import scenario
 
 PAGE = Path(__file__).with_suffix(".md")
@@ -216,7 +216,7 @@ def _table(schema: dict[str, Any], of: str, prefix: str) -> Iterator[str]:
         path = prefix + name
         paper, why = KEYS[path]
         about = _typed(key).get("description", "")
-        unit = UNITS.get(path, "")
+        unit = KEY_UNITS.get(path, "")
         for suffix in (f", {unit}", f", {unit.replace(', ', ' and ')}"):
             about = about.removesuffix(suffix) if unit else about
         cells = (f"`{path}`", about, unit, _bounds(_typed(key)), _default(key), paper, why)

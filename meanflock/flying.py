@@ -8,7 +8,7 @@ from typing import Any
 from meanflock.channel.outlook import tell_of_lost_models
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept, Sink
-from meanflock.groundstation.results import columns
+from meanflock.groundstation.results.quantities import check_diagnostics
 from meanflock.runs import Run
 from meanflock.settings import load_plugins, scenario_of, with_settings
 from meanflock.swarm.errors import BadInput
@@ -58,7 +58,7 @@ def fly(
         raise BadInput("record=True: name the folder for it, out=…")
     options = {"method": method, "uavs": uavs, "seed": seed, "duration": duration}
     flown = scenario_of(scenario, settings, **options)
-    columns.check(flown.method, flown.declared.diagnostics)
+    check_diagnostics(flown.method, flown.declared.diagnostics)
     tell_of_lost_models([flown])
     kept = Kept()
     with ExitStack() as stack:

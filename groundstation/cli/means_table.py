@@ -6,6 +6,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from meanflock.groundstation.results import quantities
 from meanflock.studies.means import METRICS, Means
 
 WIDTH = 80  # of a terminal, at least
@@ -28,15 +29,21 @@ def table(means: Means, title: str, durations_s: Sequence[float]) -> Table:
     most = max(row["payload_bits"] for _, row in rows)
     scale, prefix = next(((scale, prefix) for scale, prefix in _PREFIXES if most >= scale), (1.0, ""))
     for metric in METRICS:
-        shown.add_column(metric.heading.format(prefix), justify="right", no_wrap=True)
+        shown.add_column(_heading(quantities.quantity(metric), prefix), justify="right", no_wrap=True)
     for values, row in rows:
         row["payload_bits"] /= scale
-        cells = ["–" if (mean := row[metric.column]) is None else f"{mean:.4g}" for metric in METRICS]
+        cells = ["–" if (mean := row[quantities.table_column(metric)]) is None else f"{mean:.4g}" for metric in METRICS]
         cells[0] += f"/{row['uavs']}"  # of the arrivals
         shown.add_row(*map(str, values), str(row["n"]), *cells)
     if Console(width=10 * WIDTH).measure(shown).maximum > WIDTH:
         shown.padding = 0
     return shown
+
+
+def _heading(quantity: quantities.Quantity, prefix: str) -> str:
+    """The heading of a column with its unit; bits have a prefix."""
+    unit = f"{prefix}bit" if quantity is quantities.PAYLOAD else quantity.unit or "1"
+    return f"{quantity.heading}\n({unit})"
 
 
 def _broken(name: str) -> str:

@@ -107,7 +107,7 @@ def sweep(
     Example: meanflock sweep wind.sigma=0.1,0.3 --methods hjb,mfgfl-hf --seeds 4
     """
     from meanflock.groundstation.plots import charts
-    from meanflock.groundstation.units import with_unit
+    from meanflock.groundstation.results.quantities import with_unit
     from meanflock.studies import study
     from meanflock.studies.swept import Swept, refuse_setting
 

@@ -7,7 +7,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Column, Table
 
 from meanflock.channel.meter import TRAFFIC
-from meanflock.groundstation.quantities import ARRIVED, FIELDS, OUTAGES, PAYLOAD
+from meanflock.groundstation.results.quantities import ARRIVED, FIELDS, OUTAGES, PAYLOAD
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, Telemetry
 

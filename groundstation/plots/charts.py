@@ -17,29 +17,15 @@ from numpy.typing import NDArray
 from meanflock.groundstation import statistics
 from meanflock.groundstation.plots import mission, plotstyle
 from meanflock.groundstation.plots.curves import MAX_POINTS, Curves, grid, line
-from meanflock.groundstation.quantities import FIELDS, number
-from meanflock.groundstation.reported import PHI_G
+from meanflock.groundstation.results.quantities import COMPARED, FIELDS, PHI_G, number, with_unit
 from meanflock.groundstation.results.run_folder import EVENTS, flown_rows
 from meanflock.groundstation.results.series import diagnostics_in
-from meanflock.groundstation.units import with_unit
 
 log = logging.getLogger("meanflock.plots")
 
 Floats = NDArray[np.float64]
 Summaries = Sequence[Mapping[str, Any]]  # of runs that differ in their seed
 
-COMPARED = tuple(  # key of a summary, title of its panel
-    (key, FIELDS[key].remarked)
-    for key in (
-        "t_avg_censored_s",
-        "energy_mean_J",
-        "payload_bits.total",
-        "phi_A",
-        "phi_C_distinct",
-        "collisions",
-        "arrived",
-    )
-)
 FLIGHTS_BELOW = 0.32  # of the distance of two rows
 _MAX_SEGMENTS = 60_000  # of all paths
 
@@ -153,17 +139,13 @@ def _run_curves(table: pa.Table, flown: mission.Flown) -> Figure:
 # -- several methods, and sweeps ------------------------------------------------------------------------------------
 
 
-def _label(key: str) -> str:
-    return plotstyle.axis(key.removesuffix(".total"))
-
-
-def _panels(metrics: Sequence[tuple[str, str]], row_in: float, more_in: float, share: str) -> tuple[Figure, list[Axes]]:
+def _panels(metrics: Sequence[str], row_in: float, more_in: float, share: str) -> tuple[Figure, list[Axes]]:
     """A figure with two panels a row, a metric each, which share an axis; rows are so high, and all so much more."""
     rows = -(-len(metrics) // 2)
     made = plotstyle.figure(plotstyle.PAGE_IN, rows * row_in + more_in)
     axes = list(made.subplots(rows, 2, sharex=share == "x", sharey=share == "y").ravel())
-    for letter, (_, title), ax in zip("abcdefghij", metrics, axes, strict=False):
-        plotstyle.titled(ax, letter, title)
+    for letter, metric, ax in zip("abcdefghij", metrics, axes, strict=False):
+        plotstyle.titled(ax, letter, FIELDS[metric].remarked)
     for ax in axes[len(metrics) :]:
         ax.set_visible(False)
     return made, axes
@@ -177,14 +159,14 @@ def plot_compare(runs: Mapping[str, Summaries]) -> Figure:
     methods, looks = list(runs), plotstyle.looks(runs)
     with plotstyle.style():
         made, axes = _panels(COMPARED, 0.75 + 0.22 * len(methods), 0.3, "y")
-        for (key, _), ax in zip(COMPARED, axes, strict=False):
+        for key, ax in zip(COMPARED, axes, strict=False):
             for place, method in enumerate(methods):
                 values = np.array([number(summary, key) for summary in runs[method]])
                 _row(ax, place, values, looks[method])
             ax.set_ylim(len(methods) - 0.4, -0.5)
             ax.set_yticks(range(len(methods)), methods)
             ax.grid(visible=False, axis="y")
-            ax.set_xlabel(_label(key))
+            ax.set_xlabel(plotstyle.axis(key))
             ax.xaxis.set_major_locator(MaxNLocator(6, integer=key in ("arrived", "collisions")))
             if key.startswith("payload_bits"):
                 plotstyle.bit_axis(ax.xaxis)
@@ -236,7 +218,7 @@ def plot_sweep(key: str, points: Mapping[Any, Mapping[str, Summaries]]) -> Figur
     looks = plotstyle.looks(methods)
     with plotstyle.style():
         made, axes = _panels(COMPARED[:4], 1.75, 0.65, "x")
-        for (metric, _), ax in zip(COMPARED[:4], axes, strict=True):
+        for metric, ax in zip(COMPARED[:4], axes, strict=True):
             for place, method in enumerate(methods):
                 beside = 0.012 * (x.max() - x.min()) * (place - (len(methods) - 1) / 2)
                 estimates = [
@@ -244,7 +226,7 @@ def plot_sweep(key: str, points: Mapping[Any, Mapping[str, Summaries]]) -> Figur
                     for runs in points.values()
                 ]
                 plotstyle.dots(ax, looks[method], x + beside, estimates)
-            ax.set_ylabel(_label(metric))
+            ax.set_ylabel(plotstyle.axis(metric))
             if metric.startswith("payload_bits"):
                 plotstyle.bit_axis(ax.yaxis)
             if not numeric:

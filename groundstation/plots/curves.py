@@ -10,11 +10,9 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from meanflock.channel.meter import TRAFFIC
-from meanflock.groundstation import quantities
-from meanflock.groundstation.lines import span_of
 from meanflock.groundstation.plots import plotstyle
-from meanflock.groundstation.quantities import FIELDS
-from meanflock.groundstation.results.series import diagnostics_in
+from meanflock.groundstation.results.quantities import FIELDS, quantity
+from meanflock.groundstation.results.series import diagnostics_in, span_where
 from meanflock.swarm.wire.messages import Status
 
 Floats = NDArray[np.float64]
@@ -57,30 +55,30 @@ class Curves:
         speed = np.hypot(grid(self._table, "vx_m_s"), grid(self._table, "vy_m_s"))
         panels = [
             Panel(_ranged("energy_J"), axis("energy_J"), partial(self._span, grid(self._table, "energy_J"))),
-            Panel(_ranged("speed_mean_m_s"), "speed (m/s)", partial(self._span, speed)),
-            Panel(FIELDS["payload_bits.total"].name, axis("payload_bits"), self._bits),
+            Panel(_ranged("speed_mean_m_s"), axis("speed_mean_m_s"), partial(self._span, speed)),
+            Panel(FIELDS["payload_bits.total"].name, axis("payload_bits.total"), self._bits),
             Panel(FIELDS["phi_A"].remarked, axis("phi_A"), self._alignment),
-            Panel("collision risk φ_C", plotstyle.tex("φ_C (1)"), self._risk),
+            Panel("collision risk φ_C", axis("phi_C"), self._risk),
             Panel(f"{arrived} and collisions", "UAVs, pairs", self._arrived),
             *map(self._diagnostic, diagnostics_in(self._table.schema)),
         ]
         if self._table["weight_spread"].null_count < self._table.num_rows:
-            panels.append(Panel(FIELDS["weight_spread"].name, "spread (1)", self._spread))
+            panels.append(Panel(FIELDS["weight_spread"].name, axis("weight_spread"), self._spread))
         return panels
 
     def _diagnostic(self, name: str) -> Panel:
-        known, values = quantities.of(name), grid(self._table, name)
+        known, values = quantity(name), grid(self._table, name)
         if self._table["tick"][0].as_py() == 0:
             values[0] = np.nan  # nothing was reported yet
         values[grid(self._table, "status") == Status.LOST] = np.nan  # who is lost reports nothing
         label = plotstyle.axis(name)
-        if name in quantities.RESIDUALS:
+        if known.logarithmic:
             return Panel(f"{known.name}, mean", label, partial(self._size, np.abs(values)))
         return Panel(f"{known.name}: mean, max, min", label, partial(self._span, values, from_zero=False))
 
     def _span(self, values: Floats, ax: Axes, from_zero: bool = True) -> None:
         rows = values[:: self._step]
-        mean, low, high = span_of(rows, np.isfinite(rows)).T
+        mean, low, high = span_where(rows, np.isfinite(rows)).T
         ax.fill_between(self._times, low, high, color=self._tone, alpha=0.18, linewidth=0)
         ax.plot(self._times, mean, color=self._tone)
         if from_zero:
@@ -90,7 +88,7 @@ class Curves:
 
     def _size(self, sizes: Floats, ax: Axes) -> None:
         rows = sizes[:: self._step]
-        mean = span_of(rows, np.isfinite(rows))[:, 0]
+        mean = span_where(rows, np.isfinite(rows))[:, 0]
         if np.nanmax(mean, initial=0.0) > 0:
             ax.plot(self._times, np.where(mean > 0, mean, np.nan), color=self._tone, linewidth=1.0)
             plotstyle.log_axis(ax)

@@ -23,6 +23,7 @@ from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullForma
 from numpy.typing import NDArray
 
 from meanflock.groundstation.plots.looks import Look, colour, look, looks, name
+from meanflock.groundstation.results.quantities import axis_label
 from meanflock.groundstation.statistics import Estimate
 from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput
@@ -55,28 +56,22 @@ RING: dict[str, Any] = {  # the goal, in a legend
 }
 PHI_G: dict[str, Any] = {"norm": LogNorm(1e-3, 1e0, clip=True), "cmap": "viridis"}  # its colours
 LETTERS_IN = 17.0  # letters of a title that an inch has room for
-_TEX = {"φ_A": r"\phi_A", "φ_C": r"\phi_C", "φ_G": r"\phi_G", "|e_H|": "|e_H|", "|e_F|": "|e_F|"}
+_TEX = {  # longer names first
+    "φ_A(T_avg)": r"\phi_A(T_\mathrm{avg})",
+    "φ_C(T_avg)": r"\phi_C(T_\mathrm{avg})",
+    "T_avg": r"T_\mathrm{avg}",
+    "φ_A": r"\phi_A",
+    "φ_C": r"\phi_C",
+    "φ_G": r"\phi_G",
+    "|e_H|": "|e_H|",
+    "|e_F|": "|e_F|",
+}
 _SYMBOL = re.compile("|".join(map(re.escape, _TEX)))
 
-AXES = {  # column of a table or summary → what an axis calls it, with its unit
-    "t_s": "time (s)",
+VARIED = {  # labels of the coordinates of a study
     "uavs": "number of UAVs $N$",
     "period": "ticks a round $n_0$",
     "sigma": r"wind $\sigma$ (m s$^{-1}$ s$^{-1/2}$)",
-    "energy_J": "energy (J)",
-    "energy_mean_J": "energy (J)",
-    "t_avg_censored_s": r"$T_\mathrm{avg}$ (s)",
-    "phi_A": r"$\phi_A$ (m/s)",
-    "phi_A_tavg": r"$\phi_A(T_\mathrm{avg})$ (m/s)",
-    "phi_C_tavg": r"$\phi_C(T_\mathrm{avg})$ (1)",
-    "phi_C_distinct": r"$\phi_C$, distinct pairs (1)",
-    "collisions": "collisions (pairs)",
-    "payload_bits": "payload (bits)",
-    "bits": "payload (bits)",
-    "arrived": "arrived (UAVs)",
-    "hjb_residual": r"$|e_H|$ (m/s)",
-    "fpk_residual": r"$|e_F|$ (1/s)",
-    "phi_G": r"$\phi_G$ (1/s²)",
 }
 
 _RC: Any = {
@@ -157,9 +152,9 @@ def save(made: Figure, folder: Path, name: str) -> list[Path]:
     return paths
 
 
-def axis(column: str) -> str:
-    """The label of an axis; a column without one is called by its own name, which carries its unit."""
-    return AXES.get(column, column)
+def axis(field: str) -> str:
+    """The label of an axis: symbol and unit of a field, or a coordinate of a study."""
+    return VARIED.get(field) or tex(axis_label(field))
 
 
 def letter(number: int) -> str:

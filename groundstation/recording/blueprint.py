@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from meanflock.federation.topology.clusters import Division
 from meanflock.groundstation.recording import drawing, mission_map, plots
 from meanflock.groundstation.recording.drawing import Part, circle
-from meanflock.groundstation.reported import Reported
+from meanflock.groundstation.results.series import Reported
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Status
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from meanflock.groundstation.recording import blueprint, drawing, plots
 from meanflock.groundstation.recording.drawing import STRIP_COLORS, STRIPS, Colors, Floats, Sent, Ticks, cut, strips
-from meanflock.groundstation.reported import PHI_G, Reported
+from meanflock.groundstation.results.quantities import PHI_G
+from meanflock.groundstation.results.series import Reported
 from meanflock.swarm import state
 from meanflock.swarm.printable import printable
 from meanflock.swarm.scenario import Scenario

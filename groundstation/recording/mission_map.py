@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from meanflock.groundstation.recording import drawing
 from meanflock.groundstation.recording.drawing import Part, Point, circle
-from meanflock.groundstation.reported import Reported
+from meanflock.groundstation.results.series import Reported
 from meanflock.swarm import formations, mission, state
 from meanflock.swarm.faults import Gust, Jam, Kill, Partition, Pause
 from meanflock.swarm.scenario import Scenario

@@ -8,8 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.channel.meter import TRAFFIC
-from meanflock.groundstation import quantities
-from meanflock.groundstation.lines import log_sizes, span, span_of
 from meanflock.groundstation.recording.drawing import (
     BLUE,
     COLLISION,
@@ -24,7 +22,8 @@ from meanflock.groundstation.recording.drawing import (
     Ticks,
     scalars,
 )
-from meanflock.groundstation.reported import PHI_G, Reported
+from meanflock.groundstation.results import quantities
+from meanflock.groundstation.results.series import Reported, log_sizes, span, span_where
 from meanflock.swarm import state
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, Status, Telemetry
 
@@ -87,11 +86,11 @@ SPREAD = Plot("plots/spread", quantities.SPREAD.title("RMS distance from their m
 
 def diagnostic(name: str) -> Plot:
     """The plot of a diagnostic: of a residual the logarithm of its size, else mean, minimum and maximum."""
-    quantity = quantities.of(name)
-    if name in quantities.RESIDUALS:
+    quantity = quantities.quantity(name)
+    if quantity.logarithmic:
         title = f"{quantity.title()}; log10 of mean, max"
         return Plot(f"{PLOTS}/{name}", title, _SIZES, _SIZES_COLORS, _SIZES_WIDTHS, log10=True)
-    entity = f"{PLOTS}/phi_g" if name == PHI_G else f"{PLOTS}/reported/{name}"
+    entity = f"{PLOTS}/phi_g" if name == quantities.PHI_G else f"{PLOTS}/reported/{name}"
     return Plot(entity, quantity.title("mean, min, max"), _RANGE, _RANGE_COLORS, _RANGE_WIDTHS)
 
 
@@ -138,7 +137,7 @@ def _diagnostic_rows(plot: Plot, ticks: Ticks, values: NDArray[Any], active: NDA
         yield from scalars(plot.entity, ticks if computed.all() else ticks[computed], lines)
     else:
         flown = active.any(axis=1) & (ticks > 0)
-        yield from scalars(plot.entity, ticks[flown], span_of(values[flown], active[flown]))
+        yield from scalars(plot.entity, ticks[flown], span_where(values[flown], active[flown]))
 
 
 def report_rows(blocks: Sequence[Telemetry], reported: Reported) -> Iterator[Sent]:

@@ -22,7 +22,7 @@ from meanflock.groundstation.recording.drawing import Part, Sent, Ticks
 from meanflock.groundstation.recording.flight import LinkRows, Trails, event_rows, uav_colors, uav_rows
 from meanflock.groundstation.recording.plots import plot_rows, report_rows
 from meanflock.groundstation.recording.viewer import await_listener, listening_address
-from meanflock.groundstation.reported import Reported
+from meanflock.groundstation.results.series import Reported
 from meanflock.swarm import durable, state
 from meanflock.swarm.errors import RunFailed
 from meanflock.swarm.scenario import Scenario

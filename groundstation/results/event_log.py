@@ -1,4 +1,4 @@
-"""The events of a run: a line each, appended as they come by the one process that writes the run."""
+"""The events of a run: their kinds, and the file with a line each, appended by the one process that writes the run."""
 
 import fcntl
 import json
@@ -11,9 +11,37 @@ from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.wire.messages import Event
 
+FIELDS = {  # of a line
+    "tick": "number of the tick",
+    "sim_time_s": "its simulated time, s",
+    "kind": "one of those below",
+    "text": "what happened, in words",
+    "uavs": "numbers of the UAVs it is about, if of any",
+}
+KINDS = {  # of events
+    "joined": "all nodes are there, the flight begins",
+    "resumed": "the flight goes on from a checkpoint",
+    "round": "a round was averaged and broadcast",
+    "void": "a round, or the part of a cluster in it, came to nothing",
+    "leader": "another leader takes over; or what a leader reports when it fails",
+    "agent": "what an agent reports when it fails",
+    "refused": "uploads not averaged, states not believed (named once; all are counted), or a node not let in again",
+    "dropped": "a message was not let in (the first of them); the summary counts all, by reason",
+    "slow": "a node keeps the others waiting, tick after tick, and is lost if it goes on",
+    "lost": "a node or its UAVs are lost",
+    "diverged": "UAVs are lost because their numbers or their controller failed",
+    "rejoined": "UAVs that were lost have an agent again, or a standby leader is there",
+    "arrived": "UAVs arrived",
+    "collision": "two UAVs came nearer than r_coll in the tick that ends here, which both began on the way",
+    "hit": "a UAV entered a disc of `[[obstacles]]` for the first time, in the tick that ends here",
+    "fault": "the fault script begins or ends something",
+    "failed": "every agent was lost and none came back: the flight ends here",
+    "finished": "the flight is over",
+}
+
 
 class EventLog:
-    """Who has it open has the run folder to himself."""
+    """The file of the events; the process that has it open has the run folder to itself."""
 
     def __init__(self, path: Path, dt: float) -> None:
         """Opens or creates the file; a tick takes `dt` seconds.

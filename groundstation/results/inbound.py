@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from meanflock.groundstation.results.columns import RESERVED
+from meanflock.groundstation.results.quantities import RESERVED
 from meanflock.swarm import state
 from meanflock.swarm.declared import MAX_DIAGNOSTICS
 from meanflock.swarm.errors import MessageRejected

@@ -11,9 +11,10 @@ from typing import Any
 
 import pyarrow as pa
 
-from meanflock.groundstation.results import columns, flown_plugins, inbound
+from meanflock.groundstation.results import flown_plugins, inbound
 from meanflock.groundstation.results.background import BackgroundWorker
 from meanflock.groundstation.results.event_log import EventLog, lock, past_events
+from meanflock.groundstation.results.quantities import check_diagnostics
 from meanflock.groundstation.results.series import block_of, unbroken
 from meanflock.groundstation.results.spool import Spool
 from meanflock.groundstation.results.timeseries_file import SPOOL, TIMESERIES, Past, read_table, recover
@@ -44,7 +45,7 @@ class RunFolder:
         mend = f"bring the file back, or fly the run again with `meanflock run {self.path / SCENARIO}`"
         if past is not None:
             past_events(self.path / EVENTS, past.events_bytes, flown.uavs, mend)
-        columns.check(flown.method, flown.declared.diagnostics)
+        check_diagnostics(flown.method, flown.declared.diagnostics)
         self._flown, self._resumed = flown, past is not None
         self._over, self._full, self.last_tick = False, False, -1
         new = past is None and not self.path.exists()

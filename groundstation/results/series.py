@@ -1,23 +1,70 @@
-"""The time series of a run: what its columns are, and telemetry as its rows and back."""
+"""The time series of a run: its schema, telemetry as rows and back, and lines that sum up all UAVs tick by tick."""
 
 import functools
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from meanflock.groundstation.results.columns import columns
-from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, Telemetry
+from meanflock.groundstation.results.quantities import PHI_G, Field, columns
+from meanflock.swarm.declared import Declared
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, Status, Telemetry
+
+MOST_LINES = 60  # of the plot of a model's weights
+
+
+class Reported(NamedTuple):
+    """What a controller reports in flight. diagnostics: names of the numbers that every UAV reports in every tick.
+    weights: numbers in a model.
+    """
+
+    diagnostics: tuple[str, ...]
+    weights: int
+
+    @classmethod
+    def by(cls, declared: Declared) -> "Reported":
+        """The reports that a class declares."""
+        return cls(declared.diagnostics, declared.weights)
+
+    @classmethod
+    def within(cls, rows: pa.Table) -> "Reported":
+        """The reports in a time series; its controller need not be installed."""
+        sizes = pc.list_value_length(rows["leader_model"].drop_null())
+        return cls(diagnostics_in(rows.schema), sizes[0].as_py() if len(sizes) else 0)
+
+    @property
+    def drawn(self) -> NDArray[np.intp]:
+        """Numbers of the weights that are drawn: all, or some at even distances."""
+        return np.unique(np.linspace(0, self.weights - 1, min(self.weights, MOST_LINES)).round().astype(np.intp))
+
+    @property
+    def has_phi_g(self) -> bool:
+        """Whether paths are coloured by φ_G; else they are coloured by speed."""
+        return PHI_G in self.diagnostics
 
 
 @functools.cache
 def schema(diagnostics: tuple[str, ...]) -> pa.Schema:
-    """Columns of `timeseries.parquet`: one row a tick; lists have one entry a UAV. `diagnostics`: the controller's."""
-    return pa.schema([column.field for column in columns(diagnostics)])
+    """Columns of `timeseries.parquet`: a row a tick; lists have an entry a UAV. `diagnostics`: of the controller."""
+    return pa.schema([_arrow(column) for column in columns(diagnostics)])
+
+
+def _arrow(column: Field) -> pa.Field:
+    """A column in Arrow, with its meaning as metadata."""
+    metadata = {"description": column.about, "unit": column.unit, "cumulative": str(column.cumulative).lower()}
+    if column.key == "status":
+        metadata["values"] = status_names()
+    number = pa.type_for_alias(column.type.removesuffix("[]"))
+    return pa.field(column.key, pa.list_(number) if column.type.endswith("[]") else number, metadata=metadata)
+
+
+def status_names() -> str:
+    """The numbers of a status and their names."""
+    return ", ".join(f"{status.value} {status.name.lower()}" for status in Status)
 
 
 def rows_of(block: Telemetry, dt: float) -> pa.RecordBatch:
@@ -78,7 +125,7 @@ def block_of(rows: pa.Table, number: int, events: tuple[Event, ...] = ()) -> Tel
 
 
 def diagnostics_in(columns: pa.Schema) -> tuple[str, ...]:
-    """What the controller of a time series calls its diagnostics: the columns between energy and status."""
+    """Names of the diagnostics in a time series: the columns between energy and status."""
     names = columns.names
     return tuple(names[names.index("energy_J") + 1 : names.index("status")])
 
@@ -116,3 +163,40 @@ def per_uav(rows: pa.Table, *names: str) -> NDArray[Any]:
     columns = [rows[name].combine_chunks() for name in names]
     flat = [(column.flatten() if isinstance(column, pa.ListArray) else column).to_numpy() for column in columns]
     return np.stack(flat, axis=-1).reshape(len(rows), -1, len(columns))
+
+
+def span(values: NDArray[Any]) -> NDArray[np.float64]:
+    """Mean, minimum and maximum over the UAVs: (T, N) to (T, 3)."""
+    lines = np.empty((len(values), 3))
+    values.mean(axis=1, dtype=np.float64, out=lines[:, 0])
+    columns = np.ascontiguousarray(values.T)  # much faster than minima along the rows
+    lines[:, 1], lines[:, 2] = columns.min(axis=0), columns.max(axis=0)
+    return lines
+
+
+def span_where(values: NDArray[Any], chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """The same over the UAVs `chosen` (T, N); NaN in ticks without one. A tick has the same bits in every batch."""
+    if chosen.all():
+        return span(values)
+    lines, some = np.full((len(values), 3), np.nan), chosen.any(axis=1)
+    values, chosen = values[some], chosen[some]
+    mean = np.where(chosen, values, 0).sum(axis=1, dtype=np.float64) / np.count_nonzero(chosen, axis=1)
+    low, high = np.where(chosen, values, np.inf).min(axis=1), np.where(chosen, values, -np.inf).max(axis=1)
+    lines[some] = np.stack([mean, low, high], axis=-1)
+    return lines
+
+
+def log_sizes(values: NDArray[np.float32]) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """The ticks that have a residual, (T,), and log10 of its largest and mean size there, (R, 2).
+
+    A residual of exactly 0 was not computed: before the first step, or of a lost UAV. It counts for nothing.
+    """
+    size = np.abs(values.astype(np.float64))
+    some = size > 0
+    computed: NDArray[np.bool_] = np.any(some, axis=1)
+    if not computed.all():
+        size, some = size[computed], some[computed]
+    mean = size.sum(axis=1) / np.count_nonzero(some, axis=1)
+    largest = np.ascontiguousarray(size.T).max(axis=0)
+    lines: NDArray[np.float64] = np.log10(np.stack([largest, mean], axis=-1))
+    return computed, lines

@@ -64,9 +64,9 @@ class PointSwarm:
             # What a flight asks of the class, of this very instance.
             self.declared = declarations.of(made, controller.name)
             with suppress(ModuleNotFoundError):  # where only agents are, there are no files with columns
-                from meanflock.groundstation.results import columns
+                from meanflock.groundstation.results.quantities import check_diagnostics
 
-                columns.check(controller.name, self.declared.diagnostics)
+                check_diagnostics(controller.name, self.declared.diagnostics)
         except BadInput as error:
             fail(controller, str(error), "mend the declaration")
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.groundstation import statistics
+from meanflock.groundstation.results.quantities import Field
 from meanflock.groundstation.statistics import Estimate
 from meanflock.studies.leaderboard import marks
 from meanflock.studies.leaderboard.measures import BY_KEY
@@ -21,6 +22,39 @@ FILE = "leaderboard.json"
 _DIGITS = 7  # of a flight's numbers
 
 Floats = NDArray[np.float64]
+
+FIELDS = (  # of `leaderboard.json`: a course is a mission as flown, a standing a row of its table
+    Field("schema", "1", "version of this record"),
+    Field("version", "", "version of meanflock"),
+    Field("code", "", "version and fingerprint of the code that flew"),
+    Field("seeds", "1", "seeds of every row"),
+    Field("courses.name", "", "name of the mission"),
+    Field("courses.title", "", "heading of its table"),
+    Field("courses.about", "", "the mission in words"),
+    Field("courses.uavs", "UAVs", "number of UAVs"),
+    Field("courses.duration_s", "s", "longest simulated time of a flight"),
+    Field("courses.absent.*", "", "why a row cannot fly the mission, by the row's name"),
+    Field("courses.front_s", "s", "times of the front; empty if it is not known"),
+    Field("courses.front_J", "J", "least energy for each of these, mean of the UAVs"),
+    Field("courses.standings.name", "", "name of the row"),
+    Field("courses.standings.controller", "", "name of its controller"),
+    Field("courses.standings.about", "", "the row in words"),
+    Field("courses.standings.settings.*", "", "keys of the scenario that the row sets"),
+    Field("courses.standings.yours", "", "whether the controller came from a file of the reader"),
+    Field("courses.standings.cells.*.mean", "", "mean of the flights, by measure; shares are of 1"),
+    Field("courses.standings.cells.*.low", "", "lower end of its 95 % interval; null if there is none"),
+    Field("courses.standings.cells.*.high", "", "upper end"),
+    Field("courses.standings.cells.*.n", "flights", "number of these flights"),
+    Field("courses.standings.cells.*.best", "", "whether it differs significantly from every other row of the table"),
+    Field("courses.standings.cells.*.least", "", "least of all flights; null but for the closest approach"),
+    Field("courses.standings.kbit_by_kind.*", "kbit", "payload until the last arrival by kind of traffic, mean"),
+    Field(
+        "courses.standings.values.*", "", "of each measure a number a seed, in their order; null if a flight has none"
+    ),
+    Field("courses.standings.lost", "UAVs", "UAVs lost in all flights"),
+    Field("courses.standings.failed", "flights", "flights that could not be flown"),
+    Field("courses.standings.why", "", "why the first of them, or the first UAV lost"),
+)
 
 
 class Cell(msgspec.Struct, frozen=True):

@@ -8,18 +8,8 @@ from meanflock.studies.leaderboard.board import Board, Cell, Course, Standing
 from meanflock.studies.leaderboard.measures import MEASURES, Measure
 
 _PER_CENT = ("arrived", "free")
-# What a terminal of 80 columns has room for, where a mission has it, and what it calls them there.
-SHORT = {
-    "arrived": "arr.\n(%)",
-    "time_s": "T\n(s)",
-    "energy_J": "energy\n(J)",
-    "regret_J": "regret\n(J)",
-    "cost_J": "cost\n(J)",
-    "collisions_all": "coll.\n(pairs)",
-    "closest_m": "near\n(m)",
-    "free": "free\n(%)",
-    "kbit": "radio\n(kbit)",
-}
+# Columns for which a terminal of 80 columns has room.
+SHORT = ("arrived", "time_s", "energy_J", "regret_J", "cost_J", "collisions_all", "closest_m", "free", "kbit")
 OVERVIEW = (
     "Share of flights without any collision or hit, %, arrived UAVs included; bold: all flights. Intervals and "
     "costs are in the table of each mission."

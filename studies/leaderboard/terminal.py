@@ -18,8 +18,8 @@ def table(course: Course) -> Table:
     made.add_column("row", no_wrap=True)
     made.add_column("n", justify="right", no_wrap=True)
     shown = [key for key in tables.SHORT if any(key in row.cells for row in course.standings)]
-    for heading in map(tables.SHORT.__getitem__, shown):
-        made.add_column(heading, justify="right", no_wrap=True)
+    for measure in map(BY_KEY.__getitem__, shown):
+        made.add_column(f"{measure.short}\n({measure.unit})", justify="right", no_wrap=True)
     for row in course.standings:
         flown = max((cell.n for cell in row.cells.values()), default=0)
         cells = [

@@ -11,7 +11,7 @@ from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import plots
 from meanflock.groundstation.recording import recorder as recording
 from meanflock.groundstation.recording.recorder import Recorder
-from meanflock.groundstation.reported import Reported
+from meanflock.groundstation.results.series import Reported
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
 

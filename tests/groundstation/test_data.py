@@ -11,12 +11,12 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from meanflock.groundstation import dictionary
 from meanflock.groundstation.launch.run import Options, fly
 from meanflock.groundstation.recording import flight as flight_rows
-from meanflock.groundstation.results import columns, inbound
+from meanflock.groundstation.results import event_log, inbound, quantities
 from meanflock.groundstation.results.run_folder import EVENTS, SUMMARY, RunFolder
 from meanflock.groundstation.results.series import diagnostics_in
+from meanflock.groundstation.results.series import schema as schema_of
 from meanflock.groundstation.results.timeseries_file import TIMESERIES
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput, MessageRejected
@@ -55,14 +55,17 @@ def test_the_page_is_that_of_the_code() -> None:
 
 def test_every_column_says_what_it_is_in_the_file_itself(run: Path) -> None:
     schema = pq.read_schema(run / TIMESERIES)
-    described = columns.columns(diagnostics_in(schema))
-    assert schema.names == [column.name for column in described]
+    described = quantities.columns(diagnostics_in(schema))
+    assert schema.names == [column.key for column in described]
     for column in described:
-        told = {key.decode(): value.decode() for key, value in schema.field(column.name).metadata.items()}
+        told = {key.decode(): value.decode() for key, value in schema.field(column.key).metadata.items()}
         assert told["description"] == column.about
         assert told["unit"] == column.unit
         assert told["cumulative"] == ("true" if column.cumulative else "false")
-        assert schema.field(column.name).type == column.type
+    assert schema.types == schema_of(diagnostics_in(schema)).types
+    assert [str(schema.field(name).type) for name in ("tick", "x_m", "energy_J", "status", "phi_A")] == [
+        "int32", "list<element: double>", "list<element: float>", "list<element: uint8>", "double",
+    ]  # fmt: skip
     values = schema.field("status").metadata[b"values"].decode()
     assert values == ", ".join(f"{status.value} {status.name.lower()}" for status in Status)
 
@@ -70,15 +73,15 @@ def test_every_column_says_what_it_is_in_the_file_itself(run: Path) -> None:
 def test_what_is_cumulative_of_a_count_never_falls(run: Path) -> None:
     rows = pq.read_table(run / TIMESERIES)
     averaged = {"phi_A", "phi_C", "phi_C_distinct"}
-    for column in columns.columns(diagnostics_in(rows.schema)):
-        if column.cumulative and column.name not in averaged:
-            values = rows[column.name].to_pylist()
-            assert (np.diff(np.array(values), axis=0) >= 0).all(), column.name
+    for column in quantities.columns(diagnostics_in(rows.schema)):
+        if column.cumulative and column.key not in averaged:
+            values = rows[column.key].to_pylist()
+            assert (np.diff(np.array(values), axis=0) >= 0).all(), column.key
 
 
 def test_a_diagnostic_that_only_its_controller_knows_has_its_name() -> None:
-    column = columns.diagnostic("tension")
-    assert (column.name, column.unit, column.cumulative) == ("tension", "", False)
+    column = quantities.diagnostic("tension")
+    assert (column.key, column.unit, column.cumulative) == ("tension", "", False)
     assert column.about.startswith("what the controller reports as tension, of each UAV")
 
 
@@ -103,8 +106,8 @@ def described(key: str, known: set[str]) -> str | None:
 
 def test_every_field_of_the_summary_is_described_and_every_described_field_is_there(run: Path) -> None:
     summary = json.loads((run / SUMMARY).read_text())
-    known = {field.key for field in dictionary.SUMMARY}
-    assert len(known) == len(dictionary.SUMMARY)
+    known = {field.key for field in quantities.SUMMARY}
+    assert len(known) == len(quantities.SUMMARY)
     found = {key: described(key, known) for key in flat(summary)}
     assert not [key for key, entry in found.items() if entry is None]
     of_realtime = {key for key in known if key.startswith("realtime")}
@@ -131,11 +134,11 @@ def kinds() -> set[str]:
 
 def test_every_kind_of_event_is_described(run: Path) -> None:
     of_roles = {"agent", "leader"}  # a node's own words are noted under its role
-    assert kinds() | of_roles == set(dictionary.EVENTS)
+    assert kinds() | of_roles == set(event_log.KINDS)
     told = [json.loads(line) for line in (run / EVENTS).read_text().splitlines()]
-    assert {"joined", "fault", "lost", "finished"} <= {event["kind"] for event in told} <= set(dictionary.EVENTS)
-    assert all(set(event) == set(dictionary.EVENT) for event in told)
-    assert set(flight_rows.LEVELS) <= set(dictionary.EVENTS)
+    assert {"joined", "fault", "lost", "finished"} <= {event["kind"] for event in told} <= set(event_log.KINDS)
+    assert all(set(event) == set(event_log.FIELDS) for event in told)
+    assert set(flight_rows.LEVELS) <= set(event_log.KINDS)
 
 
 def test_a_diagnostic_called_as_a_column_is_refused_and_nothing_is_written(

@@ -9,7 +9,7 @@ import pytest
 
 from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import drawing, plots
-from meanflock.groundstation.reported import Reported
+from meanflock.groundstation.results.series import Reported
 from meanflock.swarm.faults import Fault, Gust, Jam, Kill, Partition, Pause
 from meanflock.swarm.scenario import Federation, Metrics, Scenario
 from meanflock.swarm.wire.messages import Status, Telemetry

@@ -7,9 +7,9 @@ from typing import Any
 import matplotlib as mpl
 import pytest
 
-from meanflock.groundstation import quantities
 from meanflock.groundstation.launch.run import Options, fly
 from meanflock.groundstation.plots import charts
+from meanflock.groundstation.results import quantities
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import load
 from tests.groundstation.axes import every_axis
@@ -88,7 +88,7 @@ def summaries(level: float, seeds: int = 4) -> list[dict[str, Any]]:
 def test_comparison_has_a_row_a_method_and_a_panel_a_metric() -> None:
     made = charts.plot_compare({"hjb": summaries(20.0), "mfgfl-hf": summaries(18.0)})
     panels = [ax for ax in made.axes if ax.get_visible()]
-    assert len(panels) == len(charts.COMPARED)
+    assert len(panels) == len(quantities.COMPARED)
     assert [text.get_text() for text in panels[0].get_yticklabels()] == ["hjb", "mfgfl-hf"]
 
 
@@ -96,7 +96,7 @@ def test_comparison_has_a_row_a_method_and_a_panel_a_metric() -> None:
 def test_comparison_covers_no_flight_and_has_no_negative_number(level: float, seeds: int) -> None:
     made = charts.plot_compare({"hjb": summaries(level, seeds), "mfgfl-hf": summaries(level, seeds)})
     made.draw_without_rendering()
-    for ax in made.axes[: len(charts.COMPARED)]:
+    for ax in made.axes[: len(quantities.COMPARED)]:
         height_px = abs(ax.transData.transform((0.0, 0.0))[1] - ax.transData.transform((0.0, 1.0))[1])
         flights = [line for line in ax.lines if line.get_alpha()]
         others = [line for line in ax.lines if not line.get_alpha()]

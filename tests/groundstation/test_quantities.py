@@ -15,16 +15,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from meanflock.groundstation import quantities
 from meanflock.groundstation.launch.progress import summary_table
 from meanflock.groundstation.launch.run import Options, fly
 from meanflock.groundstation.plots import charts, plotstyle
 from meanflock.groundstation.plots import looks as looks_of
-from meanflock.groundstation.quantities import FIELDS, Quantity
 from meanflock.groundstation.recording import plots
 from meanflock.groundstation.recording.plots import plot_rows
-from meanflock.groundstation.reported import Reported
-from meanflock.groundstation.results.series import block_of
+from meanflock.groundstation.results import quantities
+from meanflock.groundstation.results.quantities import FIELDS, Quantity
+from meanflock.groundstation.results.series import Reported, block_of
 from meanflock.groundstation.results.timeseries_file import TIMESERIES
 from meanflock.studies.paper.figures import grids
 from meanflock.swarm.scenario import load
@@ -55,13 +54,11 @@ def titles(made: Figure) -> dict[str, Axes]:
     return {plain(ax.get_title(loc="left")): ax for ax in made.axes if ax.get_title(loc="left")}
 
 
-def test_every_field_that_has_a_name_exists(runs: dict[str, Path]) -> None:
-    summary = json.loads((runs["mfgfl-hf"] / "summary.json").read_text())
-    columns = {*SWARM_COLUMNS, *DIAGNOSTICS, "energy_J", "weight_spread"}
-    of_the_study = {"t_avg_censored_s", "energy_trip_mean_J", "phi_A_tavg", "phi_C_tavg"}
-    assert set(FIELDS) - of_the_study - columns <= {*summary, "payload_bits.total"}
+def test_every_quantity_has_a_name_of_its_own_and_a_field() -> None:
     assert set(FIELDS.values()) == QUANTITIES
     assert len({quantity.name for quantity in QUANTITIES}) == len(QUANTITIES)
+    for compared in quantities.COMPARED:
+        assert FIELDS[compared].heading
 
 
 def test_the_notation_has_every_name_with_its_unit_and_fields() -> None:
@@ -112,9 +109,8 @@ def test_plots_use_them(runs: dict[str, Path]) -> None:
     for quantity in (quantities.ENERGY, quantities.SPEED, quantities.HJB_RESIDUAL, quantities.FPK_RESIDUAL):
         assert any(panel.startswith(quantity.name) for panel in panels), quantity
     assert "alignment φ_A, lower is better" in panels
-    for compared in (charts.COMPARED, grids.CRITERIA):
-        for field, title in compared:
-            assert title == FIELDS[field].remarked
+    for field, title in grids.CRITERIA:
+        assert title == FIELDS[field].remarked
 
 
 @pytest.mark.parametrize("name", ["README.md", "docs/notation.md", "docs/cli.md", "docs/communication.md"])
@@ -219,7 +215,7 @@ def test_a_method_nobody_knows_has_a_look_of_its_own_in_every_figure() -> None:
     assert len(set(looks.values())) > 20
     known = {look[:2] for look in looks_of.LOOKS.values()}
     assert not known & {(tone, marker) for tone, marker, _ in looks.values()}
-    summary = {key: 1.0 for key, _ in charts.COMPARED} | {"payload_bits": {"total": 8.0}, "uavs": 4}
+    summary = dict.fromkeys(quantities.COMPARED, 1.0) | {"payload_bits": {"total": 8.0}, "uavs": 4}
     made = charts.plot_compare({"hjb": [summary, summary], "mine-0": [summary]})
     assert [label.get_text() for label in made.axes[0].get_yticklabels()] == ["hjb", "mine-0"]
     made = charts.plot_sweep("wind.sigma", {0.1: {"mine-0": [summary]}, 0.2: {"mine-0": [summary]}})
@@ -238,7 +234,7 @@ def test_methods_of_one_figure_are_told_apart() -> None:
 
 
 def test_the_comparison_says_how_many_flights_and_shows_arrivals_of_all() -> None:
-    summary = {key: 1.0 for key, _ in charts.COMPARED} | {"payload_bits": {"total": 8.0}, "uavs": 9}
+    summary = dict.fromkeys(quantities.COMPARED, 1.0) | {"payload_bits": {"total": 8.0}, "uavs": 9}
     made = charts.plot_compare({"plan": [summary] * 3, "orca": [summary] * 3})
     assert made.get_supxlabel() == "pale: single flights; mean and 95 % interval over 3 flights"
     arrivals = next(ax for ax in made.axes if "arrived" in ax.get_xlabel())

@@ -12,7 +12,7 @@ from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import drawing, plots
 from meanflock.groundstation.recording.recorder import Recorder
 from meanflock.groundstation.recording.replay import verify
-from meanflock.groundstation.reported import Reported
+from meanflock.groundstation.results.series import Reported
 from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Federation, Scenario

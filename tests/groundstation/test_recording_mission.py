@@ -13,7 +13,7 @@ from meanflock.groundstation.plots import charts
 from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import drawing, mission_map
 from meanflock.groundstation.recording.recorder import Recorder
-from meanflock.groundstation.reported import Reported
+from meanflock.groundstation.results.series import Reported
 from meanflock.swarm.mission import goals, obstacles, starts
 from meanflock.swarm.scenario import load
 from meanflock.worldsim.wind import MeanWind

@@ -10,7 +10,7 @@ from rerun.chunk import RrdReader
 from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import drawing, plots
 from meanflock.groundstation.recording.replay import recorded as recorded_of
-from meanflock.groundstation.reported import Reported
+from meanflock.groundstation.results.series import Reported
 from meanflock.swarm import state
 from meanflock.swarm.wire.messages import Telemetry
 from tests.groundstation.recordings import column, flight, record, scalars

@@ -14,7 +14,7 @@ from meanflock.groundstation.recording import mission_map
 from meanflock.groundstation.recording.drawing import Part
 from meanflock.groundstation.recording.mission_map import box, shape
 from meanflock.groundstation.recording.replay import verify
-from meanflock.groundstation.reported import Reported
+from meanflock.groundstation.results.series import Reported
 from meanflock.studies import side_by_side
 from meanflock.swarm import state
 from meanflock.swarm.errors import EXIT_DONE

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from meanflock.groundstation.plots import plotstyle
-from meanflock.groundstation.quantities import FIELDS
+from meanflock.groundstation.results.quantities import FIELDS
 from meanflock.studies.paper.figures.grids import COMPARED
 from meanflock.studies.paper.view import Frame, View
 
@@ -81,7 +81,7 @@ def six_panels(view: View) -> Figure | None:
         (energy, "a", f"{FIELDS['energy_trip_mean_J'].name}, mean ± std", "energy (J)"),
         (bits, "b", FIELDS["payload_bits.total"].name, plotstyle.axis("bits")),
         (alignment, "c", FIELDS["phi_A"].remarked, plotstyle.axis("phi_A")),
-        (risk, "d", FIELDS["phi_C"].name, plotstyle.tex("φ_C (1)")),
+        (risk, "d", FIELDS["phi_C"].name, plotstyle.axis("phi_C")),
         (speed, "e", "speed: mean, max, min", "speed (m/s)"),
         (distance, "f", FIELDS["distance_mean_m"].name, "distance (m)"),
     )

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from meanflock.groundstation import statistics
 from meanflock.groundstation.plots import plotstyle
-from meanflock.groundstation.quantities import FIELDS
+from meanflock.groundstation.results.quantities import FIELDS
 from meanflock.studies.paper.view import COORDINATE, View
 
 CRITERIA = tuple(

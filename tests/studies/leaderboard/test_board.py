@@ -10,7 +10,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from meanflock.groundstation import dictionary
 from meanflock.studies.leaderboard import board, missions, rows
 from meanflock.studies.leaderboard.contest import Contest
 from meanflock.studies.leaderboard.measures import BY_KEY
@@ -80,7 +79,7 @@ def test_every_field_of_a_board_is_in_the_data_dictionary(run, tmp_path, small) 
             return set().union(*(keys(one, path) for one in value))
         return {path.removeprefix(".")}
 
-    known = {field.key for field in dictionary.LEADERBOARD}
+    known = {field.key for field in board.FIELDS}
     found = keys(json.loads((tmp_path / "out/leaderboard.json").read_bytes()), "")
     assert {key for key in found if not key.endswith(("absent", "settings"))} <= known
     assert found >= {key for key in known if not key.endswith(("absent.*", "settings.*"))}

@@ -1,0 +1,395 @@
+"""The registry of quantities: every field that a flight leaves, with its name, unit and meaning.
+
+Tables, plots, recordings, the columns of the time series, docs/data.md, studies and the leaderboard read it. To add a
+quantity, add a `Quantity`, and its fields to `SUMMARY`, `COLUMNS` or `DERIVED`.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.wire.messages import SWARM_COLUMNS
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """The name of something that is measured, with its unit.
+
+    remark: what a reader has to know; follows the unit. symbol: on an axis; empty: the name. heading: in a narrow
+    column, line by line. logarithmic: sizes that span several decades.
+    """
+
+    name: str
+    unit: str = ""
+    remark: str = ""
+    symbol: str = ""
+    heading: str = ""
+    logarithmic: bool = False
+
+    @property
+    def remarked(self) -> str:
+        """The name for a title: `alignment φ_A, lower is better`."""
+        return f"{self.name}, {self.remark}" if self.remark else self.name
+
+    @property
+    def qualified_unit(self) -> str:
+        """The unit for a column of its own: `m/s, lower is better`."""
+        return ", ".join(part for part in (self.unit, self.remark) if part)
+
+    def title(self, lines: str = "") -> str:
+        """The name with its unit, and the lines of a plot: `speed, m/s: mean, min, max`."""
+        named = ", ".join(part for part in (self.name, self.unit, self.remark) if part)
+        return f"{named}: {lines}" if lines else named
+
+
+class Field(NamedTuple):
+    """A field of summary.json, a column of timeseries.parquet, or a number that a study derives.
+
+    key: dotted; `*` stands for any name. measured: its quantity, or the unit of a field without a name of its own:
+    `1` for a pure number, empty for no number. cumulative: counted, summed or averaged since take-off. type: of the
+    column; `[]`: an entry a UAV. symbol: on an axis; empty: that of the quantity.
+    """
+
+    key: str
+    measured: Quantity | str
+    about: str
+    cumulative: bool = False
+    type: str = "float64"
+    symbol: str = ""
+
+    @property
+    def unit(self) -> str:
+        """The unit; `1` for a pure number."""
+        return self.measured if isinstance(self.measured, str) else self.measured.unit or "1"
+
+
+TIME = Quantity("time", "s")
+TRAVEL_TIME = Quantity("travel time", "s", heading="travel\ntime")
+ENERGY_TO_ARRIVAL = Quantity("energy until own arrival", "J", symbol="energy", heading="energy\nuntil\narrival")
+ENERGY = Quantity("energy, past arrival too", "J", symbol="energy")
+ALIGNMENT = Quantity("alignment φ_A", "m/s", "lower is better", symbol="φ_A", heading="align-\nment\nφ_A")
+RISK_PRINTED = Quantity("collision risk φ_C with self-pairs", symbol="φ_C")
+RISK = Quantity("collision risk φ_C, distinct pairs", symbol="φ_C, distinct pairs", heading="risk\nφ_C of\npairs")
+COLLISIONS = Quantity("collisions", "pairs", heading="colli-\nsions")
+SPEED = Quantity("speed", "m/s")
+DISTANCE = Quantity("distance flown", "m", symbol="distance")
+PAYLOAD = Quantity("payload", "bits", heading="payload")
+OUTAGES = Quantity("outages", "messages")
+ARRIVED = Quantity("arrived", "UAVs", heading="arrived")
+INTERACTION = Quantity("interaction term φ_G", "1/s²", symbol="φ_G")
+HJB_RESIDUAL = Quantity("HJB residual |e_H|", "m/s", symbol="|e_H|", logarithmic=True)
+FPK_RESIDUAL = Quantity("FPK residual |e_F|", "1/s", symbol="|e_F|", logarithmic=True)
+SPREAD = Quantity("spread of the models", symbol="spread")
+
+PHI_G = "phi_G"  # the diagnostic that colours paths and the map
+DIAGNOSTICS = {"hjb_residual": HJB_RESIDUAL, "fpk_residual": FPK_RESIDUAL, PHI_G: INTERACTION}
+
+# What methods are compared by, in the order of the panels.
+COMPARED = (
+    "t_avg_censored_s",
+    "energy_mean_J",
+    "payload_bits.total",
+    "phi_A",
+    "phi_C_distinct",
+    "collisions",
+    "arrived",
+)
+
+_OF_BOTH = (  # fields of the summary that are columns of the time series, too
+    Field("phi_A", ALIGNMENT, "alignment φ_A: mean difference of velocities, lower is better", True),
+    Field("phi_C", RISK_PRINTED, "collision risk φ_C as printed, with self-pairs", True),
+    Field(
+        "phi_C_distinct",
+        RISK,
+        "collision risk φ_C: share of distinct pairs nearer than r_C at ticks; of a single UAV null, 0 in the series",
+        True,
+    ),
+    Field(
+        "collisions",
+        COLLISIONS,
+        "pairs that came nearer than r_coll in a tick that both began on the way, each once",
+        True,
+    ),
+)
+_ARRIVED = Field("arrived", ARRIVED, "UAVs that have arrived")
+
+_OF_LINKS = (
+    ("sent", "messages", "messages sent over links; a broadcast counts once for each receiver"),
+    ("delivered", "messages", "messages delivered"),
+    ("outages", OUTAGES, "messages given up, see outage in the glossary"),
+    ("outage_rate", "1", "outages / sent"),
+    ("outage_rate_theory", "1", "closed form of the outage rate at the distances flown"),
+    ("latency_slots_mean", "slots", "mean latency of the messages delivered"),
+    ("latency_slots_mean_theory", "slots", "closed form of the mean latency at the distances flown"),
+)
+_KIND = "of a kind of traffic: uplink, relay, broadcast or state"
+
+SUMMARY = (
+    Field("schema", "1", "version of this record"),
+    Field("run_id", "", "name of the run"),
+    Field("version", "", "version of meanflock"),
+    Field("scenario_sha256", "", "hash of the resolved scenario; equal for equal scenarios"),
+    Field("method", "", "name of the controller"),
+    Field("uavs", "UAVs", "number of UAVs"),
+    Field("seed", "1", "seed of all randomness"),
+    Field("mode", "", "`processes`, or `in-process` if one process had all nodes"),
+    Field("backend", "", "whether the kernels of the world were `compiled` or `numpy`"),
+    Field("wall_time_s", "s", "how long the flight took"),
+    Field("real_time_factor", "1", "simulated seconds a second"),
+    Field("ticks", "ticks", "ticks flown"),
+    Field("sim_time_s", TIME, "simulated time flown"),
+    _ARRIVED,
+    Field("lost", "UAVs", "UAVs that are lost at the end"),
+    Field("t_avg_s", TRAVEL_TIME, "mean travel time, each from its launch, of the UAVs that arrived"),
+    Field("t_max_s", TRAVEL_TIME, "longest travel time of the UAVs that arrived"),
+    Field(
+        "energy_mean_J",
+        ENERGY_TO_ARRIVAL,
+        "energy until own arrival, or the end of the flight; mean of the UAVs",
+    ),
+    Field("energy_std_J", ENERGY_TO_ARRIVAL, "the same: standard deviation"),
+    Field("energy_end_mean_J", ENERGY, "energy until the end of the flight: mean of the UAVs"),
+    Field("energy_end_std_J", ENERGY, "the same: standard deviation"),
+    *_OF_BOTH,
+    Field("collisions_all", COLLISIONS, "the same of all UAVs in the air, also those that had arrived or were lost"),
+    Field(
+        "closest_approach_m",
+        "m",
+        "least distance of any two UAVs in the air, between ticks too; null if there never were two",
+    ),
+    Field("obstacle_hits", "1", "UAVs that entered a disc of `[[obstacles]]`, between ticks too, each disc once"),
+    Field("speed_max_m_s", SPEED, "highest speed of any UAV on the way"),
+    Field("speed_mean_m_s", SPEED, "mean speed on the way"),
+    Field("distance_mean_m", DISTANCE, "distance flown until own arrival: mean of the UAVs"),
+    Field("control_effort", "m²/s³", "∫‖a‖² dt of the commands until own arrival, or the end; mean of the UAVs"),
+    Field("trajectory_sha256", "", "hash of the states of all ticks; equal for equal flights"),
+    Field("payload_bits.*", PAYLOAD, f"payload {_KIND}, once a transmission; and `total`"),
+    Field("bits_to_arrival.*", PAYLOAD, "the same until the last arrival, or the end if some never arrived"),
+    Field("wire_bytes", "bytes", "encoded frames as they crossed the bus on the way to the radio"),
+    *(Field(f"radio.{name}", measured, about) for name, measured, about in _OF_LINKS),
+    Field("radio.airtime_s", "s", "time transmissions took"),
+    Field("radio.traffic.*.transmissions", "frames", f"transmissions {_KIND}"),
+    Field("radio.traffic.*.payload_bits", PAYLOAD, "payload of that traffic, once a transmission"),
+    Field("radio.traffic.*.wire_bytes", "bytes", "encoded frames of that traffic"),
+    Field("radio.traffic.*.airtime_s", "s", "time its transmissions took"),
+    *(Field(f"radio.traffic.*.{name}", measured, f"of that traffic: {about}") for name, measured, about in _OF_LINKS),
+    Field("radio.links_used", "links", "pairs of UAVs, with direction, that any message was sent between"),
+    Field("radio.links", "", "`[source, target, sent, outages]` of each link; null if there are more than 1000"),
+    Field("rounds", "1", "rounds averaged and broadcast"),
+    Field("rounds_void", "1", "rounds that had no model of another UAV to average, so that nothing was broadcast"),
+    Field(
+        "diagnostics.*",
+        "",
+        "sum of each diagnostic the controller reports, over UAVs on the way and ticks, in its unit",
+    ),
+    Field("diagnostics_max.*", "", "largest size of each diagnostic the controller reports, in its unit"),
+    Field("hjb_residual_max", HJB_RESIDUAL, "largest HJB residual |e_H|; null if the controller reports none"),
+    Field("fpk_residual_max", FPK_RESIDUAL, "largest FPK residual |e_F|; null if the controller reports none"),
+    Field("weight_spread_final", SPREAD, "RMS distance of the UAVs' models from their mean, at the last report"),
+    Field("nodes_lost", "nodes", "nodes lost in flight"),
+    Field("nodes_rejoined", "nodes", "nodes admitted in flight, in the place of a lost one or as a standby"),
+    Field("uploads_refused", "models", "uploads that were not averaged because they could not be used"),
+    Field(
+        "states_refused",
+        "states",
+        "received states that were not used because no UAV can have them, each sender once a tick",
+    ),
+    Field("dropped_messages.*", "messages", "messages that were refused on receipt, by reason"),
+    Field("held_commands", "commands", "commands held over because they came late; null in lockstep"),
+    Field("realtime", "", "null in lockstep"),
+    Field("realtime.factor", "1", "how many times faster than the wall clock ticks were due"),
+    Field("realtime.deadline_misses", "ticks", "ticks in which any command came late"),
+    Field("realtime.tick_start_jitter_ms.mean", "ms", "how long after its time a tick began: mean"),
+    Field("realtime.tick_start_jitter_ms.p99", "ms", "the same: 99th percentile"),
+    Field("realtime.tick_start_jitter_ms.max", "ms", "the same: maximum"),
+    Field("telemetry_blocks_dropped", "blocks", "blocks of rows the ground station did not get"),
+)
+
+# Columns of timeseries.parquet. A row is a tick, the first that of take-off. The diagnostics of the controller lie
+# between the two tuples.
+COLUMNS_BEFORE = (
+    Field("tick", "ticks", "number of the tick", type="int32"),
+    Field("sim_time_s", TIME, "simulated time since take-off"),
+    Field("x_m", "m", "position of each UAV, from the origin", type="float64[]"),
+    Field("y_m", "m", "position of each UAV, from the origin", type="float64[]"),
+    Field("vx_m_s", "m/s", "velocity of each UAV, over ground", type="float64[]"),
+    Field("vy_m_s", "m/s", "velocity of each UAV, over ground", type="float64[]"),
+    Field("ax_m_s2", "m/s²", "commanded acceleration of each UAV in the tick that led here", type="float32[]"),
+    Field("ay_m_s2", "m/s²", "commanded acceleration of each UAV in the tick that led here", type="float32[]"),
+    Field("energy_J", ENERGY, "energy each UAV has used, past its arrival too", True, "float32[]"),
+)
+_SENT = "payload sent by {}, once a transmission"
+COLUMNS_AFTER = (
+    Field("status", "", "state of the mission of each UAV", type="uint8[]"),
+    Field("uplink_bits", PAYLOAD, _SENT.format("UAVs that upload their model"), True),
+    Field("relay_bits", PAYLOAD, _SENT.format("heads of clusters to the leader"), True),
+    Field("broadcast_bits", PAYLOAD, _SENT.format("the leader with the global model"), True),
+    Field("state_bits", PAYLOAD, _SENT.format("controllers, own states as a rule"), True),
+    Field("deliveries", "messages", "messages delivered over links, a broadcast once a receiver", True),
+    Field("outages", OUTAGES, "messages given up on links, a broadcast once a receiver", True),
+    Field("airtime_s", "s", "time transmissions took; each lasts until its last link is served or given up", True),
+    *_OF_BOTH,
+    _ARRIVED,
+    Field("round", "1", "rounds averaged and broadcast", True),
+    Field("held_commands", "commands", "commands held over because they came late, in real time", True),
+    Field("deadline_misses", "ticks", "ticks in which any command came late, in real time", True),
+    Field("weight_spread", SPREAD, "RMS distance of the UAVs' models from their mean; null between reports"),
+    Field("leader_model", "1", "the reported model of the leader's UAV; null between reports", type="float32[]"),
+)
+assert tuple(column.key for column in COLUMNS_AFTER[1 : 1 + len(SWARM_COLUMNS)]) == SWARM_COLUMNS
+RESERVED = frozenset(column.key for column in (*COLUMNS_BEFORE, *COLUMNS_AFTER))
+
+DERIVED = (  # numbers that studies make of summaries and time series
+    Field("t_s", TIME, "simulated time since take-off"),
+    Field(
+        "t_avg_censored_s",
+        TRAVEL_TIME,
+        "travel time, mean of the UAVs; one that never arrived counts with the duration",
+        symbol="T_avg",
+    ),
+    Field("energy_trip_mean_J", ENERGY_TO_ARRIVAL, "energy so far, until own arrival: mean of the UAVs"),
+    Field("phi_A_tavg", ALIGNMENT, "alignment φ_A at T_avg", symbol="φ_A(T_avg)"),
+    Field("phi_C_tavg", RISK_PRINTED, "collision risk φ_C as printed at T_avg", symbol="φ_C(T_avg)"),
+    Field("payload_bits.total", PAYLOAD, "payload of all traffic, once a transmission"),
+    Field("bits", PAYLOAD, "payload of all traffic so far"),
+)
+
+
+def diagnostic(name: str) -> Field:
+    """The column of a diagnostic; of one that only its controller knows, only the name is known."""
+    quantity = DIAGNOSTICS.get(name)
+    about = f"{quantity.name} of each UAV" if quantity else f"what the controller reports as {name}, of each UAV"
+    return Field(name, quantity or "", f"{about}, in the tick that led here; 0 at take-off", type="float32[]")
+
+
+def columns(diagnostics: Iterable[str]) -> tuple[Field, ...]:
+    """All columns of a run whose controller reports these diagnostics."""
+    return (*COLUMNS_BEFORE, *map(diagnostic, diagnostics), *COLUMNS_AFTER)
+
+
+def check_diagnostics(controller: str, diagnostics: Iterable[str]) -> None:
+    """Accepts diagnostics that can be columns.
+
+    Raises:
+        BadInput: one is called like another column.
+    """
+    if taken := sorted(RESERVED & set(diagnostics)):
+        raise BadInput(
+            f"controller {controller!r}: `diagnostics` {', '.join(taken)}: the time series has columns of that name; "
+            "give it another"
+        )
+
+
+_BY_KEY = {field.key: field for field in (*SUMMARY, *columns(DIAGNOSTICS), *DERIVED)}
+# The quantity of every field that has one.
+FIELDS = {key: field.measured for key, field in _BY_KEY.items() if isinstance(field.measured, Quantity)}
+
+
+def field(key: str) -> Field:
+    """The field of a key of the registry."""
+    return _BY_KEY[key]
+
+
+def quantity(key: str) -> Quantity:
+    """The quantity of a field; one that is not registered is called by its own name."""
+    return FIELDS.get(key) or Quantity(key)
+
+
+def axis_label(key: str) -> str:
+    """Symbol and unit of a field: `φ_A (m/s)`; of one that is not registered its name, which carries its unit."""
+    if key not in FIELDS:
+        return key
+    named = FIELDS[key]
+    return f"{_BY_KEY[key].symbol or named.symbol or named.name} ({_BY_KEY[key].unit})"
+
+
+def table_column(key: str) -> str:
+    """The name of a field as the column of a CSV file, where names end in the unit: `phi_A_m_s`."""
+    name, unit = key.removesuffix(".total"), quantity(key).unit.replace("/", "_")
+    return name if name.endswith(unit) else f"{name}_{unit.lower()}"
+
+
+def number(summary: Mapping[str, Any], key: str) -> float:
+    """A number of a summary by its dotted key; NaN where it is null.
+
+    Raises:
+        BadInput: a summary has no such number.
+    """
+    value: Any = summary
+    for part in key.split("."):
+        if not isinstance(value, Mapping) or part not in value:
+            raise BadInput(f"{key}: a summary has no such entry")
+        value = value[part]
+    if value is None:
+        return math.nan
+    if isinstance(value, str | Mapping | Sequence):
+        raise BadInput(f"{key}: not a number")
+    return float(value)
+
+
+KEY_UNITS = {  # of the keys of a scenario
+    "uavs": "UAVs",
+    "dt": "s",
+    "duration": "s",
+    "start.centre": "m",
+    "start.spacing": "m",
+    "start.radius": "m",
+    "start.positions": "m",
+    "start.group": "UAVs",
+    "start.interval": "s",
+    "start.height": "m",
+    "destination.radius": "m, m/s",
+    "destination.positions": "m",
+    "wind.sigma": "m/s/√s",
+    "wind.mean": "m/s",
+    "wind.drag": "1/s",
+    "wind.field_rms": "m/s",
+    "wind.field_length": "m",
+    "truth.drag": "1/s",
+    "truth.wind": "m/s",
+    "cost.c1": "s²/m²",
+    "cost.c3": "s⁴/m²",
+    "cost.epsilon": "m²",
+    "cost.separation": "1/s²",
+    "cost.separation_range": "m",
+    "learner.kappa": "1/s",
+    "learner.position_scale": "m",
+    "learner.velocity_scale": "m/s",
+    "density.position_bandwidth": "m",
+    "density.velocity_bandwidth": "m/s",
+    "density.node_position_std": "m",
+    "density.node_velocity_std": "m/s",
+    "offline.speed_max": "m/s",
+    "offline.acceleration_max": "m/s²",
+    "filter.delta_m": "m",
+    "filter.velocity_delta_m_s": "m/s",
+    "filter.repeats": "ticks",
+    "filter.forget_s": "s",
+    "federation.period": "ticks",
+    "federation.state_period": "ticks",
+    "federation.range_m": "m",
+    "radio.tx_power_dbm": "dBm",
+    "radio.bandwidth_hz": "Hz",
+    "radio.noise_psd_dbm_hz": "dBm/Hz",
+    "radio.target_snr_db": "dB",
+    "radio.coherence_time_s": "s",
+    "radio.latency_threshold_slots": "slots",
+    "radio.bits_per_float": "bit",
+    "radio.range_m": "m",
+    "radio.plausible_speed": "m/s",
+    "vehicle.blade_power": "W",
+    "vehicle.induced_power": "W",
+    "vehicle.parasite_drag": "W s³/m³",
+    "vehicle.tip_speed": "m/s",
+    "vehicle.induced_velocity": "m/s",
+    "metrics.collision_radius": "m",
+    "metrics.hazard_radius": "m",
+    "pace.slow_s": "s",
+}
+
+
+def with_unit(key: str) -> str:
+    """A key of a scenario with its unit in brackets, if it has one: `wind.drag (1/s)`."""
+    return f"{key} ({KEY_UNITS[key]})" if key in KEY_UNITS else key
