@@ -176,7 +176,8 @@ class Medium:
             row, target = reached.nonzero()
             links = Links.of(kind, sources, row, target, uavs)
         elif (target_of := self._targets.get(kind)) is not None:
-            links = Links.of(kind, sources, rows, target_of[sources], uavs, is_unicast=True)
+            target = target_of[sources]
+            links = Links.of(kind, sources, rows.repeat(target.shape[1]), target.ravel(), uavs, is_unicast=True)
         else:
             targets, all_rows = np.tile(np.arange(uavs), len(sources)), rows.repeat(uavs)
             apart = sources[all_rows] != targets if kind == FrameKind.STATE else slice(None)

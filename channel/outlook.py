@@ -81,7 +81,7 @@ def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:
     radio, range_m, bits = scenario.radio, scenario.federation.range_m, hop.coding.bits
     source, target = hop.senders.repeat(scenario.uavs), np.tile(np.arange(scenario.uavs), len(hop.senders))
     if hop.targets is not None:
-        source, target = hop.senders, hop.targets[hop.senders]
+        source, target = hop.senders.repeat(hop.targets.shape[1]), hop.targets[hop.senders].ravel()
     apart = source != target
     if not apart.any():
         return None

@@ -90,8 +90,7 @@ class Party:
         if not contains(hops[0].senders, frames.source).all():
             raise MessageRejected("wrong-shape", f"{frames.kind.name} frames of UAVs {frames.source.tolist()}")
         hops[0].coding.check(frames.source, frames.payload)
-        source = frames.source[sent]
-        if not any(hop.targets is None or (hop.targets[source] == to).all() for hop in hops):
+        if not any(hop.reaches(frames.source[sent], to).all() for hop in hops):
             raise MessageRejected("wrong-shape", f"{frames.kind.name} frames to UAVs that do not receive them")
 
     def receive(self, frames: Frames, tick: int) -> None:

@@ -23,7 +23,7 @@ class Hop(msgspec.Struct, frozen=True, eq=False):
         after: ticks from the opening of the round to the transmission.
         role: the nodes that transmit for these UAVs.
         senders: (S,) the UAVs that may transmit, ascending.
-        targets: (N,) the UAV that each one transmits to; None: everyone, the sender included.
+        targets: (N, T) the UAVs that each one transmits to, ascending; itself needs no radio. None: everyone.
         coding: how the models are written.
         mail: the hop whose models the senders average; None: the participants send their own models.
         ruled: the scenario's aggregation rule averages; else the mean, weighted by the number of models.
@@ -39,6 +39,12 @@ class Hop(msgspec.Struct, frozen=True, eq=False):
     mail: Optional["Hop"] = None
     ruled: bool = False
     is_last: bool = False
+
+    def reaches(self, source: NDArray[Any], target: NDArray[Any]) -> NDArray[np.bool_]:
+        """Whether a transmission of UAV `source` (K,) is meant for UAV `target` (K,); `(K,)`."""
+        if self.targets is None:
+            return np.ones(len(source), dtype=bool)
+        return np.asarray((self.targets[source] == target[:, None]).any(axis=-1))
 
 
 class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -36,18 +36,23 @@ class Clusters(Topology):
         self._check()
         division = Division(scenario)
         upload = Hop(
-            FrameKind.UPLOAD, 0, "agent", np.arange(scenario.uavs), division.head_of, coding.of_uploads(scenario)
+            FrameKind.UPLOAD,
+            0,
+            "agent",
+            np.arange(scenario.uavs),
+            division.head_of[:, None],
+            coding.of_uploads(scenario),
         )
         relay = Hop(
             FrameKind.RELAY,
             hop_ticks,
             "agent",
             division.heads,
-            np.full(scenario.uavs, leader),
+            np.full((scenario.uavs, 1), leader),
             coding.Counted(scenario.radio_payload, scenario.declared.parameters, division.sizes[division.cluster]),
             mail=upload,
         )
-        everyone = Hop(
+        model = Hop(
             FrameKind.GLOBAL,
             2 * hop_ticks,
             "leader",
@@ -57,7 +62,7 @@ class Clusters(Topology):
             mail=relay,
             is_last=True,
         )
-        return upload, relay, everyone
+        return upload, relay, model
 
     def _check(self) -> None:
         """Raises ValueError where clusters cannot do what the rest of the scenario asks."""

@@ -16,7 +16,7 @@ class Leader(Topology):
         scenario, leader = self.scenario, self.scenario.federation.leader
         everyone = np.arange(scenario.uavs)
         upload = Hop(
-            FrameKind.UPLOAD, 0, "agent", everyone, np.full(scenario.uavs, leader), coding.of_uploads(scenario)
+            FrameKind.UPLOAD, 0, "agent", everyone, np.full((scenario.uavs, 1), leader), coding.of_uploads(scenario)
         )
         return upload, Hop(
             FrameKind.GLOBAL,
