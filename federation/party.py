@@ -71,11 +71,6 @@ class Party:
         first = next((hop for hop in self._own if hop.mail is None), None)
         self._feedback = None if first is None else Feedback(first.coding, len(uavs), active=scenario.keeps_residuals)
 
-    @property
-    def is_federated(self) -> bool:
-        """Whether this scenario has rounds."""
-        return bool(self._schedule.hops)
-
     def check(self, frames: Frames) -> None:
         """Validates frames of a round that the world delivers, their links checked by `check_links`.
 

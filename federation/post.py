@@ -181,7 +181,7 @@ class Post:
         frames: Iterable[Frames],
         links: NDArray[np.int32],
         awake: NDArray[np.bool_],
-        has_leader: bool,
+        has_leader: Callable[[], bool],
         note: Note,
     ) -> None:
         """Closes the hops that transmitted in this tick `frames` over `links` (K, 5), and notes what came of them."""
@@ -229,7 +229,13 @@ class Post:
         return next((hop for hop in self._hops if hop.label == label and self._schedule.number(hop, tick)), None)
 
     def _end(
-        self, hop: Hop, number: int, is_averaged: bool, awake: NDArray[np.bool_], has_leader: bool, note: Note
+        self,
+        hop: Hop,
+        number: int,
+        is_averaged: bool,
+        awake: NDArray[np.bool_],
+        has_leader: Callable[[], bool],
+        note: Note,
     ) -> None:
         """Counts a round that ends, and notes it."""
         if is_averaged:
@@ -241,7 +247,7 @@ class Post:
         why = "no model of another UAV was averaged"
         if hop.role == "leader" and not awake[hop.senders].any():
             why = f"UAV {self._scenario.federation.leader}, which averages, is lost or paused"
-        elif hop.role == "leader" and not has_leader:
+        elif hop.role == "leader" and not has_leader():
             why = "there is no leader"
         note("void", f"round {number} is void: {why}")
 

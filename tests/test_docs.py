@@ -199,3 +199,8 @@ def test_every_key_of_a_scenario_has_a_reason_and_every_name_of_the_python_door_
 def test_the_sizes_of_payloads_on_the_page_are_those_of_today() -> None:
     script = script_of("communication")
     assert "\n".join(script.transmissions()) in script.PAGE.read_text(encoding="utf-8")
+
+
+def test_the_picture_of_the_rooms_is_that_of_the_imports() -> None:
+    script = script_of("rooms")
+    assert script.PICTURE.read_text(encoding="utf-8") == script.picture(), "run `python docs/rooms.py`"

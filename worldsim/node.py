@@ -205,7 +205,7 @@ class World:
         # 4. What they want to say goes on the air.
         frames = self._collect()
         links = self.air.send(tick, frames, self.flight.states, self._script.cut(tick, self.flight.states))
-        self.post.close(tick, frames, links, self._awake.uavs, self.members.lead() is not None, self._note)
+        self.post.close(tick, frames, links, self._awake.uavs, self._has_leader, self._note)
         # 5. The world moves.
         self.flight.advance(self._commands.accelerations, self._script.gust(tick, self.flight.states))
         # 6. Whoever listens is told.
@@ -230,6 +230,9 @@ class World:
 
     def _ask_leader(self) -> None:
         self._leading.ask(self.flight.tick, self.members, self._barrier, self._awake.uavs)
+
+    def _has_leader(self) -> bool:
+        return self.members.lead() is not None
 
     def _wait(self, timeout_s: float) -> None:
         if (delivery := self._bus.receive(timeout_s)) is not None:
