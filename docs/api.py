@@ -18,24 +18,25 @@ WIDTH = 100  # of a signature in one line
 
 SECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
     "Fly": ("A flight in this process; see [first flight](first-flight.md).", ("fly", "open", "Run", "Scenario")),
-    "Study": ("Many flights, over processes; a table of means.", ("compare", "sweep", "Comparison")),
+    "Study": ("Many flights on many processes, and a table of their means.", ("compare", "sweep", "Comparison")),
     "A controller": (
         "See [your controller](your-controller.md).",
         ("Controller", "Options", "Received", "Broadcast", "Step"),
     ),
     "An aggregation rule": ("See [your aggregation rule](your-aggregation.md).", ("Aggregator",)),
-    "A channel": ("What becomes of a message on a link.", ("Channel",)),
+    "A channel": ("Decides how long a message takes on a link, and whether it is lost.", ("Channel",)),
     "A filter": (
-        "What stands before any controller; see [the filter](controllers.md#the-filter-ecbf-before-any-controller).",
+        "May change the accelerations of any controller; "
+        "see [the filter](controllers.md#the-filter-ecbf-before-any-controller).",
         ("Filter",),
     ),
-    "A vehicle": ("How a UAV moves, and what that costs.", ("Vehicle",)),
-    "What is installed": ("", ("plugins", "register", "Plugin")),
-    "The mission": ("Where every UAV starts, when and where it goes: known to all of them.", ("mission",)),
-    "Randomness": ("For whatever a controller of yours draws.", ("seeds",)),
+    "A vehicle": ("Moves the UAVs and counts their energy.", ("Vehicle",)),
+    "Installed plug-ins": ("", ("plugins", "register", "Plugin")),
+    "The mission": ("Start, launch time and goal of each UAV; all UAVs know them.", ("mission",)),
+    "Randomness": ("Random generators for your controller, drawn from the scenario's seed.", ("seeds",)),
     "Errors": ("", ("MeanflockError", "BadInput", "RunFailed")),
 }
-MEMBERS = {  # where not all are shown
+MEMBERS = {  # classes of which only these members are shown
     "Scenario": ("load", "replace", "save", "period_ticks", "participants", "max_ticks", "sha256"),
     "Plugin": (),
 }
@@ -46,9 +47,9 @@ def page() -> str:
     lines = [
         "# The Python API",
         "",
-        "Written by `python docs/api.py` from signatures and docstrings; a test compares it with the code. Everything",
-        "here is a name of `meanflock`, imported as `import meanflock as mf` and loaded when it is first used;",
-        "`meanflock.testing` is imported by itself. Shapes: N UAVs of the swarm, M rows of a node, T ticks.",
+        "`python docs/api.py` writes this page from signatures and docstrings; a test compares it with the code.",
+        "Everything here is a name of `meanflock`, imported as `import meanflock as mf` and loaded when first used.",
+        "Import `meanflock.testing` separately. In shapes N is the number of UAVs, M of rows of a node, T of ticks.",
     ]
     for title, (about, names) in SECTIONS.items():
         lines += ["", f"## {title}", *(["", about] if about else [])]

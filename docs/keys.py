@@ -1,4 +1,4 @@
-"""Writes keys.md, the key reference, from the schema of a scenario and from what is known of every key here."""
+"""Writes keys.md, the reference of scenario keys, from the schema of a scenario and the reasons below."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,127 +11,139 @@ PAGE = Path(__file__).with_suffix(".md")
 PRINTED, SILENT, OURS = "printed", "no number", "–"
 _BOUNDS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
 
-# Of every key: whether the paper prints its value, and why it has the one it has.
+# For each key: whether the paper prints its value, and the reason for our default.
 KEYS: dict[str, tuple[str, str]] = {
     "method": (PRINTED, "the paper's own proposal, MfgFL-HF"),
     "controller": (OURS, "a controller declares its own"),
     "uavs": (PRINTED, "S0, the scenario of its first figures"),
-    "seed": (OURS, "every number gives another flight; equal ones give equal flights"),
+    "seed": (OURS, "any number will do; equal seeds give equal flights"),
     "dt": (PRINTED, "Euler–Maruyama: velocity first, then position with the new velocity"),
-    "duration": (OURS, "where methods are compared, a UAV that never arrives counts with it"),
-    "stop": (OURS, "few questions are about what follows the last arrival; `duration` flies on"),
+    "duration": (OURS, "in comparisons a UAV that never arrives counts with this travel time"),
+    "stop": (OURS, "little of interest follows the last arrival; `duration` continues the flight"),
     "faults": (OURS, "none"),
     "obstacles": (OURS, "none"),
-    "start.formation": (PRINTED, "a square, rows filled in order; circle, streams and waves are of other missions"),
+    "start.formation": (
+        PRINTED,
+        "a square whose rows are filled in order; other missions use circle, streams and waves",
+    ),
     "start.centre": (PRINTED, ""),
-    "start.spacing": (PRINTED, "√2 m; at rest, which it leaves open"),
-    "start.radius": (OURS, "swaps of this size are common in work on collision avoidance"),
-    "start.positions": (OURS, "for a mission of one's own"),
-    "start.group": (OURS, "without effect where all leave at once, but on the formation waves"),
-    "start.interval": (PRINTED, "all leave at once"),
-    "start.height": (PRINTED, "constant, and without effect on the model"),
-    "destination.radius": (SILENT, "the norm is kept as printed, although it adds m to m/s"),
-    "destination.goals": (PRINTED, "one destination for all"),
-    "destination.positions": (OURS, "for a mission of one's own"),
-    "wind.sigma": (PRINTED, "multiplies dW, so it is a standard deviation, which the paper calls a covariance"),
+    "start.spacing": (PRINTED, "√2 m; the paper leaves the initial velocity open, ours is 0"),
+    "start.radius": (OURS, "position swaps of this size are common in work on collision avoidance"),
+    "start.positions": (OURS, "for a mission of your own"),
+    "start.group": (OURS, "no effect if all leave at once, except in the formation `waves`"),
+    "start.interval": (PRINTED, "all UAVs leave at once"),
+    "start.height": (PRINTED, "constant; it does not affect the model"),
+    "destination.radius": (SILENT, "the norm is as printed, although it adds m and m/s"),
+    "destination.goals": (PRINTED, "all UAVs have one destination"),
+    "destination.positions": (OURS, "for a mission of your own"),
+    "wind.sigma": (PRINTED, "it multiplies dW, so it is a standard deviation; the paper calls it a covariance"),
     "wind.mean": (PRINTED, ""),
     "wind.drag": (PRINTED, ""),
-    "wind.field_rms": (PRINTED, "everywhere the same wind"),
-    "wind.field_length": (OURS, "without effect where there is no field"),
-    "wind.field_modes": (OURS, "enough that no single wave is seen"),
+    "wind.field_rms": (PRINTED, "the wind is the same everywhere"),
+    "wind.field_length": (OURS, "no effect without a field"),
+    "wind.field_modes": (OURS, "so many that no single wave is visible"),
     "truth.drag": (PRINTED, "the UAVs are told the truth"),
     "truth.wind": (PRINTED, "likewise"),
     "cost.c1": (PRINTED, ""),
     "cost.c2": (PRINTED, ""),
     "cost.c3": (PRINTED, ""),
-    "cost.epsilon": (SILENT, "one metre, the order of the spacing"),
+    "cost.epsilon": (SILENT, "one metre, which is the order of the spacing"),
     "cost.beta": (SILENT, "the simplest exponent"),
-    "cost.separation": (OURS, "the paper's cost aligns velocities and separates nobody"),
-    "cost.separation_range": (OURS, "five times the distance that counts as a collision"),
+    "cost.separation": (OURS, "the paper's cost aligns velocities and does not separate UAVs"),
+    "cost.separation_range": (OURS, "five times the distance of a collision"),
     "learner.mu_h": (PRINTED, ""),
     "learner.mu_f": (PRINTED, ""),
     "learner.c_h": (PRINTED, ""),
     "learner.kappa": (
         SILENT,
-        "chosen of four values because trips then last as long as in the paper; 0 only damps, 0.1 ends trips in 25 s",
+        "of four values, the one whose trips last as long as in the paper; 0 only damps, 0.1 ends trips in 25 s",
     ),
-    "learner.position_scale": (SILENT, "in raw metres the learner diverges at once"),
-    "learner.velocity_scale": (SILENT, "in raw m/s the learner diverges at once"),
+    "learner.position_scale": (SILENT, "the learner diverges at once on raw metres"),
+    "learner.velocity_scale": (SILENT, "the learner diverges at once on raw m/s"),
     "learner.multinomial": (
         OURS,
-        "the paper prints them, for states in raw metres; `scenarios/paper-printed.toml` keeps them",
+        "the paper prints these factors, for states in raw metres; `scenarios/paper-printed.toml` uses them",
     ),
-    "density.position_bandwidth": (SILENT, "the paper starts from zero weights, from which nothing is learned"),
+    "density.position_bandwidth": (SILENT, "the paper starts from zero weights, but nothing is learned from them"),
     "density.velocity_bandwidth": (SILENT, "likewise"),
     "density.near_samples": (SILENT, "likewise"),
-    "density.box_samples": (SILENT, "likewise: the fit must hold away from the swarm, too"),
-    "density.ridge": (SILENT, "likewise: keeps the fit well-conditioned"),
-    "density.node_position_std": (SILENT, "a polynomial has no integral over all states, so φ_G is a quadrature"),
+    "density.box_samples": (SILENT, "likewise; the fit must also hold far from the swarm"),
+    "density.ridge": (SILENT, "likewise; it keeps the fit well-conditioned"),
+    "density.node_position_std": (
+        SILENT,
+        "a polynomial has no finite integral over all states, so φ_G is a quadrature",
+    ),
     "density.node_velocity_std": (SILENT, "likewise"),
-    "offline.speed_max": (SILENT, "the paper's offline path has no limits; a craft has"),
+    "offline.speed_max": (SILENT, "the paper's offline path has no limits, but a vehicle has"),
     "offline.acceleration_max": (SILENT, "likewise"),
     "filter.kind": (OURS, "the paper has no collision avoidance"),
     "filter.options": (OURS, "a filter declares its own"),
-    "filter.broadcast": (OURS, "a fiftieth of the bits of a state a tick, and no collisions either"),
-    "filter.delta_m": (OURS, "below half of the distance the filter keeps"),
-    "filter.velocity_delta_m_s": (OURS, "none: a velocity that is off makes the position off soon enough"),
-    "filter.repeats": (OURS, "enough where 3 % of messages are lost; 2 to 4 where more are"),
-    "filter.forget_s": (OURS, "longer than losses in a row, shorter than a way across the formation"),
-    "federation.period": (PRINTED, "100 for H and F, 200 for HF; the text has 100 for all once"),
+    "filter.broadcast": (OURS, "a fiftieth of the bits of a state every tick, and still no collisions"),
+    "filter.delta_m": (OURS, "below half of the distance that the filter maintains"),
+    "filter.velocity_delta_m_s": (OURS, "no limit: a wrong velocity soon makes the position wrong"),
+    "filter.repeats": (OURS, "enough if 3 % of the messages are lost; use 2 to 4 if more are"),
+    "filter.forget_s": (OURS, "longer than a series of losses, shorter than a flight across the formation"),
+    "federation.period": (PRINTED, "100 for H and F, 200 for HF; one sentence of the paper has 100 for all"),
     "federation.fraction": (PRINTED, ""),
-    "federation.leader": (SILENT, "any will do"),
-    "federation.state_period": (SILENT, "mfg shares states, but not how often; 0 is the initial ones only"),
+    "federation.leader": (SILENT, "any UAV will do"),
+    "federation.state_period": (
+        SILENT,
+        "the paper does not say how often `mfg` shares states; 0 shares the initial ones only",
+    ),
     "federation.aggregation": (PRINTED, "FedAvg"),
     "federation.options": (OURS, "a rule declares its own"),
     "federation.tolerance": (OURS, "a quarter of the uploads may be false"),
-    "federation.byzantine_fraction": (OURS, "nobody lies"),
-    "federation.byzantine_kind": (OURS, "without effect where nobody lies"),
+    "federation.byzantine_fraction": (OURS, "all uploads are true"),
+    "federation.byzantine_kind": (OURS, "no effect if all uploads are true"),
     "federation.payload": (OURS, "the paper's floats; narrower ones are measured in [communication](communication.md)"),
     "federation.broadcast_payload": (OURS, "likewise"),
-    "federation.error_feedback": (OURS, "without it rounding adds up; see [communication](communication.md)"),
-    "federation.clusters": (OURS, "one leader for all; what heads cost and save is in [scaling](scaling.md)"),
-    "federation.topology": (OURS, "one leader; K > 1 clusters mean `clusters`"),
+    "federation.error_feedback": (OURS, "without it rounding errors add up; see [communication](communication.md)"),
+    "federation.clusters": (OURS, "one leader for all UAVs; [scaling](scaling.md) says what clusters cost and save"),
+    "federation.topology": (OURS, "one leader averages all models"),
     "federation.range_m": (PRINTED, "the paper's uploads and global models reach any distance"),
     "radio.tx_power_dbm": (PRINTED, ""),
     "radio.bandwidth_hz": (PRINTED, ""),
     "radio.noise_psd_dbm_hz": (PRINTED, ""),
-    "radio.path_loss_exponent": (PRINTED, "distance does not matter to the radio; its model asks for α ≥ 2"),
+    "radio.path_loss_exponent": (PRINTED, "with 0 the radio ignores distance; the paper's model asks for α ≥ 2"),
     "radio.rice_xi": (PRINTED, ""),
     "radio.rice_chi": (PRINTED, ""),
-    "radio.fading": (PRINTED, "an amplitude multiplies the SNR; `power` has its square"),
+    "radio.fading": (PRINTED, "the paper multiplies the SNR by an amplitude; `power` squares it"),
     "radio.target_snr_db": (
         SILENT,
-        "near the median SNR, so that large models fail now and then and small ones rarely",
+        "near the median SNR, so that large models are sometimes lost and small ones rarely",
     ),
     "radio.coherence_time_s": (SILENT, "likewise"),
     "radio.latency_threshold_slots": (SILENT, "likewise"),
     "radio.bits_per_float": (SILENT, "b in the paper's formula of the payload"),
-    "radio.range_m": (PRINTED, "how far hjb's states reach"),
+    "radio.range_m": (PRINTED, "the reach of the states that `hjb` sends"),
     "radio.plausible_speed": (
         OURS,
-        "far above the speeds flown here; [robustness](robustness.md#false-states) has what lies below it do",
+        "far above the speeds flown here; [robustness](robustness.md#false-states) measures false states below it",
     ),
     "radio.model": (PRINTED, ""),
     "radio.options": (OURS, "a channel declares its own"),
     "vehicle.model": (PRINTED, "double integrator in wind, power of a rotary wing"),
     "vehicle.options": (OURS, "a vehicle declares its own"),
-    "vehicle.blade_power": (PRINTED, "a craft of some five grams: it hovers with 0.094 W"),
+    "vehicle.blade_power": (PRINTED, "a vehicle of about five grams, which hovers with 0.094 W"),
     "vehicle.induced_power": (PRINTED, "likewise"),
-    "vehicle.power_speed": (PRINTED, "as printed, the wind carries for nothing; `air` has it cost"),
+    "vehicle.power_speed": (
+        PRINTED,
+        "with `ground`, as printed, drifting with the wind is free; with `air` it costs power",
+    ),
     "vehicle.parasite_drag": (PRINTED, "likewise"),
     "vehicle.tip_speed": (PRINTED, "likewise"),
     "vehicle.induced_velocity": (PRINTED, "likewise"),
     "metrics.collision_radius": (PRINTED, "a pair counts once, while both are on the way"),
     "metrics.hazard_radius": (PRINTED, "√2/2 m"),
     "pace.slow_s": (OURS, "far above what a healthy node takes"),
-    "pace.slow_factor": (OURS, "where all nodes are slow, none is"),
-    "pace.slow_ticks": (OURS, "spares who is slow now and then"),
+    "pace.slow_factor": (OURS, "if all nodes are slow, no node is to blame"),
+    "pace.slow_ticks": (OURS, "spares a node that is slow now and then"),
     "pace.wait_share": (
         OURS,
-        "a flight is slowed down by a quarter at most; an agent with more of the UAVs may cost that",
+        "one agent slows a flight by a quarter at most; an agent may always cost its share of the UAVs",
     ),
-    "pace.wait_window_s": (OURS, "longer than any hiccup of a healthy machine"),
-    "pace.rejoins": (OURS, "as often as a launcher starts a process again"),
+    "pace.wait_window_s": (OURS, "longer than any pause of a healthy machine"),
+    "pace.rejoins": (OURS, "as often as `meanflock run` restarts a process"),
     "pace.rejoin_ticks": (OURS, "a minute of flight"),
 }
 
@@ -142,23 +154,23 @@ def page() -> str:
     lines = [
         "# Scenario keys",
         "",
-        "Written by `python docs/keys.py`; a test compares it with the code. A scenario is a TOML file; what it leaves",
-        "out has the default. Set a key for one flight with `--set wind.sigma=0.3`, or in Python with",
+        "`python docs/keys.py` writes this page; a test compares it with the code. A scenario is a TOML file. A key",
+        "that it leaves out has the default. Set a key for one flight with `--set wind.sigma=0.3`, or in Python with",
         '`mf.fly("paper", **{"wind.sigma": 0.3})`. A wrong key, type or value is refused before anything flies.',
         "",
-        f"*The paper*: **{PRINTED}**, the default is the value the paper prints; **{SILENT}**, the paper has",
-        f"the quantity but no value; **{OURS}**, the paper has no such quantity. *Why*: the default's reason.",
+        f"*The paper*: **{PRINTED}**: the default is the value that the paper prints. **{SILENT}**: the paper has",
+        f"the quantity but no value. **{OURS}**: the paper has no such quantity. *Why*: the reason for the default.",
         "",
         "## Top level",
         "",
-        "These stand before the first table.",
+        "These keys stand before the first table of the file.",
         "",
         *_table(schema, "Scenario", ""),
     ]
     for name, key in schema["Scenario"]["properties"].items():
         if "$ref" in key:
-            of = key["$ref"].rpartition("/")[2]
-            lines += ["", f"## [{name}]", "", schema[of]["description"], "", *_table(schema, of, f"{name}.")]
+            table = key["$ref"].rpartition("/")[2]
+            lines += ["", f"## [{name}]", "", schema[table]["description"], "", *_table(schema, table, f"{name}.")]
     lines += [
         "",
         "## [[obstacles]]",
@@ -167,33 +179,33 @@ def page() -> str:
         "",
         "| key | what | unit | bounds |",
         "|---|---|---|---|",
-        "| `centre` | where it is | m | two numbers |",
-        "| `radius` | from there to its edge | m | > 0 |",
+        "| `centre` | its centre | m | two numbers |",
+        "| `radius` | its radius | m | > 0 |",
         "",
         "## [[faults]]",
         "",
-        "What goes wrong, with whom, when and for how long; in simulated time; as many as are wanted.",
-        "A fault begins at `tick` or at `time_s`; one that begins after `duration` is warned of. With",
-        "`harmless = true` it declares that the flight is the same without it.",
-        "A file that holds faults alone is flown with `--faults FILE`.",
+        "The fault script. Each entry says what goes wrong, for which UAVs, when and for how long, in simulated time.",
+        "A fault begins at `tick` or at `time_s`; meanflock warns of one that begins after `duration`. With",
+        "`harmless = true` a fault declares that it does not change the flight.",
+        "A file with faults alone is flown with `--faults FILE`.",
         "",
         "| kind | what it does | keys |",
         "|---|---|---|",
     ]
-    for of in _faults(schema):
-        own = schema[of]["properties"]
+    for fault in _faults(schema):
+        own = schema[fault]["properties"]
         keys = [
             f"`{name}`{_meaning(key)}"
             for name, key in own.items()
             if name not in ("kind", "tick", "time_s", "harmless")
         ]
         kind = own["kind"]["enum"][0]
-        lines.append(f"| `{kind}` | {schema[of]['description']} | {'; '.join(keys)} |")
+        lines.append(f"| `{kind}` | {schema[fault]['description']} | {'; '.join(keys)} |")
     return "\n".join(lines) + "\n"
 
 
 def keys() -> list[str]:
-    """Every key, dotted, but those within a fault."""
+    """Every dotted key except those of faults."""
     schema = scenario.schema()["$defs"]
     found = []
     for name, key in schema["Scenario"]["properties"].items():
@@ -207,10 +219,10 @@ def _faults(schema: dict[str, Any]) -> Iterator[str]:
         yield item["$ref"].rpartition("/")[2]
 
 
-def _table(schema: dict[str, Any], of: str, prefix: str) -> Iterator[str]:
+def _table(schema: dict[str, Any], table: str, prefix: str) -> Iterator[str]:
     yield "| key | what | unit | bounds | default | the paper | why |"
     yield "|---|---|---|---|---|---|---|"
-    for name, key in schema[of]["properties"].items():
+    for name, key in schema[table]["properties"].items():
         if "$ref" in key:
             continue
         path = prefix + name
@@ -224,7 +236,7 @@ def _table(schema: dict[str, Any], of: str, prefix: str) -> Iterator[str]:
 
 
 def _typed(key: dict[str, Any]) -> dict[str, Any]:
-    """The key itself, or the part of it that is not null."""
+    """The key itself, or its part that is not null."""
     return next((part for part in key.get("anyOf", ()) if part.get("type") != "null"), key)
 
 

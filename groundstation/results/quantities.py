@@ -103,13 +103,13 @@ _OF_BOTH = (  # fields of the summary that are columns of the time series, too
     Field(
         "phi_C_distinct",
         RISK,
-        "collision risk φ_C: share of distinct pairs nearer than r_C at ticks; of a single UAV null, 0 in the series",
+        "collision risk φ_C: share of distinct pairs nearer than r_C at ticks; for a single UAV null, 0 in the series",
         True,
     ),
     Field(
         "collisions",
         COLLISIONS,
-        "pairs that came nearer than r_coll in a tick that both began on the way, each once",
+        "pairs that came nearer than r_coll in a tick at whose start both were on the way; each pair once",
         True,
     ),
 )
@@ -118,13 +118,13 @@ _ARRIVED = Field("arrived", ARRIVED, "UAVs that have arrived")
 _OF_LINKS = (
     ("sent", "messages", "messages sent over links; a broadcast counts once for each receiver"),
     ("delivered", "messages", "messages delivered"),
-    ("outages", OUTAGES, "messages given up, see outage in the glossary"),
+    ("outages", OUTAGES, "messages lost in an outage (see the glossary)"),
     ("outage_rate", "1", "outages / sent"),
     ("outage_rate_theory", "1", "closed form of the outage rate at the distances flown"),
-    ("latency_slots_mean", "slots", "mean latency of the messages delivered"),
+    ("latency_slots_mean", "slots", "mean latency of the delivered messages"),
     ("latency_slots_mean_theory", "slots", "closed form of the mean latency at the distances flown"),
 )
-_KIND = "of a kind of traffic: uplink, relay, broadcast or state"
+_KIND = "by kind of traffic: uplink, relay, broadcast or state"
 
 SUMMARY = (
     Field("schema", "1", "version of this record"),
@@ -134,77 +134,83 @@ SUMMARY = (
     Field("method", "", "name of the controller"),
     Field("uavs", "UAVs", "number of UAVs"),
     Field("seed", "1", "seed of all randomness"),
-    Field("mode", "", "`processes`, or `in-process` if one process had all nodes"),
-    Field("backend", "", "whether the kernels of the world were `compiled` or `numpy`"),
-    Field("wall_time_s", "s", "how long the flight took"),
-    Field("real_time_factor", "1", "simulated seconds a second"),
+    Field("mode", "", "`processes`, or `in-process` if all nodes were in one process"),
+    Field("backend", "", "kernels of the world: `compiled` or `numpy`"),
+    Field("wall_time_s", "s", "wall time of the flight"),
+    Field("real_time_factor", "1", "simulated seconds per second of the wall clock"),
     Field("ticks", "ticks", "ticks flown"),
     Field("sim_time_s", TIME, "simulated time flown"),
     _ARRIVED,
-    Field("lost", "UAVs", "UAVs that are lost at the end"),
-    Field("t_avg_s", TRAVEL_TIME, "mean travel time, each from its launch, of the UAVs that arrived"),
+    Field("lost", "UAVs", "UAVs that are lost at the end of the flight"),
+    Field("t_avg_s", TRAVEL_TIME, "mean travel time of the UAVs that arrived, each from its launch"),
     Field("t_max_s", TRAVEL_TIME, "longest travel time of the UAVs that arrived"),
     Field(
         "energy_mean_J",
         ENERGY_TO_ARRIVAL,
-        "energy until own arrival, or the end of the flight; mean of the UAVs",
+        "energy of a UAV until it arrives, or until the end of the flight: mean",
     ),
-    Field("energy_std_J", ENERGY_TO_ARRIVAL, "the same: standard deviation"),
-    Field("energy_end_mean_J", ENERGY, "energy until the end of the flight: mean of the UAVs"),
-    Field("energy_end_std_J", ENERGY, "the same: standard deviation"),
+    Field("energy_std_J", ENERGY_TO_ARRIVAL, "the same energy: standard deviation"),
+    Field("energy_end_mean_J", ENERGY, "energy of a UAV until the end of the flight: mean"),
+    Field("energy_end_std_J", ENERGY, "the same energy: standard deviation"),
     *_OF_BOTH,
-    Field("collisions_all", COLLISIONS, "the same of all UAVs in the air, also those that had arrived or were lost"),
+    Field(
+        "collisions_all", COLLISIONS, "the same for all UAVs in the air, including those that had arrived or were lost"
+    ),
     Field(
         "closest_approach_m",
         "m",
-        "least distance of any two UAVs in the air, between ticks too; null if there never were two",
+        "least distance between two UAVs in the air, also between ticks; null if there were never two in the air",
     ),
-    Field("obstacle_hits", "1", "UAVs that entered a disc of `[[obstacles]]`, between ticks too, each disc once"),
-    Field("speed_max_m_s", SPEED, "highest speed of any UAV on the way"),
-    Field("speed_mean_m_s", SPEED, "mean speed on the way"),
-    Field("distance_mean_m", DISTANCE, "distance flown until own arrival: mean of the UAVs"),
-    Field("control_effort", "m²/s³", "∫‖a‖² dt of the commands until own arrival, or the end; mean of the UAVs"),
+    Field(
+        "obstacle_hits",
+        "1",
+        "entries of a UAV into a disc of `[[obstacles]]`, also between ticks; each UAV and disc once",
+    ),
+    Field("speed_max_m_s", SPEED, "highest speed of a UAV on the way"),
+    Field("speed_mean_m_s", SPEED, "mean speed of the UAVs on the way"),
+    Field("distance_mean_m", DISTANCE, "distance that a UAV flies until it arrives: mean"),
+    Field("control_effort", "m²/s³", "∫‖a‖² dt of a UAV's commands until it arrives, or until the end: mean"),
     Field("trajectory_sha256", "", "hash of the states of all ticks; equal for equal flights"),
-    Field("payload_bits.*", PAYLOAD, f"payload {_KIND}, once a transmission; and `total`"),
-    Field("bits_to_arrival.*", PAYLOAD, "the same until the last arrival, or the end if some never arrived"),
-    Field("wire_bytes", "bytes", "encoded frames as they crossed the bus on the way to the radio"),
+    Field("payload_bits.*", PAYLOAD, f"payload {_KIND}, counted once per transmission; and `total`"),
+    Field("bits_to_arrival.*", PAYLOAD, "the same until the last arrival, or until the end if some never arrived"),
+    Field("wire_bytes", "bytes", "size of the encoded frames on their way to the radio"),
     *(Field(f"radio.{name}", measured, about) for name, measured, about in _OF_LINKS),
-    Field("radio.airtime_s", "s", "time transmissions took"),
+    Field("radio.airtime_s", "s", "time that transmissions took"),
     Field("radio.traffic.*.transmissions", "frames", f"transmissions {_KIND}"),
-    Field("radio.traffic.*.payload_bits", PAYLOAD, "payload of that traffic, once a transmission"),
-    Field("radio.traffic.*.wire_bytes", "bytes", "encoded frames of that traffic"),
-    Field("radio.traffic.*.airtime_s", "s", "time its transmissions took"),
-    *(Field(f"radio.traffic.*.{name}", measured, f"of that traffic: {about}") for name, measured, about in _OF_LINKS),
-    Field("radio.links_used", "links", "pairs of UAVs, with direction, that any message was sent between"),
-    Field("radio.links", "", "`[source, target, sent, outages]` of each link; null if there are more than 1000"),
-    Field("rounds", "1", "rounds averaged and broadcast"),
-    Field("rounds_void", "1", "rounds that had no model of another UAV to average, so that nothing was broadcast"),
+    Field("radio.traffic.*.payload_bits", PAYLOAD, "payload of that traffic, counted once per transmission"),
+    Field("radio.traffic.*.wire_bytes", "bytes", "size of the encoded frames of that traffic"),
+    Field("radio.traffic.*.airtime_s", "s", "time that its transmissions took"),
+    *(Field(f"radio.traffic.*.{name}", measured, f"for that traffic: {about}") for name, measured, about in _OF_LINKS),
+    Field("radio.links_used", "links", "ordered pairs of UAVs between which a message was sent"),
+    Field("radio.links", "", "`[source, target, sent, outages]` for each link; null if there are more than 1000"),
+    Field("rounds", "1", "rounds whose average was broadcast"),
+    Field("rounds_void", "1", "rounds without a model of another UAV to average; nothing was broadcast"),
     Field(
         "diagnostics.*",
         "",
-        "sum of each diagnostic the controller reports, over UAVs on the way and ticks, in its unit",
+        "sum of each diagnostic of the controller over ticks and the UAVs on the way, in its unit",
     ),
-    Field("diagnostics_max.*", "", "largest size of each diagnostic the controller reports, in its unit"),
+    Field("diagnostics_max.*", "", "largest absolute value of each diagnostic of the controller, in its unit"),
     Field("hjb_residual_max", HJB_RESIDUAL, "largest HJB residual |e_H|; null if the controller reports none"),
     Field("fpk_residual_max", FPK_RESIDUAL, "largest FPK residual |e_F|; null if the controller reports none"),
     Field("weight_spread_final", SPREAD, "RMS distance of the UAVs' models from their mean, at the last report"),
-    Field("nodes_lost", "nodes", "nodes lost in flight"),
-    Field("nodes_rejoined", "nodes", "nodes admitted in flight, in the place of a lost one or as a standby"),
-    Field("uploads_refused", "models", "uploads that were not averaged because they could not be used"),
+    Field("nodes_lost", "nodes", "nodes that were lost in flight"),
+    Field("nodes_rejoined", "nodes", "nodes that joined in flight, in the place of a lost node or as a standby"),
+    Field("uploads_refused", "models", "uploads that were refused and not averaged"),
     Field(
         "states_refused",
         "states",
-        "received states that were not used because no UAV can have them, each sender once a tick",
+        "received states that no UAV can have and that were not used; each sender once per tick",
     ),
-    Field("dropped_messages.*", "messages", "messages that were refused on receipt, by reason"),
-    Field("held_commands", "commands", "commands held over because they came late; null in lockstep"),
+    Field("dropped_messages.*", "messages", "messages that the receiver refused, by reason"),
+    Field("held_commands", "commands", "late commands, in whose place the last one was held; null in lockstep"),
     Field("realtime", "", "null in lockstep"),
-    Field("realtime.factor", "1", "how many times faster than the wall clock ticks were due"),
-    Field("realtime.deadline_misses", "ticks", "ticks in which any command came late"),
-    Field("realtime.tick_start_jitter_ms.mean", "ms", "how long after its time a tick began: mean"),
-    Field("realtime.tick_start_jitter_ms.p99", "ms", "the same: 99th percentile"),
-    Field("realtime.tick_start_jitter_ms.max", "ms", "the same: maximum"),
-    Field("telemetry_blocks_dropped", "blocks", "blocks of rows the ground station did not get"),
+    Field("realtime.factor", "1", "planned simulated seconds per second of the wall clock"),
+    Field("realtime.deadline_misses", "ticks", "ticks in which a command came late"),
+    Field("realtime.tick_start_jitter_ms.mean", "ms", "delay with which a tick began: mean"),
+    Field("realtime.tick_start_jitter_ms.p99", "ms", "the same delay: 99th percentile"),
+    Field("realtime.tick_start_jitter_ms.max", "ms", "the same delay: maximum"),
+    Field("telemetry_blocks_dropped", "blocks", "blocks of rows that the ground station did not receive"),
 )
 
 # Columns of timeseries.parquet. A row is a tick, the first that of take-off. The diagnostics of the controller lie
@@ -212,29 +218,31 @@ SUMMARY = (
 COLUMNS_BEFORE = (
     Field("tick", "ticks", "number of the tick", type="int32"),
     Field("sim_time_s", TIME, "simulated time since take-off"),
-    Field("x_m", "m", "position of each UAV, from the origin", type="float64[]"),
-    Field("y_m", "m", "position of each UAV, from the origin", type="float64[]"),
-    Field("vx_m_s", "m/s", "velocity of each UAV, over ground", type="float64[]"),
-    Field("vy_m_s", "m/s", "velocity of each UAV, over ground", type="float64[]"),
+    Field("x_m", "m", "position of each UAV, relative to the origin", type="float64[]"),
+    Field("y_m", "m", "position of each UAV, relative to the origin", type="float64[]"),
+    Field("vx_m_s", "m/s", "velocity of each UAV over ground", type="float64[]"),
+    Field("vy_m_s", "m/s", "velocity of each UAV over ground", type="float64[]"),
     Field("ax_m_s2", "m/s²", "commanded acceleration of each UAV in the tick that led here", type="float32[]"),
     Field("ay_m_s2", "m/s²", "commanded acceleration of each UAV in the tick that led here", type="float32[]"),
-    Field("energy_J", ENERGY, "energy each UAV has used, past its arrival too", True, "float32[]"),
+    Field("energy_J", ENERGY, "energy that each UAV has used, also after its arrival", True, "float32[]"),
 )
-_SENT = "payload sent by {}, once a transmission"
+_SENT = "payload sent by {}, counted once per transmission"
 COLUMNS_AFTER = (
-    Field("status", "", "state of the mission of each UAV", type="uint8[]"),
+    Field("status", "", "mission status of each UAV", type="uint8[]"),
     Field("uplink_bits", PAYLOAD, _SENT.format("UAVs that upload their model"), True),
     Field("relay_bits", PAYLOAD, _SENT.format("heads of clusters to the leader"), True),
     Field("broadcast_bits", PAYLOAD, _SENT.format("the leader with the global model"), True),
-    Field("state_bits", PAYLOAD, _SENT.format("controllers, own states as a rule"), True),
-    Field("deliveries", "messages", "messages delivered over links, a broadcast once a receiver", True),
-    Field("outages", OUTAGES, "messages given up on links, a broadcast once a receiver", True),
-    Field("airtime_s", "s", "time transmissions took; each lasts until its last link is served or given up", True),
+    Field("state_bits", PAYLOAD, _SENT.format("controllers, usually their states"), True),
+    Field("deliveries", "messages", "messages delivered over links; a broadcast counts once per receiver", True),
+    Field("outages", OUTAGES, "messages lost on links; a broadcast counts once per receiver", True),
+    Field(
+        "airtime_s", "s", "time that transmissions took; each lasts until its last link has delivered or lost it", True
+    ),
     *_OF_BOTH,
     _ARRIVED,
-    Field("round", "1", "rounds averaged and broadcast", True),
-    Field("held_commands", "commands", "commands held over because they came late, in real time", True),
-    Field("deadline_misses", "ticks", "ticks in which any command came late, in real time", True),
+    Field("round", "1", "rounds whose average was broadcast", True),
+    Field("held_commands", "commands", "late commands, in whose place the last one was held, in real time", True),
+    Field("deadline_misses", "ticks", "ticks in which a command came late, in real time", True),
     Field("weight_spread", SPREAD, "RMS distance of the UAVs' models from their mean; null between reports"),
     Field("leader_model", "1", "the reported model of the leader's UAV; null between reports", type="float32[]"),
 )
@@ -249,18 +257,18 @@ DERIVED = (  # numbers that studies make of summaries and time series
         "travel time, mean of the UAVs; one that never arrived counts with the duration",
         symbol="T_avg",
     ),
-    Field("energy_trip_mean_J", ENERGY_TO_ARRIVAL, "energy so far, until own arrival: mean of the UAVs"),
+    Field("energy_trip_mean_J", ENERGY_TO_ARRIVAL, "energy of a UAV so far, at most until it arrives: mean"),
     Field("phi_A_tavg", ALIGNMENT, "alignment φ_A at T_avg", symbol="φ_A(T_avg)"),
     Field("phi_C_tavg", RISK_PRINTED, "collision risk φ_C as printed at T_avg", symbol="φ_C(T_avg)"),
-    Field("payload_bits.total", PAYLOAD, "payload of all traffic, once a transmission"),
+    Field("payload_bits.total", PAYLOAD, "payload of all traffic, counted once per transmission"),
     Field("bits", PAYLOAD, "payload of all traffic so far"),
 )
 
 
 def diagnostic(name: str) -> Field:
-    """The column of a diagnostic; of one that only its controller knows, only the name is known."""
+    """The column of a diagnostic. A diagnostic of a plug-in has a name and no unit."""
     quantity = DIAGNOSTICS.get(name)
-    about = f"{quantity.name} of each UAV" if quantity else f"what the controller reports as {name}, of each UAV"
+    about = f"{quantity.name} of each UAV" if quantity else f"diagnostic {name} of the controller, for each UAV"
     return Field(name, quantity or "", f"{about}, in the tick that led here; 0 at take-off", type="float32[]")
 
 
@@ -387,6 +395,8 @@ KEY_UNITS = {  # of the keys of a scenario
     "metrics.collision_radius": "m",
     "metrics.hazard_radius": "m",
     "pace.slow_s": "s",
+    "pace.wait_window_s": "s",
+    "pace.rejoin_ticks": "ticks",
 }
 
 

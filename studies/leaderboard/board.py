@@ -30,30 +30,36 @@ FIELDS = (  # of `leaderboard.json`: a course is a mission as flown, a standing 
     Field("seeds", "1", "seeds of every row"),
     Field("courses.name", "", "name of the mission"),
     Field("courses.title", "", "heading of its table"),
-    Field("courses.about", "", "the mission in words"),
+    Field("courses.about", "", "description of the mission"),
     Field("courses.uavs", "UAVs", "number of UAVs"),
     Field("courses.duration_s", "s", "longest simulated time of a flight"),
-    Field("courses.absent.*", "", "why a row cannot fly the mission, by the row's name"),
+    Field("courses.absent.*", "", "reason why a row cannot fly the mission, by the row's name"),
     Field("courses.front_s", "s", "times of the front; empty if it is not known"),
-    Field("courses.front_J", "J", "least energy for each of these, mean of the UAVs"),
+    Field("courses.front_J", "J", "least energy for each of these times, mean of the UAVs"),
     Field("courses.standings.name", "", "name of the row"),
     Field("courses.standings.controller", "", "name of its controller"),
-    Field("courses.standings.about", "", "the row in words"),
-    Field("courses.standings.settings.*", "", "keys of the scenario that the row sets"),
+    Field("courses.standings.about", "", "description of the row"),
+    Field("courses.standings.settings.*", "", "scenario keys that the row sets"),
     Field("courses.standings.yours", "", "whether the controller came from a file of the reader"),
     Field("courses.standings.cells.*.mean", "", "mean of the flights, by measure; shares are of 1"),
     Field("courses.standings.cells.*.low", "", "lower end of its 95 % interval; null if there is none"),
-    Field("courses.standings.cells.*.high", "", "upper end"),
+    Field("courses.standings.cells.*.high", "", "upper end of its 95 % interval"),
     Field("courses.standings.cells.*.n", "flights", "number of these flights"),
-    Field("courses.standings.cells.*.best", "", "whether it differs significantly from every other row of the table"),
-    Field("courses.standings.cells.*.least", "", "least of all flights; null but for the closest approach"),
+    Field(
+        "courses.standings.cells.*.best", "", "whether the row differs significantly from every other row of the table"
+    ),
+    Field(
+        "courses.standings.cells.*.least",
+        "",
+        "least value of all flights; null for all measures but the closest approach",
+    ),
     Field("courses.standings.kbit_by_kind.*", "kbit", "payload until the last arrival by kind of traffic, mean"),
     Field(
         "courses.standings.values.*", "", "of each measure a number a seed, in their order; null if a flight has none"
     ),
-    Field("courses.standings.lost", "UAVs", "UAVs lost in all flights"),
+    Field("courses.standings.lost", "UAVs", "UAVs that were lost, over all flights"),
     Field("courses.standings.failed", "flights", "flights that could not be flown"),
-    Field("courses.standings.why", "", "why the first of them, or the first UAV lost"),
+    Field("courses.standings.why", "", "reason of the first failure, or of the first lost UAV"),
 )
 
 
@@ -78,7 +84,7 @@ class Cell(msgspec.Struct, frozen=True):
 class Standing(msgspec.Struct, frozen=True):
     """A row of a mission. values: of each measure, a number a seed, null where the flight has none. kbit_by_kind: mean
     of the payload until the last arrival, by kind. failed: flights that could not be flown, why: the reason of the
-    first, or of the first UAV lost. lost: UAVs lost in all flights."""
+    first, or of the first UAV lost. lost: UAVs that were lost, over all flights."""
 
     name: str
     controller: str

@@ -74,17 +74,19 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             nothing without another. The message names the key, its value, the bound, and how to mend it.
     """
 
-    method: Annotated[str, Meta(description="the controller of the UAVs; `meanflock plugins` lists them")] = "mfgfl-hf"
+    method: Annotated[str, Meta(description="name of the controller of the UAVs; see `meanflock plugins`")] = "mfgfl-hf"
     controller: Annotated[dict[str, Any], Meta(description="options of that controller")] = msgspec.field(
         default_factory=dict
     )
-    uavs: Annotated[int, Meta(ge=1, le=100_000, description="N, how many UAVs fly")] = 25
-    seed: Annotated[int, Meta(ge=0, le=2**62, description="source of all randomness")] = 1
-    dt: Annotated[float, Meta(ge=1e-6, le=1e3, description="a tick, s")] = 0.1
-    duration: Annotated[float, Meta(gt=0, description="the run ends at the latest now, s")] = 300.0
-    stop: Annotated[Literal["arrival", "duration"], Meta(description="end when all have arrived, or at `duration`")] = (
-        "arrival"
+    uavs: Annotated[int, Meta(ge=1, le=100_000, description="N, number of UAVs")] = 25
+    seed: Annotated[int, Meta(ge=0, le=2**62, description="seed of all random numbers")] = 1
+    dt: Annotated[float, Meta(ge=1e-6, le=1e3, description="length of a tick, s")] = 0.1
+    duration: Annotated[float, Meta(gt=0, description="simulated time at which the flight ends at the latest, s")] = (
+        300.0
     )
+    stop: Annotated[
+        Literal["arrival", "duration"], Meta(description="the flight ends when all UAVs have arrived, or at `duration`")
+    ] = "arrival"
     start: tables.Start = field(default_factory=tables.Start)
     destination: tables.Destination = field(default_factory=tables.Destination)
     obstacles: Annotated[

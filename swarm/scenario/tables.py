@@ -19,11 +19,12 @@ Places: TypeAlias = tuple[tuple[float, float], ...]
 
 
 class Start(_Table, frozen=True):
-    """Where and when the swarm takes off, at rest: see `swarm/formations.py`."""
+    """Start position, launch time and altitude of every UAV. All start at rest."""
 
     formation: (
         Annotated[
-            Literal["grid", "circle", "streams", "waves"], Meta(description="how the UAVs stand; unset: in a grid")
+            Literal["grid", "circle", "streams", "waves"],
+            Meta(description="formation in which the UAVs start; unset: a grid"),
         ]
         | None
     ) = None
@@ -32,28 +33,31 @@ class Start(_Table, frozen=True):
         math.sqrt(2.0)
     )
     radius: Annotated[
-        float, Meta(gt=0, description="of the circle; of streams, how far before their crossing they begin, m")
+        float,
+        Meta(gt=0, description="radius of the circle; for streams, their distance from the crossing at the start, m"),
     ] = 25.0
-    positions: Annotated[Places, Meta(description="where each UAV stands, instead of a formation, m")] = ()
-    group: Annotated[int, Meta(ge=1, description="UAVs of a wave, which leave at once")] = 5
-    interval: Annotated[float, Meta(ge=0, le=1e6, description="from one wave to the next; 0: all leave at once, s")] = (
-        0.0
-    )
+    positions: Annotated[Places, Meta(description="start position of each UAV, instead of a formation, m")] = ()
+    group: Annotated[int, Meta(ge=1, description="number of UAVs in a wave; they leave at the same time")] = 5
+    interval: Annotated[
+        float, Meta(ge=0, le=1e6, description="time between two waves; 0: all UAVs leave at once, s")
+    ] = 0.0
     height: Annotated[float, Meta(gt=0, description="constant altitude h, m")] = 40.0
 
 
 class Destination(_Table, frozen=True):
-    """Where it goes: the origin, or each UAV to a goal of its own."""
+    """Goals of the UAVs: the origin for all, or a goal for each."""
 
-    radius: Annotated[float, Meta(gt=0, description="s_dest: arrived when ‖s‖ from the own goal ≤ this, m and m/s")] = (
-        5.0
-    )
+    radius: Annotated[
+        float,
+        Meta(gt=0, description="s_dest: a UAV has arrived when ‖s‖ relative to its goal is at most this, m and m/s"),
+    ] = 5.0
     goals: (
         Annotated[
             Literal["common", "opposite", "across", "parallel"],
             Meta(
-                description="where each UAV goes: all to the origin; opposite its start, through the centre; across "
-                "the crossing of the streams; parallel, as they stand about the centre, so about the origin"
+                description="goals: `common`: the origin; `opposite`: the point opposite the start, through the "
+                "centre; `across`: the far side of the crossing; `parallel`: the origin plus the offset of the "
+                "start from `centre`"
             ),
         ]
         | None
@@ -62,10 +66,10 @@ class Destination(_Table, frozen=True):
 
 
 class Obstacle(_Table, frozen=True):
-    """A disc no UAV should enter. One that does is counted, once, and flies on."""
+    """A disc that no UAV should enter. A UAV that enters it is counted once and flies on."""
 
-    centre: Annotated[tuple[float, float], Meta(description="m")]
-    radius: Annotated[float, Meta(gt=0, description="m")]
+    centre: Annotated[tuple[float, float], Meta(description="its centre, m")]
+    radius: Annotated[float, Meta(gt=0, description="its radius, m")]
 
 
 class Wind(_Table, frozen=True):
@@ -75,91 +79,108 @@ class Wind(_Table, frozen=True):
     mean: Annotated[tuple[float, float], Meta(description="v_o, mean wind, m/s")] = (1.0, -1.0)
     drag: Annotated[float, Meta(ge=0, description="c0, drag towards the mean wind, 1/s")] = 0.1
     field_rms: Annotated[
-        float, Meta(ge=0, description="of a steady field on top of the mean wind: its size, 0 for none, m/s")
+        float,
+        Meta(ge=0, description="RMS speed of a steady wind field that is added to the mean wind; 0: no field, m/s"),
     ] = 0.0
-    field_length: Annotated[float, Meta(gt=0, description="over which that field varies, m")] = 30.0
-    field_modes: Annotated[int, Meta(ge=1, le=1000, description="waves it is the sum of")] = 64
+    field_length: Annotated[float, Meta(gt=0, description="length over which that field varies, m")] = 30.0
+    field_modes: Annotated[int, Meta(ge=1, le=1000, description="number of waves whose sum is the field")] = 64
 
 
 class Truth(_Table, frozen=True):
-    """What the world flies where it differs from `[wind]`, which is what the UAVs are told. No UAV is told of this
-    table."""
+    """Drag and wind of the world, where they differ from `[wind]`. UAVs are told `[wind]` and never see this table."""
 
-    drag: Annotated[float, Meta(ge=0, description="instead of `wind.drag`, 1/s")] | None = None
-    wind: Annotated[tuple[float, float], Meta(description="instead of `wind.mean`, m/s")] | None = None
+    drag: Annotated[float, Meta(ge=0, description="drag of the world, instead of `wind.drag`, 1/s")] | None = None
+    wind: (
+        Annotated[tuple[float, float], Meta(description="mean wind of the world, instead of `wind.mean`, m/s")] | None
+    ) = None
 
 
 class Sharing(_Table, frozen=True):
-    """When a UAV broadcasts its state, and how long others believe it; derive options from it."""
+    """When a UAV broadcasts its state, and how long others use it: base of the options of controllers that do so."""
 
     broadcast: Annotated[
         Literal["tick", "event"],
-        Meta(description="every tick, four floats; or 64 bits whenever others predict the position too badly"),
+        Meta(description="`tick`: four floats every tick; `event`: 64 bits if others predict the position too badly"),
     ] = "event"
     delta_m: Annotated[
-        float, Meta(gt=0, description="δ of an event, how far the position may be from what others predict, m")
+        float, Meta(gt=0, description="δ, error of the position that others predict above which an event is sent, m")
     ] = 0.3
     velocity_delta_m_s: Annotated[
-        float, Meta(ge=0, description="the same of the velocity; 0: only the position makes an event, m/s")
+        float, Meta(ge=0, description="the same for the velocity; 0: only the position causes an event, m/s")
     ] = 0.0
-    repeats: Annotated[int, Meta(ge=1, le=16, description="r, ticks in a row in which an event is sent")] = 1
+    repeats: Annotated[
+        int, Meta(ge=1, le=16, description="r, number of consecutive ticks in which an event is sent")
+    ] = 1
     forget_s: Annotated[
         float,
-        Meta(gt=0, description="with a broadcast every tick: who was not received for so long is not reckoned with, s"),
+        Meta(gt=0, description="with a broadcast every tick: a UAV that was not received for this long is ignored, s"),
     ] = 5.0
 
 
 class Filter(Sharing, frozen=True):
-    """What has the last word on the accelerations of any controller, and when it broadcasts the state it needs."""
+    """Filter that may change the accelerations of any controller, and when it broadcasts the states it needs."""
 
-    kind: Annotated[str, Meta(description="the filter, see `meanflock plugins`; none: as the controller commands")] = (
-        "none"
-    )
+    kind: Annotated[
+        str,
+        Meta(
+            description="the filter, see `meanflock plugins`; `none`: commands are flown as the controller gives them"
+        ),
+    ] = "none"
     options: Annotated[dict[str, Any], Meta(description="options of that filter")] = field(default_factory=dict)
 
 
 class Federation(_Table, frozen=True):
-    """The rounds."""
+    """Rounds in which the UAVs share their models."""
 
     period: (
-        Annotated[int, Meta(ge=1, description="n0, ticks between rounds; unset: as the controller declares")] | None
+        Annotated[
+            int, Meta(ge=1, description="n0, ticks between rounds; unset: the number that the controller declares")
+        ]
+        | None
     ) = None
-    fraction: Annotated[float, Meta(gt=0, le=1, description="N_h / N, share of UAVs that upload")] = 0.8
-    leader: Annotated[int, Meta(ge=0, description="h, the UAV that averages")] = 0
-    state_period: Annotated[int, Meta(ge=0, description="n_s, ticks between state shares of mfg; 0: once")] = 0
+    fraction: Annotated[float, Meta(gt=0, le=1, description="N_h / N, share of the UAVs that upload in a round")] = 0.8
+    leader: Annotated[int, Meta(ge=0, description="h, the UAV that carries the leader")] = 0
+    state_period: Annotated[
+        int, Meta(ge=0, description="n_s, ticks between broadcasts of the state by `mfg`; 0: initial states only")
+    ] = 0
     aggregation: Annotated[
-        str, Meta(description="how the leader makes one model of many; `meanflock plugins` lists the rules")
+        str, Meta(description="aggregation rule, by which the leader makes one model of many; see `meanflock plugins`")
     ] = "fedavg"
     options: Annotated[dict[str, Any], Meta(description="options of that rule")] = field(default_factory=dict)
     tolerance: Annotated[
-        float, Meta(ge=0, lt=0.5, description="share of uploads trimmed-mean and krum assume to be false")
+        float, Meta(ge=0, lt=0.5, description="share of the uploads that `trimmed-mean` and `krum` assume to be false")
     ] = 0.25
-    byzantine_fraction: Annotated[float, Meta(ge=0, le=1, description="share of UAVs whose uploads are false")] = 0.0
+    byzantine_fraction: Annotated[float, Meta(ge=0, le=1, description="share of the UAVs whose uploads are false")] = (
+        0.0
+    )
     byzantine_kind: Annotated[
         Literal["huge", "sign-flip", "boost", "noise"],
-        Meta(description="what a false upload is"),
+        Meta(description="content of a false upload"),
     ] = "sign-flip"
-    payload: Annotated[Payload, Meta(description="how uploads are written; unset: as the radio's floats")] | None = None
+    payload: Annotated[Payload, Meta(description="number format of uploads; unset: the radio's floats")] | None = None
     broadcast_payload: (
-        Annotated[Payload, Meta(description="how the global model is written; unset: as the radio's floats")] | None
+        Annotated[Payload, Meta(description="number format of the global model; unset: the radio's floats")] | None
     ) = None
     error_feedback: Annotated[
-        bool, Meta(description="what rounding to a narrower payload takes from an upload is added to the UAV's next")
+        bool, Meta(description="add the rounding error of an upload to the same UAV's next upload")
     ] = True
     range_m: (
         Annotated[
-            float, Meta(gt=0, description="how far uploads, relays and global models reach; unset: any distance, m")
+            float,
+            Meta(gt=0, description="distance that uploads, relays and global models reach; unset: any distance, m"),
         ]
         | None
     ) = None
     topology: (
         Annotated[
             str,
-            Meta(description="the way that models take, see `meanflock plugins`; unset: leader, or clusters if K > 1"),
+            Meta(description="topology, see `meanflock plugins`; unset: `leader`, or `clusters` if K > 1"),
         ]
         | None
     ) = None
-    clusters: Annotated[int, Meta(ge=1, description="K, clusters whose heads average for the leader; 1: none do")] = 1
+    clusters: Annotated[
+        int, Meta(ge=1, description="K, number of clusters whose heads average for the leader; 1: no clusters")
+    ] = 1
 
 
 class Radio(_Table, frozen=True):
@@ -182,12 +203,16 @@ class Radio(_Table, frozen=True):
         int, Meta(ge=1, le=1_000_000, description="D_M, slots after which a message is lost")
     ] = 8
     bits_per_float: Annotated[Literal[16, 32, 64], Meta(description="width of a float on the radio")] = 32
-    range_m: Annotated[float, Meta(gt=0, description="how far a broadcast of a UAV reaches, m")] = 100.0
+    range_m: Annotated[float, Meta(gt=0, description="distance that a broadcast of a UAV reaches, m")] = 100.0
     plausible_speed: Annotated[
-        float, Meta(gt=0, description="a received state that is faster, or too far away for it, is not believed, m/s")
+        float,
+        Meta(
+            gt=0,
+            description="received states that are faster, or farther away than this speed allows, are not used, m/s",
+        ),
     ] = 100.0
     model: Annotated[str, Meta(description="the channel, see `meanflock plugins`")] = "rice"
-    options: Annotated[dict[str, Any], Meta(description="what the channel takes besides these keys")] = msgspec.field(
+    options: Annotated[dict[str, Any], Meta(description="options of that channel")] = msgspec.field(
         default_factory=dict
     )
 
@@ -196,13 +221,13 @@ class Vehicle(_Table, frozen=True):
     """Which vehicle flies, and the constants of the rotary-wing power model, as printed: a craft of a few grams."""
 
     model: Annotated[str, Meta(description="the vehicle, see `meanflock plugins`")] = "point-mass"
-    options: Annotated[dict[str, Any], Meta(description="what the vehicle takes besides these keys")] = msgspec.field(
+    options: Annotated[dict[str, Any], Meta(description="options of that vehicle")] = msgspec.field(
         default_factory=dict
     )
     blade_power: Annotated[float, Meta(ge=0, description="λ0, profile power of the blades, W")] = 0.0049
     induced_power: Annotated[float, Meta(ge=0, description="λ1, induced power in hover, W")] = 0.0887
     power_speed: Annotated[
-        Literal["ground", "air"], Meta(description="the speed that costs power: over ground, or through the air")
+        Literal["ground", "air"], Meta(description="speed that determines the power: over ground, or through the air")
     ] = "ground"
     parasite_drag: Annotated[float, Meta(ge=0, description="λ2, parasite drag, W s³/m³")] = 0.0092
     tip_speed: Annotated[float, Meta(gt=0, description="ω_tip, speed of the blades' tips, m/s")] = 15.0
@@ -220,27 +245,41 @@ class Vehicle(_Table, frozen=True):
 class Metrics(_Table, frozen=True):
     """Radii of the collision metrics."""
 
-    collision_radius: Annotated[float, Meta(gt=0, description="r_coll, nearer than this is a collision, m")] = 0.1
-    hazard_radius: Annotated[float, Meta(gt=0, description="r_C, nearer than this is a risk, m")] = math.sqrt(2.0) / 2.0
+    collision_radius: Annotated[float, Meta(gt=0, description="r_coll, distance below which a pair collides, m")] = 0.1
+    hazard_radius: Annotated[
+        float, Meta(gt=0, description="r_C, distance below which a pair counts for the risk φ_C, m")
+    ] = math.sqrt(2.0) / 2.0
 
 
 class Pace(_Table, frozen=True):
-    """How much waiting for one node a flight in lockstep takes, in seconds of the wall clock, and how many rejoins."""
+    """Limits, in lockstep, of how long all others wait for one node (wall clock), and of how often a node rejoins."""
 
-    slow_s: Annotated[float, Meta(gt=0, description="a reply is slow if it takes longer than this and …, s")] = 2.0
+    slow_s: Annotated[
+        float,
+        Meta(gt=0, description="a reply is slow if it takes longer than this, and longer than `slow_factor` allows, s"),
+    ] = 2.0
     slow_factor: Annotated[
-        float, Meta(ge=1, description="… longer than this many times what half of the nodes took")
+        float, Meta(ge=1, description="a reply is slow if it takes longer than this many times the median of all nodes")
     ] = 10.0
     slow_ticks: Annotated[
-        int, Meta(ge=1, description="slow replies after which a node is lost; one in 100 ticks is forgiven")
+        int,
+        Meta(ge=1, description="number of slow replies after which a node is lost; one is forgiven every 100 ticks"),
     ] = 50
     wait_share: Annotated[
-        float, Meta(gt=0, le=1, description="share of the wall time for which all others may wait for one agent alone")
+        float, Meta(gt=0, le=1, description="share of the wall time that all others may wait for one agent alone")
     ] = 0.2
     wait_window_s: Annotated[
-        float, Meta(ge=1, le=1e6, description="window of that share; an agent that exceeds it stays out as long, s")
+        float,
+        Meta(
+            ge=1,
+            le=1e6,
+            description="window over which that share is measured; an agent that exceeds it stays out for as long, s",
+        ),
     ] = 60.0
     rejoins: Annotated[
-        int, Meta(ge=1, le=1000, description="rejoins within `rejoin_ticks` after which a node is refused for good")
+        int,
+        Meta(
+            ge=1, le=1000, description="number of rejoins within `rejoin_ticks` after which a node is refused for good"
+        ),
     ] = 5
     rejoin_ticks: Annotated[int, Meta(ge=1, description="window of that limit, ticks")] = 600

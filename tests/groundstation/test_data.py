@@ -82,7 +82,7 @@ def test_what_is_cumulative_of_a_count_never_falls(run: Path) -> None:
 def test_a_diagnostic_that_only_its_controller_knows_has_its_name() -> None:
     column = quantities.diagnostic("tension")
     assert (column.key, column.unit, column.cumulative) == ("tension", "", False)
-    assert column.about.startswith("what the controller reports as tension, of each UAV")
+    assert column.about.startswith("diagnostic tension of the controller")
 
 
 def flat(record: dict[str, Any], prefix: str = "") -> Iterator[str]:
