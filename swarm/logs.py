@@ -104,5 +104,19 @@ def tell(text: str, level: int = logging.INFO) -> None:
     print(printable_lines(text), file=sys.stderr, flush=True)
 
 
+def divert() -> None:
+    """From now on what native code prints goes to standard error; `sys.stdout` alone still reaches standard output.
+
+    Zenoh and Rerun write their logs to standard output.
+    """
+    if sys.stdout is None:  # the parent process has closed it
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115  # for as long as the process lives
+        if sys.stdout.fileno() != 1:  # another file has its number by now
+            return
+    sys.stdout.flush()
+    sys.stdout = os.fdopen(os.dup(1), "w", encoding=sys.stdout.encoding, errors=sys.stdout.errors)
+    os.dup2(2, 1)
+
+
 def _ours() -> list[logging.Handler]:
     return [handler for handler in logging.root.handlers if handler.name == _NAME]

@@ -16,7 +16,6 @@ with needed("the world", "world"):
     from meanflock.swarm.net import access, keys
     from meanflock.swarm.net.address import Address
     from meanflock.swarm.net.identity import WORLD
-    from meanflock.swarm.net.refusals import Refusals
     from meanflock.swarm.net.session import ZenohBus
     from meanflock.swarm.process import (
         Interrupted,
@@ -74,20 +73,17 @@ def _run() -> None:
     rows_at_most = rows if given.tls else None
     interrupted = Interrupted()
     end_with_launcher()
-    refusals = Refusals()
-    refusals.listen()
+    logs.divert()  # standard output is the summary's
     quotas = Quotas(keys.check_run(given.run), flown, Limits(flown), rows_at_most)
     bus = ZenohBus.router(
         given.endpoint,
         identity(given.tls, WORLD),
         access.rules(given.run, flown.uavs, rows),
-        refusals,
         quotas,
         quotas.largest,
         -(-flown.uavs // rows) + MAX_LEADERS + 1,
     )
     with ExitStack() as stack:
-        stack.callback(refusals.close)
         stack.callback(bus.close)
         bus.announce(keys.alive(given.run, "world", "world"))
         world = World(
@@ -99,7 +95,7 @@ def _run() -> None:
             realtime=realtime,
             resume=Resumption.load(Path(given.resume)) if given.resume else None,
             rows_at_most=rows_at_most,
-            refused=refusals.counts,
+            refused=bus.dropped,
         )
         if metrics is not None:
             with needed("--metrics", "world"):  # a library that is loaded only where it is asked for

@@ -8,7 +8,7 @@ class Counters:
     """The counters of one run, from take-off on, however often it was resumed."""
 
     def __init__(self, refused: Counter[str] | None = None) -> None:
-        """`refused`: what the router keeps from the world, counted by whoever reads its log."""
+        """`refused`: messages that the bus dropped, by reason."""
         self._refused = refused if refused is not None else Counter()
         self.held = 0  # commands held over in real time
         self.deadline_misses = 0  # ticks with at least one of them
@@ -28,7 +28,7 @@ class Counters:
 
     @property
     def dropped(self) -> Counter[str]:
-        """What was not let in, by the world and by its router, by reason. Whole, whichever thread asks."""
+        """What was not let in, by the world and by its bus, by reason. Whole, whichever thread asks."""
         return self.drops.copy() + self._refused.copy()
 
     def snapshot(self, wall_s: float) -> dict[str, Any]:

@@ -14,7 +14,6 @@ from meanflock.swarm.failures import FAILURES, last_line
 from meanflock.swarm.kept import check_kept
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Quota
-from meanflock.swarm.net.identity import STATION
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.worldsim.members import LEADER
@@ -84,18 +83,18 @@ class Quotas:
 
     def _of(self, key: str) -> Quota:
         if key == keys.received(self._run):
-            return Quota(key, RECEIVED_BYTES, STATION)
+            return Quota(key, RECEIVED_BYTES)
         if key == keys.telemetry(self._run):
-            return Quota(key, 0, STATION)
+            return Quota(key, 0)
         try:
             name = keys.node_of(key).partition(".")[0]  # all lives of a node share its quota
         except MessageRejected:
             return _STRANGE
         if key.endswith("/join"):
-            return Quota(f"{name} joining", JOIN_BYTES, name)
+            return Quota(f"{name} joining", JOIN_BYTES)
         if not key.endswith("/act"):
-            return Quota(name, 0, name)
-        return Quota(name, self._leader if name == LEADER else self._agent, name)
+            return Quota(name, 0)
+        return Quota(name, self._leader if name == LEADER else self._agent)
 
 
 def _record(what: str, failure: str, begin: Callable[[], dict[str, Any]]) -> bytes:

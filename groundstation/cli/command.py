@@ -17,7 +17,6 @@ from meanflock.groundstation.cli.study import compare, paper, sweep
 from meanflock.swarm import __version__, logs
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, MeanflockError
 from meanflock.swarm.failures import last_line
-from meanflock.swarm.net.refusals import divert
 from meanflock.swarm.process import end
 
 
@@ -70,7 +69,7 @@ def main(arguments: list[str] | None = None) -> int:
     """The `meanflock` command: every error is one line and an exit code."""
     if arguments is None:
         os.environ["PYTHONSAFEPATH"] = "1"  # no worker of a sweep runs what lies in the working folder under our names
-        divert()  # standard output is what we say; what libraries say in native code is not
+        logs.divert()  # standard output is what we say; what libraries say in native code is not
         if isinstance(sys.stdout, TextIOWrapper) and sys.stdout.errors == "strict":
             sys.stdout.reconfigure(errors="replace")  # a terminal without φ shows a question mark
     try:

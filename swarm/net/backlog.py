@@ -1,10 +1,14 @@
 """What came in and waits to be received: a queue in which no sender may have more than its share."""
 
+import logging
 import queue
 import threading
+from collections import Counter
 
 from meanflock.swarm.net.bus import Delivery, Quotas
-from meanflock.swarm.net.refusals import Refusals
+from meanflock.swarm.printable import printable
+
+log = logging.getLogger("meanflock.bus")
 
 BATCH_BYTES = 2**16  # may wait of any sender, however short its messages have to be
 LARGEST = 4  # so many messages as long as they may be, of a sender
@@ -14,11 +18,11 @@ _MESSAGES = 256  # of a sender: an honest node has two or three under way
 class Backlog:
     """Deliveries in the order in which they came, from any thread."""
 
-    def __init__(self, quotas: Quotas | None, refusals: Refusals) -> None:
-        """`quotas`: whose a message is, and how long it may be; None where nothing is counted. `refusals`: where what
-        does not fit any more is."""
-        self._queue: queue.SimpleQueue[tuple[Delivery, str]] = queue.SimpleQueue()  # and whose, where that counts
-        self._quotas, self._refusals = quotas, refusals
+    def __init__(self, quotas: Quotas | None) -> None:
+        """`quotas`: the sender of a message, and how long it may be; None: no limit."""
+        self.dropped: Counter[str] = Counter()  # deliveries beyond the share of their sender: `backlog`
+        self._queue: queue.SimpleQueue[tuple[Delivery, str]] = queue.SimpleQueue()  # with the sender, if it is limited
+        self._quotas = quotas
         self._waiting: dict[str, tuple[int, int]] = {}  # messages and their bytes, by sender
         self._counting = threading.Lock()
 
@@ -26,14 +30,19 @@ class Backlog:
         """Lets a delivery wait, if its sender has room for it."""
         owner = ""
         if self._quotas is not None:
-            owner, largest, _ = self._quotas(delivery.key)
+            owner, largest = self._quotas(delivery.key)
             with self._counting:
                 count, size = self._waiting.get(owner, (0, 0))
                 size += len(delivery.payload)
                 if fits := count < _MESSAGES and size <= max(BATCH_BYTES, LARGEST * largest):
                     self._waiting[owner] = (count + 1, size)
+                else:
+                    self.dropped["backlog"] += 1
+                    times = self.dropped["backlog"]
             if not fits:
-                self._refusals.count("backlog", delivery.key)
+                if times & (times - 1) == 0:  # a flood does not fill the log
+                    where = printable(delivery.key)
+                    log.warning("%d messages dropped, too many wait; the last under %s", times, where)
                 return
         self._queue.put((delivery, owner))
 

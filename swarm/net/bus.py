@@ -36,7 +36,6 @@ class Quota(NamedTuple):
 
     owner: str  # the sender: what waits under all its keys is counted together
     largest: int  # bytes a message may have
-    name: str = ""  # on the certificate its messages come with
 
 
 Quotas = Callable[[str], Quota]  # of a key; asked in any thread

@@ -6,9 +6,13 @@ Settings were chosen by measurement, see docs/performance.md.
 
 import logging
 import os
+import socket
+import struct
 import threading
 import time
+from collections import Counter
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 # The runtime reads this once, when zenoh is loaded. The hand-over between threads is what a small message costs: the
@@ -27,11 +31,8 @@ from meanflock.swarm.net.access import NOBODY
 from meanflock.swarm.net.backlog import LARGEST, Backlog
 from meanflock.swarm.net.bus import Delivery, Offer, Quota, Quotas
 from meanflock.swarm.net.endpoint import DEFAULT_ENDPOINT, check_free, secured
-from meanflock.swarm.net.identity import LEADER, Identity
+from meanflock.swarm.net.identity import Identity
 from meanflock.swarm.net.lease import lease
-from meanflock.swarm.net.links import Links
-from meanflock.swarm.net.refusals import FILTER, Refusals
-from meanflock.swarm.net.sockets import close_without_waiting
 from meanflock.swarm.wire.control import MAX_BYTES
 
 log = logging.getLogger("meanflock.bus")
@@ -54,8 +55,6 @@ _COMMON: Mapping[str, Any] = {
 }
 _ASK_AGAIN_S = 0.05
 _KEY_BYTES = 1024  # a message on the way is longer by its key and the like
-_SESSIONS = 4  # of one certificate: a node that comes back may have left some behind that are not missed yet
-_LEADER_SESSIONS = 12  # one certificate for the leader and its standbys
 _RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
 
 
@@ -69,25 +68,18 @@ def _config(settings: dict[str, Any]) -> zenoh.Config:
 class ZenohBus:
     """A `Bus` over one Zenoh session."""
 
-    def __init__(
-        self,
-        config: zenoh.Config,
-        log_filter: str = "error",
-        quotas: Quotas | None = None,
-        refusals: Refusals | None = None,
-    ) -> None:
-        """Use `router` or `client`. `quotas`: no sender may have more than a backlog of messages waiting, none of them
-        longer than its quota says. `refusals`: where what is not taken in is counted.
+    def __init__(self, config: zenoh.Config, quotas: Quotas | None = None) -> None:
+        """Use `router` or `client`. `quotas`: how long the messages of a sender may be, and so how many bytes of them
+        may wait; None: no limit.
         """
-        zenoh.init_log_from_env_or(log_filter)
+        zenoh.init_log_from_env_or("error")
         try:
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
-            said = str(error).split(" at /")[0]  # without the place in the library's source
-            raise BusError(f"cannot open a Zenoh session: {said}") from error
-        self._quotas, self._refusals = quotas, refusals or Refusals()
-        self._backlog = Backlog(quotas, self._refusals)
-        self._links: Links | None = None
+            reason = str(error).split(" at /")[0]  # without the place in the library's source
+            raise BusError(f"cannot open a Zenoh session: {reason}") from error
+        self._quotas = quotas
+        self._backlog = Backlog(quotas)
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._declared: list[Any] = []
         self._closing = threading.Lock()
@@ -99,19 +91,18 @@ class ZenohBus:
         endpoint: str = DEFAULT_ENDPOINT,
         identity: Identity | None = None,
         access: Mapping[str, Any] | None = None,
-        refusals: Refusals | None = None,
         quotas: Quotas | None = None,
         largest: int = MAX_BYTES,
         nodes: int = 1000,
     ) -> "ZenohBus":
         """The world's side: listens on `endpoint` and relays between the clients.
 
-        With an `identity`, every link is mutual TLS, and `access` says who may do what (`access.rules`; without it
-        nobody may do anything). What comes in faster than it is received waits, up to a backlog for each sender; what
-        goes beyond is dropped and counted in `refusals`, so the flood of one costs neither memory nor the messages of
-        another. `quotas`: who the senders are, and how long their messages may be; without it each key is a sender.
-        `largest`: the longest message of anyone, bytes: what is longer is dropped while it arrives. `nodes`: how many
-        clients to expect.
+        With an `identity`, every link is mutual TLS, and `access` says which node may do what (`access.rules`; without
+        it no node may do anything). Messages that come in faster than they are received wait, up to a limit for each
+        sender; further ones are dropped and counted in `dropped`, so a flood of one sender costs neither memory nor the
+        messages of another. `quotas`: who the sender of a message is, and how long its messages may be; without it each
+        key is a sender. `largest`: the longest message of any sender, bytes: Zenoh drops a longer one while it arrives.
+        `nodes`: how many clients to expect.
 
         Raises:
             BadInput: the port is taken, the endpoint cannot be listened on, or a certificate cannot be used.
@@ -127,14 +118,11 @@ class ZenohBus:
             "transport/link/rx/max_message_size": min(max(2 * _BATCH_BYTES, largest + _KEY_BYTES), MAX_BYTES),
             "transport/unicast/max_sessions": 2 * nodes + 64,
         }
-        log_filter = "error"
         if identity is not None:
             settings |= _tls(identity, "listen")
             settings["access_control"] = access or NOBODY
-            if refusals is not None:
-                log_filter = FILTER
-        bus = cls(_config(settings), log_filter, quotas or _a_key_a_sender, refusals)
-        bus._attend_links(None if identity is None else largest)
+        bus = cls(_config(settings), quotas or _a_key_a_sender)
+        bus._close_links_without_waiting()
         return bus
 
     @classmethod
@@ -173,8 +161,6 @@ class ZenohBus:
                 express=True,
             )
             self._publishers[key] = publisher
-        if self._links is not None and self._quotas is not None:
-            self._links.asked(self._quotas(key).name)  # before: the answer may be here at once
         publisher.put(payload)
 
     def subscribe(self, key: str, offer: Offer | None = None) -> None:
@@ -231,34 +217,26 @@ class ZenohBus:
     def receive(self, timeout_s: float) -> Delivery | None:
         return self._backlog.receive(timeout_s)
 
+    @property
+    def dropped(self) -> Counter[str]:
+        """Messages that were dropped because too many of their sender waited, under the reason `backlog`."""
+        return self._backlog.dropped
+
     def _takes(self, key: str, size: int) -> bool:
-        """Whether what came is no longer than its sender may send; else it is received as so many bytes."""
+        """Whether a message is as short as its sender's have to be; a longer one is received as its size alone."""
         if self._quotas is None:
             return True
-        _, largest, name = self._quotas(key)
-        if self._links is not None:
-            self._links.explained(name, key, size)
+        _, largest = self._quotas(key)
         if size > largest:
             self._backlog.keep(Delivery("oversized", key, size=size, largest=largest))
         return size <= largest
 
-    def _attend_links(self, largest: int | None) -> None:
-        """Sees every link of the router come and go. `largest`: bytes of the longest message, where links are TLS and
-        their certificates are limited.
-        """
-        links: Links | None = None
-        if largest is not None:
-            links = self._links = Links(_sessions, largest, self._refusals)
-            links.start()
+    def _close_links_without_waiting(self) -> None:
+        """From now on, the router closes a link at once, also while its other end is stopped."""
 
         def changed(event: zenoh.LinkEvent) -> None:
-            locator, opened = str(event.link.dst), event.kind == zenoh.SampleKind.PUT
-            if opened:
-                close_without_waiting(locator)
-            if links is not None and opened:
-                links.opened(event.link.auth_identifier or "", str(event.link.zid), locator)
-            elif links is not None:
-                links.closed(locator)
+            if event.kind == zenoh.SampleKind.PUT:
+                _do_not_linger(str(event.link.dst))
 
         self._declared.append(self._session.info.declare_link_events_listener(changed, history=True))
 
@@ -267,8 +245,6 @@ class ZenohBus:
             if self._closed:
                 return
             self._closed = True
-        if self._links is not None:
-            self._links.close()
         try:
             self._session.close()
         except zenoh.ZError as error:  # a link on which nothing gets through any more
@@ -279,9 +255,20 @@ def _a_key_a_sender(key: str) -> Quota:
     return Quota(key, MAX_BYTES // LARGEST)
 
 
-def _sessions(name: str) -> int:
-    """How many sessions may be open at once with the certificate of that name."""
-    return _LEADER_SESSIONS if name == LEADER else _SESSIONS
+def _do_not_linger(locator: str) -> None:
+    """Lets the socket of this process whose other end is at `locator` close at once; the system sends what is left.
+
+    Zenoh's sockets wait for up to ten seconds when they are closed before the other end has taken everything, and the
+    router's only thread waits with them: a stopped launcher would stop the whole swarm. Zenoh has no setting for this
+    and does not hand out its sockets, so the socket is looked for among the open files of the process.
+    """
+    host, _, port = locator.partition("/")[2].rpartition(":")
+    for number in sorted(map(int, os.listdir("/dev/fd")), reverse=True):  # a new link has a high number, as a rule
+        # The family is that of IPv6 because its addresses need the most room; addresses of IPv4 are read as well.
+        with suppress(OSError), socket.fromfd(number, socket.AF_INET6, socket.SOCK_STREAM) as link:
+            if link.getpeername()[:2] == (host.strip("[]"), int(port)):
+                link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 0, 0))
+                return
 
 
 def _tls(identity: Identity, side: str) -> dict[str, Any]:

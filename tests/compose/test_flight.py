@@ -60,7 +60,7 @@ def test_a_controller_in_a_mounted_file_flies_in_containers_as_in_one_process(co
         assert compose.ended(compose.container("agent", index)) == 0
 
 
-def test_under_tls_every_container_has_its_own_key_and_a_foreign_certificate_is_kept_out_and_counted(
+def test_under_tls_every_container_has_its_own_key_and_a_foreign_certificate_is_kept_out(
     compose: Compose, alone: str, tmp_path: Path
 ) -> None:
     good, foreign = tmp_path / "certs", tmp_path / "foreign"
@@ -85,8 +85,7 @@ def test_under_tls_every_container_has_its_own_key_and_a_foreign_certificate_is_
     compose.up(" ".join(SHORT), agents[-1])
     summary = compose.finished()
     assert summary["trajectory_sha256"] == alone
-    assert summary["dropped_messages"].keys() == {"refused-link"}
-    assert "UnknownIssuer" in compose("logs", "worldsim")
+    assert summary["dropped_messages"] == {}
     for agent in ("leader", *agents):
         assert compose.ended(compose.container(agent)) == 0
 

@@ -1,7 +1,6 @@
 """A small swarm under mutual TLS that stands still in mid-flight, so that it can be attacked at leisure."""
 
 import json
-import re
 import subprocess
 import sys
 import threading
@@ -24,8 +23,8 @@ from meanflock.swarm.net.bus import Bus
 from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.net.identity import LEADER, WORLD, Identity
 from meanflock.swarm.net.session import ZenohBus
-from meanflock.swarm.wire import tick
-from meanflock.swarm.wire.messages import Act, Join
+from meanflock.swarm.wire import control, tick
+from meanflock.swarm.wire.messages import Act, Join, Refusal
 from tests.polling import DEADLINE_S, until
 
 RUN = "attacked"
@@ -172,11 +171,13 @@ class Flight:
             thread.join(DEADLINE_S)
         return json.loads(out)
 
-    def refused(self, what: str) -> int:
-        """How many of a kind the world counted by the end."""
-        total = re.search(r"refused in all: (.*)", self.said())
-        found = re.search(rf"(\d+) × {what}", total[1]) if total else None
-        return int(found[1]) if found else 0
+    def settle(self, attacker: ZenohBus, name: str) -> None:
+        """Waits until the router has dealt with all that this session of `name` has sent."""
+        uav = int(name.rpartition("-")[2])
+        answer = attacker.ask(keys.join(RUN, name), control.encode(Join("agent", 1, uav)), DEADLINE_S)
+        assert answer is not None
+        assert isinstance(refusal := control.decode(answer), Refusal)
+        assert "its agent already" in refusal.reason
 
     def close(self) -> None:
         """Ends whatever still runs."""

@@ -40,17 +40,13 @@ def without_certificate(endpoint: str, folders: Folders) -> ZenohBus:
 def test_who_has_no_certificate_of_this_swarm_is_not_let_in(flight: Flight, folders: Folders, undisturbed: str) -> None:
     with pytest.raises(BusError):
         without_certificate(flight.endpoint, folders)
-    flight.logs("refused-link: peer sent no certificates")
     with pytest.raises(BusError, match="refuses"):
         ZenohBus.client(flight.endpoint, PATIENCE_S, Identity(folders.foreign, ME))
-    flight.logs("refused-link: invalid peer certificate: UnknownIssuer")
     with pytest.raises(BusError, match="refuses"):
         ZenohBus.client(flight.endpoint, PATIENCE_S, Identity(folders.expired, ME))
-    flight.logs("refused-link: invalid peer certificate: certificate expired")
     with pytest.raises(BusError):
         ZenohBus.client(flight.endpoint, PATIENCE_S)  # not even TLS
     summary = flight.land()
-    assert flight.refused("refused-link") >= 3
     assert summary["trajectory_sha256"] == undisturbed
     assert summary["lost"] == 0
 
@@ -71,10 +67,8 @@ def test_a_certificate_of_no_node_of_this_run_opens_nothing(flight: Flight, fold
     stranger.subscribe(keys.sense(RUN, "*"))
     stranger.put(keys.act(RUN, VICTIM), forged())
     assert stranger.ask(keys.join(RUN, "agent-99"), control.encode(Join("agent", 1, 99)), PATIENCE_S) is None
-    flight.logs("denied: a certificate of our authority")
     summary = flight.land()
     assert stranger.receive(0.0) is None
-    assert flight.refused("denied") > 0
     assert summary["trajectory_sha256"] == undisturbed
 
 

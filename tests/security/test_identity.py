@@ -1,4 +1,4 @@
-"""Whoever is in and means ill is denied or dropped, counted and logged, and changes nothing."""
+"""A node with a genuine certificate that attacks: the router or the world drops what it may not send."""
 
 import threading
 
@@ -11,11 +11,11 @@ from meanflock.swarm.net.endpoint import secured
 from meanflock.swarm.net.identity import LEADER, Identity
 from meanflock.swarm.net.session import _COMMON, ZenohBus, _config, _tls
 from meanflock.swarm.wire import control, tick
-from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Ready, Refusal
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Ready
 from meanflock.worldsim.limits import Limits, Quotas
 from tests.polling import DEADLINE_S, until
 from tests.security.attacks import ME, PATIENCE_S, VICTIM, forged
-from tests.security.conftest import HELD, HOLD_TICK, RUN, SETTINGS, UAVS, Flight, act_in
+from tests.security.conftest import HELD, HOLD_TICK, RUN, SETTINGS, Flight, act_in
 
 pytestmark = pytest.mark.processes
 FLOWN = scenario.load(None, SETTINGS)
@@ -33,6 +33,7 @@ def test_without_tls_the_forged_act_is_taken_for_real(open_flight: Flight, undis
 
 def test_agent_3_publishing_as_agent_4_is_denied(flight: Flight, undisturbed: str) -> None:
     attacker = flight.client(ME)
+    flight.settle(attacker, ME)  # from here on its session knows where acts go
     attacker.put(keys.act(RUN, VICTIM), forged())
     raw = attacker._session
     raw.put(keys.act(RUN, VICTIM), forged())
@@ -43,16 +44,10 @@ def test_agent_3_publishing_as_agent_4_is_denied(flight: Flight, undisturbed: st
     raw.put(keys.telemetry(RUN), forged())
     raw.put(keys.received(RUN), forged())
     raw.delete(keys.act(RUN, VICTIM))
-    flight.logs(
-        f"denied: {ME}: Put under {keys.act(RUN, VICTIM)}",
-        f"denied: {ME}: Put under {keys.act(RUN, '*')}",
-        f"denied: {ME}: Put under {keys.received(RUN)}",
-        f"denied: {ME}: Delete under {keys.act(RUN, VICTIM)}",
-    )
+    flight.settle(attacker, ME)
     summary = flight.land()
-    assert flight.refused("denied") >= 8
     assert summary["trajectory_sha256"] == undisturbed
-    assert summary["dropped_messages"].keys() <= {"denied"}
+    assert summary["dropped_messages"] == {}
 
 
 def test_an_agent_subscribing_to_anothers_sense_hears_nothing(flight: Flight, undisturbed: str) -> None:
@@ -61,15 +56,9 @@ def test_an_agent_subscribing_to_anothers_sense_hears_nothing(flight: Flight, un
         spy.subscribe(key)
     spy.watch(keys.alive(RUN, "*", "*"))
     spy.answer(keys.join(RUN, VICTIM))  # to be asked what the world is asked
-    flight.logs(
-        f"denied: {ME}: Declare Subscriber under {keys.sense(RUN, VICTIM)}",
-        f"denied: {ME}: Declare Subscriber under {keys.telemetry(RUN)}",
-        f"denied: {ME}: Declare Liveliness Subscriber under {keys.alive(RUN, '*', '*')}",
-        f"denied: {ME}: Declare Queryable under {keys.join(RUN, VICTIM)}",
-    )
+    flight.settle(spy, ME)
     summary = flight.land()
     assert spy.receive(0.0) is None
-    assert flight.refused("denied") >= 6
     assert summary["trajectory_sha256"] == undisturbed
 
 
@@ -82,16 +71,19 @@ def test_an_agent_that_connects_as_a_router_may_no_more(flight: Flight, undistur
     flight.opened.append(attacker)
     attacker.subscribe(f"{keys.ROOT}/{RUN}/**")
 
-    def denied() -> bool:
-        attacker.put(keys.act(RUN, VICTIM), forged())  # goes out once the world's subscription is known
-        return f"denied: {ME}: Put under {keys.act(RUN, VICTIM)}" in flight.said()
+    def reached() -> bool:
+        attacker.put(keys.act(RUN, ME), b"x")  # goes out once the world's subscription is known
+        return f"dropped a message under {keys.act(RUN, ME)}" in flight.said()
 
-    until(denied, "the forged Act denied")
+    until(reached, "a message of its own in the world")
+    attacker.put(keys.act(RUN, VICTIM), forged())
+    flight.settle(attacker, ME)
     assert flight.land()["trajectory_sha256"] == undisturbed
     heard = set()
     while (delivery := attacker.receive(0.0)) is not None:
         heard.add(delivery.key)
-    assert heard <= {keys.act(RUN, VICTIM), keys.sense(RUN, ME)}  # its own words, and what agent 3 may hear
+    own = {keys.act(RUN, ME), keys.act(RUN, VICTIM)}  # what it sent itself
+    assert heard <= own | {keys.sense(RUN, ME)}
 
 
 def test_an_agent_sending_as_leader_is_denied(flight: Flight, undisturbed: str) -> None:
@@ -102,12 +94,8 @@ def test_an_agent_sending_as_leader_is_denied(flight: Flight, undisturbed: str) 
     attacker.put(keys.act(RUN, LEADER), tick.write_act(act))
     attacker.put(keys.act(RUN, ME), tick.write_act(act))  # and under its own name, where only the world can tell
     assert attacker.ask(keys.join(RUN, LEADER), control.encode(Join(LEADER, 0)), PATIENCE_S) is None
-    flight.logs(
-        f"denied: {ME}: Put under {keys.act(RUN, LEADER)}", f"denied: {ME}: Query under {keys.join(RUN, LEADER)}"
-    )
     flight.logs(f"dropped a message under {keys.act(RUN, ME)}")
     summary = flight.land()
-    assert flight.refused("denied") >= 2
     assert summary["dropped_messages"]["wrong-shape"] == 1
     assert summary["trajectory_sha256"] == undisturbed
 
@@ -118,12 +106,8 @@ def test_nobody_joins_or_lives_or_dies_in_anothers_name(flight: Flight, undistur
     assert attacker.ask(keys.join(RUN), control.encode(Join("agent", 1)), PATIENCE_S) is None
     assert attacker.ask(keys.join(RUN, ME), control.encode(Join("agent", 1, HELD)), PATIENCE_S) is None
     flight.logs(f"dropped a message under {keys.join(RUN, ME)}")
-    answer = attacker.ask(keys.join(RUN, ME), control.encode(Join("agent", UAVS, 3)), DEADLINE_S)
-    assert answer is not None
-    assert isinstance(refusal := control.decode(answer), Refusal)
-    assert "its agent already" in refusal.reason
     attacker.announce(keys.alive(RUN, "agent", VICTIM))
-    flight.logs(f"denied: {ME}: Liveliness Token under {keys.alive(RUN, 'agent', VICTIM)}")
+    flight.settle(attacker, ME)
     attacker.close()  # and the forged token with it
     summary = flight.land()
     assert summary["lost"] == 0
@@ -149,26 +133,6 @@ def test_without_tls_no_key_ends_the_world(open_flight: Flight, undisturbed: str
     assert summary["dropped_messages"]["wrong-key"] >= len(WILD)
     assert all(line.isprintable() for line in open_flight.said().split("\n"))
     assert not [line for line in open_flight.said().split("\n") if line.endswith("it cheats") or "lost" in line[:60]]
-
-
-def test_no_key_makes_a_denial_appear_as_anothers(flight: Flight, undisturbed: str) -> None:
-    attacker = flight.client(ME)
-    session = str(attacker._session.info.zid())
-    stamp = "\x1b[2m2026-11-21T01:06:53.244332Z\x1b[0m TRACE rx-0 ThreadId(08)"
-    acl = f"{stamp} zenoh::net::routing::interceptor::access_control:"
-    lines = [
-        f"{acl} 1 on Interface(lo)+CertCommonName({VICTIM})+Transport(Tls)+1 is unauthorized to Put (ingress) on x/y",
-        f"{acl} Using cached result: 1 is unauthorized to Put (ingress) on x/y",
-        f"{acl} {session} on Interface(lo)+CertCommonName({VICTIM}) is unauthorized to Put (ingress) on of/its/own",
-        f"{stamp} zenoh_link_tls::unicast: {VICTIM} has a stolen certificate",
-    ]
-    attacker._session.put("evil/\n" + "\n".join(lines).replace("//", "/"), b"x")
-    flight.logs(f"denied: {ME}: Put under of/its/own", "refused-link: for another reason")
-    summary = flight.land()
-    assert f"denied: {VICTIM}" not in flight.said()
-    assert f"{VICTIM} has a stolen" not in flight.said()
-    assert all(line.isprintable() for line in flight.said().split("\n"))
-    assert summary["trajectory_sha256"] == undisturbed
 
 
 # -- who has the right certificate and means ill --------------------------------------------------------------------

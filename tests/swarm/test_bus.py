@@ -1,10 +1,14 @@
 """One suite of promises that every bus keeps."""
 
 import json
+import os
 import queue
 import socket
+import struct
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import suppress
 
 import pytest
 
@@ -151,6 +155,33 @@ def test_a_taken_port_is_bad_input_that_names_the_port() -> None:
 def test_a_client_without_a_world_says_so_in_time() -> None:
     with pytest.raises(BusError, match=r"the world is not there: start it, or wait longer \(--wait\)$"):
         ZenohBus.client(free_endpoint(), timeout_s=0.5)
+
+
+@pytest.mark.parametrize(
+    ("listening", "connecting"), [("127.0.0.1", "127.0.0.1"), ("[::1]", "[::1]"), ("[::]", "127.0.0.1")]
+)
+def test_the_router_closes_a_link_without_waiting_for_its_other_end(listening: str, connecting: str) -> None:
+    """No socket of a link lingers: its close would hold up the router's only thread, and so all other links."""
+    port = int(free_endpoint().rpartition(":")[2])
+    hub = ZenohBus.router(f"tcp/{listening}:{port}")
+    client = ZenohBus.client(f"tcp/{connecting}:{port}")
+
+    def lingering() -> list[int]:
+        return [lingers for number in os.listdir("/dev/fd") for lingers in _linger_of_link(int(number), port)]
+
+    try:
+        until(lambda: lingering() == [0], "one link that does not linger")
+    finally:
+        client.close()
+        hub.close()
+
+
+def _linger_of_link(number: int, port: int) -> Iterator[int]:
+    """Whether a file of this process lingers, if it is a link that was accepted at `port`."""
+    with suppress(OSError), socket.fromfd(number, socket.AF_INET6, socket.SOCK_STREAM) as link:
+        link.getpeername()
+        if link.getsockname()[1] == port:
+            yield struct.unpack("ii", link.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, 8))[0]
 
 
 @pytest.mark.parametrize("said", ["0.5", "601", "nan", "soon", "-3"])
