@@ -11,11 +11,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from meanflock.groundstation.results.csv_file import Per, write_csv
 from meanflock.groundstation.results.event_log import row_of
 from meanflock.groundstation.results.run_folder import EVENTS, RECORDING, SCENARIO, SUMMARY, alone
 from meanflock.groundstation.results.series import long_form, rows_of, states_of
-from meanflock.groundstation.results.timeseries_file import TIMESERIES, read_table, recover
+from meanflock.groundstation.results.timeseries_file import TIMESERIES, Per, read_table, recover, write_csv
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario

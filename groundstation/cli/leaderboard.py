@@ -15,7 +15,6 @@ from meanflock.groundstation.cli.study_arguments import (
     scheduler_option,
     store_in,
 )
-from meanflock.groundstation.cli.terminal import console_for
 from meanflock.swarm.errors import BadInput
 
 if TYPE_CHECKING:
@@ -108,6 +107,7 @@ def leaderboard(
 
 def _tell(board: "Board") -> None:
     """Prints its tables."""
+    from meanflock.groundstation.cli.tables import console_for
     from meanflock.studies.leaderboard import tables, terminal
 
     console = Console()

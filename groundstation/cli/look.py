@@ -7,8 +7,8 @@ import click
 
 from meanflock.groundstation.cli.arguments import PATH, quiet_option, report, run_argument
 from meanflock.groundstation.cli.study_arguments import progress_of
-from meanflock.groundstation.results.csv_file import Per, write_csv
 from meanflock.groundstation.results.run_folder import RECORDING, alone, completed, flown_rows
+from meanflock.groundstation.results.timeseries_file import Per, write_csv
 from meanflock.swarm.errors import BadInput
 
 
@@ -100,9 +100,10 @@ def plot(folder: Path, csv_file: Path | None, per: Per | None, quiet: bool) -> N
         with progress_of("writing", quiet, "ticks") as show:
             written = [write_csv(flown_rows(folder), csv_file, per or "uav", show)]
     else:
-        from meanflock.groundstation.plots import charts
+        from meanflock.groundstation.plots import plotstyle
+        from meanflock.groundstation.plots.run import plot_run
 
-        written = charts.write(charts.plot_run(folder), folder / "plots")
+        written = plotstyle.write(plot_run(folder), folder / "plots")
     report(written)
 
 

@@ -26,7 +26,6 @@ from meanflock.groundstation.cli.study_arguments import (
     seeds_option,
     store_in,
 )
-from meanflock.groundstation.cli.terminal import console_for
 from meanflock.groundstation.doctor import tell_if_slow
 from meanflock.studies.backends import terminable
 from meanflock.swarm import scenario
@@ -63,14 +62,15 @@ def compare(
     \b
     Example: meanflock compare hjb mfgfl-hf --seeds 4 --duration 200
     """
-    from meanflock.groundstation.plots import charts
+    from meanflock.groundstation.plots import comparison, plotstyle
     from meanflock.studies import swept
 
     swept.refuse_setting("method", given["settings"], "is what is compared")
     scenarios = {(method,): load_scenario(file, method=method, **given) for method in dict.fromkeys(methods)}
     with terminable(out):
         flown = _fly("compare", ("method",), scenarios, seeds or SEEDS, jobs, out, quiet)
-        report(charts.write({"compare": charts.plot_compare({method: runs for (method,), runs in flown.items()})}, out))
+        made = comparison.plot_compare({method: runs for (method,), runs in flown.items()})
+        report(plotstyle.write({"compare": made}, out))
         if record:
             from meanflock.studies import side_by_side  # rerun takes a third of a second to load
 
@@ -106,7 +106,7 @@ def sweep(
     \b
     Example: meanflock sweep wind.sigma=0.1,0.3 --methods hjb,mfgfl-hf --seeds 4
     """
-    from meanflock.groundstation.plots import charts
+    from meanflock.groundstation.plots import comparison, plotstyle
     from meanflock.groundstation.results.quantities import with_unit
     from meanflock.studies import study
     from meanflock.studies.swept import Swept, refuse_setting
@@ -130,7 +130,7 @@ def sweep(
         points: dict[Any, dict[str, study.Summaries]] = {}
         for (value, *_), runs in flown.items():
             points.setdefault(value, {})[runs[0]["method"]] = runs
-        report(charts.write({"sweep": charts.plot_sweep(varied.key, points)}, out))
+        report(plotstyle.write({"sweep": comparison.plot_sweep(varied.key, points)}, out))
 
 
 def _fly(
@@ -145,7 +145,7 @@ def _fly(
     """The summaries of all runs; those that are in `out` already are not flown again. Prints the table of means, and
     writes it and the runs behind it.
     """
-    from meanflock.groundstation.cli import means_table
+    from meanflock.groundstation.cli.tables import console_for, means_table
     from meanflock.studies import study
     from meanflock.studies.means import Means
 
@@ -156,7 +156,7 @@ def _fly(
     means = Means(columns, flown)
     sizes = {one.uavs for one in scenarios.values()}
     title = f"{what}: {sizes.pop()} UAVs" if len(sizes) == 1 else what
-    table = means_table.table(means, title, [one.duration for one in scenarios.values()])
+    table = means_table(means, title, [one.duration for one in scenarios.values()])
     console_for(table).print(table)
     study.save(flown.values(), out / "runs.jsonl")
     report([out / "runs.jsonl", means.write_csv(out / f"{what}.csv")])

@@ -1,13 +1,14 @@
-"""One look for every figure: a colour, marker and dash a method, units on every axis, bytes that do not change."""
+"""The style of every figure: a colour, marker and dash a method, units on every axis, equal bytes for equal data."""
 
 import io
 import re
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from string import ascii_lowercase
-from typing import Any
+from typing import Any, NamedTuple
+from zlib import crc32
 
 import matplotlib as mpl
 import matplotlib.style
@@ -22,15 +23,45 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from meanflock.groundstation.plots.looks import Look, colour, look, looks, name
 from meanflock.groundstation.results.quantities import axis_label
 from meanflock.groundstation.statistics import Estimate
 from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput
 
-__all__ = ("Look", "colour", "look", "looks", "name")  # of looks.py, beside all that is below
-
 Floats = NDArray[np.float64]
+Dash = tuple[float, tuple[float, ...]]
+
+
+class Look(NamedTuple):
+    """How a method is drawn: colour, marker of its points, dashes of its lines and their width, points."""
+
+    colour: str
+    marker: str
+    dash: Dash
+    width: float = 1.4
+
+
+# Okabe and Ito's palette, told apart with every common colour vision; marker and dash say the same once more.
+LOOKS = {
+    "hjb": Look("#D55E00", "s", (0, (5, 1.6))),
+    "mfg": Look("#7F7F7F", "D", (0, (1, 1.2))),
+    "mfgfl-h": Look("#E69F00", "^", (0, (3, 1, 1, 1))),
+    "mfgfl-f": Look("#009E73", "v", (0, (2, 1))),
+    "mfgfl-hf": Look("#0072B2", "o", (0, ()), 1.9),
+    "offline": Look("#CC79A7", "X", (0, (6, 1, 1, 1, 1, 1))),
+}
+# Of methods that have no look of their own: each by its name, unless somebody else in the figure has it.
+OTHER_COLOURS = ("#56B4E9", "#332288", "#882255", "#999933", "#661100", "#44AA99")
+OTHER_MARKERS = ("P", "8", "<", ">", "p", "h", "d")
+OTHER_DASHES: tuple[Dash, ...] = ((0, (4, 1)), (0, (1, 0.8)), (0, (4, 1, 1, 1)), (0, (7, 2)))
+NAMES = {
+    "hjb": "Hjb",
+    "mfg": "Mfg",
+    "mfgfl-h": "MfgFL-H",
+    "mfgfl-f": "MfgFL-F",
+    "mfgfl-hf": "MfgFL-HF",
+    "offline": "Offline",
+}
 
 COLUMN_IN = 4.6  # drawn a little larger than a printed column (3.5 in); text is 8 to 9 points here, 6 to 7 in print
 PAGE_IN = 7.6
@@ -112,6 +143,43 @@ _RC: Any = {
 _LAID_OUT: Any = {"figure.constrained_layout.use": False, "figure.autolayout": False}
 
 
+def name(method: str) -> str:
+    """A method as the paper writes it."""
+    return NAMES.get(method, method)
+
+
+def look(method: str) -> Look:
+    """A method's look, whoever else is in the figure."""
+    at = crc32(method.encode())
+    colour, marker = OTHER_COLOURS[at % len(OTHER_COLOURS)], OTHER_MARKERS[at % len(OTHER_MARKERS)]
+    return LOOKS.get(method, Look(colour, marker, OTHER_DASHES[at % len(OTHER_DASHES)]))
+
+
+def colour(method: str) -> str:
+    """A method's colour in every figure."""
+    return look(method).colour
+
+
+def looks(methods: Iterable[str]) -> dict[str, Look]:
+    """The looks of the methods of one figure: no two have the same colour or marker while there are others left."""
+    named = list(dict.fromkeys(methods))
+    found = {method: look(method) for method in named if method in LOOKS}
+    for method in named:
+        if method not in found:
+            own = look(method)
+            tone = _free(own.colour, OTHER_COLOURS, "colour", found.values())
+            shape = _free(own.marker, OTHER_MARKERS, "marker", found.values())
+            found[method] = own._replace(colour=tone, marker=shape)
+    return {method: found[method] for method in named}
+
+
+def _free(own: str, others: Sequence[str], part: str, taken: Iterable[Look]) -> str:
+    """One's own if nobody has it, else the next of the others, or of the paper's, that is free; else one's own."""
+    first = others.index(own)
+    papers, has = ([getattr(each, part) for each in looks] for looks in (LOOKS.values(), taken))
+    return next((each for each in (*others[first:], *others[:first], *papers) if each not in has), own)
+
+
 @contextmanager
 def style() -> Iterator[None]:
     """The look, for the figures made and saved inside, whatever a `matplotlibrc` of the reader's says."""
@@ -150,6 +218,16 @@ def save(made: Figure, folder: Path, name: str) -> list[Path]:
             made.set_layout_engine()
     made.set_layout_engine(layout)
     return paths
+
+
+def write(figures: Mapping[str, Figure], out: Path) -> list[Path]:
+    """Writes every figure as `out`/name.png and .svg.
+
+    Raises:
+        BadInput: the folder cannot be made.
+        RunFailed: the disk is full.
+    """
+    return [path for name, made in figures.items() for path in save(made, out, name)]
 
 
 def axis(field: str) -> str:

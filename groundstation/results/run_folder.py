@@ -4,7 +4,8 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,6 @@ from typing import Any
 import pyarrow as pa
 
 from meanflock.groundstation.results import flown_plugins, inbound
-from meanflock.groundstation.results.background import BackgroundWorker
 from meanflock.groundstation.results.event_log import EventLog, lock, past_events
 from meanflock.groundstation.results.quantities import check_diagnostics
 from meanflock.groundstation.results.series import block_of, unbroken
@@ -28,6 +28,41 @@ SCENARIO, SUMMARY, EVENTS, RECORDING = "scenario.toml", "summary.json", "events.
 CHECKPOINT = "checkpoint.msgpack"  # only while the run is not finished
 LOSS = ("agent", "diverged", "lost")  # kinds of events that say why a UAV is lost
 _PAST_STATES = 50_000  # of rows that are spooled once more, in one block
+
+
+class BackgroundWorker:
+    """Single-slot executor for work that waits for a disk; `do` blocks while it is busy.
+
+    Not for work that computes in many small steps: each step hands Python's lock over, which costs the flight more.
+    """
+
+    def __init__(self, name: str) -> None:
+        """`name`: of the thread."""
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix=name)
+        self._doing: Future[None] | None = None
+
+    def do(self, work: Callable[..., None], *arguments: Any) -> None:
+        """Waits for the work before, then begins the next. Raises the error of the work before and begins nothing."""
+        self.wait()
+        self._doing = self._pool.submit(work, *arguments)
+
+    def look(self) -> None:
+        """Raises the error of the work, if it has failed by now."""
+        if self._doing is not None and self._doing.done():
+            self.wait()
+
+    def wait(self) -> None:
+        """Waits for the work. Raises its error, once."""
+        doing, self._doing = self._doing, None
+        if doing is not None:
+            doing.result()
+
+    def close(self) -> None:
+        """Waits, and accepts no more work."""
+        try:
+            self.wait()
+        finally:
+            self._pool.shutdown()
 
 
 class RunFolder:

@@ -100,7 +100,6 @@ def rows_of(block: Telemetry, dt: float) -> pa.RecordBatch:
 def block_of(rows: pa.Table, number: int, events: tuple[Event, ...] = ()) -> Telemetry:
     """Rows of ticks that follow each other as a block; links and checkpoint are not in them."""
     reported = rows.filter(pc.is_valid(rows["leader_model"]))
-    none = np.zeros(len(rows))  # of what a run of before did not count
     reports = reported["leader_model"].to_pylist()
     names = diagnostics_in(rows.schema)
     return Telemetry(
@@ -112,9 +111,7 @@ def block_of(rows: pa.Table, number: int, events: tuple[Event, ...] = ()) -> Tel
         diagnostics=per_uav(rows, *names) if names else np.zeros((len(rows), len(rows["x_m"][0]), 0), np.float32),
         status=per_uav(rows, "status")[..., 0],
         energy=per_uav(rows, "energy_J")[..., 0],
-        swarm=np.stack(
-            [rows[name].to_numpy() if name in rows.column_names else none for name in SWARM_COLUMNS], axis=-1
-        ),
+        swarm=np.stack([rows[name].to_numpy() for name in SWARM_COLUMNS], axis=-1),
         links=np.zeros((0, 5), dtype=np.int32),
         report_ticks=reported["tick"].to_numpy(),
         reports=np.array(reports, dtype=np.float32).reshape(len(reports), -1 if reports else 0),

@@ -7,9 +7,8 @@ all blocks that are whole: a kill cuts off the end of this file, and would leave
 import logging
 import struct
 from collections.abc import Iterator
-from os import SEEK_END
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import NamedTuple
 from zlib import crc32
 
 import msgspec
@@ -23,9 +22,8 @@ from meanflock.swarm.wire.messages import Telemetry
 
 log = logging.getLogger("meanflock.spool")
 
-_SIGNATURE = b"mf\x89spool"  # of a file with checksums: no block of one without is as long as this begins
+_SIGNATURE = b"mf\x89spool"
 _HEAD = struct.Struct("<IQdII")  # of a block: its bytes, the rest of `Spooled`, CRC-32 of the block and of all this
-_HEAD_BEFORE = struct.Struct("<IQd")  # where there are no checksums
 _CHECKSUM = 4  # bytes
 _NO_LINKS = np.zeros((0, 5), dtype=np.int32)
 
@@ -73,7 +71,7 @@ def spooled(path: Path) -> Iterator[Spooled]:
     cannot be told apart any more; a warning says so. Raises OSError where there is no file."""
     with path.open("rb") as file:
         if file.read(len(_SIGNATURE)) != _SIGNATURE:
-            yield from _without_checksums(path, file)
+            _warn(path, 0, "all of it is left out")
             return
         while len(head := file.read(_HEAD.size)) == _HEAD.size:
             begins = file.tell() - _HEAD.size
@@ -90,20 +88,6 @@ def spooled(path: Path) -> Iterator[Spooled]:
                 return
             else:
                 yield Spooled(block, events_bytes, dt)
-
-
-def _without_checksums(path: Path, file: BinaryIO) -> Iterator[Spooled]:
-    """The same of a file of 0.1.0."""
-    size = file.seek(0, SEEK_END)
-    file.seek(0)
-    while len(head := file.read(_HEAD_BEFORE.size)) == _HEAD_BEFORE.size:
-        begins = file.tell()
-        of_rows, events_bytes, dt = _HEAD_BEFORE.unpack(head)
-        if (block := _block(file.read(min(of_rows, control.MAX_BYTES + 1)))) is None:
-            if begins == _HEAD_BEFORE.size or begins + of_rows <= size:
-                _warn(path, begins, "all from there on is left out")
-            return
-        yield Spooled(block, events_bytes, dt)
 
 
 def _block(rows: bytes) -> Telemetry | None:

@@ -1,21 +1,34 @@
-"""The file of a run's time series: made of the spool when the flight is over, and read when it goes on."""
+"""The files of a run's time series: Parquet, made of the spool at the end of the flight, and CSV.
 
-from collections.abc import Iterator
+Parquet has checksums of pages, but none of the footer, which says what lies where. `_seal` adds one between the last
+page and the footer, where no reader of Parquet looks.
+"""
+
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import chain, islice
+from os import SEEK_END
 from pathlib import Path
+from typing import BinaryIO, Literal, TypeAlias
+from zlib import crc32
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+from pyarrow import csv
 
-from meanflock.groundstation.results import seal
-from meanflock.groundstation.results.series import rows_of, schema
+from meanflock.groundstation.results.series import long_form, rows_of, schema
 from meanflock.groundstation.results.spool import spooled
 from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput
 
 TIMESERIES = "timeseries.parquet"
 SPOOL = ".telemetry"  # in its place while the run flies, and after a kill
+Per: TypeAlias = Literal["uav", "tick"]  # a row a tick and UAV, or a row a tick
+_ENTRIES = 100_000  # of a CSV file: rows times UAVs that are converted at once
+_NO_HEADER = csv.WriteOptions(include_header=False)
+_SEAL = b"mf\x89seal\n"
+_SEAL_BYTES = len(_SEAL) + 4
+_TAIL_BYTES = 8  # of Parquet: the footer's length and a mark
 _MARK_BLOCK, _MARK_EVENTS = "meanflock.block", "meanflock.events_bytes"
 
 
@@ -54,13 +67,13 @@ def _to_parquet(spool: Path, path: Path) -> None:
             writer.write_table(pa.Table.from_batches([batch for batch, _ in blocks], columns))
             last = blocks[-1][1]
         writer.add_key_value_metadata(last)
-    seal.seal(path)
+    _seal(path)
 
 
 def read_table(path: Path) -> pa.Table:
     """The rows of a time series, all checksums compared. Raises OSError where it is damaged or not there."""
     try:
-        seal.check(path)
+        _check_seal(path)
         return pq.read_table(path, page_checksum_verification=True)
     except (ValueError, pa.ArrowException) as error:  # what is no Parquet
         raise OSError("damaged: it is no Parquet file, or not all of one") from error
@@ -98,3 +111,65 @@ def _rows_of(spool: Path) -> Iterator[tuple[pa.RecordBatch, dict[str, str]]]:
     """The rows of every block, with what is to be known of the folder that ends with it."""
     for block, events_bytes, dt in spooled(spool):
         yield rows_of(block, dt), {_MARK_BLOCK: str(block.block), _MARK_EVENTS: str(events_bytes)}
+
+
+def _seal(path: Path) -> None:
+    """Adds the checksum of the footer to a file. Raises OSError if there is no room for it."""
+    with path.open("r+b") as file:
+        begins, footer = _footer(file)
+        file.seek(begins)
+        file.write(_SEAL + crc32(footer).to_bytes(4, "little") + footer)
+
+
+def _check_seal(path: Path) -> None:
+    """Raises OSError if the footer is damaged; a file without a seal, of another program, passes."""
+    with path.open("rb") as file:
+        begins, footer = _footer(file)
+        file.seek(max(0, begins - _SEAL_BYTES))
+        found = file.read(_SEAL_BYTES)
+        if found[: len(_SEAL)] == _SEAL and found[len(_SEAL) :] != crc32(footer).to_bytes(4, "little"):
+            raise OSError("damaged: the checksum of its footer is wrong")
+
+
+def _footer(file: BinaryIO) -> tuple[int, bytes]:
+    """Offset of the footer, and all bytes from there; of a file that is no Parquet any bytes."""
+    size = file.seek(0, SEEK_END)
+    file.seek(max(0, size - _TAIL_BYTES))
+    length = int.from_bytes(file.read(4), "little")
+    begins = max(0, size - _TAIL_BYTES - length)
+    file.seek(begins)
+    return begins, file.read()
+
+
+def write_csv(rows: pa.Table, path: Path, per: Per, progress: Callable[[int, int], None]) -> Path:
+    """Writes the rows of a time series; nothing is at `path` before the last row is written.
+
+    Floats have the digits that read back as the same float64. With a row a tick, columns of lists are left out.
+
+    Args:
+        progress: called with the ticks written and all ticks.
+
+    Raises:
+        BadInput: no file can be made there.
+        RunFailed: the disk is full.
+    """
+    ticks, uavs = len(rows), len(rows["x_m"][0]) if len(rows) else 0
+    at_once = max(1, _ENTRIES // max(1, uavs))
+    with durable.replacing(path) as file:
+        durable.write(file, (",".join(_flat(rows.slice(0, 0), per).column_names) + "\n").encode())
+        for first in range(0, ticks, at_once):
+            text = pa.BufferOutputStream()
+            csv.write_csv(_flat(rows.slice(first, at_once), per), text, _NO_HEADER)
+            durable.write(file, memoryview(text.getvalue()))
+            progress(min(first + at_once, ticks), ticks)
+    return path
+
+
+def _flat(rows: pa.Table, per: Per) -> pa.Table:
+    """Rows without lists. float32 becomes float64: its shortest digits would read back as another float64."""
+    if per == "uav":
+        flat = long_form(rows)
+    else:
+        flat = rows.select([field.name for field in rows.schema if not pa.types.is_list(field.type)])
+    wide = [field.with_type(pa.float64()) if field.type == pa.float32() else field for field in flat.schema]
+    return flat.cast(pa.schema(wide))

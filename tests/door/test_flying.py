@@ -248,7 +248,7 @@ def test_a_long_frame_is_a_row_a_tick_and_uav(left: mf.Run) -> None:
 def test_a_csv_file_that_is_not_whole_is_not_there(
     left: mf.Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("meanflock.groundstation.results.csv_file._ENTRIES", 40)
+    monkeypatch.setattr("meanflock.groundstation.results.timeseries_file._ENTRIES", 40)
     (path := tmp_path / "flight.csv").write_text("old")
     ticks: list[tuple[int, int]] = []
 

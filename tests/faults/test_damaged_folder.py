@@ -12,7 +12,7 @@ import pytest
 
 import meanflock as mf
 from meanflock.groundstation.cli.command import main
-from meanflock.groundstation.plots.charts import plot_run
+from meanflock.groundstation.plots.run import plot_run
 from meanflock.groundstation.recording import viewer
 from meanflock.groundstation.recording.replay import recorded, verify
 from meanflock.groundstation.results.run_folder import CHECKPOINT, EVENTS, RECORDING, read_checkpoint

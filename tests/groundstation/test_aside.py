@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from meanflock.groundstation.results.background import BackgroundWorker
+from meanflock.groundstation.results.run_folder import BackgroundWorker
 
 
 def test_work_is_done_in_order_in_another_thread_and_none_is_left() -> None:

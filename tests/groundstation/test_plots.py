@@ -8,7 +8,8 @@ import matplotlib as mpl
 import pytest
 
 from meanflock.groundstation.launch.run import Options, fly
-from meanflock.groundstation.plots import charts
+from meanflock.groundstation.plots import comparison, plotstyle
+from meanflock.groundstation.plots.run import plot_run
 from meanflock.groundstation.results import quantities
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import load
@@ -22,8 +23,8 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_run_is_plotted_from_its_folder(run_folder: Path, tmp_path: Path) -> None:
-    made = charts.plot_run(run_folder)
-    assert {path.name for path in charts.write(made, tmp_path)} == {
+    made = plot_run(run_folder)
+    assert {path.name for path in plotstyle.write(made, tmp_path)} == {
         "paths.png",
         "paths.svg",
         "curves.png",
@@ -34,21 +35,21 @@ def test_a_run_is_plotted_from_its_folder(run_folder: Path, tmp_path: Path) -> N
 
 
 def test_a_matplotlibrc_of_the_reader_changes_no_plot(run_folder: Path, tmp_path: Path) -> None:
-    ours = [path.read_bytes() for path in charts.write(charts.plot_run(run_folder), tmp_path / "ours")]
+    ours = [path.read_bytes() for path in plotstyle.write(plot_run(run_folder), tmp_path / "ours")]
     with mpl.rc_context({"axes.facecolor": "red", "savefig.facecolor": "red", "legend.loc": "center"}):
-        theirs = [path.read_bytes() for path in charts.write(charts.plot_run(run_folder), tmp_path / "theirs")]
+        theirs = [path.read_bytes() for path in plotstyle.write(plot_run(run_folder), tmp_path / "theirs")]
     assert theirs == ours
 
 
 def test_a_run_whose_events_were_cut_off_is_still_plotted(run_folder: Path) -> None:
     with (run_folder / "events.jsonl").open("a") as events:
         events.write('{"tick": 3, "kind": "coll')
-    assert charts.plot_run(run_folder)
+    assert plot_run(run_folder)
 
 
 def test_no_run_is_bad_input(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="name the folder of a run"):
-        charts.plot_run(tmp_path)
+        plot_run(tmp_path)
 
 
 @pytest.mark.parametrize("damage", ["cut", "flipped", "gone"])
@@ -66,7 +67,7 @@ def test_a_time_series_that_cannot_be_read_is_named_with_how_to_mend_it(
     what = "No such file" if damage == "gone" else "damaged: "
     again = rf"fly the run again with `meanflock run {folder / 'scenario.toml'}`"
     with pytest.raises(BadInput, match=rf"^{path}: {what}[^']*; bring the file back, or {again}$"):
-        charts.plot_run(folder)
+        plot_run(folder)
 
 
 def summaries(level: float, seeds: int = 4) -> list[dict[str, Any]]:
@@ -86,7 +87,7 @@ def summaries(level: float, seeds: int = 4) -> list[dict[str, Any]]:
 
 
 def test_comparison_has_a_row_a_method_and_a_panel_a_metric() -> None:
-    made = charts.plot_compare({"hjb": summaries(20.0), "mfgfl-hf": summaries(18.0)})
+    made = comparison.plot_compare({"hjb": summaries(20.0), "mfgfl-hf": summaries(18.0)})
     panels = [ax for ax in made.axes if ax.get_visible()]
     assert len(panels) == len(quantities.COMPARED)
     assert [text.get_text() for text in panels[0].get_yticklabels()] == ["hjb", "mfgfl-hf"]
@@ -94,7 +95,7 @@ def test_comparison_has_a_row_a_method_and_a_panel_a_metric() -> None:
 
 @pytest.mark.parametrize(("level", "seeds"), [(20.0, 4), (0.0, 1), (0.3, 2)])
 def test_comparison_covers_no_flight_and_has_no_negative_number(level: float, seeds: int) -> None:
-    made = charts.plot_compare({"hjb": summaries(level, seeds), "mfgfl-hf": summaries(level, seeds)})
+    made = comparison.plot_compare({"hjb": summaries(level, seeds), "mfgfl-hf": summaries(level, seeds)})
     made.draw_without_rendering()
     for ax in made.axes[: len(quantities.COMPARED)]:
         height_px = abs(ax.transData.transform((0.0, 0.0))[1] - ax.transData.transform((0.0, 1.0))[1])
@@ -113,14 +114,14 @@ def test_comparison_covers_no_flight_and_has_no_negative_number(level: float, se
 @pytest.mark.parametrize("values", [(0.1, 0.2, 0.3), ("amplitude", "power")])
 def test_sweep_runs_along_numbers_or_names(values: tuple[Any, ...], tmp_path: Path) -> None:
     points = {value: {"hjb": summaries(20.0), "mfg": summaries(19.0)} for value in values}
-    made = charts.plot_sweep("wind.sigma", points)
+    made = comparison.plot_sweep("wind.sigma", points)
     assert len(made.axes) == 4
     assert made.axes[-1].get_xlabel() == "wind.sigma (m/s/√s)"
-    assert len(charts.write({"sweep": made}, tmp_path)) == 2
+    assert len(plotstyle.write({"sweep": made}, tmp_path)) == 2
 
 
 def test_one_seed_has_no_interval_and_still_a_dot() -> None:
-    made = charts.plot_compare({"hjb": summaries(20.0, 1)})
+    made = comparison.plot_compare({"hjb": summaries(20.0, 1)})
     assert made.axes
     assert made.get_supxlabel() == "one flight each: no interval"
 

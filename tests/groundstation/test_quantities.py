@@ -17,8 +17,8 @@ from rich.console import Console
 
 from meanflock.groundstation.launch.progress import summary_table
 from meanflock.groundstation.launch.run import Options, fly
-from meanflock.groundstation.plots import charts, plotstyle
-from meanflock.groundstation.plots import looks as looks_of
+from meanflock.groundstation.plots import comparison, plotstyle
+from meanflock.groundstation.plots.run import plot_run
 from meanflock.groundstation.recording import plots
 from meanflock.groundstation.recording.plots import plot_rows
 from meanflock.groundstation.results import quantities
@@ -27,7 +27,7 @@ from meanflock.groundstation.results.series import Reported, block_of
 from meanflock.groundstation.results.timeseries_file import TIMESERIES
 from meanflock.studies.paper.figures import grids
 from meanflock.swarm.scenario import load
-from meanflock.swarm.wire.messages import SWARM_COLUMNS, Status
+from meanflock.swarm.wire.messages import Status
 from tests.groundstation.recordings import DIAGNOSTICS
 
 ROOT = Path(__file__).parents[2]
@@ -105,7 +105,7 @@ def test_the_plots_of_a_recording_use_them() -> None:
 
 
 def test_plots_use_them(runs: dict[str, Path]) -> None:
-    panels = list(titles(charts.plot_run(runs["mfgfl-hf"])["curves"]))
+    panels = list(titles(plot_run(runs["mfgfl-hf"])["curves"]))
     for quantity in (quantities.ENERGY, quantities.SPEED, quantities.HJB_RESIDUAL, quantities.FPK_RESIDUAL):
         assert any(panel.startswith(quantity.name) for panel in panels), quantity
     assert "alignment φ_A, lower is better" in panels
@@ -139,7 +139,7 @@ def test_no_code_of_the_ground_station_does() -> None:
 def test_there_is_a_panel_for_whatever_is_reported_and_no_other(
     method: str, reported: list[str], runs: dict[str, Path]
 ) -> None:
-    panels = list(titles(charts.plot_run(runs[method])["curves"]))
+    panels = list(titles(plot_run(runs[method])["curves"]))
     assert len(panels) == 6 + len(reported)
     for field, panel in zip(reported, panels[6:], strict=True):
         assert panel.startswith(FIELDS[field].name)
@@ -159,7 +159,7 @@ def of_a_stranger(runs: dict[str, Path], tmp_path: Path) -> Path:
 
 
 def test_a_run_is_plotted_where_its_controller_is_not_installed(of_a_stranger: Path) -> None:
-    made = charts.plot_run(of_a_stranger)
+    made = plot_run(of_a_stranger)
     panels = titles(made["curves"])
     assert list(panels)[6:] == [
         "tension: mean, max, min",
@@ -185,7 +185,7 @@ def test_who_is_lost_reports_nothing_and_counts_for_nothing(of_a_stranger: Path)
         place = rows.column_names.index(name)
         rows = rows.set_column(place, name, pa.array(values.tolist(), rows.schema.field(name).type))
     pq.write_table(rows, of_a_stranger / TIMESERIES)
-    (mean,) = titles(charts.plot_run(of_a_stranger)["curves"])["tension: mean, max, min"].lines
+    (mean,) = titles(plot_run(of_a_stranger)["curves"])["tension: mean, max, min"].lines
     np.testing.assert_array_equal(mean.get_ydata(), [np.nan] + [5.0] * (len(rows) - 2) + [np.nan])
     block = block_of(rows, 0)
     sent = plot_rows(
@@ -196,15 +196,13 @@ def test_who_is_lost_reports_nothing_and_counts_for_nothing(of_a_stranger: Path)
     assert list(ticks) == list(range(1, len(rows) - 1))
 
 
-def test_a_run_of_before_lacks_columns_and_is_plotted_all_the_same(of_a_stranger: Path) -> None:
-    rows = pq.read_table(of_a_stranger / TIMESERIES).drop_columns(["relay_bits", "phi_C_distinct", "phi_G"])
+def test_paths_have_no_colour_bar_without_the_interaction_and_reports_are_read_from_the_rows(
+    of_a_stranger: Path,
+) -> None:
+    rows = pq.read_table(of_a_stranger / TIMESERIES).drop_columns(["phi_G"])
     pq.write_table(rows, of_a_stranger / TIMESERIES)
-    made = charts.plot_run(of_a_stranger)
-    assert [each.get_label() for each in titles(made["curves"])["collision risk φ_C"].lines] == ["with self-pairs"]
-    assert len(made["paths"].axes) == 1
-    block = block_of(rows.slice(0, 5), 0)
-    assert block.diagnostic_names == ("tension",)
-    assert not block.swarm[:, SWARM_COLUMNS.index("relay_bits")].any()
+    assert len(plot_run(of_a_stranger)["paths"].axes) == 1
+    assert block_of(rows.slice(0, 5), 0).diagnostic_names == ("tension",)
     assert Reported.within(rows) == (("tension",), 246)
 
 
@@ -213,12 +211,12 @@ def test_a_method_nobody_knows_has_a_look_of_its_own_in_every_figure() -> None:
     looks = {name: (each.colour, each.marker, each.dash) for name in strangers for each in [plotstyle.look(name)]}
     assert looks["mine-0"] == ("#999933", "P", (0, (7, 2)))  # today and on every machine
     assert len(set(looks.values())) > 20
-    known = {look[:2] for look in looks_of.LOOKS.values()}
+    known = {look[:2] for look in plotstyle.LOOKS.values()}
     assert not known & {(tone, marker) for tone, marker, _ in looks.values()}
     summary = dict.fromkeys(quantities.COMPARED, 1.0) | {"payload_bits": {"total": 8.0}, "uavs": 4}
-    made = charts.plot_compare({"hjb": [summary, summary], "mine-0": [summary]})
+    made = comparison.plot_compare({"hjb": [summary, summary], "mine-0": [summary]})
     assert [label.get_text() for label in made.axes[0].get_yticklabels()] == ["hjb", "mine-0"]
-    made = charts.plot_sweep("wind.sigma", {0.1: {"mine-0": [summary]}, 0.2: {"mine-0": [summary]}})
+    made = comparison.plot_sweep("wind.sigma", {0.1: {"mine-0": [summary]}, 0.2: {"mine-0": [summary]}})
     assert [text.get_text() for text in made.legends[0].get_texts()] == ["mine-0"]
 
 
@@ -235,7 +233,7 @@ def test_methods_of_one_figure_are_told_apart() -> None:
 
 def test_the_comparison_says_how_many_flights_and_shows_arrivals_of_all() -> None:
     summary = dict.fromkeys(quantities.COMPARED, 1.0) | {"payload_bits": {"total": 8.0}, "uavs": 9}
-    made = charts.plot_compare({"plan": [summary] * 3, "orca": [summary] * 3})
+    made = comparison.plot_compare({"plan": [summary] * 3, "orca": [summary] * 3})
     assert made.get_supxlabel() == "pale: single flights; mean and 95 % interval over 3 flights"
     arrivals = next(ax for ax in made.axes if "arrived" in ax.get_xlabel())
     low, high = arrivals.get_xlim()
@@ -248,7 +246,7 @@ def test_a_diagnostic_that_was_zero_throughout_has_an_axis_that_begins_there(of_
     place = rows.column_names.index("tension")
     nothing = pa.array([[0.0] * len(each) for each in rows["tension"]], type=rows["tension"].type)
     pq.write_table(rows.set_column(place, rows.schema.field(place), nothing), of_a_stranger / TIMESERIES)
-    panel = titles(charts.plot_run(of_a_stranger)["curves"])["tension: mean, max, min"]
+    panel = titles(plot_run(of_a_stranger)["curves"])["tension: mean, max, min"]
     assert panel.get_ylim() == (0.0, 1.0)
 
 
@@ -257,7 +255,7 @@ def test_panels_are_lettered_past_the_alphabet() -> None:
 
 
 def test_every_line_of_a_panel_with_two_has_a_label_and_the_legend_keeps_off_them(runs: dict[str, Path]) -> None:
-    made = charts.plot_run(runs["offline"])["curves"]
+    made = plot_run(runs["offline"])["curves"]
     panels = titles(made)
     made.canvas.draw()
     for title, labels in (
@@ -274,7 +272,7 @@ def test_every_line_of_a_panel_with_two_has_a_label_and_the_legend_keeps_off_the
 
 
 def test_the_goal_is_a_ring_over_the_paths_and_in_the_legend(runs: dict[str, Path]) -> None:
-    made = charts.plot_run(runs["mfgfl-hf"])["paths"]
+    made = plot_run(runs["mfgfl-hf"])["paths"]
     ax = made.axes[0]
     rings = [patch for patch in ax.patches if tuple(getattr(patch, "center", ())) == (0.0, 0.0)]
     assert [ring.get_radius() for ring in rings] == [5.0, 5.0]  # type: ignore[attr-defined]
@@ -283,5 +281,5 @@ def test_the_goal_is_a_ring_over_the_paths_and_in_the_legend(runs: dict[str, Pat
 
 
 def test_paths_have_the_colour_of_the_interaction_where_it_is_reported(runs: dict[str, Path]) -> None:
-    assert len(charts.plot_run(runs["mfgfl-hf"])["paths"].axes) == 2  # with a colour bar
-    assert len(charts.plot_run(runs["offline"])["paths"].axes) == 1
+    assert len(plot_run(runs["mfgfl-hf"])["paths"].axes) == 2  # with a colour bar
+    assert len(plot_run(runs["offline"])["paths"].axes) == 1

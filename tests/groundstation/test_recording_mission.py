@@ -9,7 +9,7 @@ import pytest
 from matplotlib.patches import Circle
 
 import meanflock as mf
-from meanflock.groundstation.plots import charts
+from meanflock.groundstation.plots.run import plot_run
 from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import drawing, mission_map
 from meanflock.groundstation.recording.recorder import Recorder
@@ -87,7 +87,7 @@ def test_an_obstacle_hit_is_marked_as_itself_and_not_as_a_collision(tmp_path: Pa
     assert "ERROR" in levels[hits[0]["tick"]]
     assert fixed(run.recording, "map/obstacles/edges", "LineStrips2D:colors") == [drawing.GREY]
     assert run.folder is not None
-    (ax, *_) = charts.plot_run(run.folder)["paths"].axes
+    (ax, *_) = plot_run(run.folder)["paths"].axes
     drawn = {str(line.get_label()): line for line in ax.lines}
     crosses, stars = drawn[f"obstacle hits: {len(hits)}"], drawn[f"collisions: {run.summary['collisions']}"]
     assert len(crosses.get_xydata()) == len(hits)
@@ -99,7 +99,7 @@ def test_a_plot_of_paths_has_discs_and_own_goals(tmp_path: Path) -> None:
     keys: dict[str, Any] = {"obstacles": [{"centre": [10.0, 5.0], "radius": 2.0}]}
     run = mf.fly("swap", method="cruise", uavs=6, duration=2.0, out=tmp_path, **keys)
     assert run.folder is not None
-    (ax, *_) = charts.plot_run(run.folder)["paths"].axes
+    (ax, *_) = plot_run(run.folder)["paths"].axes
     (disc,) = [patch for patch in ax.patches if isinstance(patch, Circle)]
     assert (disc.center, disc.radius) == ((10.0, 5.0), 2.0)
     (marks,) = [line for line in ax.lines if line.get_label() == "goals"]

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from meanflock.groundstation.plots import looks, plotstyle
+from meanflock.groundstation.plots import plotstyle
 from meanflock.studies.paper.figures import draw as figures
 from meanflock.studies.paper.figures.curves import Bundle, bundle
 from meanflock.studies.paper.grid import COMPARED, FEDERATED, PERIODS, SIGMAS, UAVS
@@ -141,14 +141,14 @@ def test_every_axis_has_a_unit(name: str, tables: Results) -> None:
     with plotstyle.style():
         made = figures.FIGURES[name][0](View.of(tables))
     assert made is not None
-    methods = set(looks.NAMES.values())
+    methods = set(plotstyle.NAMES.values())
     for label in every_axis(made):
         assert "(" in label or label in methods or "N$" in label or "n_0" in label, label
 
 
 def test_a_method_has_one_colour_marker_and_dash() -> None:
-    assert set(looks.LOOKS) == set(looks.NAMES) == set(Method)
-    for each in (*zip(*(look[:3] for look in looks.LOOKS.values()), strict=True), looks.NAMES.values()):
+    assert set(plotstyle.LOOKS) == set(plotstyle.NAMES) == set(Method)
+    for each in (*zip(*(look[:3] for look in plotstyle.LOOKS.values()), strict=True), plotstyle.NAMES.values()):
         assert len(set(each)) == len(Method)
 
 

@@ -6,8 +6,7 @@ import pytest
 from rich.console import Console
 from rich.table import Column, Table
 
-from meanflock.groundstation.cli.means_table import WIDTH, table
-from meanflock.groundstation.cli.terminal import console_for
+from meanflock.groundstation.cli.tables import WIDTH, console_for, means_table
 from meanflock.studies import study
 from meanflock.studies.means import Means
 from meanflock.swarm.errors import EXIT_DONE
@@ -59,7 +58,7 @@ def test_a_table_has_units_and_no_name_is_cut_off_at_80_columns(key: str) -> Non
     points = {(value, method): [large] * 8 for value in (0.125, 1000) for method in ("mfgfl-hf", "offline")}
     console = Console(width=WIDTH)
     with console.capture() as capture:
-        console.print(table(Means((key, "method"), points), "sweep: 25 UAVs", [300.0]))
+        console.print(means_table(Means((key, "method"), points), "sweep: 25 UAVs", [300.0]))
     lines = capture.get().splitlines()
     assert max(map(len, lines)) <= WIDTH
     assert "…" not in capture.get()
@@ -91,7 +90,7 @@ def test_a_long_value_of_a_sweep_goes_over_several_lines_before_the_table_gets_w
     monkeypatch.setenv("COLUMNS", "80")
     discs = "[{'x': 10.0, 'y': 20.0, 'radius': 3.0}, {'x': 30.0, 'y': 20.0, 'radius': 3.0}]"
     flown = {**summary(25, 161.3456, 25), "t_avg_censored_s": 161.3456}
-    shown_table = table(Means(("obstacles", "method"), {(discs, "mfgfl-hf"): [flown] * 8}), "sweep", [300.0])
+    shown_table = means_table(Means(("obstacles", "method"), {(discs, "mfgfl-hf"): [flown] * 8}), "sweep", [300.0])
     console_for(shown_table).print(shown_table)
     shown = capsys.readouterr().out
     assert max(map(len, shown.splitlines())) <= 80

@@ -233,9 +233,12 @@ def told_to_end(*_: Any, **__: Any) -> None:
     [
         (
             ("compare", "plan", "--uavs", "2", "--duration", "3", "--seeds", "1", "--jobs", "1"),
-            "groundstation.plots.charts.write",
+            "groundstation.plots.plotstyle.write",
         ),
-        (("sweep", "uavs=2,3", "--duration", "3", "--seeds", "1", "--jobs", "1"), "groundstation.plots.charts.write"),
+        (
+            ("sweep", "uavs=2,3", "--duration", "3", "--seeds", "1", "--jobs", "1"),
+            "groundstation.plots.plotstyle.write",
+        ),
         (
             ("leaderboard", "--missions", "crowd", "--controllers", "plan", *ONE_FLIGHT),
             "studies.leaderboard.report.write",

@@ -1,4 +1,4 @@
-"""The means of a study as a table for 80 columns."""
+"""Tables in a terminal: the means of a study in 80 columns, and whole numbers however narrow the terminal is."""
 
 from collections.abc import Sequence
 
@@ -10,6 +10,7 @@ from meanflock.groundstation.results import quantities
 from meanflock.studies.means import METRICS, Means
 
 WIDTH = 80  # of a terminal, at least
+_WIDE = 1000  # columns: wider than any table
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""))
 MEANS = (
     "Means over n flights and all UAVs. Travel time: a UAV that never arrived counts with the duration, {:g} s. "
@@ -17,7 +18,7 @@ MEANS = (
 )
 
 
-def table(means: Means, title: str, durations_s: Sequence[float]) -> Table:
+def means_table(means: Means, title: str, durations_s: Sequence[float]) -> Table:
     """What a person reads; in 80 columns, without a name that is cut off."""
     note = MEANS.format(max(durations_s)) if len(set(durations_s)) == 1 else MEANS.replace(", {:g} s", "")
     shown = Table(title=title, caption=note, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
@@ -49,3 +50,14 @@ def _heading(quantity: quantities.Quantity, prefix: str) -> str:
 def _broken(name: str) -> str:
     """A dotted key that may go over several lines."""
     return name.replace(".", ".\n").replace("_", "_\n").replace(" (", "\n(")
+
+
+def console_for(table: Table) -> Console:
+    """Standard output, at least as wide as the table must be: a narrower terminal wraps lines, and cuts no number."""
+    console, wide = Console(), Console(width=_WIDE)
+    wanted = wide.measure(table).maximum
+    for column in table.columns:
+        if not column.no_wrap:
+            cells = [wide.measure(cell) for cell in (column.header, *column.cells)]
+            wanted -= max(cell.maximum for cell in cells) - max(cell.minimum for cell in cells)
+    return console if console.width >= wanted else Console(width=wanted)

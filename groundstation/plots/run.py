@@ -1,0 +1,294 @@
+"""Plots of one run: paths on the map, and a panel for every quantity of its time series.
+
+They need neither the controller nor the plug-ins of the run.
+"""
+
+import json
+import logging
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+import pyarrow as pa
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from msgspec import field
+from numpy.typing import NDArray
+
+from meanflock.channel.meter import TRAFFIC
+from meanflock.groundstation.plots import plotstyle
+from meanflock.groundstation.results.quantities import FIELDS, PHI_G, quantity
+from meanflock.groundstation.results.run_folder import EVENTS, SCENARIO, flown_rows
+from meanflock.groundstation.results.series import diagnostics_in, per_uav, span_where
+from meanflock.swarm import mission, toml
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Destination, Metrics, Obstacle, Start
+from meanflock.swarm.wire.messages import Status
+
+log = logging.getLogger("meanflock.plots")
+
+Floats = NDArray[np.float64]
+
+MAX_POINTS = 1500  # of a curve, or instants of a path
+_MAX_SEGMENTS = 60_000  # of all paths
+
+
+class Flown(msgspec.Struct):
+    """The keys of a scenario that a plot shows; they can be read without its controller."""
+
+    method: str = ""  # empty: there is no scenario
+    seed: int = 0
+    uavs: int = 1
+    dt: float = 0.1
+    start: Start = field(default_factory=Start)
+    destination: Destination = field(default_factory=Destination)
+    metrics: Metrics = field(default_factory=Metrics)
+    obstacles: tuple[Obstacle, ...] = ()
+
+
+def plot_run(folder: Path) -> dict[str, Figure]:
+    """`paths` and `curves` of the run in `folder`, from its timeseries.parquet, scenario.toml and events.jsonl.
+
+    Raises:
+        BadInput: no run there, or one that never wrote a row.
+    """
+    table = flown_rows(folder)
+    flown = _flown(folder)
+    with plotstyle.style():
+        return {"paths": _paths(table, flown, folder), "curves": _curves(table, flown)}
+
+
+def _flown(folder: Path) -> Flown:
+    """Raises BadInput if the scenario of the run is damaged."""
+    path = folder / SCENARIO
+    if not path.is_file():
+        return Flown()
+    try:
+        return msgspec.convert(toml.read(path, "scenario file"), Flown)
+    except msgspec.ValidationError as error:
+        raise BadInput(f"{path}: {error}; take it from the folder of a run") from error
+
+
+# -- paths ---------------------------------------------------------------------------------------------------------
+
+
+def _paths(table: pa.Table, flown: Flown, folder: Path) -> Figure:
+    position = per_uav(table, "x_m", "y_m")
+    ticks, uavs, _ = position.shape
+    step = max(1, ticks // MAX_POINTS, ticks * uavs // _MAX_SEGMENTS)
+    made = plotstyle.figure(plotstyle.COLUMN_IN * 1.1, 3.9)
+    ax = made.subplots()
+    shaded = PHI_G in diagnostics_in(table.schema)
+    plotstyle.paths(ax, position[::step], _grid(table, PHI_G)[::step] if shaded else plotstyle.colour(flown.method))
+    ax.plot(*position[0].T, linestyle="", marker="s", markersize=2.0, color=plotstyle.PALE, label="start")
+    ax.plot(*position[-1].T, linestyle="", marker="o", markersize=2.4, color=plotstyle.INK, label="end")
+    collisions = _places(folder, "collision", position)
+    if (counted := int(_line(table, "collisions")[-1])) != len(collisions):
+        log.warning("%s: %d of %d collisions; the others are not marked", folder / EVENTS, len(collisions), counted)
+    ax.plot(*collisions.T, **plotstyle.STAR, label=f"collisions: {counted}")
+    if len(flown.obstacles):
+        hits = _places(folder, "hit", position)
+        ax.plot(*hits.T, **plotstyle.CROSS, label=f"obstacle hits: {len(hits)}")
+    _draw_mission(ax, flown)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.margins(0.05)
+    ax.set_xlabel("$x$ (m)")
+    ax.set_ylabel("$y$ (m)")
+    end = _line(table, "sim_time_s")[-1]
+    arrived = int(_line(table, "arrived")[-1])
+    name = f"{flown.method}, seed {flown.seed}: " if flown.method else ""
+    plotstyle.titled(ax, "", f"{name}{arrived} of {uavs} arrived in {end:.0f} s")
+    made.legend(loc="outside lower center", ncols=5, handletextpad=0.2, columnspacing=1.2)
+    if shaded:
+        label = plotstyle.tex(f"{FIELDS[PHI_G].name} as a UAV reports it ({FIELDS[PHI_G].unit})")
+        made.colorbar(ScalarMappable(**plotstyle.PHI_G), ax=ax, extend="both", label=label)
+    return made
+
+
+def _places(folder: Path, kind: str, position: Floats) -> Floats:
+    """Mean positions of the UAVs at events of a kind, (K, 2), m; `position` is (T, N, 2)."""
+    ticks, uavs, _ = position.shape
+    places = [
+        position[tick, at].mean(axis=0)
+        for tick, at in _events(folder, kind)
+        if 0 <= tick < ticks and at and all(0 <= uav < uavs for uav in at)
+    ]
+    return np.array(places).reshape(-1, 2)
+
+
+def _events(folder: Path, kind: str) -> list[tuple[int, list[int]]]:
+    """Tick and UAVs of the events of a kind; lines that cannot be read are skipped, as the last line after a kill."""
+    path = folder / EVENTS
+    found = []
+    for text in path.read_bytes().splitlines() if path.is_file() else ():
+        try:
+            row = json.loads(text)
+            if row["kind"] == kind:
+                found.append((int(row["tick"]), [int(uav) for uav in row["uavs"]]))
+        except (ValueError, TypeError, KeyError):
+            continue
+    return found
+
+
+def _draw_mission(ax: Axes, flown: Flown) -> None:
+    """Draws goals and obstacles over the paths, and names them in the legend."""
+    goals, radius = mission.goals(flown), flown.destination.radius
+    for x, y, size in mission.obstacles(flown).tolist():
+        ax.add_patch(Circle((x, y), size, facecolor=plotstyle.PALE, edgecolor=plotstyle.INK, linewidth=0.5, zorder=0.9))
+    if len(flown.obstacles):
+        ax.plot([], [], linestyle="", marker="o", color=plotstyle.PALE, label="obstacles")
+    if (goals == goals[0]).all():
+        for width, color in ((3.2, "white"), (1.6, plotstyle.GOAL)):  # above the paths that end in it
+            ax.add_patch(Circle(tuple(goals[0]), radius, fill=False, edgecolor=color, linewidth=width, zorder=5))
+        ax.plot([], [], **plotstyle.RING, label=f"goal, {radius:g} m")
+    else:
+        marks = np.unique(goals, axis=0)
+        ax.plot(*marks.T, linestyle="", marker="x", markersize=2.4, color=plotstyle.GOAL, zorder=5, label="goals")
+
+
+# -- curves --------------------------------------------------------------------------------------------------------
+
+
+def _curves(table: pa.Table, flown: Flown) -> Figure:
+    panels = _Panels(table, plotstyle.colour(flown.method)).all()
+    rows = -(-len(panels) // 2)
+    made = plotstyle.figure(plotstyle.PAGE_IN, 1.9 * rows)
+    axes = made.subplots(rows, 2, sharex=True, squeeze=False)
+    for number, (panel, ax) in enumerate(zip(panels, axes.ravel(), strict=False)):
+        panel.draw(ax)
+        plotstyle.titled(ax, plotstyle.letter(number), panel.title)
+        ax.set_ylabel(panel.label)
+        ax.margins(x=0.0)
+    if len(panels) < axes.size:
+        axes[-1, -1].set_visible(False)
+        axes[-2, -1].xaxis.set_tick_params(labelbottom=True)
+        axes[-2, -1].set_xlabel(plotstyle.axis("t_s"))
+    for ax in axes[-1]:
+        ax.set_xlabel(plotstyle.axis("t_s"))
+    return made
+
+
+def _grid(table: pa.Table, column: str) -> Floats:
+    """A column of lists as (T, N)."""
+    return per_uav(table, column)[..., 0].astype(np.float64)
+
+
+def _line(table: pa.Table, column: str) -> Floats:
+    """A column of numbers, (T,)."""
+    return np.asarray(table.column(column).to_numpy(), dtype=np.float64)
+
+
+class _Panel(NamedTuple):
+    """A plot over time. label: of its y axis."""
+
+    title: str
+    label: str
+    draw: Callable[[Axes], None]
+
+
+class _Panels:
+    """The panels of a time series."""
+
+    def __init__(self, table: pa.Table, tone: str) -> None:
+        """`tone`: the colour of the lines."""
+        self._table, self._tone = table, tone
+        self._step = max(1, table.num_rows // MAX_POINTS)
+        self._times = _line(table, "sim_time_s")[:: self._step]
+        self._uavs = len(table["x_m"][0])
+
+    def all(self) -> list[_Panel]:
+        """The panels of every flight, then those of the controller's reports."""
+        axis, arrived = plotstyle.axis, FIELDS["arrived"].name
+        speed = np.hypot(_grid(self._table, "vx_m_s"), _grid(self._table, "vy_m_s"))
+        panels = [
+            _Panel(_ranged("energy_J"), axis("energy_J"), partial(self._span, _grid(self._table, "energy_J"))),
+            _Panel(_ranged("speed_mean_m_s"), axis("speed_mean_m_s"), partial(self._span, speed)),
+            _Panel(FIELDS["payload_bits.total"].name, axis("payload_bits.total"), self._bits),
+            _Panel(FIELDS["phi_A"].remarked, axis("phi_A"), self._alignment),
+            _Panel("collision risk φ_C", axis("phi_C"), self._risk),
+            _Panel(f"{arrived} and collisions", "UAVs, pairs", self._arrived),
+            *map(self._diagnostic, diagnostics_in(self._table.schema)),
+        ]
+        if self._table["weight_spread"].null_count < self._table.num_rows:
+            panels.append(_Panel(FIELDS["weight_spread"].name, axis("weight_spread"), self._spread))
+        return panels
+
+    def _diagnostic(self, name: str) -> _Panel:
+        measured, values = quantity(name), _grid(self._table, name)
+        if self._table["tick"][0].as_py() == 0:
+            values[0] = np.nan  # before the first report
+        values[_grid(self._table, "status") == Status.LOST] = np.nan  # a lost UAV reports nothing
+        label = plotstyle.axis(name)
+        if measured.logarithmic:
+            return _Panel(f"{measured.name}, mean", label, partial(self._size, np.abs(values)))
+        return _Panel(f"{measured.name}: mean, max, min", label, partial(self._span, values, from_zero=False))
+
+    def _span(self, values: Floats, ax: Axes, from_zero: bool = True) -> None:
+        rows = values[:: self._step]
+        mean, low, high = span_where(rows, np.isfinite(rows)).T
+        ax.fill_between(self._times, low, high, color=self._tone, alpha=0.18, linewidth=0)
+        ax.plot(self._times, mean, color=self._tone)
+        if from_zero:
+            ax.set_ylim(bottom=0.0)
+        elif not np.nan_to_num(rows).any():  # without this the axis would have ticks of ±0.04
+            ax.set_ylim(0.0, 1.0)
+
+    def _size(self, sizes: Floats, ax: Axes) -> None:
+        rows = sizes[:: self._step]
+        mean = span_where(rows, np.isfinite(rows))[:, 0]
+        if np.nanmax(mean, initial=0.0) > 0:
+            ax.plot(self._times, np.where(mean > 0, mean, np.nan), color=self._tone, linewidth=1.0)
+            plotstyle.log_axis(ax)
+        else:
+            ax.annotate("the residual is zero", (0.5, 0.5), xycoords="axes fraction", ha="center")
+            ax.set_yticks([])
+
+    def _plot(self, ax: Axes, column: str, **look: Any) -> None:
+        ax.plot(self._times, _line(self._table, column)[:: self._step], **{"color": self._tone, **look})
+
+    def _bits(self, ax: Axes) -> None:
+        bits = np.sum([_line(self._table, f"{name}_bits") for name in TRAFFIC.values()], axis=0)
+        ax.plot(self._times, bits[:: self._step], color=self._tone)
+        ax.set_ylim(bottom=0.0)
+        plotstyle.bit_axis(ax.yaxis)
+
+    def _alignment(self, ax: Axes) -> None:
+        self._plot(ax, "phi_A")
+        ax.set_ylim(bottom=0.0)
+
+    def _risk(self, ax: Axes) -> None:
+        self._plot(ax, "phi_C", label="with self-pairs")
+        self._plot(ax, "phi_C_distinct", label="distinct pairs", linestyle="--")
+        _legend(ax)
+
+    def _arrived(self, ax: Axes) -> None:
+        self._plot(ax, "arrived", label=f"arrived, of {self._uavs}")
+        self._plot(
+            ax,
+            "collisions",
+            label=f"collisions ({FIELDS['collisions'].unit})",
+            color=plotstyle.STAR["color"],
+            linewidth=1.0,
+        )
+        _legend(ax)
+
+    def _spread(self, ax: Axes) -> None:
+        spread = _line(self._table, "weight_spread")
+        reported = np.isfinite(spread)
+        ax.plot(_line(self._table, "sim_time_s")[reported], spread[reported], color=self._tone)
+        ax.set_ylim(bottom=0.0)
+
+
+def _ranged(field: str) -> str:
+    return f"{FIELDS[field].name}: mean, max, min"
+
+
+def _legend(ax: Axes) -> None:
+    """Adds a legend with room above the lines."""
+    ax.set_ylim(0.0, 1.3 * ax.dataLim.y1 if ax.dataLim.y1 > 0 else 1.0)
+    ax.legend(loc="upper left", fontsize=7, ncols=2, borderaxespad=0.2)
