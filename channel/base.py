@@ -1,4 +1,4 @@
-"""The channel door: what becomes of a message on each of some links."""
+"""Base class of channels, which decide how long a message takes on a link and whether it is lost."""
 
 from abc import abstractmethod
 from typing import ClassVar
@@ -12,42 +12,43 @@ from meanflock.swarm.state import Floats
 
 
 class Channel:
-    """A model of links by radio. Derive from it, give it a `name`, and `radio.model` can name it.
+    """Base class of channels. Derive from it and set `name`, which `radio.model` then refers to.
 
-    It keeps nothing between two calls, and draws from the generator it is given and no other: so a flight is the same
-    in every mode and however often it was resumed.
+    A channel must not remember anything between two calls, and must draw from the given generator only. Then a flight
+    is the same in every mode, and after every resume.
     """
 
     door: ClassVar = "channel"
     name: ClassVar[str] = ""
 
     class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-        """The keys of `[radio.options]`, with units and bounds."""
+        """Keys of `[radio.options]`, with units and bounds."""
 
     def __init__(self, options: "Channel.Options", scenario: Scenario) -> None:
-        """`scenario`: for its `radio` and whatever else the channel goes by."""
+        """`scenario`: its table `radio`, and whatever else the channel needs."""
         self.options, self.scenario = options, scenario
 
     @abstractmethod
     def transmit(
         self, distance_m: Floats, bits: int, rng: np.random.Generator
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Sends one message of `bits` over K ≥ 1 links, `distance_m` (K,), by source and then by target.
+        """Sends one message of `bits` over K ≥ 1 links of lengths `distance_m` (K,), by source and then by target.
 
         Returns:
-            Slots spent on each link (K,), 1 … 1,000,000 of θ each, and whether the message got through (K,). A round
-            is closed D_M slots after its uploads are sent, so an upload that takes longer comes too late.
+            The slots of θ that each link took (K,), 1 … 1,000,000, and whether it delivered the message (K,). A round
+            closes D_M slots after its uploads are sent; an upload that takes longer is too late.
         """
         raise NotImplementedError
 
     def expected(self, distance_m: Floats, bits: int) -> tuple[float, float] | None:
-        """Closed forms to stand beside what is observed, each summed over the links `distance_m` (K,).
+        """Closed forms of what is observed, each summed over the links `distance_m` (K,).
 
         Returns:
-            Outages, and slots of delivered messages (Σ E[D_m; delivered]); None where unknown, as by default.
+            Expected outages, and expected slots of delivered messages (Σ E[D_m; delivered]); None (the default) if
+            unknown.
         """
         return None
 
     def least_slots(self, bits: int) -> int | None:
-        """Slots that a message of `bits` takes at best; None where unknown, as by default."""
+        """Least number of slots that a message of `bits` takes; None (the default) if unknown."""
         return None

@@ -1,4 +1,4 @@
-"""`mf.compare` and `mf.sweep`: many flights, a row of means a point."""
+"""`mf.compare` and `mf.sweep`: many flights, and a row of means for each point."""
 
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,15 +15,15 @@ from meanflock.studies.store import Store
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, as_builtins
 
-Progress = Callable[[int, int], None]  # flights finished, and wanted
+Progress = Callable[[int, int], None]  # flights finished, and all flights
 
 
 class Comparison:
-    """What a study found; iterate over it for a row a point.
+    """The result of a study. Iterate over it to get one row for each point.
 
-    A row has what tells the points apart, `n` (flights), `uavs`, and of every metric the mean under its name and the
-    ends of its 95 % interval under `…_low` and `…_high`; None where unknown. Means over UAVs count one that never
-    arrived with the duration.
+    A row is a dict. It has the values that identify the point, `n` (flights), `uavs`, and for each metric the mean
+    under its name and the ends of its 95 % interval under `…_low` and `…_high`; None if unknown. In means over UAVs a
+    UAV that never arrived counts with the duration.
     """
 
     def __init__(self, names: tuple[str, ...], flown: Mapping[tuple[Any, ...], study.Summaries]) -> None:
@@ -61,18 +61,18 @@ def compare(
     """Flies several controllers over the same seeds.
 
     Args:
-        methods: names, or classes of yours; or one alone.
-        seeds: flights of each, from the scenario's seed on.
-        scenario: the name of a shipped one, a TOML file, or a Scenario.
-        plugin: a file with plug-ins, or several.
-        jobs: processes; −1: one a core. All is flown in this one if a class is among the `methods`, and in a worker of
-            `multiprocessing`.
-        out: a folder in which finished flights are kept: the same call flies the rest.
-        progress: called with the flights finished and wanted.
-        settings: any dotted key of the scenario, `**{"wind.sigma": 0.2}`.
+        methods: one or several controllers, by name or as classes.
+        seeds: number of flights of each controller; their seeds follow on from the scenario's.
+        scenario: the name of a shipped scenario, a TOML file, or a Scenario.
+        plugin: one or several files with plug-ins.
+        jobs: number of processes; −1: one for each core. All flights are in this process if `methods` has a class, or
+            if this process is a worker of `multiprocessing`.
+        out: folder for finished flights. After an interruption the same call flies the remaining ones.
+        progress: called with the number of finished flights and of all flights.
+        settings: any dotted scenario key, as in `**{"wind.sigma": 0.2}`.
 
     Raises:
-        BadInput: something asked for cannot be had.
+        BadInput: an argument cannot be used.
         RunFailed: a process died.
     """
     load_plugins(plugin)
@@ -102,12 +102,12 @@ def sweep(
     """Flies a scenario for several values of one of its keys.
 
     Args:
-        key: a dotted key of the scenario.
-        values: its values; NumPy's will do.
-        methods: the controllers that fly each value; None: the scenario's. All else as in `compare`.
+        key: a dotted scenario key.
+        values: values of the key, as a sequence or a NumPy array.
+        methods: the controllers that fly each value; None: the scenario's. All other arguments are those of `compare`.
 
     Raises:
-        BadInput: something asked for cannot be had.
+        BadInput: an argument cannot be used.
         RunFailed: a process died.
     """
     load_plugins(plugin)
@@ -124,15 +124,15 @@ def sweep(
 
 
 def _several(methods: Sequence[str | type] | str | type | None) -> list[str | type]:
-    """Controllers, also where one was named alone."""
+    """The controllers as a list, also if only one was given."""
     return [methods] if isinstance(methods, str | type) else list(methods or ())
 
 
 def _processes(jobs: int, methods: Sequence[str | type]) -> int:
-    """How many fly; a class flies here, where it is registered.
+    """Number of processes: one if a class is among the methods, because it is registered in this process only.
 
     Raises:
-        BadInput: it is no number of them.
+        BadInput: it is not a valid number.
     """
     if not isinstance(jobs, int | np.integer) or jobs == 0:
         raise BadInput(f"jobs: {jobs!r}; give a number of processes, or -1 for one a core")
@@ -140,10 +140,10 @@ def _processes(jobs: int, methods: Sequence[str | type]) -> int:
 
 
 def _count(seeds: Any) -> int:
-    """Flights a point.
+    """Number of flights for each point.
 
     Raises:
-        BadInput: it is no number of them.
+        BadInput: it is not a valid number.
     """
     if not isinstance(seeds, int | np.integer) or seeds < 1:
         raise BadInput(f"seeds: {seeds!r}; give how many to fly, one or more: from `seed` on, each the one after it")

@@ -14,7 +14,7 @@ from meanflock.settings import load_plugins, scenario_of, with_settings
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 
-Progress = Callable[[int, int], None]  # ticks flown, and at the most to be flown
+Progress = Callable[[int, int], None]  # ticks flown, and the largest number of ticks
 
 
 @with_settings
@@ -31,26 +31,26 @@ def fly(
     progress: Progress | None = None,
     **settings: Any,
 ) -> Run:
-    """Flies a scenario in this process, in any thread; no signal handler, no process and no network is touched.
+    """Flies a scenario in this process. Works in any thread; uses no network, process or signal handler.
 
     Args:
-        scenario: the name of a shipped one, a TOML file, or a Scenario.
+        scenario: the name of a shipped scenario, a TOML file, or a Scenario.
         method: the controller, by name or as a class.
-        uavs: how many fly.
-        seed: the source of all randomness.
-        duration: s, at the longest.
-        plugin: a file with plug-ins, or several.
-        out: a folder in which the run leaves one of its own, as `meanflock run` does; None: nothing is written.
-        record: leave a Rerun recording there, too.
-        progress: called every hundred ticks with the ticks flown and the most there may be.
-        settings: any dotted key of the scenario, `**{"wind.sigma": 0.2}`.
+        uavs: number of UAVs.
+        seed: seed of all random numbers.
+        duration: longest simulated time, s.
+        plugin: one or several files with plug-ins.
+        out: folder in which the run creates its run folder, as `meanflock run` does; None: nothing is written.
+        record: also write a Rerun recording there.
+        progress: called every hundred ticks with the ticks flown and the largest number of ticks.
+        settings: any dotted scenario key, as in `**{"wind.sigma": 0.2}`.
 
     Returns:
         The run: `.summary`, `.states`, `.events`, `.frame()`. UAVs whose controller failed are counted in
         `.summary["lost"]`, and `.events` says why, even if every UAV is lost.
 
     Raises:
-        BadInput: something asked for cannot be had; nothing was flown.
+        BadInput: an argument cannot be used; nothing was flown.
         RunFailed: the flight failed.
     """
     load_plugins(plugin)

@@ -1,4 +1,4 @@
-"""A run that was flown: here, or in the folder it left."""
+"""A finished run, flown in this process or read from its folder."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -26,9 +26,10 @@ Progress = Callable[[int, int], None]  # ticks written, and all ticks
 class Run:
     """One finished run.
 
-    scenario: what was flown; of `mf.open` the one of the folder, in which what the method decides, as the period of
-    rounds, is written out: `scenario.resolved()` and `scenario.sha256()` of both are equal. summary: as in
-    summary.json. folder: where it is on disk; None if nowhere.
+    scenario: the scenario that was flown. A run from `mf.open` has the resolved scenario of its folder, in which keys
+    that the method decides, such as the period of rounds, are set; `scenario.resolved()` and `scenario.sha256()` are
+    equal.
+    summary: the fields of summary.json. folder: the run folder; None if nothing was written.
     """
 
     def __init__(
@@ -39,17 +40,17 @@ class Run:
 
     @cached_property
     def states(self) -> NDArray[np.float64]:
-        """[x, y, vx, vy] of every tick and UAV, (T, N, 4), m and m/s; row n is tick n."""
+        """States [x, y, vx, vy] of every tick and UAV, (T, N, 4), in m and m/s; row n is tick n."""
         if self._blocks:
             return np.concatenate([block.states for block in self._blocks])
         return states_of(self.frame())
 
     @cached_property
     def events(self) -> list[dict[str, Any]]:
-        """What happened: tick, sim_time_s, kind, text, uavs.
+        """The events, each a dict with tick, sim_time_s, kind, text and, if it concerns UAVs, uavs.
 
         Raises:
-            BadInput: the file of them is damaged or gone.
+            BadInput: the file of events is damaged or missing.
         """
         if self._blocks:
             return [row_of(event, self.scenario.dt) for block in self._blocks for event in block.events]
@@ -64,47 +65,48 @@ class Run:
 
     @property
     def recording(self) -> Path | None:
-        """The Rerun recording, if there is one."""
+        """Path of the Rerun recording; None if there is none."""
         path = None if self.folder is None else self.folder / RECORDING
         return path if path is not None and path.exists() else None
 
     def frame(self, per: Per = "tick") -> pa.Table:
-        """The time series as a table of PyArrow.
+        """The time series as a PyArrow table.
 
         Args:
-            per: "tick": a row a tick, in which a column of a UAV's values is a list with an entry a UAV. "uav": a row a
-                tick and UAV, with the columns tick, sim_time_s, uav, x_m, y_m, … without those of the whole swarm.
+            per: "tick": one row for each tick; a column of values of UAVs has lists, one entry for each UAV. "uav":
+                one row for each tick and UAV, with the columns tick, sim_time_s, uav, x_m, y_m, …, without columns of
+                the swarm.
 
         Raises:
-            BadInput: the file of it is damaged or gone, or `per` is something else.
+            BadInput: the file of the time series is damaged or missing, or `per` has another value.
         """
         _check(per)
         rows = self._rows()
         return long_form(rows) if per == "uav" else rows
 
     def to_pandas(self, per: Per = "uav") -> Any:
-        """`frame(per)` as a DataFrame, where pandas is installed.
+        """`frame(per)` as a pandas DataFrame.
 
         Raises:
-            BadInput: pandas is not installed; else as `frame`.
+            BadInput: pandas is not installed; otherwise as for `frame`.
         """
         if find_spec("pandas") is None:
             raise BadInput("to_pandas: pandas is not installed; `pip install pandas`, or use frame() or to_csv()")
         return self.frame(per).to_pandas()
 
     def to_csv(self, path: str | Path, per: Per = "uav", progress: Progress | None = None) -> Path:
-        """Writes the time series to a CSV file, whole or not at all. Every float reads back as the same float64.
+        """Writes the time series to a CSV file, completely or not at all. Floats read back as the same float64.
 
         Args:
-            per: "uav": a row a tick and UAV, as in `frame("uav")`. "tick": a row a tick, with the columns of the whole
-                swarm; columns of lists are left out.
-            progress: called with the ticks written and all ticks.
+            per: "uav": one row for each tick and UAV, as in `frame("uav")`. "tick": one row for each tick, without the
+                columns of lists.
+            progress: called with the number of ticks written and of all ticks.
 
         Returns:
             The path of the file.
 
         Raises:
-            BadInput: no file can be made there; else as `frame`.
+            BadInput: the file cannot be written there; otherwise as for `frame`.
             RunFailed: the disk is full.
         """
         _check(per)
@@ -129,14 +131,14 @@ class Run:
 
 def _check(per: str) -> None:
     if per not in get_args(Per):
-        raise BadInput(f'per: {per!r}; give "uav" for a row a tick and UAV, or "tick" for a row a tick')
+        raise BadInput(f'per: {per!r}; give "uav" for one row per tick and UAV, or "tick" for one row per tick')
 
 
 def open_run(folder: str | Path) -> Run:
-    """The finished run in a folder that `meanflock run` or `mf.fly(out=…)` left.
+    """Opens a finished run: the folder that `meanflock run` or `mf.fly(out=…)` created.
 
     Raises:
-        BadInput: there is none, or it has not finished.
+        BadInput: the folder has no run, or the run has not finished.
     """
     path = Path(folder)
     if not (path / SCENARIO).is_file():

@@ -8,7 +8,7 @@ EXIT_BAD_INPUT = 2
 
 
 class MeanflockError(Exception):
-    """Anything meanflock raises on purpose; `exit_code` is what the process ends with."""
+    """Base class of the errors that meanflock raises. `exit_code` is the exit code of the process."""
 
     exit_code = EXIT_RUN_FAILED
 
@@ -20,7 +20,7 @@ class BadInput(MeanflockError):
 
 
 class RunFailed(MeanflockError):
-    """The run began and could not be finished."""
+    """A run that began and could not be finished."""
 
 
 class BusError(RunFailed):

@@ -1,4 +1,4 @@
-"""The mission of a scenario: where every UAV starts and when, where it goes, and what is in its way. Pure functions."""
+"""The mission of a scenario: start, launch time and goal of each UAV, and the obstacles. Pure functions."""
 
 from typing import Any, Protocol
 
@@ -10,16 +10,15 @@ from meanflock.swarm.state import Floats
 
 
 class Mission(Protocol):
-    """What of a scenario says the mission: the number of UAVs, a tick in s, and the tables `[start]`, `[destination]`,
-    `[metrics]` and `[[obstacles]]`."""
+    """The parts of a scenario that define a mission."""
 
     @property
     def uavs(self) -> int:
-        """N."""
+        """N, number of UAVs."""
 
     @property
     def dt(self) -> float:
-        """A tick, s."""
+        """Length of a tick, s."""
 
     @property
     def start(self) -> Any:
@@ -39,7 +38,7 @@ class Mission(Protocol):
 
 
 def starts(mission: Mission) -> state.States:
-    """The states at t = 0, (N, 4) in m and m/s: everyone is at rest."""
+    """Initial states, (N, 4) in m and m/s. All UAVs are at rest."""
     start, states = mission.start, np.zeros((mission.uavs, state.SIZE))
     if start.positions:
         states[:, state.POSITION] = start.positions
@@ -49,10 +48,10 @@ def starts(mission: Mission) -> state.States:
 
 
 def goals(mission: Mission) -> state.Plane:
-    """Where each UAV goes, (N, 2) in m: by default the origin, the destination of all.
+    """Goal of each UAV, (N, 2) in m. By default the origin is the goal of all.
 
-    `opposite`: its start mirrored in `start.centre`. `across`: to the other side of the crossing, a stream as it began.
-    `parallel`: as it began, the whole formation moved from `start.centre` to the origin.
+    `opposite`: the start mirrored in `start.centre`. `across`: the other side of the crossing, in the formation of the
+    stream. `parallel`: the whole formation moved from `start.centre` to the origin.
     """
     destination, start = mission.destination, mission.start
     if destination.positions:
@@ -68,26 +67,26 @@ def goals(mission: Mission) -> state.Plane:
 
 
 def goal_states(mission: Mission) -> state.States:
-    """The same as states at rest, (N, 4): a state minus its goal is what a controller to the origin needs."""
+    """Goals as states at rest, (N, 4). A controller that flies to the origin needs the state minus its goal."""
     states = np.zeros((mission.uavs, state.SIZE))
     states[:, state.POSITION] = goals(mission)
     return states
 
 
 def launches(mission: Mission) -> NDArray[np.intp]:
-    """The tick in which each UAV leaves the ground, (N,): the w-th `start.group` of them w·`start.interval` later."""
+    """Tick in which each UAV leaves the ground, (N,). Wave w of `start.group` UAVs leaves w·`start.interval` later."""
     wave = np.arange(mission.uavs) // mission.start.group
     return np.rint(wave * mission.start.interval / mission.dt).astype(np.intp)
 
 
 def obstacles(mission: Mission) -> Floats:
-    """The discs in the way, (K, 3): x, y and radius in m."""
+    """Obstacles, (K, 3): x, y and radius of each disc in m."""
     return np.array([(*disc.centre, disc.radius) for disc in mission.obstacles], dtype=np.float64).reshape(-1, 3)
 
 
 def check(mission: Mission) -> None:
-    """Raises ValueError where the mission cannot be: its parts do not fit each other, or somebody begins or ends where
-    nobody can be."""
+    """Raises ValueError if the mission is impossible: its parts contradict each other, or a start or goal is at a place
+    where no UAV can be."""
     _check_tables(mission)
     discs = obstacles(mission)
     if len(discs):

@@ -1,8 +1,8 @@
-"""Plug-ins: who flies, who averages, what carries, moves and keeps apart, by name; nothing here knows any of them.
+"""Registry of plug-ins by kind and name: controllers, aggregation rules, topologies, channels, vehicles and filters.
 
-A plug-in is a class with a `name`, in one of five entry-point groups of an installed package or in a file that somebody
-named on the command line of this machine. What comes over the network names it, and nothing more: a name that is not
-registered here is refused.
+A plug-in is a class with a `name`. It is in an entry-point group of an installed package, or in a file that was named
+on the command line of this machine. Messages of the network contain the name only; a name that is not registered here
+is refused.
 """
 
 import hashlib
@@ -32,10 +32,10 @@ FILES = "MEANFLOCK_PLUGINS"  # a variable: the files a process registers when it
 
 
 class Plugin(NamedTuple):
-    """One class that can be had by name: its kind (`controller`, …), its name, and where it comes from.
+    """A class that is registered by name: its kind (`controller`, …), its name and its source.
 
     source: the installed package and its version, or the file. reference: `module:Class` of an entry point, or the
-        class in the file. fingerprint: what a checkpoint holds it to, the package's version or the hash of the file.
+        class in the file. fingerprint: version of the package, or hash of the file; a checkpoint stores it.
     """
 
     kind: Door
@@ -50,7 +50,7 @@ _files: dict[tuple[Door, str], tuple[Plugin, type]] = {}
 
 @cache
 def _packaged() -> dict[tuple[Door, str], tuple[Plugin, ...]]:
-    """Every entry point of the five groups, without importing any of them."""
+    """Every entry point of the groups, without importing any of them."""
     from importlib.metadata import entry_points  # only here: a process that is told everything by file need not
 
     found: dict[tuple[Door, str], tuple[Plugin, ...]] = {}
@@ -65,7 +65,7 @@ def _packaged() -> dict[tuple[Door, str], tuple[Plugin, ...]]:
 
 
 def installed() -> list[Plugin]:
-    """All plug-ins there are, by kind and name."""
+    """All plug-ins, sorted by kind and name."""
     found = [plugin for plugins in _packaged().values() for plugin in plugins]
     found += [plugin for plugin, _ in _files.values()]
     return sorted(found, key=lambda plugin: (list(GROUPS).index(plugin.kind), plugin.name))
@@ -169,7 +169,7 @@ def _defined(module: ModuleType, where: str) -> dict[tuple[Door, str], tuple[str
 
 
 def register(made: type) -> Plugin:
-    """Registers a class of this process, such as one of a notebook; again under its name, the later one counts.
+    """Registers a class of this process, for example of a notebook. Registering a name again replaces it.
 
     Raises:
         BadInput: it is no plug-in, or the name is taken by one that is installed.

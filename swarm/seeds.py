@@ -1,4 +1,4 @@
-"""One scenario seed, many independent generators, each known by a name.
+"""Independent random generators, derived from the one seed of a scenario. Each has a name.
 
 A name's position in `STREAMS` is part of the result of every run: append, never reorder.
 """
@@ -29,21 +29,21 @@ def generator(seed: int, stream: str, index: int = 0) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(entropy=seed, spawn_key=(STREAMS.index(stream), index)))
 
 
-def random_state(of: np.random.Generator) -> dict[str, Any]:
-    """Where a generator is, in words and 32-bit numbers: its own numbers are too long for a message."""
-    state = of.bit_generator.state
+def random_state(generator: np.random.Generator) -> dict[str, Any]:
+    """State of a generator as text and 32-bit numbers, which fit into a message."""
+    state = generator.bit_generator.state
     inner = {name: str(number) for name, number in state["state"].items()}
     return {"kind": state["bit_generator"], "state": inner, "has": state["has_uint32"], "half": state["uinteger"]}
 
 
-def set_random_state(of: np.random.Generator, saved: dict[str, Any]) -> None:
-    """Puts a generator where `random_state` found it.
+def set_random_state(generator: np.random.Generator, saved: dict[str, Any]) -> None:
+    """Sets the state of a generator to one that `random_state` returned.
 
     Raises:
         ValueError: the state is of another kind of generator.
     """
     inner = {name: int(digits) for name, digits in saved["state"].items()}
-    of.bit_generator.state = {
+    generator.bit_generator.state = {
         "bit_generator": saved["kind"],
         "state": inner,
         "has_uint32": saved["has"],

@@ -1,8 +1,8 @@
-"""What every controller implements: from what a UAV senses and receives to what it does and says.
+"""Base class of controllers: computes what a UAV does and sends from what it senses and receives.
 
-A node holds M UAVs as rows of arrays. A row never sees another row but through `received`: the same UAVs must fly the
-same bits in one process as in many. All that a controller remembers is in its memory, a dict of arrays with a leading
-axis of rows, which is checkpointed as it is. Randomness comes from `swarm.seeds`, by the number of the UAV.
+A node holds M UAVs as rows of arrays. A row sees other rows through `received` only: the same UAVs must fly the same
+bits in one process and in many. The memory of a controller is a dict of arrays with a leading axis of rows; checkpoints
+store it. Random numbers come from `swarm.seeds`, by the number of the UAV.
 """
 
 from abc import abstractmethod
@@ -23,15 +23,15 @@ Rows: TypeAlias = NDArray[np.intp]
 
 
 class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The options of a controller that has none; derive from it and add annotated fields with defaults."""
+    """Base class of a controller's options: derive from it and add annotated fields with defaults."""
 
 
 class Received(msgspec.Struct, frozen=True, eq=False):
-    """Frames that the radio brought to some rows in this tick.
+    """Frames that the radio delivered to some rows in this tick.
 
-    number: which of its sender's broadcasts of the tick it was sent in. source: (S,) the UAVs that sent. payload: (S,
-    W), what each sent; floats as float64, though no more precise than the radio's. links: (L, 2), [row of payload,
-    row].
+    number: index of the frames among their sender's broadcasts of a tick. source: (S,) the UAVs that sent them.
+    payload: (S, W) the numbers they sent; floats are float64 with the precision of the radio's floats. links: (L, 2),
+    pairs [row of payload, row that received it].
     """
 
     number: int
@@ -41,10 +41,10 @@ class Received(msgspec.Struct, frozen=True, eq=False):
 
 
 class Broadcast(msgspec.Struct, frozen=True, eq=False):
-    """What rows send to every UAV in range, one frame a row.
+    """Frames that rows send to every UAV in range, one frame for each row.
 
-    payload: (S, W): float64, which travels as a float of the radio, or an array of int8, uint8, int16 or int32, which
-    travels as it is. rows: (S,) ascending, who sends; None for all.
+    payload: (S, W), float64, sent as floats of the radio; or int8, uint8, int16 or int32, sent unchanged. rows: (S,)
+    the rows that send, ascending; None: all rows.
     """
 
     payload: NDArray[Any]
@@ -52,11 +52,11 @@ class Broadcast(msgspec.Struct, frozen=True, eq=False):
 
 
 class Step(msgspec.Struct, frozen=True, eq=False):
-    """What a tick came to.
+    """Result of a tick.
 
-    memory: after it. acceleration: (M, 2), m/s². diagnostics: (M, K), in the order in which they are declared.
-    broadcasts: what is sent; their order in the tuple is the `number` others receive. refused: UAVs of whom something
-    received is not used, counted by the world.
+    memory: the memory after the tick. acceleration: (M, 2), m/s². diagnostics: (M, K), in the declared order.
+    broadcasts: the frames to send; a receiver gets their position in the tuple as `number`. refused: UAVs whose
+    received states were not used; the world counts them.
     """
 
     memory: Memory
@@ -67,56 +67,57 @@ class Step(msgspec.Struct, frozen=True, eq=False):
 
 
 class Controller:
-    """Base class of controllers: override `step`, and `init` if it remembers anything; declare what is not default."""
+    """Base class of controllers: override `step`, and `init` if it has a memory; declare what differs from these."""
 
     door: ClassVar[Literal["controller"]] = "controller"
-    name: ClassVar[str] = ""  # what `method` says
+    name: ClassVar[str] = ""  # value of `method`
     Options: ClassVar[type[msgspec.Struct]] = Options
     parameters: int = 0  # floats of the model it shares with the federation
-    parts: tuple[int, ...] = ()  # sizes of its parts, in order; one part where left out
-    weights: int | None = None  # floats of what `report` returns; as many as `parameters` where left out
+    parts: tuple[int, ...] = ()  # block sizes of the model; int8 scales each block separately
+    weights: int | None = None  # floats that `report` returns for a UAV; None: `parameters`
     diagnostics: tuple[str, ...] = ()
-    period_ticks: int = 100  # between two rounds, where `federation.period` is not set
-    broadcast_numbers: int = 64  # that a UAV broadcasts in a tick at the most, in all its frames
-    pairwise: bool = False  # whether a UAV remembers something of every other: memory then grows with N²
+    period_ticks: int = 100  # ticks between rounds, if `federation.period` is unset
+    broadcast_numbers: int = 64  # limit of the numbers that a UAV broadcasts in a tick, all frames together
+    pairwise: bool = False  # whether a UAV has memory for each other UAV; memory grows with N²
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
-        """`options`: of the type `Options`. Expensive tables are better made in `init`."""
+        """`options`: an instance of `Options`. Compute expensive tables in `init`."""
         self.options, self.scenario = options, scenario
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
-        """The memory of a node's rows at take-off; by default none.
+        """Returns the memory of a node's rows at take-off; none by default.
 
         Args:
-            uavs: (M,) the numbers of its UAVs, ascending. plan: (N, 4) everyone's initial state, known to all.
+            uavs: (M,) the numbers of the node's UAVs, ascending. plan: (N, 4) the initial states of all UAVs.
         """
         return {}
 
     @abstractmethod
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
-        """One tick. The arrays of `memory` are not written to; those returned are this tick's own.
+        """Computes one tick. It must not write to the arrays of `memory`, and returns new ones.
 
         Args:
-            own: (M, 4) the states of the rows. received: what the radio delivered to them since the last tick.
+            own: (M, 4) the states of the rows. received: the frames that the radio delivered to them since the last
+                tick.
         """
         raise NotImplementedError
 
     def get(self, memory: Memory) -> NDArray[np.float64]:
-        """The models that are uploaded, (M, parameters)."""
+        """Returns the models to upload, (M, parameters)."""
         if self.parameters:
             raise NotImplementedError("a controller that declares `parameters` must override `get`")
         return np.zeros((len(next(iter(memory.values()), ())), 0))
 
     def set(self, memory: Memory, rows: Rows, models: NDArray[np.float64]) -> Memory:
-        """The memory after a global model, (len(rows), parameters), reached some rows."""
+        """Returns the memory after the global model, as `models` (len(rows), parameters), has reached some rows."""
         if self.parameters:
             raise NotImplementedError("a controller that declares `parameters` must override `set`")
         return memory
 
     def prediction(self) -> Prediction | None:
-        """How others should carry on a state that one of its UAVs sent; None: at constant velocity."""
+        """How receivers predict the state of one of its UAVs from the last one sent; None: constant velocity."""
         return None
 
     def report(self, memory: Memory) -> NDArray[np.float64]:
-        """What was learned, as it is recorded, (M, weights)."""
+        """Returns the learned weights that are recorded, (M, weights)."""
         return self.get(memory)

@@ -28,15 +28,15 @@ _OWN = 0  # the number of the filter's broadcast
 
 
 class Filter:
-    """Base class of filters: override `admit`; name what it reports, and give it options."""
+    """Base class of filters: override `admit`; declare its options and the diagnostics that it reports."""
 
     door: ClassVar[Literal["filter"]] = "filter"
-    name: ClassVar[str] = ""  # what `filter.kind` says
+    name: ClassVar[str] = ""  # value of `filter.kind`
     Options: ClassVar[type[msgspec.Struct]] = Options
-    columns: tuple[str, ...] = ()  # diagnostics of its own, after those of the controller and before `unsent`
+    columns: tuple[str, ...] = ()  # diagnostics of the filter, after those of the controller and before `unsent`
 
     def __init__(self, options: Any, scenario: Scenario, inner: Controller) -> None:
-        """`options`: of the type `Options`. `inner`: the controller it stands before."""
+        """`options`: an instance of `Options`. `inner`: the controller whose accelerations it filters."""
         self.options, self.scenario, self.inner = options, scenario, inner
         self.parameters, self.parts, self.weights = inner.parameters, inner.parts, inner.weights
         self.period_ticks = inner.period_ticks
@@ -53,14 +53,15 @@ class Filter:
 
     @abstractmethod
     def admit(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Plane) -> tuple[Plane, Floats]:
-        """What rows do instead of what they want, and what is reported of it.
+        """Returns the accelerations that the rows fly, and the diagnostics of the filter.
 
         Args:
-            own: (M, 4). others: (M, N, 4), where each row takes all UAVs to be, itself as it last said. uavs: (M,) the
-            numbers of the rows. wanted: (M, 2) m/s², what the controller commands.
+            own: (M, 4) the states of the rows. others: (M, N, 4) each row's estimates of all UAVs' states; its own is
+                the one that it sent last. uavs: (M,) the numbers of the rows. wanted: (M, 2) m/s², the controller's
+                command.
 
         Returns:
-            (M, 2) m/s² and (M, len(columns)). A row whose `wanted` is not finite must not become finite.
+            (M, 2) m/s², and (M, len(columns)). Leave rows non-finite whose `wanted` is not finite.
         """
         raise NotImplementedError
 

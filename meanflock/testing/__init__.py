@@ -1,4 +1,4 @@
-"""Conformance suites: whether a plug-in of yours keeps what a flight relies on. Three lines in your own tests:
+"""Conformance suites, which check that a plug-in does all that a flight relies on. Use them in your own tests:
 
     from meanflock.testing import check_controller
 

@@ -37,8 +37,8 @@ def check_aggregator(
     """Runs rounds of one upload, of several and of the whole swarm, and checks everything that a federation relies on.
 
     Args:
-        aggregator: the class. options: as in the table [federation.options]. scenario: another one than the paper's.
-        slow_ms: what a round of 25 models may take, median; of all UAVs in a smaller swarm.
+        aggregator: the class. options: those of the table [federation.options]. scenario: default: the paper's.
+        slow_ms: limit of the median time of a round of 25 models, or of all UAVs if there are fewer.
 
     Raises:
         ConformanceError: a check fails; the text says what to mend.

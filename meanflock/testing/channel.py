@@ -22,12 +22,14 @@ def check_channel(
     scenario: Scenario | None = None,
     slow_ms: float = SLOW_MS,
 ) -> None:
-    """Sends some messages and checks everything that the radio relies on. A channel that remembers anything between two
+    """Sends some messages over a channel and checks everything that the radio relies on.
+
+    A channel that remembers anything between two
     messages fails, because no checkpoint has it.
 
     Args:
-        channel: the class. options: as in the table [radio.options]. scenario: another one than the paper's.
-        slow_ms: what a message over 600 links may take, median.
+        channel: the class. options: those of the table [radio.options]. scenario: default: the paper's.
+        slow_ms: limit of the median time of a message over 600 links.
 
     Raises:
         ConformanceError: a check fails; the text says what to mend.

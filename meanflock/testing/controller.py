@@ -31,8 +31,8 @@ def check_controller(
     """Flies a small swarm of points with a controller and checks everything that a flight relies on.
 
     Args:
-        controller: the class. options: as in the table [controller]. scenario: another one than the paper's with six
-        UAVs. slow_ms: what a tick of all UAVs may take, median.
+        controller: the class. options: those of the table [controller]. scenario: default: the paper's with six UAVs.
+            slow_ms: limit of the median time of a tick of all UAVs.
 
     Raises:
         ConformanceError: a check fails; the text says what to mend.

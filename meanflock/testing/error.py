@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 
 class ConformanceError(AssertionError):
-    """A plug-in does not keep what a flight relies on; the text says what to mend."""
+    """A plug-in fails a check of its conformance suite; the text says what to mend."""
 
 
 def fail(of: Any, what: str, mend: str) -> NoReturn:

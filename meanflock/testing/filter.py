@@ -55,8 +55,8 @@ def check_filter(
     """Flies a small swarm of points behind a filter and checks everything that a flight relies on.
 
     Args:
-        filter_: the class. options: as in the table [filter.options]. scenario: another one than the paper's with six
-        UAVs; when states are broadcast is that of its [filter]. slow_ms: what a tick of all UAVs may take, median.
+        filter_: the class. options: those of the table [filter.options]. scenario: default: the paper's with six UAVs.
+            Its [filter] decides when states are broadcast. slow_ms: limit of the median time of a tick of all UAVs.
 
     Raises:
         ConformanceError: a check fails; the text says what to mend.

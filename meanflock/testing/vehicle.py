@@ -28,11 +28,11 @@ def check_vehicle(
     scenario: Scenario | None = None,
     slow_ms: float = SLOW_MS,
 ) -> None:
-    """Moves some UAVs and checks everything that the world relies on.
+    """Moves some UAVs with a vehicle and checks everything that the world relies on.
 
     Args:
-        vehicle: the class. options: as in the table [vehicle.options]. scenario: another one than the paper's with five
-        UAVs. slow_ms: what a tick of all UAVs may take, median.
+        vehicle: the class. options: those of the table [vehicle.options]. scenario: default: the paper's with five
+            UAVs. slow_ms: limit of the median time of a tick of all UAVs.
 
     Raises:
         ConformanceError: a check fails; the text says what to mend.

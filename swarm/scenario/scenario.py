@@ -58,7 +58,7 @@ class _Validating(msgspec.StructMeta):
 
 
 class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validating):
-    """Everything a run depends on. Immutable; equal scenarios and seeds fly equal trajectories.
+    """Everything that a run depends on. Immutable. Equal scenarios fly equal trajectories.
 
     Keys are those of a scenario file. A key that is left out has its default; all defaults together are the paper's
     scenario. A table is a dict or the table of another scenario, and a dotted key sets one key of a table:
@@ -219,12 +219,12 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
 
     @property
     def period_ticks(self) -> int:
-        """n0: the scenario's, or the controller's own."""
+        """n0, ticks between rounds: the scenario's number, or else the controller's."""
         return self.federation.period or self.declared.period_ticks
 
     @property
     def participants(self) -> int:
-        """N_h, at least one."""
+        """N_h, number of UAVs that upload in a round, at least one."""
         return max(1, round(self.federation.fraction * self.uavs))
 
     @property
@@ -250,7 +250,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
 
     @property
     def max_ticks(self) -> int:
-        """Ticks until `duration`."""
+        """Number of ticks until `duration`."""
         return max(1, round(self.duration / self.dt))
 
     def delivery_ticks(self, slots: NDArray[np.int64]) -> NDArray[np.intp]:

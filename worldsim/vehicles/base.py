@@ -1,4 +1,4 @@
-"""The vehicle door: how UAVs move under acceleration, wind and noise, and what it costs them."""
+"""Base class of vehicles, which move UAVs under acceleration, wind and noise and compute their power."""
 
 from abc import abstractmethod
 from typing import ClassVar
@@ -13,44 +13,44 @@ Hidden = dict[str, NDArray]  # each (N, …)
 
 
 class Vehicle:
-    """N UAVs of one kind. Derive from it, give it a `name`, and `vehicle.model` can name it.
+    """Base class of vehicles. Derive from it and set `name`, which `vehicle.model` then refers to.
 
-    Row i of every result depends on row i of the arguments only, to the last bit; arguments are not written to. All
-    that a UAV is besides its state [x, y, vx, vy] (m, m/s) lies in `hidden`, which is kept in checkpoints, not in self.
+    Row i of every result must depend on row i of the arguments only, to the last bit. Arguments must not be written to.
+    Anything besides the states [x, y, vx, vy] (m, m/s) belongs in `hidden`, which checkpoints store, and not in self.
     """
 
     door: ClassVar = "vehicle"
     name: ClassVar[str] = ""
 
     class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-        """The keys of `[vehicle.options]`, with units and bounds."""
+        """Keys of `[vehicle.options]`, with units and bounds."""
 
     def __init__(self, options: "Vehicle.Options", scenario: Scenario) -> None:
-        """`scenario`: for its `dt`, `wind` and whatever else the vehicle goes by. Its wind is the world's, whatever the
-        UAVs are told of it; `worldsim.wind.MeanWind(scenario)` has it at a place.
+        """`scenario`: its `dt`, its `wind`, and whatever else the vehicle needs. Its wind is that of the world;
+        `worldsim.wind.MeanWind(scenario)` gives it at a place.
         """
 
     def init(self, uavs: int) -> Hidden:
-        """The hidden state at take-off: arrays of numbers or booleans, (uavs, …) each, finite. None by default."""
+        """Returns the hidden state at take-off: finite arrays of numbers or booleans, (uavs, …). Empty by default."""
         return {}
 
     @abstractmethod
     def step(
         self, states: state.States, hidden: Hidden, acceleration: state.Plane, noise: state.Plane
     ) -> tuple[state.States, Hidden]:
-        """One tick.
+        """Computes the states after one tick.
 
         Args:
-            states: (N, 4). hidden: as `init` or the last step made it.
-            acceleration: (N, 2), m/s², what was commanded and the gust. noise: (N, 2), standard normal.
+            states: (N, 4). hidden: the result of `init` or of the last step.
+            acceleration: (N, 2), m/s², the command plus the gust. noise: (N, 2), standard normal.
 
         Returns:
-            New states (N, 4), finite float64, and the new hidden state, of the same names, shapes and dtypes. A UAV
-            10⁹ m or m/s from the origin is lost: it is put back to where it was, at rest.
+            New states (N, 4), finite float64, and the new hidden state, with the same names, shapes and dtypes. A UAV
+            beyond 10⁹ m or m/s is lost: the world puts it back to its last position, at rest.
         """
         raise NotImplementedError
 
     @abstractmethod
     def power(self, states: state.States, hidden: Hidden, acceleration: state.Plane) -> state.Rows:
-        """What a step under `acceleration` costs, (N,) in W, finite; `states` (N, 4) and `hidden` as it left them."""
+        """Returns the power in W, (N,), finite, of a step under `acceleration` to `states` (N, 4) and `hidden`."""
         raise NotImplementedError
