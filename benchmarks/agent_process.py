@@ -17,7 +17,7 @@ from meanflock.swarm import scenario
 from meanflock.swarm.errors import BusError
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.session import ZenohBus
-from meanflock.worldsim.node import World
+from meanflock.worldsim.world import World
 
 TITLE = "A process of the swarm"
 ABOUT = (

@@ -10,7 +10,7 @@ from benchmarks.processes import Children
 from meanflock.swarm import scenario
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.wire.messages import FrameKind
-from meanflock.worldsim.node import REPORT_EVERY_TICKS, World
+from meanflock.worldsim.world import REPORT_EVERY_TICKS, World
 
 TITLE = "A federated round"
 ABOUT = (

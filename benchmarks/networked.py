@@ -6,7 +6,7 @@ from benchmarks import sizes
 from benchmarks.figure import Effort, Figure, Outcome, Say, per_call_ms
 from benchmarks.lockstep_floor import floor_of
 from benchmarks.processes import Children, meanflock
-from meanflock.worldsim.node import REPORT_EVERY_TICKS
+from meanflock.worldsim.world import REPORT_EVERY_TICKS
 
 TITLE = "The swarm of processes"
 ABOUT = (

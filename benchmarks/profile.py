@@ -43,20 +43,20 @@ CODEC: list[Part] = [
     (f"meanflock.swarm.wire.tick:{name}", "codec") for name in ("read_sense", "read_act", "write_sense", "write_act")
 ]
 WORLD: list[Part] = [
-    ("meanflock.worldsim.node:World._tick", "world, the rest of the tick"),
-    ("meanflock.worldsim.node:World._ask", "address and fill inboxes"),
+    ("meanflock.worldsim.world:World._tick", "world, the rest of the tick"),
+    ("meanflock.worldsim.world:World._ask", "address and fill inboxes"),
     ("meanflock.worldsim.barrier:Barrier.ask", "address and fill inboxes"),
     ("meanflock.worldsim.waiting:Waiting.for_answers", "barrier, the loop"),
     ("meanflock.worldsim.admission:Admission.handle", "take in replies"),
-    ("meanflock.worldsim.inbound:Replies.read", "read and check replies"),
-    ("meanflock.worldsim.node:World._collect", "collect commands and frames"),
-    ("meanflock.worldsim.awake:Awake.begin", "fault script"),
+    ("meanflock.worldsim.replies:Replies.read", "read and check replies"),
+    ("meanflock.worldsim.world:World._collect", "collect commands and frames"),
+    ("meanflock.worldsim.world:World._begin_faults", "fault script"),
     ("meanflock.worldsim.checkpoint:Checkpoints.keep", "checkpoints"),
-    ("meanflock.worldsim.node:World._report", "telemetry"),
-    ("meanflock.worldsim.reporter:Reporter.add", "telemetry"),
-    ("meanflock.worldsim.reporter:Reporter.flush", "telemetry"),
-    ("meanflock.worldsim.outbox:Outbox.add", "telemetry"),
-    ("meanflock.worldsim.outbox:Outbox.next", "telemetry"),
+    ("meanflock.worldsim.world:World._report", "telemetry"),
+    ("meanflock.worldsim.reporting:Reporter.add", "telemetry"),
+    ("meanflock.worldsim.reporting:Reporter.flush", "telemetry"),
+    ("meanflock.worldsim.reporting:Outbox.add", "telemetry"),
+    ("meanflock.worldsim.reporting:Outbox.next", "telemetry"),
     ("meanflock.groundstation.launch.station:Station.handle", "telemetry"),
     ("meanflock.channel.medium:Medium.send", "channel"),
     ("meanflock.channel.medium:Medium.due", "channel"),
@@ -183,7 +183,7 @@ def _networked(effort: Effort) -> dict[str, Any]:
     """World here, one agent of 25 weighs itself, a ground station records."""
     from benchmarks.processes import Children
     from meanflock.swarm import scenario
-    from meanflock.worldsim.node import World
+    from meanflock.worldsim.world import World
 
     ticks = effort.of(600, 150)
     flown = scenario.load(None, uavs=UAVS, stop="duration", duration=1e6)

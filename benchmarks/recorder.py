@@ -14,7 +14,7 @@ from meanflock.groundstation.results.timeseries_file import TIMESERIES
 from meanflock.swarm import scenario
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.session import ZenohBus
-from meanflock.worldsim.node import World
+from meanflock.worldsim.world import World
 
 TITLE = "The recorder"
 ABOUT = (

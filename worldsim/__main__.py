@@ -31,9 +31,9 @@ with needed("the world", "world"):
     from meanflock.worldsim.checkpoint import Resumption
     from meanflock.worldsim.limits import Limits, Quotas
     from meanflock.worldsim.members import MAX_LEADERS
-    from meanflock.worldsim.node import World
-    from meanflock.worldsim.schedule import factor
     from meanflock.worldsim.summary import every_uav_was_lost
+    from meanflock.worldsim.timing import factor
+    from meanflock.worldsim.world import World
 
 LINGER_S = 20.0  # for a recorder that is slow, or was killed and is on its way back
 HURRIED_S = 5.0  # after an interrupt; what comes next from an impatient engine is SIGKILL, after ten
@@ -74,7 +74,8 @@ def _run() -> None:
     interrupted = Interrupted()
     end_with_launcher()
     logs.divert()  # standard output is the summary's
-    quotas = Quotas(keys.check_run(given.run), flown, Limits(flown), rows_at_most)
+    limits = Limits(flown)
+    quotas = Quotas(keys.check_run(given.run), flown, limits, rows_at_most)
     bus = ZenohBus.router(
         given.endpoint,
         identity(given.tls, WORLD),
@@ -93,6 +94,7 @@ def _run() -> None:
             barrier_s=given.barrier,
             stations=given.stations,
             realtime=realtime,
+            limits=limits,
             resume=Resumption.load(Path(given.resume)) if given.resume else None,
             rows_at_most=rows_at_most,
             refused=bus.dropped,

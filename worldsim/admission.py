@@ -1,4 +1,4 @@
-"""The admission of the world: who comes, who goes, who comes back, and whether what they say is let in."""
+"""Admission: nodes join, leave and rejoin a run here; every delivery of the world's bus is handled or rejected here."""
 
 import logging
 import math
@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from meanflock.federation.post import Note
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
 from meanflock.swarm.net import keys
@@ -17,22 +18,30 @@ from meanflock.swarm.wire.messages import Event, Join, Message, Ready, Received,
 from meanflock.swarm.wire.tick import TYPES
 from meanflock.worldsim.barrier import Barrier
 from meanflock.worldsim.checkpoint import Resumption
-from meanflock.worldsim.counters import Counters
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.limits import JOIN_BYTES, RECEIVED_BYTES, Limits
 from meanflock.worldsim.members import LEADER, JoinRefused, Member, Members
-from meanflock.worldsim.outbox import Outbox
-from meanflock.worldsim.reporter import Note
+from meanflock.worldsim.reporting import Outbox
+from meanflock.worldsim.summary import Counters
 
 log = logging.getLogger("meanflock.world")
 
-MAX_DROP_EVENTS = 100  # the counters go on
-MAX_EVENTS = 100  # of a node, and one more for each of its UAVs
-_OF_REPEATS = ("duplicate", "stale")  # what a second answer to a question that was put twice is, in its tick or after
+MAX_DROP_EVENTS = 100  # rejected messages in log and record; the counters count all
+MAX_EVENTS = 100  # events of a node, and one more for each of its UAVs
+_REASONS_OF_REPEATS = ("duplicate", "stale")  # second reply to a repeated request, in its tick or after
 
 
 class Admission:
-    """Takes every delivery of the world's bus; the members and the listeners of a run are its own."""
+    """Handles every delivery of the world's bus: replies, questions to join, presence of nodes and stations.
+
+    Attributes:
+        members: the nodes.
+        listeners: names of the ground stations that listen.
+        flying: true from the first tick on; a node lost before is merely missing.
+        closed: true after the last tick; a node that leaves then is not lost.
+        unfit: reasons of admitted nodes that cannot take part.
+        unattended: UAVs whose agent was lost and that have no other yet, and since when, on the world's clock.
+    """
 
     def __init__(
         self,
@@ -45,31 +54,50 @@ class Admission:
         counters: Counters,
         note: Note,
         clock: Callable[[], float],
+        *,
+        limits: Limits,
+        stations: int,
+        resumed: Resumption | None,
+        on_leader_lost: Callable[[], None],
     ) -> None:
+        """
+        Args:
+            limits: the longest messages.
+            stations: ground stations that must listen before the first tick.
+            resumed: the checkpoint whose memories agents get when they join before the first tick.
+            on_leader_lost: called when a leader is lost that was asked in this tick.
+        """
+        flown = flight.scenario
         self.members = members
         self.listeners: set[str] = set()
-        self.stations = 0  # recording listeners that must be there before the first tick
-        self.flying = False  # from the first tick on; before it, who is lost is merely missing
-        self.closed = False  # after the last: who leaves is not lost
-        self.resumed: Resumption | None = None  # whose memory is handed out until then
-        self.unfit: list[str] = []  # why nodes that were welcome cannot take part, after all
-        self.unattended: dict[int, float] = {}  # UAVs whose agent was lost and that have no other yet: since when
-        self.on_leader_lost: Callable[[], None] = lambda: None  # one that was asked in this tick
-        flown = self._scenario = flight.scenario
-        self._bus, self._run = bus, run
-        self._fingerprint, self._received = keys.fingerprint(run), keys.received(run)
-        self._float = control.FLOAT_OF_BITS[flown.radio.bits_per_float]
-        self._plan = flight.states.astype(self._float)
-        self._plugins, self._limits = flown.plugins(), Limits(flown)
-        self._flight, self._barrier, self._outbox, self._counters = flight, barrier, outbox, counters
-        self._note, self._clock = note, clock
+        self.flying = False
+        self.closed = False
+        self.unfit: list[str] = []
+        self.unattended: dict[int, float] = {}
+        self._bus = bus
+        self._run = run
+        self._fingerprint = keys.fingerprint(run)
+        self._received = keys.received(run)
+        self._scenario = flown
+        self._plan = flight.states.astype(control.FLOAT_OF_BITS[flown.radio.bits_per_float])
+        self._plugins = flown.plugins()
+        self._flight = flight
+        self._barrier = barrier
+        self._outbox = outbox
+        self._counters = counters
+        self._note = note
+        self._clock = clock
+        self._limits = limits
+        self._stations = stations
+        self._resumed = resumed
+        self._on_leader_lost = on_leader_lost
         bus.subscribe(keys.act(run, "*"), barrier.offer)
         bus.subscribe(self._received)
         bus.watch(keys.alive(run, "*", "*"))
         bus.answer(keys.join(run))
 
     def handle(self, delivery: Delivery) -> None:
-        """One delivery, whatever it is. Never raises for what the network sent."""
+        """Handle one delivery. Never raises because of what the network sent."""
         try:
             if delivery.kind == "message" and delivery.key == self._received:
                 received = control.decode_as(Received, delivery.payload, self._fingerprint, limit=RECEIVED_BYTES)
@@ -80,7 +108,7 @@ class Admission:
                 self._answer(delivery)
             elif delivery.kind == "oversized":
                 if delivery.key != self._received:
-                    keys.node_of(delivery.key)  # wrong-key, if it is no key of a node: nothing may come under it
+                    keys.node_of(delivery.key)  # rejects it as wrong-key if it is not the key of a node
                 raise MessageRejected("oversized", f"{delivery.size} bytes, at most {delivery.largest} expected")
             else:
                 self._presence(delivery)
@@ -88,18 +116,18 @@ class Admission:
             self.drop(error, delivery.key)
 
     def drop(self, error: MessageRejected, where: str) -> None:
-        """Counts something that was not let in."""
+        """Count a message that is rejected, and log the first ones."""
         self._counters.drops[error.reason] += 1
-        if self._counters.drops.total() <= MAX_DROP_EVENTS:  # a flood fills neither log nor record
+        if self._counters.drops.total() <= MAX_DROP_EVENTS:  # so that a flood fills neither log nor record
             about = {"tick": self._flight.tick, "peer": _peer(where), "reason": error.reason}
             where = printable(where)
             log.warning("dropped a message under %s: %s", where, error, extra=about)
             self._note("dropped", f"{where}: {error}")
 
     def lose(self, member: Member, why: str) -> None:
-        """A node is gone, or as good as gone: nobody waits for it any more, and if it still hears, it goes home."""
+        """Mark a node as lost and send it Stop."""
         if self.closed:
-            self.members.lose(member)  # gone home
+            self.members.lose(member)  # it has left as it was told
         if member.lost:
             return
         about = {"tick": self._flight.tick, "peer": member.name, "uavs": member.uavs.tolist(), "reason": why}
@@ -113,7 +141,7 @@ class Admission:
             self._note("lost", f"{member.name}: {why}")
 
     def expel(self, name: str, why: str, out_s: float) -> None:
-        """Loses a node, and lets nobody take its place for so many seconds."""
+        """Lose a node, and let no other node take its place for so many seconds."""
         member = self.members.get(name)
         assert member is not None
         self.lose(member, why)
@@ -121,43 +149,44 @@ class Admission:
             self.members.shut(member, self._clock() + out_s, f"is lost: {why}")
 
     def dismiss(self, member: Member, why: str, lost: bool = False) -> None:
-        """Sends a node home; its UAVs are free for another. `lost`: not because it has nothing left to do."""
+        """Stop a node and free its UAVs for another. `lost`: whether the node should join again."""
         self.members.lose(member)
         self._stop(member.name, why, lost)
         if self._barrier.forget(member.name) and member.role == LEADER:
-            self.on_leader_lost()
+            self._on_leader_lost()
 
     def expire(self, patience_s: float) -> None:
-        """Loses who was admitted during the flight and never became ready: nobody else could have its UAVs."""
+        """Lose nodes that were admitted but not ready in time: until then no other node can have their UAVs."""
         for member in self.members.present:
             if not member.ready and self._clock() - member.since_s > patience_s:
                 self.lose(member, f"not ready after {patience_s:.0f} s")
 
     def settled(self, for_s: float) -> bool:
-        """Whether no agent without a successor was lost within so many seconds: one may be on its way."""
+        """Whether every agent without a successor was lost at least so many seconds ago."""
         return self._clock() - max(self.unattended.values(), default=-math.inf) >= for_s
 
     @property
     def complete(self) -> bool:
-        """Whether every UAV has its agent, the rounds their leader, and whoever records is there."""
-        return self.members.complete and len(self.listeners) >= self.stations
+        """Whether all agents, leaders and ground stations are there."""
+        return self.members.complete and len(self.listeners) >= self._stations
 
     @property
     def missing(self) -> str:
-        """Who is not there yet."""
-        absent = self.stations - len(self.listeners)
+        """The nodes that are not there yet, in words."""
+        absent = self._stations - len(self.listeners)
         return ", ".join(filter(None, [self.members.missing(), f"{absent} ground station" if absent > 0 else ""]))
 
     def stop(self, why: str) -> None:
-        """Sends every node home."""
+        """Send every node Stop."""
         for member in self.members.present:
             self._stop(member.name, why)
 
     def check(self, late_s: float | None, cancelled: bool) -> None:
-        """Everyone is sent home where the swarm will not be complete. `late_s`: the time that is over.
+        """Stop all nodes if the swarm cannot become complete. `late_s`: the timeout, if it is over.
 
         Raises:
-            BadInput: a node cannot take part. RunFailed: not in time, or interrupted; the message says who is missing.
+            BadInput: a node cannot take part.
+            RunFailed: timeout or interrupt; the message names the missing nodes.
         """
         if self.unfit:
             self.stop("a node cannot take part")
@@ -179,25 +208,23 @@ class Admission:
             self._stop(name, "nobody waits for this node any more", lost=True)
             raise MessageRejected("unknown-node", f"{name}, which was lost")
         try:
-            if len(raw) > (most := self._limits.act(member.rows)):
-                raise MessageRejected("oversized", f"{len(raw)} bytes, at most {most} expected")
             if raw[1:2] in TYPES:
                 self._barrier.take(member, raw)
             else:
-                self._control(member, control.decode(raw))
+                self._control(member, control.decode(raw, limit=self._limits.act(member.rows)))
         except MessageRejected as error:
-            if error.reason not in _OF_REPEATS or not self._barrier.is_repeat(name):
+            if error.reason not in _REASONS_OF_REPEATS or not self._barrier.is_repeat(name):
                 raise
 
     def _control(self, member: Member, message: Message) -> None:
-        """What a node says beside its replies."""
+        """Handle a message of a node that is not a reply."""
         if getattr(message, "run", self._fingerprint) != self._fingerprint:
             raise MessageRejected("wrong-run", f"run {message.run:#x}, this is {self._fingerprint:#x}")  # type: ignore[union-attr]
         if isinstance(message, Ready):
             self._welcome(member)
         elif isinstance(message, Event):
             member.events += 1
-            if member.events > MAX_EVENTS + member.rows:  # they are kept, here and on the ground
+            if member.events > MAX_EVENTS + member.rows:  # world and ground station keep all of them
                 raise MessageRejected("oversized", f"event {member.events} of a node, which may tell no more")
             self._note(member.role, f"{member.name}: {printable(message.text)}")
         elif isinstance(message, Refusal):
@@ -206,9 +233,10 @@ class Admission:
             raise MessageRejected("wrong-kind", f"{type(message).__name__} from a node")
 
     def _refused(self, member: Member, why: str) -> None:
-        """A node that was let in cannot take part. In flight its UAVs were lost before, and who watches is told why no
-        other has them."""
-        few, lost = len(self.unfit) < MAX_DROP_EVENTS, self._flight.lost[member.uavs]
+        """Lose a node that was admitted but cannot take part. In flight its UAVs are lost already, so an event says
+        why they still have no agent."""
+        few = len(self.unfit) < MAX_DROP_EVENTS
+        lost = self._flight.lost[member.uavs]
         if few:
             self.unfit.append(why)
         self.lose(member, why)
@@ -216,7 +244,7 @@ class Admission:
             self._note("lost", f"{member.name}: {why}")
 
     def _welcome(self, member: Member) -> None:
-        if self.closed:  # it was not there yet when all others were sent home
+        if self.closed:  # it joined after the others were stopped
             self._stop(member.name, "finished")
             return
         if member.ready:
@@ -243,10 +271,11 @@ class Admission:
             raise MessageRejected("wrong-kind", f"{type(join).__name__} as a question")
         if keys.node_of(delivery.key) != (asker := keys.asker(join.role, join.uav)):
             raise MessageRejected("wrong-name", f"a Join of {asker}")
-        if self.closed and join.role != STATION:  # who records may still fetch what waits
+        if self.closed and join.role != STATION:  # a station may still get the telemetry that waits
             delivery.reply(control.encode(Refusal("the flight is over", over=True)))
             return
-        name, uavs = STATION, np.zeros(0, dtype=np.intp)  # a ground station asks what is flown, and for what it missed
+        name = STATION
+        uavs = np.zeros(0, dtype=np.intp)
         if join.role == STATION:
             self._outbox.rewind()
         else:
@@ -258,7 +287,7 @@ class Admission:
             name, uavs = member.name, member.uavs
             about = {"tick": self._flight.tick, "peer": name, "uavs": uavs.tolist()}
             log.info("%s joined with UAVs %s", name, uavs.tolist(), extra=about)
-        past = self.resumed if not self.flying and len(uavs) else None
+        past = self._resumed if not self.flying and len(uavs) else None
         delivery.reply(
             control.encode(
                 Welcome(
@@ -299,7 +328,7 @@ class Admission:
 
 
 def _peer(where: str) -> str:
-    """The node a key or a text names, or the text itself where it is no key of a node."""
+    """Name of the node that a key belongs to; the text itself if it is not the key of a node."""
     try:
         return keys.node_of(where)
     except MessageRejected:

@@ -21,11 +21,11 @@ from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire import control
 from meanflock.worldsim.barrier import Barrier
-from meanflock.worldsim.commands import Commands
-from meanflock.worldsim.counters import Counters
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.members import Member
-from meanflock.worldsim.reporter import Reporter
+from meanflock.worldsim.replies import Commands
+from meanflock.worldsim.reporting import Reporter
+from meanflock.worldsim.summary import Counters
 
 SCHEMA = 6
 EVERY_TICKS = 100

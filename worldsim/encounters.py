@@ -1,26 +1,59 @@
-"""Encounters of a flight: collisions, closest approach, obstacle hits. A checkpoint contains them."""
+"""Encounters: close pairs of UAVs in a tick, and the collisions, closest approach and obstacle hits of a flight.
+
+UAVs move straight within a tick, so all of these are closest approaches of segments, not distances at ticks.
+"""
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock import kernels
 from meanflock.swarm import mission, state
-from meanflock.swarm.scenario import Scenario
-from meanflock.worldsim.metrics import Pairs
+from meanflock.swarm.scenario import Metrics, Scenario
 
 Pair = tuple[int, int]
 
+_ROOM = 64  # pairs that the first array has room for, beyond one for each UAV
+
+
+class Pairs(NamedTuple):
+    """Close pairs of one tick.
+
+    near: number of pairs i < j within the hazard radius at the end of the tick.
+    touching: (K, 2), ascending: pairs i < j that came within the collision radius during the tick.
+    nearest_m: the least closest approach of any pair, or the given bound if that is less.
+    """
+
+    near: int
+    touching: NDArray[np.intp]
+    nearest_m: float
+
+
+def pairs(metrics: Metrics, before: state.States, after: state.States, nearest_m: float) -> Pairs:
+    """Measure a tick in which all UAVs move straight from `before` to `after`, both (N, 4). Exact, over all pairs.
+
+    A UAV with NaN in `before` approaches no other; one with NaN in `after` is left out. `nearest_m` bounds the
+    closest approach that is looked for.
+    """
+    radii = (metrics.hazard_radius, metrics.collision_radius)
+    found = np.empty((_ROOM + len(after), 2), dtype=np.intp)
+    near, count, nearest_m = kernels.pairs(before, after, *radii, nearest_m, found)
+    if count > len(found):
+        found = np.empty((count, 2), dtype=np.intp)
+        kernels.pairs(before, after, *radii, nearest_m, found)
+    return Pairs(near, found[:count], nearest_m)
+
 
 class Encounters:
-    """Encounters of one flight, every pair once, and every UAV with every disc once.
+    """Encounters of one flight: each pair counts once, and each UAV once for each disc. A checkpoint contains them.
 
-    collided: pairs that came within r_coll in a tick that both began on the way. touched: pairs of any UAVs in the air,
-    arrived and lost ones too. hit: (N, K), which UAVs were within which discs. nearest_m: least distance of any two in
-    the air, infinite if there never were two.
-
-    UAVs move straight in a tick, so all of them are closest approaches of segments, not distances at ticks.
+    Attributes:
+        collided: pairs that came within r_coll in a tick that both began on the way.
+        touched: pairs of any UAVs in the air that came within r_coll, arrived and lost UAVs included.
+        hit: (N, K), whether a UAV was within a disc.
+        nearest_m: least distance of any two UAVs in the air; infinite if there never were two.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -32,14 +65,14 @@ class Encounters:
 
     @property
     def closest_approach_m(self) -> float | None:
-        """The least distance of any two in the air; None where there never were two."""
+        """Least distance of any two UAVs in the air; None if there never were two."""
         return self.nearest_m if math.isfinite(self.nearest_m) else None
 
     def meet(self, seen: Pairs, on_way: NDArray[np.bool_]) -> list[Pair]:
-        """Adds the close pairs of a tick; `on_way`: which UAVs were on the way when it began, (N,).
+        """Add the close pairs of a tick; `on_way`: (N,), UAVs that were on the way when it began.
 
         Returns:
-            The pairs on the way that have not collided before.
+            The pairs on the way that collide for the first time.
         """
         self.nearest_m = seen.nearest_m
         new: list[Pair] = []
@@ -51,10 +84,10 @@ class Encounters:
         return new
 
     def enter(self, before: state.States, after: state.States) -> list[Pair]:
-        """Adds the discs that UAVs entered on the way from `before` to `after`, (N, 4); NaN: the UAV enters none.
+        """Add the discs that UAVs enter between `before` and `after`, (N, 4) each; a UAV with NaN enters none.
 
         Returns:
-            UAV and disc, of those within one for the first time.
+            Pairs (UAV, disc) of UAVs that are within a disc for the first time.
         """
         if not len(self._discs):
             return []
@@ -67,7 +100,7 @@ class Encounters:
         return [(uav, disc) for uav, disc in np.argwhere(new).tolist()]
 
     def snapshot(self) -> dict[str, Any]:
-        """All of it, for `restore`."""
+        """The encounters, for `restore`."""
         return {
             "collided": sorted(self.collided),
             "touched": sorted(self.touched),
@@ -76,7 +109,7 @@ class Encounters:
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Goes on with a snapshot; KeyError or ValueError where it is of something else."""
+        """Continue with a snapshot; KeyError or ValueError if it does not fit."""
         self.collided = {(first, second) for first, second in snapshot["collided"]}
         self.touched = {(first, second) for first, second in snapshot["touched"]}
         self.nearest_m = math.inf if snapshot["nearest_m"] is None else float(snapshot["nearest_m"])

@@ -1,5 +1,7 @@
-"""What Prometheus reads of a run, over HTTP. Everything is collected when somebody asks, so a flight nobody looks at
-pays nothing. One scrape may see counters a tick apart: the flight does not stand still for it.
+"""Metrics of a run for Prometheus, over HTTP.
+
+They are collected at each scrape, so a run that is not scraped pays nothing. The flight goes on meanwhile, so counters
+of one scrape may be a tick apart.
 """
 
 from collections.abc import Iterator
@@ -20,10 +22,10 @@ from meanflock.channel.meter import TRAFFIC
 from meanflock.swarm import __version__
 from meanflock.swarm.net.address import Address
 from meanflock.swarm.wire.messages import Status
-from meanflock.worldsim.durations import Durations
-from meanflock.worldsim.node import World
+from meanflock.worldsim.timing import Durations
+from meanflock.worldsim.world import World
 
-_OF_TRAFFIC = {  # field of `Traffic` → metric, what it counts
+_TRAFFIC_FIELDS = {  # field of `Traffic` → name and help of the metric
     "payload_bits": ("payload_bits", "Bits of payload, once a transmission."),
     "wire_bytes": ("wire_bytes", "Bytes of encoded frames as they crossed the bus."),
     "sent": ("link_copies", "Messages sent over a link; a broadcast to n UAVs is n."),
@@ -33,28 +35,28 @@ _OF_TRAFFIC = {  # field of `Traffic` → metric, what it counts
 
 
 class Exporter(Collector):
-    """What one run shows, as metric families. Unknown is absent, never 0."""
+    """Metric families of one run. Unknown is absent, never 0."""
 
     def __init__(self, world: World) -> None:
-        self._of = world
+        self._world = world
 
     def collect(self) -> Iterator[Metric]:
-        """Everything, as it is now."""
+        """All metrics, as they are now."""
         yield from self._flight()
         yield from self._radio()
         yield from self._protocol()
         yield from self._nodes()
-        yield _histogram("barrier_wait_seconds", "How long a tick waited for answers.", self._of.waits)
-        yield _histogram("tick_seconds", "How long a tick took in all.", self._of.ticks)
+        yield _histogram("barrier_wait_seconds", "How long a tick waited for answers.", self._world.waits)
+        yield _histogram("tick_seconds", "How long a tick took in all.", self._world.ticks)
 
     def _flight(self) -> Iterator[Metric]:
-        flight = self._of.flight
-        about = {"run": self._of.run, "mode": self._of.mode, "version": __version__}
+        flight = self._world.flight
+        about = {"run": self._world.run, "mode": self._world.mode, "version": __version__}
         yield InfoMetricFamily("meanflock_run", "Which run this is.", {**about, "method": str(flight.scenario.method)})
         yield _counter("ticks", "Ticks flown.", flight.tick)
         yield _counter("simulated_seconds", "Simulated time.", flight.time_s)
-        if self._of.ticks.total_s > 0:
-            factor = flight.time_s / self._of.wall_s()
+        if self._world.ticks.total_s > 0:
+            factor = flight.time_s / self._world.wall_s()
             yield GaugeMetricFamily("meanflock_real_time_factor", "Simulated seconds a second, since take-off.", factor)
         uavs = GaugeMetricFamily("meanflock_uavs", "UAVs by state of the mission.", labels=["status"])
         for status in Status:
@@ -62,14 +64,16 @@ class Exporter(Collector):
         yield uavs
 
     def _radio(self) -> Iterator[Metric]:
-        for field, (name, what) in _OF_TRAFFIC.items():
+        for field, (name, what) in _TRAFFIC_FIELDS.items():
             family = CounterMetricFamily(f"meanflock_{name}", what, labels=["traffic"])
             for kind, traffic in TRAFFIC.items():
-                family.add_metric([traffic], getattr(self._of.air.meter.traffic[kind], field))
+                family.add_metric([traffic], getattr(self._world.air.meter.traffic[kind], field))
             yield family
 
     def _protocol(self) -> Iterator[Metric]:
-        counters, post, outbox = self._of.counters, self._of.post, self._of.outbox
+        counters = self._world.counters
+        post = self._world.post
+        outbox = self._world.outbox
         yield _counter("rounds", "Rounds averaged and broadcast.", post.rounds)
         yield _counter("rounds_void", "Rounds without a model of another UAV to average.", post.rounds_void)
         drops = CounterMetricFamily("meanflock_dropped_messages", "Messages not let in, by reason.", labels=["reason"])
@@ -84,26 +88,26 @@ class Exporter(Collector):
         yield _counter("telemetry_blocks_dropped", "Blocks given up because too many waited.", outbox.dropped)
 
     def _nodes(self) -> Iterator[Metric]:
-        roles = [member.role for member in self._of.members.present]
+        roles = [member.role for member in self._world.members.present]
         alive = GaugeMetricFamily("meanflock_nodes_alive", "Nodes that take part and are not lost.", labels=["role"])
         for role, count in (
             ("world", 1),
             ("leader", roles.count("leader")),
             ("agent", roles.count("agent")),
-            ("station", len(self._of.listeners)),
+            ("station", len(self._world.listeners)),
         ):
             alive.add_metric([role], count)
         yield alive
-        yield _counter("nodes_lost", "Nodes lost in flight.", self._of.counters.nodes_lost)
-        yield _counter("nodes_rejoined", "Nodes that joined in flight.", self._of.counters.nodes_rejoined)
+        yield _counter("nodes_lost", "Nodes lost in flight.", self._world.counters.nodes_lost)
+        yield _counter("nodes_rejoined", "Nodes that joined in flight.", self._world.counters.nodes_rejoined)
 
 
 @contextmanager
 def exported(world: World, address: Address) -> Iterator[str]:
-    """Serves the metrics of a run for as long as the context lasts; its value is the URL.
+    """Serve the metrics of a run while the context lasts; its value is the URL.
 
     Raises:
-        BadInput: nobody can listen at `address`.
+        BadInput: the address cannot be listened on.
     """
     shown = CollectorRegistry()
     shown.register(Exporter(world))
@@ -124,5 +128,5 @@ def _counter(name: str, what: str, value: float) -> Metric:
     return CounterMetricFamily(f"meanflock_{name}", what, value)
 
 
-def _histogram(name: str, what: str, of: Durations) -> Metric:
-    return HistogramMetricFamily(f"meanflock_{name}", what, of.cumulative, of.total_s)
+def _histogram(name: str, what: str, durations: Durations) -> Metric:
+    return HistogramMetricFamily(f"meanflock_{name}", what, durations.cumulative, durations.total_s)

@@ -12,8 +12,7 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator, random_state, set_random_state
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.messages import Event, Status
-from meanflock.worldsim.encounters import Encounters
-from meanflock.worldsim.metrics import pairs
+from meanflock.worldsim.encounters import Encounters, pairs
 from meanflock.worldsim.physics import Physics
 
 # As numbers of the array they are compared with: a member of an enumeration is converted anew each time.

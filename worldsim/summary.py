@@ -1,5 +1,6 @@
-"""The summary of a run: what was flown, what it cost and how well it went. Unknown is None, never 0."""
+"""Counters and summary of a run: what was flown, what it cost and how well it went. Unknown is None, never 0."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -13,17 +14,78 @@ from meanflock.swarm import __version__
 from meanflock.swarm.faults import Kill
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Status
-from meanflock.worldsim.commands import Commands
-from meanflock.worldsim.counters import Counters
 from meanflock.worldsim.flight import Flight
-from meanflock.worldsim.schedule import Schedule
+from meanflock.worldsim.replies import Commands
+from meanflock.worldsim.timing import Schedule
 
 SCHEMA = 1
 MAX_LINKS_LISTED = 1000
 
 
+class Counters:
+    """Counters of the protocol, from take-off on, resumes included. Flight and radio have counters of their own.
+
+    Attributes:
+        held: commands held over because they were late, in real time.
+        deadline_misses: ticks with at least one such command.
+        nodes_lost: nodes lost in flight.
+        nodes_rejoined: nodes that joined in flight, in the place of a lost one or as a standby.
+        uploads_refused: models that a node did not average.
+        states_refused: implausible states that nodes received, one for each tick and sending UAV.
+        disbelieved: the UAVs that sent them.
+        wall_s: wall-clock time flown before the run was resumed.
+        spread: distance of the models from their mean when last measured; None if never.
+        drops: messages that the world rejected, by reason.
+    """
+
+    def __init__(self, refused: Counter[str] | None = None) -> None:
+        """`refused`: messages that the bus keeps from the world, by reason."""
+        self._refused = refused if refused is not None else Counter()
+        self.held = 0
+        self.deadline_misses = 0
+        self.nodes_lost = 0
+        self.nodes_rejoined = 0
+        self.uploads_refused = 0
+        self.states_refused = 0
+        self.disbelieved: set[int] = set()
+        self.wall_s = 0.0
+        self.spread: float | None = None
+        self.drops: Counter[str] = Counter()
+
+    def late(self, commands: int) -> None:
+        """Count the late commands of a tick in real time."""
+        self.held += commands
+        self.deadline_misses += commands > 0
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Messages rejected by the world or the bus, by reason. Safe to read from any thread."""
+        return self.drops.copy() + self._refused.copy()
+
+    def snapshot(self, wall_s: float) -> dict[str, Any]:
+        """The counters, for `restore`."""
+        return {
+            **self._numbers(),
+            "wall_s": wall_s,
+            "spread": self.spread,
+            "drops": dict(self.drops),
+            "disbelieved": sorted(self.disbelieved),
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Continue with the counts of a snapshot."""
+        for name, number in self._numbers().items():
+            setattr(self, name, type(number)(snapshot[name]))
+        self.spread = snapshot["spread"]
+        self.drops = Counter(snapshot["drops"])
+        self.disbelieved = set(snapshot["disbelieved"])
+
+    def _numbers(self) -> dict[str, int | float]:
+        return {name: value for name, value in vars(self).items() if isinstance(value, int | float)}
+
+
 def weight_spread(models: NDArray[np.float64]) -> float:
-    """Root-mean-square distance of N models `(N, 246)` from their mean."""
+    """Root-mean-square distance of N models (N, W) from their mean."""
     deviation = models - np.add.reduce(models, axis=-2, keepdims=True) / models.shape[-2]
     deviation *= deviation
     squared = np.add.reduce(deviation, axis=-1)
@@ -31,7 +93,7 @@ def weight_spread(models: NDArray[np.float64]) -> float:
 
 
 def flight_summary(flight: Flight) -> dict[str, Any]:
-    """What the flight itself says; energies until own arrival, and until the end under `energy_end_…`."""
+    """Fields from the flight. Energies count until a UAV's own arrival; `energy_end_…` until the end of the flight."""
     scenario = flight.scenario
     arrived = flight.arrival_tick >= 0
     times = (flight.arrival_tick - flight.launch_tick)[arrived] * scenario.dt
@@ -63,9 +125,13 @@ def flight_summary(flight: Flight) -> dict[str, Any]:
 
 
 def radio_summary(meter: Meter, *, all_arrived: bool) -> dict[str, Any]:
-    """What the radio cost, observed beside the closed forms; until the last arrival, where all arrived."""
+    """Fields from the radio: bits, and observed outages and latency beside their closed forms.
+
+    `bits_to_arrival` counts until the last arrival if all UAVs arrived, else until the end.
+    """
     to_arrival = meter.marked if all_arrived and meter.marked is not None else meter.bits()
-    links, total = meter.links(), meter.all_kinds()
+    links = meter.links()
+    total = meter.all_kinds()
     return {
         "payload_bits": {
             **{name: meter.traffic[kind].payload_bits for kind, name in TRAFFIC.items()},
@@ -94,10 +160,11 @@ def _kind(bill: Traffic) -> dict[str, Any]:
 
 
 def _observed(bill: Traffic) -> dict[str, Any]:
-    """Latency is of delivered messages: what a lost one would have taken nobody has seen."""
+    """Outages and latency. Latency covers delivered messages only: that of a lost one is unknown."""
     rate = latency = None
     if bill.sent and bill.expected_outages is not None and bill.expected_delivered_slots is not None:
-        rate, expected_delivered = bill.expected_outages / bill.sent, bill.sent - bill.expected_outages
+        rate = bill.expected_outages / bill.sent
+        expected_delivered = bill.sent - bill.expected_outages
         latency = bill.expected_delivered_slots / expected_delivered if expected_delivered > 0 else None
     return {
         "sent": bill.sent,
@@ -118,7 +185,7 @@ def protocol_summary(
     schedule: Schedule | None,
     blocks_dropped: int,
 ) -> dict[str, Any]:
-    """What only the node knows. `names`: of the diagnostics. `schedule`: of a flight in real time."""
+    """Fields from the protocol. `names`: of the diagnostics. `schedule`: of a flight in real time."""
     largest = dict(zip(names, commands.largest.tolist(), strict=True))
     return {
         "rounds": post.rounds,
@@ -146,7 +213,7 @@ def protocol_summary(
 
 
 def summary(flight: Flight, meter: Meter, run_id: str, mode: str, wall_time_s: float) -> dict[str, Any]:
-    """What was flown, and how well it went, all but what `protocol_summary` says."""
+    """All fields but those of `protocol_summary`."""
     scenario = flight.scenario
     return {
         "schema": SCHEMA,
@@ -166,7 +233,7 @@ def summary(flight: Flight, meter: Meter, run_id: str, mode: str, wall_time_s: f
 
 
 def every_uav_was_lost(scenario: Scenario, record: Mapping[str, Any]) -> bool:
-    """Whether a flight lost all its UAVs, some of them by other means than the fault script. Such a run has failed."""
+    """Whether a flight lost all its UAVs, at least one of them without the fault script. Such a run has failed."""
     kills = [fault for fault in scenario.faults if isinstance(fault, Kill)]
     killed = {uav for kill in kills if kill.begins(scenario.dt) < record["ticks"] for uav in kill.uavs}
     return bool(record["lost"] == scenario.uavs > len(killed))

@@ -1,22 +1,31 @@
-"""How a tick waits: for all answers in lockstep, until its time is over in real time; for an agent if all are lost."""
+"""The wait for replies: how long a tick waits, and which nodes are lost because they are silent or slow."""
 
+import logging
+from collections import deque
 from collections.abc import Callable
+from typing import NamedTuple
 
+from meanflock.federation.post import Note
 from meanflock.swarm.errors import RunFailed
+from meanflock.swarm.scenario import tables
 from meanflock.worldsim.admission import Admission
 from meanflock.worldsim.barrier import Barrier
-from meanflock.worldsim.counters import Counters
-from meanflock.worldsim.durations import Durations
-from meanflock.worldsim.members import LEADER
-from meanflock.worldsim.pace import Pace
-from meanflock.worldsim.schedule import Schedule
+from meanflock.worldsim.members import LEADER, Member
+from meanflock.worldsim.summary import Counters
+from meanflock.worldsim.timing import Durations, Schedule
 
-STALL_S = 0.5  # who looks ten times a second and comes late by more stood still, and the nodes may have, too
-ASK_AGAIN_S = 1.0  # a Sense nobody answered is repeated: the first after a declaration can get lost
+log = logging.getLogger("meanflock.world")
+
+STALL_S = 0.5  # longest step of the wait that counts: in a longer one this machine stood still, perhaps the nodes too
+ASK_AGAIN_S = 1.0  # a request without a reply is repeated: the first one after a declaration can get lost
 
 
 class Waiting:
-    """The world's patience with its nodes."""
+    """Waits for the replies of a tick, in lockstep or in real time, and for an agent when all are lost.
+
+    Attributes:
+        took: durations from the last request of a tick to its last reply, or to the end of the wait.
+    """
 
     def __init__(
         self,
@@ -25,31 +34,42 @@ class Waiting:
         counters: Counters,
         schedule: Schedule | None,
         patience_s: float,
-        pace: Pace,
+        pace: "Pace",
         receive: Callable[[float], None],
         clock: Callable[[], float],
     ) -> None:
-        """`schedule`: of a flight in real time. `patience_s`: how long lockstep waits for a node before it is lost.
-        `pace`: in how many ticks it waits almost as long. `receive`: takes the next delivery, or none within that many
-        seconds.
         """
-        self.took = Durations()  # from the last question of a tick to the last answer, or to the end of the tick
-        self._barrier, self._admission, self._counters = barrier, admission, counters
-        self._schedule, self._patience_s, self._pace = schedule, patience_s, pace
-        self._receive, self._clock = receive, clock
+        Args:
+            barrier: the requests and replies.
+            admission: loses nodes.
+            counters: count late commands.
+            schedule: of a flight in real time; None in lockstep.
+            patience_s: how long lockstep waits for a node before it is lost.
+            pace: loses nodes that are slow in many ticks.
+            receive: handles the next delivery, or returns after so many seconds without one.
+            clock: seconds, monotonic.
+        """
+        self.took = Durations()
+        self._barrier = barrier
+        self._admission = admission
+        self._counters = counters
+        self._schedule = schedule
+        self._patience_s = patience_s
+        self._pace = pace
+        self._receive = receive
+        self._clock = clock
 
     def for_answers(self) -> None:
-        """Waits as the flight does."""
-        asked = self._clock()
-        answered = self._for_everyone() if self._schedule is None else self._until(self._schedule.end)
-        self.took.add(answered - asked)
+        """Wait for the replies of a tick."""
+        begin = self._clock()
+        end = self._in_lockstep() if self._schedule is None else self._until(self._schedule.end)
+        self.took.add(end - begin)
 
     def for_an_agent(self, cancelled: Callable[[], bool]) -> bool:
-        """Before a tick: True at once, unless all agents are lost; then as soon as one is back. Without any there is
-        nobody whose flight it would be. False once `cancelled`.
+        """Wait, before a tick, while all agents are lost; returns whether there is one, which is false if `cancelled`.
 
         Raises:
-            RunFailed: none came back in time.
+            RunFailed: no agent came back in time.
         """
         if not self._admission.unattended:
             return True
@@ -63,10 +83,12 @@ class Waiting:
             self._admission.expire(self._patience_s)
         return True
 
-    def _for_everyone(self) -> float:
-        """Lockstep: until everyone has answered, or is lost; returns when."""
+    def _in_lockstep(self) -> float:
+        """Wait until every node has replied or is lost; returns the time then."""
         now = self._clock()
-        waited = asked = before_that = 0.0
+        waited = 0.0  # by the nodes that are asked now
+        waited_before = 0.0  # by nodes that are lost since
+        repeated = 0.0  # value of `waited` when the requests were last repeated
         self._pace.begin()
         while self._barrier.silent:
             before = now
@@ -77,24 +99,167 @@ class Waiting:
             if waited > self._patience_s:
                 for name in self._barrier.missing:
                     self._admission.lose(self._barrier.asked[name], f"no answer for {self._patience_s:.0f} s")
-                before_that += waited
-                waited = asked = 0.0  # whoever takes over has its own time to answer
-            elif waited - asked > ASK_AGAIN_S:
-                asked = waited
+                waited_before += waited
+                waited = repeated = 0.0  # a leader that takes over has as much time
+            elif waited - repeated > ASK_AGAIN_S:
+                repeated = waited
                 self._barrier.ask_again()
-        self._pace.charge(before_that + waited, now, self._barrier)
+        self._pace.charge(waited_before + waited, now, self._barrier)
         for verdict in self._pace.overdrawn():
             self._admission.expel(verdict.node, verdict.why, verdict.out_s)
         return now
 
     def _until(self, end: float) -> float:
-        """Real time: until then, whoever has answered; returns when everyone had, if so."""
-        answered: float | None = None
-        for _ in range(len(self._barrier.asked)):  # what is there already, however late the tick itself began
+        """Wait in real time until `end`; returns the time of the last reply, or `end` if replies are missing."""
+        complete: float | None = None
+        for _ in range(len(self._barrier.asked)):  # takes replies that are here already, even if the tick began late
             self._receive(0.0)
         while (left := end - (now := self._clock())) > 0:
-            if answered is None and not self._barrier.silent:
-                answered = now
+            if complete is None and not self._barrier.silent:
+                complete = now
             self._receive(left)
         self._counters.late(sum(len(self._barrier.asked[name].uavs) for name in self._barrier.missing))
-        return now if answered is None else answered
+        return now if complete is None else complete
+
+
+class Verdict(NamedTuple):
+    """A node that must be lost, the reason, and for how many seconds no other node may take its place."""
+
+    node: str
+    why: str
+    out_s: float = 0.0
+
+
+class _Account(NamedTuple):
+    slow: float  # slow replies, less those forgiven since
+    tick: int  # of the last one
+
+
+class _Waits:
+    """Sum of the waits for one node within a sliding window."""
+
+    GRAIN_S = 1.0  # waits that end within so long of each other share an entry
+
+    def __init__(self, window_s: float) -> None:
+        self._window_s = window_s
+        self._entries: deque[tuple[float, float]] = deque()  # time and duration
+        self.sum_s = 0.0
+
+    def add(self, now: float, waited_s: float) -> None:
+        """Add a wait that ended now."""
+        if self._entries and now - self._entries[-1][0] < self.GRAIN_S:
+            begin, before_s = self._entries.pop()
+            self._entries.append((begin, before_s + waited_s))
+        else:
+            self._entries.append((now, waited_s))
+        while now - self._entries[0][0] > self._window_s:
+            self._entries.popleft()
+        self.sum_s = sum(wait_s for _, wait_s in self._entries)
+
+
+class Pace:
+    """Loses nodes that delay the flight tick after tick although they always reply.
+
+    Two quantities count, for each node: its slow replies, and the time that all others waited for it alone. A node is
+    warned at half of what the scenario's table `pace` allows, and lost at all of it.
+
+    A reply is slow if it takes longer than `slow_s` and than `slow_factor` times what half of the nodes took. The
+    world looks ten times a second. One slow reply is forgiven for every `FORGIVEN_TICKS` ticks without one.
+
+    The wait for a node alone begins with the last reply but one, but not before `ORDINARY` times what half of the
+    nodes took: where all nodes are slow, no single one is to blame. An agent may take `wait_share` of the window, its
+    share of the UAVs, or one barrier, whichever is longest. This rule excludes the leader, because no other node does
+    its work. A swarm's only agent is excluded from both rules.
+
+    An agent that rejoins keeps its account. Each standby leader has its own.
+    """
+
+    FORGIVEN_TICKS = 100
+    ORDINARY = 2.0
+
+    def __init__(self, rules: tables.Pace, note: Note, patience_s: float) -> None:
+        """`note`: records the event of a warning. `patience_s`: how long a tick waits for a node before it is lost."""
+        self._rules = rules
+        self._note = note
+        self._patience_s = patience_s
+        self._accounts: dict[str, _Account] = {}
+        self._waits: dict[str, _Waits] = {}
+        self._warned: set[str] = set()
+        self._ticks = 0
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin a tick in which all nodes have been asked."""
+        self._ticks += 1
+        self._half_s: float | None = None  # what half of the nodes took
+        self._slow: list[str] = []
+        self._verdicts: list[Verdict] = []
+
+    def look(self, waited_s: float, barrier: Barrier) -> None:
+        """Note which nodes have not replied after so many seconds."""
+        if self._half_s is None and 2 * barrier.silent <= len(barrier.asked):
+            self._half_s = waited_s
+        slow = waited_s > self._rules.slow_s and not self._slow
+        if slow and self._half_s is not None and waited_s > self._rules.slow_factor * self._half_s:
+            agents = _agents(barrier)
+            self._slow = [name for name in barrier.missing if [member.name for member in agents] != [name]]
+
+    def charge(self, waited_s: float, now: float, barrier: Barrier) -> None:
+        """Add the time that all others waited for one agent to its account, after the last reply of a tick.
+
+        `waited_s`: since all nodes were asked, without the time in which this machine stood still.
+        """
+        if len(barrier.settled) < 2:
+            return
+        *others, (settled, last) = barrier.settled
+        half_s = others[len(others) // 2][0] - barrier.asked_at
+        since = max(others[-1][0], barrier.asked_at + self.ORDINARY * half_s)
+        alone_s = min(settled - since, waited_s)
+        if alone_s > 0.0 and last.rows:
+            agents = {member.name: member.rows for member in (*_agents(barrier), last)}
+            share = max(self._rules.wait_share, last.rows / sum(agents.values()))
+            if share < 1.0:
+                self._enter(last, alone_s, now, share)
+
+    def overdrawn(self) -> list[Verdict]:
+        """The nodes that must be lost, after the last reply of a tick."""
+        for node in self._slow:
+            name = _account(node)
+            before = self._accounts.get(name, _Account(0.0, self._ticks - 1))
+            prompt = self._ticks - before.tick - 1
+            slow = max(0.0, before.slow - prompt / self.FORGIVEN_TICKS) + 1.0
+            self._accounts[name] = _Account(slow, self._ticks)
+            text = f"{slow:.0f} replies took more than {self._rules.slow_s:g} s, and {self._rules.slow_factor:g} times "
+            text += f"what half of the nodes took; `pace.slow_ticks` is {self._rules.slow_ticks}"
+            if slow >= self._rules.slow_ticks:
+                self._verdicts.append(Verdict(node, text))
+            elif 2 * slow >= self._rules.slow_ticks:
+                self._warn(node, text)
+        return self._verdicts
+
+    def _enter(self, member: Member, alone_s: float, now: float, share: float) -> None:
+        window_s = self._rules.wait_window_s
+        waits = self._waits.setdefault(_account(member.name), _Waits(window_s))
+        waits.add(now, alone_s)
+        allowed_s = max(share * window_s, self._patience_s)
+        text = f"the others waited {waits.sum_s:.1f} s of the last {window_s:g} s for it alone; {allowed_s:g} s is the "
+        text += f"most, by `pace.wait_share` {self._rules.wait_share:g}"
+        if waits.sum_s > allowed_s:
+            self._verdicts.append(Verdict(member.name, text, window_s))
+        elif 2 * waits.sum_s > allowed_s:
+            self._warn(member.name, text)
+
+    def _warn(self, node: str, text: str) -> None:
+        if (name := _account(node)) not in self._warned:
+            self._warned.add(name)
+            log.warning("%s is slow: %s", node, text, extra={"peer": node, "reason": "slow"})
+            self._note("slow", f"{node}: {text}")
+
+
+def _agents(barrier: Barrier) -> list[Member]:
+    return [member for member in barrier.asked.values() if member.rows]
+
+
+def _account(node: str) -> str:
+    """Name of the account of a node: that of its place, as `agent-3` for `agent-3.2`; a leader's own name."""
+    return node if node.startswith(LEADER) else node.partition(".")[0]

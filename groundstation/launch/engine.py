@@ -16,7 +16,7 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.control import encode_record
 from meanflock.swarm.wire.messages import Join, Welcome
 from meanflock.worldsim.checkpoint import EVERY_TICKS, Resumption
-from meanflock.worldsim.node import World
+from meanflock.worldsim.world import World
 
 # Of a block of telemetry: who records is called within a tick here, and that costs by the call. A small swarm flies so
 # many ticks in a few hundredths of a second.

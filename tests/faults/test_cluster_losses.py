@@ -105,7 +105,7 @@ def test_a_run_resumed_at_any_tick_of_a_round_ends_as_it_would_have(
     at: int, rounds_of_ticks: tuple[Scenario, dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     of, expected = rounds_of_ticks
-    monkeypatch.setattr("meanflock.worldsim.node.REPORT_EVERY_TICKS", 1)
+    monkeypatch.setattr("meanflock.worldsim.world.REPORT_EVERY_TICKS", 1)
     init = Engine.__init__
 
     def often(engine: Engine, *given_: Any, **named: Any) -> None:

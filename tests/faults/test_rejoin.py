@@ -13,7 +13,7 @@ from meanflock.swarm.net.bus import Delivery, MemoryNetwork
 from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Act, Join, Ready, Status, Stop
-from meanflock.worldsim.node import World
+from meanflock.worldsim.world import World
 from tests.faults.conftest import RUN, Lab, scenario
 
 NUMBER = keys.fingerprint(RUN)

@@ -43,7 +43,7 @@ def test_a_station_that_comes_late_is_sent_everything_from_the_first_row() -> No
 def test_beyond_its_bound_the_world_gives_up_the_oldest_blocks_and_counts_them(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(worldsim.outbox, "MAX_WAITING_BYTES", 60_000)
+    monkeypatch.setattr(worldsim.reporting, "MAX_WAITING_BYTES", 60_000)
     lab = Lab(scenario("duration=40"))
     bus = lab.engine.network.endpoints[1]
     lab.engine.network.endpoints.remove(bus)

@@ -11,7 +11,7 @@ from meanflock.swarm.net.bus import Delivery, MemoryBus, MemoryNetwork, Offer
 from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import Join
-from meanflock.worldsim.node import World
+from meanflock.worldsim.world import World
 
 RUN = "late"
 TICK_S = 0.05  # dt = 0.1 s, twice as fast as the wall clock

@@ -14,8 +14,9 @@ from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Ready, Sense
 from meanflock.worldsim.barrier import Barrier
-from meanflock.worldsim.inbound import Replies
+from meanflock.worldsim.limits import Limits
 from meanflock.worldsim.members import Member
+from meanflock.worldsim.replies import Replies
 from tests.polling import DEADLINE_S
 
 RUN = "fence"
@@ -29,7 +30,7 @@ FRAMES = Frames(FrameKind.STATE, 0, np.zeros(1, np.int32), np.zeros((1, 4), np.f
 
 
 def barrier_of(bus: Bus, flown: Scenario) -> Barrier:
-    return Barrier(bus, RUN, Replies(flown, FINGERPRINT, Post(flown)))
+    return Barrier(bus, RUN, Replies(flown, FINGERPRINT, Post(flown), Limits(flown).act))
 
 
 class Stand:
@@ -123,6 +124,7 @@ def test_commands_are_in_the_rows_of_uavs_that_do_not_follow_each_other() -> Non
         (reply(run=FINGERPRINT + 1), "wrong-run"),
         (reply(rows=1), "wrong-shape"),
         (tick.write_act(Act(FINGERPRINT, TICK, COMMANDS, lost=np.array([2]))), "wrong-shape"),
+        (tick.write_act(Act(FINGERPRINT, TICK, COMMANDS, lost=np.zeros(2**16))), "oversized"),
         (reply(models=MODELS[:, 1:]), "wrong-shape"),
         (tick.write_act(Act(FINGERPRINT, TICK, np.full((2, 5), np.inf))), "non-finite"),
         (tick.write_act(Act(FINGERPRINT, TICK, np.full((2, 5), np.nan))), "non-finite"),

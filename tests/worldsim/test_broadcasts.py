@@ -12,8 +12,8 @@ from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire import tick
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
-from meanflock.worldsim.inbound import Replies
 from meanflock.worldsim.members import Member
+from meanflock.worldsim.replies import Replies
 from tests.swarm.examples import same
 
 RUN, TICK = 0xC0FFEE42, 20
@@ -44,7 +44,7 @@ def act(*uavs: int, outbox: tuple[Frames, ...] | None = None, report: bool = Fal
 
 
 def read(raw: bytes, by: Member, bits: int = 32, method: str = "hjb") -> Act:
-    return Replies(flown(bits, method), RUN, Post(flown(bits, method))).read(by, TICK, raw)
+    return Replies(flown(bits, method), RUN, Post(flown(bits, method)), lambda rows: 2**16).read(by, TICK, raw)
 
 
 @pytest.mark.parametrize("bits", [16, 32, 64])

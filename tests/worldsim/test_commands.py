@@ -6,9 +6,8 @@ import pytest
 from meanflock.federation.post import Post
 from meanflock.swarm.model import BEYOND_SENSE
 from meanflock.swarm.scenario import load
-from meanflock.worldsim.commands import Commands
-from meanflock.worldsim.counters import Counters
-from meanflock.worldsim.summary import protocol_summary
+from meanflock.worldsim.replies import Commands
+from meanflock.worldsim.summary import Counters, protocol_summary
 
 UAVS = 5
 ALL = np.ones(UAVS, dtype=bool)

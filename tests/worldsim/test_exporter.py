@@ -15,8 +15,8 @@ from meanflock.swarm.net import keys
 from meanflock.swarm.net.address import Address
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import Telemetry
-from meanflock.worldsim.durations import BOUNDS_S, Durations
 from meanflock.worldsim.exporter import exported
+from meanflock.worldsim.timing import BOUNDS_S, Durations
 from tests.polling import DEADLINE_S, until
 
 RUN = "watched"

@@ -13,8 +13,8 @@ from meanflock import kernels
 from meanflock.kernels.mean_field.interaction import empirical
 from meanflock.swarm import state
 from meanflock.swarm.scenario import load
+from meanflock.worldsim.encounters import Pairs, pairs
 from meanflock.worldsim.flight import Flight
-from meanflock.worldsim.metrics import Pairs, pairs
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "metrics.json").read_text())
 METRICS = load(None).metrics

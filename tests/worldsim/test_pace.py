@@ -9,7 +9,7 @@ import pytest
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import load
 from meanflock.worldsim.members import Member
-from meanflock.worldsim.pace import Pace
+from meanflock.worldsim.waiting import Pace
 from tests.worldsim.late import PROMPT_S, Flight
 
 JUST_IN_TIME_S = 9.5  # the barrier's deadline is 10 s

@@ -7,7 +7,7 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, Telemetry
-from meanflock.worldsim.schedule import Schedule, factor
+from meanflock.worldsim.timing import Schedule, factor
 from tests.worldsim.late import PROMPT_S, RUN, TICK_S, Flight
 
 

@@ -9,7 +9,7 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import FrameKind
-from meanflock.worldsim.reporter import STATE_LINKS_EVERY_TICKS
+from meanflock.worldsim.reporting import STATE_LINKS_EVERY_TICKS
 
 
 @pytest.mark.parametrize(

@@ -15,9 +15,8 @@ from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
-from meanflock.worldsim.inbound import Replies
 from meanflock.worldsim.members import Member
-from meanflock.worldsim.merger import FrameMerger
+from meanflock.worldsim.replies import FrameMerger, Replies
 from tests.swarm.examples import same
 
 RUN, TICK = 0xC0FFEE42, 20
@@ -44,7 +43,7 @@ def act(of: Scenario, *uavs: int, report: bool = False, number: int = 2, tick: i
 
 
 def read(of: Scenario, raw: bytes, by: Member) -> Act:
-    return Replies(of, RUN, Post(of)).read(by, TICK, raw)
+    return Replies(of, RUN, Post(of), lambda rows: 2**16).read(by, TICK, raw)
 
 
 @pytest.mark.parametrize("coding", ["float32", "float16", "int8"])

@@ -7,10 +7,9 @@ from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import MemoryNetwork
 from meanflock.swarm.scenario import load
 from meanflock.worldsim.barrier import Barrier
-from meanflock.worldsim.inbound import Replies
 from meanflock.worldsim.members import Member
-from meanflock.worldsim.pace import Pace
-from meanflock.worldsim.waiting import Waiting
+from meanflock.worldsim.replies import Replies
+from meanflock.worldsim.waiting import Pace, Waiting
 
 SCENARIO = load(None, uavs=3)
 
@@ -19,7 +18,9 @@ def losses(steps: list[float]) -> int:
     """How often the clock is looked at, in such steps and then 0.1 s, until a node that says nothing is lost."""
     now, looks = 0.0, 0
     barrier = Barrier(
-        MemoryNetwork().endpoint(), "patience", Replies(SCENARIO, keys.fingerprint("patience"), Post(SCENARIO))
+        MemoryNetwork().endpoint(),
+        "patience",
+        Replies(SCENARIO, keys.fingerprint("patience"), Post(SCENARIO), lambda rows: 2**16),
     )
     barrier.open(0, reporting=False)
     barrier.ask(Member("agent-0", "agent", np.arange(1)), np.zeros((1, 4)))

@@ -1,6 +1,12 @@
-"""What a run reports: rows of the flight gathered into blocks, events, what was learned, and the summary at the end."""
+"""Reports of a run to the ground stations: blocks of telemetry and the summary, kept until they are acknowledged.
 
-from collections.abc import Callable, Mapping
+The world never waits for a ground station. It sends blocks while few are unacknowledged and keeps the rest, bounded; a
+station that comes back gets what it missed.
+"""
+
+from collections import deque
+from collections.abc import Mapping
+from itertools import islice
 from typing import Any
 
 import msgspec
@@ -16,28 +22,85 @@ from meanflock.swarm.net.bus import Bus
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, Act, Event, Finished, FrameKind, Status, Telemetry
-from meanflock.worldsim.commands import Commands
-from meanflock.worldsim.counters import Counters
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.members import Member
-from meanflock.worldsim.outbox import Outbox
-from meanflock.worldsim.summary import weight_spread
+from meanflock.worldsim.replies import Commands
+from meanflock.worldsim.summary import Counters, weight_spread
 
-STATE_LINKS_EVERY_TICKS = 10  # hjb uses N(N−1) links a tick; all their outages are kept, of the rest a sample
+STATE_LINKS_EVERY_TICKS = 10  # hjb uses N(N−1) links a tick: telemetry has all their outages, and a sample of the rest
 
-Note = Callable[[str, str], None]  # kind and text of an event of this tick
+MAX_WAITING_BYTES = 64 * 2**20
+WINDOW_BLOCKS = 8
 
-_BLOCK_ROWS, _BLOCK_STATES = 20, 2500  # of a block of telemetry: so many rows, or more of a small swarm
+_BLOCK_ROWS = 20  # rows of a block of telemetry at least
+_BLOCK_STATES = 2500  # a block has more rows as long as it has fewer states than this
 _BLOCK_ROWS_REALTIME = 2
 _ARRIVED = bytes([Status.ARRIVED])
-_STATE = int(FrameKind.STATE)  # a member of an enumeration is converted anew each time it is compared
+_STATE = int(FrameKind.STATE)  # comparing with the member of the enumeration converts it each time
+
+
+class Outbox:
+    """Encoded blocks on their way to a ground station.
+
+    dropped: blocks given up because too many waited.
+    """
+
+    def __init__(self, *, keeps: bool = True) -> None:
+        """`keeps`: whether a station may ever listen; if not, nothing is encoded."""
+        self._keeps = keeps
+        self.dropped = 0
+        self._checkpoint = -1  # the last block that contains a checkpoint
+        self._waiting: deque[tuple[int, bytes]] = deque()
+        self._bytes = 0
+        self._sent_up_to = -1
+
+    def add(self, block: Telemetry | Finished) -> None:
+        """Keep a block until it is acknowledged; drop the oldest ones beyond the limit."""
+        if not self._keeps:
+            return
+        raw = control.encode(block)
+        if isinstance(block, Telemetry) and block.checkpoint:
+            self._checkpoint = block.block
+        self._waiting.append((block.block, raw))
+        self._bytes += len(raw)
+        while self._bytes > MAX_WAITING_BYTES:
+            self._bytes -= len(self._waiting.popleft()[1])
+            self.dropped += 1
+
+    def acknowledge(self, block: int) -> None:
+        """Forget every block up to this one: the station has them."""
+        while self._waiting and self._waiting[0][0] <= block:
+            self._bytes -= len(self._waiting.popleft()[1])
+
+    def rewind(self) -> None:
+        """Send all waiting blocks again: a station is new."""
+        self._sent_up_to = -1
+
+    def next(self) -> list[bytes]:
+        """The blocks to send now, in order; at most `WINDOW_BLOCKS` are unacknowledged."""
+        ready = [(n, raw) for n, raw in islice(self._waiting, WINDOW_BLOCKS) if n > self._sent_up_to]
+        if ready:
+            self._sent_up_to = ready[-1][0]
+        return [raw for _, raw in ready]
+
+    @property
+    def holds_checkpoint(self) -> bool:
+        """Whether the last checkpoint still waits. Another one would displace telemetry."""
+        return bool(self._waiting) and self._waiting[0][0] <= self._checkpoint
+
+    @property
+    def waiting(self) -> int:
+        """Number of unacknowledged blocks."""
+        return len(self._waiting)
 
 
 class Reporter:
-    """The telemetry of one run.
+    """Gathers the telemetry of one run into blocks.
 
-    block: the number of the block that is being filled. events: of that block, but those of the flight in this tick.
-    outbox: what is not acknowledged yet.
+    Attributes:
+        block: number of the block that is being filled.
+        events: events of that block, without those of the flight in this tick.
+        outbox: blocks that are not acknowledged yet.
     """
 
     def __init__(
@@ -53,11 +116,17 @@ class Reporter:
         block_rows: int | None,
         keeps: bool,
     ) -> None:
-        """`block_rows`: of a block at most; None in real time. `keeps`: whether anybody listens."""
-        self._bus, self._run, self._fingerprint = bus, run, keys.fingerprint(run)
-        self._flight, self._air, self._commands = flight, air, commands
-        self._counters, self._post = counters, post
-        uavs, self._declared = flight.scenario.uavs, flight.scenario.declared
+        """`block_rows`: most rows of a block; None in real time. `keeps`: whether a station may ever listen."""
+        uavs = flight.scenario.uavs
+        self._bus = bus
+        self._run = run
+        self._fingerprint = keys.fingerprint(run)
+        self._flight = flight
+        self._air = air
+        self._commands = commands
+        self._counters = counters
+        self._post = post
+        self._declared = flight.scenario.declared
         rows = _BLOCK_ROWS_REALTIME
         if block_rows is not None:
             rows = max(_BLOCK_ROWS, min(block_rows, _BLOCK_STATES // uavs))
@@ -70,46 +139,49 @@ class Reporter:
             "energy": np.zeros((rows, uavs), dtype=np.float32),
             "swarm": np.zeros((rows, len(SWARM_COLUMNS))),
         }
-        self._outages = -1.0  # as of the last row; of none yet, so that the first is looked at
+        self._outages = -1.0  # at the last row; below any count, so that the first row is looked at
         self.outbox = Outbox(keeps=keeps)
         self.begin(0, 0)
 
     def begin(self, block: int, first_tick: int) -> None:
-        """An empty block, of that number; the tick of its first row."""
-        self.block, self._first_tick, self._filled = block, first_tick, 0
+        """Begin an empty block of that number, whose first row is that of a tick."""
+        self.block = block
+        self._first_tick = first_tick
+        self._filled = 0
         self.events: list[Event] = []
         self._links: list[NDArray[np.int32]] = []
         self._reports: list[tuple[int, Floats, float]] = []
 
     def note(self, kind: str, text: str) -> None:
-        """An event of this tick."""
+        """Record an event of this tick."""
         self.events.append(Event(self._flight.tick, kind, text))
 
     def learned(
         self, tick: int, asked: Mapping[str, Member], acts: Mapping[str, Act], alive: NDArray[np.bool_]
     ) -> None:
-        """Takes what was learned: the model of the leader's UAV, and how far those of all `alive` (N,) are apart."""
+        """Report the model of the leader's UAV, and the spread of the models of all UAVs that are `alive` (N,)."""
         if not self._declared.weights:
             return
         models = np.full((len(alive), self._declared.weights), np.nan)
         for name, act in acts.items():
             if act.models is not None:
                 models[asked[name].place] = act.models
-        sane = (np.abs(models) < BEYOND_SENSE).all(axis=-1)  # NaN is below nothing
-        if (counted := sane & alive).any():
+        bounded = (np.abs(models) < BEYOND_SENSE).all(axis=-1)  # false for NaN
+        if (counted := bounded & alive).any():
             spread = self._counters.spread = weight_spread(models if counted.all() else models[counted])
             leader = self._flight.scenario.federation.leader
-            self._reports.append((tick, np.where(sane[leader], models[leader], 0.0), spread))
+            self._reports.append((tick, np.where(bounded[leader], models[leader], 0.0), spread))
 
     def add(self, links: NDArray[np.int32]) -> None:
-        """The row of this tick, as everything is now, and the `links` (K, 5) that were used; the block before it goes
-        out where it is full."""
-        flight, meter, counters = self._flight, self._air.meter, self._counters
+        """Add the row of this tick and its `links` (K, 5); a block that is full goes out before."""
+        flight = self._flight
+        meter = self._air.meter
         if flight.last_arrival == flight.tick:
             meter.mark()
         if self._filled == self._rows:
             self.flush()
-        k, columns = self._filled, self._columns
+        k = self._filled
+        columns = self._columns
         columns["states"][k] = flight.states
         columns["accelerations"][k] = self._commands.accelerations
         columns["diagnostics"][k] = self._commands.diagnostics
@@ -124,8 +196,8 @@ class Reporter:
             flight.collisions,
             flight.status.tobytes().count(_ARRIVED),
             self._post.rounds,
-            counters.held,
-            counters.deadline_misses,
+            self._counters.held,
+            self._counters.deadline_misses,
         )
         if len(links) and flight.tick % STATE_LINKS_EVERY_TICKS:
             links = _sample(links, outages > self._outages)
@@ -137,7 +209,7 @@ class Reporter:
         self._filled += 1
 
     def flush(self, checkpoint: bytes = b"") -> None:
-        """Whatever rows there are become a block, with a checkpoint of the last one if there is one."""
+        """End the block with the rows it has, and with a checkpoint of its last row if one is given."""
         n = self._filled
         ticks, reports, spread = zip(*self._reports, strict=True) if self._reports else ((), (), ())
         self.outbox.add(
@@ -158,24 +230,24 @@ class Reporter:
         self.begin(self.block + 1, self._first_tick + n)
 
     def publish(self) -> None:
-        """Sends what may be sent now."""
+        """Send the blocks that may be sent now."""
         for raw in self.outbox.next():
             self._bus.put(keys.telemetry(self._run), raw)
 
     def finish(self, record: dict[str, Any]) -> Finished:
-        """The last block, which is the summary."""
+        """End the telemetry with its last block, the summary."""
         self.flush()
         finished = Finished(self._fingerprint, self.block, msgspec.json.encode(record))
         self.outbox.add(finished)
         return finished
 
     def repeat(self, finished: Finished) -> None:
-        """Sends the summary once more, past everything that was not acknowledged."""
+        """Send the summary again, ahead of all unacknowledged blocks."""
         self._bus.put(keys.telemetry(self._run), control.encode(finished))
 
 
 def _sample(links: NDArray[np.int32], lost: bool) -> NDArray[np.int32]:
-    """All but states that got through; `lost`: whether any did not."""
-    if links.item(0, 3) == links.item(-1, 3) == _STATE:  # kinds come one after the other
+    """The links without delivered states. `lost`: whether any state was lost."""
+    if links.item(0, 3) == links.item(-1, 3) == _STATE:  # links are sorted by kind, so all carry states
         return links.compress(links[:, 4] < 0, axis=0) if lost else links[:0]
     return links.compress((links[:, 4] < 0) | (links[:, 3] != _STATE), axis=0)
