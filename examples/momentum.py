@@ -19,7 +19,7 @@ class Momentum(mf.Aggregator):
 
     def step(self, state, models, uavs, round_):
         mean = models.mean(axis=0)
-        if not state["rounds"][0]:  # the first model is the mean itself: there is nothing that it changes
+        if not state["rounds"][0]:  # the first model is the mean itself: there is no earlier model
             return {**state, "rounds": state["rounds"] + 1, "model": mean}, mean
         change = self.options.beta * state["change"] + mean - state["model"]
         model = state["model"] + change

@@ -24,8 +24,7 @@ def check_channel(
 ) -> None:
     """Sends some messages over a channel and checks everything that the radio relies on.
 
-    A channel that remembers anything between two
-    messages fails, because no checkpoint has it.
+    A channel that remembers anything between two messages fails, because checkpoints do not store it.
 
     Args:
         channel: the class. options: those of the table [radio.options]. scenario: default: the paper's.
