@@ -14,40 +14,10 @@ from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.groundstation.results.series import states_of
 from tests.faults.conftest import Lab, scenario
 from tests.faults.dying import LATER, dead, events, flight, resumed, steady
-from tests.methods import METHODS
 
 FAULTS = """faults=[{kind="pause", tick=190, duration_s=3.0, uavs=[1]}, {kind="kill", tick=60, uavs=[2]},
     {kind="partition", tick=195, duration_s=3.0, uavs=[4]}, {kind="leader-loss", tick=150},
     {kind="kill", tick=290, uavs=[3]}, {kind="leader-loss", tick=255}]""".replace("\n", " ")
-FILTER = "filter.kind=ecbf"
-FLOWN = [
-    *((method, ()) for method in (*METHODS, "fed-lspi", "windmap", "orca", "vasarhelyi")),
-    *((method, (FILTER,)) for method in ("mfgfl-hf", "plan")),
-]
-
-
-@pytest.mark.parametrize(
-    ("method", "settings"), FLOWN, ids=lambda part: part if isinstance(part, str) else "".join(part)
-)
-def test_every_method_resumes_bit_identically_and_leaves_no_gap_and_no_duplicate(
-    method: str, settings: tuple[str, ...], tmp_path: Path
-) -> None:
-    flown = scenario(LATER, "radio.target_snr_db=76", "radio.coherence_time_s=0.03", *settings, method=method)
-    expected = flight(tmp_path / "whole", flown)
-    folder = dead(tmp_path / "dead", flown, 287)
-    assert back(folder).start.tick == 201
-    got = resumed(folder)
-    assert steady(got) == steady(expected)
-    table, whole = (pq.read_table(f / "timeseries.parquet") for f in (folder, tmp_path / "whole" / "run"))
-    assert table["tick"].to_pylist() == list(range(351))
-    assert table.equals(whole)
-    assert events(folder, "resumed") == events(tmp_path / "whole" / "run")
-    assert sorted(p.name for p in folder.iterdir()) == [
-        "events.jsonl",
-        "scenario.toml",
-        "summary.json",
-        "timeseries.parquet",
-    ]
 
 
 @pytest.fixture(scope="module")
@@ -73,12 +43,6 @@ def test_a_run_with_faults_that_dies_anywhere_ends_as_it_would_have(
     assert steady(got, "wire_bytes", "radio") == steady(expected, "wire_bytes", "radio")
     assert pq.read_table(folder / "timeseries.parquet").equals(pq.read_table(whole[0] / "timeseries.parquet"))
     assert expected["lost"] == 2
-
-
-def test_states_shared_now_and_then_are_remembered_across_a_resume(tmp_path: Path) -> None:
-    flown = scenario(LATER, "federation.state_period=30", method="mfg")
-    expected = flight(tmp_path / "whole", flown)
-    assert resumed(dead(tmp_path / "dead", flown, 250))["trajectory_sha256"] == expected["trajectory_sha256"]
 
 
 @pytest.mark.parametrize("broadcast", ["int8", "float32"])

@@ -17,7 +17,7 @@ from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames, Sense, Welcome
-from tests.faults.clusters import CLEAR, FLOATS, PERIOD, ROUGH, SLOW, globals_of, swarm
+from tests.faults.clusters import CLEAR, FLOATS, PERIOD, ROUGH, globals_of, swarm
 from tests.faults.conftest import Lab, scenario
 
 
@@ -185,23 +185,6 @@ def test_the_first_global_model_of_a_flight_is_the_flat_one_and_rounds_delay_it_
     assert len(two) == len(one) == 5
     np.testing.assert_allclose(two[0], one[0], rtol=0, atol=1e-12)
     assert np.abs(two[1] - one[1]).max() > 1e-12  # a tick more of local steps is lost to a tick more of delay
-
-
-@pytest.mark.parametrize("rows", [None, 1, 5])
-@pytest.mark.parametrize("method", ["mfgfl-h", "mfgfl-f", "mfgfl-hf"])
-def test_heads_in_one_node_and_in_many_fly_the_same(method: str, rows: int | None) -> None:
-    of = load(
-        None,
-        ["uavs=12", "seed=3", "duration=12", 'stop="duration"', "federation.period=20", "federation.clusters=4", *SLOW],
-        method=method,
-    )
-    alone = Lab(of).fly()
-    split = Lab(of, uavs_per_node=rows).fly()
-    assert alone["rounds"] == 5
-    assert alone["dropped_messages"] == {}
-    assert alone["radio"]["traffic"]["relay"]["outages"] > 0 or method != "mfgfl-hf"
-    for name in ("trajectory_sha256", "payload_bits", "rounds", "uploads_refused", "dropped_messages"):
-        assert split[name] == alone[name]
 
 
 def test_narrow_uploads_are_relayed_as_floats() -> None:

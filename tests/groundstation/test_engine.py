@@ -18,21 +18,8 @@ from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Finished, Telemetry
-from tests.groundstation.flights import INT8, RUN, SECONDS, UAVS, fly, scenario, steady
+from tests.groundstation.flights import INT8, RUN, UAVS, fly, scenario, steady
 from tests.polling import DEADLINE_S
-
-
-@pytest.mark.parametrize("method", Method)
-def test_however_the_swarm_is_cut_into_nodes_it_flies_the_same_trajectory(method: Method) -> None:
-    flown = scenario(method, "radio.target_snr_db=76")
-    summaries = [steady(fly(flown, uavs_per_node=rows)) for rows in (1, 5, None)]
-    assert summaries[0] == summaries[1] == summaries[2]
-    assert summaries[0]["ticks"] == SECONDS * 10
-    federated = flown.declared.is_federated
-    if federated:
-        assert summaries[0]["rounds"] >= 4
-        assert summaries[0]["rounds"] + summaries[0]["rounds_void"] >= 10
-    assert (summaries[0]["radio"]["outages"] > 0) == (federated or method is Method.HJB)
 
 
 def test_the_seed_and_nothing_else_decides_the_trajectory() -> None:

@@ -15,8 +15,8 @@ from meanflock.groundstation.launch.resume import back
 from meanflock.groundstation.recording.replay import verify
 from meanflock.groundstation.results.run_folder import CHECKPOINT, read_checkpoint
 from meanflock.swarm.scenario import load
+from tests.golden.flights import read, steady
 from tests.integration.conftest import Command, Spawn, processes_of
-from tests.methods import METHODS
 from tests.polling import DEADLINE_S, until
 
 pytestmark = pytest.mark.processes
@@ -24,55 +24,27 @@ pytestmark = pytest.mark.processes
 SHORT = ("--uavs", "4", "--seed", "7", "--duration", "30", "--set", "federation.period=40")
 ENDLESS = ("--uavs", "4", "--duration", "100000", "--set", "stop=duration", "--json", "--quiet")
 
-
-@pytest.mark.parametrize("method", [*METHODS, "fed-lspi", "windmap"])
-def test_every_method_flies_the_same_run_in_one_process_in_two_and_in_four(method: str, command: Command) -> None:
-    flags = ("--method", method, "--no-record", *SHORT)
-    alone = command.summary("--in-process", *flags)
-    halves = command.summary("--uavs-per-process", "2", *flags)
-    each = command.summary(*flags)
-    assert alone["ticks"] == 300
-    assert alone["mode"] == "in-process"
-    assert each["mode"] == "processes"
-    timing = ("wall_time_s", "real_time_factor", "mode", "run_id", "wire_bytes", "radio")
-    for other in (halves, each):
-        assert {k: v for k, v in other.items() if k not in timing} == {
-            k: v for k, v in alone.items() if k not in timing
-        }
-    assert each["dropped_messages"] == {}
+CUTS = {
+    "short-hjb": ("1", "3"),
+    "short-mfgfl-hf": ("1", "2"),
+    "short-fed-lspi": ("1",),
+    "short-windmap": ("2",),
+    "short-events": ("1",),
+    "short-int8": ("1",),
+    "short-clusters-hf": ("1", "2"),
+    "short-waves": ("2",),
+    "paper-vasarhelyi": ("1",),
+}
 
 
-@pytest.mark.parametrize("broadcast", ["event", "tick"])
-def test_a_flock_of_25_processes_flies_the_bits_of_one(broadcast: str, command: Command) -> None:
-    """At constant velocity they soon know each other by events alone, which the radio loses now and then."""
-    flags = ("--method", "vasarhelyi", "--seed", "3", "--duration", "20", "--no-record")
-    flags += ("--set", f"controller.broadcast={broadcast}", "--set", "radio.target_snr_db=76")
-    alone, each = (command.summary(*how, *flags) for how in (("--in-process",), ()))
-    assert each["mode"] == "processes"
-    assert each["trajectory_sha256"] == alone["trajectory_sha256"]
-    assert each["payload_bits"] == alone["payload_bits"]
-    assert each["radio"]["traffic"]["state"]["outages"] == alone["radio"]["traffic"]["state"]["outages"] > 0
-    assert each["dropped_messages"] == {}
-
-
-def test_models_in_bytes_fly_the_same_run_in_one_process_and_in_five(command: Command) -> None:
-    narrow = ("--set", "federation.payload=int8", "--set", "federation.broadcast_payload=int8", "--no-record")
-    alone, each = (command.summary(*flags, *narrow, *SHORT) for flags in (("--in-process",), ()))
-    assert each["trajectory_sha256"] == alone["trajectory_sha256"]
-    assert each["payload_bits"] == alone["payload_bits"]
-    assert each["payload_bits"]["broadcast"] == each["rounds"] * 2096 > 0
-    assert each["dropped_messages"] == {}
-
-
-def test_heads_of_clusters_fly_the_same_run_in_one_process_in_three_and_in_six(command: Command) -> None:
-    flags = ("--uavs", "6", "--seed", "7", "--duration", "30", "--set", "federation.period=40", "--no-record")
-    clusters = ("--set", "federation.clusters=3", "--set", "radio.target_snr_db=76")
-    alone = command.summary("--in-process", *flags, *clusters)
-    for other in (command.summary("--uavs-per-process", "2", *flags, *clusters), command.summary(*flags, *clusters)):
-        assert other["trajectory_sha256"] == alone["trajectory_sha256"]
-        assert other["payload_bits"] == alone["payload_bits"]
-        assert other["dropped_messages"] == {}
-    assert alone["payload_bits"]["relay"] == alone["radio"]["traffic"]["relay"]["transmissions"] * 247 * 32 > 0
+@pytest.mark.parametrize(("name", "rows"), [(name, rows) for name, cuts in CUTS.items() for rows in cuts])
+def test_a_golden_flight_is_the_same_in_processes(name: str, rows: str, command: Command) -> None:
+    (row,) = (row for row in read()[1] if row.name == name)
+    settings = [word for setting in row.settings for word in ("--set", setting)]
+    summary = command.summary(*filter(None, [row.mission]), "--no-record", "--uavs-per-process", rows, *settings)
+    assert summary["mode"] == "processes"
+    assert summary["dropped_messages"] == {}
+    assert steady(summary) == json.loads(json.dumps(steady(row.fly())))
 
 
 def test_a_finished_run_leaves_all_five_files_and_reruns_bit_identically(command: Command, spawn: Spawn) -> None:
@@ -232,13 +204,3 @@ def test_when_the_launcher_itself_is_killed_everyone_leaves(command: Command) ->
     process.kill()
     process.communicate()
     until(lambda: processes_of(run) == [], "all processes gone")
-
-
-def test_a_mission_with_goals_waves_and_obstacles_is_the_same_in_processes(command: Command) -> None:
-    flags = ("windmap", "--method", "fed-lspi", "--seed", "7", "--duration", "30", "--no-record")
-    discs = ("--set", "obstacles=[{centre=[120.0, 80.0], radius=3.0}]", "--set", "truth.wind=[0.5, 0.5]")
-    alone, each = (command.summary(*flags, *discs, *more) for more in (("--in-process",), ()))
-    timing = ("wall_time_s", "real_time_factor", "mode", "run_id", "wire_bytes", "radio")
-    assert {k: v for k, v in each.items() if k not in timing} == {k: v for k, v in alone.items() if k not in timing}
-    assert alone["obstacle_hits"] > 0
-    assert each["mode"] == "processes"

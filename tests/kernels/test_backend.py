@@ -1,13 +1,11 @@
 """Which form of the kernels runs is decided once, and no flight shows it."""
 
 import importlib
-import json
 import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -16,16 +14,6 @@ from meanflock.kernels import sources
 from tests.polling import DEADLINE_S
 
 ROOT = Path(__file__).parents[2]
-FLY = """
-import json, sys
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.swarm.scenario import load
-for method, settings in json.loads(sys.argv[1]):
-    engine = Engine(load(None, settings, method=method), "backend")
-    for _ in engine.fly():
-        pass
-    print(json.dumps(engine.world.finish()))
-"""
 
 
 def python(code: str, *arguments: str, pure: str) -> str:
@@ -73,32 +61,3 @@ def test_an_extension_without_sources_beside_it_is_taken(tmp_path: Path, monkeyp
     assert sources.checksum() == 0
     if kernels.BACKEND == "compiled":
         importlib.reload(importlib.import_module("meanflock.kernels.compiled"))
-
-
-FAULTS = """faults=[{kind='jam',tick=20,duration_s=3.0,centre=[60.0,40.0],radius_m=40.0},
-    {kind='kill',tick=70,uavs=[2]},{kind='pause',tick=80,duration_s=1.0,uavs=[0,5]}]"""
-
-
-FLIGHTS = [
-    ("mfgfl-hf", ["uavs=9", "duration=12", "federation.period=15"]),
-    ("hjb", ["uavs=9", "duration=12", "start.spacing=0.2", FAULTS]),
-    ("hjb", ["uavs=5", "duration=6", "cost.beta=0.5"]),
-    ("hjb", ["uavs=9", "duration=6", "cost.separation=5", "start.spacing=0.4"]),
-    ("mfgfl-hf", ["uavs=9", "duration=12", "federation.period=15", "learner.multinomial=true", "cost.separation=3"]),
-    ("mfgfl-h", ["uavs=9", "duration=12", "start.spacing=0.5", "filter.kind=ecbf"]),
-    ("orca", ["uavs=16", "duration=12", "start.formation=circle", "start.radius=6", "destination.goals=opposite"]),
-    ("mfg", ["uavs=103", "duration=0.5", "metrics.collision_radius=3.0"]),
-]
-
-
-def test_whole_flights_are_the_same() -> None:
-    ends: list[list[dict[str, Any]]] = [
-        list(map(json.loads, python(FLY, json.dumps(FLIGHTS), pure=pure).splitlines())) for pure in ("0", "1")
-    ]
-    assert [len(form) for form in ends] == [len(FLIGHTS)] * 2
-    for flown, *pair in zip(FLIGHTS, *ends, strict=True):
-        backends = [end.pop("backend") for end in pair]
-        assert backends[1] == "numpy"
-        for end in pair:
-            del end["wall_time_s"], end["real_time_factor"]
-        assert pair[0] == pair[1], flown
