@@ -1,8 +1,8 @@
-"""All it takes to go on with a run: the state of the world and what the controllers remember, between two ticks.
+"""Checkpoints: the state of the world and the memory of the controllers between two ticks.
 
-A checkpoint travels in the block of telemetry whose last row it goes on from: the ground keeps the run folder, the
-world may have no disk, and whoever has the one has the other. The hash of the trajectory cannot be taken up in the
-middle, so whoever resumes a run also brings the states of all ticks flown, which the run folder has.
+A checkpoint travels in the block of telemetry whose last row it continues from, so the run folder has both; the world
+itself needs no disk. The hash of the trajectory cannot be continued in the middle, so resuming a run also takes the
+states of all ticks flown, which the run folder has.
 """
 
 from collections.abc import Callable, Mapping
@@ -29,42 +29,45 @@ from meanflock.worldsim.summary import Counters
 
 SCHEMA = 6
 EVERY_TICKS = 100
-MAX_BYTES = 24 * 2**20  # a larger one would push the telemetry out of the outbox
+MAX_BYTES = 24 * 2**20  # a larger checkpoint would displace telemetry from the outbox
 
 
 class Memories:
-    """What the UAVs replied to a request for all that their controllers remember.
+    """The memories of the controllers of all UAVs, as their nodes replied.
 
-    arrays: (N, …) each, by name; zeros where a UAV is lost and nobody could be asked. known: (N,), whose it has.
+    Attributes:
+        arrays: by name, (N, …) each; zeros for a UAV without an agent.
+        present: (N,), UAVs whose memory is in `arrays`.
     """
 
     def __init__(self, uavs: int) -> None:
         self.arrays: dict[str, NDArray[Any]] = {}
-        self.known: NDArray[np.bool_] = np.zeros(uavs, dtype=bool)
+        self.present: NDArray[np.bool_] = np.zeros(uavs, dtype=bool)
 
     def take(self, member: Member, record: Mapping[str, Any]) -> None:
-        """Enters the reply of one node.
+        """Add the memory in the reply of one node.
 
         Raises:
-            MessageRejected: its arrays are not of its rows, not like those of the others, or too large for everyone's.
+            MessageRejected: the arrays do not have the node's rows, differ in form from those of other nodes, or would
+                be too large for all UAVs.
         """
-        uavs = len(self.known)
+        uavs = len(self.present)
         for name, array in record.items():
             if not isinstance(array, np.ndarray) or not array.ndim or len(array) != member.rows:
                 raise MessageRejected("wrong-shape", f"memory {name!r}: expected {member.rows} rows")
-        if not self.known.any():  # the first: all have arrays like it
+        if not self.present.any():  # the first node decides the form
             row_bytes = sum(array.nbytes for array in record.values()) // member.rows
             if row_bytes * uavs > MAX_MEMORY_BYTES:
                 raise MessageRejected("oversized", f"a memory of {row_bytes} bytes of each of {uavs} UAVs")
             try:
                 self.arrays = {name: np.zeros((uavs, *array.shape[1:]), array.dtype) for name, array in record.items()}
-            except ValueError as error:  # of no bytes, and more of them than NumPy can address
+            except ValueError as error:  # rows of no bytes, but more numbers than NumPy can address
                 raise MessageRejected("wrong-shape", f"a memory of {_form(record)}: {error}") from error
         if (form := _form(record)) != (wanted := _form(self.arrays)):
             raise MessageRejected("wrong-shape", f"a memory of {form}, expected {wanted} as of the others")
         for name, array in record.items():
             self.arrays[name][member.place] = array
-        self.known[member.place] = True
+        self.present[member.place] = True
 
 
 def _form(arrays: Mapping[str, NDArray[Any]]) -> dict[str, str]:
@@ -74,45 +77,45 @@ def _form(arrays: Mapping[str, NDArray[Any]]) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Resumption:
-    """Where to go on: a checkpoint, and the states (tick + 1, N, 4) of the ticks before it."""
+    """A checkpoint to continue from, and the states (tick + 1, N, 4) of the ticks before it."""
 
     checkpoint: Mapping[str, Any]
     history: Floats
 
     @property
     def tick(self) -> int:
-        """The first tick to be flown."""
+        """The first tick to fly."""
         return int(self.checkpoint["flight"]["tick"])
 
     @property
     def block(self) -> int:
-        """The block of telemetry that carried it."""
+        """Number of the block of telemetry that carried the checkpoint."""
         return int(self.checkpoint["block"])
 
     def memory(self, uavs: NDArray[np.intp]) -> bytes:
-        """What the rows of a node with these UAVs had in memory, as a record."""
-        kept: Mapping[str, NDArray[Any]] = self.checkpoint["memory"]
-        return control.encode_record({name: np.ascontiguousarray(array[uavs]) for name, array in kept.items()})
+        """The memory of a node with these UAVs, as a record."""
+        memory: Mapping[str, NDArray[Any]] = self.checkpoint["memory"]
+        return control.encode_record({name: np.ascontiguousarray(array[uavs]) for name, array in memory.items()})
 
     def encode(self) -> bytes:
-        """The bytes a world process is started with."""
+        """The bytes of a file for `load`, with which a world process starts."""
         return control.encode_record({"checkpoint": dict(self.checkpoint), "history": self.history})
 
     @staticmethod
-    def of(body: bytes, history: Floats) -> "Resumption":
-        """From the bytes of a checkpoint, as telemetry carries them.
+    def decode(body: bytes, history: Floats) -> "Resumption":
+        """Read a checkpoint, as telemetry carries it.
 
         Raises:
-            BadInput: it is none.
+            BadInput: not a checkpoint of this version.
         """
         return Resumption(_checked(_record(body, "checkpoint")), history)
 
     @staticmethod
     def load(path: Path) -> "Resumption":
-        """From a file with the bytes of `encode`.
+        """Read a file with the bytes of `encode`.
 
         Raises:
-            BadInput: the file cannot be read or is something else.
+            BadInput: the file cannot be read, or contains something else.
         """
         try:
             record = _record(path.read_bytes(), str(path))
@@ -124,7 +127,7 @@ class Resumption:
 
 
 class Checkpoints:
-    """All parts of a world that a checkpoint is of."""
+    """Makes checkpoints of a world, and restores them."""
 
     def __init__(
         self,
@@ -135,12 +138,17 @@ class Checkpoints:
         post: Post,
         reporter: Reporter,
     ) -> None:
-        self._scenario, self._flight, self._air, self._counters = flight.scenario, flight, air, counters
-        self._commands, self._post, self._reporter = commands, post, reporter
-        self._memories: Memories | None = None  # where, in the last tick, all were asked for what they remember
+        self._scenario = flight.scenario
+        self._flight = flight
+        self._air = air
+        self._counters = counters
+        self._commands = commands
+        self._post = post
+        self._reporter = reporter
+        self._memories: Memories | None = None  # those of the last tick, if all nodes were asked for them
 
     def collect(self, barrier: Barrier, drop: Callable[[MessageRejected, str], None]) -> None:
-        """Takes what everyone who is not lost replied to a request for it; nothing where somebody did not."""
+        """Gather the memories in the replies of this tick; none if that of a UAV in the mission is missing."""
         memories = Memories(self._scenario.uavs)
         for name, act in barrier.acts.items():
             member = barrier.asked[name]
@@ -149,12 +157,12 @@ class Checkpoints:
                     memories.take(member, control.decode_record(act.memory))
                 except MessageRejected as error:
                     drop(error, f"the memory of {name}")
-        self._memories = memories if memories.known[~self._flight.lost].all() else None
+        self._memories = memories if memories.present[~self._flight.lost].all() else None
 
     def keep(self, wall_s: Callable[[], float]) -> None:
-        """A checkpoint, if everyone said what it remembers in the last tick; it goes out with all rows before it.
+        """Send a checkpoint, with all rows before it, if the last tick gathered the memories.
 
-        `wall_s`: how long the flight has taken so far.
+        `wall_s`: wall-clock time flown so far.
         """
         memories, self._memories = self._memories, None
         if memories is None or self._reporter.outbox.holds_checkpoint:
@@ -180,26 +188,26 @@ class Checkpoints:
             self._reporter.flush(body)
 
     def restore(self, resume: Resumption) -> None:
-        """Goes on from a checkpoint.
+        """Continue from a checkpoint.
 
         Raises:
-            BadInput: it is of another scenario, or of other plug-ins, or incomplete.
+            BadInput: it belongs to another scenario or other plug-ins, or is incomplete.
         """
-        kept: Any = resume.checkpoint
-        if kept.get("scenario") != self._scenario.sha256():
+        checkpoint: Any = resume.checkpoint
+        if checkpoint.get("scenario") != self._scenario.sha256():
             raise BadInput("the checkpoint is of another scenario; resume a run with its own scenario.toml")
-        for was, now in zip(kept.get("plugins", ()), self._scenario.plugins(), strict=False):
+        for was, now in zip(checkpoint.get("plugins", ()), self._scenario.plugins(), strict=False):
             if tuple(was) != now:
                 raise BadInput(f"the checkpoint is of {was[0]} {was[1]!r} of {was[2]}; here it is of {now[2]}")
         try:
-            self._flight.restore(kept["flight"], resume.history)
-            self._air.restore(kept["air"])
-            self._counters.restore(kept["counters"])
-            self._post.restore(kept["post"])
-            self._commands.accelerations[...] = kept["commands"]
-            self._commands.largest[...] = kept["largest"]
-            self._commands.summed[...] = kept["summed"]
-            self._reporter.begin(kept["block"] + 1, self._flight.tick + 1)
+            self._flight.restore(checkpoint["flight"], resume.history)
+            self._air.restore(checkpoint["air"])
+            self._counters.restore(checkpoint["counters"])
+            self._post.restore(checkpoint["post"])
+            self._commands.accelerations[...] = checkpoint["commands"]
+            self._commands.largest[...] = checkpoint["largest"]
+            self._commands.summed[...] = checkpoint["summed"]
+            self._reporter.begin(checkpoint["block"] + 1, self._flight.tick + 1)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise BadInput(f"the run cannot be resumed: {error}") from error
 

@@ -1,4 +1,4 @@
-"""Plays the fault script: what is wrong in a tick, as masks and forces the world applies in a fixed order."""
+"""The fault script of a flight: the faults of a tick, as masks and forces that the world applies in a fixed order."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,14 +11,15 @@ from meanflock.swarm.wire.messages import Event
 
 
 class Script:
-    """The faults of one scenario. Nothing here depends on what happened before: a resumed run plays on."""
+    """The faults of one scenario. They depend on the tick only, so a resumed run continues with them."""
 
     def __init__(self, scenario: Scenario) -> None:
-        self._scenario, self._dt = scenario, scenario.dt
+        self._scenario = scenario
+        self._dt = scenario.dt
         self._faults = scenario.faults
 
     def events(self, tick: int) -> list[Event]:
-        """What begins and what is over, one line each; first, what never will."""
+        """Faults that begin or end in a tick, one event each; in tick 0 also those that never begin."""
         found = [Event(tick, "fault", text) for text in never(self._scenario)] if tick == 0 else []
         for fault in self._faults:
             uavs = getattr(fault, "uavs", ())
@@ -29,22 +30,22 @@ class Script:
         return found
 
     def killed(self, tick: int) -> NDArray[np.intp]:
-        """UAVs that die at the beginning of a tick, ascending."""
+        """UAVs that are killed at the beginning of a tick, ascending."""
         dying = {uav for fault in self._acting(tick) if isinstance(fault, Kill) for uav in fault.uavs}
         return np.array(sorted(dying), dtype=np.intp)
 
     def leaders_lost(self, tick: int) -> int:
-        """How many leaders are lost at the beginning of a tick."""
+        """Number of leaders that are lost at the beginning of a tick."""
         return sum(isinstance(fault, LeaderLoss) for fault in self._acting(tick))
 
     def paused(self, tick: int) -> NDArray[np.bool_]:
-        """Which UAVs hold their command and neither hear, speak nor learn, `(N,)`."""
+        """(N,), UAVs that keep their last command and neither receive, send nor learn."""
         mask = np.zeros(self._scenario.uavs, dtype=bool)
         mask[paused(self._faults, tick, self._dt)] = True
         return mask
 
     def cut(self, tick: int, states: state.States) -> Cut | None:
-        """Which links fail while the UAVs are where `states` (N, 4) says; None: none."""
+        """Function that says which links fail with the UAVs at `states` (N, 4); None: no link fails."""
         acting = [fault for fault in self._acting(tick) if isinstance(fault, Partition | Jam)]
         if not acting:
             return None
@@ -65,7 +66,7 @@ class Script:
         return fails
 
     def gust(self, tick: int, states: state.States) -> state.Plane | None:
-        """What the air adds to every UAV's acceleration, (N, 2) in m/s²; None: nothing."""
+        """(N, 2), m/s², what the air adds to the acceleration of each UAV; None: nothing."""
         acting = [fault for fault in self._acting(tick) if isinstance(fault, Gust)]
         if not acting:
             return None
@@ -91,7 +92,7 @@ def _inside(fault: Jam | Gust, states: state.States) -> NDArray[np.bool_]:
 
 
 def never(scenario: Scenario) -> list[str]:
-    """Faults that do not begin before the end of the longest flight, a line each."""
+    """Lines about faults that do not begin before the end of the longest flight."""
     dt, end = scenario.dt, scenario.max_ticks
     return [
         f"{words(fault)} never happens: it begins at {fault.begins(dt) * dt:g} s, and `duration` is {end * dt:g} s"
@@ -101,7 +102,7 @@ def never(scenario: Scenario) -> list[str]:
 
 
 def words(fault: Fault) -> str:
-    """A fault in a few words: what, of whom or where, for how long."""
+    """A fault in words: its kind, UAVs or place, and duration."""
     words = kind(fault)
     if uavs := getattr(fault, "uavs", ()):
         words += f" of UAV {', '.join(map(str, uavs))}"

@@ -1,4 +1,4 @@
-"""The flight of one swarm: states, wind, energy, arrivals and metrics, advanced tick by tick. No bus, no clock."""
+"""The flight of one swarm: states, wind, energy, arrivals and metrics, tick by tick, without bus or clock."""
 
 import hashlib
 from typing import Any
@@ -15,13 +15,15 @@ from meanflock.swarm.wire.messages import Event, Status
 from meanflock.worldsim.encounters import Encounters, pairs
 from meanflock.worldsim.physics import Physics
 
-# As numbers of the array they are compared with: a member of an enumeration is converted anew each time.
-FLYING, ARRIVED, LOST = np.uint8(Status.FLYING), np.uint8(Status.ARRIVED), np.uint8(Status.LOST)
+# Numbers of the array's own type: comparing with a member of the enumeration converts it each time.
+FLYING = np.uint8(Status.FLYING)
+ARRIVED = np.uint8(Status.ARRIVED)
+LOST = np.uint8(Status.LOST)
 
-_KEPT = np.dtype("<f8")
+_HASHED = np.dtype("<f8")
 
 _SCALARS = ("tick", "speed_difference_sum", "near_sum", "speed_max")
-_ARRAYS = {  # as what they are kept
+_ARRAYS = {  # and their types in a snapshot
     "states": "<f8",
     "status": "u1",
     "energy": "<f8",
@@ -35,42 +37,59 @@ _ARRAYS = {  # as what they are kept
 
 
 class Flight:
-    """Everything the world knows of the UAVs. All arrays have one row a UAV unless named otherwise.
+    """All quantities of the UAVs. Arrays have one row a UAV.
 
-    `states` is another array after every tick, and so are those of `hidden`, the vehicle's; all others stay and are
-    written into.
+    `states` and the arrays of `hidden` are new after every tick; all other arrays are updated in place.
+
+    Attributes:
+        states: (N, 4), [x, y, vx, vy] in m and m/s.
+        hidden: the vehicle's hidden state.
+        status: (N,), FLYING, ARRIVED or LOST.
+        energy: (N,), J since take-off.
+        arrival_tick: (N,), -1 before arrival.
+        arrival_energy: (N,), J until arrival.
+        distance: (N,), m flown until arrival.
+        effort: (N,), sum of ‖a‖² over the ticks until arrival, a as commanded, m²/s⁴.
+        launch_tick: (N,), tick in which a UAV leaves the ground.
+        speed_difference_sum: sum over ticks 0…tick of the mean ‖v_j − v_i‖ over pairs, m/s.
+        near_sum: sum over ticks of the number of pairs i < j within the hazard radius.
+        speed_max: largest speed of a UAV on the way, m/s.
+        last_arrival: tick of the last arrival so far; -1 for none.
+        events: events of the last tick; the owner empties the list.
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        self.scenario, self.tick, n = scenario, 0, scenario.uavs
-        self.speed_difference_sum = 0.0  # over ticks 0…tick of the mean over pairs, m/s
-        self.near_sum = 0  # over ticks, of pairs i < j within the hazard radius
-        self.speed_max = 0.0  # of UAVs on the way, m/s
-        self.events: list[Event] = []  # of the last tick; the owner empties it
+        n = scenario.uavs
+        self.scenario = scenario
+        self.tick = 0
+        self.speed_difference_sum = 0.0
+        self.near_sum = 0
+        self.speed_max = 0.0
+        self.events: list[Event] = []
         self._physics = Physics(scenario)
         self.states: state.States = mission.starts(scenario)
         self.hidden = self._physics.init(n)
         self.encounters = Encounters(scenario)
         self._goals = mission.goal_states(scenario)
         self.launch_tick = mission.launches(scenario)
-        self._all_aloft = int(self.launch_tick.max())  # from this tick on
+        self._all_aloft = int(self.launch_tick.max())  # from this tick on no UAV is on the ground
         self.status = np.full(n, FLYING)
-        self.energy = np.zeros(n)  # J since take-off
+        self.energy = np.zeros(n)
         self.arrival_tick = np.full(n, -1)
         self.arrival_energy = np.zeros(n)
-        self.distance = np.zeros(n)  # m flown until arrival
-        self.effort = np.zeros(n)  # Σ‖a‖² of the ticks until arrival, a as commanded, m²/s⁴
+        self.distance = np.zeros(n)
+        self.effort = np.zeros(n)
         self._speed_sum = np.zeros(n)
         self._ticks_on_way = np.zeros(n, dtype=np.int64)
         self.any_lost = False
-        self.last_arrival = -1  # tick of the last arrival so far
+        self.last_arrival = -1
         self._wind = generator(scenario.seed, "wind")
         self._hash = hashlib.sha256()
         self._observe(self.states, self.on_way)
 
     @property
     def time_s(self) -> float:
-        """Simulated time."""
+        """Simulated time, s."""
         return self.tick * self.scenario.dt
 
     @property
@@ -110,17 +129,17 @@ class Flight:
 
     @property
     def collisions(self) -> int:
-        """Pairs that collided while both were on the way."""
+        """Number of pairs that collided while both were on the way."""
         return len(self.encounters.collided)
 
     @property
     def waiting(self) -> NDArray[np.bool_] | None:
-        """Who has not left the ground yet, (N,); None where all have."""
+        """(N,), UAVs that have not left the ground yet; None if all have."""
         return None if self.tick >= self._all_aloft else self.launch_tick > self.tick
 
     @property
     def idle(self) -> NDArray[np.bool_] | None:
-        """Whose commands do nothing, (N,): those on the ground, and the lost; None where nobody's."""
+        """(N,), UAVs whose commands have no effect: those on the ground, and lost ones; None for no UAV."""
         waiting = self.waiting
         if not self.any_lost:
             return waiting
@@ -128,24 +147,26 @@ class Flight:
 
     @property
     def on_way(self) -> NDArray[np.bool_]:
-        """Who has left the ground, has not arrived and is not lost, (N,)."""
-        flying, waiting = self.status == FLYING, self.waiting
+        """(N,), UAVs that have left the ground, have not arrived and are not lost."""
+        flying = self.status == FLYING
+        waiting = self.waiting
         return flying if waiting is None else flying & ~waiting
 
     @property
     def lost(self) -> NDArray[np.bool_]:
-        """Which UAVs are out of the mission, (N,)."""
+        """(N,), UAVs that are out of the mission."""
         return self.status == LOST
 
     def lose(self, uavs: NDArray[np.intp], kind: str, why: str) -> None:
-        """Takes UAVs out of the mission: physics goes on without command, nobody waits for them."""
+        """Take UAVs out of the mission. They fly on without commands, and the flight does not wait for them."""
         uavs = uavs[self.status[uavs] != LOST]
         if len(uavs):
-            self.status[uavs], self.any_lost = LOST, True
+            self.status[uavs] = LOST
+            self.any_lost = True
             self._event(kind, f"{why}: UAV {', '.join(map(str, uavs))} lost", uavs)
 
     def rejoin(self, uavs: NDArray[np.intp], who: str) -> None:
-        """UAVs that were lost have a controller again; who had arrived has arrived still."""
+        """Take lost UAVs back into the mission, with a new controller. Arrived UAVs keep that status."""
         uavs = uavs[self.status[uavs] == LOST]
         if len(uavs):
             self.status[uavs] = np.where(self.arrival_tick[uavs] >= 0, ARRIVED, FLYING)
@@ -153,12 +174,17 @@ class Flight:
             self._event("rejoined", f"{who} rejoined with UAV {', '.join(map(str, uavs))}", uavs)
 
     def advance(self, accelerations: state.Plane, gust: state.Plane | None = None) -> None:
-        """One tick under `accelerations` (N, 2) in m/s²; lost UAVs get none, whatever is asked. Who is still on the
-        ground stands there at rest, and spends nothing.
+        """Fly one tick.
 
-        `gust`: (N, 2) in m/s², of the air: it spares nobody who flies.
+        UAVs on the ground stay at rest and spend no energy.
+
+        Args:
+            accelerations: (N, 2), m/s², the commands. Those of lost UAVs have no effect.
+            gust: (N, 2), m/s², what the air adds to every UAV in flight, lost ones included.
         """
-        scenario, on_way, waiting = self.scenario, self.on_way, self.waiting
+        scenario = self.scenario
+        on_way = self.on_way
+        waiting = self.waiting
         if (idle := self.idle) is not None:
             accelerations = np.where(idle[:, None], 0.0, accelerations)
         felt = accelerations if gust is None else accelerations + gust
@@ -166,7 +192,8 @@ class Flight:
         before = self.states if waiting is None else np.where(waiting[:, None], np.nan, self.states)
         moved = self._physics(self.states, self.hidden, felt, noise, waiting)
         self.tick += 1
-        self.states, self.hidden = moved.states, moved.hidden
+        self.states = moved.states
+        self.hidden = moved.hidden
         self.energy += moved.power * scenario.dt
         speed = state.speed(self.states)
         speed *= on_way
@@ -190,7 +217,7 @@ class Flight:
             self._arrive(np.flatnonzero(on_way))
 
     def snapshot(self) -> dict[str, Any]:
-        """The flight as it is now, for `restore`; the hash can be had from the states of all ticks only."""
+        """The flight, for `restore`, without the hash, which can only be made from the states of all ticks."""
         return {
             **{name: getattr(self, name) for name in _SCALARS},
             **{name: getattr(self, name).astype(kind) for name, kind in _ARRAYS.items()},
@@ -200,9 +227,10 @@ class Flight:
         }
 
     def restore(self, snapshot: dict[str, Any], history: Floats) -> None:
-        """Goes on where a snapshot was taken.
+        """Continue from a snapshot.
 
         Args:
+            snapshot: of `snapshot`.
             history: (tick + 1, N, 4), the states of all ticks until then.
 
         Raises:
@@ -226,13 +254,14 @@ class Flight:
         self._hash = hashlib.sha256(np.ascontiguousarray(history, dtype="<f8").tobytes())
 
     def _observe(self, before: state.States, on_way: NDArray[np.bool_]) -> None:
-        """Measures the tick that led to `states`.
+        """Measure the tick that led to `states`.
 
         Args:
-            before: (N, 4), the states it began with; NaN for UAVs that flew no segment, as they were on the ground or
-                were put back. on_way: (N,), which UAVs were on the way then.
+            before: (N, 4), states at its begin; NaN for UAVs that flew no segment: they were on the ground or were put
+                back.
+            on_way: (N,), UAVs that were on the way then.
         """
-        self._hash.update(self.states.astype(_KEPT, order="C", copy=False).data)
+        self._hash.update(self.states.astype(_HASHED, order="C", copy=False).data)
         after = aloft = self.states
         if (waiting := self.waiting) is not None:
             after, aloft = np.where(waiting[:, None], np.nan, after), after[~waiting]

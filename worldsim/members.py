@@ -1,4 +1,4 @@
-"""Who takes part: the nodes of a run, the UAVs each holds, who leads, and who is still there."""
+"""The nodes of a run: the UAVs that each holds, the elected leader, and the places that are free or closed."""
 
 import math
 from collections import Counter, defaultdict, deque
@@ -13,12 +13,12 @@ from meanflock.swarm.net.identity import LEADER
 from meanflock.swarm.scenario import tables
 from meanflock.swarm.wire.messages import Join
 
-MAX_LEADERS = 8  # living at once; a standby is cheap, but not free
-_LEADERS_PLACE = -1  # an agent has the places of its UAVs
+MAX_LEADERS = 8  # at the same time, standbys included
+_LEADERS_PLACE = -1  # the places of an agent are its UAVs
 
 
 class JoinRefused(MeanflockError):
-    """A node cannot take part; the text says why. `for_now`: it could, if somebody else were lost."""
+    """A node cannot take part; the text says why. `for_now`: it could if another node were lost."""
 
     def __init__(self, why: str, *, for_now: bool = False) -> None:
         super().__init__(why)
@@ -33,45 +33,48 @@ class Member:
     role: str
     uavs: NDArray[np.intp]  # ascending; none for a leader
     since_s: float = 0.0  # when it was admitted, on the world's clock
-    events: int = 0  # it wanted in the log
+    events: int = 0  # that it has sent
     ready: bool = False
     lost: bool = False
 
     def __post_init__(self) -> None:
         self.rows = len(self.uavs)
         self.places = self.uavs.tolist() if self.rows else [_LEADERS_PLACE]
-        # Where its UAVs are among all: a slice, where it is one, costs a fraction of so many indices.
-        first, end = (int(self.uavs[0]), int(self.uavs[-1]) + 1) if len(self.uavs) else (0, 0)
-        self.place: slice | NDArray[np.intp] = slice(first, end) if end - first == len(self.uavs) else self.uavs
+        # Index of its UAVs among all UAVs: a slice if possible, which costs a fraction of an array of indices.
+        first = int(self.uavs[0]) if self.rows else 0
+        end = int(self.uavs[-1]) + 1 if self.rows else 0
+        self.place: slice | NDArray[np.intp] = slice(first, end) if end - first == self.rows else self.uavs
 
 
 class Members:
-    """The nodes of a run of N UAVs, by name. UAVs without an agent are free: from the start, or since it was lost.
+    """The nodes of a run of N UAVs, by name. A UAV without an agent is free.
 
-    present: nodes that are not lost, in order of their UAVs, the leaders last.
+    present: nodes that are not lost, in order of their UAVs, leaders last.
     """
 
     def __init__(self, uavs: int, leaders: int, *, standbys: bool = True, rows_at_most: int | None = None) -> None:
-        """`leaders`: how many must be there before take-off. `standbys`: whether more than one leader can be of use.
-        `rows_at_most`: how many UAVs one agent may hold; None for as many as it offers.
+        """`leaders`: how many must be there before take-off. `standbys`: whether further leaders are admitted.
+        `rows_at_most`: most UAVs of one agent; None for as many as it offers.
         """
         self._by_name: dict[str, Member] = {}
-        self.present: list[Member] = []  # replaced, never changed: other threads read it
-        self._uavs, self._rows_at_most = uavs, rows_at_most
+        self.present: list[Member] = []  # replaced, never changed, because other threads read it
+        self._uavs = uavs
+        self._rows_at_most = rows_at_most
         self._free = np.arange(uavs)
-        self._leaders, self._standbys = leaders, standbys
+        self._leaders = leaders
+        self._standbys = standbys
         self._lives: Counter[str] = Counter()
         self._admitted: dict[tuple[str, int], Member] = {}  # by role and token of their Join
         self._incumbent: str | None = None
-        self._shut: dict[int, tuple[float, str]] = {}  # places that nobody may take, until when, and why
+        self._shut: dict[int, tuple[float, str]] = {}  # closed places: until when, and why
         self._rejoins: defaultdict[int, deque[int]] = defaultdict(deque)  # ticks, by place
 
     def admit(self, join: Join, now_s: float = 0.0) -> Member:
-        """Gives a node its name and the UAVs it asks for, or the next free ones.
+        """Give a node its name and the UAVs it asks for, or the next free ones.
 
-        Whoever comes after a node that was lost, or stands by for the leader, has the same name with a number behind
-        it: what the old one may still say is then not mistaken for the new one's. A node that has not heard its answer
-        and asks again, with the same token, is told the same.
+        A node in the place of a lost one, or a standby leader, gets the same name with a number behind it, so that
+        late messages of the old node are not taken for those of the new one. A node that asks again with the same
+        token, because it got no answer, gets the same answer.
 
         Raises:
             JoinRefused: no UAV is free, or not the one asked for; no further leader is needed; the role is unknown;
@@ -100,13 +103,13 @@ class Members:
         return member
 
     def lose(self, member: Member) -> None:
-        """A node is gone; its UAVs are free for another."""
+        """Mark a node as lost and free its UAVs."""
         member.lost = True
         self._sort()
         self._free = np.union1d(self._free, member.uavs)
 
     def rejoined(self, member: Member, tick: int, rules: tables.Pace) -> bool:
-        """Counts that a node is back in flight. True where that was once too often: its places are shut for good."""
+        """Count that a node rejoined in flight; returns whether its places are now closed for good."""
         too_often = False
         for place in member.places:
             ticks = self._rejoins[place]
@@ -121,12 +124,12 @@ class Members:
         return too_often
 
     def shut(self, member: Member, until_s: float, why: str) -> None:
-        """Lets nobody take the places of a node until then."""
+        """Close the places of a node until a time."""
         for place in member.places:
             self._shut[place] = max(self._shut.get(place, (0.0, "")), (until_s, why))
 
     def lead(self) -> Member | None:
-        """The leader that is elected among those that live and listen; the incumbent as long as it does."""
+        """The elected leader among those that are ready; None if there is none."""
         self._incumbent = elect((member.name for member in self._living(LEADER) if member.ready), self._incumbent)
         return self._by_name.get(self._incumbent or "")
 
@@ -136,12 +139,12 @@ class Members:
 
     @property
     def complete(self) -> bool:
-        """Whether every UAV has an agent that listens, and the leaders do where rounds need them."""
+        """Whether every UAV has an agent, there are enough leaders, and all of them are ready."""
         led = len(self._living(LEADER)) >= self._leaders
         return led and not len(self._free) and all(member.ready for member in self.present)
 
     def missing(self) -> str:
-        """What the swarm still waits for, in words."""
+        """The nodes that are missing or not ready, in words."""
         waiting = []
         if len(self._free):
             waiting.append(f"{len(self._free)} UAVs without an agent")
@@ -184,9 +187,9 @@ class Members:
 
 
 def elect(living: Iterable[str], incumbent: str | None = None) -> str | None:
-    """Who leads: the incumbent while it lives, then the lowest name among the `living`; None where nobody lives.
+    """Name of the leader: the incumbent while it is among the `living`, else the lowest name; None without any.
 
-    All agreed on this beforehand, so nobody has to negotiate when the leader is gone; it depends on the set only.
+    The rule depends on the set of names only, so nodes need not negotiate.
     """
     names = set(living)
     return incumbent if incumbent in names else min(names, default=None)

@@ -48,7 +48,7 @@ def back(folder: Path) -> Back:
     flown_plugins.check(folder, flown)
     kept = read_checkpoint(folder)
     rows = past(folder, kept["tick"]).rows
-    start = Resumption.of(kept["body"], states_of(rows))
+    start = Resumption.decode(kept["body"], states_of(rows))
     if start.checkpoint.get("scenario") != flown.sha256():
         raise BadInput(f"{folder / SCENARIO}: not the scenario that was flown, by its checkpoint; bring that file back")
     flown_plugins.check_unchanged(folder, flown, start.checkpoint.get("plugins", ()))

@@ -19,7 +19,7 @@ def checkpointed(of: Scenario) -> tuple[dict[str, Any], Resumption]:
     summary, sink = fly(of)
     last = max(k for k, block in enumerate(sink.blocks) if block.checkpoint)
     history = np.concatenate([block.states for block in sink.blocks[: last + 1]])
-    return summary, Resumption.of(sink.blocks[last].checkpoint, history)
+    return summary, Resumption.decode(sink.blocks[last].checkpoint, history)
 
 
 def test_a_resumed_flight_is_the_undisturbed_one_in_one_process_and_in_many() -> None:

@@ -59,7 +59,7 @@ def test_a_resumed_flight_averages_as_the_undisturbed_one() -> None:
     of = flown(Momentum, "duration=110")
     summary, sink = fly(of)
     last = max(k for k, block in enumerate(sink.blocks) if block.checkpoint)
-    past = Resumption.of(sink.blocks[last].checkpoint, np.concatenate([b.states for b in sink.blocks[: last + 1]]))
+    past = Resumption.decode(sink.blocks[last].checkpoint, np.concatenate([b.states for b in sink.blocks[: last + 1]]))
     assert past.tick > 100
     resumed, _ = fly(of, resume=past)
     assert resumed["rounds"] == summary["rounds"] > 100

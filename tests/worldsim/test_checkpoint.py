@@ -32,7 +32,7 @@ def test_replies_are_joined_by_row_and_who_said_nothing_is_zero_and_unknown(two:
     memories.take(two[0], reply(2))
     assert memories.arrays["model"][:3].tolist() == [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0], [9.0, 10.0, 11.0]]
     assert memories.arrays["tick"].tolist() == [7, 7, 7, *[0] * (UAVS - 3)]
-    assert memories.known.tolist() == [True] * 3 + [False] * (UAVS - 3)
+    assert memories.present.tolist() == [True] * 3 + [False] * (UAVS - 3)
 
 
 def beyond_numpy() -> np.ndarray:
@@ -61,7 +61,7 @@ def test_a_reply_that_cannot_be_a_memory_is_refused_and_the_next_one_is_taken(
         memories.take(two[1], record)
     assert caught.value.reason == reason
     memories.take(two[0], reply(2))
-    assert memories.known.sum() == 2
+    assert memories.present.sum() == 2
 
 
 @pytest.mark.parametrize(
@@ -82,6 +82,6 @@ def test_a_memory_unlike_that_of_the_others_is_refused_and_changes_nothing(
     before = {name: array.copy() for name, array in memories.arrays.items()}
     with pytest.raises(MessageRejected, match="as of the others"):
         memories.take(two[1], record)
-    assert not memories.known[2:].any()
+    assert not memories.present[2:].any()
     for name, array in memories.arrays.items():
         np.testing.assert_array_equal(array, before[name])

@@ -121,7 +121,7 @@ def test_a_checkpoint_takes_it_across_the_wire(glider) -> None:
     resumed = Engine(
         scenario("duration=25", 'stop="duration"'),
         "glide",
-        resume=Resumption.of(carrier.checkpoint, states[: tick + 1]),
+        resume=Resumption.decode(carrier.checkpoint, states[: tick + 1]),
     )
     assert resumed.world.flight.hidden["flown"].dtype == np.int32
     assert (resumed.world.flight.hidden["flown"] == tick).all()

@@ -235,7 +235,7 @@ def test_one_process_flies_as_many_do_and_a_resumed_flight_as_the_undisturbed_on
         assert alone["payload_bits"] == summary["payload_bits"]
     last = max(k for k, block in enumerate(blocks) if block.checkpoint)
     history = np.concatenate([block.states for block in blocks[: last + 1]])
-    resumed, _ = fly(of, resume=Resumption.of(blocks[last].checkpoint, history))
+    resumed, _ = fly(of, resume=Resumption.decode(blocks[last].checkpoint, history))
     assert resumed["trajectory_sha256"] == summary["trajectory_sha256"]
     assert resumed["diagnostics"] == summary["diagnostics"]
 
