@@ -10,9 +10,9 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.recording import blueprint, drawing, mission_map, rr, rrb
 from meanflock.groundstation.recording.blueprint import whole_flight
 from meanflock.groundstation.recording.drawing import scalars
-from meanflock.groundstation.recording.plots import BITS_SENT, COLUMN
 from meanflock.groundstation.recording.recorder import APPLICATION, Writer, close, start
 from meanflock.groundstation.results import quantities
+from meanflock.groundstation.results.series import BITS_SENT, COLUMN
 from meanflock.swarm import durable
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Telemetry

@@ -8,11 +8,9 @@ from rich.table import Column, Table
 
 from meanflock.channel.meter import TRAFFIC
 from meanflock.groundstation.results.quantities import ARRIVED, FIELDS, OUTAGES, PAYLOAD
+from meanflock.groundstation.results.series import BITS_SENT, COLUMN
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.wire.messages import SWARM_COLUMNS, Telemetry
-
-_COLUMN = {name: k for k, name in enumerate(SWARM_COLUMNS)}
-
+from meanflock.swarm.wire.messages import Telemetry
 
 _BAR, _BAR_NARROW = 24, 10  # columns
 _WIDE = 120  # columns of a terminal with room for everything
@@ -68,16 +66,16 @@ class FlightProgress:
         seconds = tick * self._scenario.dt
         self._first = self._first or (now, seconds)  # start-up is no part of the flight
         elapsed, flown = now - self._first[0], seconds - self._first[1]
-        bits = sum(row[_COLUMN[f"{name}_bits"]] for name in TRAFFIC.values())
+        bits = row[BITS_SENT].sum()
         parts = [
             f"{seconds:.1f} s",
             f"×{flown / elapsed:.0f}" if flown and elapsed else "×–",
-            f"arrived {row[_COLUMN['arrived']]:.0f}/{self._scenario.uavs}",
+            f"arrived {row[COLUMN['arrived']]:.0f}/{self._scenario.uavs}",
             f"{bits / 1e6:.2f} Mbit",
-            f"outages {row[_COLUMN['outages']]:.0f}",
+            f"outages {row[COLUMN['outages']]:.0f}",
         ]
-        if held := row[_COLUMN["held_commands"]]:
-            parts.insert(3, f"held {held:.0f} in {row[_COLUMN['deadline_misses']]:.0f} late ticks")
+        if held := row[COLUMN["held_commands"]]:
+            parts.insert(3, f"held {held:.0f} in {row[COLUMN['deadline_misses']]:.0f} late ticks")
         detail = parts[0]
         for part in parts[1:]:
             if len(detail) + 2 + len(part) > self._room:

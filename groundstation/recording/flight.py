@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from meanflock.groundstation.recording import blueprint, drawing, plots
 from meanflock.groundstation.recording.drawing import STRIP_COLORS, STRIPS, Colors, Floats, Sent, Ticks, cut, strips
 from meanflock.groundstation.results.quantities import PHI_G
-from meanflock.groundstation.results.series import Reported
+from meanflock.groundstation.results.series import COLUMN, Reported
 from meanflock.swarm import state
 from meanflock.swarm.printable import printable
 from meanflock.swarm.scenario import Scenario
@@ -180,4 +180,4 @@ def event_rows(ticks: Ticks, positions: Floats, swarm: NDArray[np.float64], even
         points = (np.stack(places)[:, None] + MARK_M * mark).astype(np.float32)  # (marked, points of the mark, 2)
         yield entity, at, cut(len(at), (STRIPS, strips(points)))
         if kind == "collision":
-            yield from drawing.scalars(plots.HITS, at, swarm[rows, plots.COLUMN["phi_C"]])
+            yield from drawing.scalars(plots.HITS, at, swarm[rows, COLUMN["phi_C"]])

@@ -23,15 +23,13 @@ from meanflock.groundstation.recording.drawing import (
     scalars,
 )
 from meanflock.groundstation.results import quantities
-from meanflock.groundstation.results.series import Reported, log_sizes, span, span_where
+from meanflock.groundstation.results.series import BITS_SENT, COLUMN, Reported, log_sizes, span, span_where
 from meanflock.swarm import state
-from meanflock.swarm.wire.messages import SWARM_COLUMNS, Status, Telemetry
+from meanflock.swarm.wire.messages import Status, Telemetry
 
 PLOTS = "plots"
 HITS = "plots/risk/hits"
 WEIGHTS = "plots/weights"
-COLUMN = {name: index for index, name in enumerate(SWARM_COLUMNS)}
-BITS_SENT = [COLUMN[f"{name}_bits"] for name in TRAFFIC.values()]
 
 
 @dataclass(frozen=True)

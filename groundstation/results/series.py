@@ -10,10 +10,13 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from meanflock.channel.meter import TRAFFIC
 from meanflock.groundstation.results.quantities import PHI_G, Field, columns
 from meanflock.swarm.declared import Declared
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, Status, Telemetry
 
+COLUMN = {name: index for index, name in enumerate(SWARM_COLUMNS)}  # of `Telemetry.swarm`
+BITS_SENT = [COLUMN[f"{name}_bits"] for name in TRAFFIC.values()]
 MOST_LINES = 60  # of the plot of a model's weights
 
 

@@ -78,12 +78,12 @@ def six_panels(view: View) -> Figure | None:
             speed.plot(curves.times, curves.mean, color=plotstyle.colour(method), linewidth=0.6, alpha=0.6)
         _with_interval(distance, method, bundle(frame, "distance_mean_m"))
     panels = (
-        (energy, "a", f"{FIELDS['energy_trip_mean_J'].name}, mean ± std", "energy (J)"),
+        (energy, "a", f"{FIELDS['energy_trip_mean_J'].name}, mean ± std", plotstyle.axis("energy_trip_mean_J")),
         (bits, "b", FIELDS["payload_bits.total"].name, plotstyle.axis("bits")),
         (alignment, "c", FIELDS["phi_A"].remarked, plotstyle.axis("phi_A")),
         (risk, "d", FIELDS["phi_C"].name, plotstyle.axis("phi_C")),
-        (speed, "e", "speed: mean, max, min", "speed (m/s)"),
-        (distance, "f", FIELDS["distance_mean_m"].name, "distance (m)"),
+        (speed, "e", "speed: mean, max, min", plotstyle.axis("speed_mean_m_s")),
+        (distance, "f", FIELDS["distance_mean_m"].name, plotstyle.axis("distance_mean_m")),
     )
     for ax, letter, title, label in panels:
         plotstyle.titled(ax, letter, title)
