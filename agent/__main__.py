@@ -4,7 +4,7 @@ from pathlib import Path
 
 import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
 from meanflock.agent import blocklist  # noqa: F401  # first: what NumPy and msgspec shall not load
-from meanflock.swarm.libraries import needed
+from meanflock.swarm.errors import needed
 
 with needed("an agent"):
     from meanflock.agent.node import Agent

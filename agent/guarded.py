@@ -1,60 +1,62 @@
-"""A controller, which may be anybody's: what it raises, or cannot mean, costs its own rows and no others."""
+"""The controller of a node, guarded: whatever it raises or returns in one row costs that row and no other.
+
+A controller may be anybody's. Its results are checked here, row by row where they fail together, and nowhere again.
+"""
 
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.agent.rows import (
-    checked_step,
-    checked_table,
-    each_alone,
-    put,
-    row_of,
-    step_each_alone,
-)
-from meanflock.swarm import state
-from meanflock.swarm.declared import controller
+from meanflock import kernels
+from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
+from meanflock.swarm.ascending import distinct
+from meanflock.swarm.declared import MAX_BROADCASTS, Declared, controller
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.failures import FAILURES, last_line
-from meanflock.swarm.kept import check_again, check_kept
 from meanflock.swarm.model import BEYOND_SENSE
+from meanflock.swarm.plugins.failures import FAILURES, last_line
+from meanflock.swarm.plugins.guard import as_floats, check_finite, check_memory, check_same_form
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, Mask
+from meanflock.swarm.state import AXES, Floats, Mask
+from meanflock.swarm.wire.messages import NOBODY
 
-Rows = NDArray[np.intp]
+Answer = TypeVar("Answer")
+
+SENT = (np.dtype("i1"), np.dtype("u1"), np.dtype("<i2"), np.dtype("<i4"))  # integers that travel
 
 log = logging.getLogger("meanflock.agent")
 
 
 class Guarded:
-    """The controller of a node's rows. Where a call fails for all of them together, every row is asked alone.
+    """The controller of a node's rows. If a call fails for all rows together, it is repeated for each row alone.
 
-    broken: (M,), the rows in which it has failed since `begin`; None for none. asleep: (M,), as `begin` was told.
+    broken: mask (M,) of the rows in which it failed since `begin`; None for none.
+    asleep: mask (M,), as given to `begin`.
     """
 
     def __init__(self, scenario: Scenario, uavs: Rows, complaints: list[str]) -> None:
-        """`complaints`: where it is said, once of each row, that the controller has failed.
+        """`complaints`: a list that gets one text for each row in which the controller failed.
 
         Raises:
             BadInput: there is no such controller, or its options do not fit.
         """
         self.broken: Mask | None = None
         self._method, self._declared = scenario.method, scenario.declared
-        self._blank = np.zeros((len(uavs), state.AXES + len(self._declared.diagnostics)))  # commands
+        self._blank = np.zeros((len(uavs), AXES + len(self._declared.diagnostics)))  # commands
         self._uavs, self._everyone, self._complaints = uavs, scenario.uavs, complaints
         self._controller: Controller = controller(scenario)
-        self._known = np.zeros(len(uavs), dtype=bool)  # who has been complained of
+        self._complained = np.zeros(len(uavs), dtype=bool)  # rows that had a complaint
         self.asleep: Mask | None = None
 
     def begin(self, asleep: Mask | None) -> None:
-        """A tick begins; `asleep`: (M,), rows that are not really asked, and do not fail."""
+        """Begin a tick. `asleep`: mask (M,) of rows whose results are dropped, so that they cannot fail."""
         self.broken, self.asleep = None, asleep
 
     def or_broken(self, rows: Mask) -> Mask:
-        """`rows` (M,) and those that are broken."""
+        """Mask (M,) of `rows` and of the broken rows."""
         return rows if self.broken is None else rows | self.broken
 
     def init(self, plan: Floats) -> Memory:
@@ -66,7 +68,7 @@ class Guarded:
         try:
             return self._begun(self._uavs, plan)
         except FAILURES as error:
-            alone = each_alone(range(len(self._uavs)), lambda row: self._begun(self._uavs[row : row + 1], plan))
+            alone = _each_row(range(len(self._uavs)), lambda row: self._begun(self._uavs[row : row + 1], plan))
             failed = [uav for row, uav in enumerate(self._uavs) if row not in alone] or self._uavs
             uavs = ", ".join(map(str, failed))
             raise BadInput(
@@ -75,54 +77,55 @@ class Guarded:
 
     def _begun(self, uavs: Rows, plan: Floats) -> Memory:
         memory = self._controller.init(uavs.copy(), plan)
-        check_kept("memory", memory, len(uavs))
+        check_memory("memory", memory, len(uavs))
         return memory
 
     def step(self, memory: Memory, tick: int, own: Floats, received: Sequence[Received]) -> tuple[Step, Floats, float]:
-        """The step of all rows, their commands (M, 2 + K), and the largest |number| of these: of rows in which the
-        controller fails they are NaN, and so is it.
+        """The step of all rows, their commands (M, 2 + K), and the largest |number| of these.
+
+        Commands of rows in which the controller fails are NaN, and then so is the largest number.
         """
         try:
             step = self._controller.step(memory, tick, own, received)
             return step, *checked_step(step, memory, self._blank, self._declared, self._everyone)
         except FAILURES as error:
-            asked = self._controller, memory, tick, own, received
-            step, commands = step_each_alone(*asked, self._declared, self._everyone)
+            step, commands = self._step_rows(memory, tick, own, received)
             self._break(np.flatnonzero(np.isnan(commands).any(axis=-1)), error)
             return step, commands, float(np.abs(commands).max(initial=0.0))
 
     def get(self, memory: Memory, rows: Rows) -> Floats:
-        """The models (M, parameters); only `rows` are asked for, and can fail."""
+        """The models (M, parameters). Only `rows` are needed, so only they can fail."""
         return self._table("get", memory, self._declared.parameters, rows.tolist())
 
     def report(self, memory: Memory) -> Floats:
-        """What was learned, (M, weights)."""
+        """The learned weights, (M, weights)."""
         return self._table("report", memory, self._declared.weights, range(len(self._uavs)))
 
     def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
-        """The memory after some rows were given a global model (len(rows), parameters)."""
+        """The memory after some rows took global models (len(rows), parameters)."""
         try:
             after = self._controller.set(memory, rows, models)
-            check_again("memory", after, memory)
+            check_same_form("memory", after, memory)
             return after
         except FAILURES as error:
             places = {row: slice(place, place + 1) for place, row in enumerate(rows.tolist())}
-            alone = each_alone(places, lambda row: self._taught(row_of(memory, row), models[places[row]]))
+            alone = _each_row(places, lambda row: self._taught(_row(memory, row), models[places[row]]))
             self._break([row for row in places if row not in alone], error)
-            return put(memory, alone)
+            return _with_rows(memory, alone)
 
     def look(self, memory: Memory) -> None:
-        """Before a checkpoint: what a row remembers must be finite, or nobody could go on from it."""
+        """Break the rows whose memory has numbers that are not finite: a checkpoint of them would be of no use."""
         for name, array in memory.items():
             bad = np.flatnonzero((~np.isfinite(array)).reshape(len(array), -1).any(axis=1))
             if len(bad):
                 self._break(bad, ValueError(f"memory[{name!r}] has numbers that are not finite"))
 
     def note_beyond(self, commands: Floats, rows: Mask) -> None:
-        """Takes note of `rows` (M,) whose commands (M, 2 + K) have left all bounds, and says which number of the first
-        of them it was. Of those that are broken it is known why.
+        """Complain of `rows` (M,) whose commands (M, 2 + K) are beyond all bounds, and name a number of the first.
+
+        Rows that are broken already had their complaint.
         """
-        rows = rows & ~self._known
+        rows = rows & ~self._complained
         if not rows.any():
             return
         first = commands[np.flatnonzero(rows)[0]]
@@ -130,34 +133,187 @@ class Guarded:
         name = ("acceleration along x", "acceleration along y", *self._declared.diagnostics)[column]
         self._complain(rows, f"its {name} is {first[column]:g}")
 
+    def _step_rows(self, memory: Memory, tick: int, own: Floats, received: Sequence[Received]) -> tuple[Step, Floats]:
+        """The steps of all rows, each alone. A row that fails keeps its memory, and its commands are NaN."""
+        columns = self._blank.shape[1]
+        commands = np.full((len(own), columns), np.nan)
+        sent: dict[int, dict[int, NDArray[np.generic]]] = {}  # payloads by number of the broadcast, then by row
+
+        def step_row(row: int) -> Step:
+            alone = _row(memory, row)
+            step = self._controller.step(alone, tick, own[row : row + 1], received_by(received, row))
+            numbers, _ = checked_step(step, alone, np.zeros((1, columns)), self._declared, self._everyone)
+            payloads = {number: broadcast.payload for number, broadcast in enumerate(step.broadcasts)}
+            for number, payload in payloads.items():
+                first = next(iter(sent.get(number, {}).values()), payload)
+                if len(payload) and (payload.shape, payload.dtype) != (first.shape, first.dtype):
+                    raise ValueError(f"broadcast {number} is unlike that of other rows")
+            for number, payload in payloads.items():
+                by_row = sent.setdefault(number, {})  # also where nobody sends: their place is their number
+                if len(payload):
+                    by_row[row] = payload
+            commands[row] = numbers
+            return step
+
+        steps = _each_row(range(len(own)), step_row)
+        silence = [np.zeros((0, 1))]
+        broadcasts = tuple(
+            Broadcast(np.concatenate([*payloads.values()] or silence), np.array([*payloads], dtype=np.intp))
+            for _, payloads in sorted(sent.items())
+        )
+        after = _with_rows(memory, {row: step.memory for row, step in steps.items()})
+        refused = distinct(np.concatenate([NOBODY, *(step.refused for step in steps.values())])).astype(np.int32)
+        return Step(after, commands[:, :AXES], commands[:, AXES:], broadcasts, refused), commands
+
     def _taught(self, alone: Memory, model: Floats) -> Memory:
         after = self._controller.set(alone, np.zeros(1, dtype=np.intp), model)
-        check_again("memory", after, alone)
+        check_same_form("memory", after, alone)
         return after
 
     def _table(self, name: str, memory: Memory, width: int, asked: Iterable[int]) -> Floats:
         call, rows = getattr(self._controller, name), len(self._uavs)
         try:
-            return checked_table(name, call(memory), rows, width)
+            return _checked_table(name, call(memory), rows, width)
         except FAILURES as error:
-            alone = each_alone(range(rows), lambda row: checked_table(name, call(row_of(memory, row)), 1, width))
+            alone = _each_row(range(rows), lambda row: _checked_table(name, call(_row(memory, row)), 1, width))
             self._break([row for row in asked if row not in alone], error)
             return np.concatenate([alone.get(row, np.zeros((1, width))) for row in range(rows)])
 
     def _break(self, rows: Rows | list[int], error: BaseException) -> None:
-        """Takes note of rows in which it has failed."""
+        """Mark rows as broken, and complain of those that had no complaint."""
         broken = np.zeros(len(self._uavs), dtype=bool)
         broken[rows] = True
         if self.asleep is not None:
             broken = broken & ~self.asleep
         self.broken = self.or_broken(broken)
-        if (unheard := broken & ~self._known).any():
+        if (fresh := broken & ~self._complained).any():
             trace = error if isinstance(error, Exception) else None  # there is no defect to find in a `sys.exit()`
             log.warning("controller %r failed: %s", self._method, last_line(error), exc_info=trace)
-            self._complain(unheard, last_line(error))
+            self._complain(fresh, last_line(error))
 
     def _complain(self, rows: Mask, why: str) -> None:
-        """Once of every row."""
-        self._known = self._known | rows
+        """Add one text for rows that had no complaint."""
+        self._complained = self._complained | rows
         names = ", ".join(map(str, self._uavs[rows]))
         self._complaints.append(f"controller {self._method!r} failed with UAV {names}: {why}")
+
+
+def _checked_table(name: str, table: Floats, rows: int, width: int) -> Floats:
+    """Check what the method `name` returned, (rows, width), and return it as contiguous floats."""
+    numbers = np.ascontiguousarray(as_floats(f"result of `{name}`", table, (rows, width)))
+    check_finite(f"result of `{name}`", numbers)
+    return numbers
+
+
+def checked_step(step: Step, before: Memory, blank: Floats, declared: Declared, uavs: int) -> tuple[Floats, float]:
+    """Check a step from the memory `before`, and return its commands and the largest |number| of them, NaN if one is.
+
+    Args:
+        blank: (M, 2 + K), an array like the commands: accelerations, then diagnostics. uavs: number in the swarm.
+
+    Raises:
+        TypeError, ValueError: a part of the step has not the form that it must have.
+    """
+    commands = blank.copy()
+    try:
+        largest = kernels.columns(step.acceleration, step.diagnostics, commands, AXES)
+    except (AttributeError, TypeError, ValueError):  # numbers of another dtype, or of another shape
+        if not isinstance(step, Step):
+            raise TypeError(f"`step` returns a {type(step).__name__}; expected mf.Step(memory, acceleration)") from None
+        largest = kernels.columns(*_tables(step, len(blank), declared), commands, AXES)
+    check_same_form("memory", step.memory, before)
+    if step.broadcasts:
+        _check_broadcasts(step.broadcasts, len(blank), declared)
+    if len(step.refused):
+        _check_refused(step.refused, uavs)
+    return commands, largest
+
+
+def _check_refused(refused: object, uavs: int) -> None:
+    if not (isinstance(refused, np.ndarray) and refused.ndim == 1 and refused.dtype.kind == "i"):
+        raise TypeError("`refused` is no array of numbers of UAVs")
+    if refused.min() < 0 or refused.max() >= uavs:
+        raise ValueError(f"`refused` names UAVs from {refused.min()} to {refused.max()}; there are 0 … {uavs - 1}")
+
+
+def _tables(step: Step, rows: int, declared: Declared) -> tuple[Floats, Floats]:
+    """The accelerations and diagnostics of a step as float64, or the error that says what is wrong with them."""
+    columns = len(declared.diagnostics)
+    acceleration = as_floats("acceleration", step.acceleration, (rows, AXES))
+    if step.diagnostics is None and columns:
+        raise ValueError(f"no diagnostics; expected shape {(rows, columns)}")
+    diagnostics = np.zeros((rows, 0)) if step.diagnostics is None else step.diagnostics
+    return acceleration, as_floats("table of diagnostics", diagnostics, (rows, columns))
+
+
+def _check_broadcasts(broadcasts: Sequence[Broadcast], rows: int, declared: Declared) -> None:
+    if not isinstance(broadcasts, (tuple, list)) or not all(isinstance(one, Broadcast) for one in broadcasts):
+        raise TypeError("`broadcasts` must be a tuple or list of mf.Broadcast")
+    if len(broadcasts) > MAX_BROADCASTS:
+        raise ValueError(f"{len(broadcasts)} broadcasts; at most {MAX_BROADCASTS} in a tick")
+    for broadcast in broadcasts:
+        _check_broadcast(broadcast.payload, broadcast.rows, rows)
+    numbers = sum(broadcast.payload.shape[1] for broadcast in broadcasts)
+    if numbers > declared.broadcast_numbers:
+        raise ValueError(f"{numbers} numbers broadcast; `broadcast_numbers` declares {declared.broadcast_numbers}")
+
+
+def _check_broadcast(payload: object, senders: Rows | None, rows: int) -> None:
+    if not isinstance(payload, np.ndarray):
+        came = type(payload).__name__
+        raise TypeError(f"a broadcast of a {came}; expected an array, a row of numbers for each sender")
+    count = rows if senders is None else len(senders)
+    if payload.ndim != 2 or len(payload) != count or not payload.shape[1]:
+        raise ValueError(f"a broadcast has shape {payload.shape}; expected ({count}, 1 …)")
+    if payload.dtype.kind != "f" and payload.dtype not in SENT:
+        raise TypeError(f"a broadcast of {payload.dtype}; expected floats, int8, uint8, int16 or int32")
+    if senders is not None and not (
+        isinstance(senders, np.ndarray)
+        and senders.dtype.kind == "i"
+        and senders.ndim == 1
+        and (not len(senders) or (senders[0] >= 0 and senders[-1] < rows and (np.diff(senders) > 0).all()))
+    ):
+        raise ValueError(f"a broadcast of rows {senders!r}; expected an array of some of 0 … {rows - 1}, ascending")
+
+
+def picked(which: Mask, yes: Memory, no: Memory) -> Memory:
+    """The rows `which` (M,) of the memory `yes`, all others of the memory `no`."""
+    return {
+        name: np.where(which.reshape(-1, *(1,) * (array.ndim - 1)), yes[name], array) if name in yes else array
+        for name, array in no.items()
+    }
+
+
+def _row(memory: Memory, row: int) -> Memory:
+    """The memory of one row alone."""
+    return {name: array[row : row + 1] for name, array in memory.items()}
+
+
+def received_by(received: Sequence[Received], row: int) -> tuple[Received, ...]:
+    """The frames that one row received, as if it were alone."""
+    own = []
+    for frames in received:
+        mine = frames.links[frames.links[:, 1] == row]
+        if len(mine):
+            used, place = np.unique(mine[:, 0], return_inverse=True)
+            links = np.stack([place, np.zeros_like(place)], axis=-1)
+            own.append(Received(frames.number, frames.source[used], frames.payload[used], links))
+    return tuple(own)
+
+
+def _each_row(rows: Iterable[int], ask: Callable[[int], Answer]) -> dict[int, Answer]:
+    """Results of a call for each row alone; rows in which it fails are left out."""
+    answers = {}
+    for row in rows:
+        with suppress(*FAILURES):
+            answers[row] = ask(row)
+    return answers
+
+
+def _with_rows(memory: Memory, alone: Mapping[int, Memory]) -> Memory:
+    """A copy of a memory in which some rows have memories of their own."""
+    after = {name: array.copy() for name, array in memory.items()}
+    for row, its_memory in alone.items():
+        for name, array in its_memory.items():
+            after[name][row] = array[0]
+    return after

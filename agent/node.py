@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Broadcast, Received
-from meanflock.agent.guarded import Guarded
-from meanflock.agent.rows import picked
+from meanflock.agent.guarded import Guarded, picked
 from meanflock.federation.party import Party, check_links
 from meanflock.swarm import faults, state
 from meanflock.swarm.ascending import contains, distinct

@@ -1,14 +1,19 @@
-"""Base class of channels, which decide how long a message takes on a link and whether it is lost."""
+"""Base class of channels, which decide how long a message takes and whether it is lost; and checks of what they say."""
 
+import math
 from abc import abstractmethod
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.swarm.plugins.failures import FAILURES
+from meanflock.swarm.plugins.guard import check_array, check_pair
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
+
+MOST_SLOTS = 1_000_000  # a message may take
 
 
 class Channel:
@@ -52,3 +57,35 @@ class Channel:
     def least_slots(self, bits: int) -> int | None:
         """Least number of slots that a message of `bits` takes; None (the default) if unknown."""
         return None
+
+
+def carried(answer: Any, links: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Check what `transmit` returned for so many links: slots and delivered.
+
+    Raises:
+        TypeError, ValueError: it is something else.
+    """
+    slots, delivered = check_pair("transmit", answer, "slots and delivered")
+    check_array("slots", slots, (links,), np.int64)
+    check_array("delivered", delivered, (links,), np.bool_)
+    least, most = (np.minimum.reduce(slots), np.maximum.reduce(slots)) if links else (1, 1)
+    if least < 1 or most > MOST_SLOTS:
+        raise ValueError(f"slots from {least} to {most}; a message takes 1 to {MOST_SLOTS}")
+    return slots, delivered
+
+
+def closed_form(answer: Any) -> tuple[float, float] | None:
+    """Check what `expected` returned: outages and slots, or None where these are unknown.
+
+    Raises:
+        ValueError: it is something else.
+    """
+    if answer is None:
+        return None
+    try:
+        outages, slots = map(float, answer)
+    except FAILURES:
+        outages = slots = math.nan
+    if not math.isfinite(outages + slots):
+        raise ValueError(f"`expected` returns {answer!r}; expected two finite numbers, or None where unknown")
+    return outages, slots

@@ -13,13 +13,12 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.channel.answer import MOST_SLOTS, carried, closed_form
-from meanflock.channel.base import Channel
+from meanflock.channel.base import MOST_SLOTS, Channel, carried, closed_form
 from meanflock.channel.links import Links
 from meanflock.channel.meter import Meter
 from meanflock.swarm import plugins, state
 from meanflock.swarm.errors import RunFailed
-from meanflock.swarm.failures import FAILURES, last_line
+from meanflock.swarm.plugins.failures import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator, random_state, set_random_state
 from meanflock.swarm.wire.messages import FrameKind, Frames

@@ -7,13 +7,12 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from meanflock.channel.answer import closed_form
-from meanflock.channel.base import Channel
+from meanflock.channel.base import Channel, closed_form
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm import logs, plugins
 from meanflock.swarm.errors import RunFailed
-from meanflock.swarm.failures import FAILURES, last_line
 from meanflock.swarm.mission import starts
+from meanflock.swarm.plugins.failures import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import POSITION
 from meanflock.swarm.wire.messages import FrameKind

@@ -13,8 +13,8 @@ from meanflock.federation.topology.base import Hop
 from meanflock.swarm import plugins
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.failures import FAILURES, last_line
-from meanflock.swarm.kept import check_again, check_kept
+from meanflock.swarm.plugins.failures import FAILURES, last_line
+from meanflock.swarm.plugins.guard import as_floats, check_finite, check_memory, check_pair, check_same_form
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.control import encode_record
@@ -102,15 +102,10 @@ class Rule:
         """
         try:
             answer = self._rule.step(self.state, models, uavs, number)
-            if not isinstance(answer, tuple) or len(answer) != 2:
-                raise TypeError(f"`step` returns a {type(answer).__name__}; expected the state and the model")
-            after, model = answer
-            if np.shape(model) != (self._parameters,):
-                raise ValueError(f"a model of shape {np.shape(model)}; expected ({self._parameters},)")
-            model = np.asarray(model).astype(np.float64, casting="same_kind")
-            if not np.isfinite(model).all():
-                raise ValueError("the model is not finite")
-            check_again("state", after, self.state)
+            after, returned = check_pair("step", answer, "the state and the model")
+            model = as_floats("the model", returned, (self._parameters,))
+            check_finite("the model", model)
+            check_same_form("state", after, self.state)
             self.record = _record(after)
         except FAILURES as error:
             raise RuleFailed(f"aggregator {self._name!r} failed in round {number}: {last_line(error)}") from error
@@ -135,10 +130,9 @@ def _record(state: State) -> bytes:
     Raises:
         TypeError, ValueError: a checkpoint cannot hold it.
     """
-    check_kept("state", state)
+    check_memory("state", state)
     for name, array in state.items():
-        if not np.isfinite(array).all():
-            raise ValueError(f"state[{name!r}] is not finite")
+        check_finite(f"state[{name!r}]", array)
     if (size := sum(array.nbytes for array in state.values())) > MAX_MEMORY_BYTES:
         raise ValueError(f"the state has {size} bytes; at most {MAX_MEMORY_BYTES}")
     return encode_record(state) if state else b""

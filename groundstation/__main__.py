@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
-from meanflock.swarm.libraries import needed
+from meanflock.swarm.errors import needed
 
 with needed("the ground station", "ground"):
     from meanflock.groundstation.launch.run import Options, Outputs, go_on, unused

@@ -1,7 +1,7 @@
 """`python -m meanflock.leader`: the process that averages the models."""
 
 import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
-from meanflock.swarm.libraries import needed
+from meanflock.swarm.errors import needed
 
 with needed("the leader"):
     from meanflock.leader.node import Leader

@@ -1,4 +1,12 @@
-"""The exception tree, and the exit code each branch ends a process with."""
+"""The exception tree, the exit code of each branch, and the end of a process that lacks a library.
+
+Imports nothing that could be missing itself.
+"""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
 
 from meanflock.swarm.printable import printable
 
@@ -50,3 +58,40 @@ class MessageRejected(MeanflockError):
     def __init__(self, reason: str, detail: str) -> None:
         super().__init__(f"{reason}: {printable(detail)}")
         self.reason = reason
+
+
+@contextmanager
+def needed(by: str, extra: str = "") -> Iterator[None]:
+    """Context that imports libraries: they are needed `by` somebody, and come with `extra` of ours.
+
+    Raises:
+        SystemExit: a library is not installed, and a line on stderr says which one, and what to install; or Ctrl-C was
+            pressed.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        print("error: interrupted", file=sys.stderr)
+        raise SystemExit(EXIT_RUN_FAILED) from None
+    except ModuleNotFoundError as missing:
+        if not (what := lacking(missing, by, extra)):
+            raise
+        print(f"error: {what}", file=sys.stderr)
+        raise SystemExit(EXIT_BAD_INPUT) from None
+
+
+def lacking(error: BaseException, by: str, extra: str = "") -> str:
+    """What to install if `error` is the lack of a library that is needed `by` somebody; else nothing."""
+    library = ((isinstance(error, ModuleNotFoundError) and error.name) or "").partition(".")[0]
+    if library in ("meanflock", "") or _is_there(library):
+        return ""
+    package = f"'meanflock[{extra}]'" if extra else "meanflock"
+    return f"{library} is not installed, and {by} needs it: pip install {package}"
+
+
+def _is_there(library: str) -> bool:
+    """Whether the library is installed: then a part of it is missing, which is a defect and no matter of extras."""
+    try:
+        return find_spec(library) is not None
+    except ValueError:
+        return False

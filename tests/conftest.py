@@ -17,6 +17,7 @@ import hypothesis
 import pytest
 
 from meanflock.swarm import plugins
+from meanflock.swarm.plugins import registry
 from tests.standstill import Standstill
 
 hypothesis.settings.register_profile("untimed", deadline=None)  # how long an example takes is the machine's
@@ -65,7 +66,7 @@ def _left_as_found() -> Iterator[None]:
 @pytest.fixture(autouse=True)
 def _no_plugin_stays(_left_as_found: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """What a test registers ends with it, and so does the variable that names its file to processes started later."""
-    monkeypatch.setattr(plugins, "_files", dict(plugins._files))
+    monkeypatch.setattr(registry, "registered", dict(registry.registered))
     monkeypatch.setenv(plugins.FILES, os.environ.get(plugins.FILES, ""))
 
 

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
-from meanflock.swarm.libraries import needed
+from meanflock.swarm.errors import needed
 
 with needed("the world", "world"):
     from meanflock.swarm import logs, scenario

@@ -10,10 +10,10 @@ from meanflock.federation.averager import Rule
 from meanflock.swarm import mission, state
 from meanflock.swarm.declared import MAX_BROADCASTS, controller
 from meanflock.swarm.errors import BadInput, MessageRejected
-from meanflock.swarm.failures import FAILURES, last_line
-from meanflock.swarm.kept import check_kept
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Quota
+from meanflock.swarm.plugins.failures import FAILURES, last_line
+from meanflock.swarm.plugins.guard import check_memory
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.worldsim.members import LEADER
@@ -101,7 +101,7 @@ def _record(what: str, failure: str, begin: Callable[[], dict[str, Any]]) -> byt
     """What a plug-in remembers at first, as a record; BadInput where it cannot begin, or that cannot be kept."""
     try:
         memory = begin()
-        check_kept(what, memory)
+        check_memory(what, memory)
         return control.encode_record(memory)
     except BadInput:
         raise

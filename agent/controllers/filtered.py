@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from meanflock.agent.controllers.base import Controller, Memory, Options, Received, Rows, Step
 from meanflock.agent.controllers.sharing.base import Neighbours
 from meanflock.swarm.ascending import distinct
-from meanflock.swarm.failures import FAILURES, last_line
+from meanflock.swarm.plugins.failures import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Plane, States
 

@@ -1,7 +1,7 @@
 """The `meanflock` command as it is installed: what it needs beyond an agent's libraries may be missing."""
 
 import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
-from meanflock.swarm.libraries import needed
+from meanflock.swarm.errors import needed
 
 
 def main() -> None:

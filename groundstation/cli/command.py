@@ -16,7 +16,7 @@ from meanflock.groundstation.cli.prepare import certs_group, doctor, scenario_gr
 from meanflock.groundstation.cli.study import compare, paper, sweep
 from meanflock.swarm import __version__, logs
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, MeanflockError
-from meanflock.swarm.failures import last_line
+from meanflock.swarm.plugins.failures import last_line
 from meanflock.swarm.process import end
 
 

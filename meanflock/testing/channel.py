@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from meanflock.channel.answer import carried, closed_form
+from meanflock.channel.base import carried, closed_form
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import random_state, set_random_state
 from meanflock.testing.error import asked, check_class, fail, make, same, with_other_randomness

@@ -8,7 +8,7 @@ import numpy as np
 
 from meanflock.agent.controllers.base import Controller
 from meanflock.swarm import declared
-from meanflock.swarm.kept import check_again
+from meanflock.swarm.plugins.guard import check_same_form
 from meanflock.swarm.scenario import Scenario
 from meanflock.testing.error import alike, asked, check_class, copies, fail, make, same
 from meanflock.testing.pace import SLOW_MS, check_pace
@@ -156,7 +156,7 @@ def _models(swarm: PointSwarm, together: Trial) -> None:
     if (written := alike(before, together.memory)) is not None:
         fail(of, f"`set` writes to memory[{written!r}]", _PURE)
     try:
-        check_again("memory", after, together.memory)
+        check_same_form("memory", after, together.memory)
     except (TypeError, ValueError) as error:
         fail(of, f"`set` returns what a flight cannot use: {error}", mend)
     got, had = made.get(after), made.get(together.memory)

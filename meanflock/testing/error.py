@@ -8,10 +8,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.swarm import kept
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.failures import FAILURES, last_line
-from meanflock.swarm.plugin_class import Door, checked
+from meanflock.swarm.plugins import guard
+from meanflock.swarm.plugins.failures import FAILURES, last_line
+from meanflock.swarm.plugins.registry import Door, checked
 
 T = TypeVar("T")
 
@@ -61,7 +61,7 @@ def asked(of: type, method: Callable[..., T], *given: Any, mend: str) -> T:
 def check_kept(of: type, what: str, arrays: Any, rows: int | None = None) -> None:
     """What a plug-in remembers: arrays by name, finite, of a kind that a checkpoint keeps."""
     try:
-        kept.check_kept(what, arrays, rows)
+        guard.check_memory(what, arrays, rows)
     except (TypeError, ValueError) as error:
         fail(of, str(error), "return what a checkpoint keeps")
     for name, array in arrays.items():
@@ -72,7 +72,7 @@ def check_kept(of: type, what: str, arrays: Any, rows: int | None = None) -> Non
 def check_same_form(of: type, what: str, after: Any, begun: Mapping[str, NDArray[Any]]) -> None:
     """What a plug-in remembers later: the arrays that it began with, each of the same dtype and shape."""
     try:
-        kept.check_again(what, after, begun)
+        guard.check_same_form(what, after, begun)
     except (TypeError, ValueError) as error:
         fail(of, str(error), "begin with all names, and keep dtypes and shapes")
 

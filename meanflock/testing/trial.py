@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.agent.rows import checked_step, of_row
+from meanflock.agent.guarded import checked_step, received_by
 from meanflock.swarm import declared as declarations
-from meanflock.swarm import kept
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.failures import FAILURES, last_line
 from meanflock.swarm.mission import starts
+from meanflock.swarm.plugins import guard
+from meanflock.swarm.plugins.failures import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import AXES, States
 from meanflock.swarm.wire.control import decode_record, encode_record
@@ -75,7 +75,7 @@ class PointSwarm:
         given = uavs.copy(), self.plan.copy()
         try:
             memory = made.init(*given)
-            kept.check_kept("memory", memory, len(uavs))
+            guard.check_memory("memory", memory, len(uavs))
         except FAILURES as error:
             fail(
                 self.controller,
@@ -205,7 +205,7 @@ def _for(group: NDArray[np.intp], frames: Sequence[Received]) -> tuple[Received,
         if len(mine):
             links = np.stack([mine[:, 0], np.searchsorted(group, mine[:, 1])], axis=-1)
             one = Received(batch.number, batch.source, batch.payload, links)
-            own += of_row((one,), 0) if len(group) == 1 else (one,)
+            own += received_by((one,), 0) if len(group) == 1 else (one,)
     return tuple(own)
 
 

@@ -7,8 +7,7 @@ import msgspec
 import numpy as np
 
 from meanflock.swarm import plugins
-from meanflock.swarm.errors import BadInput
-from meanflock.swarm.libraries import lacking
+from meanflock.swarm.errors import BadInput, lacking
 from meanflock.swarm.scenario import switches
 from meanflock.swarm.toml import put
 

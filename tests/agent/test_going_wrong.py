@@ -101,7 +101,7 @@ GOES_WRONG: dict[str, tuple[dict[str, Any], str]] = {
         "Cannot cast array data from dtype('complex128')",
     ),
     "get raises": ({"get": returns("get", fails)}, "KeyError: 'weights'"),
-    "get of another shape": ({"get": returns("get", lambda good: good[:, :1])}, "`get` returns shape"),
+    "get of another shape": ({"get": returns("get", lambda good: good[:, :1])}, "result of `get` has shape"),
     "get that is no number": ({"get": returns("get", lambda good: good * np.nan)}, "not finite"),
     "set raises": ({"set": returns("set", fails)}, "KeyError: 'weights'"),
     "set of another shape": (
@@ -109,7 +109,10 @@ GOES_WRONG: dict[str, tuple[dict[str, Any], str]] = {
         "memory['model']",
     ),
     "report raises": ({"report": returns("report", fails)}, "KeyError: 'weights'"),
-    "report of another shape": ({"report": returns("report", lambda good: good[:, :1])}, "`report` returns shape"),
+    "report of another shape": (
+        {"report": returns("report", lambda good: good[:, :1])},
+        "result of `report` has shape",
+    ),
     "report that is no number": ({"report": returns("report", lambda good: good + np.inf)}, "not finite"),
 }
 

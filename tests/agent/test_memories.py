@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.plugins import registry
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.checkpoint import Resumption
 from tests.agent.strangers import Honest, flown, wrong
@@ -34,8 +34,8 @@ def test_a_resumed_flight_is_the_undisturbed_one_in_one_process_and_in_many() ->
 
 def test_a_checkpoint_of_another_version_of_the_plugin_is_refused_by_name() -> None:
     _, past = checkpointed(of := flown(Honest, "duration=110"))
-    plugin, made = plugins._files["controller", "stranger"]
-    plugins._files["controller", "stranger"] = plugin._replace(fingerprint="sha256 of another file"), made
+    plugin, made = registry.registered["controller", "stranger"]
+    registry.registered["controller", "stranger"] = plugin._replace(fingerprint="sha256 of another file"), made
     with pytest.raises(BadInput, match=r"controller 'stranger' of this process; here it is of sha256 of another"):
         Engine(of, "strangers", resume=past)
 

@@ -13,6 +13,7 @@ from meanflock.channel.medium import Medium
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plugins, state
 from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.plugins import registry
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames
 
@@ -40,7 +41,7 @@ class Disk(Channel):
 @pytest.fixture
 def disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Registers the disk, its source changed as told."""
-    monkeypatch.setattr(plugins, "_files", {})
+    monkeypatch.setattr(registry, "registered", {})
 
     def make(*changes: tuple[str, str]) -> None:
         text = DISK
@@ -127,7 +128,7 @@ def test_a_summary_has_the_closed_forms_there_are(disk, model: str, unknown: boo
             r"slots: int64 \(19,\), expected int64 \(20,\)",
         ),
         ("np.where(near, 1, 2), near", "np.where(near, 1.0, 2.0), near", "slots: float64"),
-        ("np.where(near, 1, 2), near", "[1] * len(near), near", "slots: list"),
+        ("np.where(near, 1, 2), near", "[1] * len(near), near", "slots: a list"),
         ("np.where(near, 1, 2), near", "np.where(near, 0, 2), near", "slots from 0 to 2"),
         ("np.where(near, 1, 2), near", "np.where(near, 1, 10**6 + 1), near", "slots from 1 to 1000001"),
         ("np.where(near, 1, 2), near", "np.where(near, 1, 2), near * 1", "delivered: int64"),

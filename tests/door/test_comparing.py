@@ -11,6 +11,7 @@ import pytest
 import meanflock as mf
 from meanflock.studies import study
 from meanflock.swarm import plugins
+from meanflock.swarm.plugins import registry
 from tests.polling import DEADLINE_S
 
 SMALL: dict[str, Any] = {"uavs": 2, "duration": 3.0, "jobs": 1}
@@ -114,9 +115,9 @@ def test_flights_of_another_version_of_a_package_are_flown_again(
 
     def key(version: str) -> str:
         plugin = plugins.Plugin("controller", "still", f"stranger {version}", "stranger:Still", f"stranger {version}")
-        installed = {**plugins._packaged(), ("controller", "still"): (plugin,)}
+        installed = {**registry._packaged(), ("controller", "still"): (plugin,)}
         with monkeypatch.context() as patch:
-            patch.setattr(plugins, "_packaged", lambda: installed)
+            patch.setattr(registry, "_packaged", lambda: installed)
             return study.key_of(mf.Scenario(method="still"))
 
     assert key("1.0") == key("1.0") != key("1.1")

@@ -108,7 +108,7 @@ GOES_WRONG = {
     ),
     "a state that grows": (lambda state, model: (state | {"models": model}, model), "state has ['last', 'models',"),
     "a state of other shape": (lambda state, model: (state | {"last": model[:-1]}, model), "(107,) float64; of `init`"),
-    "another shape": (lambda state, model: (state, model[:-1]), r"a model of shape (107,); expected (108,)"),
+    "another shape": (lambda state, model: (state, model[:-1]), r"the model has shape (107,); expected (108,)"),
     "no number": (lambda state, model: (state, model * np.nan), "the model is not finite"),
     "a state that is no dict": (lambda state, model: ([1], model), "state is a list; expected a dict of arrays"),
     "complex numbers": (lambda state, model: (state, model * 1j), "Cannot cast array data from dtype('complex128')"),

@@ -11,7 +11,7 @@ import meanflock as mf
 from meanflock.federation import coding
 from meanflock.federation.topology.base import Hop, Topology
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.swarm import plugins
+from meanflock.swarm.plugins import registry
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind
 from tests.faults.dying import dead, flight, resumed, steady
@@ -50,7 +50,7 @@ class Ring(Topology):
 def ring() -> Iterator[None]:
     mf.register(Ring)
     yield
-    del plugins._files["topology", Ring.name]
+    del registry.registered["topology", Ring.name]
 
 
 def scenario(*settings: str) -> Scenario:

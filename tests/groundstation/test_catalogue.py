@@ -15,7 +15,7 @@ from meanflock.groundstation.results.flown_plugins import FOLDER
 from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput
-from meanflock.swarm.plugins import Plugin
+from meanflock.swarm.plugins import Plugin, registry
 from meanflock.swarm.scenario import load
 
 SPRING = Path(__file__).parents[2] / "examples" / "spring.py"
@@ -48,7 +48,7 @@ class Mine(Controller):
 @pytest.fixture(autouse=True)
 def _as_before(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Whatever a test registers is gone after it."""
-    monkeypatch.setattr(plugins, "_files", {})
+    monkeypatch.setattr(registry, "registered", {})
     monkeypatch.setenv(plugins.FILES, "")
     before = set(sys.modules)
     yield
@@ -101,8 +101,8 @@ def test_a_program_reads_the_same_as_json(run: Any, mine: Path) -> None:
 
 def test_a_plugin_that_cannot_be_used_is_listed_with_the_reason(monkeypatch: pytest.MonkeyPatch, run: Any) -> None:
     broken = Plugin("controller", "broken", "theirs 1.0", "nowhere.at.all:Broken", "theirs 1.0")
-    packaged = {**plugins._packaged(), ("controller", "broken"): (broken,)}
-    monkeypatch.setattr(plugins, "_packaged", lambda: packaged)
+    packaged = {**registry._packaged(), ("controller", "broken"): (broken,)}
+    monkeypatch.setattr(registry, "_packaged", lambda: packaged)
     code, out, _ = run("plugins")
     assert code == EXIT_DONE
     assert "  broken  (theirs 1.0)\n    cannot be used: controller 'broken' of theirs 1.0: ModuleNotFoundError" in out
@@ -145,18 +145,18 @@ def test_a_run_keeps_the_file_that_flew_and_goes_on_with_it_once_that_is_named(r
     copy = folder.path / FOLDER / "spring.py"
     assert copy.read_bytes() == SPRING.read_bytes()
 
-    plugins._files.clear()  # a new process, that was not told of the file
+    registry.registered.clear()  # a new process, that was not told of the file
     go_on = ("resume", str(folder.path), "--in-process", "--quiet", "--no-record", "--json")
     code, _, err = run(*go_on)
     assert code == EXIT_BAD_INPUT
     assert "controller 'spring' is not installed here" in err
     assert f"meanflock resume {folder.path} --plugin {copy}" in err
-    assert not plugins._files  # nothing was imported from the folder
+    assert not registry.registered  # nothing was imported from the folder
     code, out, _ = run(*go_on, "--plugin", str(copy))
     assert code == EXIT_DONE
     assert json.loads(out)["trajectory_sha256"] == whole.world.finish()["trajectory_sha256"]
 
-    plugins._files.clear()
+    registry.registered.clear()
     code, _, err = run(*go_on)  # it is finished now, and its plug-in is asked for by nobody
     assert code == EXIT_BAD_INPUT
     assert err.startswith(

@@ -13,8 +13,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from meanflock.swarm.errors import EXIT_BAD_INPUT
-from meanflock.swarm.libraries import needed
+from meanflock.swarm.errors import EXIT_BAD_INPUT, needed
 from tests.packaging.requirements import EXTRAS, PROJECT, direct
 from tests.polling import DEADLINE_S
 from tests.sources import ROOT

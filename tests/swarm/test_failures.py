@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from meanflock.swarm.failures import last_line, reason
+from meanflock.swarm.plugins.failures import last_line, reason
 
 
 def noted(error: Exception) -> Exception:

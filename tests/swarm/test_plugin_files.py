@@ -10,6 +10,7 @@ import pytest
 import meanflock as mf
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput
+from meanflock.swarm.plugins import registry
 from tests.polling import DEADLINE_S
 from tests.swarm.plugin_files import GOOD, ROOT, written
 
@@ -41,7 +42,7 @@ def test_a_file_that_is_no_plugin_is_bad_input_of_one_line_with_the_file_and_the
         plugins.load_file(path)
     assert str(path) in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
-    assert not plugins._files
+    assert not registry.registered
 
 
 @pytest.mark.parametrize("path", ["nowhere.py", "."])
@@ -109,16 +110,16 @@ class Better(Mine):
 def test_two_of_one_name_in_a_file_are_refused_and_another_name_for_one_of_them_is_not(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=r"two controllers are named 'mine', Mine and Better; give one of them another"):
         plugins.load_file(written(tmp_path, TWICE))
-    assert not plugins._files
+    assert not registry.registered
     plugins.load_file(written(tmp_path, f"{GOOD}\nAlso = Mine\n"))
-    assert [plugin.name for plugin, _ in plugins._files.values()] == ["mine"]
+    assert [plugin.name for plugin, _ in registry.registered.values()] == ["mine"]
 
 
 def test_a_file_one_of_whose_plugins_is_refused_leaves_all_as_it_was(tmp_path: Path) -> None:
     taken = "\nclass Taken(Mine):\n    name = 'hjb'\n"
     with pytest.raises(BadInput, match="'hjb' is installed already"):
         plugins.load_file(written(tmp_path, GOOD + taken))
-    assert not plugins._files
+    assert not registry.registered
 
 
 def test_a_file_is_the_same_one_however_it_was_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plugins, scenario
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import client
-from meanflock.swarm.plugins import Plugin
+from meanflock.swarm.plugins import Plugin, registry
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import Refusal
 from tests.swarm.plugin_files import SPRING, written
@@ -51,7 +51,7 @@ def test_a_class_that_leaves_out_what_its_base_class_leaves_open_is_refused(base
 
 def test_two_packages_of_one_name_are_refused_with_both_packages(monkeypatch: pytest.MonkeyPatch) -> None:
     both = tuple(Plugin("controller", "twice", f"package-{k} 1.0", f"of_{k}:Mine", f"{k}") for k in "ab")
-    monkeypatch.setattr(plugins, "_packaged", lambda: {("controller", "twice"): both})
+    monkeypatch.setattr(registry, "_packaged", lambda: {("controller", "twice"): both})
     with pytest.raises(BadInput, match=r"named 'twice': of_a:Mine \(package-a 1.0\) and of_b:Mine \(package-b 1.0\)"):
         plugins.find("controller", "twice")
 
@@ -69,7 +69,7 @@ def test_a_package_whose_entry_point_is_of_no_use_is_named(
     reference: str, text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plugin = Plugin("controller", "odd", "odd-package 2.0", reference, "odd-package 2.0")
-    monkeypatch.setattr(plugins, "_packaged", lambda: {("controller", "odd"): (plugin,)})
+    monkeypatch.setattr(registry, "_packaged", lambda: {("controller", "odd"): (plugin,)})
     with pytest.raises(BadInput, match=text) as caught:
         plugins.load("controller", "odd")
     assert "'odd' of odd-package 2.0" in str(caught.value)
@@ -82,7 +82,7 @@ def test_a_package_that_ends_the_process_when_it_is_imported_is_bad_input_with_t
     written(tmp_path, "raise SystemExit('no such device')", "of_a_stranger.py")
     monkeypatch.syspath_prepend(tmp_path)
     plugin = Plugin("controller", "odd", "odd-package 2.0", "of_a_stranger:Odd", "odd-package 2.0")
-    monkeypatch.setattr(plugins, "_packaged", lambda: {("controller", "odd"): (plugin,)})
+    monkeypatch.setattr(registry, "_packaged", lambda: {("controller", "odd"): (plugin,)})
     with pytest.raises(BadInput, match=r"odd-package 2.0: SystemExit: no such device \(of_a_stranger.py, line 1\)"):
         plugins.load("controller", "odd")
 

@@ -148,7 +148,7 @@ class NeedsALink(Good):
         (OfAnotherShape, r"slots: int64 \(40, 1\), expected int64 \(40,\)", "return that"),
         (OfAnotherType, r"slots: float64 \(40,\), expected int64", "return that"),
         (OfNarrowerNumbers, r"slots: int32 \(40,\), expected int64", "return that"),
-        (Lists, r"slots: list, expected int64 \(40,\)", "return that"),
+        (Lists, r"slots: a list, expected int64 \(40,\)", "return that"),
         (TakesNoTime, r"slots from 0 to \d", "a message takes 1 to 1000000"),
         (ReturnsTheSlots, "`transmit` returns a ndarray", "expected slots and delivered"),
         (TakesForEver, r"slots from \d+ to \d+", "a message takes 1 to 1000000"),

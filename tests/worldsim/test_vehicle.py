@@ -10,6 +10,7 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.plugins import registry
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.worldsim.checkpoint import Resumption
 from meanflock.worldsim.flight import Flight
@@ -49,7 +50,7 @@ class Glider(Vehicle):
 @pytest.fixture
 def glider(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Registers the glider, its source changed as told."""
-    monkeypatch.setattr(plugins, "_files", {})
+    monkeypatch.setattr(registry, "registered", {})
 
     def make(*changes: tuple[str, str]) -> None:
         text = GLIDER
@@ -159,7 +160,7 @@ ENTRY = "        return np.concatenate("
             r"states: float64 \(3, 4\), expected",
         ),
         (ENTRY, "        states = states.astype('f4'); velocity = velocity.astype('f4')\n" + ENTRY, "states: float32"),
-        (", hidden\n\n", "\n\n", "`step` must give states and hidden"),
+        (", hidden\n\n", "\n\n", "`step` returns a ndarray; expected states and hidden"),
         ('"flown": hidden["flown"] + 1}', "}", r"hidden has \['charge_J'\]; of `init` it had \['charge_J', 'flown'\]"),
         (
             '"flown": hidden["flown"] + 1}',
@@ -171,7 +172,7 @@ ENTRY = "        return np.concatenate("
         (ENTRY, "        raise KeyError('mass')\n" + ENTRY, "`step` failed: KeyError: 'mass'"),
         (ENTRY, "        raise SystemExit(3)\n" + ENTRY, r"`step` failed: SystemExit: 3 \(\w+.py, line \d+\)"),
         ("np.abs(acceleration).sum(axis=-1)", "np.full(4, np.nan)", "power of UAV 0"),
-        ("np.abs(acceleration).sum(axis=-1)", "1.0", "power: float, expected"),
+        ("np.abs(acceleration).sum(axis=-1)", "1.0", "power: a float, expected"),
         ("np.abs(acceleration).sum(axis=-1)", "np.abs(acceleration)", r"power: float64 \(4, 2\)"),
     ],
 )

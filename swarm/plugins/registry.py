@@ -1,34 +1,32 @@
-"""Registry of plug-ins by kind and name: controllers, aggregation rules, topologies, channels, vehicles and filters.
+"""Registry of plug-ins: classes found by kind and name, whose source is a package, a file or this process."""
 
-A plug-in is a class with a `name`. It is in an entry-point group of an installed package, or in a file that was named
-on the command line of this machine. Messages of the network contain the name only; a name that is not registered here
-is refused.
-"""
-
-import hashlib
 import importlib
-import os
-import sys
-from collections.abc import Iterable
+import re
 from functools import cache
-from pathlib import Path
-from types import ModuleType
-from typing import Any, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import msgspec
 
-from meanflock.swarm.errors import BadInput
-from meanflock.swarm.failures import FAILURES, PLUGIN_MODULE, beside, last_line
-from meanflock.swarm.libraries import lacking
-from meanflock.swarm.plugin_class import Door, checked
-from meanflock.swarm.source_read import SourceRead
+from meanflock.swarm.errors import BadInput, lacking
+from meanflock.swarm.plugins.failures import FAILURES, last_line
+
+Door: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle", "filter", "topology"]
+
+NEEDED: dict[Door, tuple[str, ...]] = {  # what a class must have; the rest has defaults in the base classes
+    "controller": ("init", "step"),
+    "aggregator": ("step",),
+    "channel": ("transmit",),
+    "vehicle": ("step", "power"),
+    "filter": ("init", "step"),
+    "topology": ("hops",),
+}
+PLAIN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")  # names: they are parts of those of files and of keys
 
 GROUPS: dict[Door, str] = {
     door: "meanflock.topologies" if door == "topology" else f"meanflock.{door}s" for door in get_args(Door)
 }
-HERE = "this process"  # the source of a class that is in no file
+HERE = "this process"  # source of a class that is in no file
 NO_PLUGIN = "derive a class from meanflock.Controller, Aggregator, Channel, Vehicle or Filter and give it a `name`"
-FILES = "MEANFLOCK_PLUGINS"  # a variable: the files a process registers when it starts, as PATH separates them
 
 
 class Plugin(NamedTuple):
@@ -45,7 +43,7 @@ class Plugin(NamedTuple):
     fingerprint: str
 
 
-_files: dict[tuple[Door, str], tuple[Plugin, type]] = {}
+registered: dict[tuple[Door, str], tuple[Plugin, type]] = {}  # those of no package
 
 
 @cache
@@ -67,12 +65,12 @@ def _packaged() -> dict[tuple[Door, str], tuple[Plugin, ...]]:
 def installed() -> list[Plugin]:
     """All plug-ins, sorted by kind and name."""
     found = [plugin for plugins in _packaged().values() for plugin in plugins]
-    found += [plugin for plugin, _ in _files.values()]
+    found += [plugin for plugin, _ in registered.values()]
     return sorted(found, key=lambda plugin: (list(GROUPS).index(plugin.kind), plugin.name))
 
 
 def names(door: Door) -> list[str]:
-    """What can be named at a door."""
+    """Names of all plug-ins of a kind."""
     return sorted({plugin.name for plugin in installed() if plugin.kind == door})
 
 
@@ -83,7 +81,7 @@ def find(door: Door, name: str) -> Plugin:
         BadInput: there is none, or more than one.
     """
     key = (door, name)
-    candidates = [*_packaged().get(key, ()), *([_files[key][0]] if key in _files else [])]
+    candidates = [*_packaged().get(key, ()), *([registered[key][0]] if key in registered else [])]
     if not candidates:
         from difflib import get_close_matches  # only here: no agent needs it
 
@@ -106,8 +104,8 @@ def load(door: Door, name: str) -> type:
         BadInput: there is none, it cannot be imported, or it lacks a method.
     """
     plugin = find(door, name)
-    if (door, name) in _files:
-        return _files[door, name][1]
+    if (door, name) in registered:
+        return registered[door, name][1]
     module, _, attribute = plugin.reference.partition(":")
     try:
         found: Any = importlib.import_module(module)
@@ -120,107 +118,21 @@ def load(door: Door, name: str) -> type:
     return checked(door, name, found, plugin.source)
 
 
-def load_file(path: Path | str) -> list[Plugin]:
-    """Registers every plug-in of a file: its public classes with a `name` that are derived from a base class of ours.
-
-    Raises:
-        BadInput: the file cannot be read or run, or there is none in it.
-    """
-    where, path = f"--plugin {path}", Path(path).resolve()  # a file is the same one, however somebody named it
-    try:
-        source = path.read_bytes()
-    except OSError as error:
-        raise BadInput(f"{where}: {error.strerror}; name a readable Python file") from error
-    if path.suffix != ".py":
-        raise BadInput(f"{where}: not a Python file; its name must end in .py")
-    name = f"{PLUGIN_MODULE}{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
-    module = sys.modules[name] = ModuleType(name)
-    module.__file__ = str(path)
-    try:
-        SourceRead(name, path, source).exec_module(module)
-    except FAILURES as error:
-        del sys.modules[name]
-        raise BadInput(f"{where}: {last_line(error)}{beside(path, error)}") from error
-    entries = {}
-    for key, (attribute, value) in _defined(module, where).items():
-        if key in _files and _files[key][0].source not in (str(path), HERE):
-            raise BadInput(
-                f"{where}: two {key[0]}s are named {key[1]!r}, the other in {_files[key][0].source}; rename one"
-            )
-        entries[key] = _entry(Plugin(*key, str(path), attribute, fingerprint(source)), value, f"{where}: ")
-    if not entries:
-        raise BadInput(f"{where}: no plug-in in it; {NO_PLUGIN}")
-    _files.update(entries)
-    return [plugin for plugin, _ in entries.values()]
-
-
-def _defined(module: ModuleType, where: str) -> dict[tuple[Door, str], tuple[str, type]]:
-    """The plug-ins that a module defines, by door and name, and what they are called in it."""
-    found: dict[tuple[Door, str], tuple[str, type]] = {}
-    for attribute, value in vars(module).items():
-        key = _key(value) if getattr(value, "__module__", None) == module.__name__ else None
-        if key is None:
-            continue
-        other, made = found.setdefault(key, (attribute, value))
-        if made is not value:
-            both = f"{other} and {attribute}"
-            raise BadInput(f"{where}: two {key[0]}s are named {key[1]!r}, {both}; give one of them another `name`")
-    return found
-
-
 def register(made: type) -> Plugin:
     """Registers a class of this process, for example of a notebook. Registering a name again replaces it.
 
     Raises:
         BadInput: it is no plug-in, or the name is taken by one that is installed.
     """
-    if (key := _key(made)) is None:
+    if (key := key_of(made)) is None:
         raise BadInput(f"{made!r}: no plug-in; {NO_PLUGIN}")
-    entry = _files[key] = _entry(Plugin(*key, HERE, made.__qualname__, HERE), made)
+    entry = registered[key] = entry_of(Plugin(*key, HERE, made.__qualname__, HERE), made)
     return entry[0]
-
-
-def fingerprint(source: bytes) -> str:
-    """Of the contents of a file."""
-    return f"sha256 {hashlib.sha256(source).hexdigest()}"
 
 
 def is_file(plugin: Plugin) -> bool:
     """Whether a plug-in came from a file that somebody named, and not from a package."""
-    return (plugin.kind, plugin.name) in _files
-
-
-def load_files(paths: Iterable[Path | str]) -> None:
-    """Registers the plug-ins of some files, here and in every process this one starts.
-
-    Raises:
-        BadInput: like `load_file`.
-    """
-    given = [Path(path).resolve() for path in paths]
-    for path in given:
-        if os.pathsep in str(path):  # other processes are told of it by a variable
-            raise BadInput(f"--plugin {path}: no {os.pathsep!r} may be in its path; give the file another place")
-        load_file(path)
-    if given:
-        before = [part for part in os.environ.get(FILES, "").split(os.pathsep) if part]
-        os.environ[FILES] = os.pathsep.join(dict.fromkeys([*before, *map(str, given)]))
-
-
-def files() -> tuple[tuple[str, str], ...]:
-    """Path and fingerprint of every file that is registered here, for a process that works for this one."""
-    return tuple({plugin.source: plugin.fingerprint for plugin, _ in _files.values() if plugin.source != HERE}.items())
-
-
-def hold(wanted: Iterable[tuple[str, str]]) -> None:
-    """Registers the files another process has, those again whose contents are no longer what they were.
-
-    Raises:
-        BadInput: like `load_file`.
-    """
-    held = {(plugin.source, plugin.fingerprint) for plugin, _ in _files.values()}
-    for path, contents in wanted:
-        if (path, contents) not in held:
-            load_file(path)
+    return (plugin.kind, plugin.name) in registered
 
 
 def create(door: Door, name: str, options: dict[str, Any], *context: Any) -> Any:
@@ -249,21 +161,41 @@ def create(door: Door, name: str, options: dict[str, Any], *context: Any) -> Any
 
 
 def options_table(door: Door) -> str:
-    """The table of a scenario that holds the options of a door's plug-in."""
+    """The table of a scenario that holds the options of a kind of plug-in."""
     tables = {"controller": "controller", "aggregator": "federation.options", "channel": "radio.options"}
     return tables.get(door, f"{door}.options")
 
 
-def _key(made: Any) -> tuple[Door, str] | None:
-    """Door and name of a plug-in; None of anything else, such as a class others derive from."""
+def key_of(made: Any) -> tuple[Door, str] | None:
+    """Kind and name of a plug-in; None of anything else, such as a base class."""
     door, name = getattr(made, "door", None), getattr(made, "name", "")
     return (door, name) if isinstance(made, type) and door in GROUPS and isinstance(name, str) and name else None
 
 
-def _entry(plugin: Plugin, made: type, where: str = "") -> tuple[Plugin, type]:
-    """What is registered of it, or BadInput."""
+def entry_of(plugin: Plugin, made: type, where: str = "") -> tuple[Plugin, type]:
+    """A plug-in and its class, checked; BadInput where it is none, or its name is taken by a package."""
     key = plugin.kind, plugin.name
     if key in _packaged():
         there = f"{plugin.kind} {plugin.name!r} is installed already, of {_packaged()[key][0].source}"
         raise BadInput(f"{where}{there}; give yours another name")
     return plugin, checked(*key, made, plugin.source)
+
+
+def checked(door: Door, name: str, found: Any, source: str) -> type:
+    """Check a class of a package or file `source`, and return it.
+
+    Raises:
+        BadInput: it cannot be a plug-in of that kind under that name.
+    """
+    if not isinstance(found, type):
+        raise BadInput(f"{door} {name!r} of {source} is a {type(found).__name__}; it must be a class")
+    if not PLAIN.fullmatch(name):
+        raise BadInput(f"{door} {name!r} of {source}: a name is up to 64 of A-Z, a-z, 0-9, '-', '_' and '.'")
+    lacking = [method for method in NEEDED[door] if not callable(getattr(found, method, None))]
+    lacking += [method for method in dir(found) if getattr(getattr(found, method, None), "__isabstractmethod__", False)]
+    if lacking:
+        raise BadInput(f"{door} {name!r} of {source} lacks {' and '.join(f'`{method}`' for method in lacking)}")
+    options = getattr(found, "Options", None)
+    if not (isinstance(options, type) and issubclass(options, msgspec.Struct)):
+        raise BadInput(f"{door} {name!r} of {source}: `Options` must be a msgspec.Struct")
+    return found

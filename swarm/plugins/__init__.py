@@ -1,0 +1,43 @@
+"""Plug-ins: controllers, aggregation rules, topologies, channels, vehicles and filters, found by name.
+
+A plug-in is a class with a `name`. It is in an entry-point group of an installed package, or in a file that was named
+on the command line of this machine. Messages of the network contain the name only; a name that is not registered here
+is refused.
+"""
+
+from meanflock.swarm.plugins.loader import FILES, files, fingerprint, hold, load_file, load_files
+from meanflock.swarm.plugins.registry import (
+    GROUPS,
+    HERE,
+    Door,
+    Plugin,
+    create,
+    find,
+    installed,
+    is_file,
+    load,
+    names,
+    options_table,
+    register,
+)
+
+__all__ = [
+    "FILES",
+    "GROUPS",
+    "HERE",
+    "Door",
+    "Plugin",
+    "create",
+    "files",
+    "find",
+    "fingerprint",
+    "hold",
+    "installed",
+    "is_file",
+    "load",
+    "load_file",
+    "load_files",
+    "names",
+    "options_table",
+    "register",
+]

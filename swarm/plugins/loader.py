@@ -1,0 +1,127 @@
+"""Plug-ins of files: a Python file that somebody named on this machine is run, and its classes are registered."""
+
+import hashlib
+import os
+import sys
+from collections.abc import Iterable
+from importlib.machinery import SourceFileLoader
+from pathlib import Path
+from types import CodeType, ModuleType
+
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.plugins import registry
+from meanflock.swarm.plugins.failures import FAILURES, PLUGIN_MODULE, last_line
+from meanflock.swarm.plugins.registry import HERE, NO_PLUGIN, Door, Plugin, entry_of, key_of
+
+FILES = "MEANFLOCK_PLUGINS"  # variable: the files that a process registers when it starts, as PATH separates them
+
+
+class SourceRead(SourceFileLoader):
+    """Loader that executes the given source, never bytecode.
+
+    Bytecode would be stale if a file changed within a second to another content of the same length.
+    """
+
+    def __init__(self, name: str, path: Path, source: bytes) -> None:
+        super().__init__(name, str(path))
+        self._source = source
+
+    def get_code(self, fullname: str) -> CodeType:
+        """Compile the given source."""
+        return self.source_to_code(self._source, self.path)
+
+
+def load_file(path: Path | str) -> list[Plugin]:
+    """Register all plug-ins of a file: its public classes with a `name` that are derived from a base class of ours.
+
+    Raises:
+        BadInput: the file cannot be read or run, or there is none in it.
+    """
+    where, path = f"--plugin {path}", Path(path).resolve()  # a file is the same one, however somebody named it
+    try:
+        source = path.read_bytes()
+    except OSError as error:
+        raise BadInput(f"{where}: {error.strerror}; name a readable Python file") from error
+    if path.suffix != ".py":
+        raise BadInput(f"{where}: not a Python file; its name must end in .py")
+    name = f"{PLUGIN_MODULE}{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+    module = sys.modules[name] = ModuleType(name)
+    module.__file__ = str(path)
+    try:
+        SourceRead(name, path, source).exec_module(module)
+    except FAILURES as error:
+        del sys.modules[name]
+        raise BadInput(f"{where}: {last_line(error)}{_missing_neighbour(path, error)}") from error
+    entries = {}
+    for key, (attribute, value) in _defined(module, where).items():
+        other = registry.registered.get(key)
+        if other is not None and other[0].source not in (str(path), HERE):
+            raise BadInput(f"{where}: two {key[0]}s are named {key[1]!r}, the other in {other[0].source}; rename one")
+        entries[key] = entry_of(Plugin(*key, str(path), attribute, fingerprint(source)), value, f"{where}: ")
+    if not entries:
+        raise BadInput(f"{where}: no plug-in in it; {NO_PLUGIN}")
+    registry.registered.update(entries)
+    return [plugin for plugin, _ in entries.values()]
+
+
+def _defined(module: ModuleType, where: str) -> dict[tuple[Door, str], tuple[str, type]]:
+    """The plug-ins that a module defines, by kind and name, each with its name in the module."""
+    found: dict[tuple[Door, str], tuple[str, type]] = {}
+    for attribute, value in vars(module).items():
+        key = key_of(value) if getattr(value, "__module__", None) == module.__name__ else None
+        if key is None:
+            continue
+        other, made = found.setdefault(key, (attribute, value))
+        if made is not value:
+            both = f"{other} and {attribute}"
+            raise BadInput(f"{where}: two {key[0]}s are named {key[1]!r}, {both}; give one of them another `name`")
+    return found
+
+
+def fingerprint(source: bytes) -> str:
+    """Fingerprint of the contents of a file."""
+    return f"sha256 {hashlib.sha256(source).hexdigest()}"
+
+
+def load_files(paths: Iterable[Path | str]) -> None:
+    """Register the plug-ins of files, here and in every process that this one starts.
+
+    Raises:
+        BadInput: like `load_file`.
+    """
+    given = [Path(path).resolve() for path in paths]
+    for path in given:
+        if os.pathsep in str(path):  # other processes are told of it by a variable
+            raise BadInput(f"--plugin {path}: no {os.pathsep!r} may be in its path; give the file another place")
+        load_file(path)
+    if given:
+        before = [part for part in os.environ.get(FILES, "").split(os.pathsep) if part]
+        os.environ[FILES] = os.pathsep.join(dict.fromkeys([*before, *map(str, given)]))
+
+
+def files() -> tuple[tuple[str, str], ...]:
+    """Path and fingerprint of every registered file, for a process that works for this one."""
+    found = {plugin.source: plugin.fingerprint for plugin, _ in registry.registered.values() if plugin.source != HERE}
+    return tuple(found.items())
+
+
+def hold(wanted: Iterable[tuple[str, str]]) -> None:
+    """Register the files that another process has; register a file again if its contents changed.
+
+    Raises:
+        BadInput: like `load_file`.
+    """
+    held = {(plugin.source, plugin.fingerprint) for plugin, _ in registry.registered.values()}
+    for path, contents in wanted:
+        if (path, contents) not in held:
+            load_file(path)
+
+
+def _missing_neighbour(path: Path, error: BaseException) -> str:
+    """Advice where a plug-in imports another file of its folder, which is not on the path; else nothing."""
+    if isinstance(error, ImportError) and "relative import" in str(error):
+        return "; a plug-in is one file, or a package: install the one it is of, for example with `pip install -e`"
+    wanted = ((isinstance(error, ModuleNotFoundError) and error.name) or "").partition(".")[0]
+    if not wanted or not ((path.parent / wanted).is_dir() or (path.parent / f"{wanted}.py").exists()):
+        return ""
+    return f"; a plug-in is one file, or a package: install what {wanted!r} is of, for example with `pip install -e`"
