@@ -1,101 +1,213 @@
-"""Uploads no honest process can send: bytes of one's own making, under one's own name, in the tick of a round."""
+"""Replies no honest process sends: a contract over (node × what it says), and the documented limits of it.
+
+What cannot be is dropped, counted by its reason, and the flight is as if it had not come.
+"""
 
 from collections.abc import Callable
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 import pytest
 
+from meanflock.federation.schedule import Schedule
+from meanflock.swarm import scenario as scenarios
+from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import tick
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
+from tests.faults.clusters import CLEAR, FLOATS, PERIOD, globals_of, swarm
 from tests.faults.conftest import Lab, scenario
 from tests.swarm.examples import read
 
-RULES = ("fedavg", "median", "trimmed-mean", "krum")
-ROUNDS = 5  # of the flight, opened in ticks 20, 40 …
+ROUNDS = 5  # of every flight, opened in ticks 20, 40 …
+Say = Callable[[Act], list[Act | bytes]]
 
 
-def poisoned(act: Act, value: float) -> bytes:
-    """The act with one weight of its upload replaced, as bytes the encoder of an honest node would not have made."""
-    raw = tick.write_act(act)
-    (upload,) = act.outbox
-    weights = upload.payload.copy()
-    at = raw.index(weights.tobytes())
-    weights[0, 0] = value
-    return raw[:at] + weights.tobytes() + raw[at + weights.nbytes :]
+def rule(name: str, *more: str) -> Scenario:
+    return scenario("federation.fraction=1.0", f'federation.aggregation="{name}"', *more)
 
 
-def hostile(lab: Lab, name: str, say: Callable[[Act, Callable[[bytes], None]], None]) -> None:
-    """From now on what a node says in a round's tick is `say`'s to decide; it is given the honest act and the bus."""
-    client: Any = lab.bus_of(name).handler.__self__  # type: ignore[union-attr]
+def saying(flown: Scenario, node: str, say: Say) -> Lab:
+    """A flight in which a node says `say` of every act of its, in place of it."""
+    lab = Lab(flown, uavs_per_node=1)
+    client: Any = lab.bus_of(node).handler.__self__  # type: ignore[union-attr]
     put = client._bus.put
 
     def speak(key: str, raw: bytes) -> None:
         act = read(raw)
-        if isinstance(act, Act) and any(frames.kind == FrameKind.UPLOAD for frames in act.outbox):
-            say(act, lambda raw: put(key, raw))
-        else:
-            put(key, raw)
+        for message in say(act) if isinstance(act, Act) else [raw]:
+            put(key, message if isinstance(message, bytes) else tick.write_act(message))
 
     client._bus.put = speak
+    return lab
 
 
-def swarm(rule: str, *extra: str) -> Lab:
-    return Lab(scenario("federation.fraction=1.0", f'federation.aggregation="{rule}"', *extra), uavs_per_node=1)
+@cache
+def honest(encoded: bytes) -> str:
+    """The trajectory of a scenario in which nobody lies."""
+    return str(Lab(scenarios.decode(encoded), uavs_per_node=1).fly()["trajectory_sha256"])
 
 
-@pytest.mark.parametrize(("rule", "value"), list(zip(RULES, (np.nan, np.inf, -np.inf, np.nan), strict=True)))
-def test_weights_that_are_no_numbers_are_dropped_and_counted_and_the_flight_is_as_if_they_had_not_come(
-    rule: str, value: float
-) -> None:
-    expected = swarm(rule).fly()
-    lab = swarm(rule)
+def frames(kind: FrameKind, number: int, uav: int, payload: np.ndarray) -> Frames:
+    return Frames(kind, number, np.array([uav], np.int32), payload)
 
-    def say(act: Act, put: Callable[[bytes], None]) -> None:
-        put(poisoned(act, value))
-        put(tick.write_act(act))
 
-    hostile(lab, "agent-3", say)
+def only(act: Act, *outbox: Frames) -> Act:
+    return msgspec.structs.replace(act, outbox=outbox)
+
+
+def poison(value: float) -> Say:
+    """One weight of each upload is replaced, in bytes that the encoder of an honest node would not have made."""
+
+    def say(act: Act) -> list[Act | bytes]:
+        uploads = [batch for batch in act.outbox if batch.kind == FrameKind.UPLOAD]
+        if not uploads:
+            return [act]
+        raw, weights = tick.write_act(act), uploads[0].payload.copy()
+        at = raw.index(weights.tobytes())
+        weights[0, 0] = value
+        return [raw[:at] + weights.tobytes() + raw[at + weights.nbytes :]]
+
+    return say
+
+
+def and_honest(say: Say) -> Say:
+    """The honest act comes after what is said in place of it."""
+    return lambda act: [*(message for message in say(act) if message is not act), act]
+
+
+def at(when: int, make: Callable[[Act], Act]) -> Say:
+    return lambda act: [make(act), act] if act.tick == when else [act]
+
+
+def relay(**changes: Callable[[Frames], np.ndarray]) -> Say:
+    """A relay with other arrays, and then the honest one."""
+
+    def say(act: Act) -> list[Act | bytes]:
+        for batch in act.outbox:
+            if batch.kind == FrameKind.RELAY:
+                parts = {"source": batch.source, "payload": batch.payload, "links": batch.links}
+                parts |= {name: make(batch) for name, make in changes.items()}
+                return [only(act, Frames(batch.kind, batch.round, *parts.values())), act]
+        return [act]
+
+    return say
+
+
+def counted(count: float) -> Say:
+    return relay(payload=lambda batch: np.append(batch.payload[:, :-1], [[count]], axis=1).astype(batch.payload.dtype))
+
+
+def stray_relay(uav: int) -> Say:
+    return at(30, lambda act: only(act, frames(FrameKind.RELAY, 1, uav, np.ones((1, FLOATS + 1), np.float32))))
+
+
+def refusing(when: int, *refused: int) -> Say:
+    return at(when, lambda act: Act(act.run, act.tick, act.commands, refused=np.array(refused)))
+
+
+def uninvited(clusters: int) -> tuple[Scenario, list[int]]:
+    """A flight in which UAV 11 takes no part in some rounds, and those rounds."""
+    flown = swarm("federation.fraction=0.5", clusters=clusters)
+    idle = [number for number in range(1, ROUNDS + 1) if 11 not in Schedule(flown).participants(number)]
+    assert 0 < len(idle) < ROUNDS
+    return flown, idle
+
+
+def upload_of_11(idle: list[int]) -> Say:
+    def say(act: Act) -> list[Act | bytes]:
+        number, rest = divmod(act.tick, PERIOD)
+        batch = frames(FrameKind.UPLOAD, number, 11, np.full((1, FLOATS), 5.0, np.float32))
+        return [only(act, batch) if not rest and number in idle else act]
+
+    return say
+
+
+def upload_between_rounds(act: Act) -> list[Act | bytes]:
+    batch = frames(FrameKind.UPLOAD, act.tick + 1, 2, np.zeros((1, FLOATS), np.float32))
+    return [act if act.outbox else only(act, batch)]
+
+
+class Case(NamedTuple):
+    flown: Scenario
+    node: str
+    say: Say
+    dropped: dict[str, int]
+
+
+HEADS, FLAT, AVERAGED = swarm(), swarm(clusters=1), {"wrong-shape": ROUNDS}
+ONCE = {"wrong-shape": 1}
+CASES: dict[str, Case] = {
+    **{
+        f"a weight {value} for {name}": Case(rule(name), "agent-3", and_honest(poison(value)), {"non-finite": ROUNDS})
+        for name, value in {"fedavg": np.nan, "median": np.inf, "trimmed-mean": -np.inf, "krum": np.nan}.items()
+    },
+    "an upload between rounds": Case(rule("fedavg"), "agent-2", upload_between_rounds, {"wrong-round": 120 - ROUNDS}),
+    **{
+        f"an upload uninvited, {clusters} clusters": Case(
+            flown, "agent-11", upload_of_11(idle), {"wrong-round": len(idle)}
+        )
+        for clusters in (1, 3)
+        for flown, idle in [uninvited(clusters)]
+    },
+    "a relay of more models than its cluster has": Case(HEADS, "agent-4", counted(5.0), AVERAGED),
+    "a relay of half a model": Case(HEADS, "agent-4", counted(0.5), AVERAGED),
+    "a relay of no model": Case(HEADS, "agent-4", counted(0.0), AVERAGED),
+    "a relay without a count": Case(HEADS, "agent-4", relay(payload=lambda batch: batch.payload[:, :-1]), AVERAGED),
+    "a relay in doubles": Case(HEADS, "agent-4", relay(payload=lambda batch: batch.payload.astype("<f8")), AVERAGED),
+    "a relay of another head": Case(HEADS, "agent-4", relay(source=lambda batch: batch.source + 4), AVERAGED),
+    "a relay of a UAV that is no head": Case(HEADS, "agent-4", relay(source=lambda batch: batch.source + 1), AVERAGED),
+    "a relay with links": Case(HEADS, "agent-4", relay(links=lambda batch: np.zeros((1, 2), np.int32)), AVERAGED),
+    "a relay by a node without a head": Case(HEADS, "agent-5", stray_relay(5), ONCE),
+    "a relay between rounds": Case(HEADS, "agent-4", stray_relay(4), {"wrong-round": 1, "duplicate": 1}),
+    "a relay without clusters": Case(FLAT, "agent-0", stray_relay(0), {"wrong-kind": 1}),
+    **{  # a head refuses uploads (~uav) of its own cluster once, and only when it averages
+        f"a refusal of {refused} in tick {when}": Case(HEADS, "agent-4", refusing(when, *refused), ONCE)
+        for when, refused in [
+            *((21, (~0,)), (21, (~5, ~5)), (21, (~12,)), (20, (~5,))),
+            *((21, (5, 5)), (21, (12,)), (20, (5, 5)), (30, (4,))),
+        ]
+    },
+}
+
+
+@pytest.mark.parametrize("what", CASES)
+def test_what_cannot_be_is_dropped_counted_by_reason_and_changes_nothing(what: str) -> None:
+    flown, node, say, dropped = CASES[what]
+    lab = saying(flown, node, say)
     summary = lab.fly()
-    assert summary["dropped_messages"] == {"non-finite": ROUNDS}
-    assert summary["trajectory_sha256"] == expected["trajectory_sha256"]
-    assert summary["rounds"] == expected["rounds"] == ROUNDS
+    assert summary["dropped_messages"] == dropped
+    assert summary["trajectory_sha256"] == honest(scenarios.encode(flown))
+    assert (summary["uploads_refused"], summary["states_refused"]) == (0, 0)
+    assert not any(box._frames for box in lab.world.post._boxes.values())
 
 
-def test_who_says_nothing_else_is_lost_and_the_others_average_without_it() -> None:
-    lab = swarm("fedavg")
+def test_a_node_that_says_nothing_else_is_lost_and_the_others_average_without_it() -> None:
+    lab = saying(rule("fedavg"), "agent-3", poison(np.nan))
     times = iter(range(10**9))
     lab.world._waiting._clock = lambda: float(next(times))  # the barrier's patience ends at once
-    hostile(lab, "agent-3", lambda act, put: put(poisoned(act, np.nan)))
     summary = lab.fly()
     assert summary["dropped_messages"]["non-finite"] >= 1
     assert (summary["lost"], summary["nodes_lost"], summary["rounds"]) == (1, 1, ROUNDS)
 
 
 def test_one_weight_of_a_genuine_float_beyond_all_bounds_is_let_in_by_the_codec_and_refused_by_the_leader() -> None:
-    lab = swarm("fedavg")
-    hostile(lab, "agent-3", lambda act, put: put(poisoned(act, 1e30)))
-    summary = lab.fly()
+    summary = saying(rule("fedavg"), "agent-3", poison(1e30)).fly()
     assert summary["dropped_messages"] == {}
     assert 0 < summary["uploads_refused"] <= ROUNDS  # an outage may have kept one from the leader
     assert summary["rounds"] == ROUNDS
 
 
 def test_nobody_can_take_the_uploads_of_all_to_another_round() -> None:
-    """Frames of a kind go on the air together, those of UAV 0 first: its word for the round was everybody's."""
-    alone = swarm("fedavg", "federation.leader=5")
-    hostile(
-        alone, "agent-0", lambda act, put: put(tick.write_act(Act(act.run, act.tick, act.commands, models=act.models)))
-    )
-    silent = alone.fly()
-    lab = swarm("fedavg", "federation.leader=5")
+    """Frames of a kind go on the air together, those of UAV 0 first; its round must not be that of all."""
+    flown = rule("fedavg", "federation.leader=5")
+    silent = saying(flown, "agent-0", lambda act: [only(act) if act.outbox else act]).fly()
 
-    def elsewhere(act: Act, put: Callable[[bytes], None]) -> None:
-        (upload,) = act.outbox
-        stray = Frames(upload.kind, 2**31, upload.source, upload.payload)
-        put(tick.write_act(Act(act.run, act.tick, act.commands, outbox=(stray,), models=act.models)))
+    def elsewhere(act: Act) -> list[Act | bytes]:
+        return [only(act, *(Frames(batch.kind, 2**31, batch.source, batch.payload) for batch in act.outbox))]
 
-    hostile(lab, "agent-0", elsewhere)
+    lab = saying(flown, "agent-0", elsewhere)
     summary = lab.fly()
     assert summary["dropped_messages"] == {"wrong-round": ROUNDS}
     assert summary["rounds"] == ROUNDS
@@ -103,20 +215,38 @@ def test_nobody_can_take_the_uploads_of_all_to_another_round() -> None:
     assert not any(box._frames for box in lab.world.post._boxes.values())
 
 
-def test_an_upload_between_rounds_is_not_kept() -> None:
-    lab = swarm("fedavg")
-    client: Any = lab.bus_of("agent-2").handler.__self__  # type: ignore[union-attr]
-    put = client._bus.put
-    model = np.zeros((1, 108), np.float32)
+@pytest.mark.parametrize(
+    ("when", "refused", "counts"), [(PERIOD, (5,), (0, 1)), (PERIOD + 1, (5,), (0, 1)), (PERIOD + 1, (~5, 5), (1, 1))]
+)
+def test_states_and_uploads_that_a_head_refuses_are_counted_apart_in_any_tick(
+    when: int, refused: tuple[int, ...], counts: tuple[int, int]
+) -> None:
+    def say(act: Act) -> list[Act | bytes]:
+        return [msgspec.structs.replace(act, refused=np.array(refused)) if act.tick == when else act]
 
-    def always(key: str, raw: bytes) -> None:
-        act = read(raw)
-        if isinstance(act, Act) and not act.outbox:
-            extra = Frames(FrameKind.UPLOAD, act.tick + 1, np.array([2], np.int32), model)
-            raw = tick.write_act(Act(act.run, act.tick, act.commands, outbox=(extra,), models=act.models))
-        put(key, raw)
+    summary = saying(HEADS, "agent-4", say).fly()
+    assert (summary["dropped_messages"], summary["uploads_refused"], summary["states_refused"]) == ({}, *counts)
 
-    client._bus.put = always
-    summary = lab.fly()
-    assert summary["dropped_messages"]["wrong-round"] == 120 - ROUNDS
-    assert not any(box._frames for box in lab.world.post._boxes.values())
+
+def test_a_head_that_lies_speaks_for_its_cluster_and_no_more() -> None:
+    """The documented limit: its relay weighs as much as its cluster has UAVs."""
+    flown = swarm("federation.fraction=1.0", *CLEAR)
+    lie = np.full(FLOATS, 7.0)
+
+    def say(act: Act) -> list[Act | bytes]:
+        false = frames(FrameKind.RELAY, 1, 4, np.append(lie, 4.0)[None])
+        return [only(act, false) if act.tick == PERIOD + 1 else act]
+
+    lab, heard = saying(flown, "agent-4", say), list[np.ndarray]()
+    send = lab.world.air.send
+
+    def listen(tick: int, sent: list[Frames], *rest: Any) -> Any:
+        heard.extend(batch.payload[0] for batch in sent if batch.kind == FrameKind.GLOBAL and batch.round == 1)
+        return send(tick, sent, *rest)
+
+    lab.world.air.send = listen  # type: ignore[method-assign, assignment]
+    lab.fly()
+    truth = globals_of(flown)[0]
+    others = (3 * heard[0] - lie) / 2  # the mean of the other eight
+    assert np.abs(heard[0] - truth).max() > 1
+    assert np.abs(others - truth).max() < 1
