@@ -143,12 +143,3 @@ def test_a_paper_s_controller_flies_to_its_own_goal_as_to_the_origin(method: str
     shift = [64.0, -32.0, 0.0, 0.0]
     np.testing.assert_allclose(away.world.flight.states - shift, here.world.flight.states, atol=1e-6)
     assert np.abs(here.world.flight.states[:, 2:]).max() > 0.1
-
-
-def test_goals_of_their_own_are_the_same_bits_in_one_node_and_in_many() -> None:
-    flown = load(None, [*SWAP, "duration=15", "federation.period=40", "method=mfgfl-hf"])
-    one, many = Engine(flown, "one"), Engine(flown, "many", uavs_per_node=1)
-    for engine in (one, many):
-        for _ in engine.fly():
-            pass
-    assert one.world.flight.trajectory_sha256 == many.world.flight.trajectory_sha256

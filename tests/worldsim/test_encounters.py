@@ -2,8 +2,6 @@
 
 import math
 from itertools import combinations
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +12,6 @@ from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import Status
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.summary import flight_summary
-from tests.faults.dying import dead, flight, resumed, steady
 from tests.worldsim.flights import calm, idle, kinds, put
 
 DISC = "obstacles=[{centre=[20.0, 0.0], radius=3.0}, {centre=[20.0, 4.0], radius=3.0}]"
@@ -222,14 +219,3 @@ def test_travel_time_counts_from_the_launch() -> None:
     assert flight.arrival_tick.tolist() == [1, 1, 21, 21]
     assert flight_summary(flight)["t_avg_s"] == pytest.approx(0.1)
     assert flight.over
-
-
-def test_a_flight_with_waves_and_obstacles_resumes_to_what_it_would_have_been(tmp_path: Path) -> None:
-    keys = [*WAVES[1:], "uavs=6", "start.interval=9", "duration=30", "federation.period=40"]
-    keys += ["start.centre=[18.0, 0.0]", DISC.replace("20.0, 4.0", "9.0, 4.0").replace("20.0, 0.0", "12.0, 0.0")]
-    flown = load(None, [*keys, "method=mfgfl-h", "metrics.collision_radius=0.35"])
-    expected: dict[str, Any] = flight(tmp_path / "whole", flown)
-    folder = dead(tmp_path / "dead", flown, 150)
-    assert steady(resumed(folder)) == steady(expected)
-    assert expected["obstacle_hits"] > 0
-    assert expected["collisions_all"] > 0

@@ -17,7 +17,6 @@ from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Filter, Scenario, load
 from meanflock.swarm.wire.messages import Telemetry
 from meanflock.testing import check_controller
-from meanflock.worldsim.checkpoint import Resumption
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 SMALL = Scenario(uavs=6, filter=Filter(kind="ecbf", delta_m=0.05, repeats=2))
@@ -220,24 +219,6 @@ def fly(of: Scenario, rows: int | None = None, **more: Any) -> tuple[dict[str, A
 
 
 CROWDED = ["uavs=9", "start.spacing=0.75", "duration=22", "filter.kind=ecbf", "filter.delta_m=0.1"]
-
-
-@pytest.mark.parametrize("method", ["mfgfl-h", "hjb", "plan", "orca"])
-def test_one_process_flies_as_many_do_and_a_resumed_flight_as_the_undisturbed_one(method: str) -> None:
-    of = load(None, [*CROWDED, "radio.target_snr_db=76"], method=method, seed=3)
-    summary, blocks = fly(of)
-    assert summary["diagnostics"]["infeasible"] >= 0
-    assert summary["radio"]["outages"] > 0
-    for rows in (1, 4):
-        alone, _ = fly(of, rows=rows)
-        assert alone["trajectory_sha256"] == summary["trajectory_sha256"]
-        assert alone["diagnostics"] == summary["diagnostics"]
-        assert alone["payload_bits"] == summary["payload_bits"]
-    last = max(k for k, block in enumerate(blocks) if block.checkpoint)
-    history = np.concatenate([block.states for block in blocks[: last + 1]])
-    resumed, _ = fly(of, resume=Resumption.decode(blocks[last].checkpoint, history))
-    assert resumed["trajectory_sha256"] == summary["trajectory_sha256"]
-    assert resumed["diagnostics"] == summary["diagnostics"]
 
 
 def test_the_paper_s_learner_collides_alone_and_not_behind_the_filter() -> None:
