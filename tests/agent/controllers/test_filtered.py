@@ -11,11 +11,9 @@ import pytest
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
 from meanflock.agent.controllers.ecbf import Ecbf
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm import declared, plugins
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Filter, Scenario, load
-from meanflock.swarm.wire.messages import Telemetry
 from meanflock.testing import check_controller
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -210,20 +208,10 @@ def test_scenarios_without_a_filter_keep_their_hash_and_others_have_their_own() 
 # -- flights ------------------------------------------------------------------------------------------------------
 
 
-def fly(of: Scenario, rows: int | None = None, **more: Any) -> tuple[dict[str, Any], list[Telemetry]]:
-    sink = Kept()
-    engine = Engine(of, "filtered", uavs_per_node=rows, sinks=[sink], **more)
-    for _ in engine.fly():
-        pass
-    return engine.world.finish(), sink.blocks
-
-
-CROWDED = ["uavs=9", "start.spacing=0.75", "duration=22", "filter.kind=ecbf", "filter.delta_m=0.1"]
-
-
 def test_the_paper_s_learner_collides_alone_and_not_behind_the_filter() -> None:
-    alone, _ = fly(load(None, ["uavs=16", "duration=90"], method="mfgfl-h", seed=7))
-    summary, _ = fly(load(None, ["uavs=16", "duration=90", "filter.kind=ecbf"], method="mfgfl-h", seed=7))
+    alone = Engine(load(None, ["uavs=16", "duration=90"], method="mfgfl-h", seed=7), "alone").complete()
+    behind = load(None, ["uavs=16", "duration=90", "filter.kind=ecbf"], method="mfgfl-h", seed=7)
+    summary = Engine(behind, "filtered").complete()
     assert alone["collisions"] > 0
     assert summary["collisions"] == 0
     assert summary["rounds"] == alone["rounds"] > 0
