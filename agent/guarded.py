@@ -113,7 +113,7 @@ class Guarded:
             self._break([row for row in places if row not in alone], error)
             return _with_rows(memory, alone)
 
-    def look(self, memory: Memory) -> None:
+    def break_not_finite(self, memory: Memory) -> None:
         """Break the rows whose memory has numbers that are not finite: a checkpoint of them would be of no use."""
         for name, array in memory.items():
             bad = np.flatnonzero((~np.isfinite(array)).reshape(len(array), -1).any(axis=1))

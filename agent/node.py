@@ -80,7 +80,7 @@ class Agent:
             commands[asleep] = 0.0
             self._memory = picked(asleep, before, self._memory)
         if sense.checkpoint:
-            controller.look(self._memory)
+            controller.break_not_finite(self._memory)
         learned = controller.report(self._memory) if sense.report and self._declared.weights else None
         if controller.broken is not None:
             commands[controller.broken] = np.nan

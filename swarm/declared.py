@@ -59,11 +59,11 @@ def filtered(made: Any, scenario: Any) -> Any:
     """
     if scenario.filter.kind == NO_FILTER:
         return made
-    of(made, scenario.method)  # or what is wrong with it would be said of the filter
+    declarations_of(made, scenario.method)  # or what is wrong with it would be said of the filter
     return plugins.create("filter", scenario.filter.kind, scenario.filter.options, scenario, made)
 
 
-def of(made: Any, name: str) -> Declared:
+def declarations_of(made: Any, name: str) -> Declared:
     """What an instance of the controller `name` declares.
 
     Raises:

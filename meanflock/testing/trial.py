@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.agent.guarded import checked_step, received_by
-from meanflock.swarm import declared as declarations
+from meanflock.swarm.declared import declarations_of
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.mission import starts
 from meanflock.swarm.plugins import guard
@@ -62,7 +62,7 @@ class PointSwarm:
         made = self.make()
         try:
             # What a flight asks of the class, of this very instance.
-            self.declared = declarations.of(made, controller.name)
+            self.declared = declarations_of(made, controller.name)
             with suppress(ModuleNotFoundError):  # where only agents are, there are no files with columns
                 from meanflock.groundstation.results.quantities import check_diagnostics
 

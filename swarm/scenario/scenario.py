@@ -10,7 +10,7 @@ from msgspec import Meta, field
 from numpy.typing import NDArray
 
 from meanflock.swarm import mission, scenarios, toml
-from meanflock.swarm.declared import NO_FILTER, Declared, controller, of
+from meanflock.swarm.declared import NO_FILTER, Declared, controller, declarations_of
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.faults import Fault, LeaderLoss
 from meanflock.swarm.plugins import Door, create, find
@@ -195,7 +195,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         Raises:
             BadInput: the controller is not installed here, or its options do not fit.
         """
-        return of(controller(self), self.method)
+        return declarations_of(controller(self), self.method)
 
     @property
     def topology(self) -> str:

@@ -99,7 +99,7 @@ def test_the_controller_sees_its_own_numbers_and_none_of_the_filter_s() -> None:
 
 
 def test_what_the_controller_declares_is_declared() -> None:
-    said = declared.of(behind(Talker(Talker.Options(), SMALL)), "talker")
+    said = declared.declarations_of(behind(Talker(Talker.Options(), SMALL)), "talker")
     assert (said.parameters, said.weights, said.period_ticks) == (2, 1, 7)
     assert said.broadcast_numbers == 5 + 4
     assert said.diagnostics == ("infeasible", "filter_infeasible", "unsent")
