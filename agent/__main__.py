@@ -12,8 +12,8 @@ with needed("an agent"):
     from meanflock.swarm import logs
     from meanflock.swarm.errors import BadInput
     from meanflock.swarm.net import keys
-    from meanflock.swarm.net.attendance import take_part
-    from meanflock.swarm.net.identity import only_agent
+    from meanflock.swarm.net.access import only_agent
+    from meanflock.swarm.net.client import take_part
     from meanflock.swarm.net.session import ZenohBus
     from meanflock.swarm.process import Interrupted, end_with_launcher, flag, identity, main, orphaned, parser
     from meanflock.swarm.wire.messages import Join, Welcome

@@ -17,8 +17,7 @@ from logging import ERROR, WARNING
 
 from meanflock.swarm import logs, plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput
-from meanflock.swarm.net.restarts import Restarts
-from meanflock.swarm.process import CHILD, Interrupted, how_it_ended, orphaned
+from meanflock.swarm.process import CHILD, Interrupted, Restarts, how_it_ended, orphaned
 
 SAFE = sys.platform == "linux"  # elsewhere system libraries may not survive a fork
 _POLL_S = 0.05

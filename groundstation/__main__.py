@@ -23,10 +23,10 @@ with needed("the ground station", "ground"):
     )
     from meanflock.swarm.errors import BadInput, BusError, RunFailed
     from meanflock.swarm.net import keys
+    from meanflock.swarm.net.access import STATION
     from meanflock.swarm.net.address import Address
-    from meanflock.swarm.net.attendance import connected
     from meanflock.swarm.net.bus import Bus
-    from meanflock.swarm.net.identity import STATION
+    from meanflock.swarm.net.client import connected
     from meanflock.swarm.net.session import ZenohBus
     from meanflock.swarm.process import Interrupted, flag, identity, main, parser
     from meanflock.swarm.scenario import Scenario

@@ -24,7 +24,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import keys
-from meanflock.swarm.net.identity import LEADER, STATION, WORLD, Identity
+from meanflock.swarm.net.access import LEADER, STATION, WORLD, Identity
 
 HOSTS = ("127.0.0.1", "::1", "localhost", "worldsim")  # where a world is found: this machine, or its container
 DAYS = 90

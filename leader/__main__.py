@@ -7,8 +7,8 @@ with needed("the leader"):
     from meanflock.leader.node import Leader
     from meanflock.swarm import logs
     from meanflock.swarm.net import keys
-    from meanflock.swarm.net.attendance import take_part
-    from meanflock.swarm.net.identity import LEADER
+    from meanflock.swarm.net.access import LEADER
+    from meanflock.swarm.net.client import take_part
     from meanflock.swarm.net.session import ZenohBus
     from meanflock.swarm.process import Interrupted, end_with_launcher, identity, main, orphaned, parser
     from meanflock.swarm.wire.messages import Join, Welcome

@@ -1,4 +1,4 @@
-"""What the three kinds of process share on the command line: flags that are also variables, signals, the log."""
+"""Start and end of a process: flags that are also variables, signals, the launcher, restarts, exit codes."""
 
 import argparse
 import logging
@@ -9,18 +9,21 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Hashable
 from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn, Self
 
 from meanflock.swarm import logs, plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput, MeanflockError
-from meanflock.swarm.net.endpoint import DEFAULT_ENDPOINT
-from meanflock.swarm.net.identity import Identity
+from meanflock.swarm.net.access import Identity
+from meanflock.swarm.net.address import DEFAULT_ENDPOINT
 
 _GRACE_S = 10.0  # for who has noticed by itself that its launcher is gone
 _THREADS_S = 5.0  # that threads have to end in, once all else has
+QUICK_S = 10.0  # a death sooner after the start is a quick one
+AT_MOST = 5  # quick deaths in a row, after each of which a process is started again
 CHILD = "MEANFLOCK_CHILD"  # a variable: "1" where whoever started this process holds its standard input open
 
 
@@ -143,6 +146,29 @@ def _end_with_launcher() -> None:
         select.select([0], [], [])  # nobody writes to it: it is readable once its other end is closed
     time.sleep(_GRACE_S)
     os._exit(EXIT_RUN_FAILED)
+
+
+class Restarts:
+    """Decides whether a process that died is started again, so that a process that cannot live is not started for ever.
+
+    Each process is known by a name.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._since: dict[Hashable, float] = {}
+        self._quick: Counter[Hashable] = Counter()
+
+    def started(self, name: Hashable) -> None:
+        """Notes the start of a process."""
+        self._since[name] = self._clock()
+
+    def again(self, name: Hashable) -> bool:
+        """Whether a process that has died is worth another start."""
+        if self._clock() - self._since[name] >= QUICK_S:
+            self._quick[name] = 0
+        self._quick[name] += 1
+        return self._quick[name] <= AT_MOST
 
 
 def how_it_ended(code: int) -> str:

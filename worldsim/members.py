@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm.errors import MeanflockError
-from meanflock.swarm.net.identity import LEADER
+from meanflock.swarm.net.access import LEADER
 from meanflock.swarm.scenario import tables
 from meanflock.swarm.wire.messages import Join
 

@@ -19,9 +19,8 @@ from meanflock.groundstation.results.run_folder import CHECKPOINT, RECORDING, SC
 from meanflock.groundstation.results.timeseries_file import Past
 from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput, BusError, RunFailed
-from meanflock.swarm.net.address import Address
-from meanflock.swarm.net.endpoint import check_free
-from meanflock.swarm.net.identity import STATION
+from meanflock.swarm.net.access import STATION
+from meanflock.swarm.net.address import Address, check_free
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.process import Interrupted
 from meanflock.swarm.scenario import Scenario

@@ -9,8 +9,8 @@ from typing import Any, Protocol
 from meanflock.groundstation.results import inbound
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.net import keys
+from meanflock.swarm.net.access import STATION
 from meanflock.swarm.net.bus import Bus, Delivery
-from meanflock.swarm.net.identity import STATION
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Finished, Join, Received, Telemetry
 

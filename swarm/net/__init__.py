@@ -1,1 +1,1 @@
-"""The network: one protocol, a bus in memory and one over Zenoh, and what a node says on it."""
+"""The network: the bus in memory and over Zenoh, keys, addresses, access rules, and a node's client."""

@@ -1,36 +1,102 @@
-"""Who may say and hear what: the access-control list of the router, default deny, one certificate a node.
+"""Who a process is on the network, and what it may do there.
 
-The router matches the common name of the certificate a link was opened with, which nobody but the holder of the
-key can show. The router's own session, the world, is not filtered: it is the one everyone trusts.
+A process shows a certificate whose common name is the node's name. The router has an access-control list with default
+deny: it matches the name on the certificate of each link, and only the holder of the key can show that certificate. The
+router's own session, the world's, is trusted and not filtered.
 """
 
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
+from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import keys
-from meanflock.swarm.net.identity import LEADER, STATION, WORLD
 
-Rule = tuple[str, list[str], list[str]]  # flow as the router sees it, messages, keys
+WORLD, LEADER, STATION = "world", "leader", "station"
+
+Rule = tuple[str, list[str], list[str]]  # direction as the router sees it, messages, keys
+
+
+class Identity(NamedTuple):
+    """The name of a process and the folder of its certificate, as `meanflock certs init` makes it."""
+
+    folder: Path
+    name: str
+
+    @property
+    def authority(self) -> Path:
+        """Path of the certificate that signs all others."""
+        return self.folder / "ca.pem"
+
+    @property
+    def certificate(self) -> Path:
+        """Path of the certificate; its common name is `name`."""
+        return self.folder / f"{self.name}.pem"
+
+    @property
+    def key(self) -> Path:
+        """Path of the private key."""
+        return self.folder / f"{self.name}.key"
+
+    def check(self) -> "Identity":
+        """`self`, if the files exist, can be read and belong together. The other side checks the expiry.
+
+        Raises:
+            BadInput: something is wrong; the message names the file.
+        """
+        import ssl  # only here: a swarm without certificates does not load it
+
+        remedy = "`meanflock certs init DIR --uavs N` makes them, `meanflock doctor --tls DIR` looks at them"
+        for path in (self.authority, self.certificate, self.key):
+            try:
+                path.open("rb").close()
+            except OSError as error:
+                raise BadInput(f"{path}: {error.strerror}; {remedy}") from error
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        try:
+            context.load_verify_locations(self.authority)
+        except ssl.SSLError as error:
+            raise BadInput(f"{self.authority}: no certificate in it; {remedy}") from error
+        try:
+            context.load_cert_chain(self.certificate, self.key)
+        except ssl.SSLError as error:
+            raise BadInput(f"{self.certificate}: does not fit {self.key}; {remedy}") from error
+        return self
+
+
+def only_agent(folder: Path) -> int:
+    """The UAV of the one agent whose key is in `folder`.
+
+    Raises:
+        BadInput: there is none, or more than one.
+    """
+    found = sorted(path.stem for path in folder.glob("agent-*.key"))
+    if len(found) == 1 and (number := found[0].removeprefix("agent-")).isdigit():
+        return int(number)
+    what = f"{len(found)} keys of agents" if found else "no key of an agent"
+    raise BadInput(f"{folder}: {what}; with --tls an agent says which UAV it is: --uav K")
 
 
 def rules(run: str, uavs: int, uavs_per_process: int) -> dict[str, Any]:
-    """Zenoh's `access_control` for a run: agents, leader and station under their own keys, and nobody else at all."""
-    who = {LEADER: _node(run, LEADER, LEADER), STATION: _station(run)}
+    """Zenoh's `access_control` for a run: each agent, the leader and the station may use their own keys only."""
+    rules_of_node = {LEADER: _node(run, LEADER, LEADER), STATION: _station(run)}
     for uav in range(0, uavs, uavs_per_process):
         name = keys.asker("agent", uav)
-        who[name] = _node(run, "agent", name)
+        rules_of_node[name] = _node(run, "agent", name)
     numbered = {
         name: [
             {"id": f"{name}/{number}", "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": under}
             for number, (flow, messages, under) in enumerate(allowed)
         ]
-        for name, allowed in who.items()
+        for name, allowed in rules_of_node.items()
     }
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": [rule for its in numbered.values() for rule in its],
-        "subjects": [{"id": name, "cert_common_names": [name]} for name in who],
-        "policies": [{"rules": [rule["id"] for rule in its], "subjects": [name]} for name, its in numbered.items()],
+        "rules": [rule for allowed in numbered.values() for rule in allowed],
+        "subjects": [{"id": name, "cert_common_names": [name]} for name in numbered],
+        "policies": [
+            {"rules": [rule["id"] for rule in allowed], "subjects": [name]} for name, allowed in numbered.items()
+        ],
     }
 
 
@@ -56,7 +122,7 @@ def _station(run: str) -> list[Rule]:
 
 
 def _member(run: str, role: str, name: str) -> list[Rule]:
-    """What everyone may: ask to take part under its own name, be alive under it, and see whether the world is."""
+    """What every node may do: ask to join under its own name, be alive under it, and see whether the world is alive."""
     world = keys.alive(run, WORLD, WORLD)
     return [
         ("ingress", ["query"], [keys.join(run, name)]),
@@ -69,7 +135,7 @@ def _member(run: str, role: str, name: str) -> list[Rule]:
 
 
 def _lives(name: str) -> tuple[str, str]:
-    """A node that comes back has a number behind its name: agent-3, agent-3.2, agent-3.3 …"""
+    """The names of a node: one that comes back has a number behind its name: agent-3, agent-3.2, agent-3.3 …"""
     return name, f"{name}.$*"
 
 

@@ -1,8 +1,8 @@
-"""What the swarm asks of a bus, and the bus of one process.
+"""The interface of a bus, and the bus within one process.
 
-A `Bus` is one participant's access to keys. Everything that comes in — messages, questions, liveliness — is a
-`Delivery` in one queue, so a node is one loop with one place to wait. `MemoryBus` passes the same encoded bytes
-as the network does; an endpoint with a handler is called at once, which lets one thread run a whole swarm.
+A `Bus` is one participant's access to keys. All that comes in (messages, questions, liveliness) is a `Delivery` in one
+queue, so a node is one loop that waits in one place. `MemoryBus` passes the same encoded bytes as the network does; it
+calls a participant with a handler at once, so one thread can run a whole swarm.
 """
 
 import queue
@@ -12,15 +12,15 @@ from typing import Literal, NamedTuple, Protocol
 import msgspec
 
 Handler = Callable[["Delivery"], None]
-Offer = Callable[[str, bytes], bool]  # key and payload of a message; whether it is taken
+Offer = Callable[[str, bytes], bool]  # key and payload of a message; returns whether the message is accepted
 
 
 class Delivery(msgspec.Struct, frozen=True):
-    """Something that reached this participant.
+    """Message or event that reached this participant.
 
-    kind: "message" (someone put `payload` under `key`), "question" (someone waits for `reply`),
+    kind: "message" (a participant put `payload` under `key`), "question" (a participant waits for `reply`),
         "alive" or "gone" (a liveliness token appeared or vanished under `key`),
-        "oversized" (a message or question of so many bytes, `size`, that they were not taken in; `largest` may be).
+        "oversized" (a message or question of `size` bytes was dropped, because it is longer than `largest`).
     """
 
     kind: Literal["message", "question", "alive", "gone", "oversized"]
@@ -32,13 +32,13 @@ class Delivery(msgspec.Struct, frozen=True):
 
 
 class Quota(NamedTuple):
-    """What one sender may have waiting at a bus that limits it (`ZenohBus.router`)."""
+    """Limit of one sender's messages that wait at a bus (`ZenohBus.router`)."""
 
-    owner: str  # the sender: what waits under all its keys is counted together
+    owner: str  # the sender: messages under all its keys are counted together
     largest: int  # bytes a message may have
 
 
-Quotas = Callable[[str], Quota]  # of a key; asked in any thread
+Quotas = Callable[[str], Quota]  # quota of a key; called in any thread
 
 
 class Bus(Protocol):
@@ -50,30 +50,31 @@ class Bus(Protocol):
     def subscribe(self, key: str, offer: Offer | None = None) -> None:
         """From now on, messages under `key` (`*` stands for one part) are received.
 
-        `offer` is asked first, in whatever thread brings the message: what it takes is not received. It must not wait.
+        `offer` is called first, in the thread that brings the message: a message that it accepts is not received. It
+        must not wait.
         """
 
     def answer(self, key: str) -> None:
         """From now on, questions under `key` are received."""
 
     def ask(self, key: str, payload: bytes, timeout_s: float) -> bytes | None:
-        """The first answer to `payload`, or None where none came in time."""
+        """The first answer to `payload`, or None if none came in time."""
 
     def announce(self, key: str) -> None:
         """Declares a liveliness token; it vanishes with this participant."""
 
     def watch(self, key: str) -> None:
-        """From now on, tokens that appear or vanish under `key` are received; those already there first."""
+        """From now on, tokens that appear or vanish under `key` are received; existing ones first."""
 
     def receive(self, timeout_s: float) -> Delivery | None:
-        """The next delivery, or None where none came in time."""
+        """The next delivery, or None if none came in time."""
 
     def close(self) -> None:
-        """Leaves: tokens vanish, nothing is received any more. Closing twice is harmless."""
+        """Leaves: tokens vanish, and nothing more is received. A second call is harmless."""
 
 
 def matches(pattern: str, key: str) -> bool:
-    """Whether `key` is under `pattern`, where a part `*` stands for any one part."""
+    """Whether `key` matches `pattern`, in which a part `*` stands for any one part."""
     wanted, parts = pattern.split("/"), key.split("/")
     return len(wanted) == len(parts) and all(want in ("*", part) for want, part in zip(wanted, parts, strict=True))
 
@@ -85,7 +86,7 @@ class MemoryNetwork:
         self.endpoints: list[MemoryBus] = []
 
     def endpoint(self, handler: Handler | None = None) -> "MemoryBus":
-        """A new participant; with a handler, deliveries are handled at once in the sender's thread."""
+        """A new participant; its handler, if any, is called at once in the sender's thread."""
         bus = MemoryBus(self, handler)
         self.endpoints.append(bus)
         return bus

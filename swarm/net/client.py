@@ -1,4 +1,4 @@
-"""A node's side of the protocol, the same for agents and leader: join, answer every Sense with an Act, go home."""
+"""A node's side of the protocol, the same for agents and leader: join, answer every Sense with an Act, leave."""
 
 import logging
 import os
@@ -25,12 +25,15 @@ _READY_AGAIN_S = 0.2  # until the first Sense: what is put right after a declara
 _ASK_TIMEOUT_S = 2.0
 _REFUSED_AGAIN_S = 0.25  # a predecessor that was killed is missed within milliseconds, a frozen one at the barrier
 _MAX_DROP_LINES = 100  # in the log; the counter goes on
+_ATTEMPT_S = 0.5  # first attempt to connect, each further one twice as long; a signal waits until it is over
+_LONGEST_ATTEMPT_S = 4.0
+_MOST_RETURNS = 3  # after a loss: a node that is always too slow costs all others a barrier each time
 
 
 class Node(Protocol):
     """Agent or leader."""
 
-    complaints: list[str]  # what the world should hear of; whoever passes it on empties it
+    complaints: list[str]  # problems to report to the world; the client reports and clears them
 
     def act(self, sense: Sense) -> Act:
         """Replies to a Sense, or raises MessageRejected and has not changed."""
@@ -46,8 +49,8 @@ class NodeClient:
         self._last_tick = -1
         self._last_act = b""
         self._busy = threading.RLock()  # the node is asked by one thread at a time; again by the same, on a memory bus
-        self.stopped: Stop | None = None  # with what the world sent it home
-        self._gone = False  # the world, without a word
+        self.stopped: Stop | None = None  # the world's last message
+        self._gone = False  # whether the world vanished without a Stop
         self.dropped: Counter[str] = Counter()
 
     def join(
@@ -57,12 +60,12 @@ class NodeClient:
         timeout_s: float,
         cancelled: Callable[[], bool] = lambda: False,
     ) -> Welcome:
-        """Asks until a world lets it in, builds the node, and listens. `cancelled` is asked between two questions.
+        """Asks until a world admits the node, builds the node, and listens. `cancelled` is asked between two questions.
 
-        Who comes before its predecessor is missed is refused for now, and asks again.
+        A node that comes before the loss of its predecessor is noticed is refused for now, and asks again.
 
         Raises:
-            Refused: the world did not let it in.
+            Refused: the world did not admit the node.
             BusError: no world answered in time.
         """
         request = msgspec.structs.replace(request, token=int.from_bytes(os.urandom(7), "little"))
@@ -74,7 +77,7 @@ class NodeClient:
         try:
             _check_plugins(welcome, request.role)
             self._node = make(welcome)
-        except BadInput as error:  # said here and there: whoever watches the world need not look on this host
+        except BadInput as error:  # the world logs it too: its user need not look on this host
             why = f"{welcome.node} on host {platform.node()}: {error}"
             self._bus.put(self._speak, control.encode(Refusal(why)))
             raise BadInput(why) from error
@@ -85,9 +88,9 @@ class NodeClient:
         return welcome
 
     def serve(self, cancelled: Callable[[], bool], abandoned: Callable[[], bool]) -> str:
-        """Answers until the world says stop (`stopped`), or it is told to end, and returns why.
+        """Answers until the world says stop (`stopped`) or the process should end; returns the reason.
 
-        `cancelled` is asked after every delivery, `abandoned` only when there is nothing to do.
+        `cancelled` is asked after every delivery, `abandoned` only when no delivery came.
 
         Raises:
             WorldGone: the session with the world ended without a word.
@@ -107,7 +110,7 @@ class NodeClient:
         return self.stopped.reason
 
     def handle(self, delivery: Delivery) -> None:
-        """One delivery. What does not fit is dropped, counted and logged; the node is as it was."""
+        """Handles one delivery. A message that does not fit is dropped, counted and logged, and changes nothing."""
         if delivery.kind == "gone":
             self._gone = True
         elif delivery.kind == "message":
@@ -116,7 +119,7 @@ class NodeClient:
                 take(delivery.key, delivery.payload)
 
     def _asked(self, key: str, raw: bytes) -> None:
-        """One message of a tick, while nobody else asks the node."""
+        """Replies to one message of a tick, while no other thread asks the node."""
         try:
             sense = tick.read_sense(raw, self._blank.copy())
             if sense.run != self._fingerprint:
@@ -161,8 +164,8 @@ class NodeClient:
                 time.sleep(min(_REFUSED_AGAIN_S, left))
 
     def _at_once(self, key: str, raw: bytes) -> bool:
-        """Replies to a Sense in the thread that brings it, unless the node is at work: a hand-over to another thread
-        costs as much as the reply."""
+        """Replies to a Sense in the thread that brings it, unless the node is busy: a hand-over to another thread costs
+        as much as the reply."""
         if raw[1:2] not in tick.TYPES or not self._busy.acquire(False):
             return False
         try:
@@ -172,14 +175,14 @@ class NodeClient:
             self._busy.release()
 
     def _control(self, key: str, raw: bytes) -> None:
-        """Any other message: the last one."""
+        """Takes the only other message: Stop."""
         try:
             self.stopped = control.decode_as(Stop, raw, self._fingerprint)
         except MessageRejected as error:
             self._drop(key, error)
 
     def _complain(self, complaints: list[str]) -> None:
-        """Tells the world what went wrong here."""
+        """Reports problems to the world."""
         for text in complaints:
             self._bus.put(self._speak, control.encode(Event(self._last_tick, "failed", text)))
         complaints.clear()
@@ -188,11 +191,93 @@ class NodeClient:
         self._bus.put(self._speak, control.encode(Ready(self._fingerprint)))
 
 
-def _check_plugins(welcome: Welcome, role: str) -> None:
-    """Whether this host has the plug-ins of the world that a node needs: controller, filter, and a leader the rule.
+def take_part(
+    connect: Callable[[float], Bus],
+    run: str,
+    request: Join,
+    make: Callable[[Welcome], Node],
+    wait_s: float,
+    cancelled: Callable[[], bool],
+    abandoned: Callable[[], bool],
+    welcomed: Callable[[Welcome], None] = lambda welcome: None,
+) -> str:
+    """Connects, joins and serves until the world says stop; returns the world's reason.
+
+    If its session is lost (its connection was reset, or cut for longer than the lease), the world has counted the node
+    as lost. The node opens a new session and joins again as a new node; if the flight is over by then, it leaves. A
+    node that was frozen and is told that it counts as lost joins again too, but only a few times, and not if another
+    node has its place by then.
+
+    Args:
+        connect: opens a session within this many seconds, or raises BusError.
+        wait_s: how long to wait for a world, at first and whenever the session is lost.
+        cancelled: asked after every delivery and between two attempts.
+        abandoned: the same, but not while the node has work.
+        welcomed: called after every admission.
 
     Raises:
-        BadInput: one is missing, or another version of it is here.
+        WorldGone: the session was lost, and no world could be reached in time.
+        BusError: no world answered in time at first, or it refused the node.
+    """
+    lost: WorldGone | None = None
+    missed: str | None = None  # why the world counts this node as lost, if that is what it said last
+    times = 0
+
+    def over() -> bool:
+        return cancelled() or abandoned()
+
+    while True:
+        end = time.monotonic() + wait_s
+        try:
+            bus = connected(connect, end, over)
+            try:
+                client = NodeClient(bus, run)
+                patience_s = 0.0 if missed else max(0.0, end - time.monotonic())
+                welcomed(client.join(request, make, patience_s, over))
+                lost = None
+                missed = client.serve(cancelled, abandoned)
+            finally:
+                bus.close()
+            times += 1
+            if client.stopped is None or not client.stopped.lost or times > _MOST_RETURNS:
+                return missed
+        except WorldGone as error:
+            lost, missed = error, None
+            log.warning("lost the session with the world; trying to come back for %.0f s", wait_s)
+        except BusError as error:
+            if missed is not None:
+                return missed
+            if lost is not None and isinstance(error, Refused) and error.over:
+                return str(error)
+            if over() and not isinstance(error, Refused):
+                return "interrupted"
+            if lost is None or isinstance(error, Refused):
+                raise
+            raise lost from error
+
+
+def connected(connect: Callable[[float], Bus], end: float, over: Callable[[], bool]) -> Bus:
+    """A session that is opened before `end` by the monotonic clock; `over` is asked between two attempts.
+
+    Raises:
+        BusError: no session in time, or `over`.
+    """
+    attempt_s = _ATTEMPT_S
+    while True:
+        left = end - time.monotonic()
+        try:
+            return connect(max(0.0, min(attempt_s, left)))
+        except BusError:
+            if left <= attempt_s or over():
+                raise
+        attempt_s = min(2.0 * attempt_s, _LONGEST_ATTEMPT_S)
+
+
+def _check_plugins(welcome: Welcome, role: str) -> None:
+    """Checks that this host has the world's plug-ins that a node needs: controller, filter, and the leader's rule.
+
+    Raises:
+        BadInput: one is missing, or has another version here.
     """
     for door, name, fingerprint in welcome.plugins:
         if door in ("controller", "filter") or (door == "aggregator" and role == "leader"):

@@ -1,4 +1,4 @@
-"""Every Zenoh key expression, once. A node publishes under its own name only, so access control can hold it to that."""
+"""All Zenoh key expressions. A node publishes under its own name only, so access control can restrict it to that."""
 
 import re
 import zlib
@@ -8,9 +8,9 @@ from meanflock.swarm.errors import BadInput, MessageRejected
 
 ROOT = "meanflock"
 _RUN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
-_NAME = _RUN_NAME.pattern  # of a role or a node, too
-_OF_A_NODE = re.compile(rf"{ROOT}/{_NAME}/(?:node/({_NAME})/(?:join|act|sense)|alive/{_NAME}/({_NAME}))")
-_OF_A_TOKEN = re.compile(rf"{ROOT}/{_NAME}/alive/({_NAME})/({_NAME})")
+_NAME = _RUN_NAME.pattern  # roles and nodes as well
+_KEY_OF_A_NODE = re.compile(rf"{ROOT}/{_NAME}/(?:node/({_NAME})/(?:join|act|sense)|alive/{_NAME}/({_NAME}))")
+_KEY_OF_A_TOKEN = re.compile(rf"{ROOT}/{_NAME}/alive/({_NAME})/({_NAME})")
 
 
 def check_run(run: str) -> str:
@@ -30,22 +30,22 @@ def fingerprint(run: str) -> int:
 
 
 def asker(role: str, uav: int = -1) -> str:
-    """The name a node asks to take part under: its own, or its role where it leaves the choice to the world."""
+    """The name under which a node asks to join: its own, or its role if the world may choose its UAVs."""
     return f"{role}-{uav}" if uav >= 0 else role
 
 
 def join(run: str, name: str = "*") -> str:
-    """Queryable of the world: a node asks to take part, under the name `asker` gives it."""
+    """Queryable of the world, under which a node asks to join; `name` is that of `asker`."""
     return f"{ROOT}/{run}/node/{name}/join"
 
 
-@lru_cache(maxsize=4096)  # asked for in every tick
+@lru_cache(maxsize=4096)  # called in every tick
 def sense(run: str, node: str) -> str:
     """World → node."""
     return f"{ROOT}/{run}/node/{node}/sense"
 
 
-@lru_cache(maxsize=4096)  # likewise
+@lru_cache(maxsize=4096)  # called in every tick
 def act(run: str, node: str) -> str:
     """Node → world; `*` for all nodes."""
     return f"{ROOT}/{run}/node/{node}/act"
@@ -66,24 +66,24 @@ def alive(run: str, role: str, node: str) -> str:
     return f"{ROOT}/{run}/alive/{role}/{node}"
 
 
-@lru_cache(maxsize=4096)  # asked for in every tick; a key that is none is not kept
+@lru_cache(maxsize=4096)  # called in every tick; a wrong key is not cached
 def node_of(key: str) -> str:
     """The node a key of `join`, `act`, `sense` or `alive` belongs to.
 
     Raises:
-        MessageRejected: `wrong-key`: it is none of these. Whoever publishes chooses the key, wildcards included.
+        MessageRejected: `wrong-key`: it is none of these. A sender can choose any key, wildcards included.
     """
-    if (of := _OF_A_NODE.fullmatch(key)) is None:
+    if (match := _KEY_OF_A_NODE.fullmatch(key)) is None:
         raise MessageRejected("wrong-key", key)
-    return of[1] or of[2]
+    return match[1] or match[2]
 
 
 def presence_of(key: str) -> tuple[str, str]:
     """Role and name in the key of a liveliness token.
 
     Raises:
-        MessageRejected: `wrong-key`: it is none.
+        MessageRejected: `wrong-key`: it is not a key of a token.
     """
-    if (of := _OF_A_TOKEN.fullmatch(key)) is None:
+    if (match := _KEY_OF_A_TOKEN.fullmatch(key)) is None:
         raise MessageRejected("wrong-key", key)
-    return of[1], of[2]
+    return match[1], match[2]

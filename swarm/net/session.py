@@ -1,12 +1,15 @@
 """The bus over Zenoh; the only file that imports zenoh.
 
-The world is the router and everyone else a client: no router binary, no multicast, loopback unless told otherwise.
+The world's process is the router and every other process a client: no router binary, no multicast, loopback by default.
 Settings were chosen by measurement, see docs/performance.md.
 """
 
 import logging
+import math
 import os
+import queue
 import socket
+import stat
 import struct
 import threading
 import time
@@ -15,9 +18,9 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
-# The runtime reads this once, when zenoh is loaded. The hand-over between threads is what a small message costs: the
-# one that waits for the sockets also reads them. What sends must have a thread of its own: the other one hands messages
-# to it (it tells everyone of a link that is gone), and would wait for itself.
+# The runtime reads this once, when zenoh is loaded. A small message costs the hand-over between threads, so the thread
+# that waits for the sockets also reads them. Sending needs a thread of its own: the other thread hands messages to it
+# (it tells every node of a link that is gone), and would wait for itself.
 os.environ.setdefault(
     "ZENOH_RUNTIME",
     "(acc:(handover:app),net:(handover:app),rx:(handover:app),app:(worker_threads:1),tx:(worker_threads:1))",
@@ -26,43 +29,117 @@ os.environ.setdefault(
 import msgspec
 import zenoh
 
-from meanflock.swarm.errors import BusError
-from meanflock.swarm.net.access import NOBODY
-from meanflock.swarm.net.backlog import LARGEST, Backlog
+from meanflock.swarm.errors import BadInput, BusError
+from meanflock.swarm.net.access import NOBODY, Identity
+from meanflock.swarm.net.address import DEFAULT_ENDPOINT, check_free, secured
 from meanflock.swarm.net.bus import Delivery, Offer, Quota, Quotas
-from meanflock.swarm.net.endpoint import DEFAULT_ENDPOINT, check_free, secured
-from meanflock.swarm.net.identity import Identity
-from meanflock.swarm.net.lease import lease
+from meanflock.swarm.printable import printable
 from meanflock.swarm.wire.control import MAX_BYTES
 
 log = logging.getLogger("meanflock.bus")
 
-_BATCH_BYTES = 4096  # of what is received in one piece
+LEASE = "MEANFLOCK_LEASE"  # variable: seconds of silence after which the other end of a link is taken for gone
+_LEASE_S = (1.0, 10.0, 600.0)  # least, default, most
+_WAITING_MESSAGES = 256  # of one sender; an honest node has two or three under way
+_WAITING_BYTES = 2**16  # of one sender, however short its messages have to be
+_WAITING_LONGEST = 4  # or this many of the longest messages that it may send
+_BATCH_BYTES = 4096  # received in one piece
 _COMMON: Mapping[str, Any] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
     "scouting/delay": 0,
-    # Stamps are of the wall clock, and a router that sees it jump has a complaint for every message.
+    # Time stamps are of the wall clock, and a router that sees the clock jump complains about every message.
     "timestamping/enabled": False,
-    # Shared memory is on by default from 3 KiB and can drop messages without a word.
+    # Shared memory is on by default from 3 KiB and can drop messages silently.
     "transport/shared_memory/enabled": False,
     "transport/link/rx/max_message_size": MAX_BYTES,
-    # What is received is read into as much fresh memory as a batch may take. Of the default of 64 KiB, cleared for each
-    # small message, the caches keep nothing else; and as much is held by each fragment of a message, however short.
+    # Each message is read into fresh memory of the size of a batch. The default of 64 KiB, cleared for each small
+    # message, would push all else out of the caches; and each fragment of a message, however short, holds as much.
     "transport/link/tx/batch_size": _BATCH_BYTES,
-    # With priorities a link may have sixteen messages under way in fragments; without, two. All of ours have the same.
+    # With priorities a link may have sixteen messages under way in fragments; without, two. Ours all have the same.
     "transport/unicast/qos/enabled": False,
 }
 _ASK_AGAIN_S = 0.05
-_KEY_BYTES = 1024  # a message on the way is longer by its key and the like
+_KEY_BYTES = 1024  # room for the key and headers of a message
 _RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
 
 
 def _config(settings: dict[str, Any]) -> zenoh.Config:
     config = zenoh.Config()
-    for path, value in (settings | lease()).items():
+    for path, value in (settings | _lease()).items():
         config.insert_json5(path, msgspec.json.encode(value).decode())
     return config
+
+
+def _lease() -> dict[str, int]:
+    """Zenoh's settings of how long a link may be silent, and how long a message may wait for a link.
+
+    Two messages may wait for the same link, one after the other, and nothing is received meanwhile: three tenths of the
+    lease each leave the other links time for a sign of life.
+
+    Raises:
+        BadInput: the variable is not such a number.
+    """
+    least, default, most = _LEASE_S
+    text = os.environ.get(LEASE) or str(default)
+    try:
+        lease_s = float(text)
+    except ValueError:
+        lease_s = math.nan
+    if not least <= lease_s <= most:
+        raise BadInput(f"{LEASE}={text}: seconds from {least:g} to {most:g}; {default:g} where it is not set")
+    return {
+        "transport/link/tx/lease": int(1e3 * lease_s),
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": int(3e5 * lease_s),  # µs
+    }
+
+
+class Backlog:
+    """Queue of received deliveries, filled from any thread, in which no sender may have more than its share."""
+
+    def __init__(self, quotas: Quotas | None) -> None:
+        """`quotas`: the sender of a message, and how long the message may be; None: no limit."""
+        self.dropped: Counter[str] = Counter()  # deliveries beyond the share of their sender: `backlog`
+        self._queue: queue.SimpleQueue[tuple[Delivery, str]] = queue.SimpleQueue()  # with the sender, if it is limited
+        self._quotas = quotas
+        self._waiting: dict[str, tuple[int, int]] = {}  # messages and their bytes, by sender
+        self._counting = threading.Lock()
+
+    def put(self, delivery: Delivery) -> None:
+        """Adds a delivery if its sender has room for it."""
+        owner = ""
+        if self._quotas is not None:
+            owner, largest = self._quotas(delivery.key)
+            with self._counting:
+                count, size = self._waiting.get(owner, (0, 0))
+                size += len(delivery.payload)
+                if fits := count < _WAITING_MESSAGES and size <= max(_WAITING_BYTES, _WAITING_LONGEST * largest):
+                    self._waiting[owner] = (count + 1, size)
+                else:
+                    self.dropped["backlog"] += 1
+                    dropped = self.dropped["backlog"]
+            if not fits:
+                if dropped & (dropped - 1) == 0:  # the 1st, 2nd, 4th, 8th …: a flood does not fill the log
+                    log.warning(
+                        "dropped %d messages, too many wait; the last under %s", dropped, printable(delivery.key)
+                    )
+                return
+        self._queue.put((delivery, owner))
+
+    def get(self, timeout_s: float) -> Delivery | None:
+        """The next delivery; None if none comes in time."""
+        try:
+            delivery, owner = self._queue.get(timeout=timeout_s)
+        except queue.Empty:
+            return None
+        if self._quotas is not None:
+            with self._counting:
+                count, size = self._waiting[owner]
+                if count > 1:
+                    self._waiting[owner] = (count - 1, size - len(delivery.payload))
+                else:
+                    del self._waiting[owner]
+        return delivery
 
 
 class ZenohBus:
@@ -129,11 +206,11 @@ class ZenohBus:
     def client(
         cls, endpoint: str = DEFAULT_ENDPOINT, timeout_s: float = 30.0, identity: Identity | None = None
     ) -> "ZenohBus":
-        """Everyone else's side: connects to the world, waiting up to `timeout_s` for it to come up.
+        """A node's side: connects to the world, and waits up to `timeout_s` for it to come up.
 
         Raises:
             BadInput: a certificate cannot be used.
-            BusError: no world answered in time, or it refused the certificate: it does not say which.
+            BusError: no world answered in time, or it refused the certificate; Zenoh does not say which.
         """
         settings = {
             **_COMMON,
@@ -148,8 +225,8 @@ class ZenohBus:
         try:
             return cls(_config(settings))
         except BusError as error:
-            else_ = "" if identity is None else f", or refuses {identity.certificate}"
-            raise BusError(f"{error}; the world is not there{else_}: start it, or wait longer (--wait)") from error
+            refuses = "" if identity is None else f", or refuses {identity.certificate}"
+            raise BusError(f"{error}; the world is not there{refuses}: start it, or wait longer (--wait)") from error
 
     def put(self, key: str, payload: bytes) -> None:
         publisher = self._publishers.get(key)
@@ -173,10 +250,10 @@ class ZenohBus:
             try:
                 if offer is not None and offer(name, payload.to_bytes()):
                     return
-            except Exception:  # in Zenoh's thread nobody else would hear of it
+            except Exception:  # in Zenoh's thread the error would be lost
                 if not self._closed:
                     log.exception("the message under %s was not taken", name)
-            self._backlog.keep(Delivery("message", name, payload.to_bytes()))
+            self._backlog.put(Delivery("message", name, payload.to_bytes()))
 
         self._declared.append(self._session.declare_subscriber(key, receive))
 
@@ -190,12 +267,12 @@ class ZenohBus:
                 with query:
                     query.reply(query.key_expr, answer)
 
-            self._backlog.keep(Delivery("question", name, payload.to_bytes() if payload else b"", reply))
+            self._backlog.put(Delivery("question", name, payload.to_bytes() if payload else b"", reply))
 
         self._declared.append(self._session.declare_queryable(key, receive))
 
     def ask(self, key: str, payload: bytes, timeout_s: float) -> bytes | None:
-        # Zenoh says at once that nobody offers answers; the world may be about to.
+        # Zenoh returns at once if no process answers yet; the world may be about to.
         end = time.monotonic() + timeout_s
         while (left := end - time.monotonic()) > 0:
             for reply in self._session.get(key, payload=payload, timeout=left):
@@ -210,12 +287,12 @@ class ZenohBus:
     def watch(self, key: str) -> None:
         def receive(sample: zenoh.Sample) -> None:
             came = sample.kind == zenoh.SampleKind.PUT
-            self._backlog.keep(Delivery("alive" if came else "gone", str(sample.key_expr)))
+            self._backlog.put(Delivery("alive" if came else "gone", str(sample.key_expr)))
 
         self._declared.append(self._session.liveliness().declare_subscriber(key, receive, history=True))
 
     def receive(self, timeout_s: float) -> Delivery | None:
-        return self._backlog.receive(timeout_s)
+        return self._backlog.get(timeout_s)
 
     @property
     def dropped(self) -> Counter[str]:
@@ -228,7 +305,7 @@ class ZenohBus:
             return True
         _, largest = self._quotas(key)
         if size > largest:
-            self._backlog.keep(Delivery("oversized", key, size=size, largest=largest))
+            self._backlog.put(Delivery("oversized", key, size=size, largest=largest))
         return size <= largest
 
     def _close_links_without_waiting(self) -> None:
@@ -252,7 +329,7 @@ class ZenohBus:
 
 
 def _a_key_a_sender(key: str) -> Quota:
-    return Quota(key, MAX_BYTES // LARGEST)
+    return Quota(key, MAX_BYTES // _WAITING_LONGEST)
 
 
 def _do_not_linger(locator: str) -> None:
@@ -264,11 +341,12 @@ def _do_not_linger(locator: str) -> None:
     """
     host, _, port = locator.partition("/")[2].rpartition(":")
     for number in sorted(map(int, os.listdir("/dev/fd")), reverse=True):  # a new link has a high number, as a rule
-        # The family is that of IPv6 because its addresses need the most room; addresses of IPv4 are read as well.
-        with suppress(OSError), socket.fromfd(number, socket.AF_INET6, socket.SOCK_STREAM) as link:
-            if link.getpeername()[:2] == (host.strip("[]"), int(port)):
-                link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 0, 0))
-                return
+        with suppress(OSError):  # closed meanwhile, or a socket without another end
+            if stat.S_ISSOCK(os.fstat(number).st_mode):
+                with socket.socket(fileno=os.dup(number)) as link:
+                    if link.getpeername()[:2] == (host.strip("[]"), int(port)):
+                        link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 0, 0))
+                        return
 
 
 def _tls(identity: Identity, side: str) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from meanflock.groundstation.results.run_folder import CHECKPOINT, RunFolder
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BusError, RunFailed
 from meanflock.swarm.net.bus import MemoryNetwork
-from meanflock.swarm.net.lease import LEASE
+from meanflock.swarm.net.session import LEASE
 from meanflock.swarm.process import Interrupted
 from tests.faults.conftest import Lab, events_in, spool_bytes
 from tests.polling import DEADLINE_S, until

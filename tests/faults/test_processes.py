@@ -17,8 +17,7 @@ from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.groundstation.recording.replay import recorded
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.net import keys
-from meanflock.swarm.net.lease import LEASE
-from meanflock.swarm.net.session import ZenohBus
+from meanflock.swarm.net.session import LEASE, ZenohBus
 from tests.faults.conftest import SETTINGS, Flight, Lab, Processes, ends_by_itself, events_in, spool_bytes, summary_of
 from tests.faults.wire import Wire
 from tests.polling import DEADLINE_S, LINK_SURE_S, until

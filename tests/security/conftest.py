@@ -19,9 +19,9 @@ from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.leader.node import Leader
 from meanflock.swarm import scenario
 from meanflock.swarm.net import keys
+from meanflock.swarm.net.access import LEADER, WORLD, Identity
 from meanflock.swarm.net.bus import Bus
 from meanflock.swarm.net.client import NodeClient
-from meanflock.swarm.net.identity import LEADER, WORLD, Identity
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, Join, Refusal

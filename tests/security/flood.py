@@ -7,7 +7,7 @@ import sys
 import threading
 from pathlib import Path
 
-from meanflock.swarm.net.identity import Identity
+from meanflock.swarm.net.access import Identity
 from meanflock.swarm.net.session import ZenohBus
 from tests.polling import DEADLINE_S
 

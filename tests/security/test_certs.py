@@ -14,8 +14,8 @@ from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.doctor import certificates
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import access, keys
-from meanflock.swarm.net.endpoint import secured
-from meanflock.swarm.net.identity import Identity, only_agent
+from meanflock.swarm.net.access import Identity, only_agent
+from meanflock.swarm.net.address import secured
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,8 @@ from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.swarm.errors import BusError
 from meanflock.swarm.net import keys
-from meanflock.swarm.net.endpoint import secured
-from meanflock.swarm.net.identity import Identity
+from meanflock.swarm.net.access import Identity
+from meanflock.swarm.net.address import secured
 from meanflock.swarm.net.session import _COMMON, ZenohBus, _config
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Join

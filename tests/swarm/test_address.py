@@ -5,8 +5,7 @@ import socket
 import pytest
 
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.net.address import Address
-from meanflock.swarm.net.endpoint import check_free
+from meanflock.swarm.net.address import Address, check_free
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import json
 import os
 import queue
 import socket
+import stat
 import struct
 import threading
 import time
@@ -14,8 +15,7 @@ import pytest
 
 from meanflock.swarm.errors import BadInput, BusError
 from meanflock.swarm.net.bus import Bus, Delivery, MemoryNetwork, matches
-from meanflock.swarm.net.lease import LEASE
-from meanflock.swarm.net.session import ZenohBus, _config
+from meanflock.swarm.net.session import LEASE, ZenohBus, _config, _do_not_linger
 from tests.polling import DEADLINE_S, until
 from tests.swarm.conftest import Open, free_endpoint
 
@@ -171,6 +171,9 @@ def test_the_router_closes_a_link_without_waiting_for_its_other_end(listening: s
 
     try:
         until(lambda: lingering() == [0], "one link that does not linger")
+        before = os.listdir("/dev/fd")
+        _do_not_linger("tcp/127.0.0.1:1")  # looks at all files of the process
+        assert os.listdir("/dev/fd") == before
     finally:
         client.close()
         hub.close()
@@ -178,10 +181,12 @@ def test_the_router_closes_a_link_without_waiting_for_its_other_end(listening: s
 
 def _linger_of_link(number: int, port: int) -> Iterator[int]:
     """Whether a file of this process lingers, if it is a link that was accepted at `port`."""
-    with suppress(OSError), socket.fromfd(number, socket.AF_INET6, socket.SOCK_STREAM) as link:
-        link.getpeername()
-        if link.getsockname()[1] == port:
-            yield struct.unpack("ii", link.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, 8))[0]
+    with suppress(OSError):
+        if stat.S_ISSOCK(os.fstat(number).st_mode):
+            with socket.socket(fileno=os.dup(number)) as link:
+                link.getpeername()
+                if link.getsockname()[1] == port:
+                    yield struct.unpack("ii", link.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, 8))[0]
 
 
 @pytest.mark.parametrize("said", ["0.5", "601", "nan", "soon", "-3"])

@@ -1,4 +1,4 @@
-"""What the processes share on their command lines."""
+"""Flags, signals and restarts of the processes."""
 
 import os
 import signal
@@ -6,7 +6,7 @@ import signal
 import pytest
 
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.process import Interrupted, parser, seconds
+from meanflock.swarm.process import AT_MOST, QUICK_S, Interrupted, Restarts, parser, seconds
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "-1", "soon", ""])
@@ -47,3 +47,31 @@ def test_an_interruption_is_noted_for_as_long_as_somebody_looks_and_then_the_sig
         assert heard == [number]
     finally:
         signal.signal(number, before)
+
+
+def test_one_that_dies_at_once_is_started_a_few_times_only_and_nobody_else_is_blamed() -> None:
+    restarts = Restarts(lambda: 0.0)
+    for name in ("a", 7):
+        restarts.started(name)
+    assert [restarts.again("a") for _ in range(AT_MOST + 2)] == [True] * AT_MOST + [False] * 2
+    assert restarts.again(7)
+
+
+def test_one_that_lives_for_a_while_is_always_started_again() -> None:
+    now = [0.0]
+    restarts = Restarts(lambda: now[0])
+    for _ in range(3 * AT_MOST):
+        restarts.started("a")
+        now[0] += QUICK_S
+        assert restarts.again("a")
+
+
+def test_a_longer_life_makes_up_for_the_short_ones_before_it() -> None:
+    now = [0.0]
+    restarts = Restarts(lambda: now[0])
+    for life_s in [1.0] * AT_MOST + [QUICK_S] + [1.0] * (AT_MOST - 1):
+        restarts.started("a")
+        now[0] += life_s
+        assert restarts.again("a")
+    restarts.started("a")
+    assert not restarts.again("a")

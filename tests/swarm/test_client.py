@@ -6,9 +6,9 @@ import pytest
 
 from meanflock.agent.node import Agent
 from meanflock.swarm.errors import BusError, Refused, WorldGone
-from meanflock.swarm.net import attendance
-from meanflock.swarm.net.attendance import take_part
+from meanflock.swarm.net import client
 from meanflock.swarm.net.bus import Bus, MemoryNetwork
+from meanflock.swarm.net.client import take_part
 from meanflock.swarm.wire.messages import Join, Stop
 
 
@@ -48,7 +48,7 @@ class Comer:
 def test_who_lost_its_session_and_comes_back_after_the_last_tick_goes_home_and_who_never_flew_is_refused(
     times: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(attendance, "NodeClient", Comer)
+    monkeypatch.setattr(client, "NodeClient", Comer)
     Comer.times = times
 
     def part() -> str:
@@ -78,7 +78,7 @@ class Sent(Comer):
 def test_who_is_taken_for_lost_joins_again_whatever_the_words_and_who_is_sent_home_goes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(attendance, "NodeClient", Sent)
+    monkeypatch.setattr(client, "NodeClient", Sent)
     Sent.stops = [Stop(1, "for a reason", lost=True), Stop(1, "lost: and found"), Stop(1, "never heard")]
     network = MemoryNetwork()
     why = take_part(lambda _: network.endpoint(), "r", Join("agent", 1), Agent, 60.0, lambda: False, lambda: False)
