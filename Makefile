@@ -57,7 +57,7 @@ soak: $(VENV)/.dev ## Fly 10,000 ticks on processes that are killed, frozen and 
 	@$(BIN)/python -m tests.soak $(ARGS)
 
 robustness: $(VENV)/.ground ## Fly swarms with malicious UAVs and write docs/robustness.md
-	@$(BIN)/python docs/robustness.py $(ARGS)
+	@$(BIN)/python -m meanflock.studies.robustness $(ARGS)
 
 picture: $(VENV)/.ground ## Draw the README's pictures again (needs a software or hardware Vulkan driver)
 	@$(BIN)/python docs/picture.py $(ARGS)

@@ -10,7 +10,7 @@ from meanflock import agent, channel, kernels, leader, swarm, worldsim
 _ROOMS = (swarm, kernels, agent, channel, leader, worldsim)
 _HERE = (
     *("paper/flown.py", "paper/recorder.py", "paper/series.py"),
-    *("leaderboard/flights.py", "../groundstation/launch/engine.py"),
+    *("clusters.py", "leaderboard/flights.py", "../groundstation/launch/engine.py"),
 )
 
 

@@ -7,17 +7,17 @@ and repeats the command flies the rest.
 import json
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 import msgspec
-from joblib import delayed
 
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.studies.backends import possible, started
+from meanflock.studies import runner
 from meanflock.studies.job_file import StoredRun, decode, encode
+from meanflock.studies.runner import Jobs, WorkerDied
 from meanflock.studies.store import Store
 from meanflock.swarm import durable, plugins
 from meanflock.swarm.errors import RunFailed
@@ -40,24 +40,26 @@ def seeded(flown: Scenario, count: int) -> list[Scenario]:
 
 def fly_all(
     points: Mapping[Any, Sequence[Scenario]],
-    jobs: int,
+    jobs: Jobs,
     progress: Callable[[int, int], None],
     store: Store,
     study: str = STUDY,
     fly: Fly | None = None,
     keeps: bool = True,
 ) -> dict[Any, Summaries]:
-    """Flies what `store` does not have yet, in `jobs` processes, without a bus: the first flight of each point, the
-    second of each, and so on, so that the time left can be told from the time it took.
+    """Flies what `store` does not have yet, without a bus: the first flight of each point, the second of each, and so
+    on, so that the time left can be estimated from the time it took.
 
     Args:
-        points: by whatever tells them apart, scenarios that differ in their seeds only.
-        progress: called with the runs finished and wanted.
-        study: what keeps them, the first word of their names in the store. fly: flies one and says what is kept of it,
-            in whatever process; None for its summary. keeps: whether `store` outlives this call.
+        points: name → scenarios that differ in their seeds only.
+        jobs: number of processes, -1 for one a core, or the executor of a cluster.
+        progress: called with the numbers of runs finished and wanted.
+        study: first word of the names of its runs in the store.
+        fly: flies a scenario, in any process, and returns what the store keeps; None: `summarised`.
+        keeps: whether `store` outlives this call.
 
     Returns:
-        For each point the summaries of its runs, in the order of its scenarios.
+        For each point what `fly` returned, in the order of its scenarios.
 
     Raises:
         RunFailed: disk full or a process died, or interrupted (Interrupted); what was finished is kept, the same call
@@ -70,21 +72,22 @@ def fly_all(
     missing = [flown for flown, key in turns if key not in finished]
     total = sum(map(len, keys.values()))
     done = total - len(missing)
+
+    def keep(_flown: Scenario, raw: bytes) -> None:
+        nonlocal done
+        store.add(raw)
+        runs = decode(raw)
+        finished.update((run.key, run.scalars) for run in runs)
+        done += len(runs)
+        progress(done, total)
+
     progress(done, total)
     try:
-        calls = (delayed(_fly)(flown, os.getpid(), plugins.files(), study, fly) for flown in missing)
-        for raw in started(calls, possible(jobs)):
-            store.add(raw)
-            runs = decode(raw)
-            finished |= {run.key: run.scalars for run in runs}
-            done += len(runs)
-            progress(done, total)
+        runner.run(partial(_fly, study=study, fly=fly or summarised), missing, jobs, keep)
     except KeyboardInterrupt:
         raise Interrupted(f"interrupted; {_kept(done, total, store if keeps else None)}") from None
-    except BrokenProcessPool as error:
-        raise RunFailed(
-            f"a process died, perhaps for want of memory; {_kept(done, total, store if keeps else None)}"
-        ) from error
+    except WorkerDied as error:
+        raise RunFailed(f"{error}; {_kept(done, total, store if keeps else None)}") from error
     return {name: [finished[key] for key in keys[name]] for name in points}
 
 
@@ -111,13 +114,9 @@ def _contents(plugin: plugins.Plugin) -> str:
     return f"{os.getpid()} {id(plugins.load(plugin.kind, plugin.name))}"  # a class of this process
 
 
-def _fly(
-    flown: Scenario, parent: int, files: Sequence[tuple[str, str]], study: str = STUDY, fly: Fly | None = None
-) -> bytes:
-    """Flies one run; the content of its file. files: the plug-ins of `parent`, for a process of an earlier call."""
-    if os.getpid() != parent:
-        plugins.hold(files)
-    return encode([StoredRun(key_of(flown, study), (fly or summarised)(flown))])
+def _fly(flown: Scenario, study: str, fly: Fly) -> bytes:
+    """Flies one run; the content of its file in the store."""
+    return encode([StoredRun(key_of(flown, study), fly(flown))])
 
 
 def summarised(flown: Scenario) -> dict[str, Any]:

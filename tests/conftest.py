@@ -46,7 +46,7 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-OTHERS = {"PYTEST_CURRENT_TEST", "KMP_INIT_AT_FORK"}  # variables that pytest and joblib set
+OTHERS = {"PYTEST_CURRENT_TEST"}  # a variable that pytest sets
 
 
 def _of_this_process() -> set[tuple[str, Any]]:

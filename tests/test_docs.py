@@ -1,6 +1,5 @@
 """The documentation is executed: what it says to type works, and what can be typed is in it."""
 
-import json
 import os
 import re
 import shlex
@@ -15,6 +14,7 @@ import pytest
 
 import meanflock as mf
 from meanflock.groundstation.cli.command import cli, main
+from meanflock.studies import communication, published, robustness
 from meanflock.swarm import __version__
 from meanflock.testing import check_controller
 from tests.pages import script_of
@@ -179,9 +179,8 @@ def test_every_link_between_pages_leads_somewhere(page: Path) -> None:
 
 
 def test_the_tables_of_robustness_are_those_of_the_flights_that_were_kept() -> None:
-    script = script_of("robustness")
-    text = script.PAGE.read_text(encoding="utf-8")
-    assert script.page(json.loads(script.RESULTS.read_text(encoding="utf-8")), text) == text
+    text = robustness.PAGE.read_text(encoding="utf-8")
+    assert robustness.page(published.read_rows(robustness.RESULTS), text) == text
 
 
 @pytest.mark.parametrize("page", ["api", "keys"])
@@ -197,8 +196,7 @@ def test_every_key_of_a_scenario_has_a_reason_and_every_name_of_the_python_door_
 
 
 def test_the_sizes_of_payloads_on_the_page_are_those_of_today() -> None:
-    script = script_of("communication")
-    assert "\n".join(script.transmissions()) in script.PAGE.read_text(encoding="utf-8")
+    assert "\n".join(communication.transmissions()) in communication.PAGE.read_text(encoding="utf-8")
 
 
 def test_the_picture_of_the_rooms_is_that_of_the_imports() -> None:

@@ -148,7 +148,7 @@ def test_one_file_sends_the_flight_to_rerun() -> None:
 
 
 def test_what_only_a_person_needs_stays_at_the_ground_station() -> None:
-    users = users_of("click", "rich", "psutil", "pyarrow", "joblib", "matplotlib")
+    users = users_of("click", "rich", "psutil", "pyarrow", "matplotlib")
     users |= users_of("tomli_w") - {"swarm/scenario/values.py"}  # imported there by who saves a scenario
     assert all(name.startswith(("groundstation/", "studies/", "meanflock/")) for name in users)
     assert all(name.startswith(("groundstation/", "studies/", "channel/", "worldsim/")) for name in users_of("scipy"))
@@ -193,7 +193,6 @@ def test_a_process_of_the_swarm_loads_only_what_it_needs(module: str) -> None:
     forbidden += [
         "meanflock.groundstation",
         "meanflock.studies",
-        "joblib",
         "matplotlib",
         "pickletools",
         "prometheus_client",

@@ -85,22 +85,20 @@ def leaderboard(
     Example:
       meanflock leaderboard --missions paper --controllers mfgfl-h plan --seeds 4
     """
-    from meanflock.studies.backends import processes, terminable
     from meanflock.studies.leaderboard import missions as known
     from meanflock.studies.leaderboard import rows
     from meanflock.studies.leaderboard.contest import Contest
     from meanflock.studies.leaderboard.report import write
+    from meanflock.studies.runner import terminable, workers
 
-    if backend != "dask" and scheduler is not None:
-        raise BadInput(f"--scheduler {scheduler}: is of dask; add --backend dask, or leave it out")
     contest = Contest(known.chosen(_names(missions)), rows.chosen(_names(controllers)), seeds, first_seed)
     with terminable(out):
         with (
+            workers(backend, scheduler, jobs) as available,
             store_in(out) as store,
             progress_of("leaderboard", quiet) as progress,
-            processes(backend, scheduler, None if jobs < 0 else jobs),
         ):
-            board = contest.fly(jobs, progress, store)
+            board = contest.fly(available, progress, store)
         _tell(board)
         report(write(board, out))
 

@@ -27,7 +27,7 @@ from meanflock.groundstation.cli.study_arguments import (
     store_in,
 )
 from meanflock.groundstation.doctor import tell_if_slow
-from meanflock.studies.backends import terminable
+from meanflock.studies.runner import terminable
 from meanflock.swarm import scenario
 from meanflock.swarm.scenario import Scenario
 

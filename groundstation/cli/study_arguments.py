@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from meanflock.groundstation.cli.arguments import PATH
 from meanflock.groundstation.doctor import tell_if_slow
-from meanflock.studies.backends import BACKENDS
+from meanflock.studies.runner import BACKENDS
 from meanflock.swarm.durable import check_folder
 from meanflock.swarm.errors import BadInput
 
@@ -48,7 +48,7 @@ scenario_option = click.option(
 backend_option = click.option(
     "--backend",
     type=click.Choice(BACKENDS),
-    default="loky",
+    default="processes",
     show_default=True,
     help="Processes of this machine, or a Dask cluster.",
 )

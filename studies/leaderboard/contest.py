@@ -13,6 +13,7 @@ from meanflock.studies.leaderboard.measures import BY_KEY, TOTAL, of_flight
 from meanflock.studies.leaderboard.missions import Mission
 from meanflock.studies.leaderboard.regret import Fronts
 from meanflock.studies.leaderboard.rows import Row
+from meanflock.studies.runner import Jobs
 from meanflock.studies.store import Store
 from meanflock.swarm import __version__
 from meanflock.swarm.errors import BadInput
@@ -49,7 +50,7 @@ class Contest:
             whys = {why for left in self.absent.values() for why in left.values()}
             raise BadInput(f"nothing can be flown: {'; '.join(sorted(whys))}")
 
-    def fly(self, jobs: int, progress: Callable[[int, int], None], store: Store) -> Board:
+    def fly(self, jobs: Jobs, progress: Callable[[int, int], None], store: Store) -> Board:
         """Flies what `store` does not have yet; see `study.fly_all`.
 
         Raises:

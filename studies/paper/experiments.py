@@ -1,27 +1,24 @@
 """Flies the grid: in parallel, with the time left, resumable, and proof against what happens to processes and disks."""
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from joblib import delayed
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from meanflock.studies.backends import BACKENDS, processes, started, terminable
+from meanflock.studies import runner
 from meanflock.studies.job_file import StoredRun, encode
 from meanflock.studies.paper.flown import Flown, fly
 from meanflock.studies.paper.grid import EXPERIMENTS, Wanted, wanted
 from meanflock.studies.paper.methods import Method
 from meanflock.studies.paper.series import stored
 from meanflock.studies.paper.tables import Results, tables
+from meanflock.studies.runner import WorkerDied, terminable, workers
 from meanflock.studies.store import Store
 from meanflock.swarm.errors import BadInput, MeanflockError, RunFailed
 
-_ATTEMPTS = 2
 _COST = {Method.HJB: (130.0, 4.0), Method.OFFLINE: (80.0, 0.2)}  # µs a tick, and more a UAV; of all others:
 _COST_OF_OTHERS = 50.0, 2.0
 
@@ -31,7 +28,7 @@ def run_grid(
     seeds: int = 30,
     only: set[str] | None = None,
     jobs: int = -1,
-    backend: str = "loky",
+    backend: str = "processes",
     scheduler: str | None = None,
     quiet: bool = False,
     plan: Sequence[Wanted] | None = None,
@@ -42,8 +39,8 @@ def run_grid(
     Args:
         out: results go to `out/data`. seeds: per point; S0 gets 10/3 as many, sensitivity 1/3, random 1/6.
         only: names of experiments to fly now; None for all. Other experiments' finished runs stay in the tables.
-        jobs: processes, -1 for one a core. backend: "loky" or "dask". scheduler: of dask, its
-            address; None: a cluster on this machine, for as long as it takes.
+        jobs: processes, -1 for one a core. backend: "processes" or "dask". scheduler: address of the Dask scheduler;
+            None: a cluster on this machine, for as long as it takes.
         quiet: no progress. plan: runs to fly in the place of the grid. scenario: what the grid is about, a
             file; by default the paper's. Every other one needs a folder of its own, and flies fresh seeds, 7001 and on.
 
@@ -55,28 +52,26 @@ def run_grid(
     unknown = sorted((only or set()) - set(EXPERIMENTS))
     if unknown:
         raise BadInput(f"no experiment is called {', '.join(unknown)}; there are {', '.join(EXPERIMENTS)}")
-    if backend not in BACKENDS:
-        raise BadInput(f"backend {backend!r}: there are {' and '.join(BACKENDS)}")
-    if scheduler is not None and backend != "dask":
-        raise BadInput(f"--scheduler {scheduler}: is of dask; add --backend dask, or leave it out")
     if seeds < 1:
         raise BadInput(f"{seeds} seeds: at least one")
     table = list(wanted(seeds, scenario=scenario) if plan is None else plan)
-    store = Store(out)
-    finished = store.finished()
-    missing = to_do([run for run in table if only is None or run.point.experiment in only], finished)
-    workers = None if jobs < 0 else jobs
-    with terminable(out), _reports(missing, quiet) as done, processes(backend, scheduler, workers):
+    with terminable(out), workers(backend, scheduler, jobs) as available:
+        store = Store(out)
+        finished = store.finished()
+        missing = to_do([run for run in table if only is None or run.point.experiment in only], finished)
+
+        def keep(run: Wanted, raw: bytes) -> None:
+            store.add(raw)
+            done(run)
+
         try:
-            for run, raw in _all(missing, jobs):
-                store.add(raw)
-                done(run)
-        except MeanflockError:
-            raise
-        except Exception as error:  # a scheduler or worker of dask is gone: its exceptions have no common name
-            if backend != "dask":
-                raise
-            raise RunFailed(f"dask: {error!r}; what is finished is kept, repeat the command to go on") from error
+            with _reports(missing, quiet) as done:
+                runner.run(execute, missing, available, keep)
+        except WorkerDied as error:
+            names = ", ".join(sorted({f"{run.point.experiment} {run.scenario.method}" for run in error.tasks}))
+            raise RunFailed(
+                f"a process died twice on one of: {names}; the rest is kept, repeat the command to go on"
+            ) from error
     results = tables(_rows(table, store.finished() if missing else finished))
     for name in ("runs", "series", "trajectories", "weights"):
         store.save(name, getattr(results, name))
@@ -113,10 +108,21 @@ def _kept(run: Wanted) -> tuple[bool, bool]:
 
 
 def execute(run: Wanted) -> bytes:
-    """Flies one run; the content of its file."""
-    models = None if run.training is None else fly(run.training).models
-    flown = fly(run.scenario, models=models, traced=run.traced)
-    return encode([stored(run.key, scalars(flown), flown.record, _kept(run)[0])])
+    """Flies one run; the content of its file.
+
+    Raises:
+        RunFailed: the flight failed by a defect; the message names the run.
+    """
+    try:
+        models = None if run.training is None else fly(run.training).models
+        flown = fly(run.scenario, models=models, traced=run.traced)
+        return encode([stored(run.key, scalars(flown), flown.record, _kept(run)[0])])
+    except MeanflockError:
+        raise
+    except Exception as error:
+        point = run.point
+        where = f"{point.experiment} {point.flown.method} {point.setting}".strip()
+        raise RunFailed(f"{where}, seed {run.seed}: {error!r}") from error
 
 
 def scalars(flown: Flown) -> dict[str, Any]:
@@ -172,49 +178,6 @@ def _rows(
             "trained": run.point.training is not None,
         }
         yield coordinates, there, _kept(run)[0], run.traced
-
-
-# -- processes ---------------------------------------------------------------------------------------------------------
-
-
-def _all(missing: Sequence[Wanted], jobs: int) -> Iterator[tuple[Wanted, bytes]]:
-    """Every run and its file, in any order. A run whose process died is flown once more.
-
-    A pool says that a process died, not on which run: all that had been handed out and had not come back are suspects.
-    """
-    waiting = dict(enumerate(missing))
-    deaths: Counter[int] = Counter()
-    while waiting:
-        out: set[int] = set()
-
-        def hand_out(numbers: list[int], out: set[int] = out) -> Iterator[Any]:
-            for number in numbers:
-                out.add(number)
-                yield delayed(_one)(number, waiting[number])
-
-        try:
-            for number, raw in started(hand_out(list(waiting)), jobs):
-                out.discard(number)
-                yield waiting.pop(number), raw
-        except BrokenProcessPool as error:
-            deaths.update(out)
-            guilty = [waiting[number] for number in out if deaths[number] >= _ATTEMPTS]
-            if guilty:
-                names = ", ".join(sorted({f"{run.point.experiment} {run.scenario.method}" for run in guilty}))
-                raise RunFailed(
-                    f"a process died twice on one of: {names} ({error}); the rest is kept, repeat the command to go on"
-                ) from error
-
-
-def _one(number: int, run: Wanted) -> tuple[int, bytes]:
-    try:
-        return number, execute(run)
-    except MeanflockError:
-        raise
-    except Exception as error:
-        point = run.point
-        where = f"{point.experiment} {point.flown.method} {point.setting}".strip()
-        raise RunFailed(f"{where}, seed {run.seed}: {error!r}") from error
 
 
 @contextmanager

@@ -1,16 +1,16 @@
 """What the theory needs that no grid holds: long flights, the filter's moments, and gaps to the optimum, by seed."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import msgspec
 import numpy as np
-from joblib import delayed
 from numpy.typing import NDArray
 
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
-from meanflock.studies.backends import started
+from meanflock.studies import runner
 from meanflock.studies.paper import optimum, theory
 from meanflock.studies.paper.grid import LEARNING
 from meanflock.studies.paper.methods import Method
@@ -131,13 +131,16 @@ def measure(
         seconds: length of the long flights. jobs: processes, -1 for one a core. progress: is told seeds done, of all.
     """
     base = scenario or Scenario()
-    tasks = [delayed(measure_seed)(msgspec.structs.replace(base, seed=seed), seconds) for seed in seeds]
-    rows: list[dict[str, float]] = []
-    progress(0, len(tasks))
-    for row in started(tasks, jobs, return_as="generator"):
-        rows.append(row)
-        progress(len(rows), len(tasks))
-    return {name: [row[name] for row in rows] for name in (rows[0] if rows else {})}
+    flights = [msgspec.structs.replace(base, seed=seed) for seed in seeds]
+    rows: dict[int, dict[str, float]] = {}
+
+    def keep(flown: Scenario, row: dict[str, float]) -> None:
+        rows[flown.seed] = row
+        progress(len(rows), len(flights))
+
+    progress(0, len(flights))
+    runner.run(partial(measure_seed, seconds=seconds), flights, jobs, keep)
+    return {name: [rows[seed][name] for seed in seeds] for name in (rows[seeds[0]] if rows else {})}
 
 
 def measured(

@@ -144,7 +144,7 @@ if __name__ == "__main__":
 
 
 @pytest.mark.processes
-def test_in_a_fork_and_in_a_worker_of_somebody_else_flights_are_flown_without_workers(tmp_path: Path) -> None:
+def test_flights_are_flown_in_a_fork_and_in_a_worker_of_somebody_else(tmp_path: Path) -> None:
     script = tmp_path / "forked.py"
     script.write_text(FORKED)
     subprocess.run([sys.executable, "-W", "error", script], cwd=tmp_path, timeout=DEADLINE_S, check=True)

@@ -42,7 +42,7 @@ def python(code: str, folder: Path) -> str:
 
 def test_importing_loads_nothing_and_changes_nothing(tmp_path: Path) -> None:
     loaded, names = json.loads(python(LOOK, tmp_path))
-    assert not set(loaded) & {"numpy", "msgspec", "msgpack", "zenoh", "pyarrow", "rerun", "click", "joblib"}
+    assert not set(loaded) & {"numpy", "msgspec", "msgpack", "zenoh", "pyarrow", "rerun", "click"}
     assert [name for name in loaded if name == "meanflock"] == ["meanflock"]
     assert {"fly", "open", "compare", "sweep", "Scenario", "Controller", "Aggregator", "Channel", "Vehicle"} <= set(
         names

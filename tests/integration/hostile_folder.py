@@ -5,7 +5,7 @@ from pathlib import Path
 from tests.sources import ROOMS
 
 PACKAGES = (*ROOMS, "meanflock")
-LIBRARIES = ("joblib", "msgspec", "numpy", "zenoh")
+LIBRARIES = ("concurrent", "msgspec", "numpy", "zenoh")
 
 
 def hostile(below: Path) -> tuple[Path, Path]:

@@ -155,7 +155,7 @@ def workers_of(study: "subprocess.Popen[str]") -> list[psutil.Process]:
     """Those it has, as soon as there are two."""
 
     def found() -> list[psutil.Process]:
-        return [p for p in psutil.Process(study.pid).children() if "popen_loky_posix" in " ".join(p.cmdline())]
+        return [p for p in psutil.Process(study.pid).children() if "multiprocessing.spawn" in " ".join(p.cmdline())]
 
     return until(lambda: workers if len(workers := found()) == 2 else [], "workers", pause_s=0.0)
 

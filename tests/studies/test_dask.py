@@ -25,22 +25,22 @@ def plan() -> list[Wanted]:
 
 
 def test_a_local_cluster_finds_the_same_claims_to_the_last_digit(tmp_path: Path) -> None:
-    here = run_grid(tmp_path / "loky", 1, jobs=1, quiet=True, plan=plan())
+    here = run_grid(tmp_path / "processes", 1, jobs=1, quiet=True, plan=plan())
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
     ) as cluster:
         there = run_grid(
             tmp_path / "dask", 1, backend="dask", scheduler=cluster.scheduler_address, quiet=True, plan=plan()
         )
-    for results, name in ((here, "loky"), (there, "dask")):
+    for results, name in ((here, "processes"), (there, "dask")):
         write_report(results, evaluate(results), tmp_path / name)
-    claims = [(tmp_path / name / "claims.json").read_text() for name in ("loky", "dask")]
+    claims = [(tmp_path / name / "claims.json").read_text() for name in ("processes", "dask")]
     assert claims[0] == claims[1]
     assert sum(record["verdict"] != "not testable" for record in json.loads(claims[0])) > 5
 
 
 def test_without_a_scheduler_it_makes_a_cluster_of_its_own_on_this_machine(tmp_path: Path) -> None:
-    here = run_grid(tmp_path / "loky", 1, jobs=1, quiet=True, plan=plan()[:2])
+    here = run_grid(tmp_path / "processes", 1, jobs=1, quiet=True, plan=plan()[:2])
     there = run_grid(tmp_path / "dask", 1, jobs=1, backend="dask", quiet=True, plan=plan()[:2])
     assert there.runs["trajectory_sha256"].to_pylist() == here.runs["trajectory_sha256"].to_pylist()
 
@@ -53,6 +53,6 @@ def test_a_scheduler_of_another_backend_is_bad_input(tmp_path: Path) -> None:
 def test_a_scheduler_that_is_not_there_is_bad_input_that_names_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("meanflock.studies.backends.SCHEDULER_TIMEOUT", "1s")  # nobody will come
+    monkeypatch.setattr("meanflock.studies.runner.SCHEDULER_TIMEOUT", "1s")  # nobody will come
     with pytest.raises(BadInput, match=r"127\.0\.0\.1:9"):
         run_grid(tmp_path, 1, backend="dask", scheduler="tcp://127.0.0.1:9", quiet=True, plan=plan())

@@ -117,7 +117,7 @@ def test_what_is_finished_is_never_flown_twice(run, tmp_path, monkeypatch) -> No
     before = flown(tmp_path / "out")
     tried: list[Any] = []
     fly = study._fly
-    monkeypatch.setattr(study, "_fly", lambda one, *parent: tried.append(one) or fly(one, *parent))
+    monkeypatch.setattr(study, "_fly", lambda one, **how: tried.append(one) or fly(one, **how))
     assert run("sweep", "wind.sigma=0.1,0.2", "--methods", "mfg", *flags)[0] == EXIT_DONE
     assert tried == []
     assert flown(tmp_path / "out") == before
@@ -204,7 +204,7 @@ class Mine(mf.Controller):
 
 @pytest.mark.processes
 def test_a_plugin_that_changed_or_came_later_is_flown_as_it_is_now(tmp_path: Path) -> None:
-    """Workers live on between two studies, and `out` keeps what an earlier form of the file flew."""
+    """The folder `out` keeps what an earlier form of the file flew."""
 
     def energy(name: str, push: float) -> list[float]:
         (tmp_path / f"{name}.py").write_text(MINE.format(name, push), encoding="utf-8")
@@ -257,5 +257,5 @@ def test_a_study_that_is_told_to_end_after_its_last_flight_says_how_to_go_on(
         code, _, err = run(*command, "--quiet", "--out", "out")
     finally:
         signal.signal(signal.SIGTERM, before)
-    assert (code, heard) == (EXIT_RUN_FAILED, [])  # as Ctrl-C: joblib ends its workers
+    assert (code, heard) == (EXIT_RUN_FAILED, [])  # as Ctrl-C
     assert err == ("error: interrupted; flights that were finished are kept in out/data: repeat the command to go on\n")

@@ -1,11 +1,8 @@
 """Measures what narrow payloads cost and save, and writes the tables of communication.md."""
 
-import argparse
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
 from msgspec import structs
 
 from meanflock.channel.link import slots_needed
@@ -15,15 +12,15 @@ from meanflock.federation.rules.fedavg import mean
 from meanflock.federation.schedule import Schedule
 from meanflock.groundstation import statistics
 from meanflock.groundstation.launch.engine import Engine
+from meanflock.studies import published
 from meanflock.studies.markdown import replaced, table
-from meanflock.studies.study import summarised
-from meanflock.swarm import scenario
+from meanflock.swarm import process, scenario
 from meanflock.swarm.declared import controller
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from meanflock.swarm.wire.tick import write_act
 
-PAGE = Path(__file__).with_suffix(".md")
+PAGE = published.DOCS / "communication.md"
 METHODS = ("mfgfl-hf", "mfgfl-h", "mfgfl-f")
 WRITTEN = {  # name of the row → settings
     "float64": ("radio.bits_per_float=64",),
@@ -41,18 +38,14 @@ CLEAR = ("radio.bits_per_float=64", "radio.target_snr_db=60", "duration=160", 's
 
 
 def main() -> None:
-    given = argparse.ArgumentParser(description=__doc__)
-    given.add_argument("--seeds", type=int, default=20)
-    given.add_argument("--jobs", type=int, default=-1)
-    asked = given.parse_args()
-    flown = {
-        (method, name): scenario.load(None, settings, method=method)
+    """Flies every case and writes the tables."""
+    given = published.options(__doc__, seeds=20).parse_args()
+    points = {
+        (method, name): [scenario.load(None, settings, method=method, seed=seed) for seed in range(1, given.seeds + 1)]
         for method in METHODS
         for name, settings in WRITTEN.items()
     }
-    jobs = Parallel(n_jobs=asked.jobs, verbose=5)
-    summaries = jobs(delayed(fly)(of, range(1, asked.seeds + 1)) for of in flown.values())
-    runs = dict(zip(flown, summaries, strict=True))
+    runs = published.flown("communication", points, given.jobs)
     tables = {
         "transmissions": transmissions(),
         "flights": flights(runs),
@@ -65,23 +58,18 @@ def main() -> None:
     print(PAGE)
 
 
-def fly(flown: Scenario, seeds: range) -> list[dict[str, Any]]:
-    """The summaries of a scenario's runs."""
-    return [summarised(structs.replace(flown, seed=seed)) for seed in seeds]
-
-
 def transmissions() -> list[str]:
     """Bits, slots and wire bytes of one upload."""
     rows = []
     for method in METHODS:
         for name in ("float64", "float32", "float16", "int8"):
-            of = scenario.load(None, WRITTEN[name], method=method)
-            coding = codings.of_uploads(of)
+            written = scenario.load(None, WRITTEN[name], method=method)
+            coding = codings.of_uploads(written)
             coded = coding.encode(np.full((1, coding.floats), 1.5))
             sent = Frames(FrameKind.UPLOAD, 5, np.zeros(1, np.int32), coded)
-            bare = Act(2**31, 1000, np.ones((1, 2 + len(of.declared.diagnostics))))
+            bare = Act(2**31, 1000, np.ones((1, 2 + len(written.declared.diagnostics))))
             wire = len(write_act(structs.replace(bare, outbox=(sent,)))) - len(write_act(bare))
-            slots = slots_needed(of.radio, coding.bits)
+            slots = slots_needed(written.radio, coding.bits)
             rows.append((f"`{method}`", name, f"{coding.bits:,}", f"{slots}", f"{wire / coded.nbytes:.3f}"))
     return table(("method", "payload", "bits", "slots K", "wire bytes / payload bytes"), rows)
 
@@ -92,10 +80,9 @@ def flights(runs: dict[Any, list[dict[str, Any]]]) -> list[str]:
     rows = []
     for (method, name), summaries in runs.items():
 
-        def mean(*path: str, factor: float = 1.0, spread: bool = False, of: Any = summaries) -> str:
-            values = [factor * _at(summary, path) for summary in of]
-            of_all = statistics.mean(values)
-            return f"{of_all.value:.4g} ± {of_all.high - of_all.value:.2g}" if spread else f"{of_all.value:,.4g}"
+        def mean(*path: str, factor: float = 1.0, spread: bool = False, runs: Any = summaries) -> str:
+            found = statistics.mean([factor * _at(summary, path) for summary in runs])
+            return f"{found.value:.4g} ± {found.high - found.value:.2g}" if spread else f"{found.value:,.4g}"
 
         row = (
             f"`{method}`",
@@ -117,14 +104,13 @@ def rounding(seeds: range) -> list[str]:
     """What rounding takes from the mean of one round, and from the mean over all rounds of a flight."""
     rows = []
     for method in METHODS:
-        of = scenario.load(None, CLEAR, method=method)
-        heard = [uploads(scenario.load(None, (*CLEAR, f"seed={seed}"), method=method)) for seed in seeds]
+        clear = scenario.load(None, CLEAR, method=method)
+        flights = [uploads(scenario.load(None, (*CLEAR, f"seed={seed}"), method=method)) for seed in seeds]
         for name in ("float16", "int8"):
-            for kept in (False, True):
-                off = np.mean(
-                    [distances(of, Coding(name, of.declared.parts), kept, rounds) for rounds in heard], axis=0
-                )  # type: ignore[arg-type]
-                rows.append((f"`{method}`", name, "yes" if kept else "no", f"{off[0]:.1e}", f"{off[1]:.1e}"))
+            for active in (False, True):
+                coding = Coding(name, clear.declared.parts)
+                off = np.mean([distances(clear, coding, active, rounds) for rounds in flights], axis=0)
+                rows.append((f"`{method}`", name, "yes" if active else "no", f"{off[0]:.1e}", f"{off[1]:.1e}"))
     return table(("method", "payload", "feedback", "one round", "all rounds"), rows)
 
 
@@ -143,9 +129,9 @@ def uploads(flown: Scenario) -> list[Frames]:
     return sent
 
 
-def distances(flown: Scenario, coding: Coding, kept: bool, rounds: list[Frames]) -> tuple[float, float]:
+def distances(flown: Scenario, coding: Coding, active: bool, rounds: list[Frames]) -> tuple[float, float]:
     """‖mean received − mean meant‖ / ‖mean meant‖: of a round, and of all together."""
-    feedback = Feedback(coding, flown.uavs, kept=kept)
+    feedback = Feedback(coding, flown.uavs, active=active)
     off, meant = [], []
     for batch in rounds:
         rows = batch.source.astype(np.intp)
@@ -165,4 +151,4 @@ def _at(summary: dict[str, Any], path: tuple[str, ...]) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    process.main(main)

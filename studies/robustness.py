@@ -6,26 +6,20 @@ The flights are whole swarms in one process, so the same nodes, messages and cod
 summaries are kept in docs/results/robustness.json; `--page` writes the page again from them and flies nothing.
 """
 
-import argparse
-import json
-import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
-from pathlib import Path
 from statistics import mean, stdev
 from typing import Any
 
-from joblib import Parallel, delayed
-from rich.console import Console
-from rich.progress import track
 from scipy.stats import t as student
 
-from meanflock.groundstation.launch.engine import Engine
+from meanflock.studies import published
 from meanflock.studies.markdown import replaced
-from meanflock.swarm import scenario
+from meanflock.swarm import process, scenario
+from meanflock.swarm.scenario import Scenario
 
-HERE = Path(__file__).parent
-PAGE, RESULTS = HERE / "robustness.md", HERE / "results" / "robustness.json"
+PAGE = published.DOCS / "robustness.md"
+RESULTS = published.DOCS / "results" / "robustness.json"
 BEGIN, END = "<!-- measured -->", "<!-- end -->"
 RULES = ("fedavg", "median", "trimmed-mean", "krum")
 ATTACKS = {
@@ -42,36 +36,29 @@ Row = dict[str, Any]
 
 def main() -> None:
     """Flies what the page needs, unless it is only to be written again."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--seeds", type=int, default=10, help="flights of each case (default 10)")
-    options.add_argument("--jobs", type=int, default=-1, help="processes; -1 for one a core")
-    options.add_argument("--page", action="store_true", help="write the page from the results that are there")
-    given = options.parse_args()
+    given = published.options(__doc__, seeds=10, page=True).parse_args()
     if not given.page:
         cases = [("none", 0.0, rule) for rule in RULES] + list(product(ATTACKS, SHARES, RULES))
-        work = list(product(cases, range(1, given.seeds + 1)))
-        flights = Parallel(n_jobs=given.jobs, return_as="generator")(delayed(fly)(*case, seed) for case, seed in work)
-        rows = list(track(flights, "malicious flights", len(work), console=Console(stderr=True)))
-        RESULTS.write_text("[\n" + ",\n".join(map(json.dumps, rows)) + "\n]\n", encoding="utf-8")
-    rows = json.loads(RESULTS.read_text(encoding="utf-8"))
-    PAGE.write_text(page(rows, PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+        points = {case: [case_scenario(*case, seed) for seed in range(1, given.seeds + 1)] for case in cases}
+        found = published.flown("robustness", points, given.jobs)
+        rows = [row_of(case, summary) for case, summaries in found.items() for summary in summaries]
+        published.write_rows(RESULTS, rows)
+    PAGE.write_text(page(published.read_rows(RESULTS), PAGE.read_text(encoding="utf-8")), encoding="utf-8")
     print(PAGE)
 
 
-def fly(attack: str, share: float, rule: str, seed: int) -> Row:
-    """One flight of the paper's scenario."""
+def case_scenario(attack: str, share: float, rule: str, seed: int) -> Scenario:
+    """The paper's scenario with a share of malicious UAVs."""
     settings = [f'federation.aggregation="{rule}"', f"federation.byzantine_fraction={share}"]
     if share:
         settings.append(f'federation.byzantine_kind="{attack}"')
-    summary = Engine(scenario.load(None, settings, seed=seed), "robustness").complete()
-    return {
-        "attack": attack,
-        "share": share,
-        "rule": rule,
-        "seed": seed,
-        "uavs": summary["uavs"],
-        **{name: summary[name] for name in KEPT},
-    }
+    return scenario.load(None, settings, seed=seed)
+
+
+def row_of(case: tuple[str, float, str], summary: Mapping[str, Any]) -> Row:
+    """One flight as it is kept."""
+    named = dict(zip(("attack", "share", "rule"), case, strict=True))
+    return named | {name: summary[name] for name in ("seed", "uavs", *KEPT)}
 
 
 def page(rows: Sequence[Row], text: str) -> str:
@@ -84,7 +71,8 @@ def page(rows: Sequence[Row], text: str) -> str:
     uavs = honest["fedavg"][0]["uavs"]
     parts = [f"\nFlown with {uavs} UAVs, {seeds} seeds a row.\n"]
     parts += ["## Without malicious UAVs\n", _table([("0 %", rule, honest[rule], honest[rule]) for rule in RULES])]
-    broken, hurt = [], []
+    broken: list[str] = []
+    hurt: list[str] = []
     for attack, words in ATTACKS.items():
         cases = [
             (f"{100 * share:.0f} %", rule, by_case[attack, share, rule], honest[rule])
@@ -146,4 +134,4 @@ def _sentence(what: str, cases: Sequence[str]) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    process.main(main)

@@ -1,0 +1,57 @@
+"""What the studies whose results are pages of docs/ share: options, flights, and where pages and results are."""
+
+import argparse
+import json
+from argparse import ArgumentParser
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from meanflock.studies.runner import terminable
+from meanflock.studies.store import Store
+from meanflock.studies.study import Fly, Summaries, fly_all
+from meanflock.swarm.scenario import Scenario
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+
+
+def options(about: str | None, seeds: int | None = None, page: bool = False) -> ArgumentParser:
+    """The options `--jobs` and, where asked for, `--seeds` and `--page`."""
+    parser = ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--jobs", type=int, default=-1, help="processes; -1 for one a core")
+    if seeds is not None:
+        parser.add_argument("--seeds", type=int, default=seeds, help=f"flights of each case (default {seeds})")
+    if page:
+        parser.add_argument("--page", action="store_true", help="write the page from the results that are there")
+    return parser
+
+
+def flown(
+    study: str, points: Mapping[Any, Sequence[Scenario]], jobs: int, fly: Fly | None = None
+) -> dict[Any, Summaries]:
+    """What `fly_all` returns, with progress on stderr. Finished flights are kept in out/`study`.
+
+    Raises:
+        RunFailed: interrupted, disk full or a process died; the same command flies the rest.
+    """
+    out = Path("out") / study
+    columns = TextColumn(study), BarColumn(bar_width=24), MofNCompleteColumn(), TimeRemainingColumn(compact=True)
+    with terminable(out), Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(study, total=None)
+        return fly_all(
+            points, jobs, lambda done, total: bar.update(task, completed=done, total=total), Store(out), study, fly
+        )
+
+
+def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Writes results as JSON, a line a row."""
+    path.write_text("[\n" + ",\n".join(map(json.dumps, rows)) + "\n]\n", encoding="utf-8")
+
+
+def read_rows(path: Path) -> list[dict[str, Any]]:
+    """Results that `write_rows` wrote."""
+    rows: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
+    return rows
