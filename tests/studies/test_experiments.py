@@ -182,10 +182,10 @@ def test_a_full_disk_is_said_and_costs_nothing(
 
 
 def test_an_error_says_where(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(run: Wanted) -> bytes:
+    def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("no")
 
-    monkeypatch.setattr(experiments, "execute", broken)
+    monkeypatch.setattr(experiments, "fly", broken)
     with pytest.raises(RunFailed, match=r"s0 hjb, seed 1: ZeroDivisionError"):
         fly(tmp_path)
 

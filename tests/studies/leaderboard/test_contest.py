@@ -70,7 +70,7 @@ def test_what_is_finished_is_never_flown_twice(run, tmp_path, small, monkeypatch
     first = (tmp_path / "out/leaderboard.json").read_bytes()
     tried: list[Any] = []
     fly = study._fly
-    monkeypatch.setattr(study, "_fly", lambda one, *more: tried.append(one) or fly(one, *more))
+    monkeypatch.setattr(study, "_fly", lambda one, **how: tried.append(one) or fly(one, **how))
     assert run(*flags)[0] == EXIT_DONE
     assert tried == []
     assert (tmp_path / "out/leaderboard.json").read_bytes() == first
