@@ -196,7 +196,9 @@ class Soak:
         states = states_of(table)
         calendar = Schedule(flock.scenario)
         rounds = sum(calendar.closes(tick) > 0 for tick in range(self._ticks))
-        kinds = Counter(json.loads(line)["kind"] for line in (folder / "events.jsonl").read_text().splitlines())
+        events = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
+        kinds = Counter(event["kind"] for event in events)
+        voids = [event["text"] for event in events if " is void: " in event["text"]]
         for holds, promise in (
             (summary["ticks"] == self._ticks, f"{summary['ticks']} ticks flown"),
             (summary["lost"] == 0, f"{summary['lost']} UAVs lost at the end"),
@@ -211,7 +213,11 @@ class Soak:
                 hashlib.sha256(states.astype("<f8").tobytes()).hexdigest() == summary["trajectory_sha256"],
                 "the rows are not the trajectory",
             ),
-            (kinds["finished"] == 1 and kinds["round"] == rounds, f"events: {dict(kinds)}"),
+            (kinds["finished"] == 1 and kinds["round"] == summary["rounds"], f"events: {dict(kinds)}"),
+            (
+                len(voids) == summary["rounds_void"] and all("is lost or paused" in text for text in voids),
+                f"void rounds: {voids}",
+            ),
             (
                 flock.kinds() == kinds if flock.finished else flock.kinds() <= kinds,
                 f"events kept {dict(kinds)}, told {dict(flock.kinds())}",
