@@ -13,14 +13,12 @@ from numpy.typing import NDArray
 
 from meanflock import kernels
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
-from meanflock.swarm.ascending import distinct
 from meanflock.swarm.declared import MAX_BROADCASTS, Declared, controller
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.model import BEYOND_SENSE
 from meanflock.swarm.plugins.failures import FAILURES, last_line
 from meanflock.swarm.plugins.guard import as_floats, check_finite, check_memory, check_same_form
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import AXES, Floats, Mask
+from meanflock.swarm.state import AXES, BEYOND_SENSE, Floats, Mask, distinct
 from meanflock.swarm.wire.messages import NOBODY
 
 Answer = TypeVar("Answer")

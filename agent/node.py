@@ -9,11 +9,10 @@ from meanflock.agent.controllers.base import Broadcast, Received
 from meanflock.agent.guarded import Guarded, picked
 from meanflock.federation.party import Party, check_links
 from meanflock.swarm import faults, state
-from meanflock.swarm.ascending import contains, distinct
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import BadInput, MessageRejected
-from meanflock.swarm.model import BEYOND_SENSE
 from meanflock.swarm.scenario import Scenario, decode
+from meanflock.swarm.state import BEYOND_SENSE, contains, distinct
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record, expect
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Welcome
 

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.coding import Coding
-from meanflock.swarm.ascending import contains
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator
+from meanflock.swarm.state import contains
 
 HUGE = 1e30  # or half of the largest number the radio's floats can hold
 BOOST = (

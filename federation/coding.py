@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.model import BEYOND_SENSE
 from meanflock.swarm.scenario import Payload, Scenario
-from meanflock.swarm.state import Floats
+from meanflock.swarm.state import BEYOND_SENSE, Floats
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, expect
 
 STEPS = 127  # of a scale, each way; −128 is never sent

@@ -10,10 +10,9 @@ from meanflock.federation.byzantine import Byzantine
 from meanflock.federation.coding import Feedback
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Role
-from meanflock.swarm.ascending import contains
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, Mask
+from meanflock.swarm.state import Floats, Mask, contains
 from meanflock.swarm.wire.control import decode_record, expect
 from meanflock.swarm.wire.messages import NOBODY, Frames
 

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Role
-from meanflock.swarm.ascending import contains
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import contains
 from meanflock.swarm.wire.messages import FrameKind, Frames
 
 Note: TypeAlias = Callable[[str, str], None]  # kind and text of an event

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.topology.base import Hop
-from meanflock.swarm.ascending import contains
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator
+from meanflock.swarm.state import contains
 from meanflock.swarm.wire.messages import FrameKind
 
 _DRAWN_AT_ONCE = 8  # rounds: the first draw of a process among many finds nothing in the caches, the others do

@@ -1,4 +1,4 @@
-"""The exception tree, the exit code of each branch, and the end of a process that lacks a library.
+"""The exception tree with exit codes, text from outside made printable, and the end of a process that lacks a library.
 
 Imports nothing that could be missing itself.
 """
@@ -8,11 +8,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 
-from meanflock.swarm.printable import printable
-
 EXIT_DONE = 0
 EXIT_RUN_FAILED = 1
 EXIT_BAD_INPUT = 2
+_LONGEST_TEXT = 300  # characters; a key expression of Zenoh may have thousands
 
 
 class MeanflockError(Exception):
@@ -58,6 +57,23 @@ class MessageRejected(MeanflockError):
     def __init__(self, reason: str, detail: str) -> None:
         super().__init__(f"{reason}: {printable(detail)}")
         self.reason = reason
+
+
+def printable(text: str, most: int = _LONGEST_TEXT) -> str:
+    """Text from outside on one line, with every character that is not printable as a backslash escape.
+
+    Line breaks, ESC and direction marks are escaped, so the text cannot steer a terminal. Text of more than `most`
+    characters is cut off and ends in "…". Harmless text is returned as it is.
+    """
+    shown = text[:most]
+    if not shown.isprintable():
+        shown = "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in shown)
+    return shown + "…" * (len(text) > most)
+
+
+def printable_lines(text: str) -> str:
+    """The same for text of several lines, which are not cut off."""
+    return "\n".join(printable(line, len(line)) for line in text.split("\n"))
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from typing import Annotated, TypeAlias
 
 from msgspec import Meta
 
-from meanflock.swarm.table import Table
+from meanflock.swarm.toml import Table
 
 Uavs: TypeAlias = Annotated[tuple[Annotated[int, Meta(ge=0)], ...], Meta(description="the UAVs it hits")]
 Duration: TypeAlias = Annotated[float, Meta(gt=0, description="how long it lasts, s")]

@@ -6,8 +6,7 @@ import sys
 from datetime import UTC, datetime
 from typing import Any
 
-from meanflock.swarm.errors import BadInput
-from meanflock.swarm.printable import printable, printable_lines
+from meanflock.swarm.errors import BadInput, printable, printable_lines
 
 TEXT, JSON = "text", "json"
 FIELDS = ("tick", "peer", "uavs", "reason")  # what a line may also know: `extra=` of the call that logs it

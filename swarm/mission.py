@@ -1,12 +1,16 @@
 """The mission of a scenario: start, launch time and goal of each UAV, and the obstacles. Pure functions."""
 
+import math
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.swarm import formations, state
+from meanflock.swarm import state
 from meanflock.swarm.state import Floats
+
+GRIDS = ("grid", "waves")  # formations in which neighbours stand `start.spacing` apart
+_LANES = 4  # of a stream
 
 
 class Mission(Protocol):
@@ -43,8 +47,54 @@ def starts(mission: Mission) -> state.States:
     if start.positions:
         states[:, state.POSITION] = start.positions
     else:
-        states[:, state.POSITION] = formations.places(start, mission.uavs)
+        states[:, state.POSITION] = _positions(start, mission.uavs)
     return states
+
+
+def formation(start: Any) -> str:
+    """The formation of a `[start]`; the default is the paper's grid."""
+    name: str | None = start.formation
+    return name or "grid"
+
+
+def _positions(start: Any, uavs: int) -> Floats:
+    """Positions of the UAVs of a formation, (N, 2) in m.
+
+    grid: a centred square, ⌈√N⌉ = w wide: UAV k stands in column k mod w and row k div w, so the last row may be short.
+    waves: the same with `start.group` columns, so a wave is a row.
+    circle: evenly on a circle of `start.radius`, UAV 0 at angle 0.
+    streams: two streams, each four UAVs abreast, that cross in the centre. The first ⌈N/2⌉ UAVs fly along x, the others
+    along y; each stream begins around a point `start.radius` before the centre.
+    """
+    kind, centre = formation(start), np.array(start.centre)
+    if kind == "circle":
+        angle = 2.0 * math.pi * np.arange(uavs) / uavs
+        return centre + start.radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    if kind == "streams":
+        heading = _headings(uavs)
+        first = -(-uavs // 2)
+        along = [_stream(count, start.spacing) for count in (first, uavs - first)]
+        offset = np.concatenate([along[0], along[1][:, ::-1]])  # the other one along y
+        return centre - start.radius * heading + offset
+    width = start.group if kind == "waves" else math.isqrt(uavs - 1) + 1
+    number, placed = np.arange(uavs), np.empty((uavs, 2))
+    last_row = (uavs - 1) // width
+    placed[:, 0] = start.centre[0] + start.spacing * (number % width - (width - 1) / 2)
+    placed[:, 1] = start.centre[1] + start.spacing * (number // width - last_row / 2)
+    return placed
+
+
+def _headings(uavs: int) -> Floats:
+    """Unit vectors of two streams, (N, 2): the first ⌈N/2⌉ UAVs along x, the others along y."""
+    first = np.arange(uavs) < -(-uavs // 2)
+    return np.stack([first, ~first], axis=-1).astype(np.float64)
+
+
+def _stream(uavs: int, spacing: float) -> Floats:
+    """A stream along x about the origin, (n, 2): four abreast, row after row, the foremost first."""
+    number, rows = np.arange(uavs), -(-uavs // _LANES)
+    along = spacing * ((rows - 1) / 2 - number // _LANES)
+    return np.stack([along, spacing * (number % _LANES - (_LANES - 1) / 2)], axis=-1)
 
 
 def goals(mission: Mission) -> state.Plane:
@@ -60,7 +110,7 @@ def goals(mission: Mission) -> state.Plane:
     if destination.goals == "opposite":
         return 2.0 * np.array(start.centre) - from_there
     if destination.goals == "across":
-        return from_there + 2.0 * start.radius * formations.headings(mission.uavs)
+        return from_there + 2.0 * start.radius * _headings(mission.uavs)
     if destination.goals == "parallel":
         return from_there - np.array(start.centre)
     return np.zeros((mission.uavs, state.AXES))
@@ -96,7 +146,7 @@ def check(mission: Mission) -> None:
                 inside = np.flatnonzero(np.hypot(*(places - (x, y)).T) <= radius)
                 if len(inside):
                     raise ValueError(f"UAV {inside[0]} {what} inside `obstacles[{number}]`; {mend}")
-    if mission.start.positions or formations.of(mission.start) not in formations.GRIDS:
+    if mission.start.positions or formation(mission.start) not in GRIDS:
         _check_apart(mission)
 
 
@@ -107,7 +157,7 @@ def _check_tables(mission: Mission) -> None:
             raise ValueError(f"`{name}.positions` and `{name}.{other}` are both given; leave one of them out")
         if table.positions and len(table.positions) != uavs:
             raise ValueError(f"`{name}.positions` has {len(table.positions)} places for {uavs} UAVs; list one for each")
-    if destination.goals == "across" and formations.of(start) != "streams":
+    if destination.goals == "across" and formation(start) != "streams":
         raise ValueError('`destination.goals` "across" is of streams; set `start.formation` to streams, or other goals')
 
 

@@ -1,16 +1,38 @@
-"""TOML as a person gives it: files, and settings on a command line."""
+"""TOML from users: files, settings on a command line, and the base class of all tables of a scenario."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.state import BEYOND_SENSE
+
+
+class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A TOML table: without unknown keys, and with finite numbers whose squares are finite."""
+
+    def __post_init__(self) -> None:
+        for name in self.__struct_fields__:
+            for number in _flat(getattr(self, name)):
+                if isinstance(number, float) and not abs(number) < BEYOND_SENSE:  # NaN is below nothing
+                    raise ValueError(f"`{name}` must be a finite number within ±{BEYOND_SENSE:.0e}, not {number}")
+
+
+def _flat(value: Any) -> Iterator[Any]:
+    if isinstance(value, tuple | list | dict):  # options of a plug-in may be nested
+        for inner in value.values() if isinstance(value, dict) else value:
+            yield from _flat(inner)
+    else:
+        yield value
 
 
 def read(path: Path, what: str) -> dict[str, Any]:
-    """A file, or one of those that come with meanflock; `what` it should be, for who is told that it is not.
+    """The table in a file, or in one of the files that come with meanflock. `what`: its kind, for an error.
 
     Raises:
-        BadInput: it is not there, cannot be read, or is no TOML.
+        BadInput: it does not exist, cannot be read, or is not TOML.
     """
     from meanflock.swarm import scenarios  # only here: nodes are sent their scenario as JSON
 
@@ -25,7 +47,7 @@ def read(path: Path, what: str) -> dict[str, Any]:
 
 
 def _parse(text: str) -> dict[str, Any]:
-    """TOML, or ValueError."""
+    """The table in a TOML text; raises ValueError if it is not TOML."""
     import tomllib  # only here: nodes are sent their scenario as JSON
 
     try:
@@ -41,7 +63,7 @@ def apply(table: dict[str, Any], setting: str) -> str:
         The key.
 
     Raises:
-        BadInput: it is not written like that, or goes through something that is no table.
+        BadInput: the setting is written otherwise, or its key leads through a value that is not a table.
     """
     key, equals, text = setting.partition("=")
     if not equals or not key.strip():
@@ -50,7 +72,7 @@ def apply(table: dict[str, Any], setting: str) -> str:
         value = _parse(f"value = {text}")["value"]
     except (ValueError, KeyError) as error:
         value = text.strip()
-        if value[:1] in tuple("[{\"'"):  # no bare word
+        if value[:1] in tuple("[{\"'"):  # not a bare word
             raise BadInput(f"--set {setting}: `{value}` is not TOML: {error}") from error
     key = key.strip()
     put(table, key, value, f"--set {setting}")
@@ -58,10 +80,10 @@ def apply(table: dict[str, Any], setting: str) -> str:
 
 
 def put(table: dict[str, Any], key: str, value: Any, where: str = "") -> None:
-    """Sets one dotted key of `table`; `where` it was asked for.
+    """Sets one dotted key of `table`. `where`: the place of the setting, for an error.
 
     Raises:
-        BadInput: it goes through something that is no table.
+        BadInput: the key leads through a value that is not a table.
     """
     *parents, last = key.split(".")
     for parent in parents:

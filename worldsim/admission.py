@@ -8,11 +8,10 @@ import numpy as np
 
 from meanflock.federation.post import Note
 from meanflock.swarm import scenario
-from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
+from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed, printable
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.access import STATION
 from meanflock.swarm.net.bus import Bus, Delivery
-from meanflock.swarm.printable import printable
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Event, Join, Message, Ready, Received, Refusal, Stop, Welcome
 from meanflock.swarm.wire.tick import TYPES

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.post import only
-from meanflock.swarm.ascending import contains
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Bus
-from meanflock.swarm.state import States
+from meanflock.swarm.state import States, contains
 from meanflock.swarm.wire import tick
 from meanflock.swarm.wire.messages import Act, Frames, Sense
 from meanflock.worldsim.members import Member

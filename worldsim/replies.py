@@ -9,12 +9,10 @@ from meanflock.channel.meter import Meter
 from meanflock.federation.post import Post
 from meanflock.federation.topology.base import Role
 from meanflock.swarm import state
-from meanflock.swarm.ascending import contains
 from meanflock.swarm.declared import MAX_BROADCASTS
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.model import BEYOND_SENSE
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, Mask
+from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask, contains
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from meanflock.channel.medium import Medium
 from meanflock.federation.post import Post
 from meanflock.swarm import state
-from meanflock.swarm.model import BEYOND_SENSE
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Bus
-from meanflock.swarm.state import Floats
+from meanflock.swarm.state import BEYOND_SENSE, Floats
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, Act, Event, Finished, FrameKind, Status, Telemetry
 from meanflock.worldsim.flight import Flight

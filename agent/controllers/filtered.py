@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Controller, Memory, Options, Received, Rows, Step
 from meanflock.agent.controllers.sharing.base import Neighbours
-from meanflock.swarm.ascending import distinct
 from meanflock.swarm.plugins.failures import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, Plane, States
+from meanflock.swarm.state import Floats, Plane, States, distinct
 
 PREFIX = "filter_"  # of what a filter remembers, and of its columns where the controller has some of that name
 _UNSENT = "unsent"  # the last of its columns

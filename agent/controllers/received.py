@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from meanflock.agent.controllers.base import Received
-from meanflock.swarm.ascending import distinct
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import POSITION, VELOCITY, Floats, Mask
+from meanflock.swarm.state import POSITION, VELOCITY, Floats, Mask, distinct
 from meanflock.swarm.wire.messages import NOBODY
 
 

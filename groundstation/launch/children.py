@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
-from meanflock.swarm.printable import printable_lines
+from meanflock.swarm.errors import printable_lines
 from meanflock.swarm.process import CHILD
 
 LAST_LINES = 8

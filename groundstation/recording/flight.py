@@ -12,7 +12,7 @@ from meanflock.groundstation.recording.drawing import STRIP_COLORS, STRIPS, Colo
 from meanflock.groundstation.results.quantities import PHI_G
 from meanflock.groundstation.results.series import COLUMN, Reported
 from meanflock.swarm import state
-from meanflock.swarm.printable import printable
+from meanflock.swarm.errors import printable
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Event, FrameKind, Status
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from meanflock.groundstation.recording import drawing
 from meanflock.groundstation.recording.drawing import Part, Point, circle
 from meanflock.groundstation.results.series import Reported
-from meanflock.swarm import formations, mission, state
+from meanflock.swarm import mission, state
 from meanflock.swarm.faults import Gust, Jam, Kill, Partition, Pause
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.wind import MeanWind
@@ -125,7 +125,7 @@ def log(part: Part, scenario: Scenario, reported: Reported, maps: int = 1) -> No
 
 def _log_start(part: Part, scenario: Scenario) -> None:
     low, high = start_box(scenario)
-    if not scenario.start.positions and formations.of(scenario.start) in formations.GRIDS:
+    if not scenario.start.positions and mission.formation(scenario.start) in mission.GRIDS:
         corners = np.array([low, (high[0], low[1]), high, (low[0], high[1]), low])
         part.line("map/start", corners, drawing.GREY, 1.0)
     else:

@@ -29,11 +29,10 @@ os.environ.setdefault(
 import msgspec
 import zenoh
 
-from meanflock.swarm.errors import BadInput, BusError
+from meanflock.swarm.errors import BadInput, BusError, printable
 from meanflock.swarm.net.access import NOBODY, Identity
 from meanflock.swarm.net.address import DEFAULT_ENDPOINT, check_free, secured
 from meanflock.swarm.net.bus import Delivery, Offer, Quota, Quotas
-from meanflock.swarm.printable import printable
 from meanflock.swarm.wire.control import MAX_BYTES
 
 log = logging.getLogger("meanflock.bus")

@@ -11,7 +11,7 @@ from meanflock.swarm.errors import BadInput
 from meanflock.swarm.faults import Fault
 from meanflock.swarm.scenario.scenario import Scenario
 from meanflock.swarm.scenario.values import validated
-from meanflock.swarm.table import Table as _Table
+from meanflock.swarm.toml import Table as _Table
 
 
 class _Script(_Table, frozen=True):

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from meanflock.swarm.table import Table as _Table
+from meanflock.swarm.toml import Table as _Table
 
 
 class Cost(_Table, frozen=True):

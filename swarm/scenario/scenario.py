@@ -17,7 +17,7 @@ from meanflock.swarm.plugins import Door, create, find
 from meanflock.swarm.plugins.failures import FAILURES, last_line
 from meanflock.swarm.scenario import mean_field, tables
 from meanflock.swarm.scenario.values import as_builtins, set_keys, toml_text, validated
-from meanflock.swarm.table import Table as _Table
+from meanflock.swarm.toml import Table as _Table
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 
 LEADER = "leader"  # the default topology

@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Meta, field
 
 from meanflock.swarm.state import Floats
-from meanflock.swarm.table import Table as _Table
+from meanflock.swarm.toml import Table as _Table
 
 Payload: TypeAlias = Literal[
     "float64", "float32", "float16", "int8"

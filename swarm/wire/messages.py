@@ -38,7 +38,7 @@ class Frames(msgspec.Struct, frozen=True, eq=False):
     kind: FrameKind
     round: int  # of the federation; of STATE frames, which of its sender's broadcasts of the tick
     source: np.ndarray  # (S,) i4, the UAVs that transmit, ascending
-    payload: np.ndarray  # (S, L) numbers or (S, B) bytes, a row what is transmitted, see swarm/payload.py
+    payload: np.ndarray  # (S, L) numbers or (S, B) bytes, one row for each UAV that sends, see federation/coding.py
     links: np.ndarray | None = None  # (K, 2) i4, on the way in: [row of payload, receiving UAV]
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from meanflock.federation.post import Post
-from meanflock.swarm.model import BEYOND_SENSE
 from meanflock.swarm.scenario import load
+from meanflock.swarm.state import BEYOND_SENSE
 from meanflock.worldsim.replies import Commands
 from meanflock.worldsim.summary import Counters, protocol_summary
 

@@ -17,10 +17,9 @@ from meanflock.agent.controllers.mean_field.learner import Learner
 from meanflock.agent.controllers.received import believed, of_kind, plausible
 from meanflock.kernels.mean_field.layout import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, VALUE, VALUE_FEATURES
 from meanflock.swarm import mission
-from meanflock.swarm.ascending import distinct
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import AXES, POSITION, SIZE, VELOCITY, Floats, States
+from meanflock.swarm.state import AXES, POSITION, SIZE, VELOCITY, Floats, States, distinct
 from meanflock.swarm.wire.messages import NOBODY
 
 FORGET_S = 1.0  # a UAV that sent nothing for so long is not nearby
