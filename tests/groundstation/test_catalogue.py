@@ -184,11 +184,16 @@ def test_a_file_that_was_changed_since_it_was_loaded_is_refused_and_nothing_is_w
     assert not (tmp_path / "out").exists()
 
 
+MEASURES = {f"studies/{name}.py" for name in ("clusters", "communication", "free_flights", "robustness")}
+
+
 def test_no_file_of_the_ground_station_asks_which_method_it_is() -> None:
-    """All but the looks of methods in plots, and the verb that names the experiments of the paper."""
+    """All but the looks of methods in plots, the verb of the paper's experiments, and studies of some methods."""
     root = Path(__file__).parents[2]
     files = {*(root / "groundstation").rglob("*.py"), *(root / "studies").glob("*.py")}
     built_in = set(plugins.names("controller"))
-    for path in files - {root / "groundstation/plots/looks.py", root / "groundstation/cli/study.py"}:
+    named = {root / name for name in {"groundstation/plots/plotstyle.py", "groundstation/cli/study.py"} | MEASURES}
+    assert all(path.is_file() for path in named)
+    for path in files - named:
         words = {node.value for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Constant)}
         assert not words & built_in, path
