@@ -93,8 +93,10 @@ class Resumption:
         return int(self.checkpoint["block"])
 
     def memory(self, uavs: NDArray[np.intp]) -> bytes:
-        """The memory of a node with these UAVs, as a record."""
+        """The memory of a node with these UAVs, as a record; empty where every UAV was lost, so that none was asked."""
         memory: Mapping[str, NDArray[Any]] = self.checkpoint["memory"]
+        if not memory:
+            return b""
         return control.encode_record({name: np.ascontiguousarray(array[uavs]) for name, array in memory.items()})
 
     def encode(self) -> bytes:

@@ -129,3 +129,9 @@ def test_while_some_are_paused_no_checkpoint_is_taken_that_would_lack_their_mind
     lab = Lab(scenario('faults=[{kind="pause", tick=95, duration_s=1.0, uavs=[1]}]'))
     lab.fly()
     assert [block.first_tick for block in lab.record.blocks if block.checkpoint] == [0]
+
+
+def test_a_run_whose_uavs_were_all_lost_is_resumed(tmp_path: Path) -> None:
+    lost = scenario("faults=[{kind='kill',tick=30,uavs=[0,1,2,3,4,5]}]", LATER, "method=windmap")
+    whole = flight(tmp_path / "whole", lost)
+    assert steady(resumed(dead(tmp_path / "dies", lost, 150))) == steady(whole)

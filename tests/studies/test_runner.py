@@ -152,3 +152,12 @@ def test_ctrl_c_ends_the_grid_and_its_workers(tmp_path: Path) -> None:
 def test_negative_numbers_of_jobs_count_down_from_the_cores(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(4), raising=False)
     assert [runner._number_of(jobs) for jobs in (-9, -4, -2, -1, 1, 7)] == [1, 1, 3, 4, 1, 7]
+
+
+@pytest.mark.parametrize(
+    ("limit", "cores"), [("150000 100000", 2), ("50000 100000", 1), ("max 100000", None), ("", None)]
+)
+def test_a_container_s_share_of_the_cores_bounds_the_processes(limit: str, cores: int | None, tmp_path: Path) -> None:
+    (tmp_path / "cpu.max").write_text(limit)
+    bound = runner.cores(tmp_path / "nowhere")
+    assert runner.cores(tmp_path) == (bound if cores is None else min(cores, bound))
