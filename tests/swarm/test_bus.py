@@ -8,14 +8,15 @@ import stat
 import struct
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
 
 import pytest
 
 from meanflock.swarm.errors import BadInput, BusError
-from meanflock.swarm.net.bus import Bus, Delivery, MemoryNetwork, matches
-from meanflock.swarm.net.session import LEASE, ZenohBus, _config, _do_not_linger
+from meanflock.swarm.net.bus import Bus, Delivery, MemoryNetwork, Quota, matches
+from meanflock.swarm.net.session import LEASE, Backlog, ZenohBus, _config, _do_not_linger
 from tests.polling import DEADLINE_S, until
 from tests.swarm.conftest import Open, free_endpoint
 
@@ -155,6 +156,22 @@ def test_a_taken_port_is_bad_input_that_names_the_port() -> None:
 def test_a_client_without_a_world_says_so_in_time() -> None:
     with pytest.raises(BusError, match=r"the world is not there: start it, or wait longer \(--wait\)$"):
         ZenohBus.client(free_endpoint(), timeout_s=0.5)
+
+
+@pytest.mark.parametrize(("largest", "length", "waiting"), [(25_000, 1, 256), (25_000, 5000, 20), (10, 1000, 65)])
+def test_a_flood_of_one_sender_is_bounded_counted_and_displaces_no_message_of_another(
+    largest: int, length: int, waiting: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    backlog = Backlog(lambda key: Quota(key.partition("/")[0], largest))
+    for number in range(300):
+        backlog.put(Delivery("message", f"flood/{number}", bytes(length)))
+    backlog.put(Delivery("message", "other/1", b"x"))
+    received = [delivery for _ in range(301) if (delivery := backlog.get(0.0)) is not None]
+    assert [delivery.key for delivery in received] == [*(f"flood/{number}" for number in range(waiting)), "other/1"]
+    assert backlog.dropped == Counter(backlog=300 - waiting)
+    assert len(caplog.records) == (300 - waiting).bit_length()
+    backlog.put(Delivery("message", "flood/again", b"x"))  # its share is free again
+    assert backlog.get(0.0) is not None
 
 
 @pytest.mark.parametrize(
