@@ -77,7 +77,8 @@ def tell_of_lost_models(flights: Iterable[Scenario]) -> None:
 
 def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:
     """One kind of model; None where no radio carries it or the channel has no closed form."""
-    radio, range_m, bits = scenario.radio, scenario.federation.range_m, hop.coding.bits
+    radio, range_m = scenario.radio, scenario.federation.range_m
+    bits = hop.coding.bits
     source, target = hop.senders.repeat(scenario.uavs), np.tile(np.arange(scenario.uavs), len(hop.senders))
     if hop.targets is not None:
         source, target = hop.senders.repeat(hop.targets.shape[1]), hop.targets[hop.senders].ravel()

@@ -56,7 +56,9 @@ class Party:
         Raises:
             BadInput: the aggregation rule cannot begin.
         """
-        self._scenario, self._uavs, self._learner, self.complaints = scenario, uavs, learner, complaints
+        self._uavs = uavs
+        self._learner = learner
+        self.complaints = complaints
         self._schedule = schedule = Schedule(scenario, uavs)
         schedule.draw_ahead()
         self.rule_record = b""

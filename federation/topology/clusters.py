@@ -32,7 +32,8 @@ class Clusters(Topology):
     name = "clusters"
 
     def hops(self) -> tuple[Hop, ...]:
-        scenario, leader, hop_ticks = self.scenario, self.scenario.federation.leader, self.scenario.hop_ticks
+        scenario = self.scenario
+        leader, hop_ticks = scenario.federation.leader, scenario.hop_ticks
         self._check()
         division = Division(scenario)
         upload = Hop(
