@@ -60,7 +60,7 @@ robustness: $(VENV)/.ground ## Fly swarms with malicious UAVs and write docs/rob
 	@$(BIN)/python -m meanflock.studies.robustness $(ARGS)
 
 picture: $(VENV)/.ground ## Draw the README's pictures again (needs a software or hardware Vulkan driver)
-	@$(BIN)/python docs/picture.py $(ARGS)
+	@$(BIN)/python -m meanflock.studies.pictures
 
 images: ## Build the container images (BASE_IMAGE=... for another Python image)
 	$(COMPOSE) build

@@ -5,10 +5,10 @@ from collections import Counter
 
 from benchmarks.figure import Effort, Figure, Outcome, Say, per_call_ms
 from benchmarks.in_process import learner_step
-from meanflock.studies.paper.experiments import to_do
-from meanflock.studies.paper.flown import fly
-from meanflock.studies.paper.grid import wanted
 from meanflock.swarm import scenario
+from reproduction.experiments import to_do
+from reproduction.flight import fly
+from reproduction.grid import wanted
 
 TITLE = "Many flights"
 ABOUT = (

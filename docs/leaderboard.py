@@ -31,8 +31,10 @@ def main() -> None:
     given = options.parse_args()
     if given.out is not None:
         shutil.copyfile(given.out / board.FILE, RESULTS)
-    PAGE.write_text(page(board.read(RESULTS)), encoding="utf-8")
-    pareto.write(board.read(RESULTS).courses, PICTURES)
+    found = board.remarked(board.read(RESULTS))
+    found.write(RESULTS.parent)
+    PAGE.write_text(page(found), encoding="utf-8")
+    pareto.write(found.courses, PICTURES)
     for drawing in PICTURES.glob("*.svg"):
         drawing.unlink()
     print(PAGE)

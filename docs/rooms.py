@@ -19,6 +19,7 @@ ABOUT = {
     "groundstation": "launch, results, recording, plots",
     "studies": "many flights: compare, leaderboard",
     "meanflock": "the Python API",
+    "reproduction": "the paper, claim by claim; not packaged",
     "commands": "the command line",
 }
 _WIDTH, _HEIGHT = 236, 54  # of a room
@@ -32,6 +33,7 @@ def rooms() -> dict[str, list[Path]]:
     commands = ROOT / "groundstation" / "cli"
     found["commands"] = [path for path in found["groundstation"] if commands in path.parents]
     found["groundstation"] = [path for path in found["groundstation"] if commands not in path.parents]
+    found["reproduction"] = sorted((ROOT / "reproduction").rglob("*.py"))
     own = ROOT / "meanflock"
     found["meanflock"] = sorted(path for path in [*own.glob("*.py"), *(own / "testing").rglob("*.py")])
     return found
@@ -46,7 +48,8 @@ def imports(found: dict[str, list[Path]]) -> dict[str, set[str]]:
                 names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
                 if isinstance(node, ast.ImportFrom) and node.module:
                     names = [f"{node.module}.{alias.name}" for alias in node.names]
-                graph[room] |= {_room_of(name, found) for name in names if name.split(".")[0] == "meanflock"} - {room}
+                ours = (name for name in names if name.split(".")[0] in ("meanflock", "reproduction"))
+                graph[room] |= {_room_of(name, found) for name in ours} - {room}
     graph["commands"] -= {"commands"}
     graph["meanflock"] -= {"commands"}  # `python -m meanflock` starts them
     return graph
@@ -55,6 +58,8 @@ def imports(found: dict[str, list[Path]]) -> dict[str, set[str]]:
 def _room_of(name: str, found: dict[str, list[Path]]) -> str:
     if name.startswith("meanflock.groundstation.cli"):
         return "commands"
+    if name.split(".")[0] == "reproduction":
+        return "reproduction"
     parts = name.split(".")
     return parts[1] if len(parts) > 1 and parts[1] in found and parts[1] != "commands" else "meanflock"
 

@@ -5,20 +5,23 @@ import hashlib
 from functools import cache
 from pathlib import Path
 
-from meanflock import agent, channel, kernels, leader, swarm, worldsim
+from meanflock import agent, channel, federation, kernels, leader, swarm, worldsim
 
-_ROOMS = (swarm, kernels, agent, channel, leader, worldsim)
-_HERE = (
-    *("paper/flown.py", "paper/recorder.py", "paper/series.py"),
-    *("clusters.py", "leaderboard/flights.py", "../groundstation/launch/engine.py"),
+_ROOMS = (swarm, federation, kernels, agent, channel, leader, worldsim)
+_FLYING = (  # files of other packages that decide a run too
+    *("clusters.py", "communication.py"),
+    *("leaderboard/flights.py", "../groundstation/launch/engine.py"),
 )
 
 
 @cache
-def version() -> str:
+def version(*more: Path) -> str:
     """Package version and a fingerprint of that code.
 
-    The fingerprint is of the syntax trees without docstrings, so words may be mended without flying again.
+    The fingerprint is of the syntax trees without docstrings: a change of words alone needs no new flights.
+
+    Args:
+        more: Python files outside the package that decide a run too.
     """
     digest = hashlib.sha256()
     for room in _ROOMS:
@@ -28,8 +31,8 @@ def version() -> str:
                 digest.update(path.relative_to(folder).as_posix().encode() + _syntax(path.read_text(encoding="utf-8")))
             elif path.suffix == ".csv":
                 digest.update(path.read_bytes())
-    for name in _HERE:
-        digest.update(_syntax((Path(__file__).parent / name).read_text(encoding="utf-8")))
+    for path in (*(Path(__file__).parent / name for name in _FLYING), *more):
+        digest.update(_syntax(path.read_text(encoding="utf-8")))
     return f"{swarm.__version__}+{digest.hexdigest()[:12]}"
 
 

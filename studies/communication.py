@@ -1,5 +1,7 @@
-"""Measures what narrow payloads cost and save, and writes the tables of communication.md."""
+"""Measures the effects of narrow payloads and writes the tables of communication.md."""
 
+from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -17,6 +19,7 @@ from meanflock.studies.markdown import replaced, table
 from meanflock.swarm import process, scenario
 from meanflock.swarm.declared import controller
 from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.scenario.tables import Payload
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from meanflock.swarm.wire.tick import write_act
 
@@ -34,6 +37,8 @@ WRITTEN = {  # name of the row → settings
     ),
     "int8 up, float32 down": ("federation.payload=int8",),
 }
+ROUNDED: tuple[Payload, ...] = ("float16", "int8")
+ROUNDING_SEEDS = range(1, 6)
 CLEAR = ("radio.bits_per_float=64", "radio.target_snr_db=60", "duration=160", 'stop="duration"')  # no outages
 
 
@@ -45,11 +50,13 @@ def main() -> None:
         for method in METHODS
         for name, settings in WRITTEN.items()
     }
-    runs = published.flown("communication", points, given.jobs)
+    clear = {
+        method: [scenario.load(None, CLEAR, method=method, seed=seed) for seed in ROUNDING_SEEDS] for method in METHODS
+    }
     tables = {
         "transmissions": transmissions(),
-        "flights": flights(runs),
-        "rounding": rounding(range(1, 6)),
+        "flights": flights(published.flown("communication", points, given.jobs)),
+        "rounding": rounding(published.flown("rounding", clear, given.jobs, measure_rounding)),
     }
     page = PAGE.read_text(encoding="utf-8")
     for name, lines in tables.items():
@@ -75,7 +82,7 @@ def transmissions() -> list[str]:
 
 
 def flights(runs: dict[Any, list[dict[str, Any]]]) -> list[str]:
-    """What the codings did to whole flights."""
+    """Traffic, travel time and energy of whole flights with each coding."""
     head = ("method", "payload", "up, kbit", "down, kbit", "arrived", "travel time, s", "energy until own arrival, J")
     rows = []
     for (method, name), summaries in runs.items():
@@ -100,48 +107,59 @@ def flights(runs: dict[Any, list[dict[str, Any]]]) -> list[str]:
     return table((*head, "alignment φ_A, m/s", "outages, %", "latency, slots"), rows)
 
 
-def rounding(seeds: range) -> list[str]:
-    """What rounding takes from the mean of one round, and from the mean over all rounds of a flight."""
+def rounding(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[str]:
+    """How far rounding moves the mean of one round, and the mean over all rounds of a flight."""
     rows = []
-    for method in METHODS:
-        clear = scenario.load(None, CLEAR, method=method)
-        flights = [uploads(scenario.load(None, (*CLEAR, f"seed={seed}"), method=method)) for seed in seeds]
-        for name in ("float16", "int8"):
-            for active in (False, True):
-                coding = Coding(name, clear.declared.parts)
-                off = np.mean([distances(clear, coding, active, rounds) for rounds in flights], axis=0)
-                rows.append((f"`{method}`", name, "yes" if active else "no", f"{off[0]:.1e}", f"{off[1]:.1e}"))
+    for method, measured in runs.items():
+        for name, active in product(ROUNDED, (False, True)):
+            off = np.mean([row[_case(name, active)] for row in measured], axis=0)
+            rows.append((f"`{method}`", name, "yes" if active else "no", f"{off[0]:.1e}", f"{off[1]:.1e}"))
     return table(("method", "payload", "feedback", "one round", "all rounds"), rows)
 
 
+def measure_rounding(flown: Scenario) -> dict[str, tuple[float, float]]:
+    """The distances of one flight, by coding and feedback; see `distances`."""
+    rounds = uploads(flown)
+    return {
+        _case(name, active): distances(flown, Coding(name, flown.declared.parts), active, rounds)
+        for name, active in product(ROUNDED, (False, True))
+    }
+
+
+def _case(name: str, active: bool) -> str:
+    return f"{name}, feedback" if active else name
+
+
 def uploads(flown: Scenario) -> list[Frames]:
-    """Every round's uploads of one flight: the participants' models as they are when it opens, in double precision."""
-    rounds, sent = Schedule(flown), []
-    shared = controller(flown).shared  # of the weights, what the method shares
+    """The uploads of every round of one flight: the participants' models when the round opens, in double precision."""
+    schedule = Schedule(flown)
+    shared = controller(flown).shared  # the weights that the method shares
+    sent: list[Frames] = []
 
     def look(engine: Engine) -> None:
         flight = engine.world.flight
-        if not flight.over and (number := rounds.opens(flight.tick)):
-            source = rounds.participants(number).astype(np.int32)
+        if not flight.over and (number := schedule.opens(flight.tick)):
+            source = schedule.participants(number).astype(np.int32)
             sent.append(Frames(FrameKind.UPLOAD, number, source, engine.models[source, shared]))
 
     Engine(flown, "communication").complete(look)
     return sent
 
 
-def distances(flown: Scenario, coding: Coding, active: bool, rounds: list[Frames]) -> tuple[float, float]:
-    """‖mean received − mean meant‖ / ‖mean meant‖: of a round, and of all together."""
+def distances(flown: Scenario, coding: Coding, active: bool, rounds: Sequence[Frames]) -> tuple[float, float]:
+    """‖received mean − exact mean‖ / ‖exact mean‖: the median over rounds, and of the sums over all rounds."""
     feedback = Feedback(coding, flown.uavs, active=active)
-    off, meant = [], []
+    differences = []
+    exact = []
     for batch in rounds:
         rows = batch.source.astype(np.intp)
-        means = [mean(models) for models in (coding.decode(feedback.encode(rows, batch.payload)), batch.payload)]
-        off.append(means[0] - means[1])
-        meant.append(means[1])
+        received = coding.decode(feedback.encode(rows, batch.payload))
+        exact.append(mean(batch.payload))
+        differences.append(mean(received) - exact[-1])
     norm = np.linalg.norm
-    return float(np.median(norm(off, axis=1) / norm(meant, axis=1))), float(
-        norm(np.sum(off, 0)) / norm(np.sum(meant, 0))
-    )
+    of_one = float(np.median(norm(differences, axis=1) / norm(exact, axis=1)))
+    of_all = float(norm(np.sum(differences, axis=0)) / norm(np.sum(exact, axis=0)))
+    return of_one, of_all
 
 
 def _at(summary: dict[str, Any], path: tuple[str, ...]) -> float:
@@ -151,4 +169,6 @@ def _at(summary: dict[str, Any], path: tuple[str, ...]) -> float:
 
 
 if __name__ == "__main__":
-    process.main(main)
+    from meanflock.studies import communication  # worker processes find `measure_rounding` in it under this name
+
+    process.main(communication.main)

@@ -47,14 +47,18 @@ class _Body(msgspec.Struct, frozen=True):
     runs: tuple[StoredRun, ...]
 
 
-def encode(runs: Iterable[StoredRun]) -> bytes:
-    """A job file: a line to know it by, the hash of the rest, the rest."""
-    body = zlib.compress(msgspec.msgpack.encode(_Body(version(), tuple(runs))), 1)
+def encode(runs: Iterable[StoredRun], code: str | None = None) -> bytes:
+    """A job file: a line to know it by, the hash of the rest, the rest.
+
+    Args:
+        code: version of the code that flew the runs; None: `version()`.
+    """
+    body = zlib.compress(msgspec.msgpack.encode(_Body(code or version(), tuple(runs))), 1)
     return _MAGIC + hashlib.sha256(body).digest() + body
 
 
-def decode(raw: bytes) -> tuple[StoredRun, ...]:
-    """The runs of a job file of this version.
+def decode(raw: bytes, code: str | None = None) -> tuple[StoredRun, ...]:
+    """The runs of a job file of this version; `code` as in `encode`.
 
     Raises:
         ValueError: not whole, not a job file, or of another version.
@@ -68,6 +72,6 @@ def decode(raw: bytes) -> tuple[StoredRun, ...]:
         content = msgspec.msgpack.decode(zlib.decompress(body), type=_Body)
     except msgspec.MsgspecError as error:
         raise ValueError(str(error)) from error
-    if content.version != version():
+    if content.version != (code or version()):
         raise ValueError(f"of version {content.version}")
     return content.runs

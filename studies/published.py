@@ -30,14 +30,18 @@ def options(about: str | None, seeds: int | None = None, page: bool = False) -> 
 
 
 def flown(
-    study: str, points: Mapping[Any, Sequence[Scenario]], jobs: int, fly: Fly | None = None
+    study: str,
+    points: Mapping[Any, Sequence[Scenario]],
+    jobs: int,
+    fly: Fly | None = None,
+    out: Path | None = None,
 ) -> dict[Any, Summaries]:
-    """What `fly_all` returns, with progress on stderr. Finished flights are kept in out/`study`.
+    """What `fly_all` returns, with progress on stderr. Finished flights are kept in `out`, or else in out/`study`.
 
     Raises:
         RunFailed: interrupted, disk full or a process died; the same command flies the rest.
     """
-    out = Path("out") / study
+    out = Path("out") / study if out is None else out
     columns = TextColumn(study), BarColumn(bar_width=24), MofNCompleteColumn(), TimeRemainingColumn(compact=True)
     with terminable(out), Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(study, total=None)

@@ -2,7 +2,7 @@
 
 In DIR, the folder of `--out`:
     DIR/data/jobs/*.job    checked, atomic: all that a study that goes on trusts
-    DIR/data/*.parquet     the tables made of them, if it makes any: see `paper/tables.py`
+    DIR/data/*.parquet     the tables made of them, if it makes any
 """
 
 import hashlib
@@ -22,8 +22,14 @@ DATA = "data"
 class Store:
     """The job files of one output folder, and the tables made of them."""
 
-    def __init__(self, out: Path) -> None:
-        """Raises BadInput where the folder cannot be made."""
+    def __init__(self, out: Path, code: str | None = None) -> None:
+        """Args:
+            code: version of the code that decides the runs; None: that of the package.
+
+        Raises:
+            BadInput: the folder cannot be made.
+        """
+        self._code = code or version()
         self.data = out / DATA
         self._jobs = self.data / "jobs"
         try:
@@ -38,7 +44,7 @@ class Store:
         runs: dict[str, StoredRun] = {}
         for path in sorted(self._jobs.glob("*.job")):
             try:
-                runs.update((run.key, run) for run in decode(path.read_bytes()))
+                runs.update((run.key, run) for run in decode(path.read_bytes(), self._code))
             except ValueError:
                 path.unlink(missing_ok=True)
         return runs
@@ -51,9 +57,11 @@ class Store:
                 finished before is kept.
         """
         try:
-            decode(raw)
+            decode(raw, self._code)
         except ValueError as error:
-            raise RunFailed(f"a worker's result is {error}, this is {version()}: give workers the same code") from error
+            raise RunFailed(
+                f"a worker's result is {error}, this is {self._code}: give workers the same code"
+            ) from error
         self.write(self._jobs / f"{hashlib.sha256(raw).hexdigest()[:24]}.job", raw)
 
     def write(self, path: Path, raw: bytes | memoryview) -> None:

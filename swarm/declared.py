@@ -25,7 +25,8 @@ class Declared(msgspec.Struct, frozen=True):
     diagnostics: names of what it reports in every tick.
     period_ticks: ticks between two rounds, where the scenario does not say.
     broadcast_numbers: numbers a UAV broadcasts in a tick at the most, in all its frames; how long a message may be
-    follows. pairwise: whether every UAV remembers something of every other; memory then grows with N².
+    follows. pairwise: whether every UAV remembers something of every other; memory then grows with N². shares: whether
+    the UAVs broadcast their states by the scenario's `[sharing]`.
     """
 
     parameters: int
@@ -35,6 +36,7 @@ class Declared(msgspec.Struct, frozen=True):
     period_ticks: int
     broadcast_numbers: int
     pairwise: bool
+    shares: bool
 
     @property
     def is_federated(self) -> bool:
@@ -94,7 +96,7 @@ def _checked(made: Any, name: str) -> Declared:
             f"controller {name!r}: `diagnostics` {diagnostics} must be at most {MAX_DIAGNOSTICS} different names of "
             "letters, digits and underscores"
         )
-    return Declared(parameters, parts, weights, diagnostics, period, said, bool(made.pairwise))
+    return Declared(parameters, parts, weights, diagnostics, period, said, bool(made.pairwise), bool(made.shares))
 
 
 def _count(made: Any, name: str, declaration: str, least: int, most: int) -> int:

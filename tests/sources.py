@@ -9,7 +9,8 @@ ROOT = Path(__file__).parents[1]
 ROOMS = tuple(sorted(path.name for path in (ROOT / "meanflock").iterdir() if path.is_symlink()))
 CLI = "meanflock.groundstation.cli"  # with all that is called so: the commands are calls of the Python door
 DOOR = sorted(path for path in (ROOT / "meanflock").rglob("*.py") if path.relative_to(ROOT).parts[1] not in ROOMS)
-MODULES = sorted(path for room in ROOMS for path in (ROOT / room).rglob("*.py")) + DOOR
+REPRODUCTION = sorted((ROOT / "reproduction").rglob("*.py"))  # of the source, not of the package
+MODULES = sorted(path for room in ROOMS for path in (ROOT / room).rglob("*.py")) + DOOR + REPRODUCTION
 TESTS = sorted((ROOT / "tests").rglob("*.py"))
 
 
@@ -48,7 +49,7 @@ def imported(path: Path) -> set[str]:
 def module_of(path: Path) -> str:
     """What a file is imported as."""
     parts = list(path.relative_to(ROOT).with_suffix("").parts)
-    parts = parts if parts[0] == "meanflock" else ["meanflock", *parts]
+    parts = parts if parts[0] in ("meanflock", "reproduction") else ["meanflock", *parts]
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
@@ -72,6 +73,8 @@ def room_of(module: str) -> str:
     """The room a module belongs to; the command line is one of its own."""
     if module.startswith(CLI) or module == "meanflock.__main__":
         return "cli"
+    if module.split(".")[0] == "reproduction":
+        return "reproduction"
     second = module.split(".")[1] if "." in module else ""
     return second if second in ROOMS else "door"
 

@@ -42,6 +42,7 @@ MAY_IMPORT = {  # of the other rooms; `door` is the package meanflock itself
 MAY_IMPORT["groundstation"] = set(MAY_IMPORT)
 MAY_IMPORT["studies"] = set(MAY_IMPORT)
 MAY_IMPORT["door"] = set(MAY_IMPORT)
+MAY_IMPORT["reproduction"] = set(MAY_IMPORT)
 MAY_IMPORT["cli"] = set(MAY_IMPORT)
 WITHIN = {  # of the other folders of groundstation; what lies beside them may be imported by all
     "results": set(),
@@ -124,7 +125,7 @@ def test_nobody_outside_the_kernels_knows_which_form_runs() -> None:
 
 def test_only_the_mean_field_methods_read_their_tables_and_call_their_kernels() -> None:
     """Except that swarm/ defines the tables, kernels/ chooses a form, and the study of the paper reads both."""
-    theirs = ("agent/controllers/mean_field/", "kernels/", "swarm/scenario/", "studies/paper/")
+    theirs = ("agent/controllers/mean_field/", "kernels/", "swarm/scenario/", "reproduction/")
     table = re.compile(r"scenario\.(cost|learner|density|offline)$")
     packages = ("meanflock.kernels.mean_field", "meanflock.swarm.scenario.mean_field")
     for path in MODULES:
@@ -150,8 +151,11 @@ def test_one_file_sends_the_flight_to_rerun() -> None:
 def test_what_only_a_person_needs_stays_at_the_ground_station() -> None:
     users = users_of("click", "rich", "psutil", "pyarrow", "matplotlib")
     users |= users_of("tomli_w") - {"swarm/scenario/values.py"}  # imported there by who saves a scenario
-    assert all(name.startswith(("groundstation/", "studies/", "meanflock/")) for name in users)
-    assert all(name.startswith(("groundstation/", "studies/", "channel/", "worldsim/")) for name in users_of("scipy"))
+    assert all(name.startswith(("groundstation/", "studies/", "meanflock/", "reproduction/")) for name in users)
+    assert all(
+        name.startswith(("groundstation/", "studies/", "channel/", "worldsim/", "reproduction/"))
+        for name in users_of("scipy")
+    )
 
 
 def test_one_file_talks_to_prometheus() -> None:
@@ -208,7 +212,7 @@ def test_a_process_of_the_swarm_loads_only_what_it_needs(module: str) -> None:
 
 def test_a_worker_of_a_study_loads_no_statistics() -> None:
     """They are a second of each worker's start, and of each command's."""
-    modules = "meanflock.studies.study, meanflock.studies.paper.experiments, meanflock.studies.means"
+    modules = "meanflock.studies.study, reproduction.experiments, meanflock.studies.means"
     code = LOADED.format(module=modules, forbidden=["scipy.stats", "matplotlib", "rerun"])
     loaded = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S, check=True
@@ -246,7 +250,7 @@ def test_what_flies_makes_its_generators_in_one_place_only() -> None:
     makers = {
         name_of(path)
         for path in MODULES
-        if not name_of(path).startswith(("studies/", "meanflock/testing/"))
+        if not name_of(path).startswith(("studies/", "meanflock/testing/", "reproduction/"))
         for node in nodes(path)
         if isinstance(node, ast.Call) and dotted(node.func).endswith("default_rng")
     }

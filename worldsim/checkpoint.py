@@ -27,7 +27,7 @@ from meanflock.worldsim.replies import Commands
 from meanflock.worldsim.reporting import Reporter
 from meanflock.worldsim.summary import Counters
 
-SCHEMA = 6
+SCHEMA = 7
 EVERY_TICKS = 100
 MAX_BYTES = 24 * 2**20  # a larger checkpoint would displace telemetry from the outbox
 

@@ -22,7 +22,7 @@ LOST = np.uint8(Status.LOST)
 
 _HASHED = np.dtype("<f8")
 
-_SCALARS = ("tick", "speed_difference_sum", "near_sum", "speed_max")
+_SCALARS = ("tick", "steps", "clipped", "speed_difference_sum", "near_sum", "speed_max")
 _ARRAYS = {  # and their types in a snapshot
     "states": "<f8",
     "status": "u1",
@@ -49,7 +49,9 @@ class Flight:
         arrival_tick: (N,), -1 before arrival.
         arrival_energy: (N,), J until arrival.
         distance: (N,), m flown until arrival.
-        effort: (N,), sum of ‖a‖² over the ticks until arrival, a as commanded, m²/s⁴.
+        effort: (N,), sum of ‖a‖² over the ticks until arrival, a as commanded within the vehicle's limit, m²/s⁴.
+        steps: number of commands of UAVs that are not lost, one for each UAV and tick.
+        clipped: number of commands, one for each UAV and tick, that were longer than the vehicle's limit.
         launch_tick: (N,), tick in which a UAV leaves the ground.
         speed_difference_sum: sum over ticks 0…tick of the mean ‖v_j − v_i‖ over pairs, m/s.
         near_sum: sum over ticks of the number of pairs i < j within the hazard radius.
@@ -62,6 +64,8 @@ class Flight:
         n = scenario.uavs
         self.scenario = scenario
         self.tick = 0
+        self.steps = 0
+        self.clipped = 0
         self.speed_difference_sum = 0.0
         self.near_sum = 0
         self.speed_max = 0.0
@@ -187,7 +191,10 @@ class Flight:
         waiting = self.waiting
         if (idle := self.idle) is not None:
             accelerations = np.where(idle[:, None], 0.0, accelerations)
+        if (limit := scenario.vehicle.acceleration_max) is not None:
+            accelerations = self._limited(accelerations, limit)
         felt = accelerations if gust is None else accelerations + gust
+        self.steps += len(accelerations) - (int(np.count_nonzero(self.lost)) if self.any_lost else 0)
         noise = self._wind.standard_normal(accelerations.shape)
         before = self.states if waiting is None else np.where(waiting[:, None], np.nan, self.states)
         moved = self._physics(self.states, self.hidden, felt, noise, waiting)
@@ -252,6 +259,16 @@ class Flight:
         if history.shape != (self.tick + 1, *self.states.shape) or history[-1].tobytes() != self.states.tobytes():
             raise ValueError(f"the time series does not end in the states of tick {self.tick}")
         self._hash = hashlib.sha256(np.ascontiguousarray(history, dtype="<f8").tobytes())
+
+    def _limited(self, accelerations: state.Plane, limit: float) -> state.Plane:
+        """Commands (N, 2), those longer than the limit shortened to it and counted, m/s²."""
+        length = np.hypot(accelerations[:, 0], accelerations[:, 1])
+        longer = length > limit * (1.0 + 1e-9)  # a controller may have shortened its command to the limit itself
+        if not (count := int(np.count_nonzero(longer))):
+            return accelerations
+        self.clipped += count
+        factors = np.divide(limit, length, out=np.ones_like(length), where=longer)
+        return accelerations * factors[:, None]
 
     def _observe(self, before: state.States, on_way: NDArray[np.bool_]) -> None:
         """Measure the tick that led to `states`.

@@ -120,6 +120,7 @@ def flight_summary(flight: Flight) -> dict[str, Any]:
         "speed_mean_m_s": flight.mean_speed,
         "distance_mean_m": float(flight.distance.mean()),
         "control_effort": float(flight.effort.mean() * scenario.dt),
+        "clipped_uav_ticks": flight.clipped,
         "trajectory_sha256": flight.trajectory_sha256,
     }
 
@@ -146,6 +147,18 @@ def radio_summary(meter: Meter, *, all_arrived: bool) -> dict[str, Any]:
             "links_used": len(links),
             "links": links if len(links) <= MAX_LINKS_LISTED else None,  # [source, target, sent, outages]
         },
+    }
+
+
+def energy_summary(flight: Flight, airtime_s: float) -> dict[str, Any]:
+    """Fields of the energy of all UAVs until the end of the flight, radio and computer included."""
+    constants = flight.scenario.energy
+    radio = constants.radio_W * airtime_s
+    compute = constants.step_J * flight.steps
+    return {
+        "energy_radio_J": radio,
+        "energy_compute_J": compute,
+        "energy_total_J": float(flight.energy.sum()) + radio + compute,
     }
 
 
@@ -229,6 +242,7 @@ def summary(flight: Flight, meter: Meter, run_id: str, mode: str, wall_time_s: f
         "real_time_factor": flight.time_s / wall_time_s if wall_time_s > 0 else None,
         **flight_summary(flight),
         **radio_summary(meter, all_arrived=bool((flight.arrival_tick >= 0).all())),
+        **energy_summary(flight, meter.total("airtime_s")),
     }
 
 

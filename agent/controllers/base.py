@@ -79,6 +79,7 @@ class Controller:
     period_ticks: int = 100  # ticks between rounds, if `federation.period` is unset
     broadcast_numbers: int = 64  # limit of the numbers that a UAV broadcasts in a tick, all frames together
     pairwise: bool = False  # whether a UAV has memory for each other UAV; memory grows with N²
+    shares: bool = False  # whether UAVs broadcast their states according to `scenario.sharing`
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         """`options`: an instance of `Options`. Compute expensive tables in `init`."""

@@ -63,6 +63,12 @@ def against_the_air(scenario: Scenario, own: States) -> Plane:
     return scenario.wind.drag * (own[:, VELOCITY] - np.array(scenario.wind.mean))
 
 
+def acceleration_limit(scenario: Scenario, most: float) -> float:
+    """The limit of a controller, or that of the vehicle if it is lower, m/s²."""
+    limit = scenario.vehicle.acceleration_max
+    return most if limit is None else min(most, limit)
+
+
 def limited(vectors: Plane, most: float) -> Plane:
     """Vectors (M, 2), those longer than `most` shortened to it."""
     return vectors * np.minimum(1.0, most / np.maximum(state.norm(vectors), 1e-9))[:, None]

@@ -1,7 +1,7 @@
 """What every filter implements: it stands between a controller, which may be anybody's, and the vehicle.
 
-Everybody broadcasts its state for the filter, by the scenario's `[filter]`, and every tick the filter has the last word
-on the accelerations. All else of the controller passes through: its model, its reports, its diagnostics, its
+Every UAV broadcasts its state for the filter according to `[sharing]`, and in every tick the filter decides the
+accelerations. All else of the controller passes through: its model, its reports, its diagnostics, its
 broadcasts. The filter's broadcast is the first of a tick, so that of the controller's own each has the number after the
 one it has alone; frames are told apart by it, and the controller sees the numbers that it gave. What the filter
 remembers is in arrays whose names begin with `filter_`.
@@ -48,7 +48,8 @@ class Filter:
         self.diagnostics = (*theirs, *mine)
         self.broadcast_numbers = inner.broadcast_numbers + Neighbours.numbers
         self.pairwise = True  # it knows a state of every other UAV
-        self._neighbours = Neighbours(scenario.filter, scenario, inner.prediction())
+        self.shares = True
+        self._neighbours = Neighbours(scenario, inner.prediction())
 
     @abstractmethod
     def admit(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Plane) -> tuple[Plane, Floats]:

@@ -21,12 +21,13 @@ if TYPE_CHECKING:
     from meanflock.studies.leaderboard.board import Board
 
 _FIRST_SEED = 8001
+_DEFAULT_POLICY = "event-4"  # tests compare it with the scenario's
 
 
 class _Lists(click.Command):
     """An option of several takes every word up to the next option: `--missions paper swap --controllers plan orca`."""
 
-    lists = ("--missions", "--controllers")
+    lists = ("--missions", "--controllers", "--policies")
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Repeats the option before each of its words."""
@@ -57,6 +58,14 @@ def _names(given: Sequence[str]) -> list[str]:
 @click.command(cls=_Lists)
 @_several("--missions", "Missions to fly")
 @_several("--controllers", "Controllers or named rows")
+@click.option(
+    "--policies",
+    multiple=True,
+    default=(_DEFAULT_POLICY,),
+    metavar="NAME…",
+    help="Policies by which UAVs share their states: tick, event, event-4. Rows that share none fly once.  "
+    f"[default: {_DEFAULT_POLICY}]",
+)
 @scenario_arguments("plugin")
 @number_option("--seeds", "K", 30, "Flights of each, with one seed each.")
 @number_option("--first-seed", "S", _FIRST_SEED, "First of the seeds.", least=0)
@@ -68,6 +77,7 @@ def _names(given: Sequence[str]) -> list[str]:
 def leaderboard(
     missions: tuple[str, ...],
     controllers: tuple[str, ...],
+    policies: tuple[str, ...],
     seeds: int,
     first_seed: int,
     jobs: int,
@@ -91,7 +101,13 @@ def leaderboard(
     from meanflock.studies.leaderboard.report import write
     from meanflock.studies.runner import terminable, workers
 
-    contest = Contest(known.chosen(_names(missions)), rows.chosen(_names(controllers)), seeds, first_seed)
+    contest = Contest(
+        known.chosen(_names(missions)),
+        rows.chosen(_names(controllers)),
+        seeds,
+        first_seed,
+        rows.policies(_names(policies)),
+    )
     with terminable(out):
         with (
             workers(backend, scheduler, jobs) as available,
@@ -112,7 +128,8 @@ def _tell(board: "Board") -> None:
     for course in board.courses:
         table = terminal.table(course)
         console_for(table).print(table)
-        for note in tables.notes(course):
+        conditions = tables.conditions(course, board.policies).replace("`", "")
+        for note in (conditions, *tables.notes(course)):
             console.print(note, style="dim", markup=False, highlight=False)
         console.print()
     console.print(terminal.CAPTION, style="dim italic", highlight=False)

@@ -1,11 +1,13 @@
 """Commands that fly many times: compare, sweep, paper."""
 
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+import meanflock
 from meanflock.groundstation.cli.arguments import (
     PATH,
     load_scenario,
@@ -29,6 +31,7 @@ from meanflock.groundstation.cli.study_arguments import (
 from meanflock.groundstation.doctor import tell_if_slow
 from meanflock.studies.runner import terminable
 from meanflock.swarm import scenario
+from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -194,13 +197,14 @@ def paper(
     \b
     Example: meanflock paper --seeds 2 --out out/paper
     """
-    from meanflock.studies.paper.experiments import run_grid
-    from meanflock.studies.paper.figures.draw import chosen, draw
-    from meanflock.studies.paper.measure import measured
-    from meanflock.studies.paper.report.write import counts, write_report
-    from meanflock.studies.paper.verdict import evaluate
+    _find_reproduction()
+    from reproduction.experiments import run_grid
+    from reproduction.figures import FLOWN_FOR, chosen, draw
+    from reproduction.measure import measured
+    from reproduction.report import counts, write_report
+    from reproduction.verdict import evaluate
 
-    experiments = set().union(*(_FLOWN_FOR[figure] for figure in chosen(only))) if only else None
+    experiments = set().union(*(FLOWN_FOR[figure] for figure in chosen(only))) if only else None
     file = None if name in (None, "paper") else Path(str(name))
     base = scenario.load(file)
     out = out or Path("out") / (file.stem if file else "paper")
@@ -217,13 +221,17 @@ def paper(
     report(paths)
 
 
-_FLOWN_FOR: dict[str, set[str]] = {
-    "fig2": {"s0"},
-    "fig3": {"s0"},
-    "fig4": {"s0"},
-    "fig5": {"uavs"},
-    "fig6": {"period"},
-    "fig7": {"wind"},
-    "fig8": {"offline", "trained"},
-    "map": {"map", "found"},
-}
+def _find_reproduction() -> None:
+    """Makes the package `reproduction` importable, which lies beside `meanflock` in a checkout.
+
+    Raises:
+        BadInput: there is no such folder.
+    """
+    checkout = Path(meanflock.__file__).resolve().parents[1]
+    if not (checkout / "reproduction" / "__init__.py").is_file():
+        raise BadInput(
+            "paper: the folder `reproduction` is missing; it is in the source of meanflock, not in the installed "
+            "package. Get the source, install it with `pip install -e '.[ground]'`, and repeat the command"
+        )
+    if str(checkout) not in sys.path:
+        sys.path.append(str(checkout))  # worker processes inherit it

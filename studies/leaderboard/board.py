@@ -28,11 +28,13 @@ FIELDS = (  # of `leaderboard.json`: a course is a mission as flown, a standing 
     Field("version", "", "version of meanflock"),
     Field("code", "", "version and fingerprint of the code that flew"),
     Field("seeds", "1", "seeds of every row"),
+    Field("policies", "", "policies of communication of the rows that share states; empty if each row had its own"),
     Field("courses.name", "", "name of the mission"),
     Field("courses.title", "", "heading of its table"),
     Field("courses.about", "", "description of the mission"),
     Field("courses.uavs", "UAVs", "number of UAVs"),
     Field("courses.duration_s", "s", "longest simulated time of a flight"),
+    Field("courses.acceleration_max_m_s2", "m/s²", "limit of acceleration of every UAV; null: none"),
     Field("courses.absent.*", "", "reason why a row cannot fly the mission, by the row's name"),
     Field("courses.front_s", "s", "times of the front; empty if it is not known"),
     Field("courses.front_J", "J", "least energy for each of these times, mean of the UAVs"),
@@ -116,16 +118,19 @@ class Course(msgspec.Struct, frozen=True):
     absent: dict[str, str]
     front_s: list[float]
     front_J: list[float]  # a unit
+    acceleration_max_m_s2: float | None = None
 
 
 class Board(msgspec.Struct, frozen=True):
-    """A leaderboard. code: version and fingerprint of what flew. seeds: of every row."""
+    """A leaderboard. code: version and fingerprint of the code that flew. seeds: of every row. policies: policies of
+    communication under which rows that share states flew; empty: each row had its own."""
 
     schema: int
     version: str
     code: str
     seeds: list[int]
     courses: list[Course]
+    policies: list[str] = []  # msgspec copies it
 
     def encode(self) -> bytes:
         """JSON, a line a row."""
@@ -182,20 +187,36 @@ def cells(columns: dict[str, Floats]) -> dict[str, Cell]:
     return made
 
 
+def remarked(found: Board) -> Board:
+    """The same board with its marks made again from the values of the flights."""
+    courses = [msgspec.structs.replace(course, standings=marked(course.standings)) for course in found.courses]
+    return msgspec.structs.replace(found, courses=courses)
+
+
 def marked(standings: list[Standing]) -> list[Standing]:
-    """The same rows with the best of each column marked, see `marks.py`."""
+    """The same rows with the best of each column marked, see `marks.py`.
+
+    All rows compete for `arrived`, and those whose UAVs arrived for everything else; for energy, time, regret, effort
+    and cost only if they are safe as well. `infeasible` is compared among the rows of one filter or controller.
+    """
     whole = [row for row in standings if not row.failed and row.cells]
     there = [row for row in whole if row.cells["arrived"].mean >= marks.COMPETES]
-    columns = {
-        BY_KEY[key]: {row.name: row.column(key) for row in (whole if key == "arrived" else there)} for key in BY_KEY
-    }
-    found = marks.best(columns)
+    safe = [row for row in there if marks.is_safe(row.column("free"))]
+    contests: list[marks.Contest] = []
+    for key, measure in BY_KEY.items():
+        if key == "infeasible":
+            kinds: dict[str, list[Standing]] = {}
+            for row in there:
+                kinds.setdefault(row.settings.get("filter.kind", row.controller), []).append(row)
+            groups = list(kinds.values())
+        else:
+            groups = [whole if key == "arrived" else safe if measure.of_safe else there]
+        contests += [(measure, {row.name: row.column(key) for row in group}) for group in groups]
+    best = marks.best(contests)
     return [
         msgspec.structs.replace(
             row,
-            cells={
-                key: msgspec.structs.replace(cell, best=found.get(key) == row.name) for key, cell in row.cells.items()
-            },
+            cells={key: msgspec.structs.replace(cell, best=(key, row.name) in best) for key, cell in row.cells.items()},
         )
         for row in standings
     ]

@@ -19,18 +19,37 @@ from meanflock.swarm import __version__
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.mission import obstacles
 from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.scenario.tables import Sharing
 
 Points = dict[tuple[str, str], list[Scenario]]  # mission and row → a scenario a seed
+DEFAULT_POLICY = Sharing().policy
 _FRONT_POINTS = 60  # of the line in a picture
 _FASTEST = 4.0  # times faster than the flight of least energy: where that line begins
 
 
 class Contest:
-    """What is to be flown. absent: by mission, rows that cannot fly it, and why."""
+    """Flights of a leaderboard.
 
-    def __init__(self, missions: Sequence[Mission], rows: Sequence[Row], seeds: int, first_seed: int) -> None:
-        """Raises BadInput where a mission's file is damaged, a row of ours does not fit, or nothing can be flown."""
-        self._missions, self._rows = missions, rows
+    Attributes:
+        points: scenarios, one for each seed, by mission and row.
+        absent: rows that cannot fly a mission, and why, by mission.
+    """
+
+    def __init__(
+        self,
+        missions: Sequence[Mission],
+        rows: Sequence[Row],
+        seeds: int,
+        first_seed: int,
+        policies: Sequence[str] = (DEFAULT_POLICY,),
+    ) -> None:
+        """`policies`: policies of communication under which rows that share states fly.
+
+        Raises:
+            BadInput: the file of a mission is damaged, a shipped row is invalid, or nothing can be flown.
+        """
+        self._missions, self._policies = missions, list(policies)
+        self._rows: dict[str, list[Row]] = {mission.name: [] for mission in missions}
         self._seeds = list(range(first_seed, first_seed + seeds))
         self.points: Points = {}
         self.absent: dict[str, dict[str, str]] = {}
@@ -41,11 +60,14 @@ class Contest:
                     self.absent[mission.name][row.name] = f"flies {', '.join(row.missions)} only"
                     continue
                 try:
-                    first = row.scenario(table, first_seed, mission.name)
+                    under = row.under(policies, table, mission.name)
+                    first = [each.scenario(table, first_seed, mission.name) for each in under]
                 except BadInput as error:
                     self.absent[mission.name][row.name] = str(error).removeprefix(f"{mission.name}: ")
                     continue
-                self.points[mission.name, row.name] = study.seeded(first, seeds)
+                self._rows[mission.name] += under
+                for each, scenario in zip(under, first, strict=True):
+                    self.points[mission.name, each.name] = study.seeded(scenario, seeds)
         if not self.points:
             whys = {why for left in self.absent.values() for why in left.values()}
             raise BadInput(f"nothing can be flown: {'; '.join(sorted(whys))}")
@@ -58,25 +80,27 @@ class Contest:
         """
         flown = study.fly_all(self.points, jobs, progress, store, flights.STUDY, flights.fly)
         courses = [self._course(mission, flown) for mission in self._missions]
-        return Board(SCHEMA, __version__, version(), self._seeds, courses)
+        return Board(SCHEMA, __version__, version(), self._seeds, courses, self._policies)
 
     def _course(self, mission: Mission, flown: Mapping[tuple[str, str], study.Summaries]) -> Course:
-        there = [row for row in self._rows if (mission.name, row.name) in self.points]
+        there = self._rows[mission.name]
         standings: list[Standing] = []
         line: tuple[list[float], list[float]] = [], []
-        uavs, duration = 0, 0.0
+        uavs, duration, limit = 0, 0.0, None
         for row in there:
             scenario = self.points[mission.name, row.name][0]
             fronts = Fronts(scenario)
             standings.append(_standing(row, mission, fronts, flown[mission.name, row.name]))
             line = line if line[0] else _line(fronts, scenario)
             uavs, duration = scenario.uavs, scenario.duration
+            limit = scenario.vehicle.acceleration_max
         return Course(
             name=mission.name,
             title=mission.title or mission.name,
             about=mission.about,
             uavs=uavs,
             duration_s=duration,
+            acceleration_max_m_s2=limit,
             standings=marked(standings),
             absent=self.absent[mission.name],
             front_s=line[0],

@@ -24,7 +24,7 @@ def markdown(board: Board, pictures: Mapping[str, str], introduction: str = "") 
     if len(board.courses) > 1:
         parts += ["## Flights without collisions", tables.OVERVIEW, _table(*_bold(tables.overview(board)))]
     for course in board.courses:
-        parts += section(course, pictures)
+        parts += section(course, board.policies, pictures)
     parts += ["## The rows", _table(("row", "controller and settings", "what it is"), tables.settings(rows(board)))]
     return "\n\n".join(parts) + "\n"
 
@@ -43,9 +43,10 @@ def columns() -> str:
     return "\n".join(f"- *{measure.titled}*: {measure.about}." for measure in MEASURES)
 
 
-def section(course: Course, pictures: Mapping[str, str]) -> list[str]:
+def section(course: Course, policies: Sequence[str], pictures: Mapping[str, str]) -> list[str]:
     """Heading, words, table, notes and picture of a mission."""
-    parts = [f"## {course.title}", f"`{course.name}`: {course.about or course.title}. {course.uavs} UAVs."]
+    conditions = tables.conditions(course, policies)
+    parts = [f"## {course.title}", f"`{course.name}`: {course.about or course.title}. {conditions}"]
     if course.standings:
         parts.append(_table(*_bold((tables.head(course), tables.body(course)))))
     if said := tables.notes(course):

@@ -7,6 +7,7 @@ its marks is wrong is at most 5 %. A row is marked where it is told from every o
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +18,22 @@ from meanflock.studies.leaderboard.measures import Measure
 ALPHA = 0.05
 COMPETES = 0.99  # of the UAVs arrived: who stays behind saves all else, and is compared in no other column
 
+SAFE = 0.9  # share of free flights that a safe row exceeds with a confidence of 1 − ALPHA
+
 Floats = NDArray[np.float64]
+Contest: TypeAlias = tuple[Measure, Mapping[str, Floats]]  # a measure, and the values (K,) of the rows, a seed each
+
+
+def is_safe(free: ArrayLike) -> bool:
+    """Whether the one-sided 95 % Clopper–Pearson bound of the share of free flights (K,) is at least 90 %.
+
+    Of 30 flights all must be free; of 29, too; fewer flights are never enough.
+    """
+    flights = np.asarray(free, dtype=np.float64)
+    count = int((flights > 0.5).sum())
+    if not count:
+        return False
+    return bool(special.betaincinv(count, len(flights) - count + 1, ALPHA) >= SAFE)
 
 
 def holm(p_values: Sequence[float]) -> list[bool]:
@@ -50,25 +66,25 @@ def mcnemar(first: ArrayLike, second: ArrayLike) -> float:
     return min(1.0, 2.0 * float(special.bdtr(min(only_a, only_b), only_a + only_b, 0.5)))
 
 
-def best(columns: Mapping[Measure, Mapping[str, Floats]]) -> dict[str, str]:
-    """The rows that are marked, by the key of the measure.
+def best(contests: Sequence[Contest]) -> set[tuple[str, str]]:
+    """The marks, as key of the measure and row.
 
     Args:
-        columns: for each measure the rows' values (K,), a seed each, all of the same seeds; without a row that was not
-            flown to the end or does not compete.
+        contests: for each measure the rows that compete; all columns are of the same seeds. A measure may occur more
+            than once, with other rows.
     """
-    tests: list[tuple[str, str, float]] = []  # key of the measure, its best row, p value beside another
-    for measure, rows in columns.items():
+    tests: list[tuple[int, float]] = []  # number of the contest, p value of its best row beside another
+    leaders: dict[int, tuple[str, str]] = {}
+    for number, (measure, rows) in enumerate(contests):
         known = {name: values for name, values in rows.items() if np.isfinite(values).all()}
         if len(known) < 2:
             continue
         sign = 1.0 if measure.better == "less" else -1.0
         first = min(known, key=lambda name: sign * float(known[name].mean()))
+        leaders[number] = measure.key, first
         test = mcnemar if measure.share else paired
-        tests += [(measure.key, first, test(known[first], values)) for name, values in known.items() if name != first]
-    verdicts = holm([p for _, _, p in tests])
-    marked = {key: name for key, name, _ in tests}
-    for (key, _, _), rejected in zip(tests, verdicts, strict=True):
+        tests += [(number, test(known[first], values)) for name, values in known.items() if name != first]
+    for (number, _), rejected in zip(tests, holm([p for _, p in tests]), strict=True):
         if not rejected:
-            marked.pop(key, None)
-    return marked
+            leaders.pop(number, None)
+    return set(leaders.values())

@@ -15,7 +15,7 @@ class Measure:
     key: in leaderboard.json, with its unit. heading: of the column; short: in a terminal of 80 columns, empty if it has
     no room there. about: a sentence. field: of the summary, if it is one. better: which end is. share: the mean of yes
     and no, with the exact binomial interval. least: the least of all flights is shown, too. optional: left out of
-    tables in which no row has it.
+    tables in which no row has it. of_safe: only safe rows are compared, see `marks.is_safe`.
     """
 
     key: str
@@ -28,6 +28,7 @@ class Measure:
     share: bool = False
     least: bool = False
     optional: bool = False
+    of_safe: bool = False
 
     @property
     def titled(self) -> str:
@@ -42,17 +43,20 @@ def _registered(key: str, heading: str, name: str, **rest: Any) -> Measure:
 
 
 MEASURES = (
-    _registered("time_s", "T", "t_avg_censored_s", short="T"),
+    _registered("time_s", "T", "t_avg_censored_s", short="T", of_safe=True),
     Measure("arrived", "arrived", "%", "share of the UAVs that arrived", short="arr.", better="more"),
-    _registered("energy_J", "energy", "energy_mean_J", short="energy"),
+    _registered("energy_J", "energy", "energy_mean_J", short="energy", of_safe=True),
     Measure(
         "regret_J",
         "regret",
         "J",
         "energy above the least that any flight of one UAV alone needs for its time",
         short="regret",
+        of_safe=True,
     ),
-    Measure("cost_J", "cost", "J", "energy and the price of the time it took", short="cost", optional=True),
+    Measure(
+        "cost_J", "cost", "J", "energy and the price of the time it took", short="cost", optional=True, of_safe=True
+    ),
     Measure("tracking", "tracking cost", "", "tracking cost a UAV, as the controller reports it", optional=True),
     _registered("collisions", "collisions, flying", "collisions"),
     _registered("collisions_all", "collisions, all", "collisions_all", short="coll."),
@@ -68,7 +72,7 @@ MEASURES = (
         share=True,
     ),
     _registered("phi_A_m_s", "φ_A", "phi_A"),
-    _registered("effort_m2_s3", "effort", "control_effort"),
+    _registered("effort_m2_s3", "effort", "control_effort", of_safe=True),
     Measure("kbit", "radio", "kbit", "payload sent by all UAVs until the last arrival", short="radio"),
     Measure("infeasible", "infeasible", "", "ticks in which a UAV's filter had no answer, all UAVs", optional=True),
 )

@@ -11,7 +11,8 @@ from meanflock.swarm.errors import BadInput
 
 ALL = "all"
 # Who flies says these; a mission says where, in what wind and over what radio.
-_OF_ROWS = ("method", "controller", "filter", "seed", "federation.period", "federation.options")
+_OF_ROWS = ("method", "controller", "filter", "sharing", "seed", "federation.period", "federation.options")
+ACCELERATION_MAX_M_S2 = 6.0  # of a mission that sets no limit itself
 
 
 class Mission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -24,7 +25,7 @@ class Mission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     time_price_W: float | None = None  # a unit
 
     def table(self) -> dict[str, Any]:
-        """Its scenario as plain values, without what is a row's to say.
+        """Its scenario as plain values, without the keys that rows set, and with a limit of acceleration.
 
         Raises:
             BadInput: the file is damaged.
@@ -36,6 +37,7 @@ class Mission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             for parent in parents:
                 part = part.get(parent, {})
             part.pop(last, None)
+        table.setdefault("vehicle", {}).setdefault("acceleration_max", ACCELERATION_MAX_M_S2)
         return table
 
 

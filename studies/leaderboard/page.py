@@ -25,7 +25,7 @@ def html(board: Board, pictures: Mapping[str, Path]) -> str:
         f"<title>Leaderboard</title><style>{css}</style></head><body><main>"
         f"<h1>Leaderboard</h1><p>{escape(markdown.how_flown(board))}</p><nav>{links}</nav>"
         f"<p>{read}</p><details><summary>the columns</summary><dl>{columns}</dl></details>"
-        f"{_overview(board)}{''.join(_course(course, pictures) for course in board.courses)}"
+        f"{_overview(board)}{''.join(_course(course, board.policies, pictures) for course in board.courses)}"
         f"<section><h2>The rows</h2>{rows}</section>"
         "</main></body></html>\n"
     )
@@ -38,7 +38,7 @@ def _overview(board: Board) -> str:
     return f"<section><h2>{heading}</h2><p>{words}</p>{_table(*tables.overview(board), set())}</section>"
 
 
-def _course(course: Course, pictures: Mapping[str, Path]) -> str:
+def _course(course: Course, policies: Sequence[str], pictures: Mapping[str, Path]) -> str:
     yours = {row.name for row in course.standings if row.yours}
     notes = "".join(f"<li>{escape(note)}</li>" for note in tables.notes(course))
     picture = ""
@@ -49,7 +49,8 @@ def _course(course: Course, pictures: Mapping[str, Path]) -> str:
     shown = _table(tables.head(course), tables.body(course), yours) if course.standings else ""
     return (
         f"<section id='{escape(course.name)}'><h2>{escape(course.title)}</h2>"
-        f"<p><code>{escape(course.name)}</code>: {escape(course.about or course.title)}. {course.uavs} UAVs.</p>"
+        f"<p><code>{escape(course.name)}</code>: {escape(course.about or course.title)}. "
+        f"{escape(tables.conditions(course, policies)).replace('`', '')}</p>"
         f"{shown}{f'<ul>{notes}</ul>' if notes else ''}{picture}</section>"
     )
 

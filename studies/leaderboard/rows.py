@@ -1,6 +1,6 @@
 """The rows of a leaderboard: a controller, and with which settings it flies."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +9,7 @@ import msgspec
 from meanflock.swarm import plugins, toml
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, validated
+from meanflock.swarm.scenario.tables import POLICIES
 
 ALL = "all"
 
@@ -32,6 +33,24 @@ class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def controller(self) -> str:
         """The name of its controller."""
         return self.method or self.name
+
+    def under(self, policies: Sequence[str], table: dict[str, Any], where: str) -> list["Row"]:
+        """The row once for each policy of communication, named `orca/event` where there are several.
+
+        A row whose UAVs share no states is returned once, unchanged, and so is one that sets `sharing` itself.
+        """
+        own = any(key.partition(".")[0] == "sharing" for key in self.settings)
+        if not policies or own or not self.scenario(table, 1, where).declared.shares:
+            return [self]
+        return [
+            msgspec.structs.replace(
+                self,
+                method=self.controller,
+                name=self.name if len(policies) == 1 else f"{self.name}/{policy}",
+                settings={**self.settings, "sharing.policy": policy},
+            )
+            for policy in policies
+        ]
 
     def flies(self, mission: str) -> bool:
         """Whether it is meant for a mission."""
@@ -82,3 +101,17 @@ def chosen(names: Iterable[str]) -> list[Row]:
                 f"{', '.join(others) or 'none'}; a file of yours is named with --plugin FILE.py"
             )
     return list(rows.values())
+
+
+def policies(names: Iterable[str]) -> list[str]:
+    """Policies of communication by name, each once; `all` for every policy.
+
+    Raises:
+        BadInput: no such policy.
+    """
+    found: dict[str, None] = {}
+    for name in names:
+        if name != ALL and name not in POLICIES:
+            raise BadInput(f"--policies {name}: no such policy; there are {', '.join(POLICIES)}, or all")
+        found |= dict.fromkeys(POLICIES if name == ALL else (name,))
+    return list(found)

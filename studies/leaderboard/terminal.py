@@ -12,8 +12,8 @@ CAPTION = "Means; bold: significantly best of all rows. Intervals and all column
 
 
 def table(course: Course) -> Table:
-    """What a person reads while the pages are not open."""
-    made = Table(title=f"{course.title}: {course.uavs} UAVs", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    """The table of a mission."""
+    made = Table(title=course.title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     made.show_edge, made.title_justify, made.caption_justify = False, "left", "left"
     made.add_column("row", no_wrap=True)
     made.add_column("n", justify="right", no_wrap=True)

@@ -4,12 +4,14 @@ from meanflock.swarm.scenario.files import decode, encode, load, read_faults, sc
 from meanflock.swarm.scenario.scenario import LATER, Scenario  # noqa: F401
 from meanflock.swarm.scenario.tables import (  # noqa: F401
     Destination,
+    Energy,
     Federation,
     Filter,
     Metrics,
     Obstacle,
     Payload,
     Radio,
+    Sharing,
     Start,
     Truth,
     Vehicle,

@@ -45,6 +45,7 @@ LATER = (
     *("destination.goals", "destination.positions", "obstacles"),
     *("cost.separation", "cost.separation_range", "learner.multinomial"),
     "filter",
+    *("sharing", "energy", "vehicle.acceleration_max"),
 )
 
 
@@ -99,9 +100,11 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
     density: mean_field.Density = field(default_factory=mean_field.Density)
     offline: mean_field.Offline = field(default_factory=mean_field.Offline)
     filter: tables.Filter = field(default_factory=tables.Filter)
+    sharing: tables.Sharing = field(default_factory=tables.Sharing)
     federation: tables.Federation = field(default_factory=tables.Federation)
     radio: tables.Radio = field(default_factory=tables.Radio)
     vehicle: tables.Vehicle = field(default_factory=tables.Vehicle)
+    energy: tables.Energy = field(default_factory=tables.Energy)
     metrics: tables.Metrics = field(default_factory=tables.Metrics)
     pace: tables.Pace = field(default_factory=tables.Pace)
     faults: Annotated[tuple[Fault, ...], Meta(description="the fault script")] = ()
@@ -193,9 +196,16 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         """What its controller declares.
 
         Raises:
-            BadInput: the controller is not installed here, or its options do not fit.
+            BadInput: the controller is not installed here, or its options do not fit; or `[sharing]` is set, and
+                neither the controller nor its filter shares states.
         """
-        return declarations_of(controller(self), self.method)
+        declared = declarations_of(controller(self), self.method)
+        if self.sharing != tables.Sharing() and not declared.shares:
+            raise BadInput(
+                f"`[sharing]` is set, but controller {self.method!r} shares no states; remove that table, or set a "
+                "filter, which shares them: filter.kind=ecbf"
+            )
+        return declared
 
     @property
     def topology(self) -> str:
@@ -294,8 +304,10 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         return left if any(hop.role == "leader" for hop in self.hops) else 0
 
     def known(self) -> "Scenario":
-        """What agents and leader get of it: all but the truth that they are not told."""
-        return self if self.truth == tables.Truth() else msgspec.structs.replace(self, truth=tables.Truth())
+        """The scenario that agents and leader get: without `[truth]` and `[energy]`, which no controller may use."""
+        if self.truth == tables.Truth() and self.energy == tables.Energy():
+            return self
+        return msgspec.structs.replace(self, truth=tables.Truth(), energy=tables.Energy())
 
     def flown(self) -> "Scenario":
         """What the world's vehicles fly: its wind is the true one."""

@@ -1,7 +1,7 @@
 """The tables of a scenario: every number with its unit, its bounds and the paper's value as default."""
 
 import math
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import msgspec
 import numpy as np
@@ -95,30 +95,91 @@ class Truth(_Table, frozen=True):
     ) = None
 
 
-class Sharing(_Table, frozen=True):
-    """When a UAV broadcasts its state, and how long others use it: base of the options of controllers that do so."""
+class Policy(NamedTuple):
+    """When a UAV broadcasts its state to the others, and how often it sends it.
 
-    broadcast: Annotated[
-        Literal["tick", "event"],
-        Meta(description="`tick`: four floats every tick; `event`: 64 bits if others predict the position too badly"),
-    ] = "event"
-    delta_m: Annotated[
-        float, Meta(gt=0, description="δ, error of the position that others predict above which an event is sent, m")
-    ] = 0.3
-    velocity_delta_m_s: Annotated[
-        float, Meta(ge=0, description="the same for the velocity; 0: only the position causes an event, m/s")
-    ] = 0.0
-    repeats: Annotated[
-        int, Meta(ge=1, le=16, description="r, number of consecutive ticks in which an event is sent")
-    ] = 1
+    broadcast: every tick, or at events. delta_m: error of the predicted position that makes an event, m.
+    velocity_delta_m_s: the same for the velocity; 0: the velocity makes no events, m/s. repeats: number of consecutive
+    ticks in which an event is sent.
+    """
+
+    broadcast: Literal["tick", "event"]
+    delta_m: float
+    velocity_delta_m_s: float
+    repeats: int
+
+
+POLICIES = {
+    "tick": Policy("tick", 0.3, 0.0, 1),
+    "event": Policy("event", 0.3, 0.0, 1),
+    "event-4": Policy("event", 0.3, 0.2, 4),
+}
+
+
+class Sharing(_Table, frozen=True):
+    """When UAVs broadcast their states, and how long others use them: of controllers that share states, and filters."""
+
+    policy: Annotated[
+        Literal["tick", "event", "event-4"],
+        Meta(
+            description="`tick`: every tick; `event`: if others predict the position too badly; `event-4`: or the "
+            "velocity, and four times. The keys below change one thing of it"
+        ),
+    ] = "event-4"
+    broadcast: (
+        Annotated[
+            Literal["tick", "event"],
+            Meta(
+                description="`tick`: four floats every tick; `event`: 64 bits if others predict the state too badly; "
+                "unset: the policy's"
+            ),
+        ]
+        | None
+    ) = None
+    delta_m: (
+        Annotated[
+            float,
+            Meta(
+                gt=0,
+                description="δ, error of the position that others predict above which an event is sent; unset: the "
+                "policy's, m",
+            ),
+        ]
+        | None
+    ) = None
+    velocity_delta_m_s: (
+        Annotated[
+            float,
+            Meta(
+                ge=0,
+                description="the same for the velocity; 0: only the position causes an event; unset: the policy's, m/s",
+            ),
+        ]
+        | None
+    ) = None
+    repeats: (
+        Annotated[
+            int,
+            Meta(
+                ge=1, le=16, description="r, number of consecutive ticks in which an event is sent; unset: the policy's"
+            ),
+        ]
+        | None
+    ) = None
     forget_s: Annotated[
         float,
         Meta(gt=0, description="with a broadcast every tick: a UAV that was not received for this long is ignored, s"),
     ] = 5.0
 
+    @property
+    def rule(self) -> Policy:
+        """The policy, with the keys that are set in place of its own."""
+        changes = {key: value for key in Policy._fields if (value := getattr(self, key)) is not None}
+        return POLICIES[self.policy]._replace(**changes)
 
-class Filter(Sharing, frozen=True):
-    """Filter that may change the accelerations of any controller, and when it broadcasts the states it needs."""
+
+class Filter(_Table, frozen=True):
+    """Filter that may change the accelerations of any controller."""
 
     kind: Annotated[
         str,
@@ -224,6 +285,13 @@ class Vehicle(_Table, frozen=True):
     options: Annotated[dict[str, Any], Meta(description="options of that vehicle")] = msgspec.field(
         default_factory=dict
     )
+    acceleration_max: (
+        Annotated[
+            float,
+            Meta(ge=0, description="limit of the acceleration that a UAV can command; unset: no limit, m/s²"),
+        ]
+        | None
+    ) = None
     blade_power: Annotated[float, Meta(ge=0, description="λ0, profile power of the blades, W")] = 0.0049
     induced_power: Annotated[float, Meta(ge=0, description="λ1, induced power in hover, W")] = 0.0887
     power_speed: Annotated[
@@ -240,6 +308,13 @@ class Vehicle(_Table, frozen=True):
         induced = squared / (2.0 * self.induced_velocity**2)
         lift = self.induced_power / np.sqrt(np.sqrt(1.0 + induced * induced) + induced)
         return blade + lift + self.parasite_drag * squared * speed / 2.0
+
+
+class Energy(_Table, frozen=True):
+    """Energy of the radio and of the computer, in the summary only: no controller sees it."""
+
+    radio_W: Annotated[float, Meta(ge=0, description="power of a transmitter, times its time on air, W")] = 0.0
+    step_J: Annotated[float, Meta(ge=0, description="energy of one tick of the controller of one UAV, J")] = 0.0
 
 
 class Metrics(_Table, frozen=True):

@@ -1,6 +1,7 @@
-"""Models that the radio will lose are foretold by its closed form, in every way to fly."""
+"""The user is warned before take-off of models that the radio will lose."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +22,9 @@ WARNING = "an upload of 32,000 bits takes 13 slots; the limit is 8: 100 % will b
 @pytest.mark.parametrize(
     "settings", [(), ("federation.payload=int8",), ("federation.clusters=4",), ("radio.path_loss_exponent=0.02",)]
 )
-def test_the_share_foretold_is_the_share_lost(settings: tuple[str, ...]) -> None:
+def test_the_expected_share_is_the_share_lost(settings: tuple[str, ...]) -> None:
     flown = load(None, ["federation.fraction=1.0", "duration=1", "federation.period=3", *settings], method="mfgfl-hf")
-    runs = [mf.fly(flown, seed=seed).summary["radio"]["traffic"] for seed in range(60)]
+    runs = [mf.fly(flown, seed=seed).summary["radio"]["traffic"] for seed in range(20)]
     names = {"upload": "uplink", "relay": "relay", "global model": "broadcast"}
     for one in outlooks(flown):
         bills = [run[names[one.what]] for run in runs]
@@ -43,46 +44,33 @@ def test_every_remedy_helps_alone() -> None:
             assert changed.lost < 0.2 < one.lost
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ["run", "--in-process", "--no-record", "--quiet", "--json", "--duration", "1"],
-        ["compare", "large", "mfgfl-h", "--seeds", "1", "--jobs", "1", "--quiet", "--duration", "1"],
-        [
-            "sweep",
-            "wind.sigma=0.1,0.2",
-            "--methods",
-            "large",
-            "--seeds",
-            "1",
-            "--jobs",
-            "1",
-            "--quiet",
-            "--duration",
-            "1",
-        ],
-        ["doctor"],
-        ["fly"],
-        ["suite"],
-    ],
-    ids=lambda command: command[0],
-)
-def test_every_way_to_fly_warns_before_take_off(
+SHORT = ["--quiet", "--duration", "1"]
+STUDY = ["--seeds", "1", "--jobs", "1", *SHORT, "--plugin", LARGE]
+COMMANDS = [
+    ["run", "--in-process", "--no-record", "--json", *SHORT, "--plugin", LARGE, "--method", "large"],
+    ["compare", "large", "mfgfl-h", *STUDY],
+    ["sweep", "wind.sigma=0.1,0.2", "--methods", "large", *STUDY],
+    ["doctor", "--plugin", LARGE, "--method", "large"],
+]
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[0])
+def test_every_command_that_flies_warns_before_take_off(
     command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "1000")
-    if command[0] == "fly":
-        mf.fly(method=Large, duration=1.0)
-    elif command[0] == "suite":
-        check_controller(Large)
-    else:
-        method = ["--method", "large"] if command[0] in ("run", "doctor") else []
-        main([*command, "--plugin", LARGE, *method])
+    main(command)
     out, err = capsys.readouterr()
-    said = out if command[0] == "doctor" else err
-    assert "12 % lost" in said
-    assert (WARNING if command[0] != "doctor" else "takes 13 slots") in said
+    text = out if command[0] == "doctor" else err
+    assert "12 % lost" in text
+    assert (WARNING if command[0] != "doctor" else "takes 13 slots") in text
+
+
+@pytest.mark.parametrize("fly", [lambda: mf.fly(method=Large, duration=1.0), lambda: check_controller(Large)])
+def test_python_warns_before_take_off(fly: Callable[[], object], capsys: pytest.CaptureFixture[str]) -> None:
+    fly()
+    assert WARNING in capsys.readouterr().err
 
 
 def test_a_flight_that_federated_nothing_says_so(

@@ -1,5 +1,6 @@
 """Swarms in one process that lose nodes, and swarms of processes that are frozen, killed and started again."""
 
+import itertools
 import json
 import os
 import signal
@@ -10,19 +11,21 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from meanflock.agent.node import Agent
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.groundstation.results.spool import spooled
+from meanflock.kernels.wire import SENSE
 from meanflock.leader.node import Leader
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import MemoryBus
 from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire.messages import Join
-from meanflock.worldsim.checkpoint import EVERY_TICKS
+from meanflock.swarm.wire.messages import Frames, Join
+from meanflock.worldsim.checkpoint import EVERY_TICKS, Resumption
 from tests.polling import DEADLINE_S, until
 from tests.telemetry import Record
 
@@ -34,10 +37,12 @@ SETTINGS = (*_SETTINGS, "method=mfgfl-h")
 ENDLESS = (*_SETTINGS, "duration=100000", "method=fed-lspi")
 
 
-@pytest.fixture(autouse=True)
-def frequent_checkpoints(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(scope="module", autouse=True)
+def frequent_checkpoints() -> Iterator[None]:
     """As in a swarm of processes, so that short flights have some."""
-    monkeypatch.setattr("meanflock.groundstation.launch.engine._CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("meanflock.groundstation.launch.engine._CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
+        yield
 
 
 def scenario(*settings: str, method: str = "mfgfl-h") -> Scenario:
@@ -66,9 +71,61 @@ class Lab:
         (bus,) = (bus for bus in self.engine.network.endpoints if key in bus._subscriptions)
         return bus
 
+    def client_of(self, name: str) -> NodeClient:
+        """The client of a node."""
+        client = self.bus_of(name).handler.__self__  # type: ignore[union-attr]
+        assert isinstance(client, NodeClient)
+        return client
+
+    def listen(self, hear: Callable[[int, Frames], Any]) -> None:
+        """From now on calls `hear` with the tick and each batch of frames that is transmitted."""
+        send = self.world.air.send
+
+        def tell(tick: int, frames: list[Frames], *rest: Any) -> Any:
+            for batch in frames:
+                hear(tick, batch)
+            return send(tick, frames, *rest)
+
+        self.world.air.send = tell  # type: ignore[method-assign, assignment]
+
+    def resumptions(self) -> dict[int, Resumption]:
+        """By tick, what a run goes on from that died after a checkpoint of this flight."""
+        found = {}
+        states = np.concatenate([block.states for block in self.record.blocks])
+        for block in self.record.blocks:
+            if block.checkpoint:
+                past = Resumption.decode(block.checkpoint, states[: block.first_tick + len(block.states)])
+                found[past.tick] = past
+        return found
+
     def kill(self, name: str) -> None:
         """The node is gone, and its token with it."""
         self.bus_of(name).close()
+
+    def kill_when_asked(self, name: str, replies: bool = False) -> None:
+        """The node is killed at its next request, before or after it replies."""
+        bus = self.bus_of(name)
+        ((key, reply),) = bus._subscriptions.items()
+        assert reply is not None
+
+        def die(key: str, raw: bytes) -> bool:
+            if raw[1] != SENSE:
+                return reply(key, raw)
+            if replies:
+                reply(key, raw)
+            bus.close()
+            return True
+
+        bus.subscribe(key, die)
+
+    def freeze(self, name: str) -> None:
+        """The node takes nothing more and keeps its token; from now on a barrier's patience takes no time."""
+        bus, times = self.bus_of(name), itertools.count()
+        for key in bus._subscriptions:
+            bus.subscribe(key)
+        bus.handler = lambda delivery: None
+        self.world._waiting._clock = lambda: float(next(times))
+        self.world._waiting._receive = lambda timeout_s: None
 
     def agent(self, rows: int = 1) -> NodeClient:
         """Another agent asks to take part."""
@@ -142,13 +199,15 @@ class Flight:
     ) -> None:
         self.processes, self.out = processes, out
         flags = ("--stations", "1", "--barrier", str(barrier_s))
+        self.patience = start.get("patience", ())
         self.world = processes.world(*flags, settings=start.get("settings", ENDLESS))
-        self.station = processes.station(out, "--resume", "latest")
-        self.agents = [processes.start("agent", "--uav", str(uav)) for uav in range(start.get("agents", 3))]
+        self.station = processes.station(out, "--resume", "latest", base=start.get("station_base"))
+        agents = range(start.get("agents", 3))
+        self.agents = [processes.start("agent", "--uav", str(uav), *self.patience) for uav in agents]
         self.leaders = [self.leader() for _ in range(leaders)]
 
     def leader(self) -> "subprocess.Popen[str]":
-        return self.processes.start("leader")
+        return self.processes.start("leader", *self.patience)
 
     def flying(self, more: int = 5_000) -> None:
         """Waits until that many more bytes of telemetry are on the disk."""

@@ -13,8 +13,6 @@ from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.swarm.errors import RunFailed
 from tests.faults.conftest import Lab, scenario
 
-EVERY = 'faults=[{kind="kill", tick=60, uavs=[0, 1, 2, 3, 4, 5]}]'
-
 
 class Patient(Lab):
     """A lab whose world waits on a clock that goes on by half a second each time it waits."""
@@ -44,17 +42,12 @@ def test_a_flight_without_agents_stands_still_until_the_first_is_back() -> None:
     lab.while_waiting = dict.fromkeys((5, 6), lab.agent)
     summary = lab.fly({40: lab.kill_all})
     assert lab.waits == 5
-    assert [event.text.split(":")[0] for event in lab.record.events if event.kind == "lost"] == [
-        "agent-0",
-        "agent-1",
-        "agent-2",
-    ]
     assert lab.record.kinds("lost", "rejoined") == [(40, "lost")] * 3 + [(40, "rejoined")]
     assert (summary["ticks"], summary["lost"]) == (120, 2)
     assert (summary["nodes_lost"], summary["nodes_rejoined"]) == (3, 1)
 
 
-def test_where_nobody_comes_back_the_flight_fails_after_the_time_of_a_barrier_and_says_so() -> None:
+def test_a_flight_without_agents_fails_after_the_time_of_a_barrier_if_no_agent_comes_back() -> None:
     lab = Patient()
     with pytest.raises(RunFailed, match="every agent is lost, and none came back within 10 s"):
         lab.fly({40: lab.kill_all})
@@ -63,19 +56,12 @@ def test_where_nobody_comes_back_the_flight_fails_after_the_time_of_a_barrier_an
     assert lab.world.flight.tick == 40
 
 
-def test_who_interrupts_a_flight_that_stands_still_need_not_wait() -> None:
+def test_a_flight_that_stands_still_can_be_interrupted() -> None:
     lab = Patient()
-    ticks = []
     for tick in lab.world.fly(lambda: lab.waits >= 2):
-        ticks.append(tick)
         if tick == 40:
             lab.kill_all()
-    assert (ticks[-1], lab.waits) == (40, 2)
-
-
-def test_a_script_that_kills_everyone_is_flown_as_it_is_written() -> None:
-    summary = Patient(EVERY, uavs_per_node=2).fly()
-    assert (summary["ticks"], summary["lost"], summary["nodes_lost"]) == (120, 6, 0)
+    assert (lab.world.flight.tick, lab.waits) == (40, 2)
 
 
 @pytest.mark.parametrize("together", [True, False])
@@ -122,11 +108,10 @@ class Breaks(mf.Controller):
 @pytest.mark.parametrize(
     ("mode", "method", "killed", "code"),
     [
-        (["--in-process"], "breaks", [], 1),
         (["--in-process"], "breaks", [0, 2], 1),
         (["--in-process"], "breaks", [0, 1, 2], 0),
-        (["--in-process"], "plan", [0, 2], 0),
-        pytest.param([], "breaks", [2], 1, marks=pytest.mark.processes),
+        (["--in-process"], "plan", [0, 1, 2], 0),
+        pytest.param([], "breaks", [], 1, marks=pytest.mark.processes),
     ],
 )
 def test_a_run_has_failed_if_it_lost_every_uav_and_the_fault_script_did_not_kill_them(

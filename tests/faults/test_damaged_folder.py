@@ -1,26 +1,38 @@
-"""Run folders that were damaged: whoever opens one gets a verdict in a line, not other numbers and not a traceback."""
+"""Damaged run folders: each command gives a verdict of one line, and leaves the folder as it was."""
 
 import json
 import os
 import resource
 import shutil
+import socket
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 import meanflock as mf
 from meanflock.groundstation.cli.command import main
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.plots.run import plot_run
 from meanflock.groundstation.recording import viewer
 from meanflock.groundstation.recording.replay import recorded, verify
-from meanflock.groundstation.results.run_folder import CHECKPOINT, EVENTS, RECORDING, read_checkpoint
+from meanflock.groundstation.results.run_folder import (
+    CHECKPOINT,
+    EVENTS,
+    RECORDING,
+    SUMMARY,
+    RunFolder,
+    read_checkpoint,
+)
+from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
 from tests.faults.conftest import scenario
 from tests.faults.dying import LATER, dead, resumed
 from tests.polling import DEADLINE_S
 
+SPRING = Path(__file__).parents[2] / "examples" / "spring.py"
 A_DISPLAY = "WAYLAND_SOCKET", "3"  # as if there were one: nothing is opened on it
 
 
@@ -68,47 +80,110 @@ def test_a_flipped_bit_of_a_checkpoint_is_noticed_wherever_it_is(folder: Path) -
             read_checkpoint(folder)
 
 
-@pytest.mark.parametrize("damage", ["flipped", "cut", "empty", "not a record"])
-def test_a_damaged_checkpoint_is_a_verdict_and_nothing_changes(
-    damage: str, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = folder / CHECKPOINT
-    whole = bytearray(path.read_bytes())
-    whole[len(whole) // 2] ^= 0x10
-    path.write_bytes({"flipped": bytes(whole), "cut": whole[:-7], "empty": b"", "not a record": b"\x93\1\2\3"}[damage])
-    before = contents(folder)
-    assert main(["resume", str(folder), "--in-process", "--quiet"]) == 2
-    assert "meanflock run" in verdict(capsys)
-    assert contents(folder) == before
-
-
 EVENT = b'{"tick": 1, "kind": "x", "text": "x", "uavs": []}'
-DAMAGED_EVENTS = {
-    "empty": b"",
-    "garbage": b"\xff garbage\n" * 500,
-    "no JSON": b"garbage\n" * 500,
-    "another kind of rows": b"[1]\n" * 1000,
-    "endless": EVENT.replace(b"1", b"Infinity") + b"\n" * 5000,
-    "of another swarm": EVENT.replace(b"[]", b"[77]") + b"\n" * 5000,
+Damage = Callable[[Path], object]
+
+
+def changed(name: str, change: Callable[[bytes], bytes]) -> Damage:
+    """A file of the folder gets other content."""
+    return lambda folder: (folder / name).write_bytes(change((folder / name).read_bytes()))
+
+
+def flipped(content: bytes) -> bytes:
+    middle = len(content) // 2
+    return content[:middle] + bytes([content[middle] ^ 0x10]) + content[middle + 1 :]
+
+
+DAMAGES: dict[str, tuple[Damage, str]] = {  # what happened to a folder, and a part of the verdict
+    "no checkpoint": (lambda folder: (folder / CHECKPOINT).unlink(), "hundred ticks"),
+    "a flipped bit in the checkpoint": (changed(CHECKPOINT, flipped), "meanflock run"),
+    "half a checkpoint": (changed(CHECKPOINT, lambda content: content[:-7]), "meanflock run"),
+    "an empty checkpoint": (changed(CHECKPOINT, lambda content: b""), "meanflock run"),
+    "a checkpoint that is no record": (changed(CHECKPOINT, lambda content: b"\x93\1\2\3"), "meanflock run"),
+    "a time series cut off": (changed(".telemetry", lambda content: content[: len(content) // 3]), "missing"),
+    "an empty scenario": (changed("scenario.toml", lambda content: b""), "not the scenario that was flown"),
+    "another seed": (
+        changed("scenario.toml", lambda content: content.replace(b"\nseed = ", b"\nseed = 1")),
+        "not the scenario that was flown",
+    ),
+    "no events": (lambda folder: (folder / EVENTS).unlink(), EVENTS),
+    "events cut off": (changed(EVENTS, lambda content: content[:-1]), EVENTS),
+    "empty events": (changed(EVENTS, lambda content: b""), EVENTS),
+    "events that are not text": (changed(EVENTS, lambda content: b"\xff garbage\n" * 500), EVENTS),
+    "events that are not JSON": (changed(EVENTS, lambda content: b"garbage\n" * 500), EVENTS),
+    "events of another kind": (changed(EVENTS, lambda content: b"[1]\n" * 1000), EVENTS),
+    "an endless tick": (changed(EVENTS, lambda content: EVENT.replace(b"1", b"Infinity") + b"\n" * 5000), EVENTS),
+    "a UAV of another swarm": (changed(EVENTS, lambda content: EVENT.replace(b"[]", b"[77]") + b"\n" * 5000), EVENTS),
+    "no checkpoint but a summary": (lambda folder: (folder / CHECKPOINT).rename(folder / SUMMARY), "finished"),
+    "no scenario": (lambda folder: (folder / "scenario.toml").unlink(), "no run"),
 }
 
 
-@pytest.mark.parametrize("recorded", [True, False])
-@pytest.mark.parametrize("damage", ["missing", "cut", *DAMAGED_EVENTS])
-def test_a_run_whose_events_are_gone_or_damaged_is_not_resumed_and_nothing_changes(
-    damage: str, recorded: bool, folder: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("flags", [("--in-process", "--no-record"), ("--record",)], ids=["one process", "processes"])
+@pytest.mark.parametrize("name", DAMAGES)
+def test_a_damaged_run_is_not_resumed_and_its_folder_is_left_as_it_was(
+    name: str, flags: tuple[str, ...], folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = folder / EVENTS
-    kept = path.read_bytes()
-    path.unlink() if damage == "missing" else path.write_bytes(DAMAGED_EVENTS.get(damage, kept[:-1]))
+    damage, part = DAMAGES[name]
+    damage(folder)
     (folder / RECORDING).write_bytes(b"as it was")
     before = contents(folder)
-    flags = ("--record",) if recorded else ("--no-record",)
-    assert main(["resume", str(folder), "--in-process", "--quiet", *flags]) == 2
-    assert EVENTS in verdict(capsys)
+    assert main(["resume", str(folder), "--quiet", *flags]) == 2
+    assert part in verdict(capsys)
     assert contents(folder) == before
-    path.write_bytes(kept)
-    assert resumed(folder)["ticks"] == 350
+
+
+def test_a_run_that_is_still_being_written_is_not_resumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flown = scenario(LATER)
+    engine = Engine(flown, "run", sinks=[folder := RunFolder(tmp_path, "run", flown)])
+    for tick in engine.fly():
+        if tick == 150:
+            break
+    folder._background.wait()  # a checkpoint is written beside the flight
+    before = contents(tmp_path / "run")
+    assert main(["resume", str(tmp_path / "run"), "--in-process", "--no-record", "--quiet"]) == 2
+    verdict(capsys)
+    assert contents(tmp_path / "run") == before
+    with folder:
+        pass
+
+
+@pytest.mark.parametrize("flags", [("--metrics", "taken"), ("--metrics", "everywhere"), ("--log-format", "xml")])
+def test_a_run_that_cannot_be_watched_as_asked_is_not_resumed(
+    flags: tuple[str, str], folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = contents(folder)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        option, value = flags[0], flags[1].replace("taken", str(server.getsockname()[1]))
+        assert main(["resume", str(folder), "--in-process", "--quiet", option, value]) == 2
+    verdict(capsys)
+    assert contents(folder) == before
+
+
+def test_a_resumed_run_can_be_watched_and_logged_like_any_other(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MEANFLOCK_LOG", "INFO")
+    assert resumed(folder, "--metrics", "0", "--log-format", "json")["ticks"] == 350
+    lines = [json.loads(line) for line in capsys.readouterr().err.splitlines()]
+    assert {(line["run"], line["node"]) for line in lines} == {("run", "in-process")}
+    assert sum(line["message"].startswith("metrics at http://127.0.0.1:") for line in lines) == 1
+
+
+@pytest.mark.parametrize("more", [(), ("--in-process",)], ids=["processes", "one process"])
+def test_a_run_whose_plugin_was_changed_names_the_copy_that_flew(
+    more: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mine = tmp_path / "mine.py"
+    mine.write_text(SPRING.read_text(encoding="utf-8"), encoding="utf-8")
+    plugins.load_file(mine)
+    folder = dead(tmp_path / "runs", scenario(LATER, method="spring"), 150)
+    mine.write_text(SPRING.read_text(encoding="utf-8") + "\n", encoding="utf-8")
+    assert main(["resume", str(folder), "--no-record", "--quiet", *more, "--plugin", str(mine)]) == 2
+    error = verdict(capsys)
+    copy = str(folder / "plugins" / "mine.py")
+    assert f"controller 'spring' of {plugins.fingerprint(Path(copy).read_bytes())}; here it is of " in error
+    assert error.endswith(f"meanflock resume {folder} --plugin {copy}")
 
 
 @pytest.mark.parametrize(
@@ -181,56 +256,34 @@ def test_a_recording_that_cannot_be_completed_without_events_is_a_verdict(
     assert shown == [folder / RECORDING]
 
 
-@pytest.mark.parametrize("command", ["plot", "view"])
-def test_a_full_disk_is_a_verdict_and_leaves_nothing_half_written(command: str, folder: Path) -> None:
-    before = contents(folder)
-    (folder / RECORDING).write_bytes(b"")
-    program = "import sys; from meanflock.groundstation.cli.command import main; "
-    program += f"sys.exit(main([{command!r}, {str(folder)!r}]))"
-    limit = 20_000  # bytes a file may have; a time series has more
+def limited(*arguments: str) -> str:
+    """Runs a command whose files may have 20,000 bytes; its one line on standard error."""
     done = subprocess.run(
-        [sys.executable, "-c", program],
+        [sys.executable, "-m", "meanflock.groundstation.cli", *arguments],
         capture_output=True,
         text=True,
         timeout=DEADLINE_S,
         env=os.environ | dict([A_DISPLAY]),
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
     )
     assert done.returncode == 1
-    assert done.stderr.startswith("error: ")
-    assert done.stderr.strip().count("\n") == 0
-    assert "make room" in done.stderr
-    assert contents(folder) == before | {RECORDING: b""}
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("error: ")
+    return line
+
+
+@pytest.mark.parametrize("command", ["plot", "view"])
+def test_a_full_disk_is_a_verdict_and_leaves_nothing_half_written(command: str, folder: Path) -> None:
+    (folder / RECORDING).write_bytes(b"")
+    before = contents(folder)
+    assert "make room" in limited(command, str(folder))
+    assert contents(folder) == before
 
 
 def test_a_picture_is_whole_or_not_there(flown: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(flown, tmp_path / "run"))
-    program = "import sys; from meanflock.groundstation.cli.command import main; sys.exit(main(sys.argv[1:]))"
-    done = subprocess.run(
-        [sys.executable, "-c", program, "plot", str(folder)],
-        capture_output=True,
-        text=True,
-        timeout=DEADLINE_S,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
-    )
-    assert done.returncode == 1
-    assert done.stderr.startswith("error: ")
-    assert done.stderr.strip().count("\n") == 0
+    limited("plot", str(folder))
     assert not list((folder / "plots").iterdir())
-
-
-@pytest.mark.parametrize("how", ["empty", "another seed"])
-@pytest.mark.parametrize("flags", [(), ("--in-process",)])
-def test_another_scenario_than_was_flown_is_refused_and_its_folder_left_as_it_was(
-    how: str, flags: tuple[str, ...], folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = folder / "scenario.toml"
-    text = path.read_text()
-    path.write_text("" if how == "empty" else text.replace("\nseed = ", "\nseed = 1"))
-    before = contents(folder)
-    assert main(["resume", str(folder), "--quiet", *flags]) == 2
-    assert f"{path}: not the scenario that was flown" in verdict(capsys)
-    assert contents(folder) == before
 
 
 def test_events_that_are_damaged_or_gone_are_an_error_of_the_folder(flown: Path, tmp_path: Path) -> None:

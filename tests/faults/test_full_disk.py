@@ -10,10 +10,10 @@ import sys
 from collections.abc import Callable, Iterator
 from io import FileIO
 from pathlib import Path
+from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
-from msgspec import structs
 
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.processes import free_endpoint
@@ -72,22 +72,20 @@ def whole(folder: Path) -> int:
     return so_far.rows.num_rows
 
 
+def command_line(*arguments: str, **options: Any) -> "subprocess.CompletedProcess[str]":
+    """Runs the command in a process of its own."""
+    line = [sys.executable, "-m", "meanflock.groundstation.cli", *arguments]
+    return subprocess.run(line, capture_output=True, text=True, timeout=DEADLINE_S, check=False, **options)
+
+
 @pytest.mark.processes
-def test_a_run_whose_disk_fills_up_fails_with_a_verdict_and_is_resumed_to_the_end_it_would_have_had(
+def test_a_run_whose_disk_fills_up_fails_with_a_verdict_and_is_resumed_to_the_same_end(
     disk: Disk,
 ) -> None:
     recorded = disk.limit is None
     flags = ["--in-process", "--quiet", "--record" if recorded else "--no-record"]
-    command = [sys.executable, "-m", "meanflock.groundstation.cli"]
     settings = [word for setting in SETTINGS for word in ("--set", setting)]
-    failed = subprocess.run(
-        [*command, "run", "--out", str(disk.path), *flags, *settings],
-        capture_output=True,
-        text=True,
-        timeout=DEADLINE_S,
-        preexec_fn=disk.limit,
-        check=False,
-    )
+    failed = command_line("run", "--out", str(disk.path), *flags, *settings, preexec_fn=disk.limit)
     (folder,) = disk.path.iterdir()
     assert failed.returncode == 1
     assert "Traceback" not in failed.stderr
@@ -99,9 +97,7 @@ def test_a_run_whose_disk_fills_up_fails_with_a_verdict_and_is_resumed_to_the_en
     assert f"up to tick {rows - 1}:" in verdict
     assert 20 < rows < 800
     disk.make_room()
-    done = subprocess.run(
-        [*command, "resume", str(folder), *flags], capture_output=True, text=True, timeout=DEADLINE_S, check=False
-    )
+    done = command_line("resume", str(folder), *flags)
     assert done.returncode == 0, done.stderr
     expected = Lab(scenarios.load(None, SETTINGS)).fly()
     assert json.loads((folder / "summary.json").read_text())["trajectory_sha256"] == expected["trajectory_sha256"]
@@ -112,15 +108,13 @@ def test_a_run_whose_disk_fills_up_fails_with_a_verdict_and_is_resumed_to_the_en
 
 @pytest.mark.processes
 @pytest.mark.parametrize("disk", ["full"], indirect=True)
-@pytest.mark.parametrize("room", [20, 60, 240])  # KiB: the recording cannot be begun, or its plots not be written
 @pytest.mark.parametrize(
-    "command", [("run", "--in-process"), ("compare", "mfg", "--seeds", "1", "--jobs", "1", "--record")]
+    ("room", "command"),  # KiB: the recording cannot be begun, or the plots not be written
+    [(20, ("run", "--in-process")), (240, ("compare", "mfg", "--seeds", "1", "--jobs", "1", "--record"))],
 )
-def test_a_disk_that_is_full_from_the_beginning_is_a_verdict(command: tuple[str, ...], room: int, disk: Disk) -> None:
+def test_a_disk_that_is_full_from_the_beginning_is_a_verdict(room: int, command: tuple[str, ...], disk: Disk) -> None:
     (disk.path / "filler").write_bytes(bytes(FULL_BYTES - room * 1024))
-    flags = ["--quiet", "--uavs", "2", "--duration", "40", "--out", str(disk.path)]
-    line = [sys.executable, "-m", "meanflock.groundstation.cli", *command, *flags]
-    done = subprocess.run(line, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+    done = command_line(*command, "--quiet", "--uavs", "2", "--duration", "40", "--out", str(disk.path))
     assert done.returncode == 1, done.stderr
     (verdict,) = done.stderr.splitlines()
     assert verdict.startswith("error: ")
@@ -155,7 +149,7 @@ def test_a_ground_station_whose_disk_is_full_ends_and_the_flight_goes_on(disk: D
 
 
 @pytest.mark.parametrize("what", ["events", "head", "rows", "checkpoint"])
-def test_of_a_block_that_does_not_fit_nothing_is_kept(
+def test_a_block_that_does_not_fit_leaves_nothing_on_the_disk(
     what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("meanflock.groundstation.launch.engine._BLOCK_ROWS", 20)
@@ -193,45 +187,23 @@ def test_of_a_block_that_does_not_fit_nothing_is_kept(
     assert whole(tmp_path / "run") == rows
 
 
-def test_the_verdict_says_how_to_go_on_with_what_the_folder_holds(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_run_without_room_is_bad_input_and_changes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    lab, folder = Lab(scenario()), RunFolder(tmp_path, "run", scenario())
-    lab.fly()
-
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    again = f"meanflock run {folder.path / 'scenario.toml'}"
-    for blocks, holds in (([], "nothing of the flight yet"), (lab.record.blocks[:1], "the flight up to tick 1")):
-        for block in blocks:
-            folder.write(structs.replace(block, checkpoint=b""))
-        with monkeypatch.context() as disk:
-            disk.setattr(durable, "write", full)
-            with pytest.raises(RunFailed) as caught:
-                folder.write(lab.record.blocks[len(blocks)])
-        assert str(caught.value) == (
-            f"{folder.path}: No space left on device; it holds {holds}: make room, then `{again}`"
-        )
-        folder._full = False
-    with folder:
-        pass
-
-
-def test_a_disk_that_is_full_beforehand_is_bad_input_and_nothing_is_left(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
+    folder = dead(tmp_path, scenario(LATER, method="mfg"), 150)
     monkeypatch.setattr("meanflock.groundstation.results.run_folder.Spool", full)
     with pytest.raises(BadInput, match="No space left"):
-        RunFolder(tmp_path, "run", scenario())
-    assert list(tmp_path.iterdir()) == []
+        RunFolder(tmp_path, "another", scenario())
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    assert main(["resume", str(folder), "--in-process", "--quiet"]) == 2
+    assert capsys.readouterr().err.startswith(f"error: {folder}: No space left on device; make room")
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
-@pytest.mark.parametrize("arguments", [("scenario", "show"), ("plugins",), ("scenario", "schema")])
+@pytest.mark.parametrize("arguments", [("scenario", "show"), ("plugins",)])
 def test_an_output_that_takes_no_more_is_an_error_in_a_line(arguments: tuple[str, ...]) -> None:
     with Path("/dev/full").open("w") as full:
         command = [sys.executable, "-m", "meanflock.groundstation.cli", *arguments]
@@ -240,30 +212,16 @@ def test_an_output_that_takes_no_more_is_an_error_in_a_line(arguments: tuple[str
     assert done.returncode == 1
 
 
-def test_a_run_that_has_no_room_to_go_on_asks_for_room_and_not_for_another_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = dead(tmp_path, scenario(LATER, method="mfg"), 150)
-
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr("meanflock.groundstation.results.run_folder.Spool", full)
-    assert main(["resume", str(folder), "--in-process", "--quiet"]) == 2
-    assert capsys.readouterr().err.startswith(f"error: {folder}: No space left on device; make room")
-
-
-def test_an_output_that_is_closed_is_no_error() -> None:
-    command = [sys.executable, "-m", "meanflock.groundstation.cli", "scenario", "show"]
-    line = ["sh", "-c", '"$@" >&-', "sh", *command]
+@pytest.mark.parametrize(
+    ("command", "code", "says"),
+    [
+        (("groundstation.cli", "scenario", "show"), 0, ""),
+        (("worldsim", "--endpoint", "ENDPOINT", "--run", "mute", "--wait", "0.1"), 1, "the swarm still waits for "),
+    ],
+)
+def test_a_process_whose_output_is_closed_ends_as_any_other(command: tuple[str, ...], code: int, says: str) -> None:
+    module, *flags = (word.replace("ENDPOINT", free_endpoint()) for word in command)
+    line = ["sh", "-c", '"$@" >&-', "sh", sys.executable, "-m", f"meanflock.{module}", *flags]
     done = subprocess.run(line, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
-
-
-def test_a_world_whose_output_is_closed_waits_and_ends_as_any_other() -> None:
-    endpoint = free_endpoint()
-    command = [sys.executable, "-m", "meanflock.worldsim", "--endpoint", endpoint, "--run", "mute", "--wait", "0.1"]
-    line = ["sh", "-c", '"$@" >&-', "sh", *command]
-    done = subprocess.run(line, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
-    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
-    assert "error: after 0 s the swarm still waits for " in done.stderr
+    assert (done.returncode, done.stderr.count("\n")) == (code, code)
+    assert says in done.stderr

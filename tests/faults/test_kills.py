@@ -1,85 +1,185 @@
-"""kill -9 at random ticks of whoever takes part, the world too, with and without TLS: nobody hangs, nothing is lost."""
+"""Table of kills: role × signal × phase of a round → outcome. Of real processes: test_killed_processes.py."""
 
-import json
-import random
-import signal
-from pathlib import Path
+import itertools
+from collections.abc import Callable
+from functools import cache
+from random import Random
+from typing import Any, NamedTuple
 
-import pyarrow.parquet as pq
+import msgspec
+import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from meanflock.groundstation import certs
-from meanflock.groundstation.cli.command import main
-from meanflock.swarm import scenario as scenarios
-from tests.faults.conftest import SETTINGS, Flight, Lab, Processes, ends_by_itself
-from tests.polling import DEADLINE_S
+from meanflock.federation.schedule import Schedule
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Status
+from meanflock.worldsim.members import elect
+from tests.faults.clusters import CLEAR, PERIOD, SLOW, swarm
+from tests.faults.conftest import Lab
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
+TICKS, ROUNDS = 90, 4  # of every flight; the rounds open in ticks 20, 40, 60 and 80
+CLUSTERS, HEAD = 2, "agent-3"
+# Round 2 on the slow radio. A hop takes three ticks: the heads relay in tick 43, and their leader averages in 46.
+PHASES = {
+    "between two rounds": 35,
+    "as a round opens": 40,
+    "as uploads arrive": 42,
+    "as heads or the leader average": 43,
+    "as the leader of heads averages": 46,
+}
+LATER = 10  # ticks after which another node comes
 
-FLOWN = (*SETTINGS, "duration=400")
+SIGNALS: dict[str, Callable[[Lab, str], None]] = {
+    "killed": Lab.kill,
+    "killed while it is asked": Lab.kill_when_asked,
+    "killed after its reply": lambda lab, name: lab.kill_when_asked(name, replies=True),
+    "frozen": Lab.freeze,
+}
 
 
-@pytest.fixture(scope="module")
-def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("kills") / "certs"
-    certs.init(folder, 3)
-    return folder
+class Role(NamedTuple):
+    """A node that is hurt, and the nodes that can take its place."""
+
+    node: str
+    leaders: int = 1
+    clusters: int = 1
+    heir: bool = False  # another node of the role joins `LATER` ticks after a kill
+    second: str = ""  # a node that is killed one round later
 
 
-@pytest.fixture(scope="module")
-def undisturbed() -> str:
-    """The trajectory of `FLOWN` if nobody dies."""
-    return str(Lab(scenarios.load(None, FLOWN)).fly()["trajectory_sha256"])
+ROLES = {
+    "agent": Role("agent-5"),
+    "agent with an heir": Role("agent-5", heir=True),
+    "head of a cluster": Role(HEAD, clusters=CLUSTERS),
+    "head with an heir": Role(HEAD, clusters=CLUSTERS, heir=True),
+    "only leader": Role("leader"),
+    "only leader with an heir": Role("leader", heir=True),
+    "leader with a standby": Role("leader", leaders=2),
+    "leader with two standbys": Role("leader", leaders=3, second="leader.2"),
+    "leader of heads with a standby": Role("leader", leaders=2, clusters=CLUSTERS),
+}
+TABLE = [
+    pytest.param(ROLES[role], SIGNALS[signal], tick, id=f"{role}-{signal}-{phase}")
+    for role, signal, (phase, tick) in itertools.product(ROLES, SIGNALS, PHASES.items())
+    if signal == "killed" or not ROLES[role].heir
+]
 
 
-def test_under_tls_killed_agents_rejoin_with_the_certificates_they_had(
-    processes: Processes, certificates: Path, tmp_path: Path
+def flown(clusters: int) -> Scenario:
+    return swarm(*SLOW, "federation.fraction=1.0", f"duration={TICKS / 10}", uavs=6, clusters=clusters)
+
+
+@cache
+def undisturbed(clusters: int) -> dict[str, Any]:
+    """The summary of the flight in which nobody is hurt."""
+    return Lab(flown(clusters), uavs_per_node=1).fly()
+
+
+@pytest.mark.parametrize(("role", "hurt", "tick"), TABLE)
+def test_a_node_that_is_hurt_costs_what_the_table_says(role: Role, hurt: Callable[[Lab, str], None], tick: int) -> None:
+    lab = Lab(flown(role.clusters), uavs_per_node=1, leaders=role.leaders)
+    deeds: dict[int, Callable[[], Any]] = {tick: lambda: hurt(lab, role.node)}
+    if role.heir:
+        deeds[tick + LATER] = lab.leader if role.node == "leader" else lab.agent
+    if role.second:
+        deeds[tick + PERIOD] = lambda: lab.kill(role.second)
+    summary = lab.fly(deeds)
+    leads, alone = role.node == "leader", role.leaders == 1
+    calendar, back = Schedule(flown(role.clusters)), tick + LATER if role.heir else TICKS
+    void = [calendar.closes(at) for at in range(tick, back) if calendar.closes(at)] if leads and alone else []
+
+    assert (summary["ticks"], summary["nodes_lost"]) == (TICKS, 2 if role.second else 1)
+    assert (summary["lost"], summary["nodes_rejoined"]) == (int(not leads and not role.heir), int(role.heir))
+    assert (summary["rounds"], summary["rounds_void"]) == (ROUNDS - len(void), len(void))
+    assert [int(text.split()[1]) for text in lab.record.texts if " is void: there is no leader" in text] == void
+    same = summary["trajectory_sha256"] == undisturbed(role.clusters)["trajectory_sha256"]
+    assert same == (leads and not void)
+    relays = [calendar.number(calendar.hops[1], at) for at in range(tick, back)] if role.node == HEAD else []
+    without = [int(text.split()[1]) for text in lab.record.texts if "UAV 3: its head is silent" in text]
+    assert without == [number for number in relays if number]
+    if not leads:  # its UAV flies on without commands, and nobody else's does
+        (lost,) = (event for event in lab.record.events if event.kind == "lost")
+        (uav,) = lost.uavs
+        commands = np.concatenate([block.accelerations for block in lab.record.blocks])
+        heir_at = lost.tick + LATER if role.heir else TICKS
+        assert not commands[lost.tick + 1 : heir_at + 1, uav].any()
+        assert role.heir == bool(commands[heir_at + 2 :, uav].any())
+        assert commands[:, 1].any(axis=-1)[2:].all()
+        assert lab.world.flight.status[uav] == (Status.FLYING if role.heir else Status.LOST)
+    takeovers = [text for text in lab.record.texts if "takes over from" in text]
+    heirs = ["leader", "leader.2", "leader.3"][: role.leaders + (leads and role.heir)]
+    assert takeovers == [f"{new} takes over from {old}" for old, new in itertools.pairwise(heirs)]
+
+
+def test_a_node_that_takes_over_a_head_between_the_hops_receives_the_uploads_of_its_predecessor() -> None:
+    def counts(replaced: bool) -> list[float]:
+        """The numbers of models behind the relays of UAV 3, round by round."""
+        lab, found = Lab(flown(CLUSTERS), uavs_per_node=1), list[float]()
+
+        def replace() -> None:
+            lab.kill(HEAD)
+            lab.agent()
+
+        def hear(tick: int, batch: Frames) -> None:
+            if batch.kind == FrameKind.RELAY:
+                found.extend(batch.payload[batch.source == 3, -1].tolist())
+
+        lab.listen(hear)
+        assert lab.fly({42: replace} if replaced else {})["rounds"] == ROUNDS
+        return found
+
+    assert counts(replaced=True)[:2] == counts(replaced=False)[:2]
+
+
+def test_a_paused_head_a_killed_head_and_a_lost_relay_each_cost_their_cluster() -> None:
+    script = """faults=[{kind="pause", tick=41, duration_s=0.1, uavs=[4]}, {kind="kill", tick=61, uavs=[8]},
+        {kind="partition", tick=81, duration_s=0.1, uavs=[4]}]""".replace("\n", " ")
+    lab = Lab(swarm(script, "federation.fraction=1.0", *CLEAR), uavs_per_node=1)
+    assert lab.fly()["rounds"] == 5
+    silent, lost = "its head is silent", "its relay is lost"
+    expected = [(4, 2, silent), (8, 3, silent), (4, 4, lost), (8, 4, silent), (8, 5, silent)]
+    assert [event.text for event in lab.record.events if event.kind == "void"] == [
+        f"round {number} goes on without the cluster of UAV {head}: {why}" for head, number, why in expected
+    ]
+
+
+@pytest.mark.parametrize("clusters", [1, CLUSTERS])
+def test_a_run_that_is_killed_in_any_tick_of_a_round_is_resumed_to_the_end_it_would_have_had(
+    clusters: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    draw = random.Random(1)
-    processes.base += ("--tls", str(certificates))
-    flight = Flight(processes, tmp_path, barrier_s=60.0)
-    tick = 0
-    for number in range(1, 4):
-        victim = draw.randrange(3)
-        flight.reach(tick := tick + draw.randrange(20, 120))
-        flight.agents[victim].kill()
-        flight.agents[victim] = processes.start("agent", "--uav", str(victim))
-        rejoined = flight.event("rejoined", number)
-        assert rejoined["uavs"] == [victim]
-        tick = rejoined["tick"]
-    summary = flight.end()
-    assert (summary["lost"], summary["nodes_lost"]) == (0, 3)
-    assert summary["dropped_messages"].keys() <= {"unknown-node"}  # last words of the dead: nobody was refused
-    for process in (*flight.agents, *flight.leaders, flight.station):
-        ends_by_itself(process)
+    monkeypatch.setattr("meanflock.worldsim.world.REPORT_EVERY_TICKS", 1)
+    lab = Lab(flown(clusters), uavs_per_node=4)
+    lab.world._checkpoint_every = 1
+    lab.fly()
+    checkpoints, expected = lab.resumptions(), undisturbed(clusters)
+    for tick in range(39, 48):
+        resumed = Lab(flown(clusters), uavs_per_node=2, resume=checkpoints[tick]).fly()
+        for name in ("trajectory_sha256", "rounds", "payload_bits", "lost", "uploads_refused"):
+            assert resumed[name] == expected[name], tick
 
 
-@pytest.mark.parametrize(("seed", "tls"), [(2, False), (3, True)])
-def test_a_run_whose_leader_station_and_world_are_killed_at_random_ticks_is_resumed_to_the_same_end(
-    seed: int, tls: bool, processes: Processes, certificates: Path, tmp_path: Path, undisturbed: str
-) -> None:
-    secure = ("--tls", str(certificates)) if tls else ()
-    processes.base += secure
-    flight = Flight(processes, tmp_path, leaders=2, settings=FLOWN)
-    first, second, third = sorted(random.Random(seed).sample(range(1, 700), 3))
-    flight.reach(first)
-    flight.leaders.pop().kill()
-    flight.leaders.append(processes.start("leader", "--wait", "5"))
-    assert "stands by" in flight.event("rejoined")["text"]
-    flight.reach(second)
-    flight.station_again(signal.SIGKILL)
-    flight.reach(max(third, 150))  # there is a checkpoint
-    flight.world.kill()
-    for process in (flight.leaders[-1], flight.station):
-        _, err = process.communicate(timeout=DEADLINE_S)
-        assert process.returncode == 1, err
-        assert err.splitlines()[-1].startswith("error: the world ")
-        assert " is gone" in err
-        assert "meanflock resume" in err
-    for process in (*flight.agents, *flight.leaders[:-1]):
-        process.terminate()  # they would wait for a world to come back
-    (folder,) = tmp_path.iterdir()
-    how = secure or ("--in-process",)  # processes without TLS: test_resume_processes.py
-    assert main(["resume", str(folder), *how, "--json", "--quiet", "--no-record"]) == 0
-    assert json.loads((folder / "summary.json").read_text())["trajectory_sha256"] == undisturbed
-    assert pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist() == list(range(4001))
+@settings(max_examples=100, database=None)
+@given(st.sets(st.sampled_from(["leader", "leader.2", "leader.3", "leader.10", "b"])), st.randoms())
+def test_the_election_depends_on_who_lives_and_on_nothing_else(living: set[str], shuffler: Random) -> None:
+    order = sorted(living)
+    shuffler.shuffle(order)
+    assert elect(order) == elect(order, "gone") == (min(living) if living else None)
+    assert [elect(order, incumbent) for incumbent in order] == order
+
+
+def test_a_leader_that_averages_a_round_again_is_not_heard() -> None:
+    lab = Lab(flown(1))
+    client = lab.client_of("leader")
+    act, outboxes = client._node.act, []
+
+    def again(sense: Sense) -> Act:
+        answer = act(sense)
+        outboxes.extend(answer.outbox)
+        return msgspec.structs.replace(answer, outbox=tuple(outboxes[:1])) if sense.tick == 63 else answer
+
+    client._node.act = again  # type: ignore[method-assign]
+    summary = lab.fly()
+    assert summary["dropped_messages"] == {"duplicate": 1}
+    assert summary["rounds"] == ROUNDS - 1

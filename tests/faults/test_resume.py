@@ -11,51 +11,14 @@ import pytest
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.resume import back
 from meanflock.groundstation.results.run_folder import RunFolder
-from meanflock.groundstation.results.series import states_of
 from tests.faults.conftest import Lab, scenario
 from tests.faults.dying import LATER, dead, events, flight, resumed, steady
-
-FAULTS = """faults=[{kind="pause", tick=190, duration_s=3.0, uavs=[1]}, {kind="kill", tick=60, uavs=[2]},
-    {kind="partition", tick=195, duration_s=3.0, uavs=[4]}, {kind="leader-loss", tick=150},
-    {kind="kill", tick=290, uavs=[3]}, {kind="leader-loss", tick=255}]""".replace("\n", " ")
 
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """The summary of the run that nothing happens to."""
     return flight(tmp_path_factory.mktemp("undisturbed"), scenario(LATER))
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
-    """The undisturbed run with faults: its folder and its summary."""
-    out = tmp_path_factory.mktemp("whole")
-    return out / "run", flight(out, scenario(LATER, FAULTS), rows=2)
-
-
-@pytest.mark.parametrize("at", [2, 102, 150, 201, 256, 302])
-def test_a_run_with_faults_that_dies_anywhere_ends_as_it_would_have(
-    at: int, whole: tuple[Path, dict[str, Any]], tmp_path: Path
-) -> None:
-    expected = whole[1]
-    folder = dead(tmp_path / "dead", scenario(LATER, FAULTS), at, rows=3)
-    got = resumed(folder, "--uavs-per-process", "4")
-    assert steady(got, "wire_bytes", "radio") == steady(expected, "wire_bytes", "radio")
-    assert pq.read_table(folder / "timeseries.parquet").equals(pq.read_table(whole[0] / "timeseries.parquet"))
-    assert expected["lost"] == 2
-
-
-@pytest.mark.parametrize("broadcast", ["int8", "float32"])
-def test_residuals_of_rounded_uploads_are_remembered_across_a_resume(broadcast: str, tmp_path: Path) -> None:
-    payload = ("federation.payload=int8", f"federation.broadcast_payload={broadcast}")
-    flown = scenario(LATER, "radio.target_snr_db=76", "radio.coherence_time_s=0.03", *payload)
-    expected = flight(tmp_path / "whole", flown)
-    folder = dead(tmp_path / "dead", flown, 287, rows=2)
-    kept = back(folder).start.checkpoint["memory"]["meanflock.residuals"]
-    assert kept.shape == (6, 108)
-    assert np.abs(kept).max() > 0
-    got = resumed(folder, "--uavs-per-process", "4")
-    assert steady(got, "wire_bytes", "radio") == steady(expected, "wire_bytes", "radio")
 
 
 def test_a_run_can_die_and_be_resumed_again_and_again(undisturbed: dict[str, Any], tmp_path: Path) -> None:
@@ -103,15 +66,6 @@ def test_an_interrupted_run_that_has_its_summary_goes_on_too(undisturbed: dict[s
     assert (folder.path / "timeseries.parquet").exists()
     assert steady(resumed(folder.path)) == steady(undisturbed)
     assert [event["kind"] for event in events(folder.path)].count("finished") == 1
-
-
-def test_the_hash_of_a_resumed_run_is_that_of_all_its_states(tmp_path: Path) -> None:
-    import hashlib
-
-    folder = dead(tmp_path, scenario(LATER), 250)
-    summary = resumed(folder)
-    states = states_of(pq.read_table(folder / "timeseries.parquet"))
-    assert hashlib.sha256(states.astype("<f8").tobytes()).hexdigest() == summary["trajectory_sha256"]
 
 
 def test_a_checkpoint_does_not_alter_the_flight_or_the_rows_of_its_telemetry() -> None:

@@ -1,10 +1,9 @@
-"""What no station has acknowledged the world keeps, bounded and counted; what comes twice is kept once."""
+"""Telemetry that no station has acknowledged: the world keeps it up to a bound, and a station keeps each block once."""
 
 import json
 import math
-import os
-import signal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -15,29 +14,34 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Station
 from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.groundstation.results.timeseries_file import past
-from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
-from meanflock.swarm.process import CHILD
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Finished, Join, Welcome
-from meanflock.worldsim.__main__ import _linger_s
-from tests.faults.conftest import RUN, Flight, Lab, Processes, scenario, spool_bytes
-from tests.polling import until
+from tests.faults.conftest import RUN, Lab, scenario
 from tests.telemetry import Record
 
 
-def test_a_station_that_comes_late_is_sent_everything_from_the_first_row() -> None:
-    engine = Engine(scenario(), RUN, sinks=[Record()])
-    engine.network.endpoints.remove(engine.network.endpoints[1])
-    record = Record()
-    for tick in engine.fly():
-        if tick == 60:
-            bus = engine.network.endpoint()
-            bus.handler = Station(bus, RUN, [record]).handle
-    engine.world.finish()
-    assert np.concatenate([b.first_tick + np.arange(len(b.states)) for b in record.blocks]).tolist() == list(range(121))
-    assert next(event.kind for event in record.events) == "joined"
+def listen(lab: Lab, **options: Any) -> Record:
+    """Another station listens from now on; its record."""
+    record, bus = Record(), lab.engine.network.endpoint()
+    bus.handler = Station(bus, RUN, [record], **options).handle
+    return record
+
+
+def deafen(lab: Lab) -> None:
+    """The station hears nothing more, and the world does not notice it."""
+    lab.engine.network.endpoints.remove(lab.engine.network.endpoints[1])
+
+
+def test_a_station_that_comes_late_is_sent_every_row_and_the_latest_checkpoint() -> None:
+    lab, late = Lab(scenario("duration=60")), list[Record]()
+    deafen(lab)
+    lab.fly({560: lambda: late.append(listen(lab))})
+    ticks = np.concatenate([b.first_tick + np.arange(len(b.states)) for b in late[0].blocks])
+    assert ticks.tolist() == list(range(601))
+    assert next(event.kind for event in late[0].events) == "joined"
+    assert sum(bool(block.checkpoint) for block in late[0].blocks) == 1
 
 
 def test_beyond_its_bound_the_world_gives_up_the_oldest_blocks_and_counts_them(
@@ -45,15 +49,9 @@ def test_beyond_its_bound_the_world_gives_up_the_oldest_blocks_and_counts_them(
 ) -> None:
     monkeypatch.setattr(worldsim.reporting, "MAX_WAITING_BYTES", 60_000)
     lab = Lab(scenario("duration=40"))
-    bus = lab.engine.network.endpoints[1]
-    lab.engine.network.endpoints.remove(bus)
-    most = 0
-    for _ in lab.engine.fly():
-        most = max(most, lab.world.outbox._bytes)
-    assert most <= 60_000
-    record = Record()
-    late = lab.engine.network.endpoint()
-    late.handler = Station(late, RUN, [record], first_block=0).handle
+    deafen(lab)
+    assert max(lab.world.outbox._bytes for _ in lab.engine.fly()) <= 60_000
+    record = listen(lab, first_block=0)
     summary = lab.world.finish()
     assert summary["telemetry_blocks_dropped"] > 0
     first = record.blocks[0]
@@ -80,18 +78,6 @@ def test_blocks_that_are_lost_with_a_session_come_again(lost: list[int], monkeyp
     assert not left
     assert [block.block for block in lab.record.blocks] == [block.block for block in whole.record.blocks]
     assert station.summary is not None
-
-
-def test_without_a_station_one_checkpoint_waits_and_not_all_of_them() -> None:
-    lab = Lab(scenario("duration=60"))
-    lab.engine.network.endpoints.remove(lab.engine.network.endpoints[1])
-    for _ in lab.engine.fly():
-        pass
-    record = Record()
-    late = lab.engine.network.endpoint()
-    late.handler = Station(late, RUN, [record]).handle
-    lab.world.finish()
-    assert sum(bool(block.checkpoint) for block in record.blocks) == 1
 
 
 @pytest.mark.parametrize("orderly", [False, True])
@@ -129,7 +115,6 @@ def test_a_folder_taken_up_again_holds_every_row_and_event_once(orderly: bool, t
 
 
 def test_the_world_does_not_leave_before_its_summary_has_arrived() -> None:
-    """What is under way when a session closes can be lost; a summary was, on a busy machine."""
     lab = Lab(scenario())
     bus, station = lab.engine.network.endpoints[1], lab.engine.station
     assert station is not None
@@ -200,38 +185,3 @@ def test_the_world_waits_for_a_slow_station_as_long_as_it_takes_something_now_an
     summary = lab.world.finish(lambda: linger_s)
     assert (station.summary == summary) is all_of_it
     assert (sum(len(block.states) for block in slow.blocks) == 121) is all_of_it
-
-
-def test_a_launcher_is_waited_for_as_long_as_it_lives_and_another_recorder_for_seconds(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    assert 0.0 < _linger_s(hurried=True) < _linger_s(hurried=False) < 60.0
-    reading, hold = os.pipe()
-    standard_input = os.dup(0)
-    os.dup2(reading, 0)
-    try:
-        monkeypatch.setenv(CHILD, "1")
-        assert _linger_s(hurried=False) == math.inf
-        assert _linger_s(hurried=True) < 60.0
-        os.close(hold)
-        assert _linger_s(hurried=False) == 0.0
-    finally:
-        os.dup2(standard_input, 0)
-        os.close(standard_input)
-        os.close(reading)
-
-
-def test_a_folder_without_rows_cannot_be_taken_up(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="no time series"):
-        past(tmp_path)
-
-
-@pytest.mark.processes
-def test_a_station_is_sent_everything_though_one_that_is_frozen_is_not_missed_yet(
-    processes: Processes, tmp_path: Path
-) -> None:
-    flight = Flight(processes, tmp_path / "frozen")
-    flight.flying()
-    flight.station.send_signal(signal.SIGSTOP)
-    processes.station(tmp_path / "other")
-    until(lambda: spool_bytes(tmp_path / "other") > 20_000, "another station records")

@@ -108,7 +108,7 @@ def test_a_silent_head_relays_nothing_and_the_others_do() -> None:
     assert not node.mail
 
 
-def test_absurd_models_are_refused_and_a_head_with_nothing_else_sends_nothing() -> None:
+def test_a_head_refuses_absurd_models_and_sends_nothing_if_it_has_no_others() -> None:
     node = Heads(0, 6)
     batch = uploads([1, 2, 7], [0, 0, 6])
     batch.payload[[0, 2], 5] = 1e10
@@ -128,31 +128,27 @@ def test_a_mean_that_no_float_of_the_radio_can_hold_is_not_sent() -> None:
     assert (sent.source.tolist(), sent.payload.dtype, refused) == ([6], np.float16, [])
 
 
-MISFITS = {
-    "to a UAV that heads nothing": uploads([4], [5]),
-    "to another cluster's head": uploads([1], [4]),
-    "of models too short": Frames(
-        FrameKind.UPLOAD, 1, np.array([1], "<i4"), np.zeros((1, 107), "<f4"), np.array([[0, 0]], "<i4")
-    ),
-    "in doubles": Frames(FrameKind.UPLOAD, 1, np.array([1], "<i4"), np.zeros((1, 108)), np.array([[0, 0]], "<i4")),
-}
+def short(dtype: str, floats: int) -> Frames:
+    """An upload of UAV 1 to its head with models of another form."""
+    return Frames(FrameKind.UPLOAD, 1, np.array([1], "<i4"), np.zeros((1, floats), dtype), np.array([[0, 0]], "<i4"))
 
 
-@pytest.mark.parametrize("what", MISFITS)
-def test_uploads_that_do_not_fit_are_rejected(what: str) -> None:
+@pytest.mark.parametrize(
+    "frames",
+    [uploads([4], [5]), uploads([1], [4]), short("<f4", 107), short("<f8", 108)],
+    ids=["to a UAV that heads nothing", "to another cluster", "too short", "in doubles"],
+)
+def test_a_head_rejects_uploads_that_do_not_fit(frames: Frames) -> None:
     node = Heads(0, 4, 5, 6)
     node.check(uploads([1, 3, 7], [0, 4, 6]))
     with pytest.raises(MessageRejected):
-        node.check(MISFITS[what])
+        node.check(frames)
 
 
 @pytest.mark.parametrize("node", [Heads(1, 2, 3), Heads(0, 4, flight=load(None, ["uavs=8"], method="mfgfl-h"))])
 def test_an_agent_that_heads_nothing_receives_no_uploads(node: Heads) -> None:
     with pytest.raises(MessageRejected, match="wrong-kind"):
         node.check(uploads([1], [0]))
-
-
-# -- as a part of the node ----------------------------------------------------------------------------------------
 
 
 def agent(*uavs: int) -> Agent:
@@ -164,7 +160,7 @@ def sense(tick: int, rows: int, *inbox: Frames) -> Sense:
     return Sense(0, tick, np.random.default_rng(tick).uniform(0, 100, (rows, 4)), True, False, inbox)
 
 
-def test_an_agent_hands_on_what_its_heads_heard_and_learns_as_if_it_had_not() -> None:
+def test_an_agent_relays_for_its_heads_and_learns_as_if_it_had_not() -> None:
     busy, idle = agent(0, 1), agent(0, 1)
     batch = uploads([1, 2], [0, 0])
     batch.payload[1, 0] = 2e9
@@ -180,7 +176,7 @@ def test_an_agent_hands_on_what_its_heads_heard_and_learns_as_if_it_had_not() ->
     assert isinstance(wire.read_act(wire.write_act(acts[0])), Act)
 
 
-def test_an_agent_whose_sense_does_not_fit_keeps_none_of_its_uploads() -> None:
+def test_an_agent_that_rejects_a_sense_keeps_none_of_its_uploads() -> None:
     node = agent(0, 1)
     node.act(sense(OPENS, 2))
     with pytest.raises(MessageRejected):

@@ -1,4 +1,4 @@
-"""When rounds open and close, who takes part, and which models travel."""
+"""The ticks at which rounds open and close, their participants, and the models that travel."""
 
 import numpy as np
 import pytest
@@ -9,14 +9,11 @@ from meanflock.kernels.mean_field import layout
 from meanflock.swarm import plugins
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind
-from tests.methods import FEDERATED, LEARNING, METHODS
+from tests.methods import FEDERATED, LEARNING, METHODS, PARTS
 
 
 def scenario(*settings: str) -> Scenario:
     return load(None, settings)
-
-
-# -- rounds -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -51,31 +48,19 @@ def test_every_round_that_opens_closes_once_in_order_while_it_is_open(
     assert {tick for tick in range(max(wanted) + 1) if rounds.is_open(tick)} == wanted
 
 
-def test_a_method_without_rounds_never_has_anything_to_do() -> None:
-    for method in set(METHODS) - set(FEDERATED):
-        rounds = Schedule(scenario(f"method={method}", "federation.period=1"))
-        assert not any(rounds.opens(t) or rounds.closes(t) or rounds.is_open(t) for t in range(50))
-
-
 @pytest.mark.parametrize(("uavs", "fraction", "expected"), [(25, 0.8, 20), (1, 0.8, 1), (7, 1.0, 7), (10, 0.01, 1)])
-def test_participants_are_the_agreed_number_of_distinct_uavs_ascending(
+def test_every_process_draws_the_agreed_number_of_distinct_uavs_ascending(
     uavs: int, fraction: float, expected: int
 ) -> None:
-    rounds = Schedule(scenario(f"uavs={uavs}", f"federation.fraction={fraction}"))
+    rounds_of = scenario(f"uavs={uavs}", f"federation.fraction={fraction}")
+    rounds = Schedule(rounds_of)
     for number in range(1, 20):
         drawn = rounds.participants(number)
         assert len(drawn) == expected
         assert (np.diff(drawn) > 0).all()
         assert drawn.min() >= 0
         assert drawn.max() < uavs
-
-
-def test_every_process_draws_the_same_participants_and_every_round_others() -> None:
-    one, other = Schedule(scenario()), Schedule(scenario())
-    drawn = [tuple(one.participants(k)) for k in (3, 1, 2)]
-    assert drawn == [tuple(other.participants(k)) for k in (3, 1, 2)]
-    assert len(set(drawn)) == 3
-    assert tuple(Schedule(scenario("seed=2")).participants(1)) != drawn[1]
+        np.testing.assert_array_equal(drawn, Schedule(rounds_of).participants(number))
 
 
 def test_every_uav_is_drawn_equally_often_within_four_standard_errors() -> None:
@@ -85,33 +70,19 @@ def test_every_uav_is_drawn_equally_often_within_four_standard_errors() -> None:
     assert (np.abs(often - 0.3) < 4 * np.sqrt(0.3 * 0.7 / n)).all()
 
 
-# -- what travels -------------------------------------------------------------------------------------------------
-
-
-def test_a_method_shares_as_many_floats_as_the_paper_counts_and_those() -> None:
-    floats = {"mfgfl-h": 108, "mfgfl-f": 138, "mfgfl-hf": 246}
-    whole = range(layout.MODEL_FLOATS)
-    for method in METHODS:
-        declared = scenario(f"method={method}").declared
-        assert declared.parameters == floats.get(method, 0)
-        assert declared.is_federated == (method in FEDERATED)
-        assert declared.weights == (0 if method == "offline" else layout.MODEL_FLOATS)
-    shared = {method: learner(method).shared for method in LEARNING}
-    assert (shared["mfgfl-h"], shared["mfgfl-f"]) == (layout.VALUE, layout.DENSITY)
-    assert whole[shared["mfgfl-hf"]] == whole
-    assert not whole[shared["hjb"]]
-    assert not whole[shared["mfg"]]
-
-
-def learner(method: str) -> type[MeanField]:
-    found = plugins.load("controller", method)
-    assert issubclass(found, MeanField)
-    return found
-
-
-def test_who_learns_what_is_as_the_paper_s_algorithms_say() -> None:
-    assert [method for method in LEARNING if not learner(method).learns_density] == ["hjb"]
-    assert not issubclass(plugins.load("controller", "offline"), MeanField)
+@pytest.mark.parametrize("method", METHODS)
+def test_a_method_shares_the_parts_of_the_paper(method: str) -> None:
+    declared = scenario(f"method={method}").declared
+    assert declared.parts == PARTS.get(method, ())
+    assert declared.parameters == sum(declared.parts)
+    assert declared.is_federated == (method in FEDERATED)
+    assert declared.weights == (0 if method == "offline" else layout.MODEL_FLOATS)
+    if method in LEARNING:
+        learner = plugins.load("controller", method)
+        assert issubclass(learner, MeanField)
+        shared = {"mfgfl-h": layout.VALUE, "mfgfl-f": layout.DENSITY, "mfgfl-hf": slice(None)}
+        floats = range(layout.MODEL_FLOATS)
+        assert floats[learner.shared] == floats[shared.get(method, slice(0, 0))]
 
 
 @pytest.mark.parametrize("clusters", [1, 3])
@@ -146,7 +117,7 @@ def test_every_hop_transmits_once_a_round_and_its_frames_are_known_when_they_arr
 
 
 @pytest.mark.parametrize("duration", [1.9, 2.0, 20.1, 900.0])
-def test_those_who_take_part_are_the_same_drawn_ahead_or_when_they_are_asked_for(duration: float) -> None:
+def test_participants_drawn_ahead_are_those_drawn_when_needed(duration: float) -> None:
     of = scenario("method=mfgfl-h", "federation.period=20", f"duration={duration}")
     rounds = Schedule(of, np.array([3]))
     rounds.draw_ahead()

@@ -6,7 +6,6 @@ import sys
 import time
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from tests.fuzz.siege import Broken, Insider, Siege
@@ -24,20 +23,18 @@ def main() -> int:
     logging.disable(logging.WARNING)  # every drop would be a line until they are too many
     console = Console(stderr=True)
     started = time.perf_counter()
-    columns = (TextColumn("{task.description}"), BarColumn(bar_width=24), MofNCompleteColumn(), TimeRemainingColumn())
     broken: list[str] = []
+    insiders: dict[str, Insider] = {}
     try:
-        with Progress(*columns, console=console, transient=True) as bar:
-            task = bar.add_task("under fire", total=given.count)
-            siege = Siege(given.count, given.seed, lambda thrown: bar.update(task, completed=thrown))
+        with console.status("under fire") as status:
+            siege = Siege(
+                given.count, given.seed, lambda thrown: status.update(f"{thrown:,} of {given.count:,} messages")
+            )
             summary = siege.fly()
-            mad = bar.add_task("mad nodes", total=len(MAD))
-            insiders = {}
             for who in MAD:
                 insiders[who] = insider = Insider(given.count // 20, given.seed, who)
                 if insider.fly()["ticks"] != summary["ticks"]:
                     broken.append(f"the flight with a mad {who} ended early")
-                bar.advance(mad)
     except Broken as error:
         console.print(f"[red]broken[/] {error}", highlight=False, soft_wrap=True)
         return 1

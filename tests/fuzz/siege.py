@@ -60,14 +60,8 @@ def recorded(flown: Scenario) -> tuple[list[bytes], dict[str, Any]]:
     kept: dict[tuple[str, int], bytes] = {}
     for raw in said:  # of every kind and size a few: the first of a length, roughly
         kept.setdefault((type(read(raw)).__name__, len(raw) // 64), raw)
-    own = [
-        Ready(NUMBER),
-        Received(NUMBER, 3),
-        Join("agent", 1),
-        Join("leader", 0),
-        Join("station", 0),
-        Stop(NUMBER, "x"),
-    ]
+    own = [Ready(NUMBER), Received(NUMBER, 3), Stop(NUMBER, "x")]
+    own += [Join(role, int(role == "agent")) for role in ("agent", "leader", "station")]
     corpus = [*kept.values(), *map(control.encode, own), *(path.read_bytes() for path in sorted(GOLDEN.glob("*.bin")))]
     return corpus, summary
 

@@ -3,9 +3,9 @@
 from typing import Any
 
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.studies.paper.methods import Method
 from meanflock.swarm.net import keys
 from meanflock.swarm.scenario import Scenario, load
+from reproduction.grid import Method
 
 RUN = "engine-test"
 NUMBER = keys.fingerprint(RUN)

@@ -12,12 +12,12 @@ import pytest
 from meanflock.channel.theory import slot_success
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
-from meanflock.studies.paper.methods import Method
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Finished, Telemetry
+from reproduction.grid import Method
 from tests.groundstation.flights import INT8, RUN, UAVS, fly, scenario, steady
 from tests.polling import DEADLINE_S
 

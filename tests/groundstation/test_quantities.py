@@ -26,9 +26,9 @@ from meanflock.groundstation.results import quantities
 from meanflock.groundstation.results.quantities import FIELDS, Quantity
 from meanflock.groundstation.results.series import Reported, block_of
 from meanflock.groundstation.results.timeseries_file import TIMESERIES
-from meanflock.studies.paper.figures import grids
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import Status
+from reproduction.curves import CRITERIA
 from tests.groundstation.recordings import DIAGNOSTICS
 
 ROOT = Path(__file__).parents[2]
@@ -110,7 +110,7 @@ def test_plots_use_them(runs: dict[str, Path]) -> None:
     for quantity in (quantities.ENERGY, quantities.SPEED, quantities.HJB_RESIDUAL, quantities.FPK_RESIDUAL):
         assert any(panel.startswith(quantity.name) for panel in panels), quantity
     assert "alignment φ_A, lower is better" in panels
-    for field, title in grids.CRITERIA:
+    for field, title in CRITERIA:
         assert title == FIELDS[field].remarked
 
 

@@ -7,11 +7,11 @@ import pytest
 from scipy import stats
 
 from meanflock.groundstation import statistics
-from meanflock.studies.paper.checks import Findings, run_check
-from meanflock.studies.paper.claims import Check
-from meanflock.studies.paper.outcome import Outcome
-from meanflock.studies.paper.view import View
-from tests.studies.synthetic import results, row
+from reproduction.checks import Findings, run_check
+from reproduction.claims import Check
+from reproduction.outcome import Outcome
+from reproduction.tables import View
+from tests.reproduction.synthetic import results, row
 
 HF, H, F, HJB = "mfgfl-hf", "mfgfl-h", "mfgfl-f", "hjb"
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from tests.sources import ROOMS
 
-PACKAGES = (*ROOMS, "meanflock")
+PACKAGES = (*ROOMS, "meanflock", "reproduction")
 LIBRARIES = ("concurrent", "msgspec", "numpy", "zenoh")
 
 

@@ -25,21 +25,6 @@ SOON_S = 40.0  # what takes a moment, on a machine that is busy
 ENDLESS = ("--uavs", "2", "--duration", "100000", "--set", "stop=duration", "--method", "plan", "--no-record")
 
 
-def test_ctrl_c_twice_ends_at_once_and_says_how_to_go_on_and_kills_even_who_is_frozen(
-    command: Command,
-) -> None:
-    process = command.start("--quiet", *ENDLESS)
-    run = command.flying()
-    (world,) = (p for p in processes_of(run) if "meanflock.worldsim" in p.cmdline())
-    world.suspend()  # the first Ctrl-C waits for it
-    until(lambda: process.poll() is not None or process.send_signal(signal.SIGINT), "its end")
-    _, err = process.communicate()
-    assert process.returncode == 1
-    assert err.startswith("error: interrupted twice, nothing was completed; ")
-    assert f"{command.folder}/scenario.toml" in err or f"meanflock resume {command.folder}" in err
-    until(lambda: not processes_of(run), "the end of all processes", SOON_S)
-
-
 def test_a_world_that_waits_for_its_nodes_does_not_outlive_its_launcher() -> None:
     endpoint = free_endpoint()
     line = [sys.executable, "-m", "meanflock.worldsim", "--endpoint", endpoint, "--run", "left", "--wait", "10000"]
@@ -148,7 +133,7 @@ def test_variables_of_others_reach_the_processes_whatever_they_are_called(monkey
     assert given == {"RUN", "SET", "COUNT", "MEANFLOCK_BARRIER"}
 
 
-LONG = ("--seeds", "50", "--uavs", "25", "--duration", "1000", "--set", "stop=duration", "--jobs", "2", "--quiet")
+LONG = ("--seeds", "500", "--uavs", "9", "--duration", "200", "--set", "stop=duration", "--jobs", "2", "--quiet")
 
 
 def workers_of(study: "subprocess.Popen[str]") -> list[psutil.Process]:
@@ -160,36 +145,26 @@ def workers_of(study: "subprocess.Popen[str]") -> list[psutil.Process]:
     return until(lambda: workers if len(workers := found()) == 2 else [], "workers", pause_s=0.0)
 
 
-def end_of(workers: list[psutil.Process]) -> None:
-    until(lambda: not any(p.is_running() and p.status() != psutil.STATUS_ZOMBIE for p in workers), "no worker", SOON_S)
-
-
-@pytest.mark.parametrize("command", [("compare", "mfg"), ("sweep", "wind.sigma=0.1,0.2")])
-def test_a_study_that_is_told_to_end_says_how_to_go_on_and_leaves_no_worker(
-    command: tuple[str, ...], tmp_path: Path, spawn: Spawn
+@pytest.mark.parametrize(
+    ("command", "number", "to_all"),
+    [
+        (("compare", "mfg"), signal.SIGTERM, False),
+        (("compare", "mfg"), signal.SIGINT, True),  # as the group of a terminal gets Ctrl-C, while workers start
+        (("compare", "mfg"), signal.SIGKILL, False),
+    ],
+)
+def test_a_study_that_is_ended_leaves_no_worker_and_says_how_to_go_on(
+    command: tuple[str, ...], number: signal.Signals, to_all: bool, tmp_path: Path, spawn: Spawn
 ) -> None:
     study = spawn("meanflock.groundstation.cli", *command, *LONG, "--out", str(tmp_path))
     workers = workers_of(study)
-    study.terminate()
+    if number == signal.SIGKILL:
+        until(lambda: list((tmp_path / "data" / "jobs").glob("*")), "a flight that is finished")
+    for process in (*workers, study) if to_all else (study,):
+        process.send_signal(number)
     _, err = study.communicate(timeout=DEADLINE_S)
-    assert study.returncode == 1
-    assert "error: interrupted; " in err
-    assert "repeat the command to fly the rest" in err
-    end_of(workers)
-
-
-def test_ctrl_c_while_the_workers_of_a_study_start_is_one_line(tmp_path: Path, spawn: Spawn) -> None:
-    study = spawn("meanflock.groundstation.cli", "compare", "mfg", *LONG, "--out", str(tmp_path))
-    for heard in (*workers_of(study), study):  # as all of the terminal's group do
-        heard.send_signal(signal.SIGINT)
-    _, err = study.communicate(timeout=DEADLINE_S)
-    assert (study.returncode, err.count("\n")) == (1, 1), err
-    assert err.startswith("error: interrupted; ")
-
-
-def test_the_workers_of_a_study_that_is_killed_end_with_it(tmp_path: Path, spawn: Spawn) -> None:
-    study = spawn("meanflock.groundstation.cli", "compare", "mfg", *LONG, "--out", str(tmp_path))
-    workers = workers_of(study)
-    until(lambda: list((tmp_path / "data" / "jobs").glob("*")), "a flight that is finished")
-    study.kill()
-    end_of(workers)
+    if number != signal.SIGKILL:
+        assert (study.returncode, err.count("\n")) == (1, 1), err
+        assert err.startswith("error: interrupted; ")
+        assert "repeat the command to fly the rest" in err
+    until(lambda: not any(p.is_running() and p.status() != psutil.STATUS_ZOMBIE for p in workers), "no worker", SOON_S)

@@ -1,15 +1,14 @@
 """An agent in nothing but `zenoh`, `msgpack` and `struct`, as docs/wire.md says, flies among ours, to the same bits."""
 
 import json
-import socket
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.swarm import plugins
 from meanflock.swarm.scenario import load
 from tests.integration.conftest import Spawn
@@ -107,42 +106,26 @@ print(reason, last, sorted(strangers))
 pytestmark = pytest.mark.processes
 
 
-@pytest.fixture
-def foreign(tmp_path: Path) -> Iterator[list[subprocess.Popen[str]]]:
-    """Processes of somebody else's; whatever still runs at the end is killed."""
-    (tmp_path / "agent.py").write_text(AGENT, encoding="utf-8")
-    started: list[subprocess.Popen[str]] = []
-    yield started
-    for process in started:
-        if process.poll() is None:
-            process.kill()
-            process.communicate()
-
-
 def test_an_agent_of_another_language_flies_among_ours_to_the_same_bits(
-    tmp_path: Path, spawn: Spawn, foreign: list[subprocess.Popen[str]], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, spawn: Spawn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    endpoint = free_endpoint()
+    (tmp_path / "agent.py").write_text(AGENT, encoding="utf-8")
     monkeypatch.setenv(plugins.FILES, str(SPRING))
     base = ("--run", "foreign", "--endpoint", endpoint, "--wait", str(int(DEADLINE_S)))
     world = spawn("worldsim", *base, *(flag for setting in SETTINGS for flag in ("--set", setting)))
     ours = [spawn("agent", *base, "--uav", str(uav)) for uav in range(3) if uav != FOREIGN]
     line = [sys.executable, "-I", str(tmp_path / "agent.py"), "foreign", endpoint, str(FOREIGN)]
-    foreign.append(subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
+    foreign = subprocess.run(line, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+    assert foreign.stdout.strip() == "finished 299 []", foreign.stderr
     out, err = world.communicate(timeout=DEADLINE_S)
     assert world.returncode == 0, err
     summary = json.loads(out)
-    said, complained = foreign[0].communicate(timeout=DEADLINE_S)
-    assert said.strip() == "finished 299 []", complained
     assert [process.wait(DEADLINE_S) for process in ours] == [0, 0]
     assert (summary["lost"], summary["nodes_lost"], summary["dropped_messages"]) == (0, 0, {})
 
     plugins.load_file(SPRING)
-    engine = Engine(load(None, SETTINGS), "foreign")
-    for _ in engine.fly():
-        pass
-    alone = engine.world.finish()
+    alone = Engine(load(None, SETTINGS), "foreign").complete()
     assert summary["trajectory_sha256"] == alone["trajectory_sha256"]
     assert summary["payload_bits"] == alone["payload_bits"]
     assert alone["radio"]["traffic"]["state"]["sent"] == 300 * 3 * 2

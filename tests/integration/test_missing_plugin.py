@@ -35,6 +35,13 @@ def ended(process: "subprocess.Popen[str]") -> tuple[int, str, str]:
     return process.returncode, out, err
 
 
+def refused(process: "subprocess.Popen[str]") -> None:
+    status, _, err = ended(process)
+    assert status == EXIT_BAD_INPUT, err
+    assert re.search(LACKING, err)
+    assert "Traceback" not in err
+
+
 def test_before_take_off_it_is_refused_and_the_world_names_the_host(spawn: Spawn) -> None:
     base = ("--endpoint", free_endpoint(), "--run", "lacking")
     flags = ("--set", "uavs=2", "--set", "method=spring", "--metrics", "0")
@@ -43,10 +50,7 @@ def test_before_take_off_it_is_refused_and_the_world_names_the_host(spawn: Spawn
     assert world.stderr is not None
     url, alive = told_url(world.stderr), ("meanflock_nodes_alive", frozenset({("role", "agent")}))
     until(lambda: scrape(url).get(alive) == 1, "an agent that can take part")
-    status, _, said = ended(spawn("meanflock.agent", *base, "--uav", "1"))
-    assert status == EXIT_BAD_INPUT, said
-    assert re.search(LACKING, said)
-    assert "Traceback" not in said
+    refused(spawn("meanflock.agent", *base, "--uav", "1"))
     status, out, said = ended(world)
     assert (status, out) == (EXIT_BAD_INPUT, "")  # nothing was flown, so there is no summary
     assert re.search(LACKING, said)
@@ -72,9 +76,7 @@ def test_in_mid_flight_it_is_refused_and_the_flight_goes_on_until_one_that_has_i
     until(lambda: any(path.stat().st_size > 5_000 for path in tmp_path.glob("*/.telemetry")), "a flight")
     agents[1].kill()
     until(lambda: any("agent-1" in text for text in recorded("lost")), "a lost node")
-    status, _, said = ended(spawn("meanflock.agent", *base, "--uav", "1"))
-    assert status == EXIT_BAD_INPUT, said
-    assert re.search(LACKING, said)
+    refused(spawn("meanflock.agent", *base, "--uav", "1"))
     until(lambda: any(re.search(LACKING, text) for text in recorded("lost")), "the host in an event of the flight")
     spawn("meanflock.agent", *base, *SPRING, "--uav", "1")
     until(lambda: recorded("rejoined"), "the UAV back in the flight")

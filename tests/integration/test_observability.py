@@ -4,16 +4,13 @@ import json
 import signal
 import socket
 from pathlib import Path
-from typing import Any
 
 import psutil
 import pytest
 
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.processes import free_endpoint
-from meanflock.groundstation.launch.resume import back
 from meanflock.groundstation.launch.station import Station
-from meanflock.groundstation.results.run_folder import CHECKPOINT
 from meanflock.swarm.net.session import ZenohBus
 from tests.integration.conftest import Command, Spawn
 from tests.integration.watched import ENDLESS, SHORT, scrape, told_url, world
@@ -63,44 +60,35 @@ def test_a_scrape_of_a_real_run_is_its_summary(spawn: Spawn, command: Command) -
     assert summary["trajectory_sha256"] == unwatched["trajectory_sha256"]
 
 
-def test_the_whole_command_can_be_read_while_it_flies_and_nobody_listens_afterwards(command: Command) -> None:
-    process = command.start(*SHORT, *ENDLESS, "--metrics", "0", "--json", "--quiet")
+def test_a_command_can_be_scraped_while_it_flies_and_logs_objects_that_say_who_and_when(
+    command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MEANFLOCK_LOG", "INFO")
+    process = command.start(*SHORT, *ENDLESS, "--metrics", "0", "--json", "--log-format", "json")
     assert process.stderr is not None
-    url = told_url(process.stderr)
+    lines: list[str] = []
+    url = told_url(line for line in process.stderr if lines.append(line) is None)
 
-    def reading() -> dict[Any, float]:
+    def ticks() -> float:
         try:
-            return scrape(url)
+            return scrape(url).get(("meanflock_ticks_total", frozenset()), 0)
         except OSError:  # the world is not up yet
-            return {}
+            return 0
 
-    until(lambda: reading().get(("meanflock_ticks_total", frozenset()), 0) > 0, "a tick in the metrics")
+    until(lambda: ticks() > 0, "a tick in the metrics")
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=DEADLINE_S)
-    assert "interrupted" in err
+    records = [json.loads(line) for line in (*lines, *process.stderr)]
+    assert process.wait(DEADLINE_S) == 1
+    assert "interrupted" in records[-1]["message"]
+    assert all({"time", "level", "logger", "message"} <= record.keys() for record in records)
+    assert {(record["run"], record["node"]) for record in records} == {
+        (command.folder.name, node) for node in ("world", "station")
+    }
+    joined = {record["peer"]: record["uavs"] for record in records if "joined" in record["message"]}
+    assert joined == {"agent-0": [0], "agent-1": [1], "agent-2": [2], "leader": []}
     assert json.loads((command.folder / "summary.json").read_text())["ticks"] > 0
     with pytest.raises(OSError, match="refused"):
         scrape(url)
-
-
-def test_a_run_that_goes_on_can_be_read_and_says_everything_in_json(command: Command, spawn: Spawn) -> None:
-    dead = command.start(*SHORT, *ENDLESS, "--json", "--quiet")
-    until(lambda: list(command.out.glob(f"*/{CHECKPOINT}")), "a checkpoint")
-    dead.kill()
-    dead.communicate()
-    begin = back(command.folder).start.tick
-    flags = ("--metrics", "0", "--log-format", "json", "--no-record", "--json")
-    process = spawn("meanflock.groundstation.cli", "resume", str(command.folder), *flags)
-    assert process.stderr is not None
-    first = process.stderr.readline()
-    url = told_url(iter([first]))
-    until(lambda: scrape(url)["meanflock_ticks_total", frozenset()] > begin + 20, "ticks beyond the checkpoint")
-    process.send_signal(signal.SIGINT)
-    _, rest = process.communicate(timeout=DEADLINE_S)
-    said = [json.loads(line) for line in (first + rest).splitlines()]
-    assert {line["run"] for line in said} == {command.folder.name}
-    assert "interrupted" in said[-1]["message"]
-    assert process.returncode == 1
 
 
 def test_no_port_is_open_unless_it_was_asked_for(spawn: Spawn) -> None:
@@ -127,43 +115,23 @@ def test_a_port_that_is_taken_is_bad_input_and_nothing_is_written(
     assert not (tmp_path / "runs").exists()
 
 
-def test_a_world_whose_port_is_taken_ends_before_it_listens(spawn: Spawn) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        taken, _ = world(spawn, "--metrics", str(server.getsockname()[1]), "--log-format", "json")
-        _, err = taken.communicate(timeout=DEADLINE_S)
-    assert taken.returncode == 2
-    (line,) = err.splitlines()
-    said = json.loads(line)
-    assert (said["level"], said["node"], said["run"]) == ("ERROR", "world", "watched")
-    assert "--metrics" in said["message"]
-
-
-# -- logs -----------------------------------------------------------------------------------------------------------
-
-
-def test_every_line_of_a_run_is_an_object_that_says_who_and_when(
-    command: Command, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("node", "module", "flags", "code"),
+    [
+        ("agent", "agent", ("--wait", "1"), 1),
+        ("leader", "leader", ("--wait", "1"), 1),
+        ("station", "groundstation", ("--wait", "1"), 1),
+        ("world", "worldsim", ("--metrics", "TAKEN"), 2),
+    ],
+)
+def test_a_process_that_fails_says_so_in_one_line(
+    node: str, module: str, flags: tuple[str, ...], code: int, spawn: Spawn
 ) -> None:
-    monkeypatch.setenv("MEANFLOCK_LOG", "INFO")
-    monkeypatch.setenv("MEANFLOCK_LOG_FORMAT", "json")
-    process = command.start(*SHORT, "--json")
-    out, err = process.communicate(timeout=DEADLINE_S)
-    assert process.returncode == 0, err
-    run = json.loads(out)["run_id"]
-    said = [json.loads(line) for line in err.splitlines()]
-    assert all({"time", "level", "logger", "message"} <= line.keys() for line in said)
-    assert {(line["run"], line["node"]) for line in said} == {(run, "world")}
-    joined = {line["peer"]: line["uavs"] for line in said if "joined" in line["message"]}
-    assert joined == {"agent-0": [0], "agent-1": [1], "agent-2": [2], "leader": []}
-
-
-def test_a_process_that_fails_says_so_in_one_line(spawn: Spawn) -> None:
-    base = ("--endpoint", free_endpoint(), "--run", "nobody", "--wait", "1", "--log-format", "json")
-    started = {module: spawn(f"meanflock.{module}", *base) for module in ("agent", "leader", "groundstation")}
-    for module, process in started.items():
+    base = ("--endpoint", free_endpoint(), "--run", "nobody", "--log-format", "json")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        taken = str(server.getsockname()[1])
+        process = spawn(f"meanflock.{module}", *base, *(flag.replace("TAKEN", taken) for flag in flags))
         _, err = process.communicate(timeout=DEADLINE_S)
-        assert process.returncode == 1
-        (line,) = err.splitlines()
-        said = json.loads(line)
-        node = {"groundstation": "station"}.get(module, module)
-        assert (said["level"], said["run"], said["node"]) == ("ERROR", "nobody", node)
+    (line,) = err.splitlines()
+    record = json.loads(line)
+    assert (process.returncode, record["level"], record["run"], record["node"]) == (code, "ERROR", "nobody", node)

@@ -16,11 +16,10 @@ pytestmark = pytest.mark.processes
 @pytest.mark.parametrize(
     "flags",
     [
-        ("run", "--uavs", "2", "--duration", "3", "--json", "--quiet", "--no-record"),
         ("run", "--uavs", "2", "--uavs-per-process", "2", "--duration", "3", "--json", "--quiet", "--no-record"),
         ("sweep", "uavs=2,3", "--seeds", "2", "--duration", "3", "--jobs", "2"),
     ],
-    ids=["run", "run of two in one", "sweep"],
+    ids=["run", "sweep"],
 )
 def test_a_run_takes_nothing_from_the_working_folder(flags: tuple[str, ...], tmp_path: Path) -> None:
     working, ran = hostile(tmp_path)

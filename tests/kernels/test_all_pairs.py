@@ -1,4 +1,4 @@
-"""Pairs of a swarm: both forms against a plain comparison of all pairs, and what does not fit is refused."""
+"""Pairs of a swarm: both forms against a plain comparison of all pairs."""
 
 import math
 import tracemalloc
@@ -106,7 +106,7 @@ def test_pairs_in_motion_are_those_of_all_closest_approaches(
     assert nearest == pytest.approx(float(least), rel=1e-9, abs=1e-12)
 
 
-@pytest.mark.parametrize("uavs", [0, 1, 2, 5, 25, FEW - 1, FEW, FEW + 1, 333])
+@pytest.mark.parametrize("uavs", [0, 1, 2, 25, FEW, FEW + 1, 333])
 @pytest.mark.parametrize("spread", [300.0, 3.0, 0.03])  # nobody is near, some are, all are
 @pytest.mark.parametrize("step", [0.0, 0.4, 100.0])
 def test_both_forms_give_the_same_bits(uavs: int, spread: float, step: float) -> None:
@@ -124,7 +124,7 @@ def test_both_forms_give_the_same_bits(uavs: int, spread: float, step: float) ->
     assert compiled.alignment(moving) == reference.alignment(moving)
 
 
-def test_numbers_beyond_all_bounds_are_nobody_s_neighbours(backend: ModuleType) -> None:
+def test_a_uav_without_a_finite_position_has_no_neighbours(backend: ModuleType) -> None:
     states = np.zeros((4, state.SIZE))
     states[0], states[1, state.X], states[2, state.Y] = np.nan, np.inf, 1e200
     with np.errstate(all="ignore"):
@@ -132,7 +132,7 @@ def test_numbers_beyond_all_bounds_are_nobody_s_neighbours(backend: ModuleType) 
         assert math.isnan(backend.alignment(states))
 
 
-def test_there_may_be_more_pairs_than_room(backend: ModuleType) -> None:
+def test_pairs_beyond_the_room_for_them_are_counted(backend: ModuleType) -> None:
     found = np.full((3, 2), -7)
     states = np.zeros((6, state.SIZE))
     for room in (found[:2], found[:0]):
@@ -151,42 +151,3 @@ def test_a_large_swarm_needs_no_room_for_all_its_pairs(backend: ModuleType) -> N
     finally:
         tracemalloc.stop()
     assert peak < 4 * 2**20 < 8 * 2000**2
-
-
-FOUND = np.zeros((2, 2), dtype=np.intp)
-READ_ONLY = np.zeros((2, 2), dtype=np.intp)
-READ_ONLY.flags.writeable = False
-
-
-@pytest.mark.parametrize(
-    ("states", "found", "said"),
-    [
-        (np.zeros((1, 4)), FOUND, "after: 64 bytes, expected 32"),
-        (np.zeros(3), FOUND, "before: 24 bytes"),
-        (np.zeros((2, 4), np.float32), FOUND, "before: format f"),
-        (np.zeros((2, 4), np.int64), FOUND, "before: format"),
-        (np.zeros((4, 2)).T, FOUND, "contiguous"),
-        (np.zeros((2, 8))[:, ::2], FOUND, "contiguous"),
-        (np.zeros((2, 4)), np.zeros((2, 2)), "found: format d"),
-        (np.zeros((2, 4)), np.zeros(3, dtype=np.intp), "found: 24 bytes"),
-        (np.zeros((2, 4)), np.zeros((2, 2), dtype=np.int32), "found: format i"),
-        (np.zeros((2, 4)), READ_ONLY, "(?i)read-only|writable"),
-        ([0.0] * 4, FOUND, "bytes-like"),
-    ],
-)
-def test_what_does_not_fit_is_refused(states: Any, found: Any, said: str) -> None:
-    native = pytest.importorskip("meanflock.kernels._native")
-    with pytest.raises((TypeError, ValueError, BufferError), match=said):
-        native.pairs(states, np.zeros((2, 4)), 1.0, 1.0, math.inf, found)
-
-
-def test_arrays_may_begin_anywhere() -> None:
-    native = pytest.importorskip("meanflock.kernels._native")
-    states = np.random.default_rng(1).normal(size=(5, state.SIZE))
-    odd = np.frombuffer(b"." + states.tobytes(), dtype=np.float64, offset=1).reshape(5, state.SIZE)
-    found, room = np.zeros((10, 2), dtype=np.intp), bytearray(161)
-    odd_found = np.frombuffer(room, dtype=np.intp, offset=1).reshape(10, 2)
-    expected = native.pairs(states, states, 1.0, 2.0, math.inf, found)
-    assert native.pairs(odd, odd, 1.0, 2.0, math.inf, odd_found) == expected
-    assert native.alignment(odd) == native.alignment(states)
-    np.testing.assert_array_equal(found, odd_found)

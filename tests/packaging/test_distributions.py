@@ -14,6 +14,7 @@ import pytest
 from packaging.requirements import Requirement
 
 import meanflock as mf
+from meanflock.swarm.errors import EXIT_BAD_INPUT
 from tests.integration.hostile_folder import LIBRARIES, PACKAGES, hostile
 from tests.packaging.requirements import EXTRAS, PROJECT, direct
 from tests.pages import modules_of
@@ -100,6 +101,16 @@ def test_nothing_of_ours_but_meanflock_can_be_imported(python: Path, tmp_path: P
     assert done(python, "-c", find, *PACKAGES, cwd=tmp_path).split() == ["meanflock"]
     where = Path(done(python, "-c", "import meanflock; print(meanflock.__file__)", cwd=tmp_path).strip())
     assert where.is_relative_to(python.parents[1])
+
+
+def test_the_paper_command_without_its_folder_says_what_is_missing(python: Path, tmp_path: Path) -> None:
+    working, ran = hostile(tmp_path)
+    command = [python.with_name("meanflock"), "paper", "--seeds", "1"]
+    ended = subprocess.run(command, cwd=working, capture_output=True, text=True, timeout=DEADLINE_S)
+    assert (ended.returncode, ended.stdout) == (EXIT_BAD_INPUT, "")
+    assert ended.stderr.startswith("error: paper: the folder `reproduction` is missing")
+    assert ended.stderr.count("\n") == 1
+    assert not ran.exists(), ran.read_text()
 
 
 def test_it_flies_from_a_hostile_working_folder_as_the_checkout_does(python: Path, tmp_path: Path) -> None:

@@ -19,7 +19,6 @@ from tests.security.conftest import RUN, Flight, Folders, act_in
 pytestmark = pytest.mark.processes
 
 ENDLESS = ("duration=100000", "stop=duration", "method=fed-lspi")
-BARRIER_S = 2.0
 
 
 class Late:
@@ -42,19 +41,19 @@ class Late:
 
 
 @pytest.mark.parametrize(
-    ("delay_s", "rejoins", "verdict"),
+    ("delay_s", "barrier_s", "rejoins", "verdict"),
     [
-        (None, 5, "refused for good: the agent of UAV 3 joined again 5 times within 1000000 ticks"),
-        (1.0, 0, "s: the agent of UAV 3 is lost: the others waited "),
+        (None, 2.0, 5, "refused for good: the agent of UAV 3 joined again 5 times within 1000000 ticks"),
+        (1.0, 5.0, 0, "s: the agent of UAV 3 is lost: the others waited "),
     ],
     ids=["never answers", "answers just in time"],
 )
 def test_an_agent_that_keeps_the_others_waiting_is_lost_and_refused(
-    delay_s: float | None, rejoins: int, verdict: str, folders: Folders, tmp_path: Path
+    delay_s: float | None, barrier_s: float, rejoins: int, verdict: str, folders: Folders, tmp_path: Path
 ) -> None:
     window_s = 150 if delay_s is None else 30  # of which five barriers are not a fifth, or six late answers are
     settings = (*ENDLESS, "pace.rejoin_ticks=1000000", f"pace.wait_window_s={window_s}")
-    flown = Flight(folders, tmp_path / "world.log", barrier_s=BARRIER_S, settings=settings)
+    flown = Flight(folders, tmp_path / "world.log", barrier_s=barrier_s, settings=settings)
     flown.go_on.set()
     buses: list[Late] = []
 
@@ -68,6 +67,7 @@ def test_an_agent_that_keeps_the_others_waiting_is_lost_and_refused(
         flight.logs("lost agent-3: ")
         let_in, said = 0, ""
         while not said:
+            assert let_in <= rejoins
             bus = late(flight.client(ME))
             bus.begin.set()
             attacker = NodeClient(bus, RUN)

@@ -9,12 +9,17 @@ from contextlib import contextmanager, suppress
 import psutil
 import pytest
 
+from meanflock.swarm import scenario
 from meanflock.swarm.net import keys
-from tests.security.conftest import RUN, Flight
+from meanflock.worldsim.limits import Limits, Quotas
+from tests.polling import until
+from tests.security.conftest import RUN, SETTINGS, Flight
 
 pytestmark = pytest.mark.processes
 
 ME = "agent-3"
+FLOWN = scenario.load(None, SETTINGS)
+LONGEST = Quotas(RUN, FLOWN, Limits(FLOWN), rows_at_most=1).largest  # bytes of a message of anyone
 PROCESSES, SESSIONS, MEGABYTES = 5, 2, 60
 MOST_MB = 200
 
@@ -56,11 +61,25 @@ def memory_mb(flight: Flight) -> Iterator[list[float]]:
     thread.join()
 
 
-def test_a_flood_from_many_sessions_of_one_certificate_changes_nothing(
+def test_a_flood_of_messages_that_are_too_long_costs_neither_the_flight_nor_memory(
     flight: Flight, undisturbed: str, memory_mb: list[float]
 ) -> None:
-    with flood(flight):
-        summary = flight.land()  # while it goes on
-    assert summary["trajectory_sha256"] == undisturbed
-    assert summary["lost"] == 0
+    """Those of many sessions do not even reach the world; those that are hardly too long are counted."""
+    ended, attacker = threading.Event(), flight.client(ME)
+
+    def send() -> None:
+        while not ended.is_set():
+            attacker.put(keys.act(RUN, ME), bytes(LONGEST + 500))
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        until(lambda: flight.said().count("oversized") >= 50, "fifty messages dropped")
+        with flood(flight):
+            summary = flight.land()  # while it goes on
+    finally:
+        ended.set()
+        thread.join()
+    assert summary["dropped_messages"]["oversized"] >= 50
+    assert (summary["trajectory_sha256"], summary["lost"]) == (undisturbed, 0)
     assert max(memory_mb) < MOST_MB

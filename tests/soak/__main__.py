@@ -1,4 +1,4 @@
-"""`python -m tests.soak`, or `make soak`: ten thousand ticks on processes that are killed, frozen and started again."""
+"""`python -m tests.soak`, or `make soak`: a long flight on processes that are killed, frozen and started again."""
 
 import argparse
 import sys
@@ -6,7 +6,6 @@ import tempfile
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from tests.soak.soak import Report, Soak
@@ -22,28 +21,19 @@ def main() -> int:
     given = options.parse_args()
     if given.ticks < 300 or given.uavs < 5 or given.every < 1:
         options.error("a soak needs --ticks of 300 or more, --uavs of 5 or more and --every of 1 or more")
-    columns = (
-        TextColumn("[bold]soak"),
-        BarColumn(bar_width=24),
-        MofNCompleteColumn(),
-        TextColumn("ticks, {task.fields[open]}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(compact=True),
-    )
     console = Console(stderr=True)
-    with tempfile.TemporaryDirectory(prefix="meanflock-soak-") as out, Progress(*columns, console=console) as bar:
-        task = bar.add_task("", total=given.ticks, open="starting")
+    with tempfile.TemporaryDirectory(prefix="meanflock-soak-") as out, console.status("soak: starting") as status:
 
-        def told(tick: int, open_: str) -> None:
-            bar.update(task, completed=max(0, tick), open=open_ or "all well")
+        def tell(tick: int, mishaps: str) -> None:
+            status.update(f"soak: tick {max(0, tick):,} of {given.ticks:,}, {mishaps or 'all well'}")
 
-        report = Soak(given.uavs, given.ticks, given.every, given.seed, Path(out), told).run()
+        report = Soak(given.uavs, given.ticks, given.every, given.seed, Path(out), tell).run()
     show(report)
     return 1 if report.broken else 0
 
 
 def show(report: Report) -> None:
-    """The report, as a person reads it."""
+    """Prints the report as a table."""
     table = Table(title=f"soak: {report.ticks:,} ticks in {report.seconds:.0f} s", show_header=False)
     for name, count in sorted(report.mishaps.items()):
         table.add_row(f"mishap: {name}", f"{count}")

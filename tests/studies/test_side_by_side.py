@@ -18,77 +18,52 @@ from meanflock.groundstation.results.series import Reported
 from meanflock.studies import side_by_side
 from meanflock.swarm import state
 from meanflock.swarm.errors import EXIT_DONE
-from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire.messages import Telemetry
+from meanflock.swarm.scenario import load
 from tests.groundstation.recordings import column, scalars
 
-UAVS, TICKS = 3, 40
+TICKS = np.arange(41)
+SCENARIOS = {name: load(None, method=name, uavs=3, duration=4.0, stop="duration") for name in ("mfgfl-h", "hjb")}
 
 
-def scenarios() -> dict[str, Scenario]:
-    return {name: load(None, method=name, uavs=UAVS, duration=4.0, stop="duration") for name in ("mfgfl-h", "hjb")}
+def roots(path: Path) -> set[str]:
+    """The first parts of all entities."""
+    return {chunk.entity_path.split("/")[1] for chunk in RrdReader(path).stream() if chunk.entity_path != "/"}
 
 
-def flown(scenario: Scenario) -> list[Telemetry]:
-    kept = Kept()
-    Engine(scenario, "alone", sinks=[kept]).complete()
-    return kept.blocks
-
-
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, dict]]:
-    path = tmp_path_factory.mktemp("side") / "compare.rrd"
-    return path, side_by_side.record(scenarios(), path)
-
-
-def test_every_flight_is_whole_under_its_own_name(recorded) -> None:
-    path, summaries = recorded
+def test_a_recording_has_every_flight_under_its_own_name_on_one_timeline(tmp_path: Path) -> None:
+    path = tmp_path / "compare.rrd"
+    summaries = side_by_side.record(SCENARIOS, path)
     assert verify(path) is None
-    for name, scenario in scenarios().items():
-        blocks, part = flown(scenario), side_by_side.part_of(name)
-        states = np.concatenate([block.states for block in blocks])
-        ticks, positions = column(path, f"{part}/{look.UAVS}", "Points2D:positions")
-        np.testing.assert_array_equal(ticks, np.arange(TICKS + 1))
-        np.testing.assert_array_equal(np.array(positions), states[..., state.POSITION].astype(np.float32))
-        alone = Engine(scenario, "alone").complete()
+    assert roots(path) - {"__properties"} == {side_by_side.part_of(name) for name in SCENARIOS}
+    for name, scenario in SCENARIOS.items():
+        kept, part = Kept(), side_by_side.part_of(name)
+        alone = Engine(scenario, "alone", sinks=[kept]).complete()
         assert summaries[name]["trajectory_sha256"] == alone["trajectory_sha256"]
-
-
-def test_the_flights_share_plots_and_nothing_lies_outside_their_parts(recorded) -> None:
-    path, summaries = recorded
-    for name, scenario in scenarios().items():
-        part = side_by_side.part_of(name)
-        energy = np.concatenate([block.energy for block in flown(scenario)])
+        states = np.concatenate([block.states for block in kept.blocks])
+        ticks, positions = column(path, f"{part}/{look.UAVS}", "Points2D:positions")
+        np.testing.assert_array_equal(ticks, TICKS)
+        np.testing.assert_array_equal(np.array(positions), states[..., state.POSITION].astype(np.float32))
         ticks, drawn = scalars(path, f"{part}/{side_by_side.ENERGY}")
-        np.testing.assert_array_equal(ticks, np.arange(TICKS + 1))
+        np.testing.assert_array_equal(ticks, TICKS)
+        energy = np.concatenate([block.energy for block in kept.blocks])
         np.testing.assert_allclose(drawn[:, 0], energy.mean(axis=1), rtol=1e-6)
         _, bits = scalars(path, f"{part}/{side_by_side.BITS}")
-        assert bits[-1, 0] == pytest.approx(summaries[name]["payload_bits"]["total"] / 1e6)
-    roots = {chunk.entity_path.split("/")[1] for chunk in RrdReader(path).stream() if chunk.entity_path != "/"}
-    assert roots - {"__properties"} == {side_by_side.part_of(name) for name in scenarios()}
-
-
-def test_both_begin_at_the_same_moment_of_one_timeline(recorded) -> None:
-    path, _ = recorded
-    for name in scenarios():
+        assert bits[-1, 0] == pytest.approx(alone["payload_bits"]["total"] / 1e6)
         seconds = []
-        for chunk in RrdReader(path).stream().filter(content=f"/{side_by_side.part_of(name)}/{look.UAVS}"):
+        for chunk in RrdReader(path).stream().filter(content=f"/{part}/{look.UAVS}"):
             batch = chunk.to_record_batch()
             if look.TIMELINE in batch.schema.names:
                 seconds += (batch.column(look.TIMELINE).cast("int64").to_numpy() / 1e9).tolist()
-        np.testing.assert_allclose(sorted(seconds), np.arange(TICKS + 1) * 0.1)
+        np.testing.assert_allclose(sorted(seconds), TICKS * 0.1)
 
 
-def test_compare_leaves_it_where_it_was_asked_for(run, tmp_path) -> None:
+def test_compare_records_the_flights_of_the_first_seed(run, tmp_path) -> None:
     flags = ("--seeds", "1", "--uavs", "2", "--duration", "2", "--jobs", "1", "--quiet", "--out", "out")
     code, out, _ = run("compare", "mfg", "hjb", "--record", *flags)
     assert code == EXIT_DONE
     assert "out/compare.rrd" in out.splitlines()
     assert verify(tmp_path / "out/compare.rrd") is None
-    assert {chunk.entity_path.split("/")[1] for chunk in RrdReader(tmp_path / "out/compare.rrd").stream()} >= {
-        "mfg",
-        "hjb",
-    }
+    assert roots(tmp_path / "out/compare.rrd") >= {"mfg", "hjb"}
 
 
 WINDOW_PX = (1920.0, 1080.0)
@@ -98,7 +73,7 @@ SMALL = ("start.centre=[6,4]", "destination.radius=0.5")
 NORTH = ("start.centre=[-9,150]",)
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 4, 6, 9])
+@pytest.mark.parametrize("count", [1, 2, 4, 9])
 @pytest.mark.parametrize(
     ("mission", "settings"),
     [
@@ -107,7 +82,7 @@ NORTH = ("start.centre=[-9,150]",)
     ],
     ids=str,
 )
-def test_a_maps_key_covers_neither_itself_nor_the_mission_however_many_maps_there_are(count, mission, settings) -> None:
+def test_the_key_of_a_map_covers_neither_itself_nor_the_mission(count, mission, settings) -> None:
     flown = load(Path(mission), settings)
     rows, columns = shape(count)
     bounds = (
@@ -140,7 +115,7 @@ def test_a_maps_key_covers_neither_itself_nor_the_mission_however_many_maps_ther
 
 
 class Labels(Part):
-    """What is written into the key of a map, and where, m."""
+    """The words in the key of a map, each with its position in metres."""
 
     def __init__(self) -> None:
         self.words: list[tuple[tuple[float, float], str]] = []

@@ -1,4 +1,4 @@
-"""Comparisons and sweeps: what is flown, and what is finished is never flown twice."""
+"""Comparisons and sweeps: their flights, wrong arguments, interruption and repetition."""
 
 import os
 import signal
@@ -11,12 +11,11 @@ import pytest
 import meanflock as mf
 from meanflock.groundstation.cli.command import main
 from meanflock.studies import study
-from meanflock.studies.paper import experiments
-from meanflock.studies.store import Store
 from meanflock.studies.swept import Swept
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput
 from meanflock.swarm.scenario import load
 from meanflock.swarm.toml import apply
+from reproduction import experiments
 from tests.studies.studies import QUICK, flown, interrupted, rows
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -34,7 +33,7 @@ pytestmark = pytest.mark.usefixtures("undrawn")
         ("uavs=2,3", ("--methods", "mfg", "--seeds", "1"), [("mfg", 2, 1), ("mfg", 3, 1)]),
     ],
 )
-def test_method_seed_and_uavs_are_swept_as_any_key_is(run, tmp_path, swept, flags, wanted) -> None:
+def test_method_seed_and_uavs_are_swept_like_any_key(run, tmp_path, swept, flags, wanted) -> None:
     code, out, err = run("sweep", swept, *flags, *QUICK)
     assert (code, err) == (EXIT_DONE, "")
     assert [(one["method"], one["uavs"], one["seed"]) for one in flown(tmp_path / "out")] == wanted
@@ -44,7 +43,7 @@ def test_method_seed_and_uavs_are_swept_as_any_key_is(run, tmp_path, swept, flag
     assert [row[label] for row in rows(tmp_path / "out/sweep.csv")] == swept.partition("=")[2].split(",")
 
 
-def test_the_method_of_a_scenario_file_is_the_one_that_is_swept(run, tmp_path) -> None:
+def test_a_sweep_uses_the_method_of_the_scenario_file(run, tmp_path) -> None:
     (tmp_path / "mine.toml").write_text('method = "mfg"\nuavs = 2\n')
     assert run("sweep", "wind.sigma=0.1,0.2", "--scenario", "mine.toml", "--seeds", "1", *QUICK)[0] == EXIT_DONE
     assert {one["method"] for one in flown(tmp_path / "out")} == {"mfg"}
@@ -53,42 +52,32 @@ def test_the_method_of_a_scenario_file_is_the_one_that_is_swept(run, tmp_path) -
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("method=hjb,mfg", "--methods", "hjb"), "leave out --methods"),
-        (("seed=1,2", "--seeds", "2"), "leave out --seeds"),
-        (("seed=1,2", "--seed", "2"), "leave out --seed"),
-        (("uavs=4,9", "--uavs", "2"), "leave out --uavs"),
-        (("duration=4,9", "--duration", "2"), "leave out --duration"),
-        (("wind.sigma=0.1,0.2", "--set", "wind.sigma=3"), "leave out this --set"),
-        (("wind.sigma=0.1,0.2", "--methods", "hjb", "--set", "method=mfg"), "leave out this --set"),
-        (("wind.sigma=0.1,0.10",), "there twice"),
-        (("wind.sigma=0.1",), "two values or more"),
-        (("wind.sgima=0.1,0.2",), "sgima"),
-        (("wind.sigma=0.1,0.2", "--jobs", "0"), "--jobs 0"),
+        (("sweep", "method=hjb,mfg", "--methods", "hjb"), "leave out --methods"),
+        (("sweep", "seed=1,2", "--seeds", "2"), "leave out --seeds"),
+        (("sweep", "seed=1,2", "--seed", "2"), "leave out --seed"),
+        (("sweep", "uavs=4,9", "--uavs", "2"), "leave out --uavs"),
+        (("sweep", "wind.sigma=0.1,0.2", "--set", "wind.sigma=3"), "leave out this --set"),
+        (("sweep", "wind.sigma=0.1,0.2", "--methods", "hjb", "--set", "method=mfg"), "leave out this --set"),
+        (("sweep", "wind.sigma=0.1,0.10"), "there twice"),
+        (("sweep", "wind.sigma=0.1"), "two values or more"),
+        (("sweep", "wind.sgima=0.1,0.2"), "sgima"),
+        (("sweep", "wind.sigma=0.1,0.2", "--jobs", "0"), "--jobs 0"),
+        (("sweep", "wind.sigma=0.1,0.2", "--out", "file"), "--out file"),
+        (("compare", "hjb", "--set", "method=mfg"), "leave out this --set"),
+        (("compare", "hjb", "--out", "file"), "--out file"),
+        (("paper", "--out", "file"), "--out file"),
     ],
+    ids=lambda value: value if isinstance(value, str) else " ".join(value),
 )
-def test_what_cannot_be_swept_is_refused_before_anything_is_written(run, tmp_path, arguments, says) -> None:
-    code, out, err = run("sweep", *arguments)
+def test_wrong_arguments_are_rejected_before_anything_flies(run, tmp_path, monkeypatch, arguments, says) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(study, "fly_all", lambda *_: pytest.fail("flown in vain"))
+    code, out, err = run(*arguments)
     assert (code, out) == (EXIT_BAD_INPUT, "")
     assert err.startswith("error: ")
     assert err.count("\n") == 1
     assert says in err
-    assert os.listdir(tmp_path) in ([], ["out"])
-    assert not (tmp_path / "out/sweep").exists()
-
-
-def test_methods_are_compared_as_named_or_not_at_all(run) -> None:
-    code, _, err = run("compare", "hjb", "--set", "method=mfg", *QUICK)
-    assert code == EXIT_BAD_INPUT
-    assert "leave out this --set" in err
-
-
-@pytest.mark.parametrize("verb", [("compare", "hjb"), ("sweep", "wind.sigma=0.1,0.2")])
-def test_out_is_looked_at_before_anything_is_flown(run, tmp_path, monkeypatch, verb) -> None:
-    (tmp_path / "file").write_text("")
-    monkeypatch.setattr(study, "fly_all", lambda *_: pytest.fail("flown in vain"))
-    code, _, err = run(*verb, "--quiet", "--out", "file")
-    assert code == EXIT_BAD_INPUT
-    assert "--out file" in err
+    assert not list(tmp_path.glob("out/*"))
 
 
 def test_values_are_words_numbers_or_lists() -> None:
@@ -108,10 +97,10 @@ def test_values_are_words_numbers_or_lists() -> None:
         Swept.parse("wind.sigma")
 
 
-# -- once -------------------------------------------------------------------------------------------------------------
+# -- repetition --------------------------------------------------------------------------------------------------------
 
 
-def test_what_is_finished_is_never_flown_twice(run, tmp_path, monkeypatch) -> None:
+def test_a_finished_flight_never_flies_again(run, tmp_path, monkeypatch) -> None:
     flags = ("--seeds", "2", "--uavs", "2", *QUICK)
     assert run("sweep", "wind.sigma=0.1,0.2", "--methods", "mfg", *flags)[0] == EXIT_DONE
     before = flown(tmp_path / "out")
@@ -123,33 +112,6 @@ def test_what_is_finished_is_never_flown_twice(run, tmp_path, monkeypatch) -> No
     assert flown(tmp_path / "out") == before
     assert run("sweep", "wind.sigma=0.1,0.3", "--methods", "mfg", *flags)[0] == EXIT_DONE
     assert [one.wind.sigma for one in tried] == [0.3, 0.3]
-
-
-def test_an_interrupted_study_keeps_what_is_finished_and_goes_on(tmp_path: Path, monkeypatch) -> None:
-    points = {
-        sigma: study.seeded(load(None, [f"wind.sigma={sigma}"], uavs=2, method="mfg", duration=2.0), 2)
-        for sigma in (0.1, 0.2, 0.3)
-    }
-    whole = study.fly_all(points, 1, lambda *_: None, Store(tmp_path / "whole"))
-    add = Store.add
-
-    def interrupted(self: Store, raw: bytes) -> None:
-        if self.finished():
-            raise KeyboardInterrupt
-        add(self, raw)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Store, "add", interrupted)
-        with pytest.raises(Exception, match=r"1 of 6 runs are kept .*repeat the command"):
-            study.fly_all(points, 1, lambda *_: None, Store(tmp_path / "part"))
-    told: list[tuple[int, int]] = []
-    again = study.fly_all(points, 1, lambda done, total: told.append((done, total)), Store(tmp_path / "part"))
-    assert told == [(done, 6) for done in range(1, 7)]
-
-    def hashes(flown: dict[Any, study.Summaries]) -> dict[Any, list[str]]:
-        return {point: [one["trajectory_sha256"] for one in runs] for point, runs in flown.items()}
-
-    assert hashes(again) == hashes(whole)
 
 
 HELD = """
@@ -179,6 +141,7 @@ def test_ctrl_c_ends_a_sweep_and_its_workers_and_a_repeat_goes_on(tmp_path: Path
     code, printed, said = interrupted(command, out)
     assert (code, printed) == (EXIT_RUN_FAILED, b"")
     assert b"error: interrupted; " in said
+    assert b" of 9 runs are kept in" in said
     assert b"Traceback" not in said
     kept = {path: path.stat().st_mtime_ns for path in out.glob("data/jobs/*.job")}
     assert 0 < len(kept) < 9
@@ -188,7 +151,7 @@ def test_ctrl_c_ends_a_sweep_and_its_workers_and_a_repeat_goes_on(tmp_path: Path
     assert len(flown(out)) == 9
 
 
-# -- plug-ins of one's own --------------------------------------------------------------------------------------------
+# -- plug-ins and signals ----------------------------------------------------------------------------------------------
 
 
 MINE = """
@@ -203,8 +166,8 @@ class Mine(mf.Controller):
 
 
 @pytest.mark.processes
-def test_a_plugin_that_changed_or_came_later_is_flown_as_it_is_now(tmp_path: Path) -> None:
-    """The folder `out` keeps what an earlier form of the file flew."""
+def test_a_changed_plugin_flies_again(tmp_path: Path) -> None:
+    """The folder `out` has the flights of an earlier form of the file."""
 
     def energy(name: str, push: float) -> list[float]:
         (tmp_path / f"{name}.py").write_text(MINE.format(name, push), encoding="utf-8")
@@ -221,41 +184,37 @@ def test_a_plugin_that_changed_or_came_later_is_flown_as_it_is_now(tmp_path: Pat
     assert energy("one", -0.02) == energy("other", -0.02) != first
 
 
-ONE_FLIGHT = ("--seeds", "1", "--first-seed", "1", "--jobs", "1")
-
-
-def told_to_end(*_: Any, **__: Any) -> None:
-    os.kill(os.getpid(), signal.SIGTERM)
+SHORT = ("--uavs", "2", "--duration", "3", "--seeds", "1", "--jobs", "1")
+PLAN = ("--controllers", "plan", "--seeds", "1", "--first-seed", "1", "--jobs", "1")
 
 
 @pytest.mark.parametrize(
     ("command", "last"),
     [
-        (
-            ("compare", "plan", "--uavs", "2", "--duration", "3", "--seeds", "1", "--jobs", "1"),
-            "groundstation.plots.plotstyle.write",
-        ),
-        (
-            ("sweep", "uavs=2,3", "--duration", "3", "--seeds", "1", "--jobs", "1"),
-            "groundstation.plots.plotstyle.write",
-        ),
-        (
-            ("leaderboard", "--missions", "crowd", "--controllers", "plan", *ONE_FLIGHT),
-            "studies.leaderboard.report.write",
-        ),
-        (("paper",), "studies.paper.measure.measured"),
+        (("compare", "plan", *SHORT), "meanflock.groundstation.plots.plotstyle.write"),
+        (("sweep", "uavs=2,3", *SHORT[2:]), "meanflock.groundstation.plots.plotstyle.write"),
+        (("leaderboard", "--missions", "crowd", *PLAN), "meanflock.studies.leaderboard.report.write"),
+        (("paper",), "reproduction.measure.measured"),
     ],
 )
-def test_a_study_that_is_told_to_end_after_its_last_flight_says_how_to_go_on(
+def test_sigterm_after_the_last_flight_ends_a_study_that_can_go_on(
     command: tuple[str, ...], last: str, run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    heard: list[int] = []
-    before = signal.signal(signal.SIGTERM, lambda number, _: heard.append(number))
+    caught: list[int] = []
+    before = signal.signal(signal.SIGTERM, lambda number, _: caught.append(number))
     monkeypatch.setattr(experiments, "run_grid", lambda *_, **__: None)
-    monkeypatch.setattr(f"meanflock.{last}", told_to_end)
+    monkeypatch.setattr(last, lambda *_, **__: os.kill(os.getpid(), signal.SIGTERM))
     try:
         code, _, err = run(*command, "--quiet", "--out", "out")
     finally:
         signal.signal(signal.SIGTERM, before)
-    assert (code, heard) == (EXIT_RUN_FAILED, [])  # as Ctrl-C
+    assert (code, caught) == (EXIT_RUN_FAILED, [])  # as Ctrl-C
     assert err == ("error: interrupted; flights that were finished are kept in out/data: repeat the command to go on\n")
+
+
+def test_the_paper_command_without_its_folder_is_rejected(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mf, "__file__", str(tmp_path / "meanflock" / "__init__.py"))
+    code, out, err = run("paper", "--seeds", "1")
+    assert (code, out) == (EXIT_BAD_INPUT, "")
+    assert err.startswith("error: paper: the folder `reproduction` is missing")
+    assert err.count("\n") == 1

@@ -1,4 +1,4 @@
-"""Hosts and ports as somebody types them."""
+"""Hosts and ports of the command line."""
 
 import socket
 
@@ -25,12 +25,12 @@ def test_a_port_is_of_this_machine_unless_there_is_a_host(text: str, host: str, 
 
 
 @pytest.mark.parametrize("text", ["", ":", ":80", "host", "host:", "-1", "65536", "80.5", "٣", "host:eighty"])
-def test_what_is_no_address_is_named_with_its_flag(text: str) -> None:
+def test_a_text_that_is_no_address_is_named_with_its_flag(text: str) -> None:
     with pytest.raises(BadInput, match=r"--metrics .*HOST:PORT"):
         Address.parse("--metrics", text)
 
 
-def test_any_free_port_is_one_that_can_be_had_and_a_taken_one_is_refused() -> None:
+def test_a_free_port_can_be_had_and_a_taken_one_is_refused() -> None:
     free = Address("127.0.0.1", 0).free("--metrics")
     assert free.port > 0
     with socket.create_server(free):

@@ -1,13 +1,11 @@
-"""One suite of promises that every bus keeps."""
+"""Every bus, in memory and of Zenoh, keeps the same promises."""
 
 import json
 import os
-import queue
 import socket
 import stat
 import struct
 import threading
-import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
@@ -15,7 +13,7 @@ from contextlib import suppress
 import pytest
 
 from meanflock.swarm.errors import BadInput, BusError
-from meanflock.swarm.net.bus import Bus, Delivery, MemoryNetwork, Quota, matches
+from meanflock.swarm.net.bus import Bus, Delivery, Quota
 from meanflock.swarm.net.session import LEASE, Backlog, ZenohBus, _config, _do_not_linger
 from tests.polling import DEADLINE_S, until
 from tests.swarm.conftest import Open, free_endpoint
@@ -65,7 +63,7 @@ def test_messages_of_one_publisher_arrive_in_order_and_whole(network: Open) -> N
     assert [next_of(hub, "message").payload for _ in sent] == sent
 
 
-def test_what_is_taken_when_it_is_offered_is_not_received(network: Open) -> None:
+def test_a_message_that_is_taken_when_offered_is_not_received(network: Open) -> None:
     hub, one = network(), network()
     offered: list[tuple[str, bytes]] = []
 
@@ -100,12 +98,13 @@ def test_an_offer_that_fails_in_zenohs_thread_is_logged_and_the_message_received
         assert put_until_heard(hub, one, "t", b"spilled").payload == b"spilled"
     finally:
         one.close()
+        one.close()  # harmless
         hub.close()
     assert "the message under t was not taken" in caplog.text
     assert "ValueError: spilled" in caplog.text
 
 
-def test_a_question_is_answered_by_whoever_offers_answers(network: Open) -> None:
+def test_a_question_is_answered_by_the_participant_that_offers_answers(network: Open) -> None:
     hub, one = network(), network()
     hub.answer("t/join")
 
@@ -118,13 +117,7 @@ def test_a_question_is_answered_by_whoever_offers_answers(network: Open) -> None
     server.start()
     assert one.ask("t/join", b"me", DEADLINE_S) == b"welcome me"
     server.join()
-
-
-def test_a_question_nobody_answers_times_out(network: Open) -> None:
-    _hub, one = network(), network()
-    start = time.monotonic()
     assert one.ask("t/nobody", b"", 0.3) is None
-    assert time.monotonic() - start < 10.0
 
 
 def test_tokens_are_seen_by_watchers_early_and_late_and_vanish_with_their_owner(network: Open) -> None:
@@ -138,12 +131,6 @@ def test_tokens_are_seen_by_watchers_early_and_late_and_vanish_with_their_owner(
     one.close()
     assert next_of(hub, "gone").key == "t/alive/agent/a0"
     assert next_of(late, "gone").key == "t/alive/agent/a0"
-
-
-def test_closing_twice_is_harmless(network: Open) -> None:
-    bus = network()
-    bus.close()
-    bus.close()
 
 
 def test_a_taken_port_is_bad_input_that_names_the_port() -> None:
@@ -207,39 +194,19 @@ def _linger_of_link(number: int, port: int) -> Iterator[int]:
                     yield struct.unpack("ii", link.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, 8))[0]
 
 
-@pytest.mark.parametrize("said", ["0.5", "601", "nan", "soon", "-3"])
-def test_a_lease_that_is_none_is_bad_input_that_says_what_is_one(said: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(LEASE, said)
-    with pytest.raises(BadInput, match=f"{LEASE}={said}: seconds from 1 to 600; 10 where it is not set"):
+@pytest.mark.parametrize("value", ["0.5", "601", "nan", "soon"])
+def test_a_value_that_is_no_lease_is_bad_input(value: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(LEASE, value)
+    with pytest.raises(BadInput, match=f"{LEASE}={value}: seconds from 1 to 600; 10 where it is not set"):
         ZenohBus.client(free_endpoint(), 0.1)
 
 
-@pytest.mark.parametrize(
-    ("said", "lease_ms", "wait_us"), [(None, 10_000, 3_000_000), ("", 10_000, 3_000_000), ("2.5", 2500, 750_000)]
-)
+@pytest.mark.parametrize(("value", "lease_ms", "wait_us"), [("", 10_000, 3_000_000), ("2.5", 2500, 750_000)])
 def test_a_message_waits_for_a_silent_link_for_three_tenths_of_its_lease(
-    said: str | None, lease_ms: int, wait_us: int, monkeypatch: pytest.MonkeyPatch
+    value: str, lease_ms: int, wait_us: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delenv(LEASE, raising=False)
-    if said is not None:
-        monkeypatch.setenv(LEASE, said)
+    monkeypatch.setenv(LEASE, value)
     made = _config({})
     assert json.loads(made.get_json("transport/link/tx/lease")) == lease_ms
     queue = "transport/link/tx/queue/congestion_control/block/wait_before_close"
     assert json.loads(made.get_json(queue)) == wait_us
-
-
-def test_an_endpoint_with_a_handler_is_called_in_the_senders_thread() -> None:
-    memory = MemoryNetwork()
-    heard: queue.SimpleQueue[tuple[int, bytes]] = queue.SimpleQueue()
-    memory.endpoint(lambda d: heard.put((threading.get_ident(), d.payload))).subscribe("t")
-    memory.endpoint().put("t", b"x")
-    assert heard.get_nowait() == (threading.get_ident(), b"x")
-
-
-@pytest.mark.parametrize(
-    ("pattern", "key", "fits"),
-    [("a/b", "a/b", True), ("a/*", "a/b", True), ("a/*", "a/b/c", False), ("*/b", "a/c", False)],
-)
-def test_matches(pattern: str, key: str, fits: bool) -> None:
-    assert matches(pattern, key) is fits

@@ -1,34 +1,180 @@
-"""Taking part in a run: a node that is told to leave while it still looks for the world leaves, and nothing failed."""
+"""How a node takes part in a run: it joins, answers, comes back after a loss, and leaves when it is told to."""
 
-from typing import ClassVar
+import threading
+from collections.abc import Callable
+from typing import Any, ClassVar
 
+import numpy as np
 import pytest
 
 from meanflock.agent.node import Agent
 from meanflock.swarm.errors import BusError, Refused, WorldGone
-from meanflock.swarm.net import client
-from meanflock.swarm.net.bus import Bus, MemoryNetwork
-from meanflock.swarm.net.client import take_part
-from meanflock.swarm.wire.messages import Join, Stop
+from meanflock.swarm.net import client, keys
+from meanflock.swarm.net.bus import Bus, Delivery, MemoryNetwork
+from meanflock.swarm.net.client import NodeClient, take_part
+from meanflock.swarm.wire import control, tick
+from meanflock.swarm.wire.messages import Act, Event, Join, Message, Refusal, Sense, Stop, Welcome
+from tests.polling import DEADLINE_S
+
+RUN = "client"
+TAKEN = Refusal("UAV 3 has its agent already", for_now=True)
+NEVER = Refusal("UAV 9: this run has UAVs 0 to 3")
+WELCOME = Welcome(keys.fingerprint(RUN), "agent-3", (3,), 0, b"{}", np.zeros((4, 4), np.float32))
+MINE = Join("agent", 1, 3)
 
 
-def nowhere(timeout_s: float) -> Bus:
+class Node:
+    """A node that takes until it may go on for odd ticks, and must never be asked twice at once."""
+
+    def __init__(self) -> None:
+        self.answered: list[tuple[int, int]] = []  # tick and thread of every answer
+        self.complaints: list[str] = []
+        self.begun, self.go_on = threading.Event(), threading.Event()
+        self._work = threading.Lock()
+
+    def act(self, sense: Sense) -> Act:
+        assert self._work.acquire(blocking=False)
+        if sense.tick % 2:
+            self.begun.set()
+            assert self.go_on.wait(DEADLINE_S)
+        self.answered.append((sense.tick, threading.get_ident()))
+        self._work.release()
+        return Act(keys.fingerprint(RUN), sense.tick, np.zeros((1, 5)))
+
+
+class World:
+    """A world in memory that answers joins in turn, the last answer for ever; None is no answer."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *answers: Message | None) -> None:
+        network = MemoryNetwork()
+        self.bus, self.joins, self._answers = network.endpoint(), list[bytes](), answers
+        self.bus.subscribe(keys.act(RUN, "*"))
+        bus = network.endpoint()
+        monkeypatch.setattr(bus, "ask", self._ask)
+        self.client = NodeClient(bus, RUN)
+
+    def _ask(self, _key: str, raw: bytes, _timeout_s: float) -> bytes | None:
+        self.joins.append(raw)
+        answer = self._answers[min(len(self.joins), len(self._answers)) - 1]
+        return None if answer is None else control.encode(answer)
+
+    def join(self, node: Any, timeout_s: float = DEADLINE_S, **options: Any) -> Welcome:
+        return self.client.join(MINE, lambda _: node, timeout_s, **options)
+
+    def ask(self, number: int) -> None:
+        sense = Sense(keys.fingerprint(RUN), number, np.zeros((1, 4)))
+        self.bus.put(keys.sense(RUN, WELCOME.node), tick.write_sense(sense))
+
+    def hear(self) -> Delivery:
+        delivery = self.bus.receive(DEADLINE_S)
+        assert delivery is not None
+        return delivery
+
+
+def test_a_join_is_repeated_with_the_same_token_until_it_is_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
+    tokens = set()
+    for answers in ((None, None, WELCOME), (TAKEN, TAKEN, WELCOME)):
+        world = World(monkeypatch, *answers)
+        assert world.join(Node()).uavs == (3,)
+        assert len(world.joins) == 3
+        assert len(set(world.joins)) == 1
+        join = control.decode(world.joins[0])
+        assert isinstance(join, Join)
+        tokens.add(join.token)
+    assert len(tokens - {0}) == 2  # every node has its own
+
+
+@pytest.mark.parametrize(
+    ("answer", "timeout_s", "stops_after", "expected", "joins"),
+    [
+        (TAKEN, 0.6, 99, "refused: UAV 3 has its agent already", None),
+        (TAKEN, DEADLINE_S, 2, "interrupted .*UAV 3", 2),
+        (NEVER, DEADLINE_S, 99, "refused: UAV 9", 1),
+        (None, 0.0, 99, "no world of run 'client'", None),
+    ],
+    ids=["for now", "interrupted", "for good", "no answer"],
+)
+def test_a_node_that_is_not_accepted_says_why(
+    answer: Message | None,
+    timeout_s: float,
+    stops_after: int,
+    expected: str,
+    joins: int | None,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    world = World(monkeypatch, answer)
+    with pytest.raises(BusError, match=expected):
+        world.join(Node(), timeout_s, cancelled=lambda: len(world.joins) >= stops_after)
+    assert joins in (None, len(world.joins))
+
+
+def test_a_tick_is_answered_in_the_thread_that_asks_and_never_beside_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    world, node = World(monkeypatch, WELCOME), Node()
+    world.join(node)
+    world.hear()  # Ready
+    over, here = threading.Event(), threading.get_ident()
+    loop = threading.Thread(target=world.client.serve, args=(over.is_set, lambda: False))
+    other = threading.Thread(target=world.ask, args=(1,))
+    loop.start()
+    try:
+        world.ask(0)
+        other.start()
+        assert node.begun.wait(DEADLINE_S)
+        world.ask(2)  # the node is at work: this one waits
+        assert node.answered == [(0, here)]
+        node.go_on.set()
+        answers = [world.hear() for _ in range(3)]
+        assert [tick.read_act(answer.payload).tick for answer in answers] == [0, 1, 2]
+        world.ask(2)  # again: the same answer, and the node learns nothing twice
+        assert world.hear() == answers[-1]
+    finally:
+        over.set()
+        node.go_on.set()
+        other.join()
+        loop.join()
+    assert node.answered == [(0, here), (1, other.ident), (2, loop.ident)]
+
+
+def test_a_complaint_of_a_node_reaches_the_world_once_and_before_the_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    world, node = World(monkeypatch, WELCOME), Node()
+    world.join(node)
+    node.complaints.append("the controller of UAV 3 has failed")
+    for number in (0, 2):
+        world.ask(number)
+    _, complaint, first, second = (world.hear() for _ in range(4))
+    event = control.decode(complaint.payload)
+    assert isinstance(event, Event)
+    assert (event.tick, event.text) == (0, "the controller of UAV 3 has failed")
+    assert [tick.read_act(answer.payload).tick for answer in (first, second)] == [0, 2]
+
+
+# -- a part from its beginning to its end -------------------------------------------------------------------------
+
+
+def nowhere(_timeout_s: float) -> Bus:
     raise BusError("cannot open a session")
 
 
-@pytest.mark.parametrize("connect", [nowhere, lambda _timeout_s: MemoryNetwork().endpoint()])
-def test_who_is_told_to_leave_before_there_is_a_world_leaves(connect) -> None:
-    assert take_part(connect, "r", Join("agent", 1), Agent, 60.0, lambda: True, lambda: False) == "interrupted"
+def take(connect: Callable[[float], Bus], wait_s: float = 60.0, is_over: bool = False) -> str:
+    return take_part(connect, RUN, MINE, Agent, wait_s, lambda: is_over, lambda: False)
 
 
-def test_who_finds_no_world_in_time_says_so() -> None:
+def alone(_timeout_s: float) -> Bus:
+    return MemoryNetwork().endpoint()
+
+
+@pytest.mark.parametrize("connect", [nowhere, alone])
+def test_a_node_that_is_told_to_leave_before_there_is_a_world_leaves(connect: Callable[[float], Bus]) -> None:
+    assert take(connect, is_over=True) == "interrupted"
+
+
+def test_a_node_that_finds_no_world_in_time_says_so() -> None:
     with pytest.raises(BusError, match="cannot open a session"):
-        take_part(nowhere, "r", Join("agent", 1), Agent, 0.0, lambda: False, lambda: False)
+        take(nowhere, wait_s=0.0)
 
 
-class Comer:
-    """A `NodeClient` that is let in `times` times, loses its session each time, and is refused from then on, in words
-    that say nothing."""
+class Returning:
+    """A `NodeClient` that is accepted `times` times, loses its session each time, and is refused from then on."""
 
     times = 0
 
@@ -36,34 +182,29 @@ class Comer:
         pass
 
     def join(self, *_: object) -> None:
-        if not Comer.times:
+        if not Returning.times:
             raise Refused("the world refused: no", over=True)
-        Comer.times -= 1
+        Returning.times -= 1
 
     def serve(self, *_: object) -> str:
         raise WorldGone("gone")
 
 
 @pytest.mark.parametrize("times", [0, 1, 2])
-def test_who_lost_its_session_and_comes_back_after_the_last_tick_goes_home_and_who_never_flew_is_refused(
+def test_a_node_that_lost_its_session_leaves_when_the_flight_is_over_and_one_that_never_flew_is_refused(
     times: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(client, "NodeClient", Comer)
-    Comer.times = times
-
-    def part() -> str:
-        network = MemoryNetwork()
-        return take_part(lambda _: network.endpoint(), "r", Join("agent", 1), Agent, 60.0, lambda: False, lambda: False)
-
+    monkeypatch.setattr(client, "NodeClient", Returning)
+    Returning.times = times
     if times:
-        assert part() == "the world refused: no"
+        assert take(alone) == "the world refused: no"
     else:
         with pytest.raises(Refused):
-            part()
+            take(alone)
 
 
-class Sent(Comer):
-    """A `NodeClient` that the world sends home each time."""
+class Stopped(Returning):
+    """A `NodeClient` that the world stops each time."""
 
     stops: ClassVar[list[Stop]] = []
 
@@ -71,15 +212,11 @@ class Sent(Comer):
         pass
 
     def serve(self, *_: object) -> str:
-        self.stopped = Sent.stops.pop(0)
+        self.stopped = Stopped.stops.pop(0)
         return self.stopped.reason
 
 
-def test_who_is_taken_for_lost_joins_again_whatever_the_words_and_who_is_sent_home_goes(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(client, "NodeClient", Sent)
-    Sent.stops = [Stop(1, "for a reason", lost=True), Stop(1, "lost: and found"), Stop(1, "never heard")]
-    network = MemoryNetwork()
-    why = take_part(lambda _: network.endpoint(), "r", Join("agent", 1), Agent, 60.0, lambda: False, lambda: False)
-    assert why == "lost: and found"
+def test_a_node_that_counts_as_lost_joins_again_and_one_that_is_stopped_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(client, "NodeClient", Stopped)
+    Stopped.stops = [Stop(1, "for a reason", lost=True), Stop(1, "lost: and found"), Stop(1, "never heard")]
+    assert take(alone) == "lost: and found"

@@ -1,88 +1,193 @@
-"""Bytes from nobody we know: each is a message or is rejected with a reason, never worse."""
+"""Hostile bytes: every reader of messages accepts what is a message, and rejects the rest with a reason.
 
-import itertools
+All of this holds for every form of the reader of a tick's messages.
+"""
+
 import struct
+from collections.abc import Callable
+from typing import Any
 
 import msgpack
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from meanflock import kernels
+from meanflock.kernels.wire import ACT, FIRST, SENSE
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Finished, Ready, Received, Welcome
+from meanflock.swarm.wire import control, tick
+from meanflock.swarm.wire.messages import Act, Finished, FrameKind, Frames, Ready, Received, Sense, Welcome
+from tests.swarm.backends import BACKENDS, REFERENCE, Backend, outcome
 from tests.swarm.damage import damaged
-from tests.swarm.examples import DTYPES, EXAMPLES, OF_A_TICK, RAW, TYPES, arrays_in, carrying, same
+from tests.swarm.examples import DTYPES, OF_A_TICK, RAW, TYPES, arrays_in, carrying, read, same, written
+from tests.swarm.ticks import QUICK, as_documented, as_meant
 
-CONTROL = sorted(set(EXAMPLES) - set(OF_A_TICK))
+pytestmark = pytest.mark.usefixtures("backend")
+
+MANY = settings(QUICK, max_examples=2000)
+FEWER = settings(QUICK, max_examples=500)
 HONEST = list(RAW.values())
-REASONS = {"malformed", "oversized", "wrong-shape", "non-finite"}
-MANY = settings(max_examples=2000, deadline=None, database=None, suppress_health_check=[HealthCheck.too_slow])
+TICKS = [RAW[name] for name in OF_A_TICK]
+REASONS = {"malformed", "oversized", "wrong-shape", "non-finite", "wrong-kind"}
+RECEIVERS = (control.decode, tick.read_sense, tick.read_act)
 
 
-def decode_or_reject(raw: bytes) -> None:
-    """The one promise to everyone who sends us bytes."""
-    try:
-        message = control.decode(raw)
-    except MessageRejected as rejected:
-        if rejected.reason not in REASONS:
-            raise
-        return
-    assert isinstance(message, TYPES)
-    for array in arrays_in(message):
-        assert np.isfinite(array).all()
-        assert not array.flags.writeable
-    same(control.decode(control.encode(message)), message)
+def check(raw: bytes) -> None:
+    """Checks the promise of all readers: a message that other libraries read alike, or a rejection with a reason."""
+    for receiver in RECEIVERS:
+        try:
+            message: Any = receiver(raw)
+        except MessageRejected as rejected:
+            if rejected.reason not in REASONS:
+                raise
+            continue
+        for array in arrays_in(message):
+            assert np.isfinite(array).all()
+            assert not array.flags.writeable
+        if isinstance(message, Sense | Act):
+            tree = msgpack.unpackb(raw)
+            assert msgspec.msgpack.decode(raw) == tree
+            assert as_documented(tree) == as_meant(message)
+            assert written(message) == raw
+        else:
+            assert isinstance(message, TYPES)
+            same(control.decode(control.encode(message)), message)
+
+
+def rejects(reason: str, receiver: Callable[..., Any], *given_: Any) -> None:
+    with pytest.raises(MessageRejected) as caught:
+        receiver(*given_)
+    assert caught.value.reason in reason.split()
+
+
+# -- any damage, any reader ---------------------------------------------------------------------------------------
 
 
 @MANY
 @given(damaged(HONEST))
 def test_damaged_bytes_are_a_message_or_are_rejected(raw: bytes) -> None:
-    decode_or_reject(raw)
+    check(raw)
 
 
-@settings(MANY, max_examples=500)
-@given(st.binary(max_size=64))
+@FEWER
+@given(st.binary(max_size=90) | st.binary(max_size=60).map(lambda tail: RAW["sense"][:24] + tail))
 def test_any_bytes_are_a_message_or_are_rejected(raw: bytes) -> None:
-    decode_or_reject(raw)
+    check(raw)
 
 
-@pytest.mark.parametrize("name", CONTROL)
-def test_a_message_cut_off_anywhere_or_followed_by_anything_is_malformed(name: str) -> None:
+@pytest.mark.parametrize("name", OF_A_TICK)
+def test_a_changed_byte_is_rejected_or_changes_the_message(name: str) -> None:
     raw = RAW[name]
-    for end in itertools.chain(range(min(len(raw), 300)), range(max(0, len(raw) - 50), len(raw))):
-        with pytest.raises(MessageRejected, match=r"^malformed|^wrong-shape"):
-            control.decode(raw[:end])
-    with pytest.raises(MessageRejected, match=r"^malformed"):
-        control.decode(raw + b"\0")
-    with pytest.raises(MessageRejected, match=r"^malformed"):
-        control.decode(raw + raw)
+    for at in range(len(raw)):
+        for byte in (raw[at] ^ 0x01, raw[at] ^ 0x04, raw[at] ^ 0x80, 0x00, 0xFF):
+            check(raw[:at] + bytes([byte]) + raw[at + 1 :])
+        for count in (0, 2**16, 2**31 - 1, 2**31, 2**32 - 8, 2**32 - 1):  # where a count of 32 bits may be
+            check(raw[:at] + struct.pack(">I", count) + raw[at + 4 :])
 
 
-def test_nesting_without_end_is_malformed() -> None:
-    for opener in (b"\x91", b"\x81\xa1a"):
-        with pytest.raises(MessageRejected, match=r"^malformed"):
-            control.decode(opener * 100_000)
+@pytest.mark.parametrize("name", RAW)
+def test_a_message_that_is_cut_off_or_followed_by_more_is_malformed(name: str) -> None:
+    raw = RAW[name]
+    for end in range(len(raw)):
+        rejects("malformed" if name in OF_A_TICK else "malformed wrong-shape", read, raw[:end])
+    for more in (b"\0", b"\xc0", raw):
+        rejects("malformed", read, raw + more)
 
 
-def test_a_field_too_many_or_of_another_type_is_malformed() -> None:
-    for wrong in (
-        ["ready", 1, 2],
-        ["ready", "1"],
-        ["ready", 1.5],
-        ["ready", None],
-        ["nobody", 1],
-        ["welcome", 1, "agent-0", [0], 2, b"{}", [[0.0] * 4]],
-        ["sense", 1],
-        ["join", 7, "agent"],
-        [],
-        {},
-        "ready",
-    ):
-        with pytest.raises(MessageRejected, match=r"^malformed"):
-            control.decode(msgpack.packb(wrong))
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("dtype", ["<f2", "<f4", "<f8"])
+def test_a_number_that_is_not_finite_is_rejected_wherever_it_is(dtype: str, bad: float) -> None:
+    good, sources = np.zeros((3, 4)), np.arange(3, dtype=np.int32)
+    for where in ((0, 0), (1, 2), (2, 3)):
+        table, payload = np.zeros((3, 4)), np.zeros((3, 4), dtype)
+        table[where] = payload[where] = bad
+        batch = Frames(FrameKind.STATE, 0, sources, payload)
+        for message in (
+            Sense(1, 2, table),
+            Sense(1, 2, good, inbox=(batch,)),
+            Act(1, 2, table),
+            Act(1, 2, good, models=table),
+            Act(1, 2, good, outbox=(batch,)),
+            carrying(payload),
+        ):
+            rejects("non-finite", read, written(message))
+
+
+@pytest.mark.parametrize("dtype", ["<f2", "<f4", "<f8"])
+def test_the_largest_number_of_a_width_is_accepted(dtype: str) -> None:
+    payload = np.full((2, 3), np.finfo(dtype).max, dtype)
+    payload[1] *= -1
+    batch = Frames(FrameKind.STATE, 0, np.zeros(2, "<i4"), payload)
+    for message in (Sense(1, 2, np.full((1, 4), np.finfo("f8").max), inbox=(batch,)), carrying(payload)):
+        same(read(written(message)), message)
+
+
+def test_very_many_rows_of_no_width_are_a_message_or_are_rejected() -> None:
+    head = bytes([0x98, SENSE]) + struct.pack(">BIBIBBIBBI", 0xCE, 1, 0xCE, 2, 0, 0xCE, 2**32 - 1, 0, 0xC6, 0)
+    check(head + struct.pack(">BIBH", 0xC6, 0, 0xDC, 0))
+    batch = struct.pack(">BBBIBBIBI", 0x97, 2, 0xCE, 0, 2, 0xCE, 2**32 - 1, 0xC6, 0)
+    empty = struct.pack(">BI", 0xC6, 0)
+    check(head + empty + struct.pack(">BH", 0xDC, 1) + batch + empty + empty)
+
+
+def test_a_message_of_another_type_is_rejected() -> None:
+    rejects("wrong-kind", tick.read_act, RAW["sense"])
+    rejects("wrong-kind", tick.read_sense, RAW["act"])
+    raw = bytearray(RAW["sense"])
+    raw[REFERENCE.read(RAW["sense"])[-1][0][5] - 17] = len(FrameKind)
+    rejects("wrong-kind", tick.read_sense, bytes(raw))
+    for name in set(RAW) - set(OF_A_TICK):
+        assert RAW[name][1:2] not in tick.TYPES
+        rejects("malformed", tick.read_sense, RAW[name])
+        rejects("malformed", tick.read_act, RAW[name])
+
+
+@pytest.mark.parametrize(("rows", "table"), [(2, np.zeros((2, 4))), (0, b"")])
+def test_models_that_no_number_of_rows_divides_are_rejected(rows: int, table: Any) -> None:
+    raw = kernels.write(ACT, 1, 2, 0, rows, 4, table, (b"", b"", bytes(8 * 3), b""))
+    rejects("wrong-shape", tick.read_act, raw)
+
+
+# -- the forms of the reader --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("backend", [name for name in BACKENDS if BACKENDS[name] != REFERENCE], indirect=True)
+@settings(MANY, max_examples=1000)
+@given(damaged(TICKS))
+def test_every_form_accepts_the_same_and_rejects_for_the_same_reason(backend: Backend, raw: bytes) -> None:
+    assert outcome(backend.read, raw) == outcome(REFERENCE.read, raw)
+
+
+@FEWER
+@given(damaged(TICKS) | st.sampled_from(TICKS), st.integers(0, 3), st.integers(1, 5))
+def test_the_first_table_is_written_where_it_is_wanted_or_nowhere(
+    backend: Backend, raw: bytes, rows: int, columns: int
+) -> None:
+    for kind in (SENSE, ACT):
+        into = np.full((rows, columns), 7.0)
+        got = outcome(backend.read, raw, kind, into)
+        assert got == outcome(REFERENCE.read, raw, kind, np.zeros((rows, columns)))
+        if isinstance(got, str):
+            assert (into == 7.0).all()
+        else:
+            assert got[0] == kind
+            assert got == REFERENCE.read(raw)
+            np.testing.assert_array_equal(into, np.frombuffer(raw, "<f8", rows * columns, FIRST).reshape(rows, columns))
+
+
+@pytest.mark.parametrize(
+    "into", [np.zeros((1, 4), "f4"), np.zeros(4), np.zeros((1, 1, 4)), np.zeros((4, 1)).T[:, ::-1]]
+)
+def test_compiled_code_writes_a_table_only_where_there_is_room_for_it(into: np.ndarray) -> None:
+    compiled = pytest.importorskip("meanflock.kernels.compiled")
+    with pytest.raises(ValueError, match=r"."):
+        compiled.read(tick.write_sense(Sense(1, 2, np.ones((1, 4)))), SENSE, into)
+    assert not into.any()
+
+
+# -- control messages ---------------------------------------------------------------------------------------------
 
 
 def message_with(array: bytes, extension: int = 1) -> bytes:
@@ -95,14 +200,36 @@ def header(kind: int, shape: tuple[int, ...], axes: int | None = None) -> bytes:
 
 MAX = 2**32 - 1
 F8 = 2
-HOSTILE_ARRAYS = {
-    "no header": b"",
-    "half a header": b"\x02",
-    "unknown dtype": header(len(DTYPES), (1,)) + bytes(8),
-    "last dtype": header(255, (1,)) + bytes(8),
-    "five axes": header(F8, (1, 1, 1, 1, 1)) + bytes(8),
-    "255 axes": header(F8, (), axes=255),
-    "axes cut off": header(F8, (1,), axes=3),
+HONEST_ARRAY = header(F8, (1, 4)) + bytes(32)
+MALFORMED: dict[str, bytes] = {
+    "nested arrays": b"\x91" * 100_000,
+    "nested maps": b"\x81\xa1a" * 100_000,
+    **{
+        repr(wrong): msgpack.packb(wrong)
+        for wrong in (
+            ["ready", 1, 2],
+            ["ready", "1"],
+            ["ready", 1.5],
+            ["ready", None],
+            ["nobody", 1],
+            ["welcome", 1, "agent-0", [0], 2, b"{}", [[0.0] * 4]],
+            ["sense", 1],
+            ["join", 7, "agent"],
+            [],
+            {},
+            "ready",
+        )
+    },
+    **{f"extension {code}": message_with(HONEST_ARRAY, code) for code in (0, 2, 127, -1, -128)},
+    "an array without a header": message_with(b""),
+    "half a header": message_with(b"\x02"),
+    "an unknown dtype": message_with(header(len(DTYPES), (1,)) + bytes(8)),
+    "dtype 255": message_with(header(255, (1,)) + bytes(8)),
+    "five axes": message_with(header(F8, (1, 1, 1, 1, 1)) + bytes(8)),
+    "255 axes": message_with(header(F8, (), axes=255)),
+    "axes cut off": message_with(header(F8, (1,), axes=3)),
+}
+WRONG_SHAPE = {
     "too little": header(F8, (1, 4)) + bytes(31),
     "too much": header(F8, (1, 4)) + bytes(33),
     "nothing of a scalar": header(F8, ()),
@@ -115,79 +242,47 @@ HOSTILE_ARRAYS = {
 }
 
 
-@pytest.mark.parametrize("name", HOSTILE_ARRAYS)
-def test_an_array_whose_header_lies_is_rejected(name: str) -> None:
-    with pytest.raises(MessageRejected, match=r"^malformed|^wrong-shape"):
-        control.decode(message_with(HOSTILE_ARRAYS[name]))
+@pytest.mark.parametrize("what", MALFORMED)
+def test_a_control_message_of_another_form_is_malformed(what: str) -> None:
+    rejects("malformed", control.decode, MALFORMED[what])
 
 
-@pytest.mark.parametrize("shape", [(0, MAX), (0, MAX, MAX), (MAX, 0, MAX), (MAX, MAX, 0), (0, 2**31, 2**31)])
-def test_an_empty_array_with_huge_other_axes_is_a_message_or_is_rejected(shape: tuple[int, ...]) -> None:
-    for kind in range(len(DTYPES)):
-        decode_or_reject(message_with(header(kind, shape)))
+@pytest.mark.parametrize("what", WRONG_SHAPE)
+def test_an_array_whose_header_lies_is_rejected(what: str) -> None:
+    assert isinstance(control.decode(message_with(HONEST_ARRAY)), Welcome)
+    rejects("wrong-shape", control.decode, message_with(WRONG_SHAPE[what]))
 
 
-@settings(MANY, max_examples=500)
+@FEWER
 @given(
     st.integers(0, len(DTYPES) + 1),
     st.lists(st.one_of(st.integers(0, 3), st.sampled_from([2**16, 2**31, MAX])), max_size=4),
     st.binary(max_size=40),
 )
-def test_any_header_is_an_array_or_is_rejected(kind: int, shape: list[int], buffer: bytes) -> None:
-    decode_or_reject(message_with(header(kind, tuple(shape)) + buffer))
+def test_any_header_of_an_array_is_an_array_or_is_rejected(kind: int, shape: list[int], buffer: bytes) -> None:
+    check(message_with(header(kind, tuple(shape)) + buffer))
 
 
-def test_only_our_own_extension_is_read() -> None:
-    honest = header(F8, (1, 4)) + bytes(32)
-    assert isinstance(control.decode(message_with(honest)), Welcome)
-    for extension in (0, 2, 127, -1, -128):
-        with pytest.raises(MessageRejected, match=r"^malformed"):
-            control.decode(message_with(honest, extension))
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("dtype", ["<f2", "<f4", "<f8"])
-def test_a_number_that_is_not_finite_is_named_so(dtype: str, bad: float) -> None:
-    table = np.zeros((3, 4), dtype=dtype)
-    table[2, 3] = bad
-    with pytest.raises(MessageRejected) as caught:
-        control.decode(control.encode(carrying(table)))
-    assert caught.value.reason == "non-finite"
-
-
-def test_bytes_beyond_the_limit_are_oversized_and_are_not_even_parsed() -> None:
-    with pytest.raises(MessageRejected) as caught:
-        control.decode(b"\xc1" * 101, limit=100)
-    assert caught.value.reason == "oversized"
-    with pytest.raises(MessageRejected) as caught:
-        control.decode(bytes(control.MAX_BYTES + 1))
-    assert caught.value.reason == "oversized"
+def test_bytes_beyond_the_limit_are_oversized_and_are_not_parsed() -> None:
+    rejects("oversized", control.decode, b"\xc1" * 101, 100)
+    rejects("oversized", control.decode, bytes(control.MAX_BYTES + 1))
     raw = RAW["ready"]
     assert isinstance(control.decode(raw, limit=len(raw)), Ready)
 
 
-def test_another_kind_and_another_run_are_named_so() -> None:
+def test_a_message_of_another_kind_or_run_is_rejected() -> None:
     raw = control.encode(Received(7, 1))
     assert control.decode_as(Received, raw, 7).block == 1
-    with pytest.raises(MessageRejected) as caught:
-        control.decode_as(Finished, raw, 7)
-    assert caught.value.reason == "wrong-kind"
-    with pytest.raises(MessageRejected) as caught:
-        control.decode_as(Received, raw, 8)
-    assert caught.value.reason == "wrong-run"
+    rejects("wrong-kind", control.decode_as, Finished, raw, 7)
+    rejects("wrong-run", control.decode_as, Received, raw, 8)
 
 
-def test_a_shape_or_dtype_that_was_not_expected_is_named_with_what_came() -> None:
+@pytest.mark.parametrize(
+    ("shape", "dtype"), [((2, 4), "f8"), ((3,), "f8"), ((3, 4, 1), "f8"), ((3, 4), "f4"), ((), "f8")]
+)
+def test_an_array_of_another_shape_or_dtype_is_rejected(shape: tuple[int, ...], dtype: str) -> None:
     table = np.zeros((3, 4))
     assert control.expect("states", table, (3, 4), np.float64) is table
     assert control.expect("states", table, (None, 4), np.float64) is table
-    for shape, dtype in (
-        ((2, 4), np.float64),
-        ((3,), np.float64),
-        ((3, 4, 1), np.float64),
-        ((3, 4), np.float32),
-        ((), np.float64),
-    ):
-        with pytest.raises(MessageRejected, match=r"states: expected .*, got \(3, 4\) float64") as caught:
-            control.expect("states", table, shape, dtype)
-        assert caught.value.reason == "wrong-shape"
+    with pytest.raises(MessageRejected, match=r"^wrong-shape.*states: expected .*, got \(3, 4\) float64"):
+        control.expect("states", table, shape, np.dtype(dtype))

@@ -1,4 +1,4 @@
-"""Where the swarm starts and when, where it goes, what is in its way, and what of it cannot be."""
+"""A mission: where and when UAVs start, where they go, what is in the way, and what is refused."""
 
 import math
 
@@ -13,8 +13,8 @@ from meanflock.swarm.scenario import load
 from tests.methods import METHODS
 
 
-@pytest.mark.parametrize("uavs", [1, 2, 3, 4, 7, 9, 24, 25, 26, 200])
-def test_everyone_stands_still_on_the_grid_and_nobody_shares_a_place(uavs: int) -> None:
+@pytest.mark.parametrize("uavs", [1, 2, 3, 7, 25, 26, 196, 200])
+def test_every_uav_starts_at_rest_on_its_own_place_of_a_centred_grid(uavs: int) -> None:
     states = starts(load(None, [f"uavs={uavs}"]))
     assert states.shape == (uavs, state.SIZE)
     assert not states[:, state.VELOCITY].any()
@@ -24,19 +24,8 @@ def test_everyone_stands_still_on_the_grid_and_nobody_shares_a_place(uavs: int) 
     assert len({tuple(row) for row in np.round(steps).tolist()}) == uavs
     width = math.ceil(math.sqrt(uavs))
     assert steps.max() <= width - 1 + 1e-9
-
-
-@pytest.mark.parametrize("uavs", [1, 4, 9, 25, 196])
-def test_a_full_square_is_centred_where_the_scenario_says(uavs: int) -> None:
-    position = starts(load(None, [f"uavs={uavs}"]))[:, state.POSITION]
-    np.testing.assert_allclose(position.mean(axis=0), [150.0, 100.0], atol=1e-9)
-    np.testing.assert_allclose((position.min(axis=0) + position.max(axis=0)) / 2, [150.0, 100.0], atol=1e-9)
-
-
-def test_neighbours_are_as_far_apart_as_the_scenario_says() -> None:
-    position = starts(load(None, ["start.spacing=3.0"]))[:, state.POSITION]
-    apart = np.sqrt(((position[:, None] - position[None]) ** 2).sum(axis=-1))
-    np.testing.assert_allclose(np.where(apart == 0, np.inf, apart).min(axis=1), 3.0)
+    if width**2 == uavs:
+        np.testing.assert_allclose(position.mean(axis=0), [150.0, 100.0], atol=1e-9)
 
 
 def test_seven_fill_rows_of_three_and_leave_the_last_short() -> None:
@@ -55,7 +44,7 @@ SWAP = [
 STREAMS = ["uavs=9", "start.formation=streams", "start.radius=35.0", "start.centre=[0.0, 0.0]"]
 
 
-def test_a_circle_has_everybody_on_it_evenly_and_sends_each_to_the_other_side() -> None:
+def test_a_circle_places_uavs_evenly_and_sends_each_to_the_other_side() -> None:
     flown = load(None, SWAP)
     from_centre = starts(flown)[:, state.POSITION] - [3.0, 4.0]
     np.testing.assert_allclose(np.hypot(*from_centre.T), 25.0)
@@ -79,7 +68,7 @@ def test_parallel_goals_are_the_formation_about_the_origin() -> None:
     np.testing.assert_allclose(goals(flown), starts(flown)[:, :2] - [150.0, 100.0])
 
 
-def test_unless_somebody_asks_all_go_to_the_origin_at_once_and_nothing_is_in_the_way() -> None:
+def test_by_default_all_fly_to_the_origin_at_once_without_obstacles() -> None:
     assert not goals(load(None)).any()
     assert not goals(load(None, ["destination.goals=common"])).any()
     assert not launches(load(None)).any()
@@ -93,7 +82,7 @@ def test_waves_are_rows_that_leave_one_after_another() -> None:
     assert rows[0] == rows[1] == rows[2] < rows[3] == rows[5] < rows[6]
 
 
-def test_listed_places_and_goals_are_those() -> None:
+def test_listed_places_and_goals_are_used() -> None:
     flown = load(None, ["uavs=2", "start.positions=[[1, 2], [3.5, -4]]", "destination.positions=[[0, 0], [9, 9]]"])
     assert starts(flown).tolist() == [[1, 2, 0, 0], [3.5, -4, 0, 0]]
     assert goal_states(flown).tolist() == [[0, 0, 0, 0], [9, 9, 0, 0]]
@@ -105,39 +94,31 @@ def test_listed_places_and_goals_are_those() -> None:
         (["uavs=2", "start.positions=[[1, 2]]"], r"`start.positions` has 1 places for 2 UAVs"),
         (["destination.positions=[[1, 2]]"], r"`destination.positions` has 1 places for 25 UAVs"),
         (["uavs=1", "start.positions=[[1, 2]]", "start.formation=grid"], "both given; leave one of them out"),
-        (["uavs=1", "destination.positions=[[1, 2]]", "destination.goals=common"], "both given; leave one of them out"),
         (["uavs=2", "start.positions=[[1, 2], [1.05, 2]]"], "UAV 0 and UAV 1 start 0.05 m apart, nearer than"),
-        (["uavs=3", "start.positions=[[5, 2], [-1, 2], [5, 2.09]]"], "UAV 0 and UAV 2 start 0.09 m apart"),
         (["uavs=100", "start.formation=circle", "start.radius=1"], "start 0.0628.* m apart"),
-        (["start.positions=[[1, inf]]", "uavs=1"], "`positions` must be a finite number"),
         (["start.centre=[1e300, 0]"], r"`centre` must be a finite number within ±1e\+30, not 1e\+300"),
         (["start.centre=[1e5, 0]", "radio.bits_per_float=16"], "`start` places a UAV 100003 m out.*65504"),
-        (["start.formation=heap"], "choose one of"),
         (["destination.goals=across"], '"across" is of streams'),
         (["obstacles=[{centre=[1.0, 1.0], radius=2.0}]"], r"UAV 0 has its goal inside `obstacles\[0\]`"),
         (["obstacles=[{centre=[9, 9], radius=1}, {centre=[150, 100], radius=0.5}]"], "UAV 12 starts inside"),
-        (["obstacles=[{centre=[9, 9], radius=0}]"], "radius.*> 0"),
-        (["start.interval=-1"], "interval.*>= 0|interval.*≥ 0"),
     ],
 )  # fmt: skip
-def test_a_mission_that_cannot_be_is_refused_with_the_place_that_is_wrong(settings: list[str], said: str) -> None:
+def test_an_impossible_mission_is_refused_with_its_key(settings: list[str], said: str) -> None:
     with pytest.raises(BadInput, match=said):
         load(None, settings)
 
 
-def test_places_that_collide_are_flown_where_somebody_asked_for_them_or_nobody_is_there_at_once() -> None:
+def test_near_places_are_accepted_in_a_narrow_grid_and_in_different_waves() -> None:
     load(None, ["start.spacing=0.05"])  # a grid that narrow is its own explanation
     load(None, ["uavs=2", "start.positions=[[1, 2], [1, 2]]", "start.group=1", "start.interval=3"])
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_paper_s_controller_flies_to_its_own_goal_as_to_the_origin(method: str) -> None:
-    """The same mission somewhere else: every UAV acts as it did, seen from its goal."""
-    there = ["uavs=4", "wind.sigma=0", "duration=5", "federation.state_period=7", f"method={method}"]
-    here = Engine(load(None, there), "here")
+def test_a_controller_of_the_paper_flies_to_its_own_goal_as_to_the_origin(method: str) -> None:
+    settings = ["uavs=4", "wind.sigma=0", "duration=5", "federation.state_period=7", f"method={method}"]
     moved = [f"destination.positions={[[64.0, -32.0]] * 4}", "start.centre=[214.0, 68.0]"]
     moved += [f"start.spacing={math.sqrt(2.0)}"]
-    away = Engine(load(None, [*there, *moved]), "away")
+    here, away = Engine(load(None, settings), "here"), Engine(load(None, settings + moved), "away")
     for _ in zip(here.fly(), away.fly(), strict=True):
         pass
     shift = [64.0, -32.0, 0.0, 0.0]

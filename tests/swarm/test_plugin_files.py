@@ -12,31 +12,33 @@ from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput
 from meanflock.swarm.plugins import registry
 from tests.polling import DEADLINE_S
-from tests.swarm.plugin_files import GOOD, ROOT, written
+from tests.swarm.plugin_files import GOOD, written
 
-FILES = {
-    "does not import": ("import nothing_of_the_kind", r"ModuleNotFoundError: No module named 'nothing_of.*line 1\)"),
-    "is no Python": ("x = 1\ndef (:", r"SyntaxError: invalid syntax \(mine.py, line 2\)"),
-    "raises": ("x = 1\n1 / 0", r"ZeroDivisionError: division by zero \(mine.py, line 2\)"),
-    "exits": ("raise SystemExit(3)", r"SystemExit: 3"),
-    "holds none": ("x = 1", r"no plug-in in it; derive a class"),
-    "holds a base class": (GOOD.replace('name = "mine"', ""), r"no plug-in in it; derive a class"),
-    "lacks step": (GOOD.replace("def step(self", "def stap(self").replace("(Controller)", "(Lacking)").replace(
-        "class Mine", 'class Lacking:\n    door = "controller"\n    Options = Controller.Options\n\nclass Mine'),
-        r"controller 'mine' of .*mine.py lacks `step`"),
-    "derives from a base class and lacks step": (GOOD.replace("def step(self", "def stap(self"),
-        r"controller 'mine' of .*mine.py lacks `step`$"),
-    "has options that are no struct": (GOOD.replace('name = "mine"', 'name = "mine"\n    Options = dict'),
-        r"`Options` must be a msgspec.Struct"),
-    "takes the name of ours": (GOOD.replace('"mine"', '"hjb"'), r"'hjb' is installed already.*another name"),
-}  # fmt: skip
+LACKS_STEP = GOOD.replace("def step(self", "def stap(self")
+TWICE = f"{GOOD}\nclass Better(Mine):\n    pass\n"
+TAKEN = f"{GOOD}\nclass Taken(Mine):\n    name = 'hjb'\n"
+FAILS_IN_INIT = GOOD.replace("return {}", "return {} if 1 not in uavs else 1 / 0")
+NUMPY = "import numpy as np\n\nnp.linalg.inv(np.zeros((2, 2)))"
+FILES = [  # text of a file, and the error
+    ("import nothing_of_the_kind", r"ModuleNotFoundError: No module named 'nothing_of.*line 1\)"),
+    ("x = 1\ndef (:", r"SyntaxError: invalid syntax \(mine.py, line 2\)"),
+    ("x = 1\n1 / 0", r"ZeroDivisionError: division by zero \(mine.py, line 2\)"),
+    (NUMPY, r"LinAlgError: Singular matrix \(mine.py, line 3\)"),
+    ("raise SystemExit(3)", "SystemExit: 3"),
+    ("x = 1", "no plug-in in it; derive a class"),
+    (GOOD.replace('name = "mine"', ""), "no plug-in in it; derive a class"),
+    (LACKS_STEP, r"controller 'mine' of .*mine.py lacks `step`$"),
+    (GOOD.replace('name = "mine"', 'name = "mine"\n    Options = dict'), "`Options` must be a msgspec.Struct"),
+    (TAKEN, "'hjb' is installed already.*another name"),
+    (TWICE, "two controllers are named 'mine', Mine and Better; give one of them another"),
+    ("from . import helper", "attempted relative import .*; a plug-in is one file, or a package: install"),
+    (f"from beside.inner import x\n{GOOD}", r"line 1\); a plug-in is one file, or a package: install what 'beside"),
+]
 
 
-@pytest.mark.parametrize("what", FILES)
-def test_a_file_that_is_no_plugin_is_bad_input_of_one_line_with_the_file_and_the_place(
-    what: str, tmp_path: Path
-) -> None:
-    text, expected = FILES[what]
+@pytest.mark.parametrize(("text", "expected"), FILES)
+def test_a_file_that_is_no_plugin_is_bad_input_with_the_place(text: str, expected: str, tmp_path: Path) -> None:
+    written(tmp_path, "x = 1", "beside.py")
     path = written(tmp_path, text)
     with pytest.raises(BadInput, match=expected) as caught:
         plugins.load_file(path)
@@ -45,36 +47,18 @@ def test_a_file_that_is_no_plugin_is_bad_input_of_one_line_with_the_file_and_the
     assert not registry.registered
 
 
-@pytest.mark.parametrize("path", ["nowhere.py", "."])
-def test_a_file_that_cannot_be_read_is_bad_input(path: str, tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="name a readable Python file"):
-        plugins.load_file(tmp_path / path)
-
-
-def test_a_file_that_is_not_called_so_is_bad_input(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_read_or_has_another_ending_is_bad_input(tmp_path: Path) -> None:
+    for path in (tmp_path / "nowhere.py", tmp_path):
+        with pytest.raises(BadInput, match="name a readable Python file"):
+            plugins.load_file(path)
     with pytest.raises(BadInput, match=r"must end in \.py"):
         plugins.load_file(written(tmp_path, GOOD, "mine.txt"))
-
-
-def test_so_is_one_with_a_relative_import(tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text("from . import helper\n")
-    with pytest.raises(BadInput, match=r"attempted relative import .*; a plug-in is one file, or a package: install"):
-        plugins.load_file(tmp_path / "mine.py")
-
-
-def test_a_file_that_wants_another_beside_it_is_told_to_be_a_package(tmp_path: Path) -> None:
-    written(tmp_path, "x = 1", "nothing_of_the_kind.py")
-    with pytest.raises(BadInput, match=r"line 1\); a plug-in is one file, or a package: install what 'nothing_of"):
-        plugins.load_file(written(tmp_path, f"from nothing_of_the_kind.inner import x\n{GOOD}"))
-
-
-def test_a_file_whose_path_no_variable_could_hold_is_refused(tmp_path: Path) -> None:
     (folder := tmp_path / f"a{os.pathsep}b").mkdir()
     with pytest.raises(BadInput, match="may be in its path; give the file another place"):
         plugins.load_files([written(folder, GOOD)])
 
 
-def test_a_file_that_changed_is_run_as_it_is_now_however_soon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_changed_within_a_second_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "dont_write_bytecode", False)
     for number in (1, 2, 3):
         path = written(tmp_path, f"{GOOD}\nMine.number = {number}\n")
@@ -84,100 +68,48 @@ def test_a_file_that_changed_is_run_as_it_is_now_however_soon(tmp_path: Path, mo
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_two_of_one_name_are_refused_with_both_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_two_files_of_one_name_are_refused_with_both_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plugins.load_file(first := written(tmp_path, GOOD))
+    source = plugins.find("controller", "mine").source
     with pytest.raises(BadInput, match="two controllers are named 'mine'") as caught:
         plugins.load_file(second := written(tmp_path, GOOD, "other.py"))
     assert str(first) in str(caught.value)
     assert str(second) in str(caught.value)
     assert plugins.load_file(first)  # the same again is the same
     monkeypatch.chdir(tmp_path)
-    assert plugins.load_file(Path(first.name))  # by whatever path
+    assert plugins.load_file(Path(first.name))  # by another path
+    assert plugins.find("controller", "mine").source == source == str(first)
 
 
-def test_a_file_takes_the_place_of_the_class_that_a_notebook_had_of_it(tmp_path: Path) -> None:
+def test_a_file_replaces_the_class_of_a_notebook(tmp_path: Path) -> None:
     plugins.register(type("Mine", (mf.Controller,), {"name": "mine", "step": lambda *_: None}))
     (plugin,) = plugins.load_file(path := written(tmp_path, GOOD))
     assert (plugin.source, plugins.find("controller", "mine")) == (str(path), plugin)
 
 
-TWICE = f"""{GOOD}
-class Better(Mine):
-    pass
-"""
-
-
-def test_two_of_one_name_in_a_file_are_refused_and_another_name_for_one_of_them_is_not(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match=r"two controllers are named 'mine', Mine and Better; give one of them another"):
-        plugins.load_file(written(tmp_path, TWICE))
-    assert not registry.registered
+def test_a_second_name_of_a_class_in_a_file_is_accepted(tmp_path: Path) -> None:
     plugins.load_file(written(tmp_path, f"{GOOD}\nAlso = Mine\n"))
     assert [plugin.name for plugin, _ in registry.registered.values()] == ["mine"]
 
 
-def test_a_file_one_of_whose_plugins_is_refused_leaves_all_as_it_was(tmp_path: Path) -> None:
-    taken = "\nclass Taken(Mine):\n    name = 'hjb'\n"
-    with pytest.raises(BadInput, match="'hjb' is installed already"):
-        plugins.load_file(written(tmp_path, GOOD + taken))
-    assert not registry.registered
-
-
-def test_a_file_is_the_same_one_however_it_was_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    path = written(tmp_path, GOOD)
-    plugins.load_files([path.name])  # of the variable, say
-    plugins.load_file(path)
-    assert plugins.find("controller", "mine").source == str(path)
-
-
-def test_the_place_of_an_error_is_in_the_plugin_and_not_in_what_it_calls(tmp_path: Path) -> None:
-    text = "import numpy as np\n\nnp.linalg.inv(np.zeros((2, 2)))"
-    with pytest.raises(BadInput, match=r"LinAlgError: Singular matrix \(mine.py, line 3\)"):
-        plugins.load_file(written(tmp_path, text))
-
-
-# -- on the command line ------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
-    ("text", "expected"),
+    ("text", "flags", "expected"),
     [
-        ("import nothing_of_the_kind", "ModuleNotFoundError"),
-        (GOOD.replace("return {}", "raise OSError('no table')"), "failed in `init` with UAV 0"),
-    ],
-    ids=["does not import", "raises in init"],
-)
-def test_a_plugin_that_cannot_begin_ends_the_command_with_exit_code_2_and_one_line(
-    text: str, expected: str, tmp_path: Path
-) -> None:
-    command = [str(Path(sys.executable).with_name("meanflock")), "run", "--in-process", "--quiet", "--method", "mine"]
-    command += ["--plugin", str(written(tmp_path, text)), "--set", "uavs=2", "--out", str(tmp_path / "runs")]
-    ended = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=dict(os.environ), timeout=DEADLINE_S)
-    assert ended.returncode == EXIT_BAD_INPUT, ended.stderr
-    assert expected in ended.stderr
-    assert "Traceback" not in ended.stderr
-    assert not list((tmp_path / "runs").glob("*/summary.json"))
-
-
-@pytest.mark.processes
-@pytest.mark.parametrize(
-    ("text", "more", "expected"),
-    [
-        (GOOD.replace("return {}", "raise OSError('no table')"), (), "failed in `init` with UAV 0: OSError: no table"),
-        (
-            GOOD.replace("return {}", "return {} if 1 not in uavs else 1 / 0"),
-            (),
-            "failed in `init` with UAV 1: ZeroDivisionError",
+        ("import nothing_of_the_kind", ["--in-process"], "ModuleNotFoundError"),
+        (GOOD.replace("return {}", "1 / 0"), ["--in-process"], "failed in `init` with UAV 0: ZeroDivisionError"),
+        pytest.param(FAILS_IN_INIT, [], "failed in `init` with UAV 1: ZeroDivisionError", marks=pytest.mark.processes),
+        pytest.param(
+            GOOD,
+            ["--set", "vehicle.options.mass=2"],
+            "vehicle.options: there is no key `mass`",
+            marks=pytest.mark.processes,
         ),
-        (GOOD, ("--set", "vehicle.options.mass=2"), "vehicle.options: there is no key `mass`"),
-        (GOOD, ("--set", "federation.options.beta=2"), "federation.options: there is no key `beta`"),
     ],
-    ids=["in every init", "in the init of one", "a vehicle's option", "a rule's option"],
 )
-def test_what_only_another_process_finds_out_is_bad_input_all_the_same_and_leaves_no_folder(
-    text: str, more: tuple[str, ...], expected: str, tmp_path: Path
+def test_a_plugin_that_cannot_begin_ends_the_command_with_one_line_and_leaves_no_folder(
+    text: str, flags: list[str], expected: str, tmp_path: Path
 ) -> None:
-    command = [str(Path(sys.executable).with_name("meanflock")), "run", "--quiet", "--method", "mine", *more]
+    command = [str(Path(sys.executable).with_name("meanflock")), "run", "--quiet", "--method", "mine", *flags]
     command += ["--plugin", str(written(tmp_path, text)), "--set", "uavs=2", "--out", str(tmp_path / "runs")]
     ended = subprocess.run(command, capture_output=True, text=True, env=dict(os.environ), timeout=DEADLINE_S)
     assert ended.returncode == EXIT_BAD_INPUT, ended.stderr

@@ -10,7 +10,7 @@ from meanflock.swarm.process import AT_MOST, QUICK_S, Interrupted, Restarts, par
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "-1", "soon", ""])
-def test_a_time_that_is_none_is_refused(text: str) -> None:
+def test_a_flag_rejects_a_value_that_is_no_time(text: str) -> None:
     with pytest.raises(BadInput, match=r"^--wait .*: seconds, at least 0, for example --wait 30$"):
         parser("agent", "what", "example").parse_args([f"--wait={text}"])
 
@@ -21,7 +21,7 @@ def test_a_time_has_a_least_value() -> None:
         seconds("--barrier", 0.1)("0")
 
 
-def test_what_is_wrong_with_a_command_line_is_an_error_that_names_a_command_there_is(
+def test_a_wrong_command_line_is_an_error_that_names_the_help(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     with pytest.raises(SystemExit) as left:
@@ -32,7 +32,7 @@ def test_what_is_wrong_with_a_command_line_is_an_error_that_names_a_command_ther
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interruption_is_noted_for_as_long_as_somebody_looks_and_then_the_signal_is_whose_it_was(
+def test_an_interruption_is_noted_within_the_block_and_the_old_handler_comes_back(
     number: signal.Signals,
 ) -> None:
     heard: list[int] = []
@@ -49,7 +49,7 @@ def test_an_interruption_is_noted_for_as_long_as_somebody_looks_and_then_the_sig
         signal.signal(number, before)
 
 
-def test_one_that_dies_at_once_is_started_a_few_times_only_and_nobody_else_is_blamed() -> None:
+def test_a_process_that_dies_at_once_is_started_a_few_times_only() -> None:
     restarts = Restarts(lambda: 0.0)
     for name in ("a", 7):
         restarts.started(name)
@@ -57,19 +57,10 @@ def test_one_that_dies_at_once_is_started_a_few_times_only_and_nobody_else_is_bl
     assert restarts.again(7)
 
 
-def test_one_that_lives_for_a_while_is_always_started_again() -> None:
+def test_a_long_life_makes_up_for_short_ones_before_it() -> None:
     now = [0.0]
     restarts = Restarts(lambda: now[0])
-    for _ in range(3 * AT_MOST):
-        restarts.started("a")
-        now[0] += QUICK_S
-        assert restarts.again("a")
-
-
-def test_a_longer_life_makes_up_for_the_short_ones_before_it() -> None:
-    now = [0.0]
-    restarts = Restarts(lambda: now[0])
-    for life_s in [1.0] * AT_MOST + [QUICK_S] + [1.0] * (AT_MOST - 1):
+    for life_s in 2 * [*[QUICK_S] * (2 * AT_MOST), *[1.0] * (AT_MOST - 1)]:
         restarts.started("a")
         now[0] += life_s
         assert restarts.again("a")

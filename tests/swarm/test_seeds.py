@@ -20,17 +20,6 @@ def test_another_seed_stream_or_index_gives_other_numbers() -> None:
     assert len(drawn) == len(keys)
 
 
-def test_streams_are_uncorrelated_within_four_standard_errors() -> None:
-    n = 20_000
-    drawn = [generator(1, stream).standard_normal(n) for stream in STREAMS]
-    for one, other in itertools.combinations(drawn, 2):
-        assert abs((one * other).mean()) < 4 / np.sqrt(n)
-
-
-def test_the_order_of_the_streams_is_part_of_every_result() -> None:
-    assert STREAMS[:4] == ("wind", "radio", "participants", "density-fit")
-
-
 def test_an_unknown_stream_is_refused() -> None:
     with pytest.raises(ValueError, match=r"no stream 'weather'; there are .*controller"):
         generator(1, "weather")

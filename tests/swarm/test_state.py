@@ -1,4 +1,4 @@
-"""States and numbers of UAVs: inner products sum as NumPy does; lookups find what NumPy's `isin` and `unique` find."""
+"""Inner products of states are sums of NumPy to the last bit."""
 
 import numpy as np
 import pytest
@@ -7,9 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from meanflock.swarm import state
-from meanflock.swarm.state import contains, distinct
 
-NUMBERS = st.lists(st.integers(-50, 50), max_size=30)
 COMPONENTS = st.one_of(st.sampled_from([0.0, -0.0, 1.0, -1e-320, 1e300]), st.floats(allow_nan=False, width=64))
 
 
@@ -29,17 +27,3 @@ def test_a_dot_product_is_the_sum_of_the_products_to_the_last_bit(
 @pytest.mark.parametrize("zero", [0.0, -0.0])
 def test_a_dot_product_is_never_minus_zero(zero: float) -> None:
     assert not np.signbit(state.dot(np.array([zero, zero]), np.array([-1.0, -1.0])))
-
-
-@given(NUMBERS, NUMBERS)
-def test_it_is_what_numpy_finds(known: list[int], asked: list[int]) -> None:
-    ascending, numbers = np.unique(np.array(known, dtype=np.intp)), np.array(asked, dtype=np.int32)
-    np.testing.assert_array_equal(contains(ascending, numbers), np.isin(numbers, ascending))
-
-
-@given(NUMBERS)
-def test_each_is_there_once(asked: list[int]) -> None:
-    numbers = np.array(asked, dtype=np.int32)
-    found = distinct(numbers)
-    np.testing.assert_array_equal(found, np.unique(numbers))
-    assert found.dtype == numbers.dtype

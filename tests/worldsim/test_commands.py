@@ -1,4 +1,4 @@
-"""What the agents say is taken of those that have replied and are awake, and nothing beyond all bounds is."""
+"""Commands: the world uses those of active UAVs whose node replied, and none beyond the bound."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def said(scale: float = 1.0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("but", [[], [0], [1, 2, 3], list(range(UAVS))])
-def test_who_does_not_reply_goes_on_as_before_and_reports_nothing(but: list[int]) -> None:
+def test_a_uav_without_a_reply_keeps_its_command_and_reports_nothing(but: list[int]) -> None:
     commands, before, after, replied = Commands(UAVS, 3), said(3.0), said(), ALL.copy()
     replied[but] = False
     assert not len(commands.store(before, ALL, ALL, ALL))
@@ -29,7 +29,7 @@ def test_who_does_not_reply_goes_on_as_before_and_reports_nothing(but: list[int]
     assert commands.largest.tolist() == ever[:, 2:].max(axis=0).tolist()
 
 
-def test_who_sleeps_is_not_taken_at_his_word() -> None:
+def test_the_command_of_an_inactive_uav_is_not_used() -> None:
     commands, awake = Commands(UAVS, 3), np.array([True, False, True, True, False])
     commands.store(said(), ALL, awake, ALL)
     assert commands.accelerations.any(axis=-1).tolist() == awake.tolist()
@@ -39,7 +39,7 @@ def test_who_sleeps_is_not_taken_at_his_word() -> None:
 
 @pytest.mark.parametrize("column", range(5))
 @pytest.mark.parametrize("size", [BEYOND_SENSE, -BEYOND_SENSE, np.inf, np.nan])
-def test_what_is_beyond_all_bounds_is_named_and_not_taken(size: float, column: int) -> None:
+def test_a_command_beyond_the_bound_is_named_and_not_used(size: float, column: int) -> None:
     commands, numbers = Commands(UAVS, 3), said()
     numbers[2, column] = numbers[4, 0] = size
     assert commands.store(numbers, ALL & (np.arange(UAVS) != 4), ALL, ALL).tolist() == [2]  # 4 has not replied
@@ -47,14 +47,7 @@ def test_what_is_beyond_all_bounds_is_named_and_not_taken(size: float, column: i
     assert commands.largest.max() < BEYOND_SENSE
 
 
-def test_where_all_are_beyond_nothing_is_taken() -> None:
-    commands = Commands(UAVS, 3)
-    assert commands.store(said() + np.inf, ALL, ALL, ALL).tolist() == list(range(UAVS))
-    assert not commands.accelerations.any()
-    assert not commands.largest.any()
-
-
-def test_diagnostics_of_those_on_the_way_add_up() -> None:
+def test_diagnostics_of_uavs_on_the_way_add_up() -> None:
     commands, numbers, on_way = Commands(UAVS, 3), said(), np.array([True, False, True, True, False])
     commands.store(numbers, ALL, ALL, on_way)
     commands.store(numbers, ALL, ALL, ALL)

@@ -35,9 +35,6 @@ def fly(flown: Scenario, states: state.States, acceleration: Any, ticks: int, se
     return states
 
 
-# -- without noise ------------------------------------------------------------------------------------------------
-
-
 def test_without_wind_and_drag_a_constant_acceleration_is_integrated_exactly() -> None:
     flown, n, a = scenario(dt=0.125, sigma=0, drag=0), 64, np.array([0.5, -2.0])
     start = np.array([1.0, 2.0, 3.0, -4.0])
@@ -56,16 +53,6 @@ def test_drag_pulls_the_velocity_to_the_mean_wind_geometrically() -> None:
     np.testing.assert_allclose(fly(flown, start, 0.0, n)[state.VELOCITY], expected, rtol=1e-12)
 
 
-def test_who_drifts_with_the_mean_wind_goes_on_drifting() -> None:
-    end = fly(scenario(sigma=0), np.array([5.0, 6.0, 1.0, -1.0]), 0.0, 100)
-    np.testing.assert_allclose(end, [15.0, -4.0, 1.0, -1.0], rtol=1e-12)
-
-
-def test_against_drag_a_command_reaches_its_terminal_velocity() -> None:
-    end = fly(scenario(sigma=0, drag=0.5, mean=(1.0, 0.0)), np.zeros(4), [0.0, 2.0], 1000)
-    np.testing.assert_allclose(end[state.VELOCITY], [1.0, 4.0], rtol=1e-12)
-
-
 def test_the_velocity_moves_first_and_the_position_with_the_new_one() -> None:
     flown = scenario(dt=0.5, sigma=2.0, drag=0.25, mean=(1.0, 0.0))
     noise = np.array([0.3, -0.7])
@@ -73,21 +60,6 @@ def test_the_velocity_moves_first_and_the_position_with_the_new_one() -> None:
     velocity = np.array([3.0 + 0.5 * (0.5 - 0.25 * 2.0), 4.0 + 0.5 * (0.6 - 0.25 * 4.0)])
     velocity += 2.0 * math.sqrt(0.5) * noise
     np.testing.assert_allclose(moved, [*(np.array([1.0, 2.0]) + 0.5 * velocity), *velocity], rtol=1e-14)
-
-
-def test_a_step_changes_no_argument_and_no_row_sees_another() -> None:
-    draw = np.random.default_rng(3)
-    flown = scenario()
-    states, command, noise = (draw.standard_normal((3, 7, width)) for width in (4, 2, 2))
-    before = states.copy(), command.copy(), noise.copy()
-    moved = moved_by(flown, states, command, noise)
-    for now, then in zip((states, command, noise), before, strict=True):
-        np.testing.assert_array_equal(now, then)
-    for where in np.ndindex(3, 7):
-        np.testing.assert_array_equal(moved[where], moved_by(flown, states[where], command[where], noise[where]))
-
-
-# -- with noise ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("case", ORACLE, ids=lambda case: f"{case['t_s']}s")

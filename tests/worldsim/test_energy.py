@@ -6,12 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import state
-from meanflock.swarm.scenario import load
+from meanflock.swarm.scenario import Energy, Truth, load
 from meanflock.worldsim.vehicles.point_mass import PointMass
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "power.json").read_text())
 VEHICLE = load(None).vehicle
+PARTS = ("radio", "compute", "total")
 
 
 def power(speeds: np.ndarray) -> np.ndarray:
@@ -58,3 +60,31 @@ def test_power_has_the_shape_of_the_speeds() -> None:
     watts = power(speeds)
     assert watts.shape == (3, 4)
     assert watts[1, 2] == power(speeds[1, 2:3])[0]
+
+
+def test_radio_and_controllers_have_an_energy_that_changes_no_flight() -> None:
+    settings = ["uavs=4", "duration=5", "stop=duration"]
+    priced = ["energy.radio_W=0.5", "energy.step_J=0.001"]
+    free, paid = (Engine(load(None, [*settings, *more], method="orca"), "x").complete() for more in ([], priced))
+    assert paid["trajectory_sha256"] == free["trajectory_sha256"]
+    motion = 4 * free["energy_end_mean_J"]
+    airtime = free["radio"]["airtime_s"]
+    assert airtime > 0
+    assert [free[f"energy_{part}_J"] for part in PARTS] == pytest.approx([0.0, 0.0, motion])
+    expected = [0.5 * airtime, 0.001 * 4 * 50, motion + 0.5 * airtime + 0.2]
+    assert [paid[f"energy_{part}_J"] for part in PARTS] == pytest.approx(expected)
+
+
+def test_lost_uavs_compute_nothing() -> None:
+    kill = "faults=[{kind='kill', time_s=2.0, uavs=[1, 2]}]"
+    settings = ["uavs=4", "duration=5", "stop=duration", "energy.step_J=1", kill]
+    summary = Engine(load(None, settings, method="cruise"), "x").complete()
+    assert summary["lost"] == 2
+    assert summary["energy_compute_J"] == 2 * 50 + 2 * 20
+
+
+def test_no_controller_sees_the_prices() -> None:
+    scenario = load(None, ["energy.radio_W=0.5", "truth.drag=0.2"])
+    assert scenario.known().energy == Energy()
+    assert scenario.known().truth == Truth()
+    assert scenario.known().sha256() == load(None).sha256()

@@ -1,4 +1,4 @@
-"""What Prometheus reads, over HTTP and through its own parser: the summary's numbers, and a flight that is no other."""
+"""Metrics over HTTP, read by the parser of Prometheus: the numbers of the summary, and the same flight."""
 
 import socket
 import threading
@@ -16,7 +16,7 @@ from meanflock.swarm.net.address import Address
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import Telemetry
 from meanflock.worldsim.exporter import exported
-from meanflock.worldsim.timing import BOUNDS_S, Durations
+from meanflock.worldsim.timing import BOUNDS_S
 from tests.polling import DEADLINE_S, until
 
 RUN = "watched"
@@ -65,7 +65,7 @@ def url(engine: Engine) -> Iterator[str]:
         yield url
 
 
-def test_every_number_is_the_summarys(engine: Engine, url: str) -> None:
+def test_every_metric_is_the_number_of_the_summary(engine: Engine, url: str) -> None:
     network = engine.network.endpoint()
     for tick in engine.fly():
         if tick == 7:
@@ -95,22 +95,29 @@ def test_every_number_is_the_summarys(engine: Engine, url: str) -> None:
         assert scraped("dropped_messages_total", reason=reason) == count
     assert scraped("held_commands_total") == scraped("deadline_misses_total") == 0
     assert scraped("run_info", run=RUN, mode="in-process", method="mfgfl-hf", version=summary["version"]) == 1
-
-
-def test_the_histograms_hold_every_tick(engine: Engine, url: str) -> None:
-    for _ in engine.fly():
-        pass
-    scraped = Scrape(url)
     for name in ("tick_seconds", "barrier_wait_seconds"):
         buckets = [scraped(f"{name}_bucket", le=f"{bound:g}") for bound in BOUNDS_S]
         assert buckets == sorted(buckets)
         assert buckets[-1] <= scraped(f"{name}_bucket", le="+Inf") == scraped(f"{name}_count") == 120
     assert 0.0 < scraped("barrier_wait_seconds_sum") < scraped("tick_seconds_sum") < engine.world.wall_s()
+    assert {"process_resident_memory_bytes", "process_cpu_seconds"} <= {family.name for family in scraped.families}
+    for family in scraped.families:
+        assert family.documentation
+        assert family.name.startswith(("meanflock_", "process_"))
+        assert family.type in ("counter", "gauge", "histogram")
 
 
-def test_before_the_first_tick_the_unknown_is_absent_and_nodes_are_counted_as_they_come_and_go(
-    engine: Engine, url: str
-) -> None:
+def test_unacknowledged_telemetry_is_counted(engine: Engine, url: str) -> None:
+    engine.station._bus.close()  # type: ignore[attr-defined]
+    for _ in engine.fly():
+        pass
+    scraped = Scrape(url)
+    assert scraped("telemetry_blocks_unacknowledged") == len(engine.world.outbox._waiting) >= 2
+    assert scraped("telemetry_blocks_dropped_total") == 0
+    assert scraped("nodes_alive", role="station") == 0
+
+
+def test_unknown_metrics_are_absent_and_nodes_are_counted_as_they_come_and_go(engine: Engine, url: str) -> None:
     before = Scrape(url)
     assert before("ticks_total") == 0
     assert not before.has("real_time_factor")
@@ -127,29 +134,7 @@ def test_before_the_first_tick_the_unknown_is_absent_and_nodes_are_counted_as_th
     assert after("real_time_factor") > 0.0
 
 
-def test_telemetry_nobody_acknowledges_is_seen_waiting(engine: Engine, url: str) -> None:
-    engine.station._bus.close()  # type: ignore[attr-defined]
-    for _ in engine.fly():
-        pass
-    scraped = Scrape(url)
-    assert scraped("telemetry_blocks_unacknowledged") == len(engine.world.outbox._waiting) >= 2
-    assert scraped("telemetry_blocks_dropped_total") == 0
-    assert scraped("nodes_alive", role="station") == 0
-
-
-def test_names_are_as_prometheus_wants_them(engine: Engine, url: str) -> None:
-    families = Scrape(url).families
-    assert {"process_resident_memory_bytes", "process_cpu_seconds"} <= {family.name for family in families}
-    for family in families:
-        assert family.documentation
-        assert family.name.startswith(("meanflock_", "process_"))
-        assert family.type in ("counter", "gauge", "histogram")
-        for sample in family.samples:
-            if family.type == "counter":
-                assert sample.name == f"{family.name}_total"
-
-
-def test_a_flight_somebody_reads_all_the_time_is_the_same_flight() -> None:
+def test_a_flight_whose_metrics_are_read_is_the_same_flight() -> None:
     alone = Engine(flown(), RUN)
     for _ in alone.fly():
         pass
@@ -178,21 +163,10 @@ def test_a_flight_somebody_reads_all_the_time_is_the_same_flight() -> None:
     assert watched.world.flight.trajectory_sha256 == alone.world.flight.trajectory_sha256
 
 
-def test_the_port_is_open_exactly_as_long_as_it_was_asked_for(engine: Engine) -> None:
+def test_the_port_is_open_only_within_the_block(engine: Engine) -> None:
     with exported(engine.world, ANY) as url:
         port = int(url.removesuffix("/metrics").rpartition(":")[2])
         with pytest.raises(BadInput, match=f"--metrics 127.0.0.1:{port}: .*free port"):
             exported(engine.world, Address("127.0.0.1", port)).__enter__()
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(("127.0.0.1", port), timeout=5)
-
-
-def test_durations_are_counted_up_to_and_including_their_bound() -> None:
-    durations = Durations()
-    for seconds in (0.0, BOUNDS_S[0], BOUNDS_S[0] * 1.01, 1e9):
-        durations.add(seconds)
-    rows = dict(durations.cumulative)
-    assert rows[f"{BOUNDS_S[0]:g}"] == 2
-    assert rows[f"{BOUNDS_S[1]:g}"] == rows[f"{BOUNDS_S[-1]:g}"] == 3
-    assert rows["+Inf"] == 4
-    assert durations.total_s == pytest.approx(1e9)

@@ -1,4 +1,4 @@
-"""Who is let in: a place for each, and one place for who asks twice."""
+"""Admission: a place for each node, and one place for a node that asks twice."""
 
 import math
 
@@ -9,7 +9,7 @@ from meanflock.swarm.wire.messages import Join
 from meanflock.worldsim.members import JoinRefused, Members
 
 
-def test_who_asks_again_without_having_heard_the_answer_is_told_the_same() -> None:
+def test_a_repeated_join_gets_the_same_place() -> None:
     members = Members(3, leaders=1)
     first = members.admit(Join("agent", 1, token=11))
     assert members.admit(Join("agent", 1, token=11)) is first
@@ -20,7 +20,7 @@ def test_who_asks_again_without_having_heard_the_answer_is_told_the_same() -> No
         members.admit(Join("agent", 1, token=14))
 
 
-def test_who_asks_again_for_its_own_uav_is_not_refused_for_having_it() -> None:
+def test_a_repeated_join_for_a_uav_is_not_refused() -> None:
     members = Members(4, leaders=0)
     own = members.admit(Join("agent", 2, 2, token=5))
     assert members.admit(Join("agent", 2, 2, token=5)) is own
@@ -28,7 +28,7 @@ def test_who_asks_again_for_its_own_uav_is_not_refused_for_having_it() -> None:
         members.admit(Join("agent", 2, 2, token=6))
 
 
-def test_a_token_is_no_way_back_in_once_its_node_listens_or_is_lost_and_none_is_nobody_s() -> None:
+def test_a_token_does_not_count_once_its_node_is_ready_or_lost() -> None:
     members = Members(4, leaders=0)
     for token in (7, 8):
         held = members.admit(Join("agent", 1, token=token))
@@ -44,7 +44,7 @@ def test_a_token_is_no_way_back_in_once_its_node_listens_or_is_lost_and_none_is_
     assert anonymous[0] in members.present
 
 
-def test_nobody_takes_a_place_that_is_shut_and_whoever_asks_for_any_is_given_another() -> None:
+def test_a_shut_place_is_refused_and_another_is_given() -> None:
     members = Members(3, leaders=1)
     first, second, _ = (members.admit(Join("agent", 1, uav)) for uav in range(3))
     for lost in (first, second):

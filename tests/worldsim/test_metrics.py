@@ -48,7 +48,7 @@ def test_the_empirical_interaction_is_the_oracle_s(case: dict[str, Any]) -> None
     np.testing.assert_allclose(found, case["phi_G_eps1_beta1"], rtol=RTOL)
 
 
-def test_a_flight_s_running_metrics_are_those_of_its_states_measured_by_hand() -> None:
+def test_the_running_metrics_are_those_of_the_states() -> None:
     flown = load(None, ["uavs=5", "start.spacing=0.6", "wind.sigma=0.5", "metrics.hazard_radius=0.8"])
     flight, draw = Flight(flown), np.random.default_rng(2)
     history = [flight.states]
@@ -66,14 +66,7 @@ def test_a_flight_s_running_metrics_are_those_of_its_states_measured_by_hand() -
     assert 1 / 5 < flight.phi_c < 1
 
 
-def test_colliding_pairs_are_named_once() -> None:
-    states = np.zeros((4, 4))
-    states[:, state.X] = [0.0, 0.05, 5.0, 5.2]
-    seen = at_rest(states)
-    assert (seen.near, seen.touching.tolist(), seen.nearest_m) == (2, [[0, 1]], 0.05)
-
-
-@pytest.mark.parametrize("uavs", [2, 11, 12, 40, 130])
-def test_however_many_collide_all_are_named(uavs: int) -> None:
+@pytest.mark.parametrize("uavs", [2, 12, 130])
+def test_all_colliding_pairs_are_named_once(uavs: int) -> None:
     seen = at_rest(np.zeros((uavs, state.SIZE)))
     assert seen.touching.tolist() == [list(pair) for pair in combinations(range(uavs), 2)]

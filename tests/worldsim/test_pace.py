@@ -1,4 +1,4 @@
-"""Slow drip, on a clock of the test's own: who answers just in time, tick after tick, is warned of and then lost."""
+"""Nodes that answer just in time, tick after tick, are warned of and then lost; on a clock of the test."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
@@ -46,7 +46,7 @@ def drip(_tick: int, node: str) -> float:
     return JUST_IN_TIME_S if node == "agent-1" else PROMPT_S
 
 
-def test_who_answers_just_in_time_is_warned_of_then_lost_and_the_flight_goes_on() -> None:
+def test_a_node_that_answers_just_in_time_is_warned_of_then_lost() -> None:
     summary = fly(drip, *SHORT)
     assert summary["ticks"] == 20
     assert (summary["nodes_lost"], summary["lost"]) == (1, 1)
@@ -56,7 +56,7 @@ def test_who_answers_just_in_time_is_warned_of_then_lost_and_the_flight_goes_on(
     assert text.startswith("agent-1: 3 replies took more than 2 s")
 
 
-def test_by_default_some_slow_replies_cost_nobody_anything() -> None:
+def test_by_default_some_slow_replies_lose_no_node() -> None:
     summary = fly(drip, ANY)
     assert summary["nodes_lost"] == 0
     assert summary["wall_time_s"] > 19 * JUST_IN_TIME_S
@@ -73,7 +73,7 @@ def test_by_default_some_slow_replies_cost_nobody_anything() -> None:
     ],
     ids=["all are slow", "not so many times slower", "below the threshold", "in turns"],
 )
-def test_who_is_slow_with_others_or_seldom_is_not_lost(delay_s: Callable[[int, str], float]) -> None:
+def test_a_node_that_is_slow_with_others_or_seldom_is_not_lost(delay_s: Callable[[int, str], float]) -> None:
     summary = fly(delay_s, *SHORT)
     assert summary["nodes_lost"] == 0
     assert [kind for _, kind, _ in summary["told"]] in ([], ["slow"] * 3)
@@ -83,36 +83,26 @@ SIX = (1,) * 6
 ROUNDS = ("method=mfgfl-h", "federation.period=2", "pace.slow_ticks=1")
 
 
-@pytest.mark.parametrize(
-    ("delay_s", "lost"),
-    [
-        (lambda tick, node: 1.9 if node == "agent-1" else PROMPT_S, ["agent-1"]),
-        (lambda tick, node: 0.5 if node == "agent-1" else PROMPT_S, ["agent-1"]),
-        (lambda tick, node: 1.9 if node in ("agent-1", "agent-4") and tick % 2 == int(node[-1]) % 2 else 0.01, None),
-        (lambda tick, node: 0.2 if node == "agent-1" else PROMPT_S, []),
-        (lambda tick, node: JUST_IN_TIME_S if node == "agent-1" and tick == 9 else PROMPT_S, []),
-        (lambda tick, node: 1.9 if node == f"agent-{tick % 6}" else PROMPT_S, []),
-        (lambda tick, node: 1.9, []),
-        (lambda tick, node: 1.9 if node == "agent-1" else 1.0, []),
-    ],
-    ids=[
-        "1.9 s",
-        "0.5 s",
-        "two in turns",
-        "12 s in a minute",
-        "a hiccup",
-        "all in turns",
-        "all are slow",
-        "half as quick",
-    ],
-)
-def test_an_agent_for_which_alone_the_others_wait_a_fifth_of_the_time_is_lost_and_no_other(
-    delay_s: Callable[[int, str], float], lost: list[str] | None
-) -> None:
+DELAYS: dict[str, tuple[Callable[[int, str], float], list[str]]] = {  # and the agents that are lost
+    "1.9 s": (lambda _, node: 1.9 if node == "agent-1" else PROMPT_S, ["agent-1"]),
+    "0.5 s": (lambda _, node: 0.5 if node == "agent-1" else PROMPT_S, ["agent-1"]),
+    "two in turns": (
+        lambda tick, node: 1.9 if node in ("agent-1", "agent-4") and tick % 2 == int(node[-1]) % 2 else PROMPT_S,
+        ["agent-4", "agent-1"],
+    ),
+    "12 s in a minute": (lambda _, node: 0.2 if node == "agent-1" else PROMPT_S, []),
+    "a hiccup": (lambda tick, node: JUST_IN_TIME_S if node == "agent-1" and tick == 9 else PROMPT_S, []),
+    "all in turns": (lambda tick, node: 1.9 if node == f"agent-{tick % 6}" else PROMPT_S, []),
+    "half as quick": (lambda _, node: 1.9 if node == "agent-1" else 1.0, []),
+}
+
+
+@pytest.mark.parametrize("name", DELAYS)
+def test_an_agent_for_which_alone_the_others_wait_a_fifth_of_the_time_is_lost(name: str) -> None:
+    delay_s, lost = DELAYS[name]
     summary = fly(delay_s, "duration=6", rows=SIX)
-    gone = [text.partition(":")[0] for _, kind, text in summary["told"] if kind == "lost"]
-    assert gone == (["agent-4", "agent-1"] if lost is None else lost)
-    if lost:
+    assert [text.partition(":")[0] for _, kind, text in summary["told"] if kind == "lost"] == lost
+    if len(lost) == 1:
         assert summary["wall_time_s"] < 12.0 + 1.9 + 60 * 2 * PROMPT_S
         assert "s of the last 60 s for it alone" in summary["told"][-1][2]
     assert summary["ticks"] == 60
@@ -123,19 +113,13 @@ def test_an_agent_for_which_alone_the_others_wait_a_fifth_of_the_time_is_lost_an
     [((6,), ROUNDS, ["agent-0"]), ((5, 1), (), ["agent-0"]), ((1, 1, 1), ROUNDS[:2], ["leader"])],
     ids=["the only agent", "five of six UAVs", "the leader"],
 )
-def test_who_has_the_work_of_a_swarm_alone_may_take_its_time(
+def test_a_node_that_alone_has_the_work_of_a_swarm_is_not_lost(
     rows: Sequence[int], settings: Sequence[str], slow: list[str]
 ) -> None:
     delay_s = 5.0 if rows == (6,) else 0.8
     summary = fly(lambda tick, node: delay_s if node in slow else delay_s / 20, "duration=6", *settings, rows=rows)
     assert summary["nodes_lost"] == 0
     assert summary["wall_time_s"] > 25 * delay_s
-
-
-def test_in_real_time_nobody_waits_and_nobody_is_lost_for_it() -> None:
-    summary = fly(drip, "pace.slow_ticks=1", realtime=2.0)
-    assert summary["nodes_lost"] == 0
-    assert summary["held_commands"] > 0
 
 
 class Nobody:
@@ -155,7 +139,7 @@ def slow_tick(pace: Pace, late: str) -> list[str]:
     return [verdict.node for verdict in pace.overdrawn()]
 
 
-def test_another_life_has_the_same_account_and_one_reply_in_a_hundred_ticks_is_forgiven() -> None:
+def test_a_rejoined_node_has_the_same_account_which_is_forgiven_slowly() -> None:
     pace = Pace(load(None, SHORT).pace, lambda kind, text: None, 10.0)
     assert [slow_tick(pace, "agent-1") for _ in range(6)] == [[]] * 5 + [["agent-1"]]
     assert slow_tick(pace, "agent-1.2") == ["agent-1.2"]
@@ -165,17 +149,7 @@ def test_another_life_has_the_same_account_and_one_reply_in_a_hundred_ticks_is_f
     assert [slow_tick(pace, "agent-1.3") for _ in range(2)] == [[], ["agent-1.3"]]
 
 
-NONSENSE = ["slow_s=0", "slow_s=inf", "slow_factor=0.5", "slow_ticks=0", "wait_share=0", "wait_share=1.1"]
-
-
-@pytest.mark.parametrize("setting", [*NONSENSE, "wait_window_s=0", "rejoins=0", "rejoin_ticks=0"])
-def test_a_pace_that_makes_no_sense_is_bad_input(setting: str) -> None:
+@pytest.mark.parametrize("setting", ["slow_s=0", "slow_factor=0.5", "wait_share=1.1", "rejoins=0"])
+def test_a_pace_beyond_its_bounds_is_bad_input(setting: str) -> None:
     with pytest.raises(BadInput, match=setting.partition("=")[0]):
         load(None, [f"pace.{setting}"])
-
-
-def test_the_pace_counts_in_the_hash_only_where_it_is_not_the_default() -> None:
-    assert load(None, ["pace.slow_ticks=50"]).sha256() == load(None).sha256()
-    assert load(None, SHORT).sha256() != load(None).sha256()
-    before_the_shares = "3dc832919f8e5ab2e91acdb5630c50cbaf214557c61b24b28e7cbfc2da3ceb0f"
-    assert load(None, SHORT[:1]).sha256() == before_the_shares

@@ -1,4 +1,4 @@
-"""Real time on a clock of the test's own: who is late is held and counted, and the ticks say how late they began."""
+"""Real time on a clock of the test: late commands are held and counted, and late ticks are reported."""
 
 import numpy as np
 import pytest
@@ -7,11 +7,11 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, Telemetry
-from meanflock.worldsim.timing import Schedule, factor
+from meanflock.worldsim.timing import factor
 from tests.worldsim.late import PROMPT_S, RUN, TICK_S, Flight
 
 
-def test_in_time_nothing_is_held_and_every_tick_begins_when_it_should() -> None:
+def test_prompt_nodes_are_never_held_and_every_tick_begins_in_time() -> None:
     summary = Flight().fly()
     assert summary["held_commands"] == 0
     assert summary["dropped_messages"] == {}
@@ -22,7 +22,7 @@ def test_in_time_nothing_is_held_and_every_tick_begins_when_it_should() -> None:
     assert summary["real_time_factor"] == pytest.approx(2.0)
 
 
-def test_in_lockstep_who_is_asked_again_because_it_is_slow_may_answer_twice() -> None:
+def test_in_lockstep_a_slow_node_is_asked_again_and_may_answer_twice() -> None:
     flight = Flight(realtime=None)
 
     def slow(tick: int) -> None:  # then its second answers come in the same tick, or in the one after
@@ -31,11 +31,12 @@ def test_in_lockstep_who_is_asked_again_because_it_is_slow_may_answer_twice() ->
 
     summary = flight.fly(slow)
     assert summary["wall_time_s"] > 7.5
+    assert (summary["realtime"], summary["held_commands"]) == (None, None)
     assert summary["dropped_messages"] == {}
     assert summary["trajectory_sha256"] == Flight().fly()["trajectory_sha256"]
 
 
-def test_a_late_command_is_held_over_and_its_tick_counted() -> None:
+def test_a_late_node_keeps_its_last_command_and_its_tick_is_counted() -> None:
     flight = Flight()
 
     def slow(tick: int) -> None:
@@ -53,7 +54,7 @@ def test_a_late_command_is_held_over_and_its_tick_counted() -> None:
     assert summary["lost"] == 0
 
 
-def test_a_world_that_is_late_itself_says_so_catches_up_and_hears_everyone_again() -> None:
+def test_a_late_world_reports_its_jitter_and_catches_up() -> None:
     flight = Flight()
 
     def stall(tick: int) -> None:
@@ -70,7 +71,7 @@ def test_a_world_that_is_late_itself_says_so_catches_up_and_hears_everyone_again
     assert summary["wall_time_s"] == pytest.approx(20 * TICK_S)
 
 
-def test_what_is_there_already_is_heard_however_late_the_tick_began() -> None:
+def test_a_reply_that_is_there_counts_in_a_late_tick() -> None:
     flight = Flight()
     flight.bus.delay_s = lambda node: 0.0
 
@@ -80,7 +81,7 @@ def test_what_is_there_already_is_heard_however_late_the_tick_began() -> None:
     assert flight.fly(stall)["realtime"]["deadline_misses"] == 0
 
 
-def test_telemetry_says_how_many_are_held_while_it_flies() -> None:
+def test_telemetry_counts_held_commands() -> None:
     told: list[Telemetry] = []
 
     class Keep:
@@ -102,20 +103,7 @@ def test_telemetry_says_how_many_are_held_while_it_flies() -> None:
     assert not engine.world.outbox.waiting
 
 
-def test_in_lockstep_there_is_no_real_time_to_report() -> None:
-    engine = Engine(load(None, ["uavs=2", "duration=1"]), RUN)
-    for _ in engine.fly():
-        pass
-    summary = engine.world.finish()
-    assert summary["realtime"] is None
-    assert summary["held_commands"] is None
-
-
-def test_a_schedule_nobody_began_knows_no_jitter() -> None:
-    assert Schedule(1.0, 0.1).jitter_ms() == {"mean": None, "p99": None, "max": None}
-
-
 @pytest.mark.parametrize("text", ["0", "-2", "nan", "inf", "fast", ""])
-def test_a_factor_that_is_none_is_named(text: str) -> None:
+def test_an_invalid_factor_is_bad_input(text: str) -> None:
     with pytest.raises(BadInput, match="--realtime"):
         factor(text)

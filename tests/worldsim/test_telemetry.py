@@ -1,4 +1,4 @@
-"""Of all links used, what is told: everything but states that got through, and of those a sample."""
+"""Links in the telemetry: all but delivered states, and a sample of those."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ from meanflock.worldsim.reporting import STATE_LINKS_EVERY_TICKS
         ("mfgfl-hf", ["federation.period=7"]),
     ],
 )
-def test_outages_and_models_are_told_always_and_states_now_and_then(method: str, changes: list[str]) -> None:
+def test_telemetry_has_all_outages_and_models_and_a_sample_of_states(method: str, changes: list[str]) -> None:
     flown = load(None, ["uavs=5", "duration=6", "radio.target_snr_db=77", *changes], method=method)
     engine, used = Engine(flown, "telemetry", sinks=[kept := Kept()]), []
     send = engine.world.air.send

@@ -11,7 +11,7 @@ from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.plugins import registry
-from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.scenario import LATER, Scenario, load
 from meanflock.worldsim.checkpoint import Resumption
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.vehicles.point_mass import PointMass
@@ -222,3 +222,39 @@ def test_what_is_not_installed_or_does_not_fit_is_bad_input(glider) -> None:
         Flight(scenario("vehicle.options.mass_kg=3"))
     with pytest.raises(BadInput, match=r"vehicle\.options\.charge_J"):
         Flight(scenario("vehicle.options.charge_J=true"))
+
+
+def test_the_world_shortens_a_command_beyond_the_limit_keeps_its_direction_and_counts_it() -> None:
+    flight = Flight(load(None, ["uavs=4", "vehicle.acceleration_max=2", "wind.sigma=0", "wind.drag=0"]))
+    commands = np.array([[2.0, 0.0], [3.0, -4.0], [0.0, 2.0 + 1e-12], [0.0, 0.0]])
+    flight.lose(np.array([3]), "test", "by the test")
+    flight.advance(commands)
+    np.testing.assert_allclose(flight.states[:, 2:], 0.1 * np.array([[2.0, 0.0], [1.2, -1.6], [0.0, 2.0], [0.0, 0.0]]))
+    assert flight.clipped == 1
+    assert flight.effort == pytest.approx([4.0, 4.0, 4.0, 0.0])
+
+
+@pytest.mark.parametrize("limit", [0.0, 0.05])
+@pytest.mark.parametrize(
+    "behind", [[], ["filter.kind=ecbf"], ["filter.kind=braking"]], ids=["alone", "ecbf", "braking"]
+)
+@pytest.mark.parametrize("method", ["orca", "bvc", "potential-field", "olfati-saber"])
+def test_a_limit_below_what_a_controller_needs_is_flown_and_counted(
+    method: str, behind: list[str], limit: float
+) -> None:
+    settings = ["uavs=4", "duration=3", f"vehicle.acceleration_max={limit}", *behind]
+    summary = Engine(load(None, settings, method=method), "limited").complete()
+    assert summary["ticks"] == 30
+    assert summary["lost"] == 0
+    assert summary["clipped_uav_ticks"] > 0
+    assert summary["control_effort"] <= limit * limit * 3.0 + 1e-9
+
+
+def test_without_a_limit_nothing_is_clipped_and_the_hash_of_the_scenario_is_that_of_older_runs() -> None:
+    plain = load(None, ["uavs=2", "duration=1"], method="orca")
+    limited = load(None, ["uavs=2", "duration=1", "vehicle.acceleration_max=1e9"], method="orca")
+    assert plain.sha256() != limited.sha256()
+    assert "vehicle.acceleration_max" in LATER
+    flown = [Engine(one, "limit").complete() for one in (plain, limited)]
+    assert flown[0]["trajectory_sha256"] == flown[1]["trajectory_sha256"]
+    assert [summary["clipped_uav_ticks"] for summary in flown] == [0, 0]

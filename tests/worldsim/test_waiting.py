@@ -1,4 +1,4 @@
-"""How long a tick waits, by a clock of the test's own."""
+"""The time that a tick waits, on a clock of the test."""
 
 import numpy as np
 
@@ -43,5 +43,5 @@ def test_a_silent_node_is_lost_when_the_patience_is_over() -> None:
     assert losses([]) in (20, 21)
 
 
-def test_a_machine_that_stood_still_has_not_waited_for_all_that_time() -> None:
+def test_time_in_which_the_machine_stood_still_does_not_count() -> None:
     assert losses([60.0]) in (15, 16, 17)

@@ -13,14 +13,14 @@ from which those of the next (e′, u′) follow for any policy, φ′ = L ψ(e�
 """
 
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
-from meanflock.agent.controllers.base import Memory, Received, Step
+from meanflock.agent.controllers.base import Memory, Received, Rows, Step
 from meanflock.agent.controllers.cruise import CRUISE_M_S, CruiseSpeed
 from meanflock.agent.controllers.elimination import product, solve
 from meanflock.agent.controllers.planned.plan import PlannedLearner, tracking
@@ -37,6 +37,7 @@ LEAST_CURVATURE = 1e-6  # of the value along u; less is no minimum
 LOWEST, HIGHEST = np.array([0.02, 0.1, -3.0, -3.0]), np.array([10.0, 10.0, 3.0, 3.0])  # gains that are flown
 
 _P2, _V2, _U2, _PV, _PU, _VU = range(6)  # of both axes; then p, v, u and 1 of each
+_UPPER = np.triu_indices(PAIRS)  # M1 is symmetric: this half of it is sent
 _COST = np.zeros(PAIRS)
 _COST[[_P2, _V2, _U2]] = 1.0, 0.5, 0.5
 
@@ -44,7 +45,8 @@ _COST[[_P2, _V2, _U2]] = 1.0, 0.5, 0.5
 class FedLspi(PlannedLearner):
     """Follows the trajectory of `plan` with gains that it learns by least-squares policy iteration.
 
-    With `share = false` every UAV learns alone.
+    The federation averages the gains. With `share = "data"` it averages the sums of what the UAVs measured, 231 floats,
+    and with `share = false` every UAV learns alone.
     """
 
     name = "fed-lspi"
@@ -57,7 +59,13 @@ class FedLspi(PlannedLearner):
         """What it learns with."""
 
         speed_m_s: CruiseSpeed = CRUISE_M_S
-        share: Annotated[bool, Meta(description="whether the federation averages the gains")] = True
+        share: Annotated[
+            bool | Literal["gains", "data"],
+            Meta(
+                description="what the federation averages: the `gains` (or `true`), the `data` they are learned from, "
+                "or `false`: nothing"
+            ),
+        ] = True
         discount: Annotated[float, Meta(gt=0, lt=1, description="γ, what the cost a tick later counts, 1")] = 0.95
         k1: Annotated[float, Meta(ge=0.02, le=10, description="first gain of the position error, 1/s²")] = 0.3
         k2: Annotated[float, Meta(ge=0.1, le=10, description="first gain of the velocity error, 1/s")] = 1.0
@@ -70,6 +78,10 @@ class FedLspi(PlannedLearner):
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
+        self._shares_data = options.share == "data"
+        if self._shares_data:
+            self.parts = len(_UPPER[0]), PAIRS * STATES
+            self.parameters = sum(self.parts)
         self.period_ticks = max(1, round(options.period / scenario.dt))
         self._explores = round(options.exploration_time / scenario.dt)
         self._noise: dict[int, Floats] = {}
@@ -96,6 +108,23 @@ class FedLspi(PlannedLearner):
         after = memory | {"error": error, "input": given, "tick": np.full(len(own), tick, dtype=np.int32)}
         reported = np.concatenate([tracking(error)[:, None], gains], axis=1)
         return Step(after, acceleration + given, reported)
+
+    def get(self, memory: Memory) -> Floats:
+        if not self._shares_data:
+            return super().get(memory)
+        steps = memory["steps"]
+        return np.concatenate([memory["squares"][:, *_UPPER], steps.reshape(len(steps), -1)], axis=1)
+
+    def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
+        if not self._shares_data:
+            return super().set(memory, rows, models)
+        upper, flat = np.split(models, self.parts[:1], axis=1)
+        squares, steps = memory["squares"].copy(), memory["steps"].copy()
+        square = np.zeros((len(rows), PAIRS, PAIRS))
+        square[:, *_UPPER] = upper
+        square[:, *_UPPER[::-1]] = upper
+        squares[rows], steps[rows] = square, flat.reshape(-1, PAIRS, STATES)
+        return memory | {"squares": squares, "steps": steps}
 
     def _learn(self, memory: Memory, tick: int, error: Floats) -> Memory:
         """The memory with what the last tick showed, and in the tick before a round with better gains."""

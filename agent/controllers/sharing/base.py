@@ -1,9 +1,9 @@
 """Controllers whose UAVs broadcast their states: what rows know of the others, and the base classes that fly by it.
 
-A UAV broadcasts its state every tick, or at events. An event is that its position is more than δ from where all others
-predict it by what it last sent, or its velocity if an option asks for that. The state is sent as (x, y, vx, vy) in 1 cm
-and 1 cm/s, four int16, and again, as it is by then, in the next r − 1 ticks. x and y count from halfway between the
-UAV's own start and goal, so they reach 327 m beyond; a state beyond that is not sent.
+A UAV broadcasts its state every tick, or at events, according to `[sharing]`. An event is that its position is more
+than δ from where all others predict it by what it last sent, or its velocity more than δ_v. The state is sent as
+(x, y, vx, vy) in 1 cm and 1 cm/s, four int16. It is sent again, as it is by then, in the next r − 1 ticks. x and y
+count from halfway between the UAV's own start and goal, so they reach 327 m beyond; a state beyond that is not sent.
 
 A state that arrives in a tick was sent in the tick before; on a radio so slow that it is older, it is taken for younger
 than it is. With events, silence says that a UAV flies as predicted, however long it lasts. With a broadcast every tick,
@@ -15,17 +15,15 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
+from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Options, Received, Step
 from meanflock.agent.controllers.cruise import CRUISE_M_S, SLOWING_1_S, CruiseSpeed, Slowing, Travel, against_the_air
 from meanflock.agent.controllers.prediction import ConstantVelocity, Prediction
 from meanflock.agent.controllers.received import believed, of_kind, plausible
 from meanflock.swarm import mission
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.scenario.tables import Sharing
 from meanflock.swarm.state import POSITION, SIZE, VX, VY, Floats, States, X, Y
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 
@@ -43,12 +41,13 @@ class Neighbours:
 
     numbers = SIZE
 
-    def __init__(self, sharing: Sharing, scenario: Scenario, predict: Prediction | None = None) -> None:
+    def __init__(self, scenario: Scenario, predict: Prediction | None = None) -> None:
         """`predict`: how states are carried on from when they were sent; None: at constant velocity."""
-        self._events, self._repeats = sharing.broadcast == "event", sharing.repeats
-        self._delta_squared = sharing.delta_m * sharing.delta_m
-        self._velocity_delta_squared = sharing.velocity_delta_m_s * sharing.velocity_delta_m_s or math.inf
-        self._forget = None if self._events else max(1, round(sharing.forget_s / scenario.dt))
+        policy = scenario.sharing.rule
+        self._events, self._repeats = policy.broadcast == "event", policy.repeats
+        self._delta_squared = policy.delta_m * policy.delta_m
+        self._velocity_delta_squared = policy.velocity_delta_m_s * policy.velocity_delta_m_s or math.inf
+        self._forget = None if self._events else max(1, round(scenario.sharing.forget_s / scenario.dt))
         self._float = FLOAT_OF_BITS[scenario.radio.bits_per_float]
         self._predict = ConstantVelocity(scenario.dt) if predict is None else predict
         self._plausible = plausible(scenario)
@@ -147,16 +146,16 @@ class Neighbours:
 
 
 class SharingController(Controller):
-    """Base class of them: override `fly`, and `init` if it remembers more; options derive from `Sharing`."""
+    """Base class of controllers that share states: override `fly`, and `init` if it has more memory."""
 
-    Options: ClassVar[type[msgspec.Struct]] = Sharing
+    shares = True
     broadcast_numbers = Neighbours.numbers
     pairwise = True
     diagnostics: tuple[str, ...] = ("unsent",)  # behind those of `fly`
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
-        self._neighbours, self._obstacles = Neighbours(options, scenario), mission.obstacles(scenario)
+        self._neighbours, self._obstacles = Neighbours(scenario), mission.obstacles(scenario)
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         return self._neighbours.init(uavs, plan)
@@ -180,7 +179,7 @@ class SharingController(Controller):
         raise NotImplementedError
 
 
-class Travelling(Sharing, frozen=True):
+class Travelling(Options, frozen=True):
     """The options of one that travels."""
 
     speed_m_s: CruiseSpeed = CRUISE_M_S

@@ -131,6 +131,30 @@ def _apart(x: Rows, y: Rows, closing: Plane, there: Mask, right: Rows | float) -
     return Closest(np.stack([x, y], axis=-1), closing, squared, there)
 
 
+def stopping_speed(distance_m: Rows, deceleration: float, delay_s: float) -> Rows:
+    """Speeds from which one stops within distances (…,) if braking begins after a delay, m/s.
+
+    The solution v of v · delay + v² / (2 · deceleration) = distance; negative inside of the distance to keep, linear in
+    it: what was entered by mistake is to be left within a delay.
+    """
+    lag = deceleration * delay_s
+    outside = np.sqrt(lag * lag + 2.0 * deceleration * np.maximum(distance_m, 0.0)) - lag
+    return np.where(distance_m > 0.0, outside, distance_m / delay_s)
+
+
+def stopping_slope(distance_m: Rows, deceleration: float, delay_s: float) -> Rows:
+    """Derivatives of `stopping_speed` by the distance, (…,) 1/s; 1 / delay at 0 and below."""
+    lag = deceleration * delay_s
+    if lag == 0.0:  # no brake at all: the speed is 0 at every distance
+        return np.where(distance_m > 0.0, 0.0, 1.0 / delay_s)
+    return deceleration / np.sqrt(lag * lag + 2.0 * deceleration * np.maximum(distance_m, 0.0))
+
+
+def to_the_right(velocity: Plane, bias: float) -> Plane:
+    """Velocities (M, 2) plus a share of each, turned by 90° to the right, m/s."""
+    return velocity + bias * np.stack([velocity[:, 1], -velocity[:, 0]], axis=-1)
+
+
 def with_obstacles(normals: Plane, bounds: Rows, more: Plane, least: Rows) -> tuple[Plane, Rows]:
     """The half-planes of UAVs, normals (M, K, 2) and bounds (M, K), and behind them those of obstacles, `more` and
     `least`, which weigh `OBSTACLE` times as much."""

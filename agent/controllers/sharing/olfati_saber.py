@@ -8,13 +8,13 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta
 
+from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Memory, Step
-from meanflock.agent.controllers.cruise import limited
+from meanflock.agent.controllers.cruise import acceleration_limit, limited
 from meanflock.agent.controllers.sharing.base import SharingController
 from meanflock.agent.controllers.sharing.nearby import Near, edges, near, summed
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.scenario.tables import Sharing
 from meanflock.swarm.state import POSITION, VELOCITY, VX, VY, Plane, Rows, States
 
 
@@ -32,7 +32,7 @@ class OlfatiSaber(SharingController):
 
     name = "olfati-saber"
 
-    class Options(Sharing, frozen=True):
+    class Options(base.Options, frozen=True):
         """The options of `olfati-saber`, by their names in the source where it has them."""
 
         d_m: Annotated[float, Meta(gt=0, description="d, distance in the lattice, m")] = 1.3
@@ -51,12 +51,15 @@ class OlfatiSaber(SharingController):
         pull_m_s2: Annotated[float, Meta(gt=0, description="pull to the goal from afar, m/s²")] = 0.9
         near_m: Annotated[float, Meta(gt=0, description="distance within which it is a spring, m")] = 2.0
         damping_1_s: Annotated[float, Meta(gt=0, description="of the own velocity, 1/s")] = 0.4
-        acceleration_max_m_s2: Annotated[float, Meta(gt=0, description="limit on ‖u‖ before drag, m/s²")] = 3.0
+        acceleration_max_m_s2: Annotated[
+            float, Meta(gt=0, description="limit on ‖u‖ before drag, at most that of the vehicle, m/s²")
+        ] = 3.0
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         if options.a > options.b:
             raise ValueError(f"`a` {options.a} is greater than `b` {options.b}; the action function wants 0 < a ≤ b")
         super().__init__(options, scenario)
+        self._limit = acceleration_limit(scenario, options.acceleration_max_m_s2)
         self._goals = mission.goals(scenario)
         self._range, self._distance = self._sigma(options.r_m**2), self._sigma(options.d_m**2)
         self._shift = abs(options.a - options.b) / math.sqrt(4.0 * options.a * options.b)
@@ -70,7 +73,7 @@ class OlfatiSaber(SharingController):
         acceleration += summed(pairs.row, self._of_pairs(pairs), len(own))
         if len(self._obstacles):
             acceleration += self._of_obstacles(own)
-        return Step(memory, limited(acceleration, options.acceleration_max_m_s2))
+        return Step(memory, limited(acceleration, self._limit))
 
     def _of_pairs(self, pairs: Near) -> Plane:
         """c1 φ_α(‖Δ‖σ) n + c2 ρ_h (Δv), his Eq. 23, of pairs, (P, 2) m/s²."""

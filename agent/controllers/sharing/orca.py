@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from meanflock import kernels
 from meanflock.agent.controllers.base import Memory, Step
 from meanflock.agent.controllers.sharing.base import Travelling, TravellingController
-from meanflock.agent.controllers.sharing.nearby import Closest, closest, closest_discs, with_obstacles
+from meanflock.agent.controllers.sharing.nearby import Closest, closest, closest_discs, to_the_right, with_obstacles
 from meanflock.swarm.state import VELOCITY, Plane, Rows, States
 
 INFEASIBLE_M_S = 1e-6  # what may be missing of a half-plane that is still called kept
@@ -47,7 +47,7 @@ class Orca(TravellingController):
 
     def fly(self, memory: Memory, own: States, others: States) -> Step:
         memory, wished = self._travel.velocity(memory, own)
-        wished = wished + self.options.right_bias * np.stack([wished[:, 1], -wished[:, 0]], axis=-1)
+        wished = to_the_right(wished, self.options.right_bias)
         velocity, missing = self.velocity(own, others, memory["neighbour_uav"], wished)
         acceleration = self.options.velocity_gain_1_s * (velocity - own[:, VELOCITY])
         return Step(memory, acceleration, (missing > INFEASIBLE_M_S)[:, None].astype(np.float64))

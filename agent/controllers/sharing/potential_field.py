@@ -4,15 +4,16 @@ International Journal of Robotics Research 5(1), 1986): pulled to the goal at a 
 Other UAVs are repelled as discs that are where they are predicted to be, and so are the obstacles of the mission.
 """
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta
 
 from meanflock.agent.controllers.base import Memory, Step
-from meanflock.agent.controllers.cruise import limited
+from meanflock.agent.controllers.cruise import acceleration_limit, limited
 from meanflock.agent.controllers.sharing.base import Travelling, TravellingController
 from meanflock.agent.controllers.sharing.nearby import edges, near, summed
+from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import VELOCITY, Plane, Rows, States
 
 
@@ -37,28 +38,30 @@ class PotentialField(TravellingController):
             float, Meta(ge=0, description="η, strength of the repulsion by obstacles, m³/s²")
         ] = 10.0
         obstacle_rho0_m: Annotated[float, Meta(gt=0, description="ρ0, from which on obstacles are not felt, m")] = 3.0
-        acceleration_max_m_s2: Annotated[float, Meta(gt=0, description="limit on ‖a‖ before drag, m/s²")] = 3.0
+        acceleration_max_m_s2: Annotated[
+            float, Meta(gt=0, description="limit on ‖a‖ before drag, at most that of the vehicle, m/s²")
+        ] = 3.0
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
+        self._limit = acceleration_limit(scenario, options.acceleration_max_m_s2)
 
     def fly(self, memory: Memory, own: States, others: States) -> Step:
         options = self.options
         memory, velocity = self._travel.velocity(memory, own)
         acceleration = options.velocity_gain_1_s * (velocity - own[:, VELOCITY])
         pairs = near(own, others, memory["neighbour_uav"], options.rho0_m + options.radius_m)
-        force = repulsion(
-            pairs.distance - options.radius_m, options.rho0_m, options.eta_m3_s2, options.acceleration_max_m_s2
-        )
+        force = repulsion(pairs.distance - options.radius_m, options.rho0_m, options.eta_m3_s2, self._limit)
         acceleration += summed(pairs.row, force[:, None] * pairs.away, len(own))
         if len(self._obstacles):
             acceleration += self._off_obstacles(own)
-        return Step(memory, limited(acceleration, options.acceleration_max_m_s2))
+        return Step(memory, limited(acceleration, self._limit))
 
     def _off_obstacles(self, own: States) -> Plane:
         """Repulsion of rows by all obstacles, (M, 2) m/s²."""
         options = self.options
         edge, x, y = edges(own, self._obstacles)
-        force = repulsion(
-            edge - options.radius_m, options.obstacle_rho0_m, options.obstacle_eta_m3_s2, options.acceleration_max_m_s2
-        )
+        force = repulsion(edge - options.radius_m, options.obstacle_rho0_m, options.obstacle_eta_m3_s2, self._limit)
         return np.stack([np.add.reduce(force * x, axis=1), np.add.reduce(force * y, axis=1)], axis=-1)
 
 

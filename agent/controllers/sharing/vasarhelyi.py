@@ -34,11 +34,6 @@ class Vasarhelyi(TravellingController):
     class Options(Travelling, frozen=True):
         """The options of `vasarhelyi`, by their names in the source where it has them."""
 
-        delta_m: Annotated[float, Meta(gt=0, description="δ of an event, m")] = 0.2
-        velocity_delta_m_s: Annotated[
-            float, Meta(ge=0, description="the same of the velocity, which friction goes by; 0: not looked at, m/s")
-        ] = 0.3
-        repeats: Annotated[int, Meta(ge=1, le=16, description="r, ticks in a row in which an event is sent")] = 4
         p_rep_1_s: Annotated[float, Meta(ge=0, description="strength of the repulsion, 1/s")] = 2.0
         r0_rep_m: Annotated[float, Meta(gt=0, description="who is nearer is repelled, m")] = 1.3
         c_frict: Annotated[float, Meta(ge=0, le=1, description="strength of the friction")] = 0.3

@@ -8,23 +8,24 @@ from typing import Any
 import numpy as np
 import pytest
 
+from meanflock.agent.controllers.barriers import Ecbf
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
-from meanflock.agent.controllers.ecbf import Ecbf
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import declared, plugins
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.scenario import Filter, Scenario, load
+from meanflock.swarm.scenario import Filter, Scenario, Sharing, load
 from meanflock.testing import check_controller
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
-SMALL = Scenario(uavs=6, filter=Filter(kind="ecbf", delta_m=0.05, repeats=2))
+SMALL = Scenario(uavs=6, filter=Filter(kind="ecbf"), sharing=Sharing(policy="event", delta_m=0.05, repeats=2))
 
 
-@pytest.mark.parametrize("broadcast", ["event", "tick"])
+@pytest.mark.parametrize("policy", ["event-4", "tick"])
 @pytest.mark.parametrize("name", plugins.names("controller"))
-def test_every_controller_of_ours_conforms_behind_it(name: str, broadcast: Any) -> None:
-    behind = Filter(kind="ecbf", delta_m=0.05, broadcast=broadcast)
-    check_controller(plugins.load("controller", name), scenario=Scenario(uavs=6, filter=behind))
+def test_every_controller_of_ours_conforms_behind_it(name: str, policy: Any) -> None:
+    sharing = Sharing(policy=policy, delta_m=0.05)
+    scenario = Scenario(uavs=6, filter=Filter(kind="ecbf"), sharing=sharing)
+    check_controller(plugins.load("controller", name), scenario=scenario)
 
 
 @pytest.mark.parametrize(("file", "name"), [("spring.py", "Spring"), ("trim.py", "Trim")])
@@ -128,10 +129,12 @@ def test_an_acceleration_of_another_shape_is_not_spread_over_the_rows(shape: tup
 @pytest.mark.parametrize(
     ("settings", "text"),
     [
-        (["filter.kind=magic"], r"filter 'magic' is not installed here; .*; there are ecbf"),
+        (["filter.kind=magic"], r"filter 'magic' is not installed here; .*; there are braking, ecbf"),
         (["filter.kind=ecbf", "filter.options.distance_m=0"], r"filter.options.distance_m: .*> 0.*'ecbf'"),
         (["filter.kind=ecbf", "filter.options.wings=2"], r"filter.options.*wings"),
-        (["filter.kind=ecbf", "filter.repeats=17"], r"filter.repeats"),
+        (["filter.kind=ecbf", "sharing.repeats=17"], r"sharing.repeats"),
+        (["sharing.policy=tick"], r"`\[sharing\]` is set, but controller 'mfgfl-hf' shares no states; .*filter.kind"),
+        (["filter.kind=ecbf", "sharing.policy=shout"], r"sharing.policy"),
         (["filter.wings=2"], r"wings"),
     ],
 )

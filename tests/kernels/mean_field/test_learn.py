@@ -1,7 +1,6 @@
-"""One tick of the learners: both forms give the same bits, whatever the numbers; what does not fit is refused."""
+"""One tick of the learners: both forms give the same bits for any numbers, and rows are independent."""
 
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 import pytest
@@ -43,8 +42,8 @@ def flying(around: str, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray |
 
 
 @pytest.mark.parametrize("around", AROUND)
-@pytest.mark.parametrize("rows", [*range(2 * LANES + 2), 25, 130])
-def test_a_flight_of_one_form_is_that_of_the_other(around: str, rows: int) -> None:
+@pytest.mark.parametrize("rows", [0, 1, 2, LANES - 1, LANES, LANES + 1, 2 * LANES + 1, 130])
+def test_both_forms_fly_the_same_bits(around: str, rows: int) -> None:
     compiled = pytest.importorskip("meanflock.kernels.compiled")
     weights, states, of = flying(around, rows)
     states[:1] = 0.0  # r = 0, where the local cost is undefined
@@ -64,7 +63,7 @@ any_number = st.floats(allow_nan=True, allow_infinity=True, width=64)
     arrays(np.float64, (3, 4), elements=any_number),
     arrays(np.float64, (3, 9, 4), elements=any_number),
 )
-def test_numbers_beyond_all_bounds_are_treated_alike(
+def test_both_forms_give_the_same_bits_for_any_numbers(
     weights: np.ndarray, states: np.ndarray, known: np.ndarray
 ) -> None:
     compiled = pytest.importorskip("meanflock.kernels.compiled")
@@ -73,7 +72,7 @@ def test_numbers_beyond_all_bounds_are_treated_alike(
 
 
 @pytest.mark.parametrize("around", AROUND)
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e308])
+@pytest.mark.parametrize("bad", [np.nan, 1e308])
 @pytest.mark.parametrize("rows", [LANES, LANES + 3])
 def test_a_row_never_touches_another(backend: ModuleType, around: str, bad: float, rows: int) -> None:
     weights, states, of = flying(around, rows)
@@ -88,8 +87,8 @@ def test_a_row_never_touches_another(backend: ModuleType, around: str, bad: floa
 
 
 @pytest.mark.parametrize("around", AROUND)
-@pytest.mark.parametrize("rows", range(1, 2 * LANES + 2))
-def test_a_row_is_the_same_in_any_company_and_nothing_is_read_or_written_beyond_the_last(
+@pytest.mark.parametrize("rows", [1, 2, LANES - 1, LANES, LANES + 1, 2 * LANES + 1])
+def test_a_row_does_not_depend_on_the_number_of_rows_and_nothing_beyond_the_last_is_touched(
     backend: ModuleType, around: str, rows: int
 ) -> None:
     """The arrays given are the beginnings of longer ones, which hold what would show."""
@@ -106,66 +105,6 @@ def test_a_row_is_the_same_in_any_company_and_nothing_is_read_or_written_beyond_
     assert (numbers[rows:] == 7.0).all()
 
 
-def arguments() -> dict[str, Any]:
-    weights, states, _ = flying("density", 2)
-    return {
-        "states": states,
-        "weights": weights,
-        "around": np.zeros((2, 9, 4)),
-        "weights_out": np.full_like(weights, 7.0),
-        "numbers": np.full((2, 5), 7.0),
-    }
-
-
-READ_ONLY = np.zeros((2, 5))
-READ_ONLY.flags.writeable = False
-
-
-@pytest.mark.parametrize(
-    ("name", "wrong", "said"),
-    [
-        ("states", np.zeros((3, 4)), "weights: .* expected"),
-        ("states", np.zeros((2, 3)), "states: .* expected"),
-        ("states", np.zeros((2, 4), np.float32), "states: format f"),
-        ("states", np.zeros((2, 8))[:, ::2], "contiguous"),
-        ("states", [0.0] * 8, "bytes-like"),
-        ("weights", np.zeros((1, 246)), "weights: .* expected"),
-        ("weights", np.zeros((2, 246), np.int64), "weights: format"),
-        ("weights", np.zeros((2, 108)), "weights: .* expected"),
-        ("around", np.zeros((2, 9, 3)), "around: .* 2 rows"),
-        ("around", np.zeros((2, 0, 4)), "around: 0 bytes"),
-        ("around", np.zeros(3), "around: 24 bytes, expected 16"),
-        ("around", np.zeros(2, np.float32), "around: format f"),
-        ("weights_out", np.zeros((3, 246)), "weights_out: .* expected"),
-        ("weights_out", bytes(8 * 2 * 246), "(?i)writable"),
-        ("numbers", np.zeros((2, 4)), "numbers: .* expected"),
-        ("numbers", READ_ONLY, "(?i)read-only|writable"),
-        ("tables", object(), "PyCapsule"),
-        ("tables", None, "PyCapsule"),
-    ],
-)
-def test_what_does_not_fit_is_refused_before_anything_is_written(name: str, wrong: Any, said: str) -> None:
-    native = pytest.importorskip("meanflock.kernels._native")
-    good: dict[str, Any] = {"tables": native.tables(*packed(TABLES)), **arguments()}
-    with pytest.raises((TypeError, ValueError, BufferError), match=said):
-        native.learn(*(good | {name: wrong}).values())
-    assert (good["weights_out"] == 7.0).all()
-    assert (good["numbers"] == 7.0).all()
-
-
-def test_arrays_may_begin_anywhere() -> None:
-    compiled = pytest.importorskip("meanflock.kernels.compiled")
-
-    def odd(array: np.ndarray) -> np.ndarray:
-        return np.frombuffer(bytearray(b"." + array.tobytes()), dtype=array.dtype, offset=1).reshape(array.shape)
-
-    aligned, shifted = arguments(), {name: odd(array) for name, array in arguments().items()}
-    for taken in (aligned, shifted):
-        compiled.learn(compiled.prepare(TABLES), *taken.values())
-    for name, array in aligned.items():
-        np.testing.assert_array_equal(shifted[name], array)
-
-
 SPLIT = Tables._fields.index("value_first")
 
 
@@ -180,17 +119,15 @@ def test_no_index_of_the_tables_points_outside(field: str, bad: int) -> None:
             native.tables(*packed(TABLES._replace(**{field: changed})))
 
 
-@pytest.mark.parametrize("what", ["shorter", "longer", "other"])
-def test_tables_of_another_size_are_refused(what: str) -> None:
+def test_tables_of_another_size_or_type_are_refused() -> None:
     native = pytest.importorskip("meanflock.kernels._native")
     for place, array in enumerate(both := packed(TABLES)):
-        wrong = {"shorter": array[:-1], "longer": np.append(array, array[:1]), "other": array.astype(np.int64)}[what]
-        with pytest.raises(ValueError, match="expected"):
-            native.tables(*both[:place], wrong, *both[place + 1 :])
+        for wrong in (array[:-1], np.append(array, array[:1]), array.astype(np.int64)):
+            with pytest.raises(ValueError, match="expected"):
+                native.tables(*both[:place], wrong, *both[place + 1 :])
 
 
-def test_an_exponent_of_the_interaction_is_not_lost() -> None:
-    """β ≠ 1: the agent says what φ_G is, whichever form computes the rest."""
+def test_the_exponent_of_the_interaction_has_its_effect() -> None:
     draw = np.random.default_rng(3)
     learner = Learner(load(None, ["uavs=4", "cost.beta=0.5"], method="hjb"), learns_density=False)
     states, known = draw.normal(0, 5, (2, 4)), draw.normal(0, 5, (2, 4, 4))

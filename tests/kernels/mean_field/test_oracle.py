@@ -94,12 +94,6 @@ def test_a_tick_of_either_form_under_the_oracle_s_interaction(t: Tables, backend
     np.testing.assert_array_equal(stepped[:, layout.DENSITY], models[:, layout.DENSITY])
 
 
-def test_the_regulariser_is_active_where_it_should_be() -> None:
-    active = [ORACLE["cases"][i]["regulariser_active"] for i in CASES]
-    assert any(active)
-    assert not all(active)
-
-
 def test_density_features_and_step(t: Tables) -> None:
     states = rows("state")
     powers = features.powers(t, states)

@@ -85,18 +85,34 @@ def test_every_field_of_a_board_is_in_the_data_dictionary(run, tmp_path, small) 
     assert found >= {key for key in known if not key.endswith(("absent.*", "settings.*"))}
 
 
-def test_who_stays_behind_is_best_in_nothing() -> None:
-    def row(name: str, arrived: float, energy: float) -> board.Standing:
-        rng = np.random.default_rng(len(name))
-        columns = {key: np.full(10, np.nan) for key in BY_KEY}
-        columns |= {"arrived": np.full(10, arrived), "energy_J": energy + 0.1 * rng.normal(size=10)}
-        values = {key: [board.rounded(value) for value in numbers] for key, numbers in columns.items()}
-        return board.Standing(name, name, "", {}, False, board.cells(columns), {}, values)
+def row(name: str, energy: float, settings: dict[str, str] | None = None, **means: float) -> board.Standing:
+    """A row of thirty flights that are free and in which all arrive, unless `means` differ."""
+    rng = np.random.default_rng(len(name))
+    columns = {key: np.full(30, np.nan) for key in BY_KEY}
+    numbers = {"arrived": 1.0, "free": 1.0} | means
+    columns |= {key: np.full(30, number) for key, number in numbers.items()}
+    columns["free"][0] = float(numbers["free"] == 1.0)
+    columns["energy_J"] = energy + 0.1 * rng.normal(size=30)
+    values = {key: [board.rounded(value) for value in numbers] for key, numbers in columns.items()}
+    return board.Standing(name, name, "", settings or {}, False, board.cells(columns), {}, values)
 
-    idle, good, worse = board.marked([row("idle", 0.0, 1.0), row("good", 1.0, 5.0), row("worse", 1.0, 9.0)])
-    assert not any(cell.best for cell in idle.cells.values())
+
+@pytest.mark.parametrize("worse", [{"arrived": 0.9}, {"free": 0.99}], ids=["stays behind", "collided once"])
+def test_a_row_that_is_not_safe_or_does_not_arrive_is_not_compared_by_energy(worse: dict[str, float]) -> None:
+    unsafe, good, costly = board.marked([row("unsafe", 1.0, **worse), row("good", 5.0), row("costly", 9.0)])
+    assert not unsafe.cells["energy_J"].best
     assert good.cells["energy_J"].best
-    assert not worse.cells["energy_J"].best
+    assert not costly.cells["energy_J"].best
+
+
+def test_infeasible_ticks_are_compared_among_rows_of_one_filter_only() -> None:
+    behind = {"filter.kind": "ecbf"}
+    rows = [
+        row("a", 5.0, behind, infeasible=3.0),
+        row("bb", 5.0, behind, infeasible=9.0),
+        row("orca", 5.0, infeasible=1.0),
+    ]
+    assert [made.cells["infeasible"].best for made in board.marked(rows)] == [True, False, False]
 
 
 def test_a_board_that_was_written_is_read_as_the_same_and_a_damaged_one_is_bad_input(tmp_path: Path) -> None:

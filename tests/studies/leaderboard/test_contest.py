@@ -1,7 +1,7 @@
-"""Real leaderboards, in small: what is flown, kept and refused, and what a failure costs."""
+"""Small leaderboards: their flights, their means, failed flights and wrong arguments."""
 
 import os
-import sys
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from meanflock.groundstation.cli import leaderboard as command
 from meanflock.studies import study
 from meanflock.studies.leaderboard import board, missions, rows
-from meanflock.studies.leaderboard.contest import Contest
+from meanflock.studies.leaderboard.contest import DEFAULT_POLICY, Contest
 from meanflock.studies.leaderboard.measures import BY_KEY
 from meanflock.studies.store import Store
-from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
 from tests.studies.leaderboard.courses import QUICK
-from tests.studies.studies import interrupted
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -24,8 +24,9 @@ ROOT = Path(__file__).parents[3]
 SPRING = str(ROOT / "examples" / "spring.py")
 
 
-def test_two_missions_by_two_rows_by_two_seeds(run, tmp_path, small) -> None:
-    code, out, err = run("leaderboard", "--missions", *small, "--controllers", "cruise", "mfg", *QUICK)
+def test_a_board_has_the_means_of_its_flights_and_flies_each_once(run, tmp_path, small, monkeypatch) -> None:
+    command = ("leaderboard", "--missions", *small, "--controllers", "cruise", "mfg", *QUICK)
+    code, out, err = run(*command)
     assert (code, err) == (EXIT_DONE, "")
     assert {"out/leaderboard.json", "out/leaderboard.md", "out/leaderboard.html"} <= set(out.splitlines())
     assert max(map(len, out.splitlines())) <= 80
@@ -46,6 +47,16 @@ def test_two_missions_by_two_rows_by_two_seeds(run, tmp_path, small) -> None:
     there = [course.standings[0].cells["energy_J"].mean for course in found.courses]
     assert np.mean(there) == pytest.approx(mean)
 
+    first = (tmp_path / "out/leaderboard.json").read_bytes()
+    tried: list[Any] = []
+    fly = study._fly
+    monkeypatch.setattr(study, "_fly", lambda one, **how: tried.append(one) or fly(one, **how))
+    assert run(*command)[0] == EXIT_DONE
+    assert (tried, (tmp_path / "out/leaderboard.json").read_bytes()) == ([], first)
+    more = ("leaderboard", "--missions=near.toml", "--controllers", "cruise,lqr", *QUICK)  # commas are allowed too
+    assert run(*more)[0] == EXIT_DONE
+    assert [one.method for one in tried] == ["lqr", "lqr"]
+
 
 def _is_of_its_flights(key: str, cell: board.Cell, values: np.ndarray) -> None:
     """Means and intervals by their formulas; of two flights t is 12.706."""
@@ -64,28 +75,45 @@ def _is_of_its_flights(key: str, cell: board.Cell, values: np.ndarray) -> None:
     assert cell.least == (pytest.approx(values.min(), rel=1e-5) if BY_KEY[key].least else None)
 
 
-def test_what_is_finished_is_never_flown_twice(run, tmp_path, small, monkeypatch) -> None:
-    flags = ("leaderboard", "--missions", *small, "--controllers", "cruise", "mfg", *QUICK)
-    assert run(*flags)[0] == EXIT_DONE
-    first = (tmp_path / "out/leaderboard.json").read_bytes()
-    tried: list[Any] = []
-    fly = study._fly
-    monkeypatch.setattr(study, "_fly", lambda one, **how: tried.append(one) or fly(one, **how))
-    assert run(*flags)[0] == EXIT_DONE
-    assert tried == []
-    assert (tmp_path / "out/leaderboard.json").read_bytes() == first
-    more = ("leaderboard", "--missions", "near.toml", "--controllers", "cruise", "lqr", *QUICK)
-    assert run(*more)[0] == EXIT_DONE
-    assert [one.method for one in tried] == ["lqr", "lqr"]
-
-
-def test_a_controller_of_the_readers_is_one_more_row_that_stands_out(run, tmp_path, small) -> None:
+def test_the_users_own_controller_is_a_highlighted_row(run, tmp_path, small) -> None:
     flags = ("--plugin", SPRING, "--controllers", "spring", "cruise", "--missions", "near.toml")
     assert run("leaderboard", *flags, *QUICK)[0] == EXIT_DONE
     (course,) = board.read(tmp_path / "out/leaderboard.json").courses
     assert [(row.name, row.yours) for row in course.standings] == [("spring", True), ("cruise", False)]
     assert course.standings[0].kbit_by_kind["state"] > 0
     assert "<tr class=yours><td>spring</td>" in (tmp_path / "out/leaderboard.html").read_text()
+
+
+def test_rows_that_share_states_fly_once_under_each_policy_and_all_at_the_limit(run, tmp_path, small) -> None:
+    flags = ("--missions", "near.toml", "--controllers", "orca", "cruise", "--policies", "event", "tick")
+    code, out, _ = run("leaderboard", *flags, *QUICK)
+    assert code == EXIT_DONE
+    found = board.read(tmp_path / "out/leaderboard.json")
+    (course,) = found.courses
+    assert found.policies == ["event", "tick"]
+    assert [row.name for row in course.standings] == ["orca/event", "orca/tick", "cruise"]
+    events, ticks, silent = (row.cells["kbit"].mean for row in course.standings)
+    assert silent < events < ticks
+    assert course.acceleration_max_m_s2 == 6.0
+    page = (tmp_path / "out/leaderboard.md").read_text()
+    for text in (out, page, (tmp_path / "out/leaderboard.html").read_text()):
+        words = " ".join(text.split())
+        assert "Acceleration is limited to 6 m/s²." in words
+        assert "by the policy in the row's name" in unescape(words)
+
+    one = ("--missions", "near.toml", "--controllers", "orca", "--policies", "tick")
+    assert run("leaderboard", *one, *QUICK)[0] == EXIT_DONE
+    (course,) = board.read(tmp_path / "out/leaderboard.json").courses
+    assert [row.name for row in course.standings] == ["orca"]
+    assert "by policy `tick`" in (tmp_path / "out/leaderboard.md").read_text()
+
+
+def test_a_mission_keeps_its_own_limit_of_acceleration(tmp_path) -> None:
+    path = tmp_path / "slow.toml"
+    path.write_text("uavs = 2\n[vehicle]\nacceleration_max = 1.5\n[sharing]\npolicy = 'tick'\n")
+    table = missions.Mission(str(path)).table()
+    assert table["vehicle"] == {"acceleration_max": 1.5}
+    assert "sharing" not in table
 
 
 BAD = """
@@ -113,7 +141,7 @@ class NoSuch(mf.Controller):
 """
 
 
-def test_a_flight_that_fails_is_a_row_with_the_reason_and_not_the_end(run, tmp_path, small) -> None:
+def test_a_failed_flight_is_a_row_with_its_reason(run, tmp_path, small) -> None:
     (tmp_path / "bad.py").write_text(BAD)
     names = ("stumbles", "never-begins", "no-such", "cruise")
     flags = ("--plugin", "bad.py", "--controllers", *names, "--missions", "near.toml")
@@ -140,6 +168,8 @@ def test_a_flight_that_fails_is_a_row_with_the_reason_and_not_the_end(run, tmp_p
         (("--missions", "mars"), "--missions mars: no such mission; there are paper"),
         (("--controllers", "magic"), "--controllers magic: no such row or controller; rows are"),
         (("--controllers", "cruise", "--missions"), "--missions: name one or more, or all"),
+        (("--policies", "shout"), "--policies shout: no such policy; there are tick, event, event-4, or all"),
+        (("--policies", "--seeds", "1"), "--policies: name one or more, or all"),
         (("--seeds", "0"), "--seeds"),
         (("--backend", "ray"), "ray"),
         (("--scheduler", "tcp://127.0.0.1:1"), "--backend dask"),
@@ -147,7 +177,7 @@ def test_a_flight_that_fails_is_a_row_with_the_reason_and_not_the_end(run, tmp_p
         (("--out", "file/out"), "--out file/out"),
     ],
 )
-def test_bad_input_is_one_line_and_nothing_is_written(run, tmp_path, flags, says) -> None:
+def test_wrong_arguments_are_rejected_in_one_line(run, tmp_path, flags, says) -> None:
     (tmp_path / "file").write_text("")
     code, out, err = run("leaderboard", "--quiet", *flags)
     assert (code, out) == (EXIT_BAD_INPUT, "")
@@ -157,42 +187,14 @@ def test_bad_input_is_one_line_and_nothing_is_written(run, tmp_path, flags, says
     assert os.listdir(tmp_path) == ["file"]
 
 
-def test_words_between_commas_and_words_one_after_the_other_are_the_same(run, tmp_path, small) -> None:
-    assert run("leaderboard", "--missions=near.toml", "--controllers", "cruise,mfg", *QUICK)[0] == EXIT_DONE
-    (course,) = board.read(tmp_path / "out/leaderboard.json").courses
-    assert [row.name for row in course.standings] == ["cruise", "mfg"]
-
-
-@pytest.mark.processes
-def test_ctrl_c_keeps_what_is_finished_and_a_repeat_flies_the_rest(run, tmp_path: Path) -> None:
-    (tmp_path / "long.toml").write_text('uavs = 16\nduration = 30.0\nstop = "duration"\n')
-    command = [sys.executable, "-c", "from meanflock.groundstation.cli.command import main; main()", "leaderboard"]
-    command += ["--missions", "long.toml", "--controllers", "hjb", "mfg", "--seeds", "6", "--jobs", "2"]
-    command += ["--quiet", "--out", "out"]
-    code, printed, said = interrupted(command, tmp_path / "out", cwd=tmp_path)
-    assert (code, printed) == (EXIT_RUN_FAILED, b"")
-    assert b"error: interrupted; " in said
-    assert b"Traceback" not in said
-    kept = {path: path.stat().st_mtime_ns for path in tmp_path.glob("out/data/jobs/*.job")}
-    assert not (tmp_path / "out/leaderboard.json").exists()
-    assert run(*command[3:], "--jobs", "1")[0] == EXIT_DONE
-    assert {path: path.stat().st_mtime_ns for path in kept} == kept
-    (course,) = board.read(tmp_path / "out/leaderboard.json").courses
-    assert [row.cells["time_s"].n for row in course.standings] == [6, 6]
-
-
 @pytest.mark.processes
 @pytest.mark.usefixtures("environment")
-def test_on_dask_the_board_is_the_same_to_the_last_digit(run, tmp_path, small) -> None:
-    distributed = pytest.importorskip("distributed", reason="dask is not installed")
+def test_a_dask_cluster_flies_the_same_board(run, tmp_path, small) -> None:
+    pytest.importorskip("distributed", reason="dask is not installed")
     flags = ("leaderboard", "--missions", "near.toml", "--controllers", "cruise", "mfgfl-h")
-    flags += ("--seeds", "2", "--first-seed", "1", "--quiet")
-    assert run(*flags, "--jobs", "1", "--out", "here")[0] == EXIT_DONE
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
-    ) as cluster:
-        there = ("--backend", "dask", "--scheduler", cluster.scheduler_address, "--out", "there")
-        assert run(*flags, *there)[0] == EXIT_DONE
+    flags += ("--seeds", "2", "--first-seed", "1", "--quiet", "--jobs", "1")
+    assert run(*flags, "--out", "here")[0] == EXIT_DONE
+    assert run(*flags, "--out", "there", "--backend", "dask")[0] == EXIT_DONE
     here, there = ((tmp_path / folder / "leaderboard.json").read_bytes() for folder in ("here", "there"))
     assert here == there
 
@@ -205,3 +207,7 @@ def test_every_shipped_row_flies_its_missions() -> None:
         assert set(row.missions) <= known
     for mission, left in contest.absent.items():
         assert all(why.startswith("flies ") for why in left.values()), (mission, left)
+
+
+def test_the_default_policy_of_the_command_is_that_of_a_scenario() -> None:
+    assert command._DEFAULT_POLICY == DEFAULT_POLICY

@@ -48,22 +48,22 @@ def rows(rng: np.random.Generator, *means: float) -> dict[str, np.ndarray]:
 
 def test_the_best_is_marked_where_it_is_told_from_every_other_row_and_only_there() -> None:
     rng = np.random.default_rng(2)
-    assert marks.best({TIME: rows(rng, 3.0, 2.0, 2.5)}) == {"time_s": "row1"}
-    assert marks.best({TIME: rows(rng, 3.0, 2.0, 2.001)}) == {}  # the next is as good, as far as anybody can tell
-    assert marks.best({CLOSEST: rows(rng, 3.0, 2.0, 2.5)}) == {"closest_m": "row0"}
-    assert marks.best({TIME: rows(rng, 1.0)}) == {}  # alone
+    assert marks.best([(TIME, rows(rng, 3.0, 2.0, 2.5))]) == {("time_s", "row1")}
+    assert marks.best([(TIME, rows(rng, 3.0, 2.0, 2.001))]) == set()  # the next is as good, as far as anybody can tell
+    assert marks.best([(CLOSEST, rows(rng, 3.0, 2.0, 2.5))]) == {("closest_m", "row0")}
+    assert marks.best([(TIME, rows(rng, 1.0))]) == set()  # alone
 
 
 def test_a_row_without_numbers_does_not_compete() -> None:
     rng = np.random.default_rng(3)
     columns = rows(rng, 3.0, 2.0)
-    assert marks.best({TIME: {**columns, "none": np.full(30, np.nan)}}) == {"time_s": "row1"}
+    assert marks.best([(TIME, {**columns, "none": np.full(30, np.nan)})]) == {("time_s", "row1")}
 
 
 def test_two_flights_mark_nothing_by_yes_and_no() -> None:
-    assert marks.best({FREE: {"a": np.array([1.0, 1.0]), "b": np.array([0.0, 0.0])}}) == {}
+    assert marks.best([(FREE, {"a": np.array([1.0, 1.0]), "b": np.array([0.0, 0.0])})]) == set()
     thirty = {"a": np.ones(30), "b": np.zeros(30)}
-    assert marks.best({FREE: thirty}) == {"free": "a"}
+    assert marks.best([(FREE, thirty)]) == {("free", "a")}
 
 
 def test_where_no_row_is_better_one_table_in_twenty_has_a_mark_at_most() -> None:
@@ -74,5 +74,16 @@ def test_where_no_row_is_better_one_table_in_twenty_has_a_mark_at_most() -> None
     wrong = 0
     for _ in range(300):
         means = [1.0, 1.0, *[5.0] * 12]
-        wrong += bool(marks.best({measure: rows(rng, *means) for measure in measures}))
+        wrong += bool(marks.best([(measure, rows(rng, *means)) for measure in measures]))
     assert wrong <= 25
+
+
+@pytest.mark.parametrize(
+    ("free", "flights", "safe"), [(28, 28, False), (29, 29, True), (30, 30, True), (29, 30, False), (60, 61, True)]
+)
+def test_a_row_is_safe_if_its_share_of_free_flights_is_above_ninety_per_cent(
+    free: int, flights: int, safe: bool
+) -> None:
+    assert marks.is_safe(np.arange(flights) < free) is safe
+    bound = stats.binomtest(free, flights).proportion_ci(0.90).low  # two-sided 90 %: one-sided 95 %
+    assert (bound >= 0.9) is safe

@@ -100,11 +100,8 @@ def test_the_papers_learner_is_judged_at_both_speeds(script) -> None:
     said = script.findings(made(("paper", rows)))[3]
     assert "at κ = 0.01 21.90 ± 0.09 → 17.80 ± 0.07 J at 2.0 times the bits (that it saves: confirmed)" in said
     assert "(that it saves: refuted)" in said
-
-
-def test_an_interval_with_nothing_in_it_is_undecided(script) -> None:
-    rows = [standing(name, energy_J=20.0, kbit=1.0) for name in ("mfg-ecbf", "mfgfl-h-ecbf")]
-    assert "(that it saves: undecided)" in script.findings(made(("paper", rows)))[3]
+    equal = [standing(name, energy_J=20.0, kbit=1.0) for name in ("mfg-ecbf", "mfgfl-h-ecbf")]
+    assert "(that it saves: undecided)" in script.findings(made(("paper", equal)))[3]
 
 
 def test_the_page_is_that_of_its_results(script) -> None:

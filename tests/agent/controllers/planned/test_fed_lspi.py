@@ -80,3 +80,24 @@ def test_a_pause_is_no_tick() -> None:
     for tick in (0, 1, 2, 7, 8):
         memory = controller.step(memory, tick, plan, ()).memory
     assert (memory["squares"][:, 9, 9] == 3).all()
+
+
+def test_shared_data_are_the_mean_of_what_all_measured() -> None:
+    controller: Any = plugins.create("controller", "fed-lspi", {"share": "data"}, mf.Scenario(uavs=3))
+    assert (controller.parameters, controller.parts) == (231, (105, 126))
+    draw = np.random.default_rng(1)
+    memory = controller.init(np.arange(3), np.zeros((3, 4)))
+    squares = draw.normal(size=(3, 14, 14))
+    memory |= {"squares": squares + squares.transpose(0, 2, 1), "steps": draw.normal(size=(3, 14, 9))}
+    mean = controller.get(memory).mean(axis=0)
+    after = controller.set(memory, np.array([0, 2]), np.stack([mean, mean]))
+    np.testing.assert_allclose(after["squares"][2], memory["squares"].mean(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(after["steps"][0], memory["steps"].mean(axis=0), rtol=1e-12)
+    for name in ("squares", "steps"):
+        assert after[name][1].tobytes() == memory[name][1].tobytes()
+    assert after["gains"].tobytes() == memory["gains"].tobytes()
+
+
+@pytest.mark.parametrize(("share", "parameters"), [(True, 4), ("gains", 4), ("data", 231), (False, 0)])
+def test_what_is_shared_is_the_model(share: Any, parameters: int) -> None:
+    assert plugins.create("controller", "fed-lspi", {"share": share}, mf.Scenario()).parameters == parameters

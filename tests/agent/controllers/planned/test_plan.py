@@ -1,5 +1,6 @@
 """A plan that everybody knows is flown together, without a word and without a collision."""
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -52,8 +53,9 @@ def test_who_tells_neighbours_of_it_hardly_ever_has_to_speak() -> None:
     states = mf.fly(scenario, seed=3).states
     plan: Plan = declared.controller(scenario)
     said = {}
+    sharing = msgspec.structs.replace(scenario, sharing=Sharing(policy="event"))
     for name, predict in (("plan", plan.prediction()), ("velocity", None)):
-        of = Neighbours(Sharing(), scenario, predict)
+        of = Neighbours(sharing, predict)
         memory, said[name] = of.init(np.arange(9), mission.starts(scenario)), 0
         for tick, own in enumerate(states):
             memory, broadcast = of.speak(memory, tick, own)

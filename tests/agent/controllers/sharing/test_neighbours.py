@@ -1,21 +1,29 @@
 """What rows know of others: predicted from what was sent, the same for one row as for many, and said at events only."""
 
+from typing import Any
+
+import msgspec
 import numpy as np
 import pytest
 
 from meanflock.agent.controllers.base import Broadcast, Memory, Received
 from meanflock.agent.controllers.prediction import AlongPlan
-from meanflock.agent.controllers.sharing.base import FAR_M, Neighbours, Sharing
+from meanflock.agent.controllers.sharing.base import FAR_M, Neighbours
 from meanflock.swarm import mission
 from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.scenario.tables import POLICIES, Sharing
 
 N = 5
-EVENT, TICK = Sharing(), Sharing(broadcast="tick")
+EVENT, TICK = Sharing(policy="event"), Sharing(policy="tick")
 UAVS = np.arange(N)
 
 
 def scenario(*settings: str) -> Scenario:
     return load(None, [f"uavs={N}", *settings])
+
+
+def neighbours(sharing: Sharing, predict: Any = None, *settings: str) -> Neighbours:
+    return Neighbours(msgspec.structs.replace(scenario(*settings), sharing=sharing), predict)
 
 
 def plan(seed: int = 0) -> np.ndarray:
@@ -32,13 +40,13 @@ def frames(broadcast: Broadcast, rows: int, uavs: np.ndarray = UAVS, number: int
 
 def test_at_take_off_everybody_is_where_the_mission_plan_says() -> None:
     for sharing in (EVENT, TICK):
-        of = Neighbours(sharing, scenario())
+        of = neighbours(sharing)
         memory = of.init(UAVS[:2], plan())
         np.testing.assert_array_equal(of.states(memory, 0), np.stack([plan(), plan()]))
 
 
 def test_who_is_silent_goes_on_at_constant_velocity() -> None:
-    of = Neighbours(EVENT, scenario())
+    of = neighbours(EVENT)
     known = of.states(of.init(UAVS, plan()), 30)
     expected = plan()
     expected[:, :2] += 3.0 * plan()[:, 2:]
@@ -49,7 +57,7 @@ def test_along_a_plan_a_deviation_falls_to_a_part_in_e() -> None:
     def path(tick: int) -> np.ndarray:
         return np.outer(np.arange(1.0, N + 1), [0.1 * tick, 1.0, 1.0, 0.0])
 
-    of = Neighbours(EVENT, scenario(), AlongPlan(path, 0.1, tau_s=2.0))
+    of = neighbours(EVENT, AlongPlan(path, 0.1, tau_s=2.0))
     start = path(0) + plan()
     memory = of.init(UAVS[3:4], start)
     np.testing.assert_allclose(of.states(memory, 0)[0], start, rtol=1e-15)
@@ -58,7 +66,7 @@ def test_along_a_plan_a_deviation_falls_to_a_part_in_e() -> None:
 
 
 def test_a_broadcast_of_every_tick_reaches_who_is_in_range() -> None:
-    of, now = Neighbours(TICK, scenario()), plan(1)
+    of, now = neighbours(TICK), plan(1)
     memory = of.init(UAVS, plan())
     spoken, broadcast = of.speak(memory, 4, now)
     assert broadcast.rows is None
@@ -74,7 +82,7 @@ def test_a_broadcast_of_every_tick_reaches_who_is_in_range() -> None:
 
 
 def test_one_silent_for_too_long_is_forgotten_where_everybody_should_speak() -> None:
-    of = Neighbours(Sharing(broadcast="tick", forget_s=1.0), scenario())
+    of = neighbours(Sharing(policy="tick", forget_s=1.0))
     memory = of.init(UAVS, plan())
     said, broadcast = of.speak(memory, 3, plan())
     memory, _ = of.receive(said, 4, [frames(Broadcast(broadcast.payload[:1], UAVS[:1]), N)])
@@ -86,7 +94,7 @@ def test_one_silent_for_too_long_is_forgotten_where_everybody_should_speak() -> 
 
 
 def test_an_event_is_a_position_that_others_predict_too_badly() -> None:
-    of = Neighbours(Sharing(delta_m=0.3), scenario())
+    of = neighbours(EVENT)
     memory = of.init(UAVS, plan())
     now = of.states(memory, 10)[0].copy()
     now[1, 0] += 0.29
@@ -107,7 +115,7 @@ def test_an_event_is_a_position_that_others_predict_too_badly() -> None:
 
 
 def test_a_velocity_can_be_an_event_too() -> None:
-    of = Neighbours(Sharing(velocity_delta_m_s=0.3), scenario())
+    of = neighbours(Sharing(policy="event", velocity_delta_m_s=0.3))
     memory = of.init(UAVS, plan())
     now = of.states(memory, 10)[0].copy()
     now[1, 2:] += (0.2, -0.2)  # 0.28 m/s
@@ -117,7 +125,7 @@ def test_a_velocity_can_be_an_event_too() -> None:
 
 @pytest.mark.parametrize("repeats", [1, 2, 5])
 def test_an_event_is_repeated_as_it_is_by_then(repeats: int) -> None:
-    of = Neighbours(Sharing(repeats=repeats), scenario())
+    of = neighbours(Sharing(policy="event", repeats=repeats))
     memory, now = of.init(UAVS[:1], plan()), plan()[:1] + 1.0
     now[:, 2:] = 0.1, 0.0
     said = []
@@ -130,7 +138,7 @@ def test_an_event_is_repeated_as_it_is_by_then(repeats: int) -> None:
 
 
 def test_sender_and_receivers_predict_the_same_bits() -> None:
-    of, other = Neighbours(EVENT, scenario()), Neighbours(EVENT, scenario())
+    of, other = neighbours(EVENT), neighbours(EVENT)
     mine, theirs = of.init(UAVS[:1], plan()), other.init(UAVS[4:], plan())
     draw, now = np.random.default_rng(3), plan()[:1]
     for tick in range(60):
@@ -143,7 +151,7 @@ def test_sender_and_receivers_predict_the_same_bits() -> None:
 
 
 def test_a_state_beyond_16_bits_is_not_sent_but_counted() -> None:
-    of = Neighbours(EVENT, scenario("start.centre=[100.0, 0.0]"))
+    of = neighbours(EVENT, None, "start.centre=[100.0, 0.0]")
     memory = of.init(UAVS, plan())
     now, halfway = plan(), 0.5 * mission.starts(scenario("start.centre=[100.0, 0.0]"))[:, 0]
     now[:3, 0] = halfway[:3] + np.array([327.6, 327.8, -327.8])
@@ -164,7 +172,7 @@ def test_a_lie_is_refused_and_named() -> None:
         (TICK, np.array([[1e6, 0, 0, 0], [0, 0, 500.0, 0], [1.0, 2, 3, 4]])),
         (EVENT, np.array([[0, 0, 30_000, 0], [0, 0, 0, -32_768], [1, 2, 3, 4]], np.int16)),
     ):
-        of = Neighbours(sharing, scenario())
+        of = neighbours(sharing)
         memory = of.init(UAVS[:1], plan())
         said = Received(0, np.array([4, 2, 3]), payload, np.array([[0, 0], [1, 0], [2, 0]]))
         after, refused = of.receive(memory, 1, [said])
@@ -180,7 +188,7 @@ def test_a_lie_is_refused_and_named() -> None:
     [np.ones((1, 4), np.float64), np.ones((1, 3), np.int16), np.ones((1, 4), np.int32), np.ones((1, 5), np.int16)],
 )
 def test_what_is_no_state_is_not_taken_for_one(payload: np.ndarray) -> None:
-    of = Neighbours(EVENT, scenario())
+    of = neighbours(EVENT)
     memory = of.init(UAVS[:2], plan())
     after, _ = of.receive(memory, 1, [Received(0, UAVS[2:3], payload, np.array([[0, 0]]))])
     assert after["neighbour_kept"] is memory["neighbour_kept"]
@@ -196,7 +204,7 @@ def test_a_row_knows_the_same_alone_as_among_others(sharing: Sharing, along: boo
         return plan(9) + np.array([0.3 * tick, -0.1 * tick, 3.0, -1.0])
 
     def flown(groups: list[np.ndarray]) -> tuple[list[bytes], Memory]:
-        all_of = [Neighbours(sharing, scenario(), AlongPlan(path, 0.1) if along else None) for _ in groups]
+        all_of = [neighbours(sharing, AlongPlan(path, 0.1) if along else None) for _ in groups]
         memories = [of.init(group, plan()) for of, group in zip(all_of, groups, strict=True)]
         draw, now, seen = np.random.default_rng(2), plan(), []
         lost = draw.random((20, N, N)) < 0.3
@@ -228,7 +236,7 @@ def test_a_row_knows_the_same_alone_as_among_others(sharing: Sharing, along: boo
 
 
 def test_nothing_it_is_given_is_written_to() -> None:
-    of = Neighbours(EVENT, scenario())
+    of = neighbours(EVENT)
     memory = of.init(UAVS, plan())
     after, broadcast = of.speak(memory, 1, plan(5))
     for array in (*memory.values(), *after.values(), broadcast.payload):
@@ -237,7 +245,7 @@ def test_nothing_it_is_given_is_written_to() -> None:
 
 
 def test_alone_there_is_nobody_to_know_of() -> None:
-    of = Neighbours(EVENT, load(None, ["uavs=1"]))
+    of = Neighbours(load(None, ["uavs=1"]))
     memory = of.init(UAVS[:1], plan()[:1])
     assert of.states(memory, 7).shape == (1, 1, 4)
     memory, broadcast = of.speak(memory, 7, plan(3)[:1])
@@ -245,3 +253,11 @@ def test_alone_there_is_nobody_to_know_of() -> None:
     none = of.init(UAVS[:0], plan()[:1])
     assert of.states(none, 7).shape == (0, 1, 4)
     assert of.speak(none, 7, np.zeros((0, 4)))[1].payload.shape == (0, 4)
+
+
+def test_a_key_of_the_table_changes_one_thing_of_its_policy() -> None:
+    assert Sharing().rule == POLICIES["event-4"] == ("event", 0.3, 0.2, 4)
+    assert Sharing(policy="event").rule == ("event", 0.3, 0.0, 1)
+    assert Sharing(policy="tick").rule.broadcast == "tick"
+    assert Sharing(policy="event", delta_m=0.1, repeats=2).rule == ("event", 0.1, 0.0, 2)
+    assert Sharing(velocity_delta_m_s=0.0).rule == ("event", 0.3, 0.0, 4)

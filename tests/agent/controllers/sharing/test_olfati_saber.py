@@ -82,7 +82,7 @@ def test_an_a_beyond_b_is_refused() -> None:
 
 @pytest.mark.parametrize("broadcast", ["event", "tick"])
 def test_it_arrives_without_a_collision(broadcast: str) -> None:
-    run = mf.fly("paper", method="olfati-saber", seed=4, **{"controller.broadcast": broadcast})
+    run = mf.fly("paper", method="olfati-saber", seed=4, **{"sharing.policy": broadcast})
     assert run.summary["arrived"] == 25
     assert run.summary["collisions"] == 0
     assert run.summary["t_avg_s"] < 86.0

@@ -100,8 +100,7 @@ def test_a_swap_through_one_point_needs_a_rule_of_the_road(seed: int) -> None:
 
 def test_the_paper_s_mission_is_flown_free_of_collisions_for_a_hundredth_of_the_bits() -> None:
     every_tick, events = (
-        mf.fly("paper", method="orca", seed=4, **{"controller.broadcast": speaks}).summary
-        for speaks in ("tick", "event")
+        mf.fly("paper", method="orca", seed=4, **{"sharing.policy": speaks}).summary for speaks in ("tick", "event")
     )
     for summary in (every_tick, events):
         assert (summary["collisions_all"], summary["arrived"]) == (0, 25)

@@ -26,7 +26,7 @@ def test_a_lie_is_named_and_moves_nobody(method: str) -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_what_was_received_moves_who_received_it(method: str) -> None:
-    controller = made(method, "controller.broadcast=tick", uavs=3)
+    controller = made(method, "sharing.policy=tick", uavs=3)
     memory = controller.init(np.arange(3), STATES)
     nearby = Received(0, np.array([2]), np.array([[70.3, 0.4, 0, 0]]), np.array([[0, 0]]))
     alone, pushed = (controller.step(memory, 1, STATES, received).acceleration for received in ([], [nearby]))

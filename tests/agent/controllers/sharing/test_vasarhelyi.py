@@ -63,7 +63,7 @@ def test_pairs_left_out_early_could_not_have_pushed() -> None:
 
 @pytest.mark.parametrize(("uavs", "sigma", "broadcast"), [(25, 0.1, "event"), (25, 0.1, "tick"), (36, 0.5, "event")])
 def test_it_arrives_without_a_collision(uavs: int, sigma: float, broadcast: str) -> None:
-    settings = {"wind.sigma": sigma, "controller.broadcast": broadcast}
+    settings = {"wind.sigma": sigma, "sharing.policy": broadcast}
     run = mf.fly("paper", method="vasarhelyi", uavs=uavs, seed=4, **settings)
     assert run.summary["arrived"] == uavs
     assert run.summary["collisions"] == 0
@@ -72,7 +72,7 @@ def test_it_arrives_without_a_collision(uavs: int, sigma: float, broadcast: str)
 
 def test_events_cost_a_tenth_of_the_bits_or_less() -> None:
     said = {
-        broadcast: mf.fly("paper", method="vasarhelyi", duration=40, **{"controller.broadcast": broadcast}).summary
+        broadcast: mf.fly("paper", method="vasarhelyi", duration=40, **{"sharing.policy": broadcast}).summary
         for broadcast in ("event", "tick")
     }
     assert said["event"]["payload_bits"]["state"] < 0.1 * said["tick"]["payload_bits"]["state"]

@@ -1,0 +1,142 @@
+"""Filters by control barrier functions: the acceleration nearest to the command that keeps every pair apart.
+
+Wang, Ames and Egerstedt, Safety Barrier Certificates for Collisions-Free Multirobot Systems, IEEE T-RO 33, 2017. A
+barrier h ≥ 0 of a pair gives one half-plane of accelerations, of which each UAV of the pair takes half. An obstacle
+takes no part, so the UAV takes all of its half-plane.
+
+`ecbf` has h = ‖Δr‖² − D², whose second derivative contains the acceleration (exponential form: Nguyen and Sreenath, ACC
+2016). `braking` has the barrier of the source: the closing speed is at most the speed from which the pair can stop.
+"""
+
+from abc import abstractmethod
+from typing import Annotated, Any
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from meanflock import kernels
+from meanflock.agent.controllers import base
+from meanflock.agent.controllers.base import Controller
+from meanflock.agent.controllers.cruise import acceleration_limit, against_the_air
+from meanflock.agent.controllers.filtered import Filter
+from meanflock.agent.controllers.sharing.nearby import (
+    Closest,
+    closest,
+    closest_discs,
+    stopping_slope,
+    stopping_speed,
+    with_obstacles,
+)
+from meanflock.swarm import mission
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import Floats, Plane, Rows, States
+
+INFEASIBLE_M_S2 = 1e-6  # violation up to which a half-plane counts as kept
+
+
+class BarrierOptions(base.Options, frozen=True):
+    """Options of every filter with barriers."""
+
+    distance_m: Annotated[
+        float, Meta(gt=0, description="D, distance to keep; below the spacing that a formation flies, m")
+    ] = 0.8
+    rate_1_s: Annotated[float, Meta(gt=0, description="k, rate at which a barrier may shrink, 1/s")] = 4.0
+    neighbours: Annotated[int, Meta(ge=1, le=32, description="number of the closest UAVs that are avoided")] = 10
+    reach_m: Annotated[float, Meta(gt=0, description="distance beyond which a UAV is not avoided, m")] = 6.0
+    clearance_m: Annotated[float, Meta(ge=0, description="distance to keep from the edge of an obstacle, m")] = 0.3
+    obstacle_rate_1_s: Annotated[float, Meta(gt=0, description="k of obstacles, 1/s")] = 1.5
+    obstacles: Annotated[int, Meta(ge=1, le=32, description="number of the closest obstacles that are avoided")] = 4
+    acceleration_max_m_s2: Annotated[
+        float, Meta(gt=0, description="limit on ‖dv/dt‖, at most that of the vehicle, m/s²")
+    ] = 3.0
+
+
+class Barrier(Filter):
+    """Base class of these filters: override `half_planes`.
+
+    The limit `acceleration_max_m_s2` is on the motion: drag and mean wind, as known before take-off, are subtracted and
+    added again. So a controller that commands more is limited even where no UAV is near. Where not all half-planes can
+    be kept, the largest violation is the least possible, and `infeasible` is 1.
+    """
+
+    columns = ("infeasible",)
+    Options = BarrierOptions
+
+    def __init__(self, options: Any, scenario: Scenario, inner: Controller) -> None:
+        super().__init__(options, scenario, inner)
+        self._discs = mission.obstacles(scenario)
+        self._limit = acceleration_limit(scenario, options.acceleration_max_m_s2)
+
+    @abstractmethod
+    def half_planes(self, near: Closest, rate: float, distance: float | Rows, share: float) -> tuple[Plane, Rows]:
+        """Half-planes n·a ≥ bound of accelerations of the rows.
+
+        Args:
+            near: what is near the M rows. rate: k, 1/s. distance: D, m; or (M, K). share: the row's share of a
+                half-plane, 0.5 for UAVs and 1 for obstacles.
+
+        Returns:
+            Normals (M, K, 2), 0 where nothing is near, and bounds (M, K), m/s².
+        """
+        raise NotImplementedError
+
+    def admit(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Plane) -> tuple[Plane, Floats]:
+        options = self.options
+        motion = np.ascontiguousarray(wanted - against_the_air(self.scenario, own), dtype=np.float64)
+        near = closest(own, others, uavs, options.reach_m, options.neighbours)
+        normals, bounds = self.half_planes(near, options.rate_1_s, options.distance_m, 0.5)
+        if len(self._discs):
+            discs, radii = closest_discs(own, self._discs, options.reach_m, options.obstacles)
+            more, least = self.half_planes(discs, options.obstacle_rate_1_s, radii + options.clearance_m, 1.0)
+            normals, bounds = with_obstacles(normals, bounds, more, least)
+        admitted, missing = np.empty_like(motion), np.empty(len(own))
+        kernels.nearest(motion, normals, bounds, self._limit, admitted, missing)
+        changed = (admitted != motion).any(axis=1, keepdims=True)
+        infeasible = (missing > INFEASIBLE_M_S2)[:, None].astype(np.float64)
+        return np.where(changed, wanted + (admitted - motion), wanted), infeasible
+
+
+class Ecbf(Barrier):
+    """Exponential control barrier functions: keep every two UAVs, and every UAV and obstacle, apart.
+
+    Of all commands with ḧ + 2kḣ + k²h ≥ 0 for each h = ‖Δr‖² − D², the nearest to the controller's.
+    """
+
+    name = "ecbf"
+
+    class Options(BarrierOptions, frozen=True):
+        """The options of `ecbf`."""
+
+    def half_planes(self, near: Closest, rate: float, distance: float | Rows, share: float) -> tuple[Plane, Rows]:
+        away, closing = near.away, near.closing
+        along = away[..., 0] * closing[..., 0] + away[..., 1] * closing[..., 1]
+        speed = closing[..., 0] * closing[..., 0] + closing[..., 1] * closing[..., 1]
+        bounds = -share * (speed + 2.0 * rate * along + 0.5 * rate * rate * (near.squared - distance * distance))
+        length = np.sqrt(np.where(near.there, near.squared, 1.0))
+        return np.where(near.there[..., None], away / length[..., None], 0.0), bounds / length
+
+
+class Braking(Barrier):
+    """Barriers with the braking distance: no pair closes faster than it can stop, one tick of delay included.
+
+    Of all commands with ḣ + kh ≥ 0 for each h = v_stop(‖Δr‖ − D) + ‖Δr‖˙, the nearest to the controller's. v_stop is
+    the speed from which a pair stops within a distance at the limit of acceleration, if it begins one tick later.
+    """
+
+    name = "braking"
+
+    class Options(BarrierOptions, frozen=True):
+        """The options of `braking`."""
+
+    def half_planes(self, near: Closest, rate: float, distance: float | Rows, share: float) -> tuple[Plane, Rows]:
+        length = np.sqrt(np.where(near.there, near.squared, 1.0))
+        normals = np.where(near.there[..., None], near.away / length[..., None], 0.0)
+        closing = near.closing
+        along = normals[..., 0] * closing[..., 0] + normals[..., 1] * closing[..., 1]
+        across = normals[..., 0] * closing[..., 1] - normals[..., 1] * closing[..., 0]
+        deceleration, dt = self._limit / share, self.scenario.dt  # both UAVs of a pair brake
+        speed = stopping_speed(length - distance, deceleration, dt)
+        slope = stopping_slope(length - distance, deceleration, dt)
+        bounds = -share * (rate * (speed + along) + slope * along + across * across / length)
+        return normals, bounds

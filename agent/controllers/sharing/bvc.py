@@ -1,0 +1,93 @@
+"""Buffered Voronoi cells: every UAV stays in its half of the way to each other UAV, less a buffer.
+
+Zhou, Wang, Bandyopadhyay and Schwager, Fast, on-line collision avoidance for dynamic vehicles using buffered Voronoi
+cells, IEEE Robotics and Automation Letters 2(2), 2017. Where the source plans with the vehicle's dynamics, here the
+velocity is limited to that from which the UAV can stop at the edge of its cell.
+"""
+
+from typing import Annotated, Any
+
+import numpy as np
+from msgspec import Meta
+
+from meanflock import kernels
+from meanflock.agent.controllers.base import Memory, Step
+from meanflock.agent.controllers.cruise import acceleration_limit, limited
+from meanflock.agent.controllers.sharing.base import Travelling, TravellingController
+from meanflock.agent.controllers.sharing.nearby import (
+    Closest,
+    closest,
+    closest_discs,
+    stopping_speed,
+    to_the_right,
+    with_obstacles,
+)
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import VELOCITY, Plane, Rows, States
+
+INFEASIBLE_M_S = 1e-6  # violation up to which a half-plane counts as kept
+
+
+class BufferedVoronoi(TravellingController):
+    """Buffered Voronoi cells, after Zhou, Wang, Bandyopadhyay and Schwager (2017).
+
+    a = k_v (v_cell − v) + c0 (v − v_o); v_cell is nearest to the velocity of `cruise`, turned to the right by
+    `right_bias`, of all velocities from which the UAV can stop within its cell.
+    """
+
+    name = "bvc"
+    diagnostics = ("infeasible", "unsent")
+    stays = True
+
+    class Options(Travelling, frozen=True):
+        """The options of `bvc`."""
+
+        velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 4.0
+        radius_m: Annotated[float, Meta(gt=0, description="buffer, half of the distance that two UAVs keep, m")] = 0.4
+        clearance_m: Annotated[float, Meta(ge=0, description="distance to keep from the edge of an obstacle, m")] = 0.4
+        right_bias: Annotated[
+            float, Meta(ge=0, le=1, description="share of the cruise velocity that is added to its right")
+        ] = 0.3
+        speed_max_m_s: Annotated[float, Meta(gt=0, description="limit on the velocity chosen, m/s")] = 4.0
+        neighbours: Annotated[int, Meta(ge=1, le=32, description="number of the closest UAVs that bound a cell")] = 10
+        obstacles: Annotated[
+            int, Meta(ge=1, le=32, description="number of the closest obstacles that bound a cell")
+        ] = 4
+        reach_m: Annotated[float, Meta(gt=0, description="distance beyond which a UAV bounds no cell, m")] = 15.0
+        acceleration_max_m_s2: Annotated[
+            float, Meta(gt=0, description="limit on ‖a‖ before drag, at most that of the vehicle, m/s²")
+        ] = 6.0
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
+        self._limit = acceleration_limit(scenario, options.acceleration_max_m_s2)
+        self._delay_s = scenario.dt + 1.0 / options.velocity_gain_1_s  # a tick, and the lag of the velocity
+
+    def fly(self, memory: Memory, own: States, others: States) -> Step:
+        options = self.options
+        memory, wished = self._travel.velocity(memory, own)
+        wished = to_the_right(wished, options.right_bias)
+        near = closest(own, others, memory["neighbour_uav"], options.reach_m, options.neighbours)
+        normals, bounds = self._faces(near, options.radius_m, 0.5)
+        if len(self._obstacles):
+            discs, radii = closest_discs(own, self._obstacles, options.reach_m, options.obstacles)
+            more, least = self._faces(discs, radii + options.clearance_m, 1.0)
+            normals, bounds = with_obstacles(normals, bounds, more, least)
+        velocity, missing = np.empty((len(own), 2)), np.empty(len(own))
+        kernels.nearest(np.ascontiguousarray(wished), normals, bounds, options.speed_max_m_s, velocity, missing)
+        acceleration = limited(options.velocity_gain_1_s * (velocity - own[:, VELOCITY]), self._limit)
+        return Step(memory, acceleration, (missing > INFEASIBLE_M_S)[:, None].astype(np.float64))
+
+    def _faces(self, near: Closest, buffer: float | Rows, share: float) -> tuple[Plane, Rows]:
+        """Half-planes n·v ≥ bound of velocities from which a row stops before the faces of its cell.
+
+        Args:
+            near: what is near the M rows. buffer: distance of a row from a face, m; or (M, K). share: position of the
+                face on the way to the other: 0.5 for a UAV, 1 for the centre of an obstacle.
+
+        Returns:
+            Normals (M, K, 2), 0 where nothing is near, and bounds (M, K), m/s.
+        """
+        length = np.sqrt(np.where(near.there, near.squared, 1.0))
+        normals = np.where(near.there[..., None], near.away / length[..., None], 0.0)
+        return normals, -stopping_speed(share * length - buffer, self._limit, self._delay_s)

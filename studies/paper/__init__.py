@@ -1,1 +1,0 @@
-"""The paper's experiments: the grid as data, many runs at once, and a store that survives what happens to it."""

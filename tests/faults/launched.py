@@ -1,0 +1,102 @@
+"""`meanflock run` in a process of its own, and the processes that it starts."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from tests.faults.conftest import events_in, spool_bytes
+from tests.polling import DEADLINE_S, until
+
+COMMAND = [sys.executable, "-m", "meanflock.groundstation.cli"]
+BARRIER_S = 4
+ENVIRONMENT = {"MEANFLOCK_BARRIER": str(BARRIER_S)}
+
+
+def _let_hang_up_end() -> None:
+    """SIGHUP ends the process, also where `nohup` runs the tests."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
+def alive(process: psutil.Process) -> bool:
+    """Whether a process still runs."""
+    return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+
+
+class Launched:
+    """A run of the command with settings and flags."""
+
+    def __init__(self, out: Path, settings: tuple[str, ...], flags: tuple[str, ...], **environment: str) -> None:
+        self.out = out
+        words = [word for setting in settings for word in ("--set", setting)]
+        self.process = subprocess.Popen(
+            [*COMMAND, "run", "--out", str(out), "--quiet", "--json", *flags, *words],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, **ENVIRONMENT, **environment},
+            preexec_fn=_let_hang_up_end,
+        )
+
+    @property
+    def folder(self) -> Path:
+        """The only run folder."""
+        (folder,) = self.out.iterdir()
+        return folder
+
+    def child(self, module: str) -> psutil.Process:
+        """The process of a module that the launcher itself has started."""
+        (found,) = (p for p in psutil.Process(self.process.pid).children() if f"meanflock.{module}" in p.cmdline())
+        return found
+
+    def agents(self) -> list[psutil.Process]:
+        """The forked agents; the one that was started last is first."""
+        return sorted(self.child("agent").children(), key=lambda p: (p.create_time(), p.pid), reverse=True)
+
+    def family(self) -> list[psutil.Process]:
+        """All processes of the run but the launcher."""
+        return psutil.Process(self.process.pid).children(recursive=True)
+
+    def events(self, kind: str, count: int) -> list[dict[str, Any]]:
+        """Waits for so many events of a kind."""
+        return until(
+            lambda: len(found := [e for e in events_in(self.folder) if e["kind"] == kind]) >= count and found,
+            f"{count} events {kind}",
+        )
+
+    def flying(self, more: int = 20_000) -> None:
+        """Waits until that many more bytes of telemetry are on the disk."""
+        before = spool_bytes(self.out)
+        until(lambda: spool_bytes(self.out) > before + more, "telemetry")
+
+    def ended(self, code: int) -> tuple[str, str]:
+        """Waits for the command to end with an exit code; its output and errors."""
+        out, err = self.process.communicate(timeout=DEADLINE_S)
+        assert self.process.returncode == code, err
+        return out, err
+
+    def interrupt(self) -> dict[str, Any]:
+        """Ends an endless flight; its summary."""
+        self.process.send_signal(signal.SIGINT)
+        self.ended(1)
+        return json.loads((self.folder / "summary.json").read_text())
+
+
+@contextmanager
+def launched(out: Path, *settings: str, flags: tuple[str, ...] = ("--no-record",), **env: str) -> Iterator[Launched]:
+    """A run that has begun to fly, and is ended with the context."""
+    run = Launched(out, settings, flags, **env)
+    try:
+        until(lambda: spool_bytes(run.out) > 20_000, "telemetry")
+        yield run
+    finally:
+        if run.process.poll() is None:
+            run.process.kill()
+        run.process.communicate()

@@ -1,0 +1,106 @@
+"""Arguments of the compiled functions: a wrong one is refused before anything is written, at any alignment."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from meanflock.agent.controllers.mean_field.tables import tables
+from meanflock.kernels.mean_field.layout import packed
+from meanflock.swarm.scenario import load
+
+native = pytest.importorskip("meanflock.kernels._native")
+
+READ_ONLY = np.zeros((2, 2))
+READ_ONLY.flags.writeable = False
+ODD_STRIDES = np.zeros((2, 8))[:, ::2]
+
+
+def arguments(name: str) -> dict[str, Any]:
+    """Good arguments of a function; those that it writes to are full of sevens."""
+    draw = np.random.default_rng(1)
+    if name == "learn":
+        return {
+            "tables": native.tables(*packed(tables(load(None, ["uavs=9"], method="mfg")))),
+            "states": draw.normal(size=(2, 4)),
+            "weights": np.zeros((2, 246)),
+            "around": np.zeros((2, 9, 4)),
+            "weights_out": np.full((2, 246), 7.0),
+            "numbers": np.full((2, 5), 7.0),
+        }
+    if name == "repel":
+        known, pushed = draw.normal(size=(2, 9, 4)), np.full((2, 2), 7.0)
+        return {"states": np.zeros((2, 4)), "known": known, "weight": 5.0, "range_m": 0.5, "pushed": pushed}
+    if name == "nearest":
+        planes = {"normals": draw.normal(size=(2, 3, 2)), "bounds": np.zeros((2, 3)), "limit": 3.0}
+        return {"wanted": np.ones((2, 2)), **planes, "found": np.full((2, 2), 7.0), "missing": np.full(2, 7.0)}
+    states = {"before": draw.normal(size=(2, 4)), "after": draw.normal(size=(2, 4))}
+    return {**states, "hazard": 9.0, "collision": 9.0, "nearest": np.inf, "found": np.full((2, 2), 7, np.intp)}
+
+
+WRONG: list[tuple[str, str, Any, str]] = [
+    ("learn", "states", np.zeros((3, 4)), "weights: .* expected"),
+    ("learn", "states", np.zeros((2, 3)), "states: .* expected"),
+    ("learn", "states", np.zeros((2, 4), np.float32), "states: format f"),
+    ("learn", "states", ODD_STRIDES, "contiguous"),
+    ("learn", "states", [0.0] * 8, "bytes-like"),
+    ("learn", "weights", np.zeros((1, 246)), "weights: .* expected"),
+    ("learn", "weights", np.zeros((2, 246), np.int64), "weights: format"),
+    ("learn", "around", np.zeros((2, 9, 3)), "around: .* 2 rows"),
+    ("learn", "around", np.zeros((2, 0, 4)), "around: 0 bytes"),
+    ("learn", "around", np.zeros(3), "around: 24 bytes, expected 16"),
+    ("learn", "around", np.zeros(2, np.float32), "around: format f"),
+    ("learn", "weights_out", np.zeros((3, 246)), "weights_out: .* expected"),
+    ("learn", "weights_out", bytes(8 * 2 * 246), "(?i)writable"),
+    ("learn", "numbers", np.zeros((2, 4)), "numbers: .* expected"),
+    ("learn", "tables", object(), "PyCapsule"),
+    ("repel", "states", np.zeros(3), "states: 24 bytes"),
+    ("repel", "states", np.zeros((2, 4), np.float32), "states: format f"),
+    ("repel", "known", np.zeros((2, 9, 3)), "known: .* expected"),
+    ("repel", "known", np.zeros((2, 18, 4))[:, ::2], "contiguous"),
+    ("repel", "pushed", np.zeros((3, 2)), "pushed: 48 bytes"),
+    ("repel", "pushed", bytes(32), "(?i)writable"),
+    ("nearest", "wanted", np.zeros(3), "wanted: 24 bytes"),
+    ("nearest", "wanted", np.zeros((2, 2), np.float32), "wanted: format f"),
+    ("nearest", "normals", np.zeros((2, 3)), "normals: 48 bytes"),
+    ("nearest", "normals", np.zeros((2, 3, 4))[:, :, ::2], "contiguous"),
+    ("nearest", "bounds", np.zeros((2, 4)), "bounds: 64 bytes, expected 48"),
+    ("nearest", "found", np.zeros((2, 3)), "found: 48 bytes"),
+    ("nearest", "found", READ_ONLY, "(?i)read-only|writable"),
+    ("nearest", "missing", np.zeros(3), "missing: 24 bytes"),
+    ("pairs", "after", np.zeros((1, 4)), "after: 32 bytes, expected 64"),
+    ("pairs", "before", np.zeros(3), "before: 24 bytes"),
+    ("pairs", "before", np.zeros((2, 4), np.int64), "before: format"),
+    ("pairs", "before", ODD_STRIDES, "contiguous"),
+    ("pairs", "before", [0.0] * 8, "bytes-like"),
+    ("pairs", "found", np.zeros((2, 2)), "found: format d"),
+    ("pairs", "found", np.zeros(3, np.intp), "found: 24 bytes"),
+    ("pairs", "found", np.zeros((2, 2), np.int32), "found: format i"),
+]
+
+
+@pytest.mark.parametrize(("function", "name", "wrong", "expected"), WRONG)
+def test_a_wrong_argument_is_refused_before_anything_is_written(
+    function: str, name: str, wrong: Any, expected: str
+) -> None:
+    good = arguments(function)
+    written = [array for array in good.values() if isinstance(array, np.ndarray) and (array == 7).all()]
+    with pytest.raises((TypeError, ValueError, BufferError), match=expected):
+        getattr(native, function)(*(good | {name: wrong}).values())
+    assert written
+    assert all((array == 7).all() for array in written)
+
+
+@pytest.mark.parametrize("function", ["learn", "repel", "nearest", "pairs"])
+def test_an_array_may_begin_at_any_byte(function: str) -> None:
+    def shifted(value: Any) -> Any:
+        if not isinstance(value, np.ndarray):
+            return value
+        raw = bytearray(b"." + value.tobytes())
+        return np.frombuffer(raw, dtype=value.dtype, offset=1).reshape(value.shape)
+
+    aligned = arguments(function)
+    odd = {name: shifted(value) for name, value in aligned.items()}
+    assert getattr(native, function)(*odd.values()) == getattr(native, function)(*aligned.values())
+    for name, value in aligned.items():
+        np.testing.assert_array_equal(odd[name], value)

@@ -1,0 +1,263 @@
+"""Verdicts on synthetic data with known answers, for every kind of check and every outcome."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from reproduction import claims
+from reproduction.claims import Basis, Check, Claim
+from reproduction.tables import View
+from reproduction.verdict import (
+    BY_CONSTRUCTION,
+    HOLDING,
+    NOT_REFUTED,
+    NOT_REPRODUCED,
+    NOT_TESTABLE,
+    REPRODUCED,
+    UNDECIDED,
+    evaluate,
+    judge,
+)
+from tests.reproduction.synthetic import gridded, noisy, results, row
+
+HF, H, F, HJB = "mfgfl-hf", "mfgfl-h", "mfgfl-f", "hjb"
+Rows = list[dict[str, Any]]
+
+
+def record(
+    rows: Rows, measured: dict[str, list[float]] | None = None, basis: Basis = "measured", **check: Any
+) -> dict[str, Any]:
+    """The record of a claim with one check of the metric x."""
+    whole = Check(**{"metric": "x", "subject": (HF,), **check})
+    claim = Claim(id="C1", kind=basis, figure="", statement="", metric="", scenario="", check=(whole,))
+    return judge(View.of(results(rows), measured), claim)
+
+
+def verdict(rows: Rows, measured: dict[str, list[float]] | None = None, **check: Any) -> str:
+    return str(record(rows, measured, **check)["verdict"])
+
+
+def test_the_file_has_all_53_claims_in_order() -> None:
+    loaded = claims.load()
+    assert [claim.id for claim in loaded] == [f"C{k}" for k in range(1, 54)]
+    assert [claim.id for claim in claims.own()] == [f"O{k}" for k in range(1, 10)]
+    for claim in loaded:
+        assert claim.statement.endswith(".")
+        assert claim.metric
+        assert claim.scenario
+        assert claim.figure
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        {"kind": "order", "subject": (HF,)},
+        {"kind": "ratio", "subject": (HF,), "against": (H,)},
+        {"kind": "trend", "subject": (HF,), "direction": "little gain"},
+        {"kind": "bound", "threshold": 1.0},
+    ],
+    ids=str,
+)
+def test_a_check_without_a_necessary_field_is_rejected(broken: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=r"needs|names"):
+        Check(metric="x", **broken)
+
+
+def test_a_claim_without_data_is_not_testable_and_says_why() -> None:
+    for found in evaluate(results([row("nothing", HF, 1)])):
+        assert found["verdict"] == NOT_TESTABLE
+        assert len(found["reason"]) > 5
+
+
+def test_a_claim_is_undecided_while_one_check_has_no_data() -> None:
+    rows = [*noisy("energy_mean_J", {"mfg": 1.0, HJB: 2.0}), *noisy("nothing", {HF: 1.0})]
+    found = {each["id"]: each for each in evaluate(results(rows))}
+    assert found["C52"]["verdict"] == UNDECIDED
+    assert "no data" in found["C52"]["reason"]
+    assert found["C51"]["verdict"] == NOT_TESTABLE  # by no data whatever
+    assert "α = 0" in found["C51"]["reason"]
+
+
+# -- the kinds of checks -----------------------------------------------------------------------------------------------
+
+
+def levels(hf: float, h: float | None = None, f: float | None = None) -> Rows:
+    """S0 runs with these means."""
+    means = {HF: hf, H: h, F: f}
+    return noisy("x", {method: mean for method, mean in means.items() if mean is not None})
+
+
+def counts(*values: float) -> Rows:
+    return [row("s0", HF, seed, x=value) for seed, value in enumerate(values)]
+
+
+def sizes(change: float) -> Rows:
+    """A line over N that starts at 10 and ends at 10 + `change`."""
+    return gridded("x", "uavs", "uavs", {HF: {n: 10.0 + change * (n - 16) / 48 for n in (16, 25, 36, 49, 64)}})
+
+
+def winds(slope: float) -> Rows:
+    """A line over σ with this slope, beside one with a slope of 2."""
+    lines = {m: {s: 5 + each * s for s in (0.1, 0.3, 0.5)} for m, each in ((HF, slope), (H, 2.0))}
+    return gridded("x", "wind", "sigma", lines)
+
+
+def periods(mine: Mapping[float, float], theirs: float = 1.5) -> Rows:
+    return gridded("x", "period", "period", {HF: mine, H: dict.fromkeys(mine, theirs)})
+
+
+def best(lowest: float) -> Rows:
+    lines = {HF: {16: 0.9, 64: lowest}, H: {16: 1.0, 64: 1.0}, F: {16: 0.95, 64: 0.9}}
+    return gridded("x", "uavs", "uavs", lines)
+
+
+CALM = {"kind": "bound", "experiment": "offline", "subject": ("offline",), "at": 0.0, "threshold": 1.5}
+ORDER = {"kind": "order", "against": (H, F)}
+RATIO = {"kind": "ratio", "against": (H,), "threshold": 0.84}
+EQUAL = {"kind": "equal", "against": (H,), "threshold": 1.1, "tolerance": 0.05}
+VALUE = {"kind": "equal", "threshold": 175.0, "tolerance": 0.05}
+BOUND = {"kind": "bound", "threshold": 1.5}
+SHARE = {"kind": "share", "threshold": 0.5}
+RATE = {"kind": "rate", "threshold": 10.0}
+TREND = {"kind": "trend", "experiment": "uavs", "threshold": 0.1}
+SLOPE = {"kind": "slope", "experiment": "wind", "against": (H,)}
+POINT = {"kind": "point", "experiment": "period", "at": 500.0}
+BEST = {"kind": "best", "experiments": ("uavs",), "against": (H, F), "threshold": 0.5}
+PERIOD = {"kind": "order", "experiment": "period", "against": (H,)}
+MIXED = {50: 1.0, 100: 1.5, 200: 2.0}  # one point holds, one is undecided, one fails
+THEORY = {"kind": "bound", "source": "theory", "metric": "growth", "threshold": 1.1}
+INFINITE = [row("offline", "offline", 1, sigma=0.0, x=math.inf)]
+
+
+@pytest.mark.parametrize(
+    ("check", "rows", "expected"),
+    [
+        (ORDER, levels(1.0, 1.2, 2.0), REPRODUCED),  # paired by seed; unpaired means would overlap
+        (ORDER, levels(1.0, 1.5, 0.5), NOT_REPRODUCED),
+        (ORDER, levels(1.0, 1.0, 2.0), UNDECIDED),  # equal: the interval holds zero
+        (ORDER, levels(1.0, 1.0, 0.5), NOT_REPRODUCED),  # one comparison fails, so the open one does not matter
+        (ORDER | {"direction": "higher"}, levels(3.0, 1.5, 2.0), REPRODUCED),
+        (RATIO, levels(78.0, 100.0), REPRODUCED),
+        (RATIO, levels(84.0, 100.0), UNDECIDED),
+        (RATIO, levels(95.0, 100.0), NOT_REPRODUCED),
+        (EQUAL, levels(110.0, 100.0), REPRODUCED),
+        (EQUAL, levels(100.0, 100.0), NOT_REPRODUCED),
+        (EQUAL, levels(120.0, 100.0), NOT_REPRODUCED),
+        (VALUE, levels(175.0), REPRODUCED),
+        (VALUE, levels(150.0), NOT_REPRODUCED),
+        (BOUND, levels(1.0), REPRODUCED),
+        (BOUND, levels(2.0), NOT_REPRODUCED),
+        (BOUND | {"direction": "higher"}, levels(2.0), REPRODUCED),
+        (BOUND | {"direction": "higher"}, levels(1.5), UNDECIDED),
+        (BOUND, counts(math.inf, *[1.0] * 9), UNDECIDED),  # a diverged run makes the interval unbounded
+        (CALM, INFINITE, NOT_REPRODUCED),
+        (CALM | {"direction": "higher"}, INFINITE, REPRODUCED),
+        (SHARE | {"event": "none"}, counts(*[0] * 20), REPRODUCED),
+        (SHARE | {"event": "none"}, counts(*[3] * 8, *[0] * 12), UNDECIDED),  # the exact interval holds one half
+        (SHARE, counts(*[3] * 20), REPRODUCED),
+        (SHARE, counts(*[3] * 2, *[0] * 18), NOT_REPRODUCED),
+        (RATE, counts(*[5] * 20), REPRODUCED),
+        (RATE, counts(*[10] * 20), UNDECIDED),
+        (RATE, counts(*[20] * 20), NOT_REPRODUCED),
+        (TREND | {"direction": "falling"}, sizes(-1.0), REPRODUCED),
+        (TREND | {"direction": "falling"}, sizes(1.0), NOT_REPRODUCED),
+        (TREND | {"direction": "falling"}, sizes(0.0), UNDECIDED),
+        (TREND | {"direction": "rising"}, sizes(1.0), REPRODUCED),
+        (TREND | {"direction": "rising"}, sizes(-1.0), NOT_REPRODUCED),
+        (TREND | {"direction": "little gain"}, sizes(2.0), REPRODUCED),  # a rise is no gain
+        (TREND | {"direction": "little gain"}, sizes(-2.0), NOT_REPRODUCED),
+        (SLOPE, winds(1.0), REPRODUCED),
+        (SLOPE, winds(2.0), UNDECIDED),
+        (SLOPE, winds(3.0), NOT_REPRODUCED),
+        (POINT, periods({100: 1.0, 200: 1.0, 500: 2.0}), REPRODUCED),
+        (POINT, periods({100: 1.0, 200: 1.0, 500: 1.0}), UNDECIDED),
+        (POINT, periods({100: 1.0, 200: 1.0, 500: 0.5}), NOT_REPRODUCED),
+        (BEST, best(0.4), REPRODUCED),
+        (BEST, best(0.7), NOT_REPRODUCED),
+        (PERIOD | {"points": "most"}, periods({50: 1.0, 100: 1.0, 200: 2.0}), REPRODUCED),
+        (PERIOD, periods({50: 1.0, 100: 1.0, 200: 2.0}), NOT_REPRODUCED),
+        (PERIOD | {"stop": 100.0}, periods({50: 1.0, 100: 1.0, 200: 2.0}), REPRODUCED),
+        (PERIOD | {"points": "most"}, periods(MIXED), UNDECIDED),
+        (PERIOD | {"points": "most", "start": 100.0}, periods(MIXED), NOT_REPRODUCED),
+    ],
+)
+def test_a_verdict_follows_from_the_whole_interval(check: dict[str, Any], rows: Rows, expected: str) -> None:
+    assert verdict(rows, **check) == expected
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"), [([0.99, 1.0, 1.01], REPRODUCED), ([1.5, 1.6, 1.7], NOT_REPRODUCED), ([], NOT_TESTABLE)]
+)
+def test_measured_numbers_are_judged_like_runs(values: list[float], expected: str) -> None:
+    assert verdict([row("s0", HF, 1)], {"growth": values}, **THEORY) == expected
+
+
+def test_the_interval_of_a_best_case_allows_for_its_many_comparisons() -> None:
+    draw = np.random.default_rng(3)
+    rows = [
+        row("uavs", method, seed, uavs=n, x=float(draw.lognormal(0.0, 0.6)))
+        for method in (HF, H, F, HJB)
+        for n in range(2, 42)
+        for seed in range(4)
+    ]
+    assert verdict(rows, **BEST | {"against": (H, F, HJB), "threshold": 0.25}) == UNDECIDED
+
+
+def test_a_best_case_stays_open_while_one_comparison_does() -> None:
+    rows = noisy("x", {HF: 0.9, H: 1.0}, noise=0.001)  # a tenth less, for certain
+    rows += [row("s0", F, seed, x=1.8 + 2.0 * (seed % 2)) for seed in {each["seed"] for each in rows}]
+    check = {"kind": "best", "experiments": ("s0",), "threshold": 0.7}
+    assert verdict(rows, against=(H,), **check) == NOT_REPRODUCED
+    assert verdict(rows, against=(H, F), **check) == UNDECIDED
+
+
+def test_a_best_case_names_the_share_of_uavs_that_never_arrive() -> None:
+    rows = [
+        row("s0", method, seed, x=level + 0.001 * seed, arrived=arrived)
+        for method, level, arrived in ((HF, 1.0, 25), (H, 1.5, 25), (F, 4.0, 20))
+        for seed in range(5)
+    ]
+    judged = record(rows, **BEST | {"experiments": ("s0",), "threshold": 0.25})
+    assert "20 % of the UAVs of mfgfl-f never arrive at S0" in judged["reason"]
+    assert judged["value"]["never_arrived, mfgfl-f"] == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(
+    ("basis", "holding"),
+    [("measured", REPRODUCED), ("by construction", BY_CONSTRUCTION), ("no divergence", NOT_REFUTED)],
+)
+def test_only_a_claim_that_could_fail_is_called_reproduced(basis: Basis, holding: str) -> None:
+    found = [record(levels(level), basis=basis, **BOUND)["verdict"] for level in (1.0, 1.5, 2.0)]
+    assert found == [holding, UNDECIDED, NOT_REPRODUCED]
+    assert holding in HOLDING
+
+
+def test_one_seed_is_testable_only_without_chance() -> None:
+    single = [row("s0", HF, 1, x=0.0), row("s0", H, 1, x=1.0), row("s0", F, 1, x=1.0)]
+    assert verdict(single, **ORDER) == NOT_TESTABLE
+    check = SHARE | {"experiment": "offline", "subject": ("offline",), "event": "none", "at": 0.0}
+    for crashes, expected in ((0, REPRODUCED), (2, NOT_REPRODUCED)):
+        assert verdict([row("offline", "offline", 1, sigma=0.0, x=crashes)], **check) == expected
+
+
+def test_two_runs_of_a_seed_in_one_cell_are_rejected() -> None:
+    rows = [row("offline", "offline", 1, x=0), row("offline", "offline", 1, x=1, setting="start.spacing=6")]
+    check = SHARE | {"experiment": "offline", "subject": ("offline",), "at": 0.1}
+    with pytest.raises(ValueError, match="several runs a seed"):
+        verdict(rows, **check)
+    assert verdict(rows, setting="", **check) == NOT_TESTABLE
+
+
+@pytest.mark.parametrize(
+    ("rows", "reason"),
+    [
+        (levels(1.0, 1.5, 2.0), "2 of 2 comparisons hold"),
+        (levels(1.0, 1.5, 0.5), "speak against it: x: mfgfl-hf − mfgfl-f"),
+        (levels(1.0, 1.0, 2.0), "1 of 2 comparisons are undecided; the data leave it open: x: mfgfl-hf − mfgfl-h"),
+    ],
+)
+def test_a_reason_names_the_comparison_that_decided(rows: Rows, reason: str) -> None:
+    assert reason in record(rows, **ORDER)["reason"]

@@ -1,0 +1,273 @@
+"""The grid of experiments: its points, its tables, and flights that happen once."""
+
+import errno
+import os
+import shutil
+import sys
+from collections import Counter
+from itertools import product
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from meanflock.studies import code_version, job_file, runner
+from meanflock.studies.store import Store
+from meanflock.swarm.errors import BadInput, RunFailed
+from reproduction import claims, experiments, grid, tables
+from reproduction.flight import version
+from reproduction.grid import Point, Wanted
+from reproduction.tables import COORDINATES
+from tests.reproduction.tiny import fly, plan, same, tiny
+from tests.studies.studies import interrupted
+
+
+@pytest.fixture
+def executed(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+    """The number of flights of each run in this process."""
+    count: Counter[str] = Counter()
+    execute = experiments.execute
+
+    def counting(run: Wanted) -> bytes:
+        count[run.key] += 1
+        return execute(run)
+
+    monkeypatch.setattr(experiments, "execute", counting)
+    return count
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a finished plan."""
+    out = tmp_path_factory.mktemp("kept")
+    fly(out)
+    return out
+
+
+@pytest.fixture
+def flown(kept: Path, tmp_path: Path) -> Path:
+    """A copy of it."""
+    return Path(shutil.copytree(kept, tmp_path / "flown"))
+
+
+# -- the grid ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_grid_flies_every_experiment_and_method_of_the_claims() -> None:
+    points = list(grid.points())
+    assert {point.experiment for point in points} == set(grid.EXPERIMENTS)
+    assert all(point.flown.stop == "duration" and point.flown.max_ticks == 3000 for point in points)
+    flown = {(point.experiment, str(point.flown.method)) for point in points}
+    for check in (check for claim in (*claims.load(), *claims.own()) for check in claim.check):
+        others = () if check.kind == "best" else check.against  # a best case uses the comparisons that exist
+        methods = (*check.subject, *others) if check.source == "runs" else ()
+        assert set(product(check.experiments or (check.experiment,), methods)) <= flown, check
+    (trained,) = [point for point in points if point.training is not None]
+    assert trained.flown.wind.sigma == 1.5
+
+
+def test_experiments_share_runs_and_the_longest_run_flies_first() -> None:
+    rows = grid.wanted(3)
+    left = experiments.to_do(rows, {})
+    assert Counter(run.key for run in left) == Counter({row.key for row in rows})
+    assert [experiments.work(run) for run in left] == sorted(map(experiments.work, left), reverse=True)
+    assert {run.point.experiment for run in left if run.traced} == {"s0", "offline", "trained"}
+
+
+def test_the_map_and_its_best_settings_have_their_own_seeds() -> None:
+    seeds: dict[str, set[int]] = {}
+    for run in grid.wanted(2):
+        seeds.setdefault(run.point.experiment, set()).add(run.seed)
+    assert (seeds.pop("map"), seeds.pop("found")) == ({6001, 6002}, {7001, 7002})
+    assert max(map(max, seeds.values())) < 6000
+
+
+# -- tables ------------------------------------------------------------------------------------------------------------
+
+
+def test_the_tables_have_the_documented_columns(kept: Path) -> None:
+    results = tables.load(kept)
+    runs = results.runs.to_pylist()
+    assert [(row["experiment"], row["method"], row["seed"]) for row in runs] == [
+        (run.point.experiment, run.scenario.method, run.seed) for run in plan()
+    ]
+    assert results.runs.schema.names[: len(COORDINATES)] == COORDINATES.names
+    words = set((tables.__doc__ or "").replace(",", " ").replace("(", " ").split())
+    columns = {*results.runs.column_names, *results.series.column_names}
+    promised = {"t_avg_s", "key", "uplink_outage_rate", "phi_G_125", "value_norm_max", *results.series.column_names}
+    assert promised <= words & columns
+    hf, offline = runs[0], next(row for row in runs if row["experiment"] == "offline")
+    assert (hf["period"], hf["sigma"], hf["setting"], hf["trained"]) == (10, 0.1, "", False)
+    assert (offline["hjb_residual_max"], offline["period"], hf["phi_A_175"]) == (None, None, None)
+    first = results.series.to_pylist()[0]
+    assert (first["t_s"], first["hjb_abs_mean"]) == (0.0, None)
+    with_series = {(row["experiment"], row["method"], row["seed"]) for row in results.series.to_pylist()}
+    assert len(with_series) == len(runs) - 2
+    assert ("sensitivity", "mfg", 1) not in with_series
+    traced = {(row["experiment"], row["method"], row["seed"]) for row in results.trajectories.to_pylist()}
+    assert traced == {("s0", "mfgfl-hf", 1), ("s0", "hjb", 1), ("offline", "offline", 1), ("trained", "mfgfl-hf", 1)}
+    assert len(results.weights["model"][0].as_py()) == 246
+
+
+def test_diverged_runs_stay_in_the_table_and_are_counted(tmp_path: Path) -> None:
+    wild = tiny("mfg", "learner.position_scale=30", "learner.velocity_scale=3", duration=30.0)
+    results = fly(tmp_path, plan=[Wanted(Point("sensitivity", wild), 1), Wanted(Point("s0", tiny("mfg")), 1)])
+    assert results.diverged == 1
+    assert results.runs["diverged"].to_pylist() == [True, False]
+
+
+# -- a run flies once --------------------------------------------------------------------------------------------------
+
+
+def test_a_finished_run_never_flies_again(tmp_path: Path, executed: Counter[str]) -> None:
+    first = fly(tmp_path, only={"s0"})
+    assert len(executed) == 4
+    assert first.runs.num_rows == 6  # `uavs` shares two of these runs
+    whole = fly(tmp_path)
+    assert len(executed) == len(plan()) - 2
+    assert same(whole, fly(tmp_path))
+    assert set(executed.values()) == {1}
+    more = [Wanted(run.point, 3) for run in plan()[:1]]
+    fly(tmp_path, plan=[*plan(), *more])
+    assert executed[more[0].key] == 1
+    assert sum(executed.values()) == len(plan()) - 1
+
+
+def test_processes_fly_the_same_tables(kept: Path, tmp_path: Path) -> None:
+    assert same(tables.load(kept), fly(tmp_path, jobs=2))
+
+
+@pytest.mark.parametrize("damage", ["cut", "flipped", "empty", "foreign"])
+def test_a_damaged_file_flies_again(flown: Path, executed: Counter[str], damage: str) -> None:
+    whole = tables.load(flown)
+    path = sorted((flown / "data/jobs").glob("*.job"))[0]
+    raw = path.read_bytes()
+    flipped = bytearray(raw)
+    flipped[len(raw) // 2] ^= 1
+    path.write_bytes(
+        {"cut": raw[: len(raw) // 2], "flipped": bytes(flipped), "empty": b"", "foreign": b"hello"}[damage]
+    )
+    assert same(fly(flown), whole)
+    assert 0 < len(executed) < whole.runs.num_rows - 2
+
+
+def test_results_of_other_code_fly_again(flown: Path, executed: Counter[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    fly(flown)
+    assert not executed
+    monkeypatch.setattr(experiments, "version", lambda: "9.9.9+other")
+    fly(flown)
+    assert set(executed) == {run.key for run in plan()}
+
+
+def test_a_worker_with_other_code_is_rejected(tmp_path: Path) -> None:
+    with pytest.raises(RunFailed, match="same code"):
+        Store(tmp_path, "9.9.9+other").add(job_file.encode([]))
+
+
+def test_the_version_depends_on_the_code_and_not_on_its_docstrings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "folder").mkdir()
+    monkeypatch.setattr(code_version, "_ROOMS", (SimpleNamespace(__file__=str(tmp_path / "__init__.py")),))
+
+    def version(source: str, other: str = "") -> str:
+        (tmp_path / "folder" / "module.py").write_text(source)
+        (tmp_path / "other.txt").write_text(other)
+        return str(code_version.version.__wrapped__(tmp_path / "other.txt"))
+
+    before = version('def f() -> int:\n    """One."""\n    return 1\n')
+    assert version('def f() -> int:\n    """Two words."""\n    # why\n    return 1\n') == before
+    assert version('def f() -> int:\n    """One."""\n    return 2\n') != before
+    assert version('def f() -> int:\n    """One."""\n    return 1\n', other="a = 1") != before
+
+
+# -- errors ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_full_disk_keeps_the_finished_runs(
+    tmp_path: Path, executed: Counter[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sync, calls = os.fsync, []
+
+    def full(descriptor: int) -> None:
+        calls.append(1)
+        if len(calls) > 2:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        sync(descriptor)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(RunFailed, match=r"No space left on device.*kept"):
+            fly(tmp_path)
+    assert {path.suffix for path in (tmp_path / "data/jobs").iterdir()} == {".job"}
+    assert len(Store(tmp_path, version()).finished()) >= 1
+    assert fly(tmp_path).runs.num_rows == len(plan())
+
+
+@pytest.mark.parametrize(
+    ("where", "error", "says"),
+    [
+        ((experiments, "fly"), ZeroDivisionError("no"), "s0 mfgfl-hf, seed 1: ZeroDivisionError"),
+        ((runner, "run"), runner.WorkerDied(plan()[2:4]), "died twice on one of: s0 hjb; the rest is kept"),
+    ],
+)
+def test_a_defect_and_a_dead_process_name_the_run(
+    where: tuple[Any, str], error: Exception, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr(*where, broken)
+    with pytest.raises(RunFailed, match=says):
+        fly(tmp_path, plan=plan()[:1])
+
+
+@pytest.mark.processes
+def test_ctrl_c_ends_the_grid_and_its_workers(tmp_path: Path) -> None:
+    code = (
+        "import sys; from pathlib import Path; from reproduction.experiments import run_grid\n"
+        f"run_grid(Path({str(tmp_path)!r}), 1, {{'s0'}}, jobs=2)"
+    )
+    exit_code, _, said = interrupted([sys.executable, "-c", code], tmp_path)
+    assert exit_code == 1
+    assert b"RunFailed: interrupted" in said
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"only": {"s1"}},
+        {"backend": "ray"},
+        {"scheduler": "tcp://127.0.0.1:1"},
+        {"backend": "dask", "scheduler": "tcp://127.0.0.1:9"},
+    ],
+    ids=str,
+)
+def test_bad_options_are_rejected_before_a_folder_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: dict[str, Any]
+) -> None:
+    pytest.importorskip("distributed", reason="dask is not installed")
+    monkeypatch.setattr(runner, "SCHEDULER_TIMEOUT", "1s")
+    with pytest.raises(BadInput, match=r"s1|ray|127"):
+        fly(tmp_path / "out", **options)
+    assert not (tmp_path / "out").exists()
+
+
+# -- clusters ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.processes
+@pytest.mark.usefixtures("environment")
+@pytest.mark.parametrize("own", [True, False])
+def test_a_dask_cluster_flies_the_same_tables(own: bool, kept: Path, tmp_path: Path) -> None:
+    """With a scheduler of its own, and without: then the command starts a cluster on this machine."""
+    distributed = pytest.importorskip("distributed", reason="dask is not installed")
+    if own:
+        there = fly(tmp_path, backend="dask")
+    else:
+        with distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
+        ) as cluster:
+            there = fly(tmp_path, backend="dask", scheduler=cluster.scheduler_address)
+    assert same(there, tables.load(kept))

@@ -1,0 +1,161 @@
+"""Figures and report from synthetic tables: complete, deterministic, with units, and true to the numbers."""
+
+import re
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from meanflock.groundstation.plots import plotstyle
+from meanflock.swarm.errors import BadInput
+from reproduction import figures, report
+from reproduction.curves import Bundle, bundle
+from reproduction.grid import COMPARED, FEDERATED, PERIODS, SIGMAS, UAVS
+from reproduction.tables import Frame, Results, View
+from reproduction.traces import Trace, collisions
+from reproduction.verdict import evaluate
+from tests.groundstation.axes import every_axis
+from tests.reproduction.synthetic import map_rows, results, row
+
+METRICS = ("energy_mean_J", "t_avg_censored_s", "phi_A_tavg", "phi_C_tavg")
+CURVES = (
+    *("energy_trip_mean_J", "energy_trip_std_J", "bits", "phi_A", "phi_C", "speed_mean_m_s", "speed_max_m_s"),
+    *("speed_min_m_s", "distance_mean_m", "hjb_abs_mean", "hjb_abs_max", "fpk_abs_mean", "fpk_abs_max"),
+)
+PARTS = {"version": "0.1.0+x", "diverged": False, "all_arrived": True}
+
+
+def _path(where: dict[str, Any]) -> list[dict[str, Any]]:
+    """Three UAVs on straight ways to the origin."""
+    return [
+        {**where, "t_s": float(k), "uav": uav, "x_m": 150.0 - k / 2 + 3 * uav, "y_m": 100.0 - k / 3, "status": 0}
+        | {"vx_m_s": -0.5, "vy_m_s": 0.1 * uav}
+        for k in range(301)
+        for uav in range(3)
+    ]
+
+
+@pytest.fixture(scope="module")
+def tables() -> Results:
+    """Two seeds of every point that a figure shows."""
+    draw = np.random.default_rng(1)
+    points: list[tuple[str, Any, dict[str, Any]]] = [
+        *(("uavs", method, {"uavs": n}) for method, n in product(COMPARED, UAVS)),
+        *(("period", method, {"period": n}) for method, n in product(FEDERATED, PERIODS)),
+        *(("wind", method, {"sigma": sigma}) for method, sigma in product(COMPARED, SIGMAS)),
+        *(("s0", method, {}) for method in COMPARED),
+    ]
+    runs = [
+        row(experiment, method, seed, **where, **PARTS, key=f"{experiment}-{method}-{seed}-{where}")
+        | {metric: 1.0 + float(draw.random()) for metric in METRICS}
+        for (experiment, method, where), seed in product(points, (1, 2))
+    ]
+    series = [
+        row("s0", method, seed, t_s=float(t)) | {name: 1.0 + float(draw.random()) for name in CURVES}
+        for method, seed, t in product(COMPARED, (1, 2), range(0, 301, 10))
+    ]
+    traced = [
+        *(row("s0", method, 1) for method in COMPARED),
+        *(row("offline", "offline", 1, sigma=sigma, setting="start.spacing=6") for sigma in (0.0, 0.1)),
+        row("trained", "mfgfl-hf", 1, sigma=1.5, trained=True),
+    ]
+    weights = [
+        {**where, "t_s": float(t), "model": np.linspace(0, t, 246).tolist()}
+        for where, t in product(traced, range(0, 300, 50))
+    ]
+    rows = [*runs, *map_rows()]
+    empty = {name: None for each in rows for name in each}
+    return results(
+        [empty | each for each in rows],
+        series=pa.Table.from_pylist(series),
+        trajectories=pa.Table.from_pylist([each for where in traced for each in _path(where)]),
+        weights=pa.Table.from_pylist(weights),
+    )
+
+
+@pytest.fixture(scope="module")
+def drawn(tables: Results, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("paper")
+    figures.draw(tables, out / "figures")
+    return out
+
+
+def test_every_figure_is_drawn_in_both_formats(drawn: Path) -> None:
+    for name, suffix in product(figures.FIGURES, ("png", "svg")):
+        assert (drawn / "figures" / f"{name}.{suffix}").stat().st_size > 20_000
+    assert "<dc:date>" not in (drawn / "figures" / "fig5.svg").read_text()
+
+
+def test_only_the_named_figures_are_drawn_and_with_the_same_bytes(tables: Results, drawn: Path, tmp_path: Path) -> None:
+    paths = figures.draw(tables, tmp_path, only=["5", "fig8"])
+    assert {path.name for path in paths} == {"fig5.png", "fig5.svg", "fig8.png", "fig8.svg"}
+    assert all(path.read_bytes() == (drawn / "figures" / path.name).read_bytes() for path in paths)
+    with pytest.raises(BadInput, match="fig9"):
+        figures.draw(tables, tmp_path, only=["9"])
+
+
+def test_a_figure_without_data_is_left_out(tmp_path: Path) -> None:
+    assert figures.draw(results([row("nothing", "hjb", 1)]), tmp_path) == []
+
+
+@pytest.mark.parametrize("name", list(figures.FIGURES))
+def test_every_axis_has_a_unit(name: str, tables: Results) -> None:
+    with plotstyle.style():
+        made = figures.FIGURES[name][0](View.of(tables))
+    assert made is not None
+    methods = set(plotstyle.NAMES.values())
+    for label in every_axis(made):
+        assert "(" in label or label in methods or "N$" in label or "n_0" in label, label
+
+
+# -- numbers -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_bundle_orders_values_by_seed_and_time() -> None:
+    table = pa.table({"seed": [2, 1, 1, 2], "t_s": [0.0, 1.0, 0.0, 1.0], "x": [20.0, 11.0, 10.0, None]})
+    curves = bundle(Frame(table), "x")
+    assert curves.rows[0].tolist() == [10.0, 11.0]
+    assert curves.mean.tolist() == [15.0, 11.0]
+    assert Bundle(curves.times, curves.rows[:1]).half.tolist() == [0.0, 0.0]
+
+
+def test_a_trace_has_the_collisions_between_its_samples() -> None:
+    """Two UAVs meet at the odd tick between two samples, and only there."""
+    states = np.zeros((3, 2, 4))
+    states[:, 1, 0] = [1.0, -1.0, -3.0]
+    states[1:, 1, 2] = -10.0  # m/s: 1 m back at the tick between
+    times, flying = np.array([0.0, 0.2, 0.4]), np.zeros((3, 2), dtype=np.uint8)
+    assert collisions(Trace(times, states, flying)) == pytest.approx(np.array([[0.1, 0.0, 0.0]]))
+    assert len(collisions(Trace(times, states, np.ones((3, 2), dtype=np.uint8)))) == 0
+    states[..., 0] -= 0.5  # they meet on the way from tick to tick
+    states[:, 0, 0] = 0.0
+    assert collisions(Trace(times, states, flying)) == pytest.approx(np.array([[0.1, -0.25, 0.0]]))
+
+
+def test_a_mission_ends_with_the_last_arrival() -> None:
+    status = np.array([[0, 0], [1, 0], [1, 2], [1, 2]], dtype=np.uint8)
+    assert Trace(np.arange(4.0), np.zeros((4, 2, 4)), status).mission_s == 2.0
+    assert Trace(np.arange(4.0), np.zeros((4, 2, 4)), np.zeros((4, 2), dtype=np.uint8)).mission_s == 3.0
+
+
+def test_the_report_has_every_claim_figure_and_reading(tables: Results, drawn: Path) -> None:
+    measured = {"hjb_value_growth": [1.0, 1.01, 0.99]}
+    paths = report.write_report(tables, evaluate(tables, measured), drawn, measured)
+    assert [path.name for path in paths] == ["report.md", "report.html", "claims.json"]
+    markdown, html = (path.read_text() for path in paths[:2])
+    for k in range(1, 54):
+        assert f"| C{k} |" in markdown
+        assert f"id='C{k}'" in html
+    assert all(f"figures/{name}.png" in markdown for name in figures.FIGURES)
+    assert html.count("data:image/png;base64,") == len(figures.FIGURES)
+    for text, words in product((markdown, html), ("Lyapunov function L_s", "diverged", "0.1.0+x", "Prop. 1")):
+        assert words in text
+    assert not re.search(r"<script|(src|href)=.(https?:|/|figures)", html)  # one file, without links
+    columns = 0
+    for line in markdown.splitlines():
+        cells = len(re.findall(r"(?<!\\)\|", line)) if line.startswith("|") else 0
+        assert not (columns and cells) or cells == columns, line
+        columns = cells

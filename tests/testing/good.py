@@ -1,0 +1,121 @@
+"""A good plug-in of each kind, and ways to make a wrong one of it."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
+from meanflock.agent.controllers.filtered import Filter
+from meanflock.channel.base import Channel
+from meanflock.federation.rules.base import Aggregator, State
+from meanflock.worldsim.vehicles.base import Hidden, Vehicle
+
+
+class GoodController(Controller):
+    """A controller with memory, diagnostics, a model and two broadcasts."""
+
+    name = "good"
+    parameters = 3
+    diagnostics = ("heard",)
+
+    def init(self, uavs: np.ndarray, plan: np.ndarray) -> Memory:
+        return {"model": np.zeros((len(uavs), 3)), "heard": np.zeros(len(uavs)), "uav": uavs.astype(np.int32)}
+
+    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        heard = memory["heard"].copy()
+        for frames in received:
+            np.add.at(heard, frames.links[:, 1], frames.payload[frames.links[:, 0], 0])
+        after = memory | {"heard": heard, "model": memory["model"] + 0.1}
+        broadcasts = [Broadcast(own)]
+        even = np.flatnonzero(memory["uav"] % 2 == 0)
+        if len(even):
+            broadcasts.append(Broadcast(own[even, :1].astype(np.int16), even))
+        return Step(after, -0.01 * own[:, :2] + 1e-6 * heard[:, None], heard[:, None], broadcasts)
+
+    def get(self, memory: Memory) -> np.ndarray:
+        return memory["model"]
+
+    def set(self, memory: Memory, rows: np.ndarray, models: np.ndarray) -> Memory:
+        model = memory["model"].copy()
+        model[rows] = models
+        return memory | {"model": model}
+
+
+class GoodFilter(Filter):
+    """Pulls away from the mean of all others."""
+
+    name = "good"
+    columns = ("apart",)
+
+    def admit(self, own: Any, others: Any, uavs: Any, wanted: Any) -> tuple[Any, Any]:
+        away = own[:, :2] - others[:, :, :2].mean(axis=1)
+        return wanted + 0.1 * away, np.hypot(away[:, :1], away[:, 1:])
+
+
+class GoodAggregator(Aggregator):
+    """The mean with momentum."""
+
+    name = "good"
+
+    def init(self, parameters: int) -> State:
+        return {"last": np.zeros(parameters)}
+
+    def step(self, state: State, models: np.ndarray, uavs: np.ndarray, round_: int) -> tuple[State, np.ndarray]:
+        model = 0.5 * state["last"] + 0.5 * models.mean(axis=0)
+        return {"last": model}, model
+
+
+class GoodChannel(Channel):
+    """Loses a message in five and takes up to four slots."""
+
+    name = "good"
+
+    def transmit(self, distance_m: Any, bits: int, rng: np.random.Generator) -> tuple[Any, Any]:
+        return rng.integers(1, 5, len(distance_m)), rng.random(len(distance_m)) < 0.8
+
+
+class GoodVehicle(Vehicle):
+    """A point that lags behind its command."""
+
+    name = "good"
+
+    def __init__(self, options: Any, scenario: Any) -> None:
+        self.dt = scenario.dt
+
+    def init(self, uavs: int) -> Hidden:
+        return {"thrust": np.zeros((uavs, 2))}
+
+    def step(self, states: Any, hidden: Hidden, acceleration: Any, noise: Any) -> tuple[Any, Hidden]:
+        thrust = 0.5 * hidden["thrust"] + 0.5 * acceleration
+        velocity = states[:, 2:] + self.dt * thrust + 0.01 * noise
+        return np.concatenate([states[:, :2] + self.dt * velocity, velocity], axis=-1), {"thrust": thrust}
+
+    def power(self, states: Any, hidden: Hidden, acceleration: Any) -> Any:
+        return 1.0 + hidden["thrust"][:, 0] ** 2
+
+
+def changed(good: type, method: str, change: Callable[..., Any]) -> Any:
+    """A class whose `method` returns `change(self, answer, *arguments)`, `answer` being that of the good class."""
+
+    def wrong(self: Any, *arguments: Any) -> Any:
+        return change(self, getattr(good, method)(self, *arguments), *arguments)
+
+    wrong.__name__ = method
+    return type("Wrong", (good,), {method: wrong})
+
+
+def failing(good: type, method: str, error: BaseException) -> Any:
+    """A class whose `method` raises."""
+
+    def wrong(self: Any, *arguments: Any) -> Any:
+        raise error
+
+    wrong.__name__ = method
+    return type("Wrong", (good,), {method: wrong})
+
+
+def calls(plugin: Any) -> int:
+    """The number of calls of this function with an instance, which the instance remembers."""
+    plugin.calls = getattr(plugin, "calls", 0) + 1
+    return int(plugin.calls)
