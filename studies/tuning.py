@@ -4,8 +4,8 @@
 
 All candidates of an arm (`tuning.toml`) fly all missions of the leaderboard with seed 1; the best two fly seeds 2 to
 10 as well, and the better one of these is chosen by all ten. A candidate is better if fewer flights are unsafe (a
-collision, an obstacle hit, or a UAV that never arrived), and among equals if its objective is less. The record is
-docs/results/tuning.json.
+collision, an obstacle hit, or a UAV that never arrived), and among equals if its objective is less. A learner is tuned
+for what it learns: first by its tracking cost, and among equals by safety. The record is docs/results/tuning.json.
 """
 
 import json
@@ -50,8 +50,8 @@ class Arm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         )
 
 
-class Score(msgspec.Struct, frozen=True, order=True):
-    """The result of a candidate; the least is the best.
+class Score(msgspec.Struct, frozen=True):
+    """The result of a candidate.
 
     unsafe: number of flights with a collision, an obstacle hit or a UAV that never arrived. objective: mean of a
     logarithm over flights: of √(energy · time), or of the tracking cost of a UAV. flights: number of flights.
@@ -60,6 +60,11 @@ class Score(msgspec.Struct, frozen=True, order=True):
     unsafe: int
     objective: float
     flights: int
+
+
+def order(objective: str, found: Score) -> tuple[float, float]:
+    """Key of a result; the least is the best."""
+    return (found.objective, found.unsafe) if objective == "tracking" else (found.unsafe, found.objective)
 
 
 def score(objective: str, flown: Sequence[Mapping[str, Any]]) -> Score:
@@ -116,16 +121,13 @@ def tuned(wanted: Sequence[Arm], jobs: int, out: Path) -> dict[str, Any]:
     """
     every = missions.chosen([missions.ALL])
     first = _flown({arm.name: (arm, range(len(arm.candidates)), FIRST) for arm in wanted}, every, jobs, out)
-    finalists = {
-        arm.name: sorted(range(len(arm.candidates)), key=lambda k: score(arm.objective, first[arm.name, k]))[:FINALISTS]
-        for arm in wanted
-    }
+    finalists = {arm.name: _best(arm, {k: first[arm.name, k] for k in range(len(arm.candidates))}) for arm in wanted}
     rest = _flown({arm.name: (arm, finalists[arm.name], REST) for arm in wanted}, every, jobs, out)
     records = {}
     for arm in wanted:
         flown = {k: first[arm.name, k] + rest.get((arm.name, k), []) for k in range(len(arm.candidates))}
         scores = {k: score(arm.objective, kept) for k, kept in flown.items()}
-        chosen = min(finalists[arm.name], key=lambda k: scores[k])
+        chosen, *_ = _best(arm, {k: flown[k] for k in finalists[arm.name]})
         records[arm.name] = {
             "code": version(),
             "method": arm.method,
@@ -140,6 +142,11 @@ def tuned(wanted: Sequence[Arm], jobs: int, out: Path) -> dict[str, Any]:
             ],
         }
     return records
+
+
+def _best(arm: Arm, flown: Mapping[int, Summaries]) -> list[int]:
+    """The best candidates by their summaries, the best first."""
+    return sorted(flown, key=lambda k: order(arm.objective, score(arm.objective, flown[k])))[:FINALISTS]
 
 
 def _flown(

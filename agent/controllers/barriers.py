@@ -34,14 +34,15 @@ from meanflock.swarm.state import Floats, Plane, Rows, States
 
 INFEASIBLE_M_S2 = 1e-6  # violation up to which a half-plane counts as kept
 
+Distance = Annotated[float, Meta(gt=0, description="D, distance to keep; below the spacing that a formation flies, m")]
+Rate = Annotated[float, Meta(gt=0, description="k, rate at which a barrier may shrink, 1/s")]
+
 
 class BarrierOptions(base.Options, frozen=True):
     """Options of every filter with barriers."""
 
-    distance_m: Annotated[
-        float, Meta(gt=0, description="D, distance to keep; below the spacing that a formation flies, m")
-    ] = 0.8
-    rate_1_s: Annotated[float, Meta(gt=0, description="k, rate at which a barrier may shrink, 1/s")] = 4.0
+    distance_m: Distance = 0.8
+    rate_1_s: Rate = 4.0
     neighbours: Annotated[int, Meta(ge=1, le=32, description="number of the closest UAVs that are avoided")] = 10
     reach_m: Annotated[float, Meta(gt=0, description="distance beyond which a UAV is not avoided, m")] = 6.0
     clearance_m: Annotated[float, Meta(ge=0, description="distance to keep from the edge of an obstacle, m")] = 0.3
@@ -49,7 +50,7 @@ class BarrierOptions(base.Options, frozen=True):
     obstacles: Annotated[int, Meta(ge=1, le=32, description="number of the closest obstacles that are avoided")] = 4
     acceleration_max_m_s2: Annotated[
         float, Meta(gt=0, description="limit on ‖dv/dt‖, at most that of the vehicle, m/s²")
-    ] = 3.0
+    ] = 6.0
 
 
 class Barrier(Filter):
@@ -82,6 +83,7 @@ class Barrier(Filter):
         raise NotImplementedError
 
     def admit(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Plane) -> tuple[Plane, Floats]:
+        """The acceleration nearest to the wanted one that keeps all half-planes, and `infeasible`, see `Filter`."""
         options = self.options
         motion = np.ascontiguousarray(wanted - against_the_air(self.scenario, own), dtype=np.float64)
         near = closest(own, others, uavs, options.reach_m, options.neighbours)
@@ -108,7 +110,11 @@ class Ecbf(Barrier):
     class Options(BarrierOptions, frozen=True):
         """The options of `ecbf`."""
 
+        distance_m: Distance = 1.1
+        rate_1_s: Rate = 3.0
+
     def half_planes(self, near: Closest, rate: float, distance: float | Rows, share: float) -> tuple[Plane, Rows]:
+        """ḧ + 2kḣ + k²h ≥ 0 of each pair, solved for the acceleration, see `Barrier`."""
         away, closing = near.away, near.closing
         along = away[..., 0] * closing[..., 0] + away[..., 1] * closing[..., 1]
         speed = closing[..., 0] * closing[..., 0] + closing[..., 1] * closing[..., 1]
@@ -130,6 +136,7 @@ class Braking(Barrier):
         """The options of `braking`."""
 
     def half_planes(self, near: Closest, rate: float, distance: float | Rows, share: float) -> tuple[Plane, Rows]:
+        """ḣ + kh ≥ 0 of each pair, solved for the acceleration, see `Barrier`."""
         length = np.sqrt(np.where(near.there, near.squared, 1.0))
         normals = np.where(near.there[..., None], near.away / length[..., None], 0.0)
         closing = near.closing

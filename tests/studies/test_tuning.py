@@ -52,11 +52,14 @@ def test_a_flight_is_unsafe_if_a_uav_collides_hits_or_never_arrives(changed, uns
     assert (found.unsafe, found.flights) == (unsafe, 2)
 
 
-def test_safety_comes_first_then_the_objective() -> None:
+def test_a_controller_is_judged_by_safety_first_and_a_learner_by_what_it_learns() -> None:
     assert tuning.score("trip", [summary()]).objective == pytest.approx(math.log(20.0))
     assert tuning.score("tracking", [summary()]).objective == pytest.approx(math.log(10.0))
     assert tuning.score("trip", [{flights.FAILED: "x"}]) == Score(1, math.inf, 1)
-    assert min(Score(1, 0.1, 4), Score(0, 9.0, 4), Score(0, 8.0, 4)) == Score(0, 8.0, 4)
+    found = Score(1, 0.1, 4), Score(0, 9.0, 4), Score(0, 8.0, 4)
+    assert min(found, key=lambda each: tuning.order("trip", each)) == Score(0, 8.0, 4)
+    assert min(found, key=lambda each: tuning.order("tracking", each)) == Score(1, 0.1, 4)
+    assert tuning.order("tracking", Score(0, 0.1, 4)) < tuning.order("tracking", Score(1, 0.1, 4))
 
 
 def test_a_tuning_goes_on_where_it_was_and_its_record_names_what_flew(tmp_path, monkeypatch) -> None:

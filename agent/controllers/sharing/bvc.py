@@ -42,12 +42,12 @@ class BufferedVoronoi(TravellingController):
     class Options(Travelling, frozen=True):
         """The options of `bvc`."""
 
-        velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 4.0
-        radius_m: Annotated[float, Meta(gt=0, description="buffer, half of the distance that two UAVs keep, m")] = 0.4
+        velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 3.0
+        radius_m: Annotated[float, Meta(gt=0, description="buffer, half of the distance that two UAVs keep, m")] = 0.45
         clearance_m: Annotated[float, Meta(ge=0, description="distance to keep from the edge of an obstacle, m")] = 0.4
         right_bias: Annotated[
             float, Meta(ge=0, le=1, description="share of the cruise velocity that is added to its right")
-        ] = 0.3
+        ] = 0.5
         speed_max_m_s: Annotated[float, Meta(gt=0, description="limit on the velocity chosen, m/s")] = 4.0
         neighbours: Annotated[int, Meta(ge=1, le=32, description="number of the closest UAVs that bound a cell")] = 10
         obstacles: Annotated[

@@ -39,21 +39,21 @@ class OlfatiSaber(SharingController):
         r_m: Annotated[float, Meta(gt=0, description="r, who is farther is no neighbour, m")] = 1.56
         epsilon_1_m2: Annotated[float, Meta(gt=0, description="ε of the σ-norm, 1/m²")] = 0.1
         h: Annotated[float, Meta(ge=0, lt=1, description="h of the bump function")] = 0.2
-        a: Annotated[float, Meta(gt=0, description="a of the action function, at most b, m/s²")] = 5.0
-        b: Annotated[float, Meta(gt=0, description="b of the action function, m/s²")] = 5.0
+        a: Annotated[float, Meta(gt=0, description="a of the action function, at most b, m/s²")] = 8.0
+        b: Annotated[float, Meta(gt=0, description="b of the action function, m/s²")] = 8.0
         c1: Annotated[float, Meta(ge=0, description="weight of the gradient")] = 1.0
-        c2_1_s: Annotated[float, Meta(ge=0, description="weight of the consensus, 1/s")] = 2.0
+        c2_1_s: Annotated[float, Meta(ge=0, description="weight of the consensus, 1/s")] = 3.0
         d_obstacle_m: Annotated[
             float, Meta(gt=0, description="d', who is farther off an obstacle does not feel it, m")
         ] = 1.5
         c1_obstacle_m_s2: Annotated[float, Meta(ge=0, description="weight of its gradient, m/s²")] = 3.0
         c2_obstacle_1_s: Annotated[float, Meta(ge=0, description="weight of its consensus, 1/s")] = 0.5
-        pull_m_s2: Annotated[float, Meta(gt=0, description="pull to the goal from afar, m/s²")] = 0.9
+        pull_m_s2: Annotated[float, Meta(gt=0, description="pull to the goal from afar, m/s²")] = 0.7
         near_m: Annotated[float, Meta(gt=0, description="distance within which it is a spring, m")] = 2.0
         damping_1_s: Annotated[float, Meta(gt=0, description="of the own velocity, 1/s")] = 0.4
         acceleration_max_m_s2: Annotated[
             float, Meta(gt=0, description="limit on ‖u‖ before drag, at most that of the vehicle, m/s²")
-        ] = 3.0
+        ] = 6.0
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         if options.a > options.b:

@@ -34,12 +34,12 @@ class Orca(TravellingController):
     class Options(Travelling, frozen=True):
         """The options of `orca`."""
 
-        velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 2.0
-        radius_m: Annotated[float, Meta(gt=0, description="combined radius of two UAVs, m")] = 0.7
-        horizon_s: Annotated[float, Meta(gt=0, description="τ, for which a velocity must be free, s")] = 1.0
+        velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 4.0
+        radius_m: Annotated[float, Meta(gt=0, description="combined radius of two UAVs, m")] = 0.9
+        horizon_s: Annotated[float, Meta(gt=0, description="τ, for which a velocity must be free, s")] = 3.0
         right_bias: Annotated[
-            float, Meta(ge=0, le=1, description="how much of the wished velocity is added to its right")
-        ] = 0.0
+            float, Meta(ge=0, le=1, description="share of the wished velocity that is added to its right")
+        ] = 0.3
         speed_max_m_s: Annotated[float, Meta(gt=0, description="limit on the velocity chosen, m/s")] = 4.0
         neighbours: Annotated[int, Meta(ge=1, le=32, description="of the closest UAVs, so many are kept off")] = 10
         obstacles: Annotated[int, Meta(ge=1, le=32, description="of the closest obstacles, so many are kept off")] = 4

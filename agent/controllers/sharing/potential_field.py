@@ -30,7 +30,7 @@ class PotentialField(TravellingController):
 
         velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 1.0
         eta_m3_s2: Annotated[float, Meta(ge=0, description="η, strength of the repulsion by UAVs, m³/s²")] = 1.0
-        rho0_m: Annotated[float, Meta(gt=0, description="ρ0, from which on UAVs are not felt, m")] = 1.5
+        rho0_m: Annotated[float, Meta(gt=0, description="ρ0, from which on UAVs are not felt, m")] = 2.0
         radius_m: Annotated[
             float, Meta(ge=0, description="of a UAV: so much earlier it keeps off others and obstacles, m")
         ] = 0.35
@@ -40,7 +40,7 @@ class PotentialField(TravellingController):
         obstacle_rho0_m: Annotated[float, Meta(gt=0, description="ρ0, from which on obstacles are not felt, m")] = 3.0
         acceleration_max_m_s2: Annotated[
             float, Meta(gt=0, description="limit on ‖a‖ before drag, at most that of the vehicle, m/s²")
-        ] = 3.0
+        ] = 6.0
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)

@@ -36,7 +36,7 @@ class Vasarhelyi(TravellingController):
 
         p_rep_1_s: Annotated[float, Meta(ge=0, description="strength of the repulsion, 1/s")] = 2.0
         r0_rep_m: Annotated[float, Meta(gt=0, description="who is nearer is repelled, m")] = 1.3
-        c_frict: Annotated[float, Meta(ge=0, le=1, description="strength of the friction")] = 0.3
+        c_frict: Annotated[float, Meta(ge=0, le=1, description="strength of the friction")] = 0.5
         v_frict_m_s: Annotated[float, Meta(ge=0, description="difference of velocities always left, m/s")] = 0.1
         r0_frict_m: Annotated[float, Meta(ge=0, description="where a brake has ended, m")] = 0.5
         a_frict_m_s2: Annotated[float, Meta(gt=0, description="of the brake, m/s²")] = 0.5
@@ -47,7 +47,7 @@ class Vasarhelyi(TravellingController):
         a_shill_m_s2: Annotated[float, Meta(gt=0, description="of that brake, m/s²")] = 4.0
         p_shill_1_s: Annotated[float, Meta(gt=0, description="slope of that brake's end, 1/s")] = 3.0
         v_max_m_s: Annotated[float, Meta(gt=0, description="limit on v_d, m/s")] = 4.0
-        tau_s: Annotated[float, Meta(gt=0, description="τ in which v_d is taken up, s")] = 0.6
+        tau_s: Annotated[float, Meta(gt=0, description="τ in which v_d is taken up, s")] = 0.4
 
     def fly(self, memory: Memory, own: States, others: States) -> Step:
         memory, velocity = self._travel.velocity(memory, own)
