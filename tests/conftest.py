@@ -16,6 +16,8 @@ from typing import Any
 import hypothesis
 import pytest
 
+import tests.one_kernel  # noqa: F401  # isort: skip
+
 from meanflock.swarm import plugins
 from meanflock.swarm.plugins import registry
 from tests.standstill import Standstill

@@ -33,6 +33,7 @@ class Wishes(Controller):
 
 
 def filtered(scenario: Scenario, kind: type[Barrier] = Ecbf, **options: Any) -> Barrier:
+    options = {"distance_m": 0.8, "rate_1_s": 4.0, "acceleration_max_m_s2": 3.0} | options
     return kind(kind.Options(**options), scenario, Wishes(np.zeros((scenario.uavs, 2)), scenario))
 
 

@@ -45,9 +45,14 @@ def test_a_face_is_halfway_to_the_other_less_the_buffer() -> None:
     assert bounds[0, 0] == pytest.approx(-stopping_speed(np.array([margin]), 4.0, delay)[0])
 
 
+HEAD_ON = {"radius_m": 0.5, "right_bias": 0.0, "velocity_gain_1_s": 4.0}
+
+
 @pytest.mark.parametrize("speed", [2.25, 4.0])
 def test_two_head_on_stop_in_their_cells(speed: float) -> None:
-    controller = made("vehicle.acceleration_max=3", radius_m=0.5, right_bias=0.0, speed_m_s=speed)
+    controller = made(
+        "vehicle.acceleration_max=3", radius_m=0.5, right_bias=0.0, velocity_gain_1_s=4.0, speed_m_s=speed
+    )
     own = np.array([[10.0, 0.0, speed, 0.0], [30.0, 0.0, -speed, 0.0]])
     memory = controller.init(np.arange(2), own) | {"travel_end": np.array([[40.0, 0.0], [0.0, 0.0]])}
     for _ in range(150):

@@ -40,7 +40,7 @@ def test_the_force_of_a_pair_is_that_of_the_source() -> None:
     sigma, lattice, reach = ((np.sqrt(1 + 0.1 * d * d) - 1) / 0.1 for d in (0.9, 1.3, 1.56))
     weight = 0.5 * (1 + np.cos(np.pi * (sigma / reach - 0.2) / 0.8))
     z = sigma - lattice
-    force = weight * 5.0 * z / np.sqrt(1 + z * z) * 0.9 / np.sqrt(1 + 0.1 * 0.81)
+    force = weight * 8.0 * z / np.sqrt(1 + z * z) * 0.9 / np.sqrt(1 + 0.1 * 0.81)
     np.testing.assert_allclose(pair(0.9), [[force, 0.0], [-force, 0.0]], rtol=1e-9, atol=1e-10)
 
 
@@ -54,9 +54,9 @@ def test_velocities_come_together_and_the_whole_swarm_is_pushed_nowhere() -> Non
     assert (matched * (states[:, 2:] - states[:, 2:].mean(axis=0))).sum() < 0.0
 
 
-def test_alone_it_ends_up_at_cruise_speed() -> None:
+def test_alone_it_ends_up_where_the_pull_is_the_damping() -> None:
     run = mf.fly("paper", method="olfati-saber", uavs=1, duration=30, **{"wind.sigma": 0.0})
-    assert np.hypot(*run.states[-1, 0, 2:]) == pytest.approx(2.25, rel=1e-3)
+    assert np.hypot(*run.states[-1, 0, 2:]) == pytest.approx(0.7 / 0.4, rel=1e-3)
 
 
 def test_an_obstacle_repels_and_stops_who_comes_near() -> None:
@@ -69,13 +69,13 @@ def test_an_obstacle_repels_and_stops_who_comes_near() -> None:
 
 def test_what_it_asks_of_the_craft_is_limited() -> None:
     crowded = np.concatenate([np.random.default_rng(2).uniform(-1, 1, (30, 2)), np.zeros((30, 2))], axis=1)
-    assert np.hypot(*accelerations("olfati-saber", crowded, UNLIMITED).T).max() > 3.5
-    assert np.hypot(*accelerations("olfati-saber", crowded).T).max() == pytest.approx(3.0)
+    assert np.hypot(*accelerations("olfati-saber", crowded, UNLIMITED).T).max() > 6.5
+    assert np.hypot(*accelerations("olfati-saber", crowded).T).max() == pytest.approx(6.0)
 
 
 def test_an_a_beyond_b_is_refused() -> None:
-    with pytest.raises(BadInput, match=r"`a` 6\.0 is greater than `b` 5\.0"):
-        made("olfati-saber", "controller.a=6.0")
+    with pytest.raises(BadInput, match=r"`a` 9\.0 is greater than `b` 8\.0"):
+        made("olfati-saber", "controller.a=9.0")
     lopsided: OlfatiSaber = made("olfati-saber", "controller.a=2.0")  # type: ignore[assignment]
     assert lopsided.options.a == 2.0
 
@@ -85,4 +85,4 @@ def test_it_arrives_without_a_collision(broadcast: str) -> None:
     run = mf.fly("paper", method="olfati-saber", seed=4, **{"sharing.policy": broadcast})
     assert run.summary["arrived"] == 25
     assert run.summary["collisions"] == 0
-    assert run.summary["t_avg_s"] < 86.0
+    assert run.summary["t_avg_s"] < 110.0

@@ -9,7 +9,7 @@ import meanflock as mf
 from meanflock.agent.controllers.sharing.vasarhelyi import Vasarhelyi, braking
 from tests.agent.controllers.by_hand import DISCS, accelerations, made, stepped
 
-TAU = 0.6
+TAU = 0.4
 
 
 @given(slope=st.floats(0.1, 10.0), most=st.floats(0.1, 10.0), distance=st.floats(0.0, 50.0))
@@ -33,10 +33,10 @@ def test_who_is_close_is_repelled_in_proportion() -> None:
 
 
 def test_who_closes_in_too_fast_is_matched() -> None:
-    """At 2.5 m the brake allows √(2·0.5·2 − 1/9) = 1.374 m/s; the rest is taken off, times 0.3."""
+    """At 2.5 m the brake allows √(2·0.5·2 − 1/9) = 1.374 m/s; half of the rest is taken off."""
     states = np.array([[70.0, 0.0, 1.0, 0.0], [72.5, 0.0, -1.0, 0.0]])
     push = accelerations("vasarhelyi", states) * TAU - accelerations("cruise", states)
-    rest = 0.3 * (2.0 - np.sqrt(2.0 - 1.0 / 9.0))
+    rest = 0.5 * (2.0 - np.sqrt(2.0 - 1.0 / 9.0))
     np.testing.assert_allclose(push, [[-rest, 0.0], [rest, 0.0]], rtol=1e-9)
 
 
