@@ -27,7 +27,7 @@ SECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
     "A channel": ("Decides how long a message takes on a link, and whether it is lost.", ("Channel",)),
     "A filter": (
         "May change the accelerations of any controller; "
-        "see [the filter](controllers.md#the-filter-ecbf-before-any-controller).",
+        "see [the filter](controllers.md#the-filters-ecbf-and-braking-before-any-controller).",
         ("Filter",),
     ),
     "A vehicle": ("Moves the UAVs and counts their energy.", ("Vehicle",)),

@@ -203,14 +203,14 @@ def test_under_tls_killed_nodes_come_back_with_their_certificates_and_a_killed_w
     certificates = tmp_path / "certs"
     certs.init(certificates, 3)
     processes.base += ("--tls", str(certificates))
-    flight = Flight(processes, tmp_path / "runs", barrier_s=60.0, leaders=2, settings=FLOWN, patience=("--wait", "5"))
+    flight = Flight(processes, tmp_path / "runs", barrier_s=60.0, leaders=2, settings=FLOWN, patience=("--wait", "30"))
     for victim, flown in ((2, 40), (0, 90)):
         flight.reach(flown)
         flight.agents[victim].kill()
-        flight.agents[victim] = processes.start("agent", "--uav", str(victim), "--wait", "5")
+        flight.agents[victim] = processes.start("agent", "--uav", str(victim), "--wait", "30")
         assert flight.event("rejoined", 1 + (victim == 0))["uavs"] == [victim]
     flight.leaders.pop().kill()
-    flight.leaders.append(processes.start("leader", "--wait", "5"))
+    flight.leaders.append(processes.start("leader", "--wait", "30"))
     assert "stands by" in flight.event("rejoined", 3)["text"]
     flight.station_again(signal.SIGKILL)
     (folder,) = (tmp_path / "runs").iterdir()

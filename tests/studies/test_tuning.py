@@ -91,7 +91,6 @@ def test_an_unknown_arm_is_bad_input() -> None:
         tuning._chosen(["magic"])
 
 
-@pytest.mark.skipif(not tuning.RECORD.exists(), reason="nothing is tuned yet")
 def test_the_constants_are_those_of_the_record() -> None:
     from meanflock.studies.leaderboard import rows
     from meanflock.swarm import plugins

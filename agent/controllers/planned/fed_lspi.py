@@ -72,7 +72,7 @@ class FedLspi(PlannedLearner):
         exploration: Annotated[float, Meta(ge=0, le=3, description="std of the perturbation an axis, m/s²")] = 0.3
         exploration_time: Annotated[float, Meta(ge=0, description="how long it perturbs, s")] = 30.0
         period: Annotated[float, Meta(gt=0, description="between two improvements, where not federated, s")] = 2.0
-        gain_factor: Annotated[float, Meta(gt=1, description="by which k1, k2 change at once at the most, 1")] = 1.2
+        gain_factor: Annotated[float, Meta(gt=1, description="by which k1, k2 change at once at the most, 1")] = 2.0
         offset_change: Annotated[float, Meta(gt=0, description="by what k3 changes at once at the most, m/s²")] = 0.6
         limit: Annotated[float, Meta(gt=0, description="on the input an axis, m/s²")] = 3.0
 

@@ -45,7 +45,7 @@ class Rls(PlannedLearner):
         position_gain_1_s2: Annotated[float, Meta(gt=0, description="k_p, 1/s²")] = 4.0
         velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 4.0
         prior: Annotated[float, Meta(gt=0, description="std of θ before take-off, about zero, 1/s and m/s²")] = 0.3
-        noise: Annotated[float, Meta(gt=0, description="std that measured accelerations are taken to have, m/s²")] = 0.5
+        noise: Annotated[float, Meta(gt=0, description="std that measured accelerations are taken to have, m/s²")] = 1.0
         forgetting: Annotated[float, Meta(gt=0, le=1, description="λ, what a tick still counts a tick later, 1")] = 1.0
 
     @property
