@@ -13,7 +13,7 @@ NAMES = ("drag", "push_x", "push_y")
 
 
 def flown(mission_name: str, **options: Any) -> mf.Run:
-    settings = {f"controller.{name}": value for name, value in options.items()}
+    settings = {f"controller.{name}": value for name, value in ({"noise": 0.5} | options).items()}
     return mf.fly(mission_name, method="rls", seed=1, duration=40, **settings)
 
 
