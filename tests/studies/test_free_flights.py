@@ -20,7 +20,7 @@ def test_every_case_has_a_flight_with_its_own_seed() -> None:
 def test_the_page_has_the_table_of_the_flights() -> None:
     page = free_flights.PAGE.read_text(encoding="utf-8")
     assert "\n".join(["", *free_flights.table(ROWS), ""]) in page
-    assert max(row["kbit"] for row in ROWS if row["method"] == "fed-lspi") < 200.0  # as the page says
+    assert max(row["kbit"] for row in ROWS if row["method"] == "fed-lspi") < 300.0  # as the page says
 
 
 def test_the_table_counts_a_flight_with_collisions() -> None:
