@@ -41,7 +41,8 @@ class Medium:
         self._targets = {hop.label: hop.targets for hop in scenario.hops}
         slots = range(1, MOST_SLOTS + 1)
         self._soon = bisect_right(slots, 1, key=lambda spent: int(scenario.delivery_ticks(np.array(spent))))  # a tick
-        self._range_squared = radio.range_m**2
+        self._reach = {hop.label: hop.range_m for hop in scenario.hops if hop.range_m is not None}
+        self._reach[FrameKind.STATE] = radio.range_m  # m, beyond which a broadcast is meant for nobody
         self._models_reach = math.inf if scenario.federation.range_m is None else scenario.federation.range_m
         self._everyone = np.arange(scenario.uavs).tobytes()
         # The links of the last batch of a kind and of its number, which mostly are those of the next tick's, and who
@@ -164,7 +165,8 @@ class Medium:
         """Every link a batch uses: as a rule those of the tick before."""
         kind, sources, uavs = batch.kind, batch.source.astype(np.intp), self._scenario.uavs
         senders, mask = sources.tobytes(), None
-        reached = self._in_range(sources, senders, states) if kind == FrameKind.STATE else None
+        is_broadcast = kind in self._reach
+        reached = self._in_range(sources, senders, states, self._reach[kind]) if is_broadcast else None
         if reached is not None:
             mask = reached.tobytes()
         place = kind, batch.round if kind == FrameKind.STATE else 0
@@ -179,27 +181,29 @@ class Medium:
             links = Links.of(kind, sources, rows.repeat(target.shape[1]), target.ravel(), uavs, is_unicast=True)
         else:
             targets, all_rows = np.tile(np.arange(uavs), len(sources)), rows.repeat(uavs)
-            apart = sources[all_rows] != targets if kind == FrameKind.STATE else slice(None)
+            apart = sources[all_rows] != targets if is_broadcast else slice(None)
             links = Links.of(kind, sources, all_rows[apart], targets[apart], uavs)
         self._used[place] = senders, mask, links
         return links
 
-    def _in_range(self, sources: Indices, senders: bytes, states: state.States) -> NDArray[np.bool_] | None:
+    def _in_range(
+        self, sources: Indices, senders: bytes, states: state.States, reach: float
+    ) -> NDArray[np.bool_] | None:
         """Whom each source reaches, (S, N); None where everyone reaches everyone."""
-        if senders == self._everyone and self._are_together(states):
+        if senders == self._everyone and self._are_together(states, reach):
             return None
         here = states[sources]
         along = here[:, state.X, None] - states[:, state.X]
         across = here[:, state.Y, None] - states[:, state.Y]
-        reached: NDArray[np.bool_] = along * along + across * across <= self._range_squared
+        reached: NDArray[np.bool_] = along * along + across * across <= reach * reach
         reached[np.arange(len(sources)), sources] = False
         return reached
 
-    def _are_together(self, states: state.States) -> bool:
-        """Whether no two UAVs can be out of range: the corners of a box around all of them are not.
+    def _are_together(self, states: state.States, reach: float) -> bool:
+        """Whether no two UAVs can be farther apart than `reach`: the corners of a box around all of them are not.
 
         Rounding keeps order, so a distance within the box comes out no longer than its diagonal.
         """
         here = states[:, state.POSITION]
         along, across = (np.maximum.reduce(here) - np.minimum.reduce(here)).tolist()
-        return bool(along * along + across * across <= self._range_squared)
+        return bool(along * along + across * across <= reach * reach)

@@ -23,7 +23,7 @@ SECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
         "See [your controller](your-controller.md).",
         ("Controller", "Options", "Received", "Broadcast", "Step"),
     ),
-    "An aggregation rule": ("See [your aggregation rule](your-aggregation.md).", ("Aggregator",)),
+    "An aggregation rule": ("See [your aggregation rule](your-aggregation.md).", ("Aggregator", "Uploads")),
     "A channel": ("Decides how long a message takes on a link, and whether it is lost.", ("Channel",)),
     "A filter": (
         "May change the accelerations of any controller; "

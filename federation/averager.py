@@ -3,10 +3,11 @@
 Sums go by ascending UAV, so that the order of arrival leaves no trace.
 """
 
-import numpy as np
-from numpy.typing import NDArray
+import inspect
 
-from meanflock.federation.rules.base import Aggregator, State
+import numpy as np
+
+from meanflock.federation.rules.base import Aggregator, State, Uploads
 from meanflock.federation.rules.fedavg import mean
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop
@@ -16,7 +17,7 @@ from meanflock.swarm.errors import BadInput
 from meanflock.swarm.plugins.failures import FAILURES, last_line
 from meanflock.swarm.plugins.guard import as_floats, check_finite, check_memory, check_pair, check_same_form
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats
+from meanflock.swarm.state import Floats, Mask
 from meanflock.swarm.wire.control import encode_record
 from meanflock.swarm.wire.messages import Frames
 
@@ -32,14 +33,23 @@ class Averager:
 
     Attributes:
         hop: the hop.
-        rule: the scenario's aggregation rule with its state; None where the hop takes the mean.
     """
 
     def __init__(self, hop: Hop, schedule: Schedule, scenario: Scenario) -> None:
         """Raises BadInput where the aggregation rule cannot begin."""
         self.hop, self._schedule = hop, schedule
         self._mail: dict[tuple[int, int], dict[int, tuple[Floats, float]]] = {}  # by round and averaging UAV
-        self.rule = Rule(scenario) if hop.ruled else None
+        self._rule = Rule(scenario) if hop.ruled else None
+        self._state: State = {} if self._rule is None else self._rule.begin()
+
+    @property
+    def record(self) -> bytes:
+        """The state of the aggregation rule, a record; empty where it has none."""
+        return encode_record(self._state) if self._state else b""
+
+    def take_over(self, state: State) -> None:
+        """Goes on with the state of the aggregation rule that another node left."""
+        self._state = state
 
     def collect(self, frames: Frames) -> None:
         """Stores mail of this averager's hop; a second model of the same UAV changes nothing."""
@@ -66,8 +76,10 @@ class Averager:
         uavs = np.array(sorted(mail), dtype=np.intp)
         models = np.stack([mail[sender][0] for sender in uavs.tolist()])
         weights = np.array([mail[sender][1] for sender in uavs.tolist()])
-        if self.rule is not None:
-            return self.rule.step(models, uavs, number), float(weights.sum()), refused
+        if self._rule is not None:
+            uploads = Uploads(models, uavs, np.full(len(uavs), number), number)
+            self._state, model = self._rule.step(self._state, uploads)
+            return model, float(weights.sum()), refused
         return mean(models, weights), float(weights.sum()), refused
 
     def close(self, number: int) -> None:
@@ -82,50 +94,93 @@ class Averager:
 
 
 class Rule:
-    """An aggregation rule and its state. A plug-in: what it returns is validated here."""
+    """An aggregation rule. A plug-in: what it returns is validated here."""
 
     def __init__(self, scenario: Scenario) -> None:
-        """Raises BadInput where the rule is not installed, its options do not fit or `init` fails."""
+        """Raises BadInput where the rule is not installed, its options do not fit or its `step` is of another form."""
         self._name, self._parameters = scenario.federation.aggregation, scenario.declared.parameters
         self._rule: Aggregator = plugins.create("aggregator", self._name, scenario.federation.options, scenario)
+        takes = inspect.signature(self._rule.step)
         try:
-            self.state: State = self._rule.init(self._parameters)
-            self.record = _record(self.state)
-        except FAILURES as error:
-            raise BadInput(f"aggregator {self._name!r} failed in `init`: {last_line(error)}") from error
+            takes.bind("state", "uploads")
+        except TypeError:
+            raise BadInput(
+                f"aggregator {self._name!r}: `step` takes {takes}; write step(self, state, uploads), with "
+                "uploads.models, uploads.uavs and uploads.round"
+            ) from None
 
-    def step(self, models: Floats, uavs: NDArray[np.intp], number: int) -> Floats:
-        """The global model (L,) of models (S, L); state and record are those after it.
+    def begin(self) -> State:
+        """The state before the first round.
 
         Raises:
-            RuleFailed: the rule raised, or returned something else; its state is unchanged.
+            BadInput: `init` fails, or a checkpoint cannot hold what it returns.
         """
         try:
-            answer = self._rule.step(self.state, models, uavs, number)
-            after, returned = check_pair("step", answer, "the state and the model")
-            model = as_floats("the model", returned, (self._parameters,))
-            check_finite("the model", model)
-            check_same_form("state", after, self.state)
-            self.record = _record(after)
+            state: State = self._rule.init(self._parameters)
+            _check_state(state)
         except FAILURES as error:
-            raise RuleFailed(f"aggregator {self._name!r} failed in round {number}: {last_line(error)}") from error
-        self.state = after
-        return model
+            raise BadInput(f"aggregator {self._name!r} failed in `init`: {last_line(error)}") from error
+        return state
+
+    def step(self, state: State, uploads: Uploads) -> tuple[State, Floats | None]:
+        """The state after a round, and its global model (L,); None where the rule waits for more models.
+
+        Raises:
+            RuleFailed: the rule raised, or returned something else.
+        """
+        try:
+            answer = self._rule.step(state, uploads)
+            after, returned = check_pair("step", answer, "the state and the model")
+            model = None if returned is None else as_floats("the model", returned, (self._parameters,))
+            if model is not None:
+                check_finite("the model", model)
+            check_same_form("state", after, state)
+            _check_state(after)
+        except FAILURES as error:
+            raise self._failed(uploads, error) from error
+        return after, model
+
+    def weights(self, uploads: Uploads) -> Floats | None:
+        """The weight of each model (S,), greater than 0; None where the rule is no weighted mean.
+
+        Raises:
+            RuleFailed: the rule raised, or returned something else.
+        """
+        try:
+            returned = self._rule.weights(uploads)
+            if returned is None:
+                return None
+            weights = as_floats("`weights`", returned, (len(uploads.models),))
+            check_finite("`weights`", weights)
+            if not (weights > 0.0).all():
+                raise ValueError(f"`weights` has {weights.min()}; each must be greater than 0")
+        except FAILURES as error:
+            raise self._failed(uploads, error) from error
+        return weights
+
+    def _failed(self, uploads: Uploads, error: BaseException) -> RuleFailed:
+        return RuleFailed(f"aggregator {self._name!r} failed in round {uploads.round}: {last_line(error)}")
 
 
 def usable(mail: dict[int, tuple[Floats, float]]) -> tuple[dict[int, tuple[Floats, float]], list[int]]:
     """The mail that can be averaged at all, and the UAVs, ascending, whose models are not finite or absurdly large."""
     if not mail:
         return mail, []
-    with np.errstate(invalid="ignore"):
-        if (np.abs(np.concatenate([model for model, _ in mail.values()])) < ABSURD).all():  # NaN is below nothing
-            return mail, []
-        bad = sorted(uav for uav, (model, _) in mail.items() if not (np.abs(model) < ABSURD).all())
+    sound = is_usable(np.stack([model for model, _ in mail.values()]))
+    if sound.all():
+        return mail, []
+    bad = sorted(uav for uav, is_sound in zip(mail, sound.tolist(), strict=True) if not is_sound)
     return {uav: entry for uav, entry in mail.items() if uav not in bad}, bad
 
 
-def _record(state: State) -> bytes:
-    """The state of a rule as a record; empty where it has none.
+def is_usable(models: Floats) -> Mask:
+    """Which models (S, L) can be averaged, (S,): those that are finite and not absurdly large."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray((np.abs(models) < ABSURD).all(axis=-1))  # NaN is below nothing
+
+
+def _check_state(state: State) -> None:
+    """Validates the state of a rule.
 
     Raises:
         TypeError, ValueError: a checkpoint cannot hold it.
@@ -135,4 +190,3 @@ def _record(state: State) -> bytes:
         check_finite(f"state[{name!r}]", array)
     if (size := sum(array.nbytes for array in state.values())) > MAX_MEMORY_BYTES:
         raise ValueError(f"the state has {size} bytes; at most {MAX_MEMORY_BYTES}")
-    return encode_record(state) if state else b""

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from meanflock.federation.averager import Averager, RuleFailed
 from meanflock.federation.byzantine import Byzantine
 from meanflock.federation.coding import Feedback
+from meanflock.federation.exchange import Exchange
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Role
 from meanflock.swarm.errors import MessageRejected
@@ -65,8 +66,12 @@ class Party:
         hops = schedule.hops
         self._own = [hop for hop in hops if hop.role == role]
         self._averagers = [
-            Averager(hop, schedule, scenario) for hop in self._own if hop.mail is not None and self._here(hop)
+            Averager(hop, schedule, scenario)
+            for hop in self._own
+            if hop.mail is not None and not hop.is_local and self._here(hop)
         ]
+        local = next((hop for hop in self._own if hop.is_local), None)
+        self._exchange = None if local is None else Exchange(local, scenario, uavs)
         self._last = next((hop for hop in hops if hop.is_last), None) if role == "agent" else None
         self._byzantine = Byzantine(scenario)
         first = next((hop for hop in self._own if hop.mail is None), None)
@@ -97,6 +102,8 @@ class Party:
         for averager in self._averagers:
             if averager.hop.mail is hop:
                 averager.collect(frames)
+        if self._exchange is not None and self._exchange.hop.mail is hop:
+            self._exchange.collect(frames)
         if hop is self._last:
             assert self._learner is not None
             assert frames.links is not None
@@ -104,7 +111,10 @@ class Party:
             self._learner.take(row, hop.coding.decode(frames.payload[sent]))
 
     def act(self, tick: int) -> tuple[list[Frames], list[int]]:
-        """The frames that this node's UAVs transmit in a tick, and the UAVs whose models they refuse to average."""
+        """The part of a tick: the frames that this node's UAVs transmit, and the UAVs whose models they refuse.
+
+        Where the last hop is local, the learner takes the averages of its rows.
+        """
         self.rule_record = b""
         outbox: list[Frames] = []
         refused: list[int] = []
@@ -116,12 +126,15 @@ class Party:
         for averager in self._averagers:
             if number := self._schedule.number(averager.hop, tick):
                 outbox += self._averages(averager, number, refused)
+        if self._exchange is not None and (number := self._schedule.number(self._exchange.hop, tick)):
+            refused += self._take_own(self._exchange, number)
         return outbox, refused
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Arrays of M rows that a checkpoint keeps."""
         residuals = None if self._feedback is None else self._feedback.residuals
-        return {} if residuals is None else {_RESIDUALS: residuals}
+        kept = {} if residuals is None else {_RESIDUALS: residuals}
+        return kept if self._exchange is None else kept | self._exchange.state()
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
         """Takes the arrays of `state` out of a checkpoint.
@@ -129,34 +142,57 @@ class Party:
         Raises:
             MessageRejected: they do not fit.
         """
-        for name, array in self.state().items():
-            assert self._feedback is not None
-            self._feedback.residuals = expect(name, state.pop(name, NOBODY), array.shape, array.dtype).copy()
+        if self._feedback is not None and (residuals := self._feedback.residuals) is not None:
+            kept = expect(_RESIDUALS, state.pop(_RESIDUALS, NOBODY), residuals.shape, residuals.dtype)
+            self._feedback.residuals = kept.copy()
+        if self._exchange is not None:
+            self._exchange.restore(state)
 
     def take_over(self, record: bytes) -> None:
         """Goes on with the state of the aggregation rule that another leader left, a record."""
         state = decode_record(record)
         for averager in self._averagers:
-            if averager.rule is not None:
-                averager.rule.state = state
+            if averager.hop.ruled:
+                averager.take_over(state)
 
     def _here(self, hop: Hop) -> bool:
         """Whether UAVs of this node send in a hop."""
         return hop.role == "leader" or bool(contains(hop.senders, self._uavs).any())
 
     def _receives(self, hop: Hop) -> bool:
+        if self._exchange is not None and self._exchange.hop.mail is hop:
+            return True
         return hop is self._last or any(averager.hop.mail is hop for averager in self._averagers)
 
     def _uploads(self, hop: Hop, number: int) -> list[Frames]:
         """The models of the rows that take part in a round."""
         assert self._learner is not None
         assert self._feedback is not None
-        rows, models = self._learner.tell(self._schedule.rows(number))
+        taking = self._schedule.rows(number)
+        rows, models = self._learner.tell(taking if self._exchange is None else np.arange(len(self._uavs)))
+        if self._exchange is not None:
+            self._exchange.keep(number, rows, hop.coding.encode(models))
+            takes_part = contains(taking, rows)
+            rows, models = rows[takes_part], models[takes_part]
         if not len(rows):
             return []
         source = self._uavs[rows].astype(np.int32)
         payload = self._feedback.encode(rows, models)
+        if self._exchange is not None:
+            self._exchange.keep(number, rows, payload)
         return _sound(hop, number, source, self._byzantine.distort(number, source, payload, hop.coding))
+
+    def _take_own(self, exchange: Exchange, number: int) -> list[int]:
+        """Lets the learner take the averages of its rows; returns the UAVs whose models they refuse to average."""
+        assert self._learner is not None
+        try:
+            rows, models, refused = exchange.average(number, ~self._learner.silent())
+        except RuleFailed as error:
+            self.complaints.append(str(error))
+            return []
+        if len(rows):
+            self._learner.take(rows, models)
+        return refused
 
     def _averages(self, averager: Averager, number: int, refused: list[int]) -> list[Frames]:
         """The averages of the UAVs of this node that send in a hop; a UAV with nothing to average sends nothing."""
@@ -170,8 +206,8 @@ class Party:
             refused += bad
             if model is not None:
                 found[uav] = model, weight
-        if found and averager.rule is not None:
-            self.rule_record = averager.rule.record
+        if averager.hop.ruled:
+            self.rule_record = averager.record
         averager.close(number)
         if not found:
             return []

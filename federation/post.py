@@ -1,6 +1,6 @@
 """Post: the world's part in the rounds. It carries, counts and keeps models, and never reads one."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -10,56 +10,88 @@ from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Role
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import contains
+from meanflock.swarm.state import Mask, contains
 from meanflock.swarm.wire.messages import FrameKind, Frames
 
+Indices: TypeAlias = NDArray[np.intp]
 Note: TypeAlias = Callable[[str, str], None]  # kind and text of an event
 
 
 class Mailbox:
-    """The mail of one UAV that averages, until its round is averaged. A node reads each frame once, a new node all."""
+    """The mail of all UAVs that average for one hop, until the round is averaged.
 
-    def __init__(self) -> None:
+    A node reads each frame for its UAVs once. A node that takes UAVs over reads all that there is for them.
+
+    Attributes:
+        addressed: (N,) UAVs that mail was sent to since the box was last closed, delivered or not.
+    """
+
+    def __init__(self, uavs: int) -> None:
         self._frames: list[Frames] = []
-        self._read = 0  # of them, by this node:
-        self._reader: str | None = None
-        self.is_addressed = False  # mail was sent here since it was last closed, delivered or not
+        self._read = np.zeros(uavs, dtype=np.intp)  # of these frames, for each UAV, by this node:
+        self._reader = np.full(uavs, "", dtype=object)
+        self.addressed = np.zeros(uavs, dtype=bool)
 
-    def put(self, frames: Frames) -> None:
-        """Adds frames whose links all end at this UAV."""
-        self._frames.append(frames)
+    def put(self, frames: Frames, awake: Mask) -> None:
+        """Adds frames for the UAVs that are awake (N,)."""
+        assert frames.links is not None
+        target = frames.links[:, 1]
+        self.addressed[target] = True
+        heard = awake[target]
+        if heard.any():
+            self._frames.append(frames if heard.all() else only(frames, frames.links[heard]))
 
-    def read(self, reader: str) -> tuple[Frames, ...]:
-        """The frames that a node, by name, has not read yet."""
-        if reader != self._reader:
-            self._reader, self._read = reader, 0
-        unread = tuple(self._frames[self._read :])
-        self._read = len(self._frames)
-        return unread
+    def read(self, reader: str, uavs: Indices) -> list[Frames]:
+        """The frames for some UAVs (M,) that a node, by name, has not read yet."""
+        begun = np.where(self._reader[uavs] == reader, self._read[uavs], 0)
+        self._reader[uavs], self._read[uavs] = reader, len(self._frames)
+        found = []
+        for first in np.unique(begun).tolist():
+            reading = np.zeros(len(self._read), dtype=bool)
+            reading[uavs[begun == first]] = True
+            for frames in self._frames[first:]:
+                assert frames.links is not None
+                here = reading[frames.links[:, 1]]
+                if here.any():
+                    found.append(frames if here.all() else only(frames, frames.links[here]))
+        return found
+
+    def hearing(self, number: int) -> Mask:
+        """The UAVs that a model of a round was delivered to, (N,)."""
+        heard = np.zeros(len(self._read), dtype=bool)
+        for frames in self._frames:
+            if frames.round == number:
+                assert frames.links is not None
+                heard[frames.links[:, 1]] = True
+        return heard
 
     def close(self, number: int) -> None:
         """Drops the mail of a round and of all before it."""
-        read = self._frames[: self._read]
-        self._frames = [frames for frames in self._frames if frames.round > number]
-        self._read = sum(frames.round > number for frames in read)
-        self.is_addressed = False
+        kept = [place for place, frames in enumerate(self._frames) if frames.round > number]
+        self._read = np.searchsorted(kept, self._read)
+        self._frames = [self._frames[place] for place in kept]
+        self.addressed[:] = False
 
     def snapshot(self) -> list[Any]:
-        """The mail, for `restore`; the node that averages after it reads everything."""
-        return [self.is_addressed, [[int(f.kind), f.round, f.source, f.payload, f.links] for f in self._frames]]
+        """The mail, for `restore`; the nodes that average after it read everything."""
+        frames = [[int(f.kind), f.round, f.source, f.payload, f.links] for f in self._frames]
+        return [np.flatnonzero(self.addressed).astype(np.int32), frames]
 
     def restore(self, snapshot: list[Any]) -> None:
         """Goes on with the mail of a snapshot."""
-        self.is_addressed, frames = snapshot
+        addressed, frames = snapshot
+        self.addressed[:] = False
+        self.addressed[addressed] = True
         self._frames = [Frames(FrameKind(kind), *fields) for kind, *fields in frames]
-        self._read, self._reader = 0, None
+        self._read[:], self._reader[:] = 0, ""
 
 
 class Post:
     """All that the world knows of the rounds.
 
     Attributes:
-        rounds: rounds averaged and broadcast. rounds_void: rounds closed without a model of another UAV.
+        rounds: rounds in which models were averaged. rounds_void: rounds closed without a model of another UAV.
+        isolated: UAVs and rounds in which a UAV that averages for itself received nobody's model.
         rule_record: the state of the leader's aggregation rule, a record.
     """
 
@@ -70,49 +102,40 @@ class Post:
         self._hops = self._schedule.hops
         self.rounds = 0
         self.rounds_void = 0
+        self.isolated = 0
         self._averaged = 0  # number of the last round that was
         self.rule_record = b""
-        self._boxes = {
-            (place, uav): Mailbox()
-            for place, hop in enumerate(self._hops)
-            if hop.mail is not None
-            for uav in hop.senders.tolist()
-        }
-        self._addressed: list[tuple[Role, int, Mailbox]] = []  # the boxes that mail was sent to, by hop and UAV
+        self._boxes = [(hop, Mailbox(scenario.uavs)) for hop in self._hops if hop.mail is not None]
+        self._open: list[tuple[Hop, Mailbox]] = []  # those that mail was sent to
 
     # -- before a tick's requests -------------------------------------------------------------------------------
 
-    def deliver(self, tick: int, due: Iterable[Frames], awake: NDArray[np.bool_]) -> list[Frames]:
+    def deliver(self, tick: int, due: Sequence[Frames], awake: NDArray[np.bool_]) -> list[Frames]:
         """Keeps the mail among the frames that arrive now, for UAVs that are `awake` (N,); returns the rest."""
-        rest, is_new = [], False
+        rest = []
         for frames in due:
             hop = self._schedule.sent(frames.kind, frames.round, tick)
-            place = next((k for k, one in enumerate(self._hops) if hop is not None and one.mail is hop), None)
-            if place is None:
+            box = next((box for averaging, box in self._boxes if hop is not None and averaging.mail is hop), None)
+            if box is None:
                 rest.append(frames)
                 continue
-            assert frames.links is not None
-            for uav in np.unique(frames.links[:, 1]).tolist():
-                box = self._boxes[place, uav]
-                is_new = is_new or not box.is_addressed
-                box.is_addressed = True
-                if awake[uav]:
-                    box.put(only(frames, frames.links[frames.links[:, 1] == uav]))
-        if is_new:
-            self._list_addressed()
+            box.put(frames, awake)
+        if len(rest) < len(due):
+            self._list_open()
         return rest
 
     @property
     def has_mail(self) -> bool:
         """Whether mail was sent to any UAV in a round that is open."""
-        return bool(self._addressed)
+        return bool(self._open)
 
     def mail(self, role: Role, reader: str, uavs: NDArray[np.intp] | None = None) -> tuple[Frames, ...]:
         """The unread mail of a node of some role and name, for its `uavs` (M,); None: of all."""
         found: list[Frames] = []
-        for reading, uav, box in self._addressed:
-            if reading == role and (uavs is None or uav in uavs):
-                found += box.read(reader)
+        for hop, box in self._open:
+            averaging = hop.senders if uavs is None else uavs[contains(hop.senders, uavs)]
+            if hop.role == role and len(averaging):
+                found += box.read(reader, averaging)
         return tuple(found)
 
     def leader_is_due(self, tick: int, awake: NDArray[np.bool_]) -> bool:
@@ -129,7 +152,9 @@ class Post:
         Raises:
             MessageRejected: `wrong-kind`, `wrong-shape` or `non-finite`.
         """
-        hop = next((hop for hop in self._hops if hop.label == frames.kind and hop.role == role), None)
+        hop = next(
+            (hop for hop in self._hops if hop.label == frames.kind and hop.role == role and not hop.is_local), None
+        )
         if hop is None:
             raise MessageRejected("wrong-kind", f"{frames.kind.name} frames from a node of role {role}")
         if not contains(hop.senders, frames.source).all():
@@ -187,61 +212,66 @@ class Post:
         """Closes the hops that transmitted in this tick `frames` over `links` (K, 5), and notes what came of them."""
         if not self._schedule.is_busy(tick):
             return
-        for place, hop in enumerate(self._hops):
-            if hop.mail is None or not (number := self._schedule.number(hop, tick)):
+        for hop, box in self._boxes:
+            if not (number := self._schedule.number(hop, tick)):
                 continue
             sent = {uav for batch in frames if batch.kind == hop.label for uav in batch.source.tolist()}
-            if hop.is_last:
-                self._end(hop, number, bool(sent), awake, has_leader, note)
+            if hop.is_local:
+                heard = box.hearing(number) & awake
+                self.isolated += int(np.count_nonzero(awake & ~heard))
+                self._end(hop, number, int(np.count_nonzero(heard)), awake, has_leader, note)
+            elif hop.is_last:
+                self._end(hop, number, len(sent), awake, has_leader, note)
             else:
                 lost = set(links[(links[:, 3] == hop.label) & (links[:, 4] < 0), 1].tolist())
                 for uav in hop.senders.tolist():
-                    if uav in lost or (self._boxes[place, uav].is_addressed and uav not in sent):
+                    if uav in lost or (box.addressed[uav] and uav not in sent):
                         why = "its relay is lost" if uav in lost else "its head is silent"
                         note("void", f"round {number} goes on without the cluster of UAV {uav}: {why}")
-            for uav in hop.senders.tolist():
-                self._boxes[place, uav].close(number)
-            self._list_addressed()
+            box.close(number)
+            self._list_open()
 
     def snapshot(self) -> dict[str, Any]:
         """All of it, for `restore`."""
         return {
-            "counts": [self.rounds, self.rounds_void, self._averaged],
+            "counts": [self.rounds, self.rounds_void, self.isolated, self._averaged],
             "rule": self.rule_record,
-            "boxes": [box.snapshot() for box in self._boxes.values()],
+            "boxes": [box.snapshot() for _, box in self._boxes],
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Goes on where a snapshot was taken."""
-        self.rounds, self.rounds_void, self._averaged = map(int, snapshot["counts"])
+        self.rounds, self.rounds_void, self.isolated, self._averaged = map(int, snapshot["counts"])
         self.rule_record = bytes(snapshot["rule"])
-        for box, mail in zip(self._boxes.values(), snapshot["boxes"], strict=True):
+        for (_, box), mail in zip(self._boxes, snapshot["boxes"], strict=True):
             box.restore(mail)
-        self._list_addressed()
+        self._list_open()
 
-    def _list_addressed(self) -> None:
-        self._addressed = [
-            (self._hops[place].role, uav, box) for (place, uav), box in self._boxes.items() if box.is_addressed
-        ]
+    def _list_open(self) -> None:
+        self._open = [(hop, box) for hop, box in self._boxes if box.addressed.any()]
 
     def _hop(self, label: FrameKind, tick: int) -> Hop | None:
         """The hop of a label that transmits in this tick."""
-        return next((hop for hop in self._hops if hop.label == label and self._schedule.number(hop, tick)), None)
+        return next(
+            (hop for hop in self._hops if hop.label == label and not hop.is_local and self._schedule.number(hop, tick)),
+            None,
+        )
 
     def _end(
         self,
         hop: Hop,
         number: int,
-        is_averaged: bool,
+        averaging: int,
         awake: NDArray[np.bool_],
         has_leader: Callable[[], bool],
         note: Note,
     ) -> None:
-        """Counts a round that ends, and notes it."""
-        if is_averaged:
+        """Counts a round that ends, and notes it. averaging: number of UAVs that averaged in it."""
+        if averaging:
             self.rounds += 1
             self._averaged = number
-            note("round", f"round {number} averaged and broadcast")
+            end = f"averaged by {averaging} UAVs" if hop.is_local else "averaged and broadcast"
+            note("round", f"round {number} {end}")
             return
         self.rounds_void += 1
         why = "no model of another UAV was averaged"

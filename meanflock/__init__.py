@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from meanflock.comparing import compare as compare
     from meanflock.comparing import sweep as sweep
     from meanflock.federation.rules.base import Aggregator as Aggregator
+    from meanflock.federation.rules.base import Uploads as Uploads
     from meanflock.flying import fly as fly
     from meanflock.runs import Run as Run
     from meanflock.runs import open_run as open
@@ -53,6 +54,7 @@ _WHERE = {  # a name → its module, and what it is called there
     "RunFailed": ("meanflock.swarm.errors", "RunFailed"),
     "Scenario": ("meanflock.swarm.scenario", "Scenario"),
     "Step": ("meanflock.agent.controllers.base", "Step"),
+    "Uploads": ("meanflock.federation.rules.base", "Uploads"),
     "Vehicle": ("meanflock.worldsim.vehicles.base", "Vehicle"),
     "compare": ("meanflock.comparing", "compare"),
     "fly": ("meanflock.flying", "fly"),
@@ -80,6 +82,7 @@ __all__ = [  # made when asked for
     "RunFailed",
     "Scenario",
     "Step",
+    "Uploads",
     "Vehicle",
     "compare",
     "fly",

@@ -37,13 +37,15 @@ class Limits:
             f"controller {scenario.method!r} failed in `init` with UAV 0",
             lambda: _begun(flyer, scenario),
         )
-        rule = Rule(scenario)
+        state_of_rule = control.encode_record(Rule(scenario).begin())
         numbers = state.AXES + len(declared.diagnostics) + declared.weights + declared.broadcast_numbers
         numbers += declared.parameters + MAX_BROADCASTS  # residuals of the coding; names
-        numbers += sum(hop.coding.width for hop in scenario.hops if hop.role == "agent")
+        numbers += sum(hop.coding.width for hop in scenario.hops if hop.role == "agent" and not hop.is_local)
         self._row = _NUMBER_BYTES * numbers + len(memory)
+        if any(hop.is_local for hop in scenario.hops):  # a UAV that averages keeps its model and a state of the rule
+            self._row += _NUMBER_BYTES * (declared.parameters + 1) + len(state_of_rule) + _FRAME_BYTES
         self._fixed = _OVERHEAD_BYTES + _FRAME_BYTES * MAX_BROADCASTS + 8 * uavs  # and the UAVs it refuses or loses
-        self._leader = _NUMBER_BYTES * declared.parameters + len(rule.record)
+        self._leader = _NUMBER_BYTES * declared.parameters + len(state_of_rule)
 
     def act(self, rows: int) -> int:
         """The most bytes of an Act of a node with so many UAVs; of the leader, with none."""

@@ -13,6 +13,19 @@ from meanflock.swarm.state import Floats
 State: TypeAlias = dict[str, NDArray[Any]]
 
 
+class Uploads(msgspec.Struct, frozen=True, eq=False):
+    """The models of a round that one node averages.
+
+    models: (S, parameters), finite. uavs: (S,) the UAVs that they are of, ascending. sent: (S,) the rounds in which
+    they were sent. round: the number of the round, from 1 on.
+    """
+
+    models: Floats
+    uavs: NDArray[np.intp]
+    sent: NDArray[np.integer]
+    round: int
+
+
 class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Base class of a rule's options: derive from it and add annotated fields with defaults."""
 
@@ -34,16 +47,26 @@ class Aggregator:
     def init(self, parameters: int) -> State:
         """Returns the state before the first round. Checkpoints store the state, and a leader that takes over gets it.
 
-        Names, dtypes and shapes must stay the same, because limits of messages are set at take-off.
+        Names, dtypes and shapes must stay the same, because limits of messages are set at take-off. With the topology
+        `neighbours` each UAV has a state of its own.
         """
         return {}
 
     @abstractmethod
-    def step(self, state: State, models: Floats, uavs: NDArray[np.intp], round_: int) -> tuple[State, Floats]:
+    def step(self, state: State, uploads: Uploads) -> tuple[State, Floats | None]:
         """Returns the state after a round, and its global model, (parameters,).
 
+        None in place of the model: the rule waits for more models. The state is kept, and no model is broadcast.
+
         Args:
-            models: (S, parameters), at least one row, finite. uavs: (S,) the UAVs that sent them, ascending. round_:
-                the number of the round, from 1 on.
+            uploads: at least one model.
         """
         raise NotImplementedError
+
+    def weights(self, uploads: Uploads) -> Floats | None:
+        """Returns the weight of each model, (S,), greater than 0, if the rule is a weighted mean; else None.
+
+        A weight may depend on its own upload alone. With the topology `neighbours` one call then serves all UAVs of a
+        node, in place of a `step` for each; the state is not used.
+        """
+        return None

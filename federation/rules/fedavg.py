@@ -1,9 +1,8 @@
 """FedAvg, Eq. FL_AVG: the mean of the models."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from meanflock.federation.rules.base import Aggregator, Floats, State
+from meanflock.federation.rules.base import Aggregator, Floats, State, Uploads
 
 
 class FedAvg(Aggregator):
@@ -14,8 +13,11 @@ class FedAvg(Aggregator):
 
     name = "fedavg"
 
-    def step(self, state: State, models: Floats, uavs: NDArray[np.intp], round_: int) -> tuple[State, Floats]:
-        return state, mean(models)
+    def step(self, state: State, uploads: Uploads) -> tuple[State, Floats]:
+        return state, mean(uploads.models)
+
+    def weights(self, uploads: Uploads) -> Floats:
+        return np.ones(len(uploads.models))
 
 
 def mean(models: Floats, weights: Floats | None = None) -> Floats:

@@ -4,10 +4,9 @@ from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from meanflock.federation.rules import base
-from meanflock.federation.rules.base import Aggregator, Floats, State
+from meanflock.federation.rules.base import Aggregator, Floats, State, Uploads
 
 
 class Precision(Aggregator):
@@ -35,8 +34,8 @@ class Precision(Aggregator):
             )
         return {}
 
-    def step(self, state: State, models: Floats, uavs: NDArray[np.intp], round_: int) -> tuple[State, Floats]:
-        parts = models.reshape(len(models), self.options.means + 1, -1)
+    def step(self, state: State, uploads: Uploads) -> tuple[State, Floats]:
+        parts = uploads.models.reshape(len(uploads.models), self.options.means + 1, -1)
         weights = np.maximum(parts[:, -1], 0.0)
         total, weighed, plain = np.zeros_like(weights[0]), np.zeros_like(parts[0, :-1]), np.zeros_like(parts[0, :-1])
         for means, weight in zip(parts[:, :-1], weights, strict=True):

@@ -3,9 +3,8 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from meanflock.federation.rules.base import Aggregator, Floats, State
+from meanflock.federation.rules.base import Aggregator, Floats, State, Uploads
 
 
 class Median(Aggregator):
@@ -17,8 +16,8 @@ class Median(Aggregator):
 
     name = "median"
 
-    def step(self, state: State, models: Floats, uavs: NDArray[np.intp], round_: int) -> tuple[State, Floats]:
-        ordered = np.sort(models + 0.0, axis=0)  # adding zero makes −0 and 0 the same number
+    def step(self, state: State, uploads: Uploads) -> tuple[State, Floats]:
+        ordered = np.sort(uploads.models + 0.0, axis=0)  # adding zero makes −0 and 0 the same number
         middle, odd = divmod(len(ordered), 2)
         return state, ordered[middle].copy() if odd else (ordered[middle - 1] + ordered[middle]) / 2.0
 
@@ -31,8 +30,8 @@ class TrimmedMean(Aggregator):
 
     name = "trimmed-mean"
 
-    def step(self, state: State, models: Floats, uavs: NDArray[np.intp], round_: int) -> tuple[State, Floats]:
-        ordered = np.sort(models + 0.0, axis=0)  # adding zero makes −0 and 0 the same number
+    def step(self, state: State, uploads: Uploads) -> tuple[State, Floats]:
+        ordered = np.sort(uploads.models + 0.0, axis=0)  # adding zero makes −0 and 0 the same number
         cut = suspects(len(ordered), self.scenario.federation.tolerance)
         total = np.zeros(ordered.shape[1])
         for row in ordered[cut : len(ordered) - cut]:
@@ -51,8 +50,8 @@ class Krum(Aggregator):
 
     name = "krum"
 
-    def step(self, state: State, models: Floats, uavs: NDArray[np.intp], round_: int) -> tuple[State, Floats]:
-        rows = models + 0.0
+    def step(self, state: State, uploads: Uploads) -> tuple[State, Floats]:
+        rows = uploads.models + 0.0
         nearest = max(1, len(rows) - suspects(len(rows), self.scenario.federation.tolerance) - 2)
         scores = []
         for row in rows:

@@ -28,6 +28,9 @@ class Hop(msgspec.Struct, frozen=True, eq=False):
         mail: the hop whose models the senders average; None: the participants send their own models.
         ruled: the scenario's aggregation rule averages; else the mean, weighted by the number of models.
         is_last: receivers put the model in the place of their own.
+        range_m: distance beyond which a broadcast is meant for nobody, and which leaves out the sender itself; None:
+            the hop has no such distance.
+        is_local: nobody transmits: each sender averages its mail with its own model, and takes the average over.
     """
 
     label: FrameKind
@@ -39,6 +42,8 @@ class Hop(msgspec.Struct, frozen=True, eq=False):
     mail: Optional["Hop"] = None
     ruled: bool = False
     is_last: bool = False
+    range_m: float | None = None
+    is_local: bool = False
 
     def reaches(self, source: NDArray[Any], target: NDArray[Any]) -> NDArray[np.bool_]:
         """Whether a transmission of UAV `source` (K,) is meant for UAV `target` (K,); `(K,)`."""

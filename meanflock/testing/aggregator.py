@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from meanflock.federation.rules.base import Aggregator, State
+from meanflock.federation.rules.base import Aggregator, State, Uploads
 from meanflock.swarm.plugins.failures import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.control import decode_record, encode_record
@@ -52,17 +52,20 @@ def check_aggregator(
 
         def run() -> tuple[list[np.ndarray], State]:
             rule: Aggregator = make(aggregator, options, flown)
-            begun, averaged = _begun(rule, PARAMETERS), []
+            begun = _begun(rule, PARAMETERS)
+            averaged: list[np.ndarray] = []
             state = begun
-            for number, uploads in enumerate((*UPLOADS, flown.uavs), 1):
-                uavs = np.sort(draw.choice(flown.uavs, min(uploads, flown.uavs), replace=False))
+            for number, count in enumerate((*UPLOADS, flown.uavs), 1):
+                uavs = np.sort(draw.choice(flown.uavs, min(count, flown.uavs), replace=False))
                 models = draw.standard_normal((len(uavs), PARAMETERS))
+                uploads = Uploads(models, uavs, np.full(len(uavs), number), number)
                 if afresh:
                     rule, state = make(aggregator, options, flown), decode_record(encode_record(state))
-                given = [models, uavs, *state.values()]
+                given = [models, uavs, uploads.sent, *state.values()]
                 before = copies(given)
                 try:
-                    answer = rule.step(state, models, uavs, number)
+                    answer = rule.step(state, uploads)
+                    weights = rule.weights(uploads)
                 except FAILURES as error:
                     what = f"`step` with {len(uavs)} model{'s' * (len(uavs) > 1)} failed: {last_line(error)}"
                     fail(aggregator, what, "any number from one on must do")
@@ -75,6 +78,9 @@ def check_aggregator(
                     fail(
                         aggregator, "`step` writes to an array it was given", "return new arrays; copy before you write"
                     )
+                if model is None:  # it waits for more
+                    averaged.append(np.zeros(0))
+                    continue
                 if np.shape(model) != (PARAMETERS,):
                     expected = f"expected {(PARAMETERS,)}"
                     fail(
@@ -84,6 +90,8 @@ def check_aggregator(
                     fail(aggregator, "the model is not finite", "guard divisions and empty sums")
                 if not np.can_cast(np.asarray(model).dtype, np.float64, "same_kind"):
                     fail(aggregator, f"the model is {np.asarray(model).dtype}", "return float64")
+                if weights is not None and not _is_mean(model, models, weights):
+                    fail(aggregator, "`step` is not the mean by `weights`", "return None there, or the weights of step")
                 averaged.append(np.asarray(model))
             return averaged, state
 
@@ -104,9 +112,16 @@ def check_aggregator(
 
     def average(number: int) -> None:
         nonlocal kept
-        kept, _ = rule.step(kept, many, uavs, number)
+        kept, _ = rule.step(kept, Uploads(many, uavs, np.full(len(uavs), number), number))
 
     check_pace(aggregator, f"a round of {len(uavs)} models", slow_ms, average)
+
+
+def _is_mean(model: np.ndarray, models: np.ndarray, weights: Any) -> bool:
+    """Whether a model is the weighted mean of models (S, L), but for rounding."""
+    if np.shape(weights) != (len(models),) or not (np.asarray(weights) > 0.0).all():
+        return False
+    return bool(np.allclose(model, np.average(models, axis=0, weights=weights), rtol=1e-9, atol=1e-12))
 
 
 def _begun(rule: Aggregator, parameters: int) -> State:

@@ -99,7 +99,7 @@ def test_files_of_plugins_are_one_or_several(tmp_path: Path) -> None:
     )
     (other := tmp_path / "least.py").write_text(
         f"{head}class Least(mf.Aggregator):\n    name = 'least'\n"
-        "    def step(self, state, models, uavs, round_):\n        return state, models.min(axis=0)\n"
+        "    def step(self, state, uploads):\n        return state, uploads.models.min(axis=0)\n"
     )
     run = mf.fly(method="one", plugin=[one, str(other)], **SMALL, **{"federation.aggregation": "least"})
     assert run.summary["method"] == "one"

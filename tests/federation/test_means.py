@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from meanflock.federation.rules.base import Uploads
 from meanflock.federation.rules.fedavg import mean
 from meanflock.federation.rules.precision import Precision
 from meanflock.swarm.scenario import Scenario
@@ -29,7 +30,7 @@ def test_the_mean_of_equal_models_is_that_model(count: int) -> None:
 def weighted(table: list[list[float]], means: int) -> list[float]:
     """The model that averaging by precision makes of some models."""
     rule = Precision(Precision.Options(means=means), Scenario())
-    _, model = rule.step({}, np.array(table), np.arange(len(table)), 1)
+    _, model = rule.step({}, Uploads(np.array(table), np.arange(len(table)), np.ones(len(table)), 1))
     return [float(number) for number in model]
 
 

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from meanflock.federation.rules.base import Aggregator, State
+from meanflock.federation.rules.base import Aggregator, State, Uploads
 from meanflock.federation.rules.fedavg import mean
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plugins
@@ -25,8 +25,8 @@ class Momentum(Aggregator):
     def init(self, parameters: int) -> State:
         return {"last": np.zeros(parameters), "moved": np.zeros(parameters)}
 
-    def step(self, state: State, models: np.ndarray, uavs: np.ndarray, round_: int) -> tuple[State, np.ndarray]:
-        moved = mean(models) - state["last"] + 0.5 * state["moved"]
+    def step(self, state: State, uploads: Uploads) -> tuple[State, np.ndarray]:
+        moved = mean(uploads.models) - state["last"] + 0.5 * state["moved"]
         last = state["last"] + moved
         return {"last": last, "moved": moved}, last
 
@@ -70,9 +70,9 @@ def exits(*_: Any) -> Any:
 
 
 def in_round_two(spoil: Any) -> Any:
-    def step(self: Momentum, state: State, models: np.ndarray, uavs: np.ndarray, round_: int) -> Any:
-        good = Momentum.step(self, state, models, uavs, round_)
-        return spoil(*good) if round_ == 2 else good
+    def step(self: Momentum, state: State, uploads: Uploads) -> Any:
+        good = Momentum.step(self, state, uploads)
+        return spoil(*good) if uploads.round == 2 else good
 
     return step
 
@@ -102,6 +102,19 @@ def test_a_rule_that_fails_makes_its_round_void_and_the_flight_goes_on(spoil: An
     assert expected in text
 
 
+def test_a_rule_that_waits_for_more_keeps_its_state_and_nothing_is_broadcast() -> None:
+    """It averages in every second round: neither a complaint nor a model in the others."""
+
+    def step(_self: Momentum, state: State, uploads: Uploads) -> tuple[State, np.ndarray | None]:
+        assert state["last"][0] == uploads.round - 1
+        after = state | {"last": np.full_like(state["last"], float(uploads.round))}
+        return after, mean(uploads.models) if uploads.round % 2 == 0 else None
+
+    summary, sink = fly(flown(wrong(step=step)))
+    assert (summary["rounds"], summary["rounds_void"]) == (2, 3)
+    assert not [text for text in sink.texts if "failed" in text]
+
+
 def test_a_global_model_beyond_the_radio_s_floats_is_not_sent_but_the_state_is_kept() -> None:
     summary, sink = fly(flown(wrong(step=in_round_two(lambda state, model: (state, np.full_like(model, 1e300))))))
     assert summary["rounds"] == 4
@@ -111,6 +124,7 @@ def test_a_global_model_beyond_the_radio_s_floats_is_not_sent_but_the_state_is_k
 @pytest.mark.parametrize(
     ("methods", "expected"),
     [
+        ({"step": lambda _self, _state, _models, _uavs, _round: None}, r"write step\(self, state, uploads\)"),
         ({"init": fails}, r"aggregator 'momentum' failed in `init`: OSError: no such table"),
         ({"__init__": fails}, r"aggregator 'momentum' cannot be made: OSError: no such table"),
         ({"init": lambda *_: 3}, r"failed in `init`: TypeError: state is a int"),

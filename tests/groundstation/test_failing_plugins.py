@@ -71,9 +71,9 @@ class Rule(mf.Aggregator):
         in_("rule.init")
         return {}
 
-    def step(self, state, models, uavs, round_):
+    def step(self, state, uploads):
         in_("rule.step")
-        return state, models.mean(axis=0)
+        return state, uploads.models.mean(axis=0)
 
 
 class Air(mf.Channel):

@@ -8,7 +8,7 @@ import numpy as np
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
 from meanflock.agent.controllers.filtered import Filter
 from meanflock.channel.base import Channel
-from meanflock.federation.rules.base import Aggregator, State
+from meanflock.federation.rules.base import Aggregator, State, Uploads
 from meanflock.worldsim.vehicles.base import Hidden, Vehicle
 
 
@@ -61,8 +61,8 @@ class GoodAggregator(Aggregator):
     def init(self, parameters: int) -> State:
         return {"last": np.zeros(parameters)}
 
-    def step(self, state: State, models: np.ndarray, uavs: np.ndarray, round_: int) -> tuple[State, np.ndarray]:
-        model = 0.5 * state["last"] + 0.5 * models.mean(axis=0)
+    def step(self, state: State, uploads: Uploads) -> tuple[State, np.ndarray]:
+        model = 0.5 * state["last"] + 0.5 * uploads.models.mean(axis=0)
         return {"last": model}, model
 
 

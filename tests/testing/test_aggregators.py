@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from meanflock.federation.rules.base import Aggregator, State
+from meanflock.federation.rules.base import Aggregator, State, Uploads
 from meanflock.swarm.scenario import Scenario
 from meanflock.testing import ConformanceError, check_aggregator
 from tests.testing.good import GoodAggregator, changed, failing
@@ -17,9 +17,9 @@ class HasARowForEachUav(GoodAggregator):
     def init(self, parameters: int) -> State:
         return {"last": np.zeros((self.scenario.uavs, parameters))}
 
-    def step(self, state: State, models: np.ndarray, uavs: np.ndarray, round_: int) -> tuple[State, np.ndarray]:
+    def step(self, state: State, uploads: Uploads) -> tuple[State, np.ndarray]:
         last = state["last"].copy()
-        last[uavs] = models
+        last[uploads.uavs] = uploads.models
         return {"last": last}, last.mean(axis=0)
 
 
@@ -34,7 +34,7 @@ def changed_model(change: Any) -> Any:
     return changed(
         GoodAggregator,
         "step",
-        lambda _self, answer, _state, models, *_: (answer[0], change(answer[1], models)),
+        lambda _self, answer, _state, uploads: (answer[0], change(answer[1], uploads.models)),
     )
 
 
@@ -43,12 +43,12 @@ def changed_state(change: Any) -> Any:
     return changed(
         GoodAggregator,
         "step",
-        lambda _self, answer, _state, _models, _uavs, number: (change(answer[0], number), answer[1]),
+        lambda _self, answer, _state, uploads: (change(answer[0], uploads.round), answer[1]),
     )
 
 
-def writes_to_the_models(_self: Any, answer: Any, _state: Any, models: Any, *_: Any) -> Any:
-    models *= 2.0
+def writes_to_the_models(_self: Any, answer: Any, _state: Any, uploads: Uploads) -> Any:
+    uploads.models[:] *= 2.0
     return answer
 
 
@@ -78,6 +78,10 @@ WRONG: dict[str, tuple[Any, str]] = {
     "needs two models": (
         changed_model(lambda model, models: models[1]),
         "`step` with 1 model failed: IndexError.*; any number from one on must do",
+    ),
+    "weights of another mean": (
+        type("Wrong", (GoodAggregator,), {"weights": lambda _self, uploads: np.ones(len(uploads.models))}),
+        "`step` is not the mean by `weights`; return None there",
     ),
     "fails at first": (
         failing(GoodAggregator, "init", OSError("no such table")),

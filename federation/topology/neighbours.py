@@ -1,0 +1,43 @@
+"""Every UAV averages what it hears: no leader, one transmission for each upload."""
+
+import numpy as np
+
+from meanflock.federation import coding
+from meanflock.federation.topology.base import Hop, Topology
+from meanflock.swarm.wire.messages import FrameKind
+
+
+class Neighbours(Topology):
+    """Participants broadcast their models; each UAV averages its own model with those that it received.
+
+    An upload reaches UAVs within `federation.range_m`, else within `radio.range_m`, and is transmitted once.
+    """
+
+    name = "neighbours"
+
+    def hops(self) -> tuple[Hop, ...]:
+        scenario = self.scenario
+        if not scenario.declared.is_federated:
+            raise ValueError(
+                f"`method` {scenario.method} has no rounds; take one that shares a model, as mfgfl-hf does"
+            )
+        if scenario.period_ticks <= scenario.hop_ticks:
+            raise ValueError(
+                f"`federation.period` {scenario.period_ticks} has no room for uploads of up to {scenario.hop_ticks} "
+                f"ticks; take at least {scenario.hop_ticks + 1}"
+            )
+        everyone, uploads = np.arange(scenario.uavs), coding.of_uploads(scenario)
+        reach = scenario.federation.range_m or scenario.radio.range_m
+        upload = Hop(FrameKind.UPLOAD, 0, "agent", everyone, None, uploads, range_m=reach)
+        return upload, Hop(
+            FrameKind.GLOBAL,
+            scenario.hop_ticks,
+            "agent",
+            everyone,
+            None,
+            uploads,
+            mail=upload,
+            ruled=True,
+            is_last=True,
+            is_local=True,
+        )
