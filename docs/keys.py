@@ -102,6 +102,7 @@ KEYS: dict[str, tuple[str, str]] = {
     "federation.payload": (OURS, "the paper's floats; narrower ones are measured in [communication](communication.md)"),
     "federation.broadcast_payload": (OURS, "likewise"),
     "federation.error_feedback": (OURS, "without it rounding errors add up; see [communication](communication.md)"),
+    "federation.upload_threshold": (OURS, "the paper's UAVs upload in every round"),
     "federation.clusters": (OURS, "one leader for all UAVs; [scaling](scaling.md) says what clusters cost and save"),
     "federation.topology": (OURS, "one leader averages all models"),
     "federation.range_m": (PRINTED, "the paper's uploads and global models reach any distance"),

@@ -153,6 +153,30 @@ class Feedback:
         return payload
 
 
+class Trigger:
+    """Silence of M rows whose models have hardly moved: ‖w − w_sent‖ ≤ threshold · ‖w_sent‖.
+
+    w is the model, and w_sent the one that the row sent last; the first model always goes. Global models that a UAV
+    takes move w, too.
+    """
+
+    def __init__(self, threshold: float, rows: int, parameters: int) -> None:
+        self._threshold = threshold
+        self.sent = np.zeros((rows, parameters))  # (M, L); 0 where nothing was sent
+
+    def due(self, rows: NDArray[np.intp], models: Floats) -> NDArray[np.bool_]:
+        """Which of `rows` (S,) send their `models` (S, L), (S,); these count as sent.
+
+        `sent` is replaced, never written to, so a caller may keep the earlier one.
+        """
+        before = self.sent[rows]
+        moved, size = ((each * each).sum(axis=-1) for each in (models - before, before))
+        due = np.asarray((moved > self._threshold**2 * size) | (size == 0.0))
+        self.sent = self.sent.copy()
+        self.sent[rows[due]] = models[due]
+        return due
+
+
 _coding = cache(Coding)
 
 

@@ -1,11 +1,11 @@
-"""Exchange: the UAVs of one node average what they hear with their own models, where no leader does it for them."""
+"""Exchange: the UAVs of one node average what they receive with their own models, where no leader does it for them."""
 
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.federation.averager import Rule, is_usable
+from meanflock.federation.averager import Rule, RuleFailed, is_usable
 from meanflock.federation.coding import Coding
 from meanflock.federation.rules.base import Uploads
 from meanflock.federation.topology.base import Hop
@@ -25,14 +25,15 @@ class Exchange:
     Sums go by ascending UAV, the own model last: neither the order of arrival nor the other rows leave a trace.
     """
 
-    def __init__(self, hop: Hop, scenario: Scenario, uavs: Indices) -> None:
-        """`hop`: the local one. `uavs`: (M,) ascending.
+    def __init__(self, hop: Hop, scenario: Scenario, uavs: Indices, complaints: list[str]) -> None:
+        """`hop`: the local one. `uavs`: (M,) ascending. `complaints`: what the rule fails with is appended.
 
         Raises:
             BadInput: the aggregation rule cannot begin.
         """
         assert hop.mail is not None
         self.hop, self._coding, self._uavs = hop, hop.mail.coding, uavs
+        self._complaints = complaints
         self._rule = Rule(scenario)
         self._states = {name: np.repeat(array[None], len(uavs), axis=0) for name, array in self._rule.begin().items()}
         self._copies = np.zeros((len(uavs), self._coding.floats))  # (M, L) own models, as the coding leaves them
@@ -56,31 +57,38 @@ class Exchange:
             awake: (M,) the rows that average.
 
         Returns:
-            The rows that have an average, (R,): not those that heard nobody, or had no model when the round opened.
+            The rows that have an average, (R,): not those that received nothing, or had no model when the round opened.
             Their averages (R, L). The UAVs whose models cannot be averaged, ascending.
-
-        Raises:
-            RuleFailed: the aggregation rule failed.
         """
         batches = self._mail.pop(number, [])
         self._mail = {later: mail for later, mail in self._mail.items() if later > number}
-        senders, models, heard = _merged(batches, self._coding, self._uavs)
+        senders, models, delivered = _merged(batches, self._coding, self._uavs)
         sound = is_usable(models)
-        refused = senders[~sound & heard.any(axis=0)].tolist()
-        senders, models, heard = senders[sound], models[sound], heard[:, sound]
-        rows = np.flatnonzero(awake & (self._copied == number) & heard.any(axis=1))
+        refused = senders[~sound & delivered.any(axis=0)].tolist()
+        senders, models, delivered = senders[sound], models[sound], delivered[:, sound]
+        rows = np.flatnonzero(awake & (self._copied == number) & delivered.any(axis=1))
         if not len(rows):
             return rows, np.zeros((0, self._coding.floats)), refused
         received = Uploads(models, senders, np.full(len(senders), number), number)
         own = Uploads(self._copies[rows], self._uavs[rows], np.full(len(rows), number), number)
-        weights, own_weights = self._rule.weights(received), self._rule.weights(own)
+        try:
+            weights, own_weights = self._rule.weights(received), self._rule.weights(own)
+        except RuleFailed as error:
+            self._complaints.append(str(error))
+            return rows[:0], own.models[:0], refused
         if weights is not None and own_weights is not None:
-            return rows, _weighted(received.models, weights, own.models, own_weights, heard[rows]), refused
-        taken, averages = [], []
+            return rows, _weighted(received.models, weights, own.models, own_weights, delivered[rows]), refused
+        taken, averages, failures = [], [], list[str]()
         for row, copy in zip(rows.tolist(), own.models, strict=True):
-            if (average := self._one(row, copy, received, heard[row])) is not None:
+            try:
+                average = self._one(row, copy, received, delivered[row])
+            except RuleFailed as error:  # this row keeps its model, and its state of the rule
+                failures.append(str(error))
+                continue
+            if average is not None:
                 taken.append(row)
                 averages.append(average)
+        self._complaints += dict.fromkeys(failures)
         return np.array(taken, dtype=np.intp), np.array(averages).reshape(-1, self._coding.floats), refused
 
     def state(self) -> dict[str, NDArray[Any]]:
@@ -101,14 +109,14 @@ class Exchange:
         self._copies, self._copied = kept.pop(_COPIES), kept.pop(_COPIED)
         self._states = {name.removeprefix(_RULE): array for name, array in kept.items()}
 
-    def _one(self, row: int, copy: Floats, received: Uploads, heard: Mask) -> Floats | None:
+    def _one(self, row: int, copy: Floats, received: Uploads, delivered: Mask) -> Floats | None:
         """The average of one row by a rule that is not linear; None where the rule waits for more."""
         uav = self._uavs[row]
-        place = int(received.uavs[heard].searchsorted(uav))
+        place = int(received.uavs[delivered].searchsorted(uav))
         uploads = Uploads(
-            np.insert(received.models[heard], place, copy, axis=0),
-            np.insert(received.uavs[heard], place, uav),
-            np.insert(received.sent[heard], place, received.round),
+            np.insert(received.models[delivered], place, copy, axis=0),
+            np.insert(received.uavs[delivered], place, uav),
+            np.insert(received.sent[delivered], place, received.round),
             received.round,
         )
         before = {name: array[row] for name, array in self._states.items()}
@@ -119,25 +127,25 @@ class Exchange:
 
 
 def _merged(batches: list[Frames], coding: Coding, uavs: Indices) -> tuple[Indices, Floats, Mask]:
-    """The UAVs that sent, ascending (S,), their models (S, L), and which row heard which, (M, S)."""
+    """The UAVs that sent, ascending (S,), their models (S, L), and which row received which, (M, S)."""
     if not batches:
         return np.zeros(0, dtype=np.intp), np.zeros((0, coding.floats)), np.zeros((len(uavs), 0), dtype=bool)
     senders = np.unique(np.concatenate([batch.source for batch in batches])).astype(np.intp)
     models = np.zeros((len(senders), coding.floats))
-    heard = np.zeros((len(uavs), len(senders)), dtype=bool)
+    delivered = np.zeros((len(uavs), len(senders)), dtype=bool)
     for batch in batches:
         assert batch.links is not None
         place = senders.searchsorted(batch.source)
         models[place] = coding.decode(batch.payload)
-        heard[uavs.searchsorted(batch.links[:, 1]), place[batch.links[:, 0]]] = True
-    return senders, models, heard
+        delivered[uavs.searchsorted(batch.links[:, 1]), place[batch.links[:, 0]]] = True
+    return senders, models, delivered
 
 
-def _weighted(models: Floats, weights: Floats, own: Floats, own_weights: Floats, heard: Mask) -> Floats:
-    """Weighted means (R, L) of the models (S, L) that each row heard, (R, S), and of its own, (R, L)."""
+def _weighted(models: Floats, weights: Floats, own: Floats, own_weights: Floats, delivered: Mask) -> Floats:
+    """Weighted means (R, L) of the models (S, L) that each row received, (R, S), and of its own, (R, L)."""
     total, weight = np.zeros_like(own), np.zeros(len(own))
     for place, model in enumerate(models):
-        share = np.where(heard[:, place], weights[place], 0.0)
+        share = np.where(delivered[:, place], weights[place], 0.0)
         total += share[:, None] * model
         weight += share
     return (total + own_weights[:, None] * own) / (weight + own_weights)[:, None]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from meanflock.federation.averager import Averager, RuleFailed
 from meanflock.federation.byzantine import Byzantine
-from meanflock.federation.coding import Feedback
+from meanflock.federation.coding import Feedback, Trigger
 from meanflock.federation.exchange import Exchange
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Role
@@ -17,7 +17,7 @@ from meanflock.swarm.state import Floats, Mask, contains
 from meanflock.swarm.wire.control import decode_record, expect
 from meanflock.swarm.wire.messages import NOBODY, Frames
 
-_RESIDUALS = "meanflock.residuals"  # in a checkpoint, next to the arrays of the controller
+_RESIDUALS, _SENT = "meanflock.residuals", "meanflock.sent"  # in a checkpoint, next to the arrays of the controller
 
 
 class Learner(Protocol):
@@ -71,11 +71,13 @@ class Party:
             if hop.mail is not None and not hop.is_local and self._here(hop)
         ]
         local = next((hop for hop in self._own if hop.is_local), None)
-        self._exchange = None if local is None else Exchange(local, scenario, uavs)
+        self._exchange = None if local is None else Exchange(local, scenario, uavs, complaints)
         self._last = next((hop for hop in hops if hop.is_last), None) if role == "agent" else None
         self._byzantine = Byzantine(scenario)
         first = next((hop for hop in self._own if hop.mail is None), None)
         self._feedback = None if first is None else Feedback(first.coding, len(uavs), active=scenario.keeps_residuals)
+        threshold, parameters = scenario.federation.upload_threshold, scenario.declared.parameters
+        self._trigger = Trigger(threshold, len(uavs), parameters) if first is not None and threshold else None
 
     def check(self, frames: Frames) -> None:
         """Validates frames of a round that the world delivers, their links checked by `check_links`.
@@ -134,6 +136,8 @@ class Party:
         """Arrays of M rows that a checkpoint keeps."""
         residuals = None if self._feedback is None else self._feedback.residuals
         kept = {} if residuals is None else {_RESIDUALS: residuals}
+        if self._trigger is not None:
+            kept[_SENT] = self._trigger.sent
         return kept if self._exchange is None else kept | self._exchange.state()
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
@@ -145,6 +149,8 @@ class Party:
         if self._feedback is not None and (residuals := self._feedback.residuals) is not None:
             kept = expect(_RESIDUALS, state.pop(_RESIDUALS, NOBODY), residuals.shape, residuals.dtype)
             self._feedback.residuals = kept.copy()
+        if (trigger := self._trigger) is not None:
+            trigger.sent = expect(_SENT, state.pop(_SENT, NOBODY), trigger.sent.shape, trigger.sent.dtype).copy()
         if self._exchange is not None:
             self._exchange.restore(state)
 
@@ -174,6 +180,9 @@ class Party:
             self._exchange.keep(number, rows, hop.coding.encode(models))
             takes_part = contains(taking, rows)
             rows, models = rows[takes_part], models[takes_part]
+        if self._trigger is not None and len(rows):
+            due = self._trigger.due(rows, models)
+            rows, models = rows[due], models[due]
         if not len(rows):
             return []
         source = self._uavs[rows].astype(np.int32)
@@ -185,11 +194,7 @@ class Party:
     def _take_own(self, exchange: Exchange, number: int) -> list[int]:
         """Lets the learner take the averages of its rows; returns the UAVs whose models they refuse to average."""
         assert self._learner is not None
-        try:
-            rows, models, refused = exchange.average(number, ~self._learner.silent())
-        except RuleFailed as error:
-            self.complaints.append(str(error))
-            return []
+        rows, models, refused = exchange.average(number, ~self._learner.silent())
         if len(rows):
             self._learner.take(rows, models)
         return refused

@@ -37,9 +37,9 @@ class Mailbox:
         assert frames.links is not None
         target = frames.links[:, 1]
         self.addressed[target] = True
-        heard = awake[target]
-        if heard.any():
-            self._frames.append(frames if heard.all() else only(frames, frames.links[heard]))
+        received = awake[target]
+        if received.any():
+            self._frames.append(frames if received.all() else only(frames, frames.links[received]))
 
     def read(self, reader: str, uavs: Indices) -> list[Frames]:
         """The frames for some UAVs (M,) that a node, by name, has not read yet."""
@@ -56,14 +56,14 @@ class Mailbox:
                     found.append(frames if here.all() else only(frames, frames.links[here]))
         return found
 
-    def hearing(self, number: int) -> Mask:
+    def receivers(self, number: int) -> Mask:
         """The UAVs that a model of a round was delivered to, (N,)."""
-        heard = np.zeros(len(self._read), dtype=bool)
+        received = np.zeros(len(self._read), dtype=bool)
         for frames in self._frames:
             if frames.round == number:
                 assert frames.links is not None
-                heard[frames.links[:, 1]] = True
-        return heard
+                received[frames.links[:, 1]] = True
+        return received
 
     def close(self, number: int) -> None:
         """Drops the mail of a round and of all before it."""
@@ -91,6 +91,7 @@ class Post:
 
     Attributes:
         rounds: rounds in which models were averaged. rounds_void: rounds closed without a model of another UAV.
+        silent: participants, summed over rounds, that were awake and sent no model.
         isolated: UAVs and rounds in which a UAV that averages for itself received nobody's model.
         rule_record: the state of the leader's aggregation rule, a record.
     """
@@ -102,6 +103,7 @@ class Post:
         self._hops = self._schedule.hops
         self.rounds = 0
         self.rounds_void = 0
+        self.silent = 0
         self.isolated = 0
         self._averaged = 0  # number of the last round that was
         self.rule_record = b""
@@ -212,20 +214,24 @@ class Post:
         """Closes the hops that transmitted in this tick `frames` over `links` (K, 5), and notes what came of them."""
         if not self._schedule.is_busy(tick):
             return
+        for hop in self._hops:
+            if hop.mail is None and (number := self._schedule.number(hop, tick)):
+                sent = sum(len(batch.source) for batch in frames if batch.kind == hop.label)
+                self.silent += int(awake[self._schedule.participants(number)].sum()) - sent
         for hop, box in self._boxes:
             if not (number := self._schedule.number(hop, tick)):
                 continue
-            sent = {uav for batch in frames if batch.kind == hop.label for uav in batch.source.tolist()}
+            senders = {uav for batch in frames if batch.kind == hop.label for uav in batch.source.tolist()}
             if hop.is_local:
-                heard = box.hearing(number) & awake
-                self.isolated += int(np.count_nonzero(awake & ~heard))
-                self._end(hop, number, int(np.count_nonzero(heard)), awake, has_leader, note)
+                received = box.receivers(number) & awake
+                self.isolated += int(np.count_nonzero(awake & ~received))
+                self._end(hop, number, int(np.count_nonzero(received)), awake, has_leader, note)
             elif hop.is_last:
-                self._end(hop, number, len(sent), awake, has_leader, note)
+                self._end(hop, number, len(senders), awake, has_leader, note)
             else:
                 lost = set(links[(links[:, 3] == hop.label) & (links[:, 4] < 0), 1].tolist())
                 for uav in hop.senders.tolist():
-                    if uav in lost or (box.addressed[uav] and uav not in sent):
+                    if uav in lost or (box.addressed[uav] and uav not in senders):
                         why = "its relay is lost" if uav in lost else "its head is silent"
                         note("void", f"round {number} goes on without the cluster of UAV {uav}: {why}")
             box.close(number)
@@ -234,14 +240,14 @@ class Post:
     def snapshot(self) -> dict[str, Any]:
         """All of it, for `restore`."""
         return {
-            "counts": [self.rounds, self.rounds_void, self.isolated, self._averaged],
+            "counts": [self.rounds, self.rounds_void, self.silent, self.isolated, self._averaged],
             "rule": self.rule_record,
             "boxes": [box.snapshot() for _, box in self._boxes],
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Goes on where a snapshot was taken."""
-        self.rounds, self.rounds_void, self.isolated, self._averaged = map(int, snapshot["counts"])
+        self.rounds, self.rounds_void, self.silent, self.isolated, self._averaged = map(int, snapshot["counts"])
         self.rule_record = bytes(snapshot["rule"])
         for (_, box), mail in zip(self._boxes, snapshot["boxes"], strict=True):
             box.restore(mail)

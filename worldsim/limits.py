@@ -42,6 +42,8 @@ class Limits:
         numbers += declared.parameters + MAX_BROADCASTS  # residuals of the coding; names
         numbers += sum(hop.coding.width for hop in scenario.hops if hop.role == "agent" and not hop.is_local)
         self._row = _NUMBER_BYTES * numbers + len(memory)
+        if scenario.federation.upload_threshold:
+            self._row += _NUMBER_BYTES * declared.parameters + _FRAME_BYTES  # the model that it sent last
         if any(hop.is_local for hop in scenario.hops):  # a UAV that averages keeps its model and a state of the rule
             self._row += _NUMBER_BYTES * (declared.parameters + 1) + len(state_of_rule) + _FRAME_BYTES
         self._fixed = _OVERHEAD_BYTES + _FRAME_BYTES * MAX_BROADCASTS + 8 * uavs  # and the UAVs it refuses or loses

@@ -204,6 +204,7 @@ def protocol_summary(
         "rounds": post.rounds,
         "rounds_void": post.rounds_void,
         "rounds_isolated": post.isolated,
+        "uploads_silent": post.silent,
         "diagnostics": dict(zip(names, commands.summed.tolist(), strict=True)),
         "diagnostics_max": largest,
         "hjb_residual_max": largest.get("hjb_residual"),

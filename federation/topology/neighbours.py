@@ -1,4 +1,4 @@
-"""Every UAV averages what it hears: no leader, one transmission for each upload."""
+"""Every UAV averages what it receives: no leader, one transmission for each upload."""
 
 import numpy as np
 

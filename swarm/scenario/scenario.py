@@ -21,6 +21,7 @@ from meanflock.swarm.toml import Table as _Table
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 
 LEADER = "leader"  # the default topology
+ROBUST = ("median", "trimmed-mean", "krum")  # rules that rely on a majority of honest uploads
 
 # Keys that came later count in the hash only where they differ from their default: older runs keep their hash.
 LATER = (
@@ -32,6 +33,7 @@ LATER = (
     "federation.payload",
     "federation.broadcast_payload",
     "federation.error_feedback",
+    "federation.upload_threshold",
     "federation.clusters",
     "federation.range_m",
     "federation.topology",
@@ -178,6 +180,17 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                     f"`federation.{key}` {wanted} is wider than a float of the radio, `radio.bits_per_float` "
                     f"{radio_bits}; take a narrower payload or a wider float"
                 )
+        if self.federation.clusters > 1 and self.topology in (LEADER, "neighbours"):
+            raise ValueError(
+                f"`federation.clusters` is {self.federation.clusters}, but `federation.topology` is {self.topology}; "
+                "take one of the two"
+            )
+        rule, threshold = self.federation.aggregation, self.federation.upload_threshold
+        if threshold and rule in ROBUST:
+            raise ValueError(
+                f"`federation.upload_threshold` is {threshold}, but with the rule {rule} UAVs whose models have "
+                "settled would be silent and leave the majority to those that lie; take fedavg, or 0"
+            )
         if self.topology != LEADER:
             self.hops  # noqa: B018  # raises where the topology has no room in this scenario
         mission.check(self)

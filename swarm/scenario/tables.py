@@ -225,6 +225,14 @@ class Federation(_Table, frozen=True):
     error_feedback: Annotated[
         bool, Meta(description="add the rounding error of an upload to the same UAV's next upload")
     ] = True
+    upload_threshold: Annotated[
+        float,
+        Meta(
+            ge=0,
+            description="a UAV uploads only if its model has moved by more than this share of the model that it sent "
+            "last; 0: in every round",
+        ),
+    ] = 0.0
     range_m: (
         Annotated[
             float,

@@ -8,6 +8,7 @@ from hypothesis.extra import numpy as hnp
 
 from meanflock.federation.averager import ABSURD, usable
 from meanflock.federation.byzantine import Byzantine
+from meanflock.federation.rules.base import Uploads
 from meanflock.federation.rules.robust import suspects
 from meanflock.swarm import plugins
 from meanflock.swarm.scenario import load
@@ -16,10 +17,14 @@ from tests.faults.conftest import Lab, scenario
 ROBUST = ("median", "trimmed-mean", "krum")
 
 
+def all_of(models: np.ndarray) -> Uploads:
+    return Uploads(models.astype(np.float64), np.arange(len(models)), np.ones(len(models), dtype=int), 1)
+
+
 def average(rule: str, models: np.ndarray, tolerance: float = 0.25) -> np.ndarray:
     """The global model that a rule makes of models, one of each UAV."""
     made = plugins.create("aggregator", rule, {}, load(None, [f"federation.tolerance={tolerance}"]))
-    state, model = made.step(made.init(0), models.astype(np.float64), np.arange(len(models)), 1)
+    state, model = made.step(made.init(0), all_of(models))
     assert not state
     return np.asarray(model)
 

@@ -343,7 +343,7 @@ def test_a_false_reply_of_a_genuine_node_is_dropped_for_its_reason_and_the_fligh
     assert summary["dropped_messages"] == dropped
     assert summary["trajectory_sha256"] == honest(scenarios.encode(flown))
     assert (summary["uploads_refused"], summary["states_refused"]) == (0, 0)
-    assert not any(box._frames for box in lab.world.post._boxes.values())
+    assert not any(box._frames for _, box in lab.world.post._boxes)
 
 
 def test_a_node_that_sends_nothing_else_is_lost_and_the_others_average_without_it() -> None:
@@ -375,7 +375,7 @@ def test_a_node_cannot_take_the_uploads_of_all_to_another_round() -> None:
     assert summary["dropped_messages"] == {"wrong-round": ROUNDS}
     assert summary["rounds"] == ROUNDS
     assert summary["trajectory_sha256"] == silent["trajectory_sha256"]
-    assert not any(box._frames for box in lab.world.post._boxes.values())
+    assert not any(box._frames for _, box in lab.world.post._boxes)
 
 
 @pytest.mark.parametrize(

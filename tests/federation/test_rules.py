@@ -1,6 +1,6 @@
 """Aggregation rules of users: their state goes on with the run, and a rule that fails makes its round void."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,23 +12,10 @@ from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.worldsim.checkpoint import Resumption
+from tests.federation.momentum import Momentum
 from tests.telemetry import fly
 
 FLOATS = 108
-
-
-class Momentum(Aggregator):
-    """The mean, moved on by half of how it moved last time."""
-
-    name: ClassVar[str] = "momentum"
-
-    def init(self, parameters: int) -> State:
-        return {"last": np.zeros(parameters), "moved": np.zeros(parameters)}
-
-    def step(self, state: State, uploads: Uploads) -> tuple[State, np.ndarray]:
-        moved = mean(uploads.models) - state["last"] + 0.5 * state["moved"]
-        last = state["last"] + moved
-        return {"last": last, "moved": moved}, last
 
 
 def flown(made: type[Aggregator], *settings: str) -> Scenario:

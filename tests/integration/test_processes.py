@@ -26,6 +26,7 @@ CUTS = [  # flights of the golden table, and UAVs of a process
     ("short-clusters-hf", "2"),
     ("short-events", "1"),
     ("short-waves", "2"),
+    ("short-quiet", "2"),
 ]
 
 

@@ -7,6 +7,7 @@ import pytest
 
 import meanflock as mf
 from meanflock.agent.controllers.base import Received
+from meanflock.federation.rules.base import Uploads
 from meanflock.settings import scenario_of
 from meanflock.swarm import mission, plugins
 from meanflock.swarm.scenario import Scenario
@@ -93,12 +94,13 @@ def test_a_round_of_precisions_hands_everybody_the_information_of_all() -> None:
     information = np.abs(np.random.default_rng(0).standard_normal((25, nodes, 3)))
     information[5:] = 0.0  # on the ground yet
     information[:3, : nodes // 2] = 0.0
-    uploads = controller.get(memory | {"information": information})
+    uploads = Uploads(controller.get(memory | {"information": information}), rows, np.ones(25, dtype=int), 1)
     rule = plugins.create("aggregator", "precision", {}, controller.scenario)
-    _, model = rule.step(rule.init(controller.parameters), uploads, rows, 1)
+    _, model = rule.step(rule.init(controller.parameters), uploads)
     memory = controller.set(memory | {"information": information}, rows, np.tile(model, (25, 1)))
     assert controller._information(memory)[17] == pytest.approx(information.sum(axis=0))
-    again = controller.set(memory, rows, rule.step({}, controller.get(memory), rows, 2)[1][None].repeat(25, axis=0))
+    _, model = rule.step({}, Uploads(controller.get(memory), rows, np.full(25, 2), 2))
+    again = controller.set(memory, rows, np.tile(model, (25, 1)))
     assert controller._information(again) == pytest.approx(controller._information(memory))  # nothing counts twice
 
 

@@ -1,0 +1,261 @@
+"""Averaging without a leader: what one exchange computes, what a radio does to it, and who is silent."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import meanflock as mf
+from meanflock.federation.exchange import Exchange
+from meanflock.federation.post import Post
+from meanflock.federation.rules.base import State, Uploads
+from meanflock.federation.rules.fedavg import mean
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire.messages import FrameKind, Frames
+from tests.faults.dying import dead, flight, resumed, steady
+from tests.federation.momentum import Momentum
+from tests.telemetry import fly
+
+DOUBLES = ("radio.bits_per_float=64", "federation.topology=neighbours")
+SLOW = ("radio.coherence_time_s=0.1", "radio.latency_threshold_slots=5", "radio.target_snr_db=76")
+
+
+def scenario(uavs: int, *settings: str, method: str = "mfgfl-h") -> Scenario:
+    fixed = [f"uavs={uavs}", "federation.topology=neighbours", "federation.period=20", "duration=35"]
+    return load(None, [*fixed, 'stop="duration"', *settings], method=method, seed=5)
+
+
+def exchanged(of: Scenario, models: np.ndarray, links: np.ndarray, uavs: Any = None, number: int = 1) -> np.ndarray:
+    """The models (M, L) of `uavs` after one round in which models (N, L) went over `links` (K, 2): UAV to UAV."""
+    uavs = np.arange(of.uavs) if uavs is None else np.array(uavs)
+    exchange = Exchange(of.hops[-1], of, uavs, [])
+    exchange.keep(number, np.arange(len(uavs)), models[uavs])
+    here = links[np.isin(links[:, 1], uavs)].astype(np.int32)
+    for batch in np.array_split(here, 3):  # as if they had arrived in three ticks
+        if len(batch):
+            source, row = np.unique(batch[:, 0], return_inverse=True)
+            ends = np.stack([row, batch[:, 1]], axis=-1).astype(np.int32)
+            exchange.collect(Frames(FrameKind.UPLOAD, number, source.astype(np.int32), models[source], ends))
+    rows, averages, refused = exchange.average(number, np.ones(len(uavs), dtype=bool))
+    assert refused == []
+    after = models[uavs].copy()
+    after[rows] = averages
+    return after
+
+
+def drawn(of: Scenario, seed: int = 1) -> np.ndarray:
+    return np.random.default_rng(seed).normal(size=(of.uavs, of.declared.parameters))
+
+
+def pairs(adjacency: np.ndarray) -> np.ndarray:
+    return np.argwhere(adjacency & ~np.eye(len(adjacency), dtype=bool))
+
+
+def ring(uavs: int) -> np.ndarray:
+    apart = np.abs(np.subtract.outer(np.arange(uavs), np.arange(uavs)))
+    return np.minimum(apart, uavs - apart) <= 1
+
+
+def grid(side: int) -> np.ndarray:
+    x, y = np.divmod(np.arange(side * side), side)
+    return np.abs(np.subtract.outer(x, x)) + np.abs(np.subtract.outer(y, y)) <= 1
+
+
+def test_a_round_without_losses_is_fedavg() -> None:
+    of = scenario(7, *DOUBLES)
+    models = drawn(of)
+    after = exchanged(of, models, pairs(np.ones((7, 7), dtype=bool)))
+    np.testing.assert_allclose(after, np.tile(mean(models), (7, 1)), rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("adjacency", [ring(9), grid(3)], ids=["ring", "grid"])
+def test_the_spread_contracts_as_the_mixing_matrix_says(adjacency: np.ndarray) -> None:
+    of = scenario(9, *DOUBLES)
+    mixing = adjacency / adjacency.sum(axis=1, keepdims=True)
+    second = np.sort(np.abs(np.linalg.eigvals(mixing)))[-2]
+    models, spreads = drawn(of), []
+    for number in range(1, 31):
+        expected = mixing @ models
+        models = exchanged(of, models, pairs(adjacency), number=number)
+        np.testing.assert_allclose(models, expected, atol=1e-12)
+        spreads.append(np.ptp(models, axis=0).max())
+    measured = (spreads[-1] / spreads[9]) ** (1 / 20)
+    assert measured == pytest.approx(second, rel=0.05)
+
+
+@pytest.mark.parametrize("rule", ["fedavg", "median", "krum", "trimmed-mean"])
+def test_a_row_gets_the_same_bits_in_any_node(rule: str) -> None:
+    of = scenario(12, *DOUBLES, f"federation.aggregation={rule}")
+    models = drawn(of)
+    links = pairs(np.random.default_rng(2).random((12, 12)) < 0.5)
+    whole = exchanged(of, models, links)
+    apart = np.concatenate(
+        [exchanged(of, models, links, uavs) for uavs in ([0, 1, 2, 3, 4], [5], [6, 7, 8, 9, 10, 11])]
+    )
+    assert whole.tobytes() == apart.tobytes()
+
+
+def test_a_rule_that_is_not_linear_gets_what_was_received_and_the_own_model() -> None:
+    of = scenario(5, *DOUBLES, "federation.aggregation=median")
+    models = drawn(of)
+    after = exchanged(of, models, np.array([[0, 3], [1, 3], [4, 3]]))
+    np.testing.assert_array_equal(after[3], np.median(models[[0, 1, 3, 4]], axis=0))
+    np.testing.assert_array_equal(after[[0, 1, 2, 4]], models[[0, 1, 2, 4]])  # they heard nobody
+
+
+def test_models_that_cannot_be_averaged_are_refused_and_the_others_count() -> None:
+    of = scenario(4, *DOUBLES)
+    models = drawn(of)
+    exchange = Exchange(of.hops[-1], of, np.arange(2), [])
+    exchange.keep(1, np.arange(2), models[:2])
+    sent = models[2:].copy()
+    sent[1] = 1e30
+    links = np.array([[0, 0], [1, 0], [1, 1]], dtype=np.int32)
+    exchange.collect(Frames(FrameKind.UPLOAD, 1, np.array([2, 3], dtype=np.int32), sent, links))
+    rows, averages, refused = exchange.average(1, np.ones(2, dtype=bool))
+    assert (rows.tolist(), refused) == ([0], [3])
+    np.testing.assert_allclose(averages[0], mean(models[[0, 2]]))
+
+
+@pytest.mark.parametrize(
+    ("weights", "expected"),
+    [
+        (lambda uploads: np.zeros(len(uploads.models)), "`weights` has 0.0; each must be greater than 0"),
+        (lambda uploads: np.ones(1 + len(uploads.models)), "expected"),
+        (lambda uploads: uploads.models[:, 0] * np.nan, "not finite"),
+    ],
+)
+def test_weights_that_are_none_cost_the_round(weights: Any, expected: str) -> None:
+    wrong = type("Wrong", (Momentum,), {"name": "wrong", "weights": lambda _self, uploads: weights(uploads)})
+    mf.register(wrong)
+    summary, sink = fly(scenario(4, "federation.aggregation=wrong", "duration=5"))
+    assert summary["lost"] == 0
+    assert all(
+        "aggregator 'wrong' failed in round" in text and expected in text for text in sink.texts if "wrong" in text
+    )
+    assert any("wrong" in text for text in sink.texts)
+
+
+# -- flights --------------------------------------------------------------------------------------------------------
+
+
+def test_no_leader_flies_and_its_uav_may_die() -> None:
+    engine = Engine(scenario(6, "faults=[{kind='kill', tick=50, uavs=[0]}]"), "neighbours", uavs_per_node=2)
+    assert all(member.role == "agent" for member in engine.world.members.present)
+    summary = engine.complete()
+    assert (summary["rounds"], summary["rounds_void"], summary["lost"]) == (17, 0, 1)
+
+
+def test_an_upload_is_billed_once_however_many_hear_it() -> None:
+    of = scenario(9, "federation.fraction=1.0", "radio.target_snr_db=60")
+    traffic = Engine(of, "neighbours").complete()["radio"]["traffic"]
+    assert traffic["uplink"]["payload_bits"] == 17 * 9 * 32 * of.declared.parameters
+    assert traffic["uplink"]["delivered"] == 17 * 9 * 8
+    assert traffic["broadcast"]["sent"] == traffic["relay"]["sent"] == 0
+
+
+def test_uavs_out_of_range_are_isolated_keep_their_models_and_are_counted() -> None:
+    lonely = Engine(scenario(4, "start.spacing=20", "federation.range_m=5", "duration=10"), "neighbours").complete()
+    assert (lonely["rounds"], lonely["rounds_void"], lonely["rounds_isolated"]) == (0, 4, 16)
+    assert lonely["radio"]["traffic"]["uplink"]["sent"] == 0
+    near = Engine(scenario(4, "radio.target_snr_db=60", "duration=10"), "neighbours").complete()
+    assert (near["rounds"], near["rounds_isolated"]) == (4, 0)
+    assert near["weight_spread_final"] < lonely["weight_spread_final"]
+
+
+def test_a_round_whose_participants_are_all_paused_is_void_and_the_flight_goes_on() -> None:
+    paused = scenario(3, "faults=[{kind='pause', tick=15, duration_s=5, uavs=[0, 1, 2]}]", "duration=10")
+    summary = Engine(paused, "neighbours").complete()
+    assert summary["rounds_void"] >= 2
+    assert summary["lost"] == 0
+
+
+def test_a_flight_that_died_in_a_round_resumes_to_the_same_bits_with_the_state_of_the_rule(tmp_path: Any) -> None:
+    mf.register(Momentum)
+    slow = scenario(6, *SLOW, "federation.aggregation=momentum", "federation.upload_threshold=0.01")
+    whole = flight(tmp_path / "whole", slow)
+    folder = dead(tmp_path / "dies", slow, at=145, rows=2)  # the last checkpoint is of tick 101, in the fifth round
+    assert steady(resumed(folder)) == steady(whole)
+
+
+@pytest.mark.parametrize("kind", [FrameKind.GLOBAL, FrameKind.RELAY])
+def test_an_agent_sends_nothing_but_uploads(kind: FrameKind) -> None:
+    of = scenario(4)
+    frames = Frames(kind, 1, np.zeros(1, dtype=np.int32), np.zeros((1, of.declared.parameters), dtype=np.float32))
+    with pytest.raises(MessageRejected, match="frames from a node of role agent"):
+        Post(of).check("agent", frames)
+
+
+# -- silence --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("topology", ["leader", "neighbours"])
+def test_uavs_whose_models_hardly_move_are_silent_and_counted(topology: str) -> None:
+    settings = [f"federation.topology={topology}", "federation.fraction=1.0", "radio.target_snr_db=60"]
+    every, some = (
+        Engine(scenario(6, *settings, f"federation.upload_threshold={threshold}"), "silence").complete()
+        for threshold in (0, 0.2)
+    )
+    assert (every["uploads_silent"], every["radio"]["traffic"]["uplink"]["transmissions"]) == (
+        0,
+        17 * (6 - (topology == "leader")),
+    )
+    sent = some["payload_bits"]["uplink"] / every["payload_bits"]["uplink"]
+    assert 0.0 < sent < 1.0
+    assert some["uploads_silent"] > 0
+
+
+def test_the_first_model_always_goes_and_then_only_one_that_has_moved() -> None:
+    """By hand: the norm of the change over that of the model sent last."""
+    from meanflock.federation.coding import Trigger
+
+    trigger, rows = Trigger(0.1, 3, 2), np.arange(3)
+    assert trigger.due(rows, np.array([[3.0, 4.0], [1.0, 0.0], [0.0, 0.0]])).all()
+    moved = np.array([[3.0, 4.6], [1.05, 0.0], [1e-9, 0.0]])
+    assert trigger.due(rows, moved).tolist() == [True, False, True]
+    assert trigger.due(rows, np.array([[3.0, 4.6], [1.101, 0.0], [1e-9, 0.0]])).tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [
+        (("federation.upload_threshold=0.1", "federation.aggregation=median"), "leave the majority to those that lie"),
+        (("federation.upload_threshold=-1",), "upload_threshold"),
+        (("federation.clusters=2",), "`federation.clusters` is 2, but `federation.topology` is neighbours"),
+        (("federation.period=1",), "take at least 2"),
+        (("federation.period=5", *SLOW), "no room for uploads of up to 5 ticks; take at least 6"),
+    ],
+)
+def test_a_scenario_that_cannot_do_so_is_refused(settings: tuple[str, ...], expected: str) -> None:
+    with pytest.raises(BadInput, match=expected):
+        scenario(6, *settings)
+
+
+def test_a_method_without_rounds_has_no_neighbours() -> None:
+    with pytest.raises(BadInput, match="`method` plan has no rounds"):
+        scenario(6, method="plan")
+
+
+def test_a_state_of_the_rule_is_a_row_for_each_uav() -> None:
+    class Counts(mf.Aggregator):
+        name = "counts"
+
+        def init(self, parameters: int) -> State:
+            return {"rounds": np.zeros(1)}
+
+        def step(self, state: State, uploads: Uploads) -> tuple[State, np.ndarray | None]:
+            seen = state["rounds"] + len(uploads.models)
+            return {"rounds": seen}, uploads.models.mean(axis=0) if seen[0] > 2 else None
+
+    mf.register(Counts)
+    of = scenario(3, *DOUBLES, "federation.aggregation=counts")
+    models, exchange = drawn(of), Exchange(of.hops[-1], of, np.arange(3), [])
+    exchange.keep(1, np.arange(3), models)
+    links = np.array([[0, 1], [0, 2], [1, 2]], dtype=np.int32)
+    exchange.collect(Frames(FrameKind.UPLOAD, 1, np.array([0, 1], dtype=np.int32), models[:2], links))
+    rows, averages, _ = exchange.average(1, np.ones(3, dtype=bool))
+    assert rows.tolist() == [2]  # the others wait for more
+    np.testing.assert_allclose(averages[0], models.mean(axis=0))
+    assert exchange.state()["meanflock.rule.rounds"].ravel().tolist() == [0.0, 2.0, 3.0]
