@@ -58,7 +58,7 @@ def outlooks(scenario: Scenario) -> list[Outlook]:
     if not scenario.hops:
         return []
     channel: Channel = plugins.create("channel", scenario.radio.model, scenario.radio.options, scenario)
-    found = (_outlook(scenario, channel, hop) for hop in scenario.hops)
+    found = (_outlook(scenario, channel, hop) for hop in scenario.hops if not hop.is_local)
     return [one for one in found if one is not None]
 
 
@@ -87,6 +87,10 @@ def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:
         return None
     places = starts(scenario)[:, POSITION]
     distance = np.linalg.norm(places[source[apart]] - places[target[apart]], axis=-1)
+    if hop.range_m is not None:  # nobody farther away is meant
+        distance = distance[distance <= hop.range_m]
+    if not len(distance):
+        return None
     within = distance if range_m is None else distance[distance <= range_m]
     try:
         expected = closed_form(channel.expected(within, bits)) if len(within) else (0.0, 0.0)

@@ -1,0 +1,179 @@
+"""Flies ways of sharing a model against each other, and writes the tables of federation.md.
+
+python -m meanflock.studies.federation          # 1,320 flights; ten minutes on two cores
+python -m meanflock.studies.federation --page   # the tables again, from docs/results/federation.json
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from meanflock.groundstation import statistics
+from meanflock.studies import published
+from meanflock.studies.code_version import version
+from meanflock.studies.leaderboard import missions
+from meanflock.studies.leaderboard.rows import Row
+from meanflock.studies.markdown import replaced, table
+from meanflock.swarm import process
+from meanflock.swarm.scenario import Scenario
+
+PAGE = published.DOCS / "federation.md"
+RESULTS = published.DOCS / "results" / "federation.json"
+SEEDS = range(92001, 92031)  # nothing was tuned on them
+ECBF = {"filter.kind": "ecbf"}
+NEIGHBOURS = {"federation.topology": "neighbours"}
+INT8 = {"federation.payload": "int8"}
+
+
+def _threshold(value: float) -> dict[str, Any]:
+    return {"federation.upload_threshold": value}
+
+
+WAYS: dict[str, dict[str, Any]] = {  # of `fed-lspi`: name in the tables → settings; the first is compared with
+    "leader": {},
+    "leader, 0.03, int8": _threshold(0.03) | INT8,
+    "neighbours": NEIGHBOURS,
+    "neighbours, 0.03": NEIGHBOURS | _threshold(0.03),
+    "neighbours, 0.03, int8": NEIGHBOURS | _threshold(0.03) | INT8,
+    "neighbours, 0.1, int8": NEIGHBOURS | _threshold(0.1) | INT8,
+}
+CALM = ("paper", "unknown", "windy", "lossy")
+TROUBLES: dict[str, dict[str, Any]] = {
+    "UAV 0, which leads, is killed at 20 s": {"faults": [{"kind": "kill", "tick": 200, "uavs": [0]}]},
+    "a fifth of the uploads has the wrong sign": {"federation.byzantine_fraction": 0.2},
+    "the same, with the rule `median`": {"federation.byzantine_fraction": 0.2, "federation.aggregation": "median"},
+    "uploads reach 2 m": {"federation.range_m": 2.0},
+}
+TROUBLED = {"leader": {}, "neighbours": NEIGHBOURS}
+SPARING: dict[str, dict[str, Any]] = {  # of `mfgfl-hf` on `paper`: fewer uploads by lot, or by the trigger
+    "fraction 0.8": {},
+    "fraction 0.4": {"federation.fraction": 0.4},
+    "fraction 0.2": {"federation.fraction": 0.2},
+    "threshold 0.1": _threshold(0.1),
+    "threshold 0.2": _threshold(0.2),
+    "threshold 0.4": _threshold(0.4),
+}
+KEPT = ("t_avg_censored_s", "energy_mean_J", "collisions_all", "arrived", "uavs", "uploads_silent", "rounds_isolated")
+Case = tuple[str, str, str]  # table, mission or trouble, and way
+Flight = dict[str, Any]
+
+
+def main() -> None:
+    """Flies what the tables need, unless they are only to be written again."""
+    given = published.options(__doc__, page=True).parse_args()
+    if not given.page:
+        points = {case: [scenario(case, seed) for seed in SEEDS] for case in cases()}
+        found = published.flown("federation", points, given.jobs)
+        rows = [
+            flight_of(case, seed, summary)
+            for case, summaries in found.items()
+            for seed, summary in zip(SEEDS, summaries, strict=True)
+        ]
+        published.write_rows(RESULTS, [{"code": version()}, *rows])
+    code, *flights = published.read_rows(RESULTS)
+    page = PAGE.read_text(encoding="utf-8")
+    for name, lines in tables(flights).items():
+        page = replaced(page, f"<!-- {name} -->", "<!-- end -->", ["", *lines, ""])
+    PAGE.write_text(page, encoding="utf-8")
+    print(PAGE, f"flown by code {code['code']}")
+
+
+def cases() -> list[Case]:
+    """Every case, in the order of the tables."""
+    return [
+        *(("calm", mission, way) for mission in CALM for way in WAYS),
+        *(("trouble", trouble, way) for trouble in TROUBLES for way in TROUBLED),
+        *(("sparing", "paper", way) for way in SPARING),
+    ]
+
+
+def scenario(case: Case, seed: int) -> Scenario:
+    """One flight of a case: behind the filter, with the acceleration limit of the leaderboard."""
+    kind, where, way = case
+    mission = where if kind == "calm" else "unknown" if kind == "trouble" else "paper"
+    settings = {"calm": WAYS, "trouble": TROUBLED, "sparing": SPARING}[kind][way]
+    if kind == "trouble":
+        settings = settings | TROUBLES[where]
+    row = Row(way, "mfgfl-hf" if kind == "sparing" else "fed-lspi", settings=ECBF | settings)
+    (found,) = missions.chosen([mission])
+    return row.scenario(found.table(), seed, mission)
+
+
+def flight_of(case: Case, seed: int, summary: Mapping[str, Any]) -> Flight:
+    """One flight as it is kept."""
+    traffic = summary["radio"]["traffic"]
+    models = ("uplink", "relay", "broadcast")
+    return {
+        "table": case[0],
+        "where": case[1],
+        "way": case[2],
+        "seed": seed,
+        "kbit": sum(summary["payload_bits"][kind] for kind in models) / 1e3,
+        "airtime_s": sum(traffic[kind]["airtime_s"] for kind in models),
+        "tracking": summary["diagnostics"].get("tracking_cost", math.nan) / summary["uavs"],
+        **{name: summary[name] for name in KEPT},
+    }
+
+
+def tables(flights: Sequence[Flight]) -> dict[str, list[str]]:
+    """The tables of the page, by their marks."""
+    found: dict[str, list[str]] = {}
+    for kind, mark in (("calm", "ways"), ("trouble", "troubles"), ("sparing", "sparing")):
+        rows = []
+        for where in dict.fromkeys(flight["where"] for flight in flights if flight["table"] == kind):
+            here = [flight for flight in flights if (flight["table"], flight["where"]) == (kind, where)]
+            ways = {
+                way: [one for one in here if one["way"] == way] for way in dict.fromkeys(one["way"] for one in here)
+            }
+            first, *_ = ways.values()
+            rows += [_row(where, way, flown, first) for way, flown in ways.items()]
+        found[mark] = table(_HEAD if kind != "sparing" else _HEAD[:4] + _HEAD[5:], map(_without(kind), rows))
+    return found
+
+
+_HEAD = ("", "way", "models, kbit", "airtime of models, s", "tracking", "Δ time, s", "Δ energy, J", "free", "arrived")
+
+
+def _without(kind: str) -> Any:
+    """The cells of a row, without tracking where nothing is tracked."""
+    return lambda row: row if kind != "sparing" else row[:4] + row[5:]
+
+
+def _row(where: str, way: str, flown: Sequence[Flight], first: Sequence[Flight]) -> tuple[str, ...]:
+    """A line of a table; differences and ratios are to the first way, paired by seed, with their 95 % intervals."""
+
+    def column(name: str, flights: Sequence[Flight] = flown) -> list[float]:
+        return [float(flight[name]) for flight in flights]
+
+    def against(name: str) -> str:
+        if flown is first:
+            return f"{statistics.mean(column(name)).value:.4g}"
+        estimate = statistics.difference(column(name), column(name, first))
+        return f"{estimate.value:+.2g} [{estimate.low:.2g}, {estimate.high:.2g}]"
+
+    free = sum(flight["collisions_all"] == 0 for flight in flown)
+    arrived = sum(flight["arrived"] for flight in flown), sum(flight["uavs"] for flight in flown)
+    return (
+        where,
+        way,
+        f"{statistics.mean(column('kbit')).value:,.1f}",
+        f"{statistics.mean(column('airtime_s')).value:.3f}",
+        _tracking(column("tracking"), column("tracking", first), flown is first),
+        against("t_avg_censored_s"),
+        against("energy_mean_J"),
+        f"{free} of {len(flown)}",
+        f"{arrived[0]} of {arrived[1]}",
+    )
+
+
+def _tracking(own: Sequence[float], first: Sequence[float], is_first: bool) -> str:
+    """The geometric mean of tracking costs, or its ratio to that of the first way, paired by seed."""
+    logarithms = [math.log(value) for value in own]
+    if is_first:
+        return f"{math.exp(statistics.mean(logarithms).value):.3g}"
+    ratio = statistics.difference(logarithms, [math.log(value) for value in first])
+    return f"× {math.exp(ratio.value):.2f} [{math.exp(ratio.low):.2f}, {math.exp(ratio.high):.2f}]"
+
+
+if __name__ == "__main__":
+    process.main(main)
