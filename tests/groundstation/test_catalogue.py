@@ -184,7 +184,8 @@ def test_a_file_that_was_changed_since_it_was_loaded_is_refused_and_nothing_is_w
     assert not (tmp_path / "out").exists()
 
 
-MEASURES = {f"studies/{name}.py" for name in ("clusters", "communication", "free_flights", "pictures", "robustness")}
+STUDIES = ("clusters", "communication", "federation", "free_flights", "pictures", "robustness")
+MEASURES = {f"studies/{name}.py" for name in STUDIES}
 
 
 def test_no_file_of_the_ground_station_asks_which_method_it_is() -> None:
