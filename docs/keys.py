@@ -102,6 +102,7 @@ KEYS: dict[str, tuple[str, str]] = {
     "federation.payload": (OURS, "the paper's floats; narrower ones are measured in [communication](communication.md)"),
     "federation.broadcast_payload": (OURS, "likewise"),
     "federation.error_feedback": (OURS, "without it rounding errors add up; see [communication](communication.md)"),
+    "federation.deadline": (OURS, "on the paper's radio an upload takes 0.4 ms at most, so none is late"),
     "federation.upload_threshold": (OURS, "the paper's UAVs upload in every round"),
     "federation.clusters": (OURS, "one leader for all UAVs; [scaling](scaling.md) says what clusters cost and save"),
     "federation.topology": (OURS, "one leader averages all models"),

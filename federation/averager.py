@@ -39,6 +39,7 @@ class Averager:
         """Raises BadInput where the aggregation rule cannot begin."""
         self.hop, self._schedule = hop, schedule
         self._mail: dict[tuple[int, int], dict[int, tuple[Floats, float]]] = {}  # by round and averaging UAV
+        self._takes_late = scenario.federation.deadline is not None
         self._rule = Rule(scenario) if hop.ruled else None
         self._state: State = {} if self._rule is None else self._rule.begin()
 
@@ -70,17 +71,32 @@ class Averager:
         Raises:
             RuleFailed: the aggregation rule failed.
         """
-        mail, refused = usable(self._mail.get((number, uav), {}))
+        given, sent = self._due(number, uav)
+        mail, refused = usable(given)
         if not mail or (self.hop.is_last and not self._is_shared(number, uav, mail)):
             return None, 0.0, refused
         uavs = np.array(sorted(mail), dtype=np.intp)
         models = np.stack([mail[sender][0] for sender in uavs.tolist()])
         weights = np.array([mail[sender][1] for sender in uavs.tolist()])
         if self._rule is not None:
-            uploads = Uploads(models, uavs, np.full(len(uavs), number), number)
+            uploads = Uploads(models, uavs, np.array([sent[sender] for sender in uavs.tolist()]), number)
             self._state, model = self._rule.step(self._state, uploads)
             return model, float(weights.sum()), refused
         return mean(models, weights), float(weights.sum()), refused
+
+    def _due(self, number: int, uav: int) -> tuple[dict[int, tuple[Floats, float]], dict[int, int]]:
+        """The mail of a UAV in a round, and the rounds in which it was sent, by sender.
+
+        Where there is a deadline, mail of earlier rounds that came after theirs was averaged is part of it; of several
+        models of a sender the latest counts.
+        """
+        mail: dict[int, tuple[Floats, float]] = {}
+        sent: dict[int, int] = {}
+        for of_round in range(number - 1 if self._takes_late else number, number + 1):
+            found = self._mail.get((of_round, uav), {})
+            mail |= found
+            sent |= dict.fromkeys(found, of_round)
+        return mail, sent
 
     def close(self, number: int) -> None:
         """Forgets the mail of a round and of all before it."""

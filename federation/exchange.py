@@ -39,6 +39,7 @@ class Exchange:
         self._copies = np.zeros((len(uavs), self._coding.floats))  # (M, L) own models, as the coding leaves them
         self._copied = np.zeros(len(uavs), dtype=np.int64)  # (M,) the rounds of these copies
         self._mail: dict[int, list[Frames]] = {}  # by round
+        self._takes_late = scenario.federation.deadline is not None
 
     def keep(self, number: int, rows: Indices, payload: np.ndarray) -> None:
         """Keeps the own models of rows (S,) for a round, as payloads (S, width), but for those that cannot be sent."""
@@ -60,16 +61,17 @@ class Exchange:
             The rows that have an average, (R,): not those that received nothing, or had no model when the round opened.
             Their averages (R, L). The UAVs whose models cannot be averaged, ascending.
         """
-        batches = self._mail.pop(number, [])
+        late = self._mail.get(number - 1, []) if self._takes_late else []
+        batches = late + self._mail.get(number, [])
         self._mail = {later: mail for later, mail in self._mail.items() if later > number}
-        senders, models, delivered = _merged(batches, self._coding, self._uavs)
+        senders, sent, models, delivered = _merged(batches, self._coding, self._uavs)
         sound = is_usable(models)
-        refused = senders[~sound & delivered.any(axis=0)].tolist()
-        senders, models, delivered = senders[sound], models[sound], delivered[:, sound]
+        refused = np.unique(senders[~sound & delivered.any(axis=0)]).tolist()
+        senders, sent, models, delivered = senders[sound], sent[sound], models[sound], delivered[:, sound]
         rows = np.flatnonzero(awake & (self._copied == number) & delivered.any(axis=1))
         if not len(rows):
             return rows, np.zeros((0, self._coding.floats)), refused
-        received = Uploads(models, senders, np.full(len(senders), number), number)
+        received = Uploads(models, senders, sent, number)
         own = Uploads(self._copies[rows], self._uavs[rows], np.full(len(rows), number), number)
         try:
             weights, own_weights = self._rule.weights(received), self._rule.weights(own)
@@ -126,19 +128,28 @@ class Exchange:
         return average
 
 
-def _merged(batches: list[Frames], coding: Coding, uavs: Indices) -> tuple[Indices, Floats, Mask]:
-    """The UAVs that sent, ascending (S,), their models (S, L), and which row received which, (M, S)."""
+def _merged(batches: list[Frames], coding: Coding, uavs: Indices) -> tuple[Indices, Indices, Floats, Mask]:
+    """The models that were sent: of which UAVs, ascending (S,), in which rounds, ascending for each UAV (S,).
+
+    Further the models (S, L), and which row averages which (M, S): of several models of a UAV the latest.
+    """
     if not batches:
-        return np.zeros(0, dtype=np.intp), np.zeros((0, coding.floats)), np.zeros((len(uavs), 0), dtype=bool)
-    senders = np.unique(np.concatenate([batch.source for batch in batches])).astype(np.intp)
-    models = np.zeros((len(senders), coding.floats))
-    delivered = np.zeros((len(uavs), len(senders)), dtype=bool)
-    for batch in batches:
+        none = np.zeros(0, dtype=np.intp)
+        return none, none, np.zeros((0, coding.floats)), np.zeros((len(uavs), 0), dtype=bool)
+    last = max(batch.round for batch in batches)
+    pairs = [2 * batch.source.astype(np.intp) + (batch.round == last) for batch in batches]  # of UAV and round
+    found = np.unique(np.concatenate(pairs))
+    models = np.zeros((len(found), coding.floats))
+    delivered = np.zeros((len(uavs), len(found)), dtype=bool)
+    for batch, pair in zip(batches, pairs, strict=True):
         assert batch.links is not None
-        place = senders.searchsorted(batch.source)
+        place = found.searchsorted(pair)
         models[place] = coding.decode(batch.payload)
         delivered[uavs.searchsorted(batch.links[:, 1]), place[batch.links[:, 0]]] = True
-    return senders, models, delivered
+    senders = found // 2
+    again = np.flatnonzero(senders[1:] == senders[:-1])  # a model whose UAV sent another one later
+    delivered[:, again] &= ~delivered[:, again + 1]
+    return senders, last - 1 + found % 2, models, delivered
 
 
 def _weighted(models: Floats, weights: Floats, own: Floats, own_weights: Floats, delivered: Mask) -> Floats:

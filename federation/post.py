@@ -91,6 +91,7 @@ class Post:
 
     Attributes:
         rounds: rounds in which models were averaged. rounds_void: rounds closed without a model of another UAV.
+        late: uploads that were delivered after their round had been averaged, and counted in the next one.
         silent: participants, summed over rounds, that were awake and sent no model.
         isolated: UAVs and rounds in which a UAV that averages for itself received nobody's model.
         rule_record: the state of the leader's aggregation rule, a record.
@@ -103,6 +104,7 @@ class Post:
         self._hops = self._schedule.hops
         self.rounds = 0
         self.rounds_void = 0
+        self.late = 0
         self.silent = 0
         self.isolated = 0
         self._averaged = 0  # number of the last round that was
@@ -117,11 +119,18 @@ class Post:
         rest = []
         for frames in due:
             hop = self._schedule.sent(frames.kind, frames.round, tick)
-            box = next((box for averaging, box in self._boxes if hop is not None and averaging.mail is hop), None)
-            if box is None:
+            found = next((each for each in self._boxes if hop is not None and each[0].mail is hop), None)
+            if found is None:
                 rest.append(frames)
                 continue
+            averaging, box = found
             box.put(frames, awake)
+            if (
+                self._scenario.federation.deadline is not None
+                and self._schedule.age(frames.round, tick) > averaging.after
+            ):
+                assert frames.links is not None
+                self.late += len(frames.links)
         if len(rest) < len(due):
             self._list_open()
         return rest
@@ -240,14 +249,15 @@ class Post:
     def snapshot(self) -> dict[str, Any]:
         """All of it, for `restore`."""
         return {
-            "counts": [self.rounds, self.rounds_void, self.silent, self.isolated, self._averaged],
+            "counts": [self.rounds, self.rounds_void, self.late, self.silent, self.isolated, self._averaged],
             "rule": self.rule_record,
             "boxes": [box.snapshot() for _, box in self._boxes],
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Goes on where a snapshot was taken."""
-        self.rounds, self.rounds_void, self.silent, self.isolated, self._averaged = map(int, snapshot["counts"])
+        counts = map(int, snapshot["counts"])
+        self.rounds, self.rounds_void, self.late, self.silent, self.isolated, self._averaged = counts
         self.rule_record = bytes(snapshot["rule"])
         for (_, box), mail in zip(self._boxes, snapshot["boxes"], strict=True):
             box.restore(mail)

@@ -47,8 +47,12 @@ class Schedule:
 
     def sent(self, label: FrameKind, number: int, tick: int) -> Hop | None:
         """The hop that transmitted the frames of a label and round that arrive in this tick; None for none."""
-        age = tick - number * self._period
+        age = self.age(number, tick)
         return next((hop for hop in reversed(self.hops) if hop.label == label and hop.after < age), None)
+
+    def age(self, number: int, tick: int) -> int:
+        """Ticks since a round opened."""
+        return tick - number * self._period
 
     def is_open(self, tick: int) -> bool:
         """Whether mail of a round may arrive in this tick, or its last hop transmit."""

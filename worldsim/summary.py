@@ -205,6 +205,7 @@ def protocol_summary(
         "rounds_void": post.rounds_void,
         "rounds_isolated": post.isolated,
         "uploads_silent": post.silent,
+        "uploads_late": post.late,
         "diagnostics": dict(zip(names, commands.summed.tolist(), strict=True)),
         "diagnostics_max": largest,
         "hjb_residual_max": largest.get("hjb_residual"),

@@ -33,7 +33,7 @@ class Clusters(Topology):
 
     def hops(self) -> tuple[Hop, ...]:
         scenario = self.scenario
-        leader, hop_ticks = scenario.federation.leader, scenario.hop_ticks
+        leader, relays = scenario.federation.leader, scenario.deadline_ticks
         self._check()
         division = Division(scenario)
         upload = Hop(
@@ -46,7 +46,7 @@ class Clusters(Topology):
         )
         relay = Hop(
             FrameKind.RELAY,
-            hop_ticks,
+            relays,
             "agent",
             division.heads,
             np.full((scenario.uavs, 1), leader),
@@ -55,7 +55,7 @@ class Clusters(Topology):
         )
         model = Hop(
             FrameKind.GLOBAL,
-            2 * hop_ticks,
+            relays + scenario.hop_ticks,
             "leader",
             np.array([leader]),
             None,
@@ -81,10 +81,10 @@ class Clusters(Topology):
                 f"{asked} `federation.aggregation` {federation.aggregation} must see every upload, and heads send "
                 "means; take fedavg, or one cluster"
             )
-        if scenario.period_ticks <= 2 * scenario.hop_ticks:
+        if scenario.period_ticks <= (ticks := scenario.deadline_ticks + scenario.hop_ticks):
             raise ValueError(
                 f"{asked} `federation.period` {scenario.period_ticks} has no room for two hops of up to "
-                f"{scenario.hop_ticks} ticks; take at least {2 * scenario.hop_ticks + 1}"
+                f"{ticks} ticks in all; take at least {ticks + 1}"
             )
         exact = 2 ** (np.finfo(FLOAT_OF_BITS[bits]).nmant + 1)
         if (largest := -(-scenario.uavs // count)) > exact:

@@ -20,7 +20,7 @@ class Leader(Topology):
         )
         return upload, Hop(
             FrameKind.GLOBAL,
-            scenario.hop_ticks,
+            scenario.deadline_ticks,
             "leader",
             np.array([leader]),
             None,

@@ -21,17 +21,17 @@ class Neighbours(Topology):
             raise ValueError(
                 f"`method` {scenario.method} has no rounds; take one that shares a model, as mfgfl-hf does"
             )
-        if scenario.period_ticks <= scenario.hop_ticks:
+        if scenario.period_ticks <= (ticks := scenario.deadline_ticks):
             raise ValueError(
-                f"`federation.period` {scenario.period_ticks} has no room for uploads of up to {scenario.hop_ticks} "
-                f"ticks; take at least {scenario.hop_ticks + 1}"
+                f"`federation.period` {scenario.period_ticks} has no room for uploads of up to {ticks} ticks; "
+                f"take at least {ticks + 1}"
             )
         everyone, uploads = np.arange(scenario.uavs), coding.of_uploads(scenario)
         reach = scenario.federation.range_m or scenario.radio.range_m
         upload = Hop(FrameKind.UPLOAD, 0, "agent", everyone, None, uploads, range_m=reach)
         return upload, Hop(
             FrameKind.GLOBAL,
-            scenario.hop_ticks,
+            scenario.deadline_ticks,
             "agent",
             everyone,
             None,

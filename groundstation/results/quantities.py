@@ -200,6 +200,7 @@ SUMMARY = (
     Field("rounds", "1", "rounds whose average was broadcast"),
     Field("rounds_void", "1", "rounds without a model of another UAV to average; nothing was broadcast"),
     Field("uploads_silent", "1", "uploads that participants did not send: their models had hardly moved"),
+    Field("uploads_late", "1", "uploads delivered after `federation.deadline`, which counted in the next round"),
     Field("rounds_isolated", "1", "rounds in which a UAV received nobody's model, summed over UAVs that average"),
     Field(
         "diagnostics.*",

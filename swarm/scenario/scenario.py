@@ -34,6 +34,7 @@ LATER = (
     "federation.broadcast_payload",
     "federation.error_feedback",
     "federation.upload_threshold",
+    "federation.deadline",
     "federation.clusters",
     "federation.range_m",
     "federation.topology",
@@ -185,6 +186,12 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                 f"`federation.clusters` is {self.federation.clusters}, but `federation.topology` is {self.topology}; "
                 "take one of the two"
             )
+        longest = self.radio.latency_threshold_slots * self.radio.coherence_time_s
+        if (deadline := self.federation.deadline) is not None and deadline > longest * (1 + 1e-9):
+            raise ValueError(
+                f"`federation.deadline` {deadline} s is later than an upload can arrive, {longest:g} s: "
+                "`radio.latency_threshold_slots` times `radio.coherence_time_s`; take less, or leave it out"
+            )
         rule, threshold = self.federation.aggregation, self.federation.upload_threshold
         if threshold and rule in ROBUST:
             raise ValueError(
@@ -288,6 +295,13 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
     def hop_ticks(self) -> int:
         """Ticks after which a message has arrived or is lost."""
         return int(self.delivery_ticks(np.array(self.radio.latency_threshold_slots)))
+
+    @property
+    def deadline_ticks(self) -> int:
+        """Ticks after which the uploads of a round are averaged."""
+        if self.federation.deadline is None:
+            return self.hop_ticks
+        return int(self.delivery_ticks(np.array(self.federation.deadline / self.radio.coherence_time_s)))
 
     def plugins(self) -> tuple[tuple[Door, str, str], ...]:
         """Door, name and fingerprint of every plug-in it needs.

@@ -225,6 +225,17 @@ class Federation(_Table, frozen=True):
     error_feedback: Annotated[
         bool, Meta(description="add the rounding error of an upload to the same UAV's next upload")
     ] = True
+    deadline: (
+        Annotated[
+            float,
+            Meta(
+                gt=0,
+                description="time after which a round is averaged; later uploads count in the next one; unset: the "
+                "latency threshold, after which an upload is lost, s",
+            ),
+        ]
+        | None
+    ) = None
     upload_threshold: Annotated[
         float,
         Meta(

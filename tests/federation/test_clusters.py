@@ -55,7 +55,7 @@ REFUSED = {
     "no room for two hops": (
         ("federation.clusters=2", "federation.period=8", "radio.coherence_time_s=0.05"),
         "mfgfl-h",
-        ("`federation.period` 8", "up to 4 ticks", "at least 9"),
+        ("`federation.period` 8", "up to 8 ticks in all", "at least 9"),
     ),
     "more models than half a float counts": (
         ("uavs=4100", "federation.clusters=2", "radio.bits_per_float=16"),
