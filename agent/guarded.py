@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from meanflock import kernels
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
 from meanflock.swarm.declared import MAX_BROADCASTS, Declared, controller
-from meanflock.swarm.errors import BadInput
-from meanflock.swarm.plugins.failures import FAILURES, last_line
+from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.plugins.guard import as_floats, check_finite, check_memory, check_same_form
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import AXES, BEYOND_SENSE, Floats, Mask, distinct
@@ -44,7 +43,9 @@ class Guarded:
         self.broken: Mask | None = None
         self._method, self._declared = scenario.method, scenario.declared
         self._blank = np.zeros((len(uavs), AXES + len(self._declared.diagnostics)))  # commands
-        self._uavs, self._everyone, self._complaints = uavs, scenario.uavs, complaints
+        self._uavs = uavs
+        self._everyone = scenario.uavs
+        self._complaints = complaints
         self._controller: Controller = controller(scenario)
         self._complained = np.zeros(len(uavs), dtype=bool)  # rows that had a complaint
         self.asleep: Mask | None = None

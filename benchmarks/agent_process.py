@@ -39,7 +39,7 @@ def run(effort: Effort, say: Say) -> Outcome:
     up: dict[str, list[float]] = {"swarm": [], "floor": []}
     rss: dict[str, list[float]] = {"swarm": [], "floor": []}
     pss: dict[str, list[float]] = {"swarm": [], "floor": []}
-    for repeat in range(effort.of(3, 1)):
+    for repeat in range(effort.choose(3, 1)):
         for who, launch in (("floor", _floor), ("swarm", _swarm)):
             say(f"25 processes, {repeat + 1}: {who}")
             seconds, weights = launch()
@@ -47,7 +47,7 @@ def run(effort: Effort, say: Say) -> Outcome:
             rss[who].append(median(weight[0] for weight in weights))
             pss[who].append(median(weight[1] for weight in weights))
     one: dict[str, list[float]] = {"agent": [], "floor": []}
-    for repeat in range(effort.of(5, 2)):
+    for repeat in range(effort.choose(5, 2)):
         say(f"one process, {repeat + 1}")
         one["floor"].append(_join_floor())
         one["agent"].append(_join_agent())
@@ -130,7 +130,7 @@ def connected(children: Children) -> ZenohBus:
 
 def _floor() -> tuple[float, list[tuple[float, float]]]:
     names = [f"agent-{number}" for number in range(AGENTS)]
-    asked = {name: (sizes.of(sizes.sense()), sizes.of(sizes.act())) for name in names}
+    asked = {name: (sizes.size(sizes.sense()), sizes.size(sizes.act())) for name in names}
     with Children("floor") as children:
         start = time.perf_counter()
         with floor_of(children, names) as world:

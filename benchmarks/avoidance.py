@@ -21,7 +21,9 @@ ABOUT = (
     "and codec included."
 )
 UAVS, MANY = 25, 100
-COMPILED_MS, NUMPY_MS, REAL_TIME = 0.5, 3.0, 20.0
+COMPILED_MS = 0.5
+NUMPY_MS = 3.0
+REAL_TIME = 20.0
 CHUNK = 50
 
 
@@ -70,7 +72,7 @@ def run(effort: Effort, say: Say) -> Outcome:
     say("in turns")
     calls = {name: (lambda once=once: per_call_ms(once, CHUNK)) for name, once in steps.items()}
     flown = {f"fly {name}": (lambda ticks=ticks: per_tick_ms(ticks, CHUNK)) for name, ticks in flights.items()}
-    ms = in_turns(effort.of(20, 4), calls | flown)
+    ms = in_turns(effort.choose(20, 4), calls | flown)
     own = Figure("step of cruise alone, 25 rows", "ms", ms["alone"])
     tick = Figure("tick, cruise, 25 UAVs", "ms/tick", ms["fly cruise"])
     return Outcome(

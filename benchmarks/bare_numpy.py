@@ -10,7 +10,9 @@ import numpy as np
 
 from meanflock.kernels.mean_field.layout import DENSITY_FEATURES, VALUE_FEATURES
 
-_PRODUCTS, _NODES, _POWERS = 495, 64, 28
+_PRODUCTS = 495
+_NODES = 64
+_POWERS = 28
 
 
 def learner_operations(rows: int) -> Callable[[], None]:
@@ -25,10 +27,16 @@ def learner_operations(rows: int) -> Callable[[], None]:
     terms, other_t = np.zeros((rows, 70)), np.zeros((rows, 70))
     products, other_q = np.zeros((rows, _PRODUCTS)), np.zeros((rows, _PRODUCTS))
     operator, other_o = np.zeros((rows, 2 * DENSITY_FEATURES)), np.zeros((rows, 2 * DENSITY_FEATURES))
-    expansion, mass, sums = np.zeros((rows, 1, 70)), np.zeros((rows, 1, _NODES)), np.zeros((rows, 1, 2))
+    expansion = np.zeros((rows, 1, 70))
+    mass = np.zeros((rows, 1, _NODES))
+    sums = np.zeros((rows, 1, 2))
     monomials, one_and_kernel = draw.random((70, _NODES)), draw.random((_NODES, 2))
-    factor_h, factor_p, factor_q = draw.random(216), draw.random(120), draw.random(_PRODUCTS)
-    action, number, step = np.zeros((rows, 2)), np.zeros(rows), np.zeros((rows, 1))
+    factor_h = draw.random(216)
+    factor_p = draw.random(120)
+    factor_q = draw.random(_PRODUCTS)
+    action = np.zeros((rows, 2))
+    number = np.zeros(rows)
+    step = np.zeros((rows, 1))
     starts = np.arange(70) * 7
     left, right = draw.random((rows, 1, 3)), draw.random((rows, 1, 4))
     image_r, image_v = np.zeros((rows, 1, 15)), np.zeros((rows, 1, 15))

@@ -29,7 +29,7 @@ _HF = "mfgfl-hf"
 
 def run(effort: Effort, say: Say) -> Outcome:
     """Swarm and floor alive side by side, flown in turns."""
-    chunks = effort.of(12, 3)
+    chunks = effort.choose(12, 3)
     flown = scenario.load(
         None, ["stop=duration", "duration=1e6", f"federation.period={PERIOD}"], uavs=UAVS, method=str(_HF)
     )
@@ -71,10 +71,10 @@ def run(effort: Effort, say: Say) -> Outcome:
 
 def _shape(participants: int, names: list[str]) -> Callable[[int], dict[str, tuple[int, int]]]:
     """Bytes out and back for each name in tick k of a chunk."""
-    calm = (sizes.of(sizes.sense()), sizes.of(sizes.act()))
-    sends = (calm[0], sizes.of(sizes.act((sizes.upload(_HF),))))
-    hears = (sizes.of(sizes.sense((sizes.broadcast(_HF),))), calm[1])
-    averages = (sizes.of(sizes.sense((sizes.upload(_HF, participants),))), sends[1])
+    calm = (sizes.size(sizes.sense()), sizes.size(sizes.act()))
+    sends = (calm[0], sizes.size(sizes.act((sizes.upload(_HF),))))
+    hears = (sizes.size(sizes.sense((sizes.broadcast(_HF),))), calm[1])
+    averages = (sizes.size(sizes.sense((sizes.upload(_HF, participants),))), sends[1])
     ordinary = dict.fromkeys(names, calm)
     upload = ordinary | dict.fromkeys(names[:participants], sends)
     average = ordinary | {"leader": averages}

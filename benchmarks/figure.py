@@ -16,7 +16,7 @@ class Effort(enum.Enum):
     FULL = "full"
     QUICK = "quick"
 
-    def of(self, full: int, quick: int) -> int:
+    def choose(self, full: int, quick: int) -> int:
         """The count for this effort."""
         return full if self is Effort.FULL else quick
 

@@ -38,12 +38,13 @@ def learner_step(method: str, uavs: int, backend: ModuleType = kernels) -> Calla
     """One step of the learner on so many rows, from the same weights every time."""
     flown: Scenario = scenario.load(None, method=method, uavs=uavs)
     plan = mission.starts(flown)
-    weights, of = Learner(flown, learns_density=method != "hjb").init(uavs, plan), backend.prepare(tables(flown))
+    weights = Learner(flown, learns_density=method != "hjb").init(uavs, plan)
+    prepared = backend.prepare(tables(flown))
     states = plan.copy()
     states[:, state.VELOCITY] = np.array(flown.wind.mean)
     known = np.repeat(plan[None], uavs, axis=0) if method == "hjb" else None
     stepped, numbers = np.empty_like(weights), np.empty((uavs, NUMBERS))
-    return lambda: backend.learn(of, states, weights, known, stepped, numbers)
+    return lambda: backend.learn(prepared, states, weights, known, stepped, numbers)
 
 
 def run(effort: Effort, say: Say) -> Outcome:
@@ -57,7 +58,7 @@ def run(effort: Effort, say: Say) -> Outcome:
         per_tick_ms(ticks, CHUNK)
     say("in turns")
     ms = in_turns(
-        effort.of(40, 6),
+        effort.choose(40, 6),
         {
             "hf": lambda: per_tick_ms(flights["mfgfl-hf"], CHUNK),
             "hjb": lambda: per_tick_ms(flights["hjb"], CHUNK),

@@ -30,10 +30,10 @@ def run(effort: Effort, say: Say) -> Outcome:
         for flown in filter(None, (wish.training, wish.scenario)):
             counts[str(flown.method), flown.uavs] += 1
     whole = max(wish.scenario.max_ticks for wish in wanted(1))
-    ticks = effort.of(whole, whole // 30)
+    ticks = effort.choose(whole, whole // 30)
     us: dict[tuple[str, int], list[float]] = {kind: [] for kind in counts}
     steps: dict[str, list[float]] = {method: [] for method in SHOWN}
-    for repeat in range(effort.of(3, 1)):
+    for repeat in range(effort.choose(3, 1)):
         for method, uavs in counts:
             say(f"{method}, {uavs} UAVs, {repeat + 1}")
             us[method, uavs].append(_us_a_tick(method, uavs, ticks))

@@ -23,12 +23,14 @@ FLOOR_RATIO = 1.5
 def run(effort: Effort, say: Say) -> Outcome:
     """25 processes, and when there is time 64, each beside its floor."""
     outcome = Outcome()
-    swarms = [(25, effort.of(600, 200), effort.of(9, 1))] + ([(64, 300, 5)] if effort is Effort.FULL else [])
+    swarms = [(25, effort.choose(600, 200), effort.choose(9, 1))] + ([(64, 300, 5)] if effort is Effort.FULL else [])
     for uavs, ticks, repeats in swarms:
-        flown, bare, start_s = [], [], []
+        flown = []
+        bare = []
+        start_s = []
         for repeat in range(repeats):
             say(f"{uavs} processes, {repeat + 1} of {repeats}: floor")
-            bare.append(floor_tick_ms(uavs, effort.of(500, 100)))
+            bare.append(floor_tick_ms(uavs, effort.choose(500, 100)))
             say(f"{uavs} processes, {repeat + 1} of {repeats}: meanflock run")
             summary, command_s = meanflock(
                 "--uavs", str(uavs), "--set", "stop=duration", "--duration", str(ticks * SIM_TICK_S)
@@ -58,7 +60,7 @@ def floor_tick_ms(clients: int, ticks: int) -> float:
     """Mean time of a bare lockstep tick, ms."""
     names = [f"agent-{number}" for number in range(clients)]
     asked, reported = (
-        {name: (sizes.of(sizes.sense()), sizes.of(sizes.act(report=report))) for name in names}
+        {name: (sizes.size(sizes.sense()), sizes.size(sizes.act(report=report))) for name in names}
         for report in (False, True)
     )
     kinds = itertools.cycle([reported] + [asked] * (REPORT_EVERY_TICKS - 1))

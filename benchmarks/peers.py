@@ -176,7 +176,7 @@ def _hold(race: Race, effort: Effort) -> list[Figure]:
     with Environment(race.peer).start(race.script, race.size) as peer:
         ours = race.measure()
         ours(race.count)
-        ms = in_turns(effort.of(9, 3), {"peer": lambda: peer.measure(race.count), "ours": lambda: ours(race.count)})
+        ms = in_turns(effort.choose(9, 3), {"peer": lambda: peer.measure(race.count), "ours": lambda: ours(race.count)})
     floor = Figure(f"{peer.version}: {race.theirs}", "ms", ms["peer"], "neither")
     return [Figure(f"ours: {race.ours}", "ms", ms["ours"], floor=floor, note=race.note), floor]
 

@@ -10,8 +10,9 @@ import time
 from typing import Any
 
 from benchmarks.machine import ROOT
-from meanflock.groundstation.launch.children import Family, end_all
+from meanflock.groundstation.launch.children import Family
 from meanflock.groundstation.launch.processes import free_endpoint
+from meanflock.swarm.process import end_all
 
 COMMAND = (sys.executable, "-m", "meanflock.groundstation.cli")
 _COMMAND_S = 150.0

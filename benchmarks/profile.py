@@ -111,7 +111,10 @@ class Stopwatch:
         self.calls.clear()
 
     def _timed(self, original: Callable[..., Any], label: str) -> Callable[..., Any]:
-        clock, local, ns, calls = self._clock, self._local, self.ns, self.calls
+        clock = self._clock
+        local = self._local
+        ns = self.ns
+        calls = self.calls
 
         def timed(*args: Any, **named: Any) -> Any:
             inner: list[int] = local.__dict__.setdefault("inner", [0])
@@ -167,7 +170,7 @@ def run(effort: Effort, say: Say) -> Outcome:
 def _in_process(effort: Effort) -> dict[str, Any]:
     from benchmarks.in_process import flight
 
-    ticks = effort.of(1000, 200)
+    ticks = effort.choose(1000, 200)
     plain_us = 1e3 * per_tick_ms(flight("mfgfl-hf", UAVS).fly(), ticks)
     with Stopwatch() as watch:
         watch.wrap([*LEARNER, *CODEC, *WORLD, *MEMORY_BUS])
@@ -185,7 +188,7 @@ def _networked(effort: Effort) -> dict[str, Any]:
     from meanflock.swarm import scenario
     from meanflock.worldsim.world import World
 
-    ticks = effort.of(600, 150)
+    ticks = effort.choose(600, 150)
     flown = scenario.load(None, uavs=UAVS, stop="duration", duration=1e6)
     with Children("profile") as children, Stopwatch() as watch:
         bus = ZenohBus.router(children.endpoint)
@@ -225,7 +228,9 @@ class _Weighed(Agent):
     """An agent that notes what its process had used at two ticks."""
 
     stopwatch: Stopwatch
-    first, last, report = 20, 0, Path()
+    first = 20
+    last = 0
+    report = Path()
 
     def act(self, sense: Sense) -> Act:
         """As any agent; at the last tick it writes what it found."""

@@ -33,7 +33,7 @@ SHARE_TARGET = 10.0
 def run(effort: Effort, say: Say) -> Outcome:
     """Three engines in turns."""
     flown = scenario.load(None, uavs=UAVS, stop="duration", duration=1e6)
-    repeats = effort.of(15, 2)
+    repeats = effort.choose(15, 2)
     with tempfile.TemporaryDirectory(prefix="meanflock-bench-") as out, ExitStack() as stack:
         plain_folder = stack.enter_context(RunFolder(Path(out), "folder", flown))
         full_folder = stack.enter_context(RunFolder(Path(out), "recorded", flown))
@@ -112,7 +112,7 @@ def _networked(effort: Effort, say: Say) -> list[float]:
                 children.start("meanflock.agent", "--count", str(UAVS))
                 world.gather(60.0)
             flights = [world.fly() for world in worlds]
-            for repeat in range(effort.of(9, 2) + 1):
+            for repeat in range(effort.choose(9, 2) + 1):
                 say(f"25 processes, {repeat}")
                 spent = [0.0, 0.0]
                 for _ in range(NETWORKED_TICKS // NETWORKED_TURN):

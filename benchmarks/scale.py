@@ -34,12 +34,12 @@ def run(effort: Effort, say: Say) -> Outcome:
     for uavs in sizes:
         say(f"{uavs} UAVs in one process: take-off")
         ticks, step = flight("mfgfl-hf", uavs).fly(), learner_step("mfgfl-hf", uavs)
-        chunk = max(2, effort.of(1000, 250) // uavs)
+        chunk = max(2, effort.choose(1000, 250) // uavs)
         per_tick_ms(ticks, 3)
         measures[f"tick {uavs}"] = lambda t=ticks, n=chunk: per_tick_ms(t, n)
         measures[f"step {uavs}"] = lambda s=step, n=chunk: per_call_ms(s, n)
     say("all sizes in turns")
-    ms = in_turns(effort.of(9, 3), measures)
+    ms = in_turns(effort.choose(9, 3), measures)
     cost: dict[int, list[float]] = {}
     for uavs in sizes:
         keep(uavs, 0, ms[f"tick {uavs}"])
@@ -53,12 +53,12 @@ def run(effort: Effort, say: Say) -> Outcome:
         say(f"{uavs} UAVs that speak, in one process")
         ticks, links = flight("hjb", uavs).fly(), uavs * (uavs - 1)
         per_tick_ms(ticks, 3)
-        ms_each = [per_tick_ms(ticks, max(2, effort.of(300, 100) // uavs)) for _ in range(effort.of(9, 3))]
+        ms_each = [per_tick_ms(ticks, max(2, effort.choose(300, 100) // uavs)) for _ in range(effort.choose(9, 3))]
         keep(uavs, links, ms_each)
         outcome.figures.append(Figure(f"tick, hjb, N = {uavs}, {links} links", "ms/tick", ms_each))
     factors = []
-    ticks = effort.of(100, 30)
-    for repeat in range(effort.of(2, 1)):
+    ticks = effort.choose(100, 30)
+    for repeat in range(effort.choose(2, 1)):
         say(f"1000 UAVs in {1000 // ROWS} processes, {repeat + 1}")
         flags = ("--uavs", "1000", "--uavs-per-process", str(ROWS), "--set", "stop=duration")
         summary, _ = meanflock(*flags, "--duration", str(ticks / 10))

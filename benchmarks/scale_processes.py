@@ -50,9 +50,9 @@ def run(effort: Effort, say: Say) -> Outcome:
             outcome.notes.append(f"{processes} processes need {needed} MB; {available} MB are {what}")
             continue
         say(f"{processes} processes: floor")
-        bare = [floor_tick_ms(processes, effort.of(5000, 1000) // processes)]
+        bare = [floor_tick_ms(processes, effort.choose(5000, 1000) // processes)]
         say(f"{processes} processes: swarm")
-        ms, joined_s, pss = _swarm(processes, effort.of(6000, 2000) // processes)
+        ms, joined_s, pss = _swarm(processes, effort.choose(6000, 2000) // processes)
         floor = Figure(f"bare Zenoh lockstep, {processes} processes", "ms/tick", bare)
         tick = Figure(f"tick, {processes} processes", "ms/tick", ms)
         outcome.figures += [

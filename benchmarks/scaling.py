@@ -83,11 +83,11 @@ def sizes_table(record: dict[str, Any]) -> list[str]:
     row = f8 * state.SIZE + f4 * state.AXES + f4 * len(sizes.declared("mfgfl-hf").diagnostics) + 1 + f4
     pss = [figure for figure in record["races"]["scale_processes"]["figures"] if figure["name"].startswith("PSS of")]
     each = [figure["median"] / int(figure["name"].split()[2]) for figure in pss]
-    upload = sizes.of(sizes.act((sizes.upload("mfgfl-hf"),))) - sizes.of(sizes.act())
+    upload = sizes.size(sizes.act((sizes.upload("mfgfl-hf"),))) - sizes.size(sizes.act())
     return [
         "| one UAV | bytes |",
         "|---|---:|",
-        f"| asked and answered, a tick, a process each | {sizes.of(sizes.sense())} + {sizes.of(sizes.act())} |",
+        f"| asked and answered, a tick, a process each | {sizes.size(sizes.sense())} + {sizes.size(sizes.act())} |",
         f"| telemetry, a tick | {row} |",
         f"| its model, mfgfl-hf: payload, on the bus | {MODEL_FLOATS * f4}, {upload} |",
         f"| what it has learned, in memory | {MODEL_FLOATS * f8} |",

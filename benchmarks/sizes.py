@@ -47,6 +47,6 @@ def broadcast(method: str) -> Frames:
     return Frames(FrameKind.GLOBAL, 5, sent.source, sent.payload, np.zeros((1, 2), dtype=np.int32))
 
 
-def of(message: Sense | Act) -> int:
+def size(message: Sense | Act) -> int:
     """Bytes on the wire."""
     return len(tick.write_sense(message) if isinstance(message, Sense) else tick.write_act(message))

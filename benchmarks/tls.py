@@ -19,14 +19,14 @@ def run(effort: Effort, say: Say) -> Outcome:
     said, _, _ = captured([*COMMAND, "run", "--help"], 30.0)
     if "--tls" not in said:
         raise BenchmarkFailed("meanflock run has no --tls")
-    flags = ("--uavs", str(UAVS), "--set", "stop=duration", "--duration", str(effort.of(400, 60) / 10))
+    flags = ("--uavs", str(UAVS), "--set", "stop=duration", "--duration", str(effort.choose(400, 60) / 10))
     ms: dict[str, list[float]] = {"plain": [], "tls": []}
     with tempfile.TemporaryDirectory(prefix="meanflock-bench-") as folder:
         certificates = str(Path(folder) / "certs")
         _, said, code = captured([*COMMAND, "certs", "init", certificates, "--uavs", str(UAVS)], 60.0)
         if code:
             raise BenchmarkFailed(f"meanflock certs init: {said.strip()}")
-        for repeat in range(effort.of(3, 1)):
+        for repeat in range(effort.choose(3, 1)):
             for name, more in (("plain", ()), ("tls", ("--tls", certificates))):
                 say(f"{name}, {repeat + 1}")
                 summary, _ = meanflock(*flags, *more)

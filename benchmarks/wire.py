@@ -25,7 +25,7 @@ def run(effort: Effort, say: Say) -> Outcome:
     outcome = Outcome()
     for method in ("mfgfl-h", "mfgfl-f", "mfgfl-hf"):
         frames = sizes.upload(method)
-        wire = sizes.of(sizes.act((frames,))) - sizes.of(sizes.act())
+        wire = sizes.size(sizes.act((frames,))) - sizes.size(sizes.act())
         payload = Figure(f"payload of an upload, {method}", "B", [float(frames.payload.nbytes)], "neither")
         name = f"wire bytes of an upload, {method}"
         outcome.figures += [Figure(name, "B", [float(wire)], floor=payload, ratio_target=PAYLOAD_TARGET), payload]
@@ -41,7 +41,7 @@ def run(effort: Effort, say: Say) -> Outcome:
 
 
 def _times(name: str, message: Sense | Act, effort: Effort) -> list[Figure]:
-    count, repeats = effort.of(2000, 200), effort.of(15, 5)
+    count, repeats = effort.choose(2000, 200), effort.choose(15, 5)
     write: Callable[[Any], bytes] = tick.write_sense if isinstance(message, Sense) else tick.write_act
     read: Callable[[bytes], Any] = tick.read_sense if isinstance(message, Sense) else tick.read_act
     raw, plain = write(message), _plain(message)

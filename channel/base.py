@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.swarm.plugins.failures import FAILURES
+from meanflock.swarm.errors import FAILURES
 from meanflock.swarm.plugins.guard import check_array, check_pair
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats

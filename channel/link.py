@@ -1,8 +1,9 @@
-"""The budget of a link: from distance to SNR threshold, from bits to slots."""
+"""One link: its SNR threshold, the slots that a message needs, and closed forms of outage and latency."""
 
 import math
 
 import numpy as np
+from scipy import special
 
 from meanflock.swarm.scenario import Radio
 from meanflock.swarm.state import Floats
@@ -29,3 +30,34 @@ def squared_threshold(radio: Radio, distance_m: Floats) -> Floats:
     loss = np.power(distance_m, radio.path_loss_exponent) if radio.path_loss_exponent else np.ones_like(distance_m)
     gain = target * noise_w / power_w * loss
     return gain if radio.fading == "power" else gain * gain
+
+
+def slot_success(radio: Radio, distance_m: Floats) -> Floats:
+    """P[SNR ≥ η] = Q₁(ξ/χ, z_η/χ), the tail of a non-central χ² with two degrees of freedom; same shape."""
+    variance = radio.rice_chi**2
+    return 1.0 - special.chndtr(squared_threshold(radio, distance_m) / variance, 2.0, radio.rice_xi**2 / variance)
+
+
+def outage(radio: Radio, success: Floats, bits: int) -> Floats:
+    """P[D_m > D_M] = P[Binomial(D_M, p) < K]; same shape as `success` p."""
+    needed, slots = slots_needed(radio, bits), radio.latency_threshold_slots
+    return special.bdtr(float(needed - 1), slots, success) if needed <= slots else np.ones_like(success)
+
+
+def delivered_latency(radio: Radio, success: Floats, bits: int) -> Floats:
+    """E[D_m; D_m ≤ D_M] in slots: the latency a run can observe, times the probability of observing it.
+
+    D_m − K is negative binomial, so this is Σ_{d=K}^{D_M} d (d−1 choose K−1) p^K (1−p)^{d−K} =
+    (K/p) P[Binomial(D_M + 1, p) ≥ K + 1].
+    """
+    needed, slots = slots_needed(radio, bits), radio.latency_threshold_slots
+    if needed > slots:
+        return np.zeros_like(success)
+    reached = special.bdtrc(float(needed), slots + 1, success)
+    return np.divide(needed * reached, success, out=np.zeros_like(success), where=success > 0)
+
+
+def expected(radio: Radio, distance_m: Floats, bits: int) -> tuple[float, float]:
+    """Outages and delivered slots to expect of a message over each of these links `(K,)`, summed."""
+    success = slot_success(radio, distance_m)
+    return float(outage(radio, success, bits).sum()), float(delivered_latency(radio, success, bits).sum())

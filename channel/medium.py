@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.channel.base import MOST_SLOTS, Channel, carried, closed_form
-from meanflock.channel.links import Links
-from meanflock.channel.meter import Meter
+from meanflock.channel.meter import Links, Meter
 from meanflock.swarm import plugins, state
-from meanflock.swarm.errors import RunFailed
-from meanflock.swarm.plugins.failures import FAILURES, last_line
+from meanflock.swarm.errors import FAILURES, RunFailed, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator, random_state, set_random_state
 from meanflock.swarm.wire.messages import FrameKind, Frames
@@ -163,7 +161,9 @@ class Medium:
 
     def _links(self, batch: Frames, states: state.States) -> Links:
         """Every link a batch uses: as a rule those of the tick before."""
-        kind, sources, uavs = batch.kind, batch.source.astype(np.intp), self._scenario.uavs
+        kind = batch.kind
+        sources = batch.source.astype(np.intp)
+        uavs = self._scenario.uavs
         senders, mask = sources.tobytes(), None
         is_broadcast = kind in self._reach
         reached = self._in_range(sources, senders, states, self._reach[kind]) if is_broadcast else None
@@ -175,14 +175,14 @@ class Medium:
         rows = np.arange(len(sources))
         if reached is not None:
             row, target = reached.nonzero()
-            links = Links.of(kind, sources, row, target, uavs)
+            links = Links.between(kind, sources, row, target, uavs)
         elif (target_of := self._targets.get(kind)) is not None:
             target = target_of[sources]
-            links = Links.of(kind, sources, rows.repeat(target.shape[1]), target.ravel(), uavs, is_unicast=True)
+            links = Links.between(kind, sources, rows.repeat(target.shape[1]), target.ravel(), uavs, is_unicast=True)
         else:
             targets, all_rows = np.tile(np.arange(uavs), len(sources)), rows.repeat(uavs)
             apart = sources[all_rows] != targets if is_broadcast else slice(None)
-            links = Links.of(kind, sources, all_rows[apart], targets[apart], uavs)
+            links = Links.between(kind, sources, all_rows[apart], targets[apart], uavs)
         self._used[place] = senders, mask, links
         return links
 

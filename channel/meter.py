@@ -1,4 +1,4 @@
-"""What the radio cost: bits, link copies, deliveries, outages, airtime, by kind of traffic and by link."""
+"""The links that transmissions use, and the meter of their cost: bits, deliveries, outages and airtime."""
 
 from dataclasses import asdict, astuple, dataclass, field
 from functools import reduce
@@ -7,16 +7,57 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.channel.links import Links
 from meanflock.swarm.scenario import Radio
 from meanflock.swarm.wire.messages import FrameKind
 
+Indices = NDArray[np.intp]
 TRAFFIC = {
     FrameKind.UPLOAD: "uplink",
     FrameKind.RELAY: "relay",
     FrameKind.GLOBAL: "broadcast",
     FrameKind.STATE: "state",
 }
+
+
+@dataclass(frozen=True, slots=True)
+class Links:
+    """L links of a batch, of which K by radio; by source, then by target. They are shared: none is ever written to.
+
+    ends: (L, 2) int32 [row of the batch, receiving UAV], as frames carry them. by_radio: (L,) bool; who sends to
+    itself needs no radio. source, target: (K,) UAVs at the ends of the links by radio. pair: (K,), source · N + target.
+    transmissions: how many are paid for. first: the first link by radio of each of them that has any.
+    record: (K, 5) int32 [0, source, target, kind, 0].
+    """
+
+    ends: NDArray[np.int32]
+    by_radio: NDArray[np.bool_]
+    source: Indices
+    target: Indices
+    pair: Indices
+    transmissions: int
+    first: Indices
+    record: NDArray[np.int32]
+
+    @classmethod
+    def between(
+        cls, kind: FrameKind, sources: Indices, row: Indices, target: Indices, uavs: int, is_unicast: bool = False
+    ) -> "Links":
+        """Links from `sources[row]` to `target`, (L,) each, rows ascending; `uavs`: N. `is_unicast`: a link for each
+        source, so that a source that is its own target transmits nothing."""
+        ends = np.stack([row, target], axis=-1).astype(np.int32)
+        by_radio = sources[row] != target
+        row, target = row[by_radio], target[by_radio]
+        source = sources[row]
+        record = np.zeros((len(source), 5), dtype=np.int32)
+        record[:, 1] = source
+        record[:, 2] = target
+        record[:, 3] = kind
+        if is_unicast:
+            transmissions, first = len(source), np.arange(len(source))
+        else:
+            transmissions, first = len(sources), np.flatnonzero(np.diff(row, prepend=-1))
+        pair = source * uavs + target
+        return cls(ends, by_radio, source, target, pair, transmissions, first, record)
 
 
 @dataclass
@@ -141,7 +182,9 @@ class Meter:
         """Goes on with the counters of a snapshot."""
         self._figures = None
         self.traffic = {kind: Traffic(**kept) for kind, kept in zip(FrameKind, snapshot["traffic"], strict=True)}
-        self._last, self._times, self.marked = None, 0, snapshot["marked"]
+        self._last = None
+        self._times = 0
+        self.marked = snapshot["marked"]
         source, target, sent, outages = snapshot["links"].T
         self._link_sent[...], self._link_outages[...] = 0, 0
         self._link_sent[source, target], self._link_outages[source, target] = sent, outages

@@ -10,9 +10,8 @@ import numpy as np
 from meanflock.channel.base import Channel, closed_form
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm import logs, plugins
-from meanflock.swarm.errors import RunFailed
+from meanflock.swarm.errors import FAILURES, RunFailed, last_line
 from meanflock.swarm.mission import starts
-from meanflock.swarm.plugins.failures import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import POSITION
 from meanflock.swarm.wire.messages import FrameKind

@@ -61,22 +61,22 @@ def page() -> str:
     return "\n".join(lines) + "\n"
 
 
-def _entry(name: str, of: Any, members: tuple[str, ...] | None) -> Iterator[str]:
+def _entry(name: str, member: Any, members: tuple[str, ...] | None) -> Iterator[str]:
     yield from ("", f"### {name}", "")
-    if isinstance(of, ModuleType):
-        yield from _prose(inspect.getdoc(of) or "")
-        for one, function in inspect.getmembers(of, inspect.isfunction):
-            if function.__module__ == of.__name__ and not one.startswith("_"):
+    if isinstance(member, ModuleType):
+        yield from _prose(inspect.getdoc(member) or "")
+        for one, function in inspect.getmembers(member, inspect.isfunction):
+            if function.__module__ == member.__name__ and not one.startswith("_"):
                 yield from ("", *_function(f"{name}.{one}", function))
-    elif inspect.isclass(of):
-        yield from _class(of, members)
+    elif inspect.isclass(member):
+        yield from _class(member, members)
     else:
-        yield from _function(name, of)
+        yield from _function(name, member)
 
 
-def _class(of: type, members: tuple[str, ...] | None) -> Iterator[str]:
-    yield from _prose(inspect.getdoc(of) or "")
-    source = textwrap.dedent(inspect.getsource(of)).splitlines()
+def _class(class_: type, members: tuple[str, ...] | None) -> Iterator[str]:
+    yield from _prose(inspect.getdoc(class_) or "")
+    source = textwrap.dedent(inspect.getsource(class_)).splitlines()
     body = ast.parse("\n".join(source)).body[0].body  # type: ignore[attr-defined]
     fields = [source[node.lineno - 1].strip() for node in body if isinstance(node, ast.AnnAssign)]
     fields = [field for field in fields if not field.startswith("door:")]
@@ -84,7 +84,7 @@ def _class(of: type, members: tuple[str, ...] | None) -> Iterator[str]:
         yield from ("", "```python", *fields, "```")
     for node in body:
         if isinstance(node, ast.FunctionDef) and _is_shown(node, members):
-            yield from ("", *_method(node, f"mf.{of.__name__}."))
+            yield from ("", *_method(node, f"mf.{class_.__name__}."))
 
 
 def _is_shown(node: ast.FunctionDef, members: tuple[str, ...] | None) -> bool:

@@ -8,7 +8,9 @@ from meanflock.groundstation.results.quantities import KEY_UNITS
 from meanflock.swarm import scenario
 
 PAGE = Path(__file__).with_suffix(".md")
-PRINTED, SILENT, OURS = "printed", "no number", "–"
+PRINTED = "printed"
+SILENT = "no number"
+OURS = "–"
 _BOUNDS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
 
 # For each key: whether the paper prints its value, and the reason for our default.

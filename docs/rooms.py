@@ -23,7 +23,9 @@ ABOUT = {
     "commands": "the command line",
 }
 _WIDTH, _HEIGHT = 236, 54  # of a room
-_ACROSS, _DOWN, _MARGIN = 266, 92, 16
+_ACROSS = 266
+_DOWN = 92
+_MARGIN = 16
 
 
 def rooms() -> dict[str, list[Path]]:

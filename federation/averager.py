@@ -13,8 +13,7 @@ from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm import plugins
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
-from meanflock.swarm.errors import BadInput
-from meanflock.swarm.plugins.failures import FAILURES, last_line
+from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.plugins.guard import as_floats, check_finite, check_memory, check_pair, check_same_form
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask

@@ -47,7 +47,9 @@ def pairs(
         The number of pairs at most `hazard_m` apart at the end; the number of pairs whose closest approach is less than
         `collision_m`, which may be more than R; the least closest approach of all, m, or `nearest_m` if that is less.
     """
-    hazard, collision, nearest = hazard_m * hazard_m, collision_m * collision_m, nearest_m * nearest_m
+    hazard = hazard_m * hazard_m
+    collision = collision_m * collision_m
+    nearest = nearest_m * nearest_m
     first, last = before[:, state.POSITION], after[:, state.POSITION]
     low, high = np.fmin(first, last), np.fmax(first, last)
     present = np.flatnonzero(~np.isnan(last).any(axis=-1))

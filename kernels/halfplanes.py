@@ -31,16 +31,23 @@ def nearest(wanted: Floats, normals: Floats, bounds: Floats, limit: float, found
     """
     with np.errstate(all="ignore"):
         length = np.sqrt(normals[..., 0] * normals[..., 0] + normals[..., 1] * normals[..., 1])
-        x, y, bound = normals[..., 0] / length, normals[..., 1] / length, bounds / length
+        x = normals[..., 0] / length
+        y = normals[..., 1] / length
+        bound = bounds / length
         asks = np.isfinite(length) & np.isfinite(x) & np.isfinite(y) & np.isfinite(bound)
-        x, y, bound = np.where(asks, x, 0.0), np.where(asks, y, 0.0), np.where(asks, bound, -np.inf)
+        x = np.where(asks, x, 0.0)
+        y = np.where(asks, y, 0.0)
+        bound = np.where(asks, bound, -np.inf)
         length = np.where(asks, length, 1.0)
         point, kept = _project(wanted, x, y, bound, limit)
         missing[:] = 0.0
         found[:] = point
         if not kept.all():
             rows = np.flatnonzero(~kept)
-            x, y, bound, length = x[rows], y[rows], bound[rows], length[rows]
+            x = x[rows]
+            y = y[rows]
+            bound = bound[rows]
+            length = length[rows]
             missing[rows] = need = _needed(x * length, y * length, bound * length, length, limit)
             eased = bound - (need + EASE * (1.0 + need))[:, None] / length
             found[rows] = _project(wanted[rows], x, y, eased, limit)[0]
@@ -57,7 +64,9 @@ def _project(wanted: Floats, x: Floats, y: Floats, bound: Floats, limit: float) 
         rows = np.flatnonzero(kept & (x[:, k] * a_x + y[:, k] * a_y < bound[:, k]))
         if not len(rows):
             continue
-        n_x, n_y, b = x[rows, k], y[rows, k], bound[rows, k]
+        n_x = x[rows, k]
+        n_y = y[rows, k]
+        b = bound[rows, k]
         room = limit * limit - b * b
         high = np.sqrt(np.where(room > 0.0, room, 0.0))
         low = -high
@@ -84,7 +93,9 @@ def _needed(x: Floats, y: Floats, bound: Floats, length: Floats, limit: float) -
     need = np.maximum((bound - limit * length).max(axis=1), 0.0)
     i, j, first, second, third = _chosen(bound.shape[1])
     if len(i):  # two of them and the disc: the best point is on the circle, where both are missed alike
-        m_x, m_y, apart = x[:, i] - x[:, j], y[:, i] - y[:, j], bound[:, i] - bound[:, j]
+        m_x = x[:, i] - x[:, j]
+        m_y = y[:, i] - y[:, j]
+        apart = bound[:, i] - bound[:, j]
         squared, inner = m_x * m_x + m_y * m_y, x[:, i] * x[:, j] + y[:, i] * y[:, j]
         both = bound[:, j] - limit * inner / length[:, i] > bound[:, i] - limit * length[:, i]
         both &= bound[:, i] - limit * inner / length[:, j] > bound[:, j] - limit * length[:, j]

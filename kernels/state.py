@@ -49,7 +49,9 @@ def approach(first: Plane, last: Plane) -> Rows:
     NaN where a point has no beginning or no end.
     """
     step = last - first
-    before, after, length = dot(first, step), dot(last, step), dot(step, step)
+    before = dot(first, step)
+    after = dot(last, step)
+    length = dot(step, step)
     ends = np.minimum(dot(first, first), dot(last, last))
     passing = (before < 0.0) & (after > 0.0)  # nearest on the way, not at an end
     share = np.divide(-before, length, out=np.zeros_like(before), where=passing)

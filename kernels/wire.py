@@ -37,7 +37,10 @@ _HEAD = struct.Struct(">BBBIBIBBIBBI")
 _BYTES = struct.Struct(">BI")
 _FRAMES = struct.Struct(">BH")
 _BATCH = struct.Struct(">BBBIBBIBI")
-_ARRAY, _U32, _BIN32, _ARRAY16 = 0x90, 0xCE, 0xC6, 0xDC
+_ARRAY = 0x90
+_U32 = 0xCE
+_BIN32 = 0xC6
+_ARRAY16 = 0xDC
 _BATCH_ITEMS = 7
 _LINK = 8  # bytes: [row of payload, receiving UAV], int32
 _NAME = 4  # bytes of a source, int32
@@ -144,7 +147,9 @@ def write(
             parts += _BYTES.pack(_BIN32, len(part)), part
         parts.append(_FRAMES.pack(_ARRAY16, len(frames)))
         for frame_kind, number, code, width, source, payload, links in frames:
-            source, payload, links = bytes(source), bytes(payload), bytes(links)
+            source = bytes(source)
+            payload = bytes(payload)
+            links = bytes(links)
             named, left = divmod(len(source), _NAME)
             if left or len(payload) != named * width * _SIZE[code] or len(links) % _LINK or frame_kind > 127:
                 raise ValueError(f"wrong-shape: {len(payload)} bytes of payload from {len(source)} of sources")

@@ -35,7 +35,9 @@ class Run:
     def __init__(
         self, flown: Scenario, summary: dict[str, Any], blocks: Sequence[Telemetry] = (), folder: Path | None = None
     ) -> None:
-        self.scenario, self.summary, self.folder = flown, summary, folder
+        self.scenario = flown
+        self.summary = summary
+        self.folder = folder
         self._blocks = blocks
 
     @cached_property

@@ -148,7 +148,7 @@ def draw(results: Results, out: Path, only: Iterable[str] = ()) -> list[Path]:
     Args:
         only: see `chosen`.
     """
-    view = View.of(results)
+    view = View.from_results(results)
     paths: list[Path] = []
     for name in chosen(only):
         with plotstyle.style():

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.kernels.mean_field import interaction, layout
-from meanflock.studies import code_version
+from meanflock.studies import job_file
 from meanflock.studies.job_file import StoredRun, StoredTrace
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
@@ -87,7 +87,9 @@ class Snapshot:
 
 def series_of(scenario: Scenario, snapshot: Snapshot, sums: Sums) -> dict[str, Floats]:
     """The columns of series.parquet, `(S,)` each; `tables.py` documents them."""
-    method, tick, states = Method(scenario.method), snapshot.tick, snapshot.states
+    method = Method(scenario.method)
+    tick = snapshot.tick
+    states = snapshot.states
     speed, position = state.speed(states), states[..., state.POSITION]
     trip = np.where(snapshot.arrived, snapshot.arrival_energy, snapshot.energy)
     phi_a, phi_c, distinct = sums.phi(tick, scenario.uavs)
@@ -363,4 +365,4 @@ def fly(scenario: Scenario, *, models: NDArray[np.float64] | None = None, traced
 
 def version() -> str:
     """Version of the code that decides a run: the package's, and this file's."""
-    return code_version.version(Path(__file__))
+    return job_file.version(Path(__file__))

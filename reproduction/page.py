@@ -307,9 +307,10 @@ def write_results(paper: Path, *others: Path) -> None:
         json.dumps(records, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
     )
     results = load(paper)
-    described = mapped(View.of(results)) | {"optimality": optimality(load_measured(paper), records)}
+    described = mapped(View.from_results(results)) | {"optimality": optimality(load_measured(paper), records)}
     described["top_speeds"] = {
-        name: top_speeds(View.of(load(out))) for name, out in zip(("paper", *OTHERS), (paper, *others), strict=True)
+        name: top_speeds(View.from_results(load(out)))
+        for name, out in zip(("paper", *OTHERS), (paper, *others), strict=True)
     }
     (DOCS / "results/map.json").write_text(json.dumps(described, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     for path in draw(results, DOCS / "pictures/paper", ["map"]):

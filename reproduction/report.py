@@ -318,7 +318,7 @@ def write_report(
     folder = out / "figures"
     drawn = {name: folder / f"{name}.png" for name in FIGURES if (folder / f"{name}.png").is_file()}
     out.mkdir(parents=True, exist_ok=True)
-    view = View.of(results, measured)
+    view = View.from_results(results, measured)
     paths = [out / "report.md", out / "report.html", out / "claims.json"]
     sections, tally = sections_of(view, shares(results)), counts(records)
     paths[0].write_text(markdown(sections, records, tally, drawn, out), encoding="utf-8")

@@ -274,7 +274,7 @@ class View:
     measured: Mapping[str, Sequence[float]]
 
     @classmethod
-    def of(cls, results: Results, measured: Mapping[str, Sequence[float]] | None = None) -> "View":
+    def from_results(cls, results: Results, measured: Mapping[str, Sequence[float]] | None = None) -> "View":
         """The frames of what `tables.load` or `run_grid` returned."""
         return cls(
             Frame(results.runs),

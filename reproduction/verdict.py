@@ -36,7 +36,9 @@ def single_flights(view: View, claim: Claim) -> tuple[int, int] | None:
 
 def counted(view: View, claim: Claim) -> tuple[int, int] | None:
     """`single_flights` of a claim whose checks all use one experiment."""
-    read, held, flown = cache(view.values), 0, 0  # every column once
+    read = cache(view.values)  # every column once
+    held = 0
+    flown = 0
     for seed in view.runs.where(experiment=claim.check[0].experiment).distinct("seed"):
         found = Findings()
         for check in claim.check:
@@ -68,8 +70,12 @@ def _is_single(check: Check) -> bool:
 # -- verdicts ----------------------------------------------------------------------------------------------------------
 
 
-REPRODUCED, BY_CONSTRUCTION, NOT_REFUTED = "reproduced", "reproduced, by construction", "not refuted"
-NOT_REPRODUCED, UNDECIDED, NOT_TESTABLE = "not reproduced", "undecided", "not testable"
+REPRODUCED = "reproduced"
+BY_CONSTRUCTION = "reproduced, by construction"
+NOT_REFUTED = "not refuted"
+NOT_REPRODUCED = "not reproduced"
+UNDECIDED = "undecided"
+NOT_TESTABLE = "not testable"
 VERDICTS = (REPRODUCED, BY_CONSTRUCTION, NOT_REFUTED, NOT_REPRODUCED, UNDECIDED, NOT_TESTABLE)
 OF_OUTCOME = {
     Outcome.HOLDS: REPRODUCED,
@@ -186,7 +192,7 @@ def evaluate(results: Results, measured: Mapping[str, Sequence[float]] | None = 
     and tests: every comparison with its interval, the number of seeds, and its outcome: holds, fails, undecided or
     unknown.
     """
-    view = View.of(results, measured)
+    view = View.from_results(results, measured)
     return [judge(view, claim) for claim in (*claims.load(), *claims.own())]
 
 
@@ -217,7 +223,7 @@ class Share:
 
 def shares(results: Results) -> list[Share]:
     """The share of every claim that at least one setting can decide, in the order of the claims."""
-    views = {setting: View.of(_as_s0(results, setting)) for setting in _settings(results.runs)}
+    views = {setting: View.from_results(_as_s0(results, setting)) for setting in _settings(results.runs)}
     table = []
     for claim in claims.load():
         if claim.untestable or not claim.scenario.startswith("S0"):

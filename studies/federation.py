@@ -10,7 +10,7 @@ from typing import Any
 
 from meanflock.groundstation import statistics
 from meanflock.studies import published
-from meanflock.studies.code_version import version
+from meanflock.studies.job_file import version
 from meanflock.studies.leaderboard import missions
 from meanflock.studies.leaderboard.rows import Row
 from meanflock.studies.markdown import replaced, table

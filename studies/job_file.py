@@ -1,14 +1,17 @@
 """The file of a job: the runs it finished, with a checksum and the version of the code that flew them."""
 
+import ast
 import hashlib
 import zlib
 from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 
-from meanflock.studies.code_version import version
+from meanflock import agent, channel, federation, kernels, leader, swarm, worldsim
 
 _MAGIC = b"meanflock job 1\n"
 _DIGEST = hashlib.sha256().digest_size
@@ -75,3 +78,46 @@ def decode(raw: bytes, code: str | None = None) -> tuple[StoredRun, ...]:
     if content.version != (code or version()):
         raise ValueError(f"of version {content.version}")
     return content.runs
+
+
+_ROOMS = (swarm, federation, kernels, agent, channel, leader, worldsim)
+_FLYING = (  # files of other packages that decide a run too
+    *("clusters.py", "communication.py"),
+    *("leaderboard/flights.py", "../groundstation/launch/engine.py"),
+)
+
+
+@cache
+def version(*more: Path) -> str:
+    """Package version, and a fingerprint of the code that decides a run.
+
+    The fingerprint is of the syntax trees without docstrings: a change of words alone needs no new flights.
+
+    Args:
+        more: Python files outside the package that decide a run too.
+    """
+    digest = hashlib.sha256()
+    for room in _ROOMS:
+        folder = Path(str(room.__file__)).parent
+        for path in sorted(folder.rglob("*.*")):
+            if path.suffix == ".py":
+                digest.update(path.relative_to(folder).as_posix().encode() + _syntax(path.read_text(encoding="utf-8")))
+            elif path.suffix == ".csv":
+                digest.update(path.read_bytes())
+    for path in (*(Path(__file__).parent / name for name in _FLYING), *more):
+        digest.update(_syntax(path.read_text(encoding="utf-8")))
+    return f"{swarm.__version__}+{digest.hexdigest()[:12]}"
+
+
+def _syntax(source: str) -> bytes:
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if (
+            isinstance(body, list)
+            and body
+            and isinstance(body[0], ast.Expr)
+            and isinstance(body[0].value, ast.Constant)
+        ):
+            body[0].value.value = None
+    return ast.dump(tree).encode()

@@ -11,8 +11,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from meanflock.studies.code_version import version
-from meanflock.studies.job_file import StoredRun, decode
+from meanflock.studies.job_file import StoredRun, decode, version
 from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput, RunFailed
 

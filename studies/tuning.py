@@ -17,7 +17,7 @@ from typing import Any, Literal
 import msgspec
 
 from meanflock.studies import published
-from meanflock.studies.code_version import version
+from meanflock.studies.job_file import version
 from meanflock.studies.leaderboard import flights, missions
 from meanflock.studies.leaderboard.rows import Row
 from meanflock.studies.study import Summaries

@@ -5,8 +5,7 @@ from typing import Any
 import msgspec
 
 from meanflock.swarm import plugins
-from meanflock.swarm.errors import BadInput
-from meanflock.swarm.plugins.failures import FAILURES
+from meanflock.swarm.errors import FAILURES, BadInput
 
 MAX_PARAMETERS = 1_000_000  # floats of a model: 8 MB, and no radio carries it
 MAX_DIAGNOSTICS = 100  # columns of a message are counted in one byte

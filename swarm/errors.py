@@ -1,17 +1,24 @@
-"""The exception tree with exit codes, text from outside made printable, and the end of a process that lacks a library.
+"""Exceptions with their exit codes, printable text of foreign errors, and the exit of a process that lacks a library.
 
-Imports nothing that could be missing itself.
+This module imports the standard library only, so it can report any other library that is missing.
 """
 
 import sys
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
+from pathlib import Path
 
 EXIT_DONE = 0
 EXIT_RUN_FAILED = 1
 EXIT_BAD_INPUT = 2
 _LONGEST_TEXT = 300  # characters; a key expression of Zenoh may have thousands
+
+
+PLUGIN_MODULE = "meanflock_plugin_"  # begins the name of the module that the file of a plug-in becomes
+FAILURES = (Exception, SystemExit)  # a plug-in may raise these; Ctrl-C is the user's
+_OURS = {"meanflock", "numpy", "click", *sys.stdlib_module_names}  # frames ignored when locating an error
 
 
 class MeanflockError(Exception):
@@ -111,3 +118,29 @@ def _is_there(library: str) -> bool:
         return find_spec(library) is not None
     except ValueError:
         return False
+
+
+def last_line(error: BaseException) -> str:
+    """The error, and the line of the plug-in that raised it or that called what raised it."""
+    if isinstance(error, SyntaxError) and error.filename:  # raised by who reads the file
+        return f"{reason(error)} ({Path(error.filename).name}, line {error.lineno})"
+    places = [  # top-level module, file and line, the innermost last
+        (str(frame.f_globals.get("__name__")).partition(".")[0], frame.f_code.co_filename, line)
+        for frame, line in traceback.walk_tb(error.__traceback__)
+    ]
+    theirs = [place for place in places if place[0] not in _OURS]
+    own = [place for place in theirs if place[0] == theirs[0][0]]  # and not of what it calls
+    if not own:
+        return reason(error)
+    _, file, line = own[-1]
+    return f"{reason(error)} ({Path(file).name}, line {line})"
+
+
+def reason(error: BaseException) -> str:
+    """The error in one line, without its notes."""
+    said = traceback.TracebackException(type(error), error, None)
+    said.__notes__ = []  # they would be what is said last
+    *_, last = said.format_exception_only()
+    if type(error).__module__.startswith(PLUGIN_MODULE):  # a name that we gave the file
+        last = last.removeprefix(f"{type(error).__module__}.")
+    return " ".join(filter(None, map(str.strip, last.splitlines())))

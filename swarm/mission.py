@@ -151,7 +151,9 @@ def check(mission: Mission) -> None:
 
 
 def _check_tables(mission: Mission) -> None:
-    start, destination, uavs = mission.start, mission.destination, mission.uavs
+    start = mission.start
+    destination = mission.destination
+    uavs = mission.uavs
     for name, table, other in (("start", start, "formation"), ("destination", destination, "goals")):
         if table.positions and getattr(table, other) is not None:
             raise ValueError(f"`{name}.positions` and `{name}.{other}` are both given; leave one of them out")

@@ -10,19 +10,23 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import NoReturn, Self
+from typing import TYPE_CHECKING, NoReturn, Self
 
 from meanflock.swarm import logs, plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput, MeanflockError
 from meanflock.swarm.net.access import Identity
 from meanflock.swarm.net.address import DEFAULT_ENDPOINT
 
+if TYPE_CHECKING:
+    import subprocess
+
 _GRACE_S = 10.0  # for who has noticed by itself that its launcher is gone
 _THREADS_S = 5.0  # that threads have to end in, once all else has
 QUICK_S = 10.0  # a death sooner after the start is a quick one
+TERM_GRACE_S = 5.0  # between SIGTERM and SIGKILL
 AT_MOST = 5  # quick deaths in a row, after each of which a process is started again
 CHILD = "MEANFLOCK_CHILD"  # a variable: "1" where whoever started this process holds its standard input open
 
@@ -176,6 +180,23 @@ def how_it_ended(code: int) -> str:
     if code == -signal.SIGKILL:
         return "was killed by SIGKILL, as the system does with what takes too much memory"
     return f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+
+
+def end_all(processes: Sequence["subprocess.Popen[bytes]"]) -> None:
+    """Ends the processes that still run: SIGTERM, then SIGKILL for those that outlive `TERM_GRACE_S`."""
+    from subprocess import TimeoutExpired  # only here: agents and leaders start no processes
+
+    running = [process for process in processes if process.poll() is None]
+    for process in running:
+        process.terminate()
+        process.send_signal(signal.SIGCONT)  # a stopped process handles no signal
+    end = time.monotonic() + TERM_GRACE_S
+    for process in running:
+        try:
+            process.wait(max(0.0, end - time.monotonic()))
+        except TimeoutExpired:
+            process.kill()
+            process.wait()
 
 
 def end(code: int) -> NoReturn:

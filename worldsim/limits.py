@@ -9,10 +9,9 @@ import numpy as np
 from meanflock.federation.averager import Rule
 from meanflock.swarm import mission, state
 from meanflock.swarm.declared import MAX_BROADCASTS, controller
-from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.errors import FAILURES, BadInput, MessageRejected, last_line
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Quota
-from meanflock.swarm.plugins.failures import FAILURES, last_line
 from meanflock.swarm.plugins.guard import check_memory
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm import plugins, state
-from meanflock.swarm.errors import BadInput, RunFailed
-from meanflock.swarm.plugins.failures import FAILURES, last_line
+from meanflock.swarm.errors import FAILURES, BadInput, RunFailed, last_line
 from meanflock.swarm.plugins.guard import check_array, check_memory, check_pair, check_same_form
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.vehicles.base import Hidden, Vehicle

@@ -96,7 +96,9 @@ class Replies:
             self._check_frames(member, frames)
 
     def _check_frames(self, member: Member, frames: Frames) -> None:
-        kind, source, payload = frames.kind, frames.source, frames.payload
+        kind = frames.kind
+        source = frames.source
+        payload = frames.payload
         if kind != FrameKind.STATE:
             self._post.check(_role(member), frames)
         elif member.role == LEADER:

@@ -25,7 +25,9 @@ class Travel:
 
     def __init__(self, scenario: Scenario, speed_m_s: float, slowing_1_s: float, stays: bool = False) -> None:
         """`stays`: a UAV stays where it arrived and does not go on to the very goal."""
-        self._speed, self._slowing, self._stays = speed_m_s, slowing_1_s, stays
+        self._speed = speed_m_s
+        self._slowing = slowing_1_s
+        self._stays = stays
         self._radius = scenario.destination.radius
         self._goals = mission.goal_states(scenario)
 

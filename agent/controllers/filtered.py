@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Controller, Memory, Options, Received, Rows, Step
 from meanflock.agent.controllers.sharing.base import Neighbours
-from meanflock.swarm.plugins.failures import FAILURES, last_line
+from meanflock.swarm.errors import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Plane, States, distinct
 
@@ -36,8 +36,12 @@ class Filter:
 
     def __init__(self, options: Any, scenario: Scenario, inner: Controller) -> None:
         """`options`: an instance of `Options`. `inner`: the controller whose accelerations it filters."""
-        self.options, self.scenario, self.inner = options, scenario, inner
-        self.parameters, self.parts, self.weights = inner.parameters, inner.parts, inner.weights
+        self.options = options
+        self.scenario = scenario
+        self.inner = inner
+        self.parameters = inner.parameters
+        self.parts = inner.parts
+        self.weights = inner.weights
         self.period_ticks = inner.period_ticks
         if isinstance(self.columns, str):
             raise TypeError(f"`columns` is a text; write ({self.columns!r},)")

@@ -14,7 +14,8 @@ from types import TracebackType
 
 from benchmarks.machine import ROOT
 from benchmarks.processes import BenchmarkFailed
-from meanflock.groundstation.launch.children import end_all, sweep
+from meanflock.groundstation.launch.children import sweep
+from meanflock.swarm.process import end_all
 
 FOLDER = ROOT / ".bench"
 SCRIPTS = Path(__file__).parent

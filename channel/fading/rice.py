@@ -6,7 +6,7 @@ The printed density writes I₀(zξ/χ²) for I₀(ζξ/χ²), and Rayleigh as �
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.channel import theory
+from meanflock.channel import link
 from meanflock.channel.base import Channel, Floats
 from meanflock.channel.link import slots_needed, squared_threshold
 from meanflock.swarm.scenario import Scenario
@@ -49,9 +49,9 @@ class Rice(Channel):
 
     def expected(self, distance_m: Floats, bits: int) -> tuple[float, float]:
         if self._alike is None:
-            return theory.expected(self._radio, distance_m, bits)
+            return link.expected(self._radio, distance_m, bits)
         if bits not in self._expected:
-            self._expected[bits] = theory.expected(self._radio, np.ones(1), bits)
+            self._expected[bits] = link.expected(self._radio, np.ones(1), bits)
         outages, slots = self._expected[bits]
         return len(distance_m) * outages, len(distance_m) * slots
 

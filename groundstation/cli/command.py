@@ -11,12 +11,10 @@ import click
 from meanflock.groundstation.cli.fly import resume, run
 from meanflock.groundstation.cli.leaderboard import leaderboard
 from meanflock.groundstation.cli.look import picture, plot, view
-from meanflock.groundstation.cli.plugins import plugins_command
-from meanflock.groundstation.cli.prepare import certs_group, doctor, scenario_group
+from meanflock.groundstation.cli.prepare import certs_group, doctor, plugins_command, scenario_group
 from meanflock.groundstation.cli.study import compare, paper, sweep
 from meanflock.swarm import __version__, logs
-from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, MeanflockError
-from meanflock.swarm.plugins.failures import last_line
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, MeanflockError, last_line
 from meanflock.swarm.process import end
 
 

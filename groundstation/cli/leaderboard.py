@@ -98,7 +98,7 @@ def leaderboard(
     from meanflock.studies.leaderboard import missions as known
     from meanflock.studies.leaderboard import rows
     from meanflock.studies.leaderboard.contest import Contest
-    from meanflock.studies.leaderboard.report import write
+    from meanflock.studies.leaderboard.page import write
     from meanflock.studies.runner import terminable, workers
 
     contest = Contest(

@@ -1,6 +1,9 @@
-"""Commands for before a flight: doctor, certs, scenario."""
+"""Commands to prepare a flight: doctor, certs, plugins, scenario."""
 
 import json
+import shutil
+import sys
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -120,3 +123,29 @@ def schema(method: str | None) -> None:
     Example: meanflock scenario schema --method mfgfl-hf
     """
     click.echo(json.dumps(catalogue.schema(method), indent=1))
+
+
+_NARROW, _WIDE = 80, 110  # columns
+
+
+@click.command("plugins")
+@scenario_arguments("plugin")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON array on stdout.")
+def plugins_command(as_json: bool) -> None:
+    """List controllers and all other plug-ins, with their options.
+
+    The other kinds are aggregation rules, channels, vehicles and filters. Each has its name, the package or file it
+    comes from, a description, and the options that a scenario can set.
+
+    \b
+    Example: meanflock plugins --plugin mine.py
+    """
+    from meanflock.groundstation.catalogue import catalogue, records, text
+
+    with redirect_stdout(sys.stderr):  # packages that are imported for it may print
+        entries = catalogue()
+    if as_json:
+        click.echo(json.dumps(records(entries), indent=1))
+        return
+    columns = shutil.get_terminal_size((_NARROW, 24)).columns
+    click.echo(text(entries, min(max(columns, _NARROW), _WIDE)))

@@ -22,7 +22,9 @@ def means_table(means: Means, title: str, durations_s: Sequence[float]) -> Table
     """What a person reads; in 80 columns, without a name that is cut off."""
     note = MEANS.format(max(durations_s)) if len(set(durations_s)) == 1 else MEANS.replace(", {:g} s", "")
     shown = Table(title=title, caption=note, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    shown.show_edge, shown.title_justify, shown.caption_justify = False, "left", "left"
+    shown.show_edge = False
+    shown.title_justify = "left"
+    shown.caption_justify = "left"
     for name in means.names:
         shown.add_column(_broken(name), overflow="fold", no_wrap=name == "method")
     shown.add_column("n", justify="right", no_wrap=True)

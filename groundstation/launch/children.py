@@ -16,7 +16,7 @@ from meanflock.swarm.process import CHILD
 
 LAST_LINES = 8
 _ERROR = "error: "  # before the line with which a process ends badly
-_TERM_GRACE_S = 5.0
+_GONE_S = 5.0  # most time that a killed process group may take to end
 
 
 class Family:
@@ -82,24 +82,9 @@ class Child:
         return [line.removeprefix(_ERROR) for line in said if line.startswith(_ERROR)]
 
 
-def end_all(processes: Sequence["subprocess.Popen[bytes]"]) -> None:
-    """Ends those that still run: first asked, then killed."""
-    running = [process for process in processes if process.poll() is None]
-    for process in running:
-        process.terminate()
-        process.send_signal(signal.SIGCONT)  # one that is frozen hears nothing
-    end = time.monotonic() + _TERM_GRACE_S
-    for process in running:
-        try:
-            process.wait(max(0.0, end - time.monotonic()))
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-
-
 def sweep(group: int) -> None:
     """Kills what is left of a process group whose leader is gone, and waits until it is gone."""
-    end = time.monotonic() + _TERM_GRACE_S
+    end = time.monotonic() + _GONE_S
     with suppress(ProcessLookupError):
         while time.monotonic() < end:
             os.killpg(group, signal.SIGKILL)

@@ -102,9 +102,9 @@ def summary_table(summary: dict[str, object]) -> Table:
     if summary["nodes_lost"]:
         table.add_row("processes lost", f"{summary['nodes_lost']}", f"{summary['nodes_rejoined']} rejoined")
 
-    def quantity(field: str, of: str, digits: int) -> None:
+    def quantity(field: str, statistic: str, digits: int) -> None:
         known = FIELDS[field]
-        add(f"{known.name}, {of}" if of else known.name, summary[field], known.qualified_unit, digits)
+        add(f"{known.name}, {statistic}" if statistic else known.name, summary[field], known.qualified_unit, digits)
 
     quantity("t_avg_s", "mean", 1)
     quantity("t_max_s", "longest", 1)

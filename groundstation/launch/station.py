@@ -52,7 +52,9 @@ class Station:
         """`first_block`: the first one the sinks do not have yet; None for whatever comes first. `uavs`: of the swarm
         that is flown; None for what the telemetry says.
         """
-        self._bus, self._run, self._sinks = bus, run, sinks
+        self._bus = bus
+        self._run = run
+        self._sinks = sinks
         self._fingerprint = keys.fingerprint(run)
         self._next_block, self._uavs = first_block, uavs
         self._asked_at = -1  # the block before which some were missing, when the world was asked for them

@@ -76,7 +76,9 @@ STAR: dict[str, Any] = {  # a collision, wherever paths are drawn
     "markeredgewidth": 0.4,
 }
 CROSS: dict[str, Any] = {**STAR, "marker": "X", "markersize": 5.0, "color": "#E69F00"}  # an obstacle hit
-INK, PALE, GOAL = "#222222", "#9A9A9A", "#2E8B57"
+INK = "#222222"
+PALE = "#9A9A9A"
+GOAL = "#2E8B57"
 RING: dict[str, Any] = {  # the goal, in a legend
     "linestyle": "",
     "marker": "o",

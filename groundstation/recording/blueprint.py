@@ -36,7 +36,10 @@ LEADER = "map/leader"
 CLOSE_UP = "map/leader/close_up"  # shown only in the view around the leader
 HEADS = "map/heads"
 FAULTS = "map/faults"
-HALOS, JAMS, GUSTS = f"{FAULTS}/halos", f"{FAULTS}/jams", f"{FAULTS}/gusts"  # with the UAVs they hit
+# Entities of faults, with the UAVs that they hit
+HALOS = f"{FAULTS}/halos"
+JAMS = f"{FAULTS}/jams"
+GUSTS = f"{FAULTS}/gusts"
 AREAS, WORDS = f"{FAULTS}/areas", f"{FAULTS}/words"
 LANES = "UAVs"
 ROUND = "round"

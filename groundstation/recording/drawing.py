@@ -27,12 +27,24 @@ STAR = np.stack([np.cos(_CORNERS), np.sin(_CORNERS)], axis=-1) * np.where(np.ara
 CROSS = np.array([(-1.0, -1.0), (1.0, 1.0), (0.0, 0.0), (-1.0, 1.0), (1.0, -1.0)]) * math.sqrt(0.5)
 
 # Readers with any common colour vision can tell delivered messages from outages, and the lines of a plot.
-BLUE, ORANGE, GREEN, RED = 0x5AA9E6FF, 0xF4A259FF, 0x35D6A0FF, 0xF2552CFF
-VIOLET, WHITE, GREY, PINK, ICE = 0x8B5CF6FF, 0xECEFF4FF, 0x8A93A6FF, 0xFF7AC6FF, 0x8FE9FFFF
-COLLISION, HIT, HEAD = PINK, ORANGE, BLUE
+BLUE = 0x5AA9E6FF
+ORANGE = 0xF4A259FF
+GREEN = 0x35D6A0FF
+RED = 0xF2552CFF
+VIOLET = 0x8B5CF6FF
+WHITE = 0xECEFF4FF
+GREY = 0x8A93A6FF
+PINK = 0xFF7AC6FF
+ICE = 0x8FE9FFFF
+COLLISION = PINK
+HIT = ORANGE
+HEAD = BLUE
 LINES = (ORANGE, BLUE, GREEN, VIOLET, WHITE, GREY, RED, PINK, ICE)  # of a plot, in this order, then from the start
 DISC, BREEZE = 0x3A4150FF, 0xF4A25966  # an obstacle; the wind at a place
-FROZEN, CUT, JAMMED, GUST = ICE, RED, RED, ORANGE  # faults of the radio have the colour of outages
+FROZEN = ICE
+CUT = RED  # faults of the radio have the colour of outages
+JAMMED = RED
+GUST = ORANGE
 
 PHI_G_LOW, PHI_G_HIGH = 1e-3, 1.0  # ends of the logarithmic colour scale of φ_G, 1/s²
 SPEED_HIGH = 5.0  # upper end of the colour scale of speed, which begins at 0, m/s

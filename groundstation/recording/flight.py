@@ -31,7 +31,9 @@ _POINTS, _COLORS = rr.Points2D.descriptor_positions(), rr.Points2D.descriptor_co
 _VECTORS, _ORIGINS = rr.Arrows2D.descriptor_vectors(), rr.Arrows2D.descriptor_origins()
 _TRANSLATION = rr.Transform3D.descriptor_translation()
 _NODE_COLORS, _EDGES = rr.GraphNodes.descriptor_colors(), rr.GraphEdges.descriptor_edges()
-_TEXT, _LEVEL, _COLOR = rr.TextLog.descriptor_text(), rr.TextLog.descriptor_level(), rr.TextLog.descriptor_color()
+_TEXT = rr.TextLog.descriptor_text()
+_LEVEL = rr.TextLog.descriptor_level()
+_COLOR = rr.TextLog.descriptor_color()
 
 Links = NDArray[np.int32]  # (K, 5), as in `Telemetry.links`
 

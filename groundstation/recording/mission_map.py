@@ -16,7 +16,7 @@ from meanflock.groundstation.results.series import Reported
 from meanflock.swarm import mission, state
 from meanflock.swarm.faults import Gust, Jam, Kill, Partition, Pause
 from meanflock.swarm.scenario import Scenario
-from meanflock.worldsim.wind import MeanWind
+from meanflock.worldsim.vehicles.base import MeanWind
 
 ROOM = 0.22  # around a goal, as a share of the way there
 MARGIN = 0.04  # around all that is shown, as a share of the longer side
@@ -221,9 +221,13 @@ def _samples(scenario: Scenario) -> list[tuple[str, int, NDArray[np.float64], fl
 def _log_colours(part: Part, left: float, right: float, y: float, gap: float, by_phi_g: bool) -> None:
     """Logs a bar with the colours of φ_G, or of speed, and labels its ends."""
     if by_phi_g:
-        entity, low, high = "map/legend/phi_G", f"φ_G ≤ {drawing.PHI_G_LOW:g}", f"≥ {drawing.PHI_G_HIGH:g} s⁻²"
+        entity = "map/legend/phi_G"
+        low = f"φ_G ≤ {drawing.PHI_G_LOW:g}"
+        high = f"≥ {drawing.PHI_G_HIGH:g} s⁻²"
     else:
-        entity, low, high = "map/legend/speed", "speed 0", f"≥ {drawing.SPEED_HIGH:g} m/s"
+        entity = "map/legend/speed"
+        low = "speed 0"
+        high = f"≥ {drawing.SPEED_HIGH:g} m/s"
     marks = np.linspace(left, right, 33)
     strips = np.stack([np.stack([marks[:-1], marks[1:]], axis=-1), np.full((32, 2), y)], axis=-1)  # (32, 2, 2)
     colors = drawing.viridis(np.linspace(0, 1, 32))

@@ -52,7 +52,9 @@ class Plot:
 _RANGE = ("mean", "min", "max")
 _RANGE_COLORS = (WHITE, BLUE, ORANGE)
 _RANGE_WIDTHS = (2.5, 1.2, 1.2)
-_SIZES, _SIZES_COLORS, _SIZES_WIDTHS = ("max", "mean"), (ORANGE, WHITE), (1.2, 2.5)
+_SIZES = ("max", "mean")
+_SIZES_COLORS = (ORANGE, WHITE)
+_SIZES_WIDTHS = (1.2, 2.5)
 
 ENERGY = Plot("plots/energy", quantities.ENERGY.title(), _RANGE, _RANGE_COLORS, _RANGE_WIDTHS, True)
 SPEED = Plot("plots/speed", quantities.SPEED.title("mean, min, max"), _RANGE, _RANGE_COLORS, _RANGE_WIDTHS)

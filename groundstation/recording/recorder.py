@@ -65,9 +65,13 @@ class Writer:
         maps: int = 1,
     ) -> None:
         self._reported = reported if reported is not None else Reported.by(scenario.declared)
-        self._scenario, self._part, self._maps = scenario, f"{part}/" if part else "", maps
+        self._scenario = scenario
+        self._part = f"{part}/" if part else ""
+        self._maps = maps
         self._large = scenario.uavs > blueprint.LARGE_SWARM
-        self._disturbances, self._trails, self._links = Disturbances(scenario), Trails(scenario), LinkRows(scenario)
+        self._disturbances = Disturbances(scenario)
+        self._trails = Trails(scenario)
+        self._links = LinkRows(scenario)
         self._pending: list[Telemetry] = []
         self._pending_ticks = 0
         self._batch_ticks = min(_BATCH_TICKS_AT_MOST, max(BATCH_TICKS, _BATCH_STATES // scenario.uavs))
@@ -95,7 +99,9 @@ class Writer:
     def flush(self) -> None:
         """Sends what `write` still holds back."""
         if self._stream is not None and self._pending:
-            blocks, self._pending, self._pending_ticks = self._pending, [], 0
+            blocks = self._pending
+            self._pending = []
+            self._pending_ticks = 0
             self._sent_at = time.monotonic()
             self._send_blocks(blocks)
 

@@ -24,7 +24,7 @@ from rerun.experimental import ViewerClient
 from meanflock.groundstation.recording import blueprint
 from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput, RunFailed
-from meanflock.swarm.process import Interrupted
+from meanflock.swarm.process import Interrupted, end_all
 
 LOOPBACK = "127.0.0.1"
 LISTEN_S = 60.0  # until a server that was started listens, on a busy machine
@@ -63,7 +63,7 @@ def web_viewer_files(paths: Iterable[str]) -> dict[str, bytes]:
             time.sleep(_ASK_AGAIN_S)
         return {path: _read(port, path) for path in paths}
     finally:
-        end(server)
+        end_all([server])
 
 
 def _read(port: int, path: str) -> bytes:
@@ -91,17 +91,7 @@ def attend(shown: "subprocess.Popen[bytes]") -> None:
                     f"the viewer ended with {shown.returncode}; `meanflock picture` and `view --web` need no window"
                 )
         finally:
-            end(shown)
-
-
-def end(viewer: "subprocess.Popen[bytes]") -> None:
-    """Ends a viewer that still runs, with SIGTERM, then with SIGKILL."""
-    viewer.terminate()
-    try:
-        viewer.wait(timeout=5)
-    except subprocess.TimeoutExpired:
-        viewer.kill()
-        viewer.wait()
+            end_all([shown])
 
 
 def start_headless(path: Path, size: tuple[int, int], log: Path) -> tuple["subprocess.Popen[bytes]", str]:
@@ -226,7 +216,7 @@ def screenshot(path: Path, png: Path, at_s: float | None, size: tuple[int, int] 
                 f"{MISSING_GRAPHICS}"
             ) from error
         finally:
-            end(viewer)
+            end_all([viewer])
     durable.put(png, picture, "the picture is not written")
 
 

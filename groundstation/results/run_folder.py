@@ -24,7 +24,10 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Status, Telemetry
 
-SCENARIO, SUMMARY, EVENTS, RECORDING = "scenario.toml", "summary.json", "events.jsonl", "recording.rrd"
+SCENARIO = "scenario.toml"
+SUMMARY = "summary.json"
+EVENTS = "events.jsonl"
+RECORDING = "recording.rrd"
 CHECKPOINT = "checkpoint.msgpack"  # only while the run is not finished
 LOSS = ("agent", "diverged", "lost")  # kinds of events that say why a UAV is lost
 _PAST_STATES = 50_000  # of rows that are spooled once more, in one block
@@ -82,7 +85,9 @@ class RunFolder:
             past_events(self.path / EVENTS, past.events_bytes, flown.uavs, mend)
         check_diagnostics(flown.method, flown.declared.diagnostics)
         self._flown, self._resumed = flown, past is not None
-        self._over, self._full, self.last_tick = False, False, -1
+        self._over = False
+        self._full = False
+        self.last_tick = -1
         new = past is None and not self.path.exists()
         self._first = not parent.exists()
         sources = flown_plugins.files(flown) if past is None else {}

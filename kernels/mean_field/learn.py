@@ -42,4 +42,6 @@ def learn(
             density, residual = fpk.step(tables, density, states, pairs, terms[:, 1:], drift, value.curvature)
     weights_out[:, VALUE], weights_out[:, DENSITY] = value.weights, density
     numbers[:, : state.AXES] = value.action
-    numbers[:, 2], numbers[:, 3], numbers[:, 4] = value.residual, residual, phi_g
+    numbers[:, 2] = value.residual
+    numbers[:, 3] = residual
+    numbers[:, 4] = phi_g

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 
 from meanflock.federation.rules.base import Aggregator, State, Uploads
-from meanflock.swarm.plugins.failures import FAILURES, last_line
+from meanflock.swarm.errors import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.control import decode_record, encode_record
 from meanflock.testing.error import (

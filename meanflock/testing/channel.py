@@ -74,11 +74,9 @@ def check_channel(
     ):
         if not all(same(one, other) for one, other in zip(first, again, strict=True)):
             fail(channel, what, mend)
-    made, rng, distance = (
-        make(channel, options or {}, flown),
-        np.random.default_rng(8),
-        np.linspace(1.0, 200.0, ALL_LINKS),
-    )
+    made = make(channel, options or {}, flown)
+    rng = np.random.default_rng(8)
+    distance = np.linspace(1.0, 200.0, ALL_LINKS)
     check_pace(
         channel,
         f"a message over {ALL_LINKS} links",

@@ -130,7 +130,9 @@ def _checkpointed(swarm: PointSwarm, together: Trial) -> None:
 
 def _models(swarm: PointSwarm, together: Trial) -> None:
     """What is uploaded can be set, and reaches the rows it is for."""
-    made, parameters, of = swarm.make(), swarm.declared.parameters, swarm.controller
+    made = swarm.make()
+    parameters = swarm.declared.parameters
+    plugin = swarm.controller
     for called, method, width, name in (
         ("get", made.get, parameters, "parameters"),
         ("report", made.report, swarm.declared.weights, "weights"),
@@ -138,11 +140,11 @@ def _models(swarm: PointSwarm, together: Trial) -> None:
         if not width:
             continue
         expected, mend = (len(swarm.uavs), width), f"return one row a UAV, `{name}` wide"
-        table = asked(of, method, together.memory, mend=mend)
+        table = asked(plugin, method, together.memory, mend=mend)
         if np.shape(table) != expected:
-            fail(of, f"`{called}` returns shape {np.shape(table)}, expected {expected}", mend)
+            fail(plugin, f"`{called}` returns shape {np.shape(table)}, expected {expected}", mend)
         if not np.isfinite(table).all():
-            fail(of, f"`{called}` returns a number that is not finite", "guard divisions, roots and empty sums")
+            fail(plugin, f"`{called}` returns a number that is not finite", "guard divisions, roots and empty sums")
     if not parameters:
         return
     model = np.linspace(-1.0, 1.0, parameters)
@@ -150,20 +152,20 @@ def _models(swarm: PointSwarm, together: Trial) -> None:
     before = {name: array.copy() for name, array in together.memory.items()}
     models = np.stack([model, model])
     mend = "return the memory with `models` in its rows `rows`"
-    after = asked(of, made.set, together.memory, rows, models, mend=mend)
+    after = asked(plugin, made.set, together.memory, rows, models, mend=mend)
     if not same(models, np.stack([model, model])) or not same(rows, np.array([0, len(swarm.uavs) - 1])):
-        fail(of, "`set` writes to an array it was given", _PURE)
+        fail(plugin, "`set` writes to an array it was given", _PURE)
     if (written := alike(before, together.memory)) is not None:
-        fail(of, f"`set` writes to memory[{written!r}]", _PURE)
+        fail(plugin, f"`set` writes to memory[{written!r}]", _PURE)
     try:
         check_same_form("memory", after, together.memory)
     except (TypeError, ValueError) as error:
-        fail(of, f"`set` returns what a flight cannot use: {error}", mend)
+        fail(plugin, f"`set` returns what a flight cannot use: {error}", mend)
     got, had = made.get(after), made.get(together.memory)
     if not np.allclose(got[rows], model):
-        fail(of, "`get` does not return what was `set`", "store the model in the memory")
+        fail(plugin, "`get` does not return what was `set`", "store the model in the memory")
     if not same(np.delete(got, rows, axis=0), np.delete(had, rows, axis=0)):
-        fail(of, "`set` changes rows it was not told to", "write to `rows` only")
+        fail(plugin, "`set` changes rows it was not told to", "write to `rows` only")
 
 
 def _quick(swarm: PointSwarm, slow_ms: float) -> None:

@@ -8,9 +8,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.swarm.errors import BadInput
+from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.plugins import guard
-from meanflock.swarm.plugins.failures import FAILURES, last_line
 from meanflock.swarm.plugins.registry import Door, checked
 
 T = TypeVar("T")
@@ -20,61 +19,67 @@ class ConformanceError(AssertionError):
     """A plug-in fails a check of its conformance suite; the text says what to mend."""
 
 
-def fail(of: Any, what: str, mend: str) -> NoReturn:
+def fail(plugin: Any, what: str, mend: str) -> NoReturn:
     """Raises ConformanceError."""
-    raise ConformanceError(f"{getattr(of, '__name__', repr(of))}: {what}; {mend}")
+    raise ConformanceError(f"{getattr(plugin, '__name__', repr(plugin))}: {what}; {mend}")
 
 
-def check_class(of: Any, door: Door) -> None:
+def check_class(plugin: Any, door: Door) -> None:
     """What a flight asks of the class itself, before it makes anything of it."""
-    if not isinstance(of, type):
-        fail(of, "it is no class", "pass the class itself, neither its name nor an instance")
+    if not isinstance(plugin, type):
+        fail(plugin, "it is no class", "pass the class itself, neither its name nor an instance")
     for attribute in ("name", "Options"):
-        if not getattr(of, attribute, None):
-            fail(of, f"it has no `{attribute}`", "derive it from the base class of its door and give it a name")
+        if not getattr(plugin, attribute, None):
+            fail(plugin, f"it has no `{attribute}`", "derive it from the base class of its door and give it a name")
     try:
-        checked(door, of.name, of, of.__module__)  # type: ignore[attr-defined]
+        checked(door, plugin.name, plugin, plugin.__module__)  # type: ignore[attr-defined]
     except BadInput as error:
-        fail(of, str(error), "no flight takes it")
+        fail(plugin, str(error), "no flight takes it")
 
 
-def make(of: type, options: Mapping[str, Any], *context: Any) -> Any:
+def make(plugin: type, options: Mapping[str, Any], *context: Any) -> Any:
     """An instance with such options, as a flight makes it."""
     try:
-        typed = msgspec.convert(dict(options), of.Options)  # type: ignore[attr-defined]
+        typed = msgspec.convert(dict(options), plugin.Options)  # type: ignore[attr-defined]
     except msgspec.ValidationError as error:
-        fail(of, f"its options {dict(options)} do not fit: {error}", "give every option a default, or pass `options`")
+        fail(
+            plugin, f"its options {dict(options)} do not fit: {error}", "give every option a default, or pass `options`"
+        )
     try:
-        return of(typed, *context)
+        return plugin(typed, *context)
     except FAILURES as error:
-        fail(of, f"it cannot be made: {last_line(error)}", "`__init__` takes the options and the scenario, and no more")
+        fail(
+            plugin,
+            f"it cannot be made: {last_line(error)}",
+            "`__init__` takes the options and the scenario, and no more",
+        )
 
 
-def asked(of: type, method: Callable[..., T], *given: Any, mend: str) -> T:
+def asked(plugin: type, method: Callable[..., T], *given: Any, mend: str) -> T:
     """What a method answers."""
     try:
         return method(*given)
     except FAILURES as error:
-        fail(of, f"`{getattr(method, '__name__', 'it')}` failed: {last_line(error)}", mend)
+        fail(plugin, f"`{getattr(method, '__name__', 'it')}` failed: {last_line(error)}", mend)
 
 
-def check_kept(of: type, what: str, arrays: Any, rows: int | None = None) -> None:
+def check_kept(plugin: type, what: str, arrays: Any, rows: int | None = None) -> None:
     """What a plug-in remembers: arrays by name, finite, of a kind that a checkpoint keeps."""
     try:
         guard.check_memory(what, arrays, rows)
     except (TypeError, ValueError) as error:
-        fail(of, str(error), "return what a checkpoint keeps")
+        fail(plugin, str(error), "return what a checkpoint keeps")
     for name, array in arrays.items():
         if not np.isfinite(array).all():
-            fail(of, f"{what}[{name!r}] is not finite", "guard divisions, roots and empty sums")
+            fail(plugin, f"{what}[{name!r}] is not finite", "guard divisions, roots and empty sums")
 
 
-def check_same_form(of: type, what: str, after: Any, begun: Mapping[str, NDArray[Any]]) -> None:
+def check_same_form(plugin: type, what: str, after: Any, begun: Mapping[str, NDArray[Any]]) -> None:
     """What a plug-in remembers later: the arrays that it began with, each of the same dtype and shape."""
     try:
         guard.check_same_form(what, after, begun)
     except (TypeError, ValueError) as error:
-        fail(of, str(error), "begin with all names, and keep dtypes and shapes")
+        fail(plugin, str(error), "begin with all names, and keep dtypes and shapes")
 
 
 def same(one: NDArray[Any], other: NDArray[Any]) -> bool:

@@ -74,24 +74,28 @@ def check_filter(
     check_swarm(swarm, slow_ms)
 
 
-def _admits(of: type[Filter], made: Filter, swarm: PointSwarm) -> None:
+def _admits(plugin: type[Filter], made: Filter, swarm: PointSwarm) -> None:
     """What it makes of commands: as many as there are, nothing of what it is given, and no number of what is none."""
     uavs = len(swarm.uavs)
     others = np.repeat(swarm.plan[None], uavs, axis=0)
     wanted = np.linspace(-5.0, 5.0, 2 * uavs).reshape(uavs, 2)
     given = [swarm.plan.copy(), others, swarm.uavs.copy(), wanted]
     before = copies(given)
-    answer = asked(of, made.admit, *given, mend="any states must do")
+    answer = asked(plugin, made.admit, *given, mend="any states must do")
     if not isinstance(answer, tuple) or len(answer) != 2:
-        fail(of, f"`admit` returns a {type(answer).__name__}", "return the accelerations and what is reported of them")
+        fail(
+            plugin,
+            f"`admit` returns a {type(answer).__name__}",
+            "return the accelerations and what is reported of them",
+        )
     expected = (uavs, 2), (uavs, len(made.columns))
     if (shapes := tuple(map(np.shape, answer))) != expected:
-        fail(of, f"`admit` returns shapes {shapes}, expected {expected}", "return a row a UAV, `columns` wide")
+        fail(plugin, f"`admit` returns shapes {shapes}, expected {expected}", "return a row a UAV, `columns` wide")
     if not all(same(one, other) for one, other in zip(before, given, strict=True)):
-        fail(of, "`admit` writes to an array it was given", "return new arrays; copy before you write")
+        fail(plugin, "`admit` writes to an array it was given", "return new arrays; copy before you write")
     wanted[0] = np.nan
     with np.errstate(invalid="ignore"):
-        admitted, _ = cast(Any, asked(of, made.admit, *given, mend="a command that is no number must do, too"))
+        admitted, _ = cast(Any, asked(plugin, made.admit, *given, mend="a command that is no number must do, too"))
     if np.isfinite(admitted[0]).all():
         mend = "let it pass, so that the UAV is lost and not flown by chance"
-        fail(of, "it makes a number of a command that is none", mend)
+        fail(plugin, "it makes a number of a command that is none", mend)

@@ -11,7 +11,7 @@ SLOW_MS = 50.0  # half of a tick of the paper's; ours take less than one hundred
 CALLS = 11
 
 
-def check_pace(of: type, what: str, slow_ms: float, call: Callable[[int], object]) -> None:
+def check_pace(plugin: type, what: str, slow_ms: float, call: Callable[[int], object]) -> None:
     """Fails where `call(number)`, number 1, 2, …, takes longer than `slow_ms`: the median, so that a machine that
     stands still once or twice does not count."""
     took = []
@@ -20,4 +20,4 @@ def check_pace(of: type, what: str, slow_ms: float, call: Callable[[int], object
         call(number)
         took.append(1e3 * (time.perf_counter() - began))
     if (median := float(np.median(took))) > slow_ms:
-        fail(of, f"{what} takes {median:.0f} ms", f"make it quicker, or pass a larger `slow_ms` than {slow_ms:g}")
+        fail(plugin, f"{what} takes {median:.0f} ms", f"make it quicker, or pass a larger `slow_ms` than {slow_ms:g}")

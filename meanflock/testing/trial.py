@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.agent.guarded import checked_step, received_by
 from meanflock.swarm.declared import declarations_of
-from meanflock.swarm.errors import BadInput
+from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.mission import starts
 from meanflock.swarm.plugins import guard
-from meanflock.swarm.plugins.failures import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import AXES, States
 from meanflock.swarm.wire.control import decode_record, encode_record
@@ -53,7 +52,9 @@ class PointSwarm:
     """
 
     def __init__(self, controller: Any, scenario: Scenario, make: Callable[[], Controller]) -> None:
-        self.controller, self._scenario, self.make = controller, scenario, make
+        self.controller = controller
+        self._scenario = scenario
+        self.make = make
         self.plan = starts(scenario)
         self.uavs = np.arange(scenario.uavs)
         draw = np.random.default_rng(0)

@@ -45,7 +45,9 @@ def check_vehicle(
 
     def flown_by(seed: int, rows: slice = slice(None), afresh: bool = False) -> list[np.ndarray]:
         def run() -> list[np.ndarray]:
-            made, states, trace = make(vehicle, options or {}, flown), start[rows].copy(), []
+            made = make(vehicle, options or {}, flown)
+            states = start[rows].copy()
+            trace = []
             hidden = _begun(made, len(states))
             begun = hidden
             for push, noise in zip(pushes[:, rows], noises[:, rows], strict=True):

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 
 from meanflock.studies import study
-from meanflock.studies.code_version import version
+from meanflock.studies.job_file import version
 from meanflock.studies.leaderboard import flights
 from meanflock.studies.leaderboard.board import SCHEMA, Board, Course, Standing, cells, marked, rounded
+from meanflock.studies.leaderboard.front import Fronts
 from meanflock.studies.leaderboard.measures import BY_KEY, TOTAL, of_flight
 from meanflock.studies.leaderboard.missions import Mission
-from meanflock.studies.leaderboard.regret import Fronts
 from meanflock.studies.leaderboard.rows import Row
 from meanflock.studies.runner import Jobs
 from meanflock.studies.store import Store
@@ -86,7 +86,9 @@ class Contest:
         there = self._rows[mission.name]
         standings: list[Standing] = []
         line: tuple[list[float], list[float]] = [], []
-        uavs, duration, limit = 0, 0.0, None
+        uavs = 0
+        duration = 0.0
+        limit = None
         for row in there:
             scenario = self.points[mission.name, row.name][0]
             fronts = Fronts(scenario)

@@ -17,9 +17,17 @@ _SIZE, _LARGE = 6.8, 8.5  # points
 _POINT_PX = 6.0  # half a side of the square a point takes
 _GAP_PX = 3.0  # between a point and its name
 _LEADER_PX = 14.0  # a name farther from its point than this has a line to it
-_RING_PX, _RINGS, _DIRECTIONS = 6.0, 26, 24  # places that are tried around a point
-_ON_A_NAME, _ON_A_POINT, _ON_A_LINE = 3000.0, 700.0, 120.0  # what a place costs, beside its distance in pixels
-_LEADER_OVER_A_NAME, _LEADER_OVER_A_LEADER, _LEADER_OVER_A_POINT = 400.0, 150.0, 90.0
+# Places that are tried around a point
+_RING_PX = 6.0
+_RINGS = 26
+_DIRECTIONS = 24
+# Cost of a place, added to its distance in pixels
+_ON_A_NAME = 3000.0
+_ON_A_POINT = 700.0
+_ON_A_LINE = 120.0
+_LEADER_OVER_A_NAME = 400.0
+_LEADER_OVER_A_LEADER = 150.0
+_LEADER_OVER_A_POINT = 90.0
 _NEARER_TO_ANOTHER = 60.0
 _LONG_PX = 60.0  # a leader so long costs twice what its length is
 _SWEEPS = 6  # in which every name is placed anew, the others where they are
@@ -221,7 +229,10 @@ def _crosses(boxes: Floats, segments: Floats) -> NDArray[np.bool_]:
 
 def _meet(segments: Floats, others: Floats) -> NDArray[np.bool_]:
     """(S, O): whether two segments cross: the ends of each lie on both sides of the other."""
-    a, b, c, d = segments[:, None, :2], segments[:, None, 2:], others[None, :, :2], others[None, :, 2:]
+    a = segments[:, None, :2]
+    b = segments[:, None, 2:]
+    c = others[None, :, :2]
+    d = others[None, :, 2:]
     return (_turn(a, b, c) * _turn(a, b, d) < 0.0) & (_turn(c, d, a) * _turn(c, d, b) < 0.0)
 
 

@@ -1,14 +1,18 @@
-"""A leaderboard as one HTML file, with style and pictures in it: it can be read without a network."""
+"""The files of a leaderboard: JSON, a Markdown page, and one HTML file that holds its style and pictures."""
 
 import base64
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 
-from meanflock.studies.leaderboard import markdown, tables
+from meanflock.studies.leaderboard import markdown, pareto, tables
 from meanflock.studies.leaderboard.board import Board, Course
 from meanflock.studies.leaderboard.measures import MEASURES
 from meanflock.studies.leaderboard.tables import Text
+from meanflock.swarm import durable
+from meanflock.swarm.errors import RunFailed
+
+PICTURES = "pictures"
 
 
 def html(board: Board, pictures: Mapping[str, Path]) -> str:
@@ -64,3 +68,20 @@ def _table(head: Sequence[str], lines: Sequence[Sequence[Text]], yours: set[str]
         for line in lines
     )
     return f"<div class='wide'><table><thead><tr>{top}</tr></thead><tbody>{rows}</tbody></table></div>"
+
+
+def write(board: Board, out: Path) -> list[Path]:
+    """Writes leaderboard.json, leaderboard.md and leaderboard.html into `out`, and the pictures beside them.
+
+    Raises:
+        RunFailed: the disk is full.
+    """
+    paths = [board.write(out), out / "leaderboard.md", out / "leaderboard.html"]
+    try:
+        drawn = pareto.write(board.courses, out / PICTURES)
+        links = {name: f"{PICTURES}/{path.name}" for name, path in drawn.items()}
+        durable.replace(paths[1], markdown.markdown(board, links).encode())
+        durable.replace(paths[2], html(board, drawn).encode())
+    except OSError as error:
+        raise RunFailed(f"{out}: {error.strerror}; make room and repeat the command") from error
+    return paths

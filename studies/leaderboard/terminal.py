@@ -14,7 +14,9 @@ CAPTION = "Means; bold: significantly best of all rows. Intervals and all column
 def table(course: Course) -> Table:
     """The table of a mission."""
     made = Table(title=course.title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    made.show_edge, made.title_justify, made.caption_justify = False, "left", "left"
+    made.show_edge = False
+    made.title_justify = "left"
+    made.caption_justify = "left"
     made.add_column("row", no_wrap=True)
     made.add_column("n", justify="right", no_wrap=True)
     shown = [key for key in tables.SHORT if any(key in row.cells for row in course.standings)]

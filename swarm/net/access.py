@@ -11,7 +11,9 @@ from typing import Any, NamedTuple
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import keys
 
-WORLD, LEADER, STATION = "world", "leader", "station"
+WORLD = "world"
+LEADER = "leader"
+STATION = "station"
 
 Rule = tuple[str, list[str], list[str]]  # direction as the router sees it, messages, keys
 

@@ -8,9 +8,8 @@ from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
 
-from meanflock.swarm.errors import BadInput
+from meanflock.swarm.errors import FAILURES, PLUGIN_MODULE, BadInput, last_line
 from meanflock.swarm.plugins import registry
-from meanflock.swarm.plugins.failures import FAILURES, PLUGIN_MODULE, last_line
 from meanflock.swarm.plugins.registry import HERE, NO_PLUGIN, Door, Plugin, entry_of, key_of
 
 FILES = "MEANFLOCK_PLUGINS"  # variable: the files that a process registers when it starts, as PATH separates them

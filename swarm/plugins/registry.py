@@ -7,8 +7,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import msgspec
 
-from meanflock.swarm.errors import BadInput, lacking
-from meanflock.swarm.plugins.failures import FAILURES, last_line
+from meanflock.swarm.errors import FAILURES, BadInput, lacking, last_line
 
 Door: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle", "filter", "topology"]
 

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from meanflock.swarm import mission, scenarios, toml
 from meanflock.swarm.declared import NO_FILTER, Declared, controller, declarations_of
-from meanflock.swarm.errors import BadInput
+from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.faults import Fault, LeaderLoss
 from meanflock.swarm.plugins import Door, create, find
-from meanflock.swarm.plugins.failures import FAILURES, last_line
 from meanflock.swarm.scenario import mean_field, tables
 from meanflock.swarm.scenario.values import as_builtins, set_keys, toml_text, validated
 from meanflock.swarm.toml import Table as _Table

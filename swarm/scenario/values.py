@@ -1,14 +1,14 @@
 """Scenarios as plain values: keys that Python code sets, validation of a table, and a table as TOML text."""
 
 from collections.abc import Collection, Mapping
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
 
 from meanflock.swarm import plugins
+from meanflock.swarm.declared import NO_FILTER
 from meanflock.swarm.errors import BadInput, lacking
-from meanflock.swarm.scenario import switches
 from meanflock.swarm.toml import put
 
 Kind = TypeVar("Kind")
@@ -53,6 +53,47 @@ def set_keys(table: dict[str, Any], settings: Mapping[str, Any]) -> None:
             raise BadInput(f"{key}: {error}; give a number, a text, a list or a dict") from error
 
 
+class Switch(NamedTuple):
+    """A key of a table, its value that turns something off, one that does not, and the keys that then do nothing."""
+
+    table: str
+    key: str
+    off: Any
+    example: str
+    others: tuple[str, ...] | None = None  # none: all others of the table
+
+
+SWITCHES = (
+    Switch("filter", "kind", NO_FILTER, "ecbf"),
+    Switch("cost", "separation", 0.0, "0.1", ("separation_range",)),
+    Switch("wind", "field_rms", 0.0, "0.5", ("field_length", "field_modes")),
+    Switch("federation", "byzantine_fraction", 0.0, "0.2", ("byzantine_kind",)),
+)
+
+
+def check_switches(table: Mapping[str, Any], said: Collection[str] = ()) -> None:
+    """Nothing is set for nothing, in what a person wrote of a scenario. A switch that is off where it was said to be
+    is what was wanted: of a scenario that is written out, or in a sweep of it.
+
+    Args:
+        said: dotted keys of the table that were set on top of it, one by one.
+
+    Raises:
+        ValueError: a key is set whose switch is not; the message names both.
+    """
+    for name, switch, off, example, others in SWITCHES:
+        given = table.get(name)
+        if not isinstance(given, Mapping) or f"{name}.{switch}" in said or given.get(switch, off) != off:
+            continue
+        for key in given:
+            of_it = key != switch and (others is None or key in others)
+            if of_it and (switch not in given or any(f"{one}.".startswith(f"{name}.{key}.") for one in said)):
+                raise ValueError(
+                    f"`{name}.{key}` does nothing without `{name}.{switch}`; set that too, for example "
+                    f"{name}.{switch}={example}"
+                )
+
+
 def validated(table: dict[str, Any], kind: type[Kind], where: str, single: Collection[str] = ()) -> Kind:
     """The scenario, or another `kind` of table, that a table of plain values describes.
 
@@ -66,7 +107,7 @@ def validated(table: dict[str, Any], kind: type[Kind], where: str, single: Colle
     """
     try:
         made = msgspec.convert(table, kind)
-        switches.check(table, single)
+        check_switches(table, single)
     except msgspec.ValidationError as error:
         from meanflock.swarm.explain import explain  # only here: nodes receive valid scenarios
 

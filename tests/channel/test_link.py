@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from meanflock.channel import theory
+from meanflock.channel import link as theory
 from meanflock.channel.fading.ideal import Ideal
 from meanflock.channel.fading.rice import Rice, squared_amplitude
 from meanflock.channel.link import bits_per_slot, slots_needed

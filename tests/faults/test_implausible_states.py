@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from meanflock.agent.controllers.base import plausible
 from meanflock.agent.controllers.mean_field import methods
-from meanflock.agent.controllers.received import plausible
 from meanflock.agent.controllers.sharing import base
 from meanflock.agent.node import Agent
 from meanflock.groundstation.launch import engine as rooms

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from meanflock.channel.theory import slot_success
+from meanflock.channel.link import slot_success
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm.net import keys

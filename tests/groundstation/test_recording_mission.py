@@ -16,7 +16,7 @@ from meanflock.groundstation.recording.recorder import Recorder
 from meanflock.groundstation.results.series import Reported
 from meanflock.swarm.mission import goals, obstacles, starts
 from meanflock.swarm.scenario import load
-from meanflock.worldsim.wind import MeanWind
+from meanflock.worldsim.vehicles.base import MeanWind
 from tests.groundstation.recordings import fixed, rows
 
 pytestmark = pytest.mark.usefixtures("strict")

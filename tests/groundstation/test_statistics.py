@@ -59,5 +59,5 @@ def test_missing_values_leave_their_pair() -> None:
 def test_run_check_is_unknown_where_there_is_nothing() -> None:
     found = Findings()
     check = Check(kind="best", metric="x", experiments=("s0",), subject=(HF,), against=(H,), threshold=0.5)
-    assert run_check(View.of(results([row("s0", HF, 1)])), check, found) is Outcome.UNKNOWN
+    assert run_check(View.from_results(results([row("s0", HF, 1)])), check, found) is Outcome.UNKNOWN
     assert found.missing

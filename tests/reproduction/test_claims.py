@@ -33,7 +33,7 @@ def record(
     """The record of a claim with one check of the metric x."""
     whole = Check(**{"metric": "x", "subject": (HF,), **check})
     claim = Claim(id="C1", kind=basis, figure="", statement="", metric="", scenario="", check=(whole,))
-    return judge(View.of(results(rows), measured), claim)
+    return judge(View.from_results(results(rows), measured), claim)
 
 
 def verdict(rows: Rows, measured: dict[str, list[float]] | None = None, **check: Any) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from meanflock.studies import code_version, job_file, runner
+from meanflock.studies import job_file, runner
 from meanflock.studies.store import Store
 from meanflock.swarm.errors import BadInput, RunFailed
 from reproduction import claims, experiments, grid, tables
@@ -169,12 +169,12 @@ def test_the_version_depends_on_the_code_and_not_on_its_docstrings(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "folder").mkdir()
-    monkeypatch.setattr(code_version, "_ROOMS", (SimpleNamespace(__file__=str(tmp_path / "__init__.py")),))
+    monkeypatch.setattr(job_file, "_ROOMS", (SimpleNamespace(__file__=str(tmp_path / "__init__.py")),))
 
     def version(source: str, other: str = "") -> str:
         (tmp_path / "folder" / "module.py").write_text(source)
         (tmp_path / "other.txt").write_text(other)
-        return str(code_version.version.__wrapped__(tmp_path / "other.txt"))
+        return str(job_file.version.__wrapped__(tmp_path / "other.txt"))
 
     before = version('def f() -> int:\n    """One."""\n    return 1\n')
     assert version('def f() -> int:\n    """Two words."""\n    # why\n    return 1\n') == before

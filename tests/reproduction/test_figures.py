@@ -104,7 +104,7 @@ def test_a_figure_without_data_is_left_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", list(figures.FIGURES))
 def test_every_axis_has_a_unit(name: str, tables: Results) -> None:
     with plotstyle.style():
-        made = figures.FIGURES[name][0](View.of(tables))
+        made = figures.FIGURES[name][0](View.from_results(tables))
     assert made is not None
     methods = set(plotstyle.NAMES.values())
     for label in every_axis(made):

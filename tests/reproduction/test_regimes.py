@@ -22,7 +22,7 @@ def test_a_claim_that_fails_on_average_may_hold_in_single_flights() -> None:
         for seed, level in levels.items()
         if (method, seed) != ("hjb", 4)
     ]
-    view = View.of(results(runs))
+    view = View.from_results(results(runs))
     assert single_flights(view, CLAIMS["C13"]) == (2, 3)
     assert single_flights(view, CLAIMS["C8"]) is None  # these runs have no collisions
 
@@ -46,7 +46,7 @@ def test_each_setting_is_judged_as_if_it_were_s0() -> None:
 
 @pytest.fixture(scope="module")
 def places() -> list[regimes.Place]:
-    return regimes.places(View.of(results(map_rows())))
+    return regimes.places(View.from_results(results(map_rows())))
 
 
 def test_a_setting_scores_the_share_of_flights_in_which_claims_hold(places: list[regimes.Place]) -> None:

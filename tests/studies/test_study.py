@@ -193,7 +193,7 @@ PLAN = ("--controllers", "plan", "--seeds", "1", "--first-seed", "1", "--jobs", 
     [
         (("compare", "plan", *SHORT), "meanflock.groundstation.plots.plotstyle.write"),
         (("sweep", "uavs=2,3", *SHORT[2:]), "meanflock.groundstation.plots.plotstyle.write"),
-        (("leaderboard", "--missions", "crowd", *PLAN), "meanflock.studies.leaderboard.report.write"),
+        (("leaderboard", "--missions", "crowd", *PLAN), "meanflock.studies.leaderboard.page.write"),
         (("paper",), "reproduction.measure.measured"),
     ],
 )

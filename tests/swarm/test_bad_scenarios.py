@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from meanflock.channel import theory
+from meanflock.channel import link as theory
 from meanflock.channel.link import slots_needed
 from meanflock.federation.schedule import Schedule
 from meanflock.swarm import scenario

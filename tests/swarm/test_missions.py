@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meanflock.channel.theory import expected
+from meanflock.channel.link import expected
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.faults import Gust
 from meanflock.swarm.mission import goals, launches, obstacles, starts

@@ -10,8 +10,8 @@ from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import decode, encode, load
 from meanflock.worldsim.flight import Flight
+from meanflock.worldsim.vehicles.base import MeanWind
 from meanflock.worldsim.vehicles.point_mass import PointMass
-from meanflock.worldsim.wind import MeanWind
 from tests.worldsim.flights import power
 
 FIELD = ("wind.field_rms=1.5", "wind.field_length=20", "wind.mean=[0.5, -2.0]")

@@ -6,8 +6,7 @@ import numpy as np
 
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
-from meanflock.worldsim.vehicles.base import Hidden, Vehicle
-from meanflock.worldsim.wind import MeanWind
+from meanflock.worldsim.vehicles.base import Hidden, MeanWind, Vehicle
 
 
 class PointMass(Vehicle):
@@ -17,7 +16,9 @@ class PointMass(Vehicle):
     name = "point-mass"
 
     def __init__(self, options: Vehicle.Options, scenario: Scenario) -> None:
-        self._wind, self._vehicle, self._dt = scenario.wind, scenario.vehicle, scenario.dt
+        self._wind = scenario.wind
+        self._vehicle = scenario.vehicle
+        self._dt = scenario.dt
         self._mean = MeanWind(scenario)
         self._through_air = scenario.vehicle.power_speed == "air"
         self._shake = scenario.wind.sigma * math.sqrt(scenario.dt)

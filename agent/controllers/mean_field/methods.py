@@ -12,9 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock import kernels
-from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
+from meanflock.agent.controllers.base import (
+    Broadcast,
+    Controller,
+    Memory,
+    Received,
+    Rows,
+    Step,
+    believed,
+    of_kind,
+    plausible,
+)
 from meanflock.agent.controllers.mean_field.learner import Learner
-from meanflock.agent.controllers.received import believed, of_kind, plausible
 from meanflock.kernels.mean_field.layout import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, VALUE, VALUE_FEATURES
 from meanflock.swarm import mission
 from meanflock.swarm.errors import BadInput
@@ -107,7 +116,9 @@ class MeanField(Controller):
         return memory
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
-        weights, known, refused = memory["weights"], None, NOBODY
+        weights = memory["weights"]
+        known = None
+        refused = NOBODY
         goal = memory.get("goal")
         if self.state_period:
             known, fresh, _, refused = self._take_in(memory["known"], received)
@@ -147,7 +158,9 @@ class MeanField(Controller):
         """What rows know (M, N, 4) with the states received; which row received one of which UAV; and whose were not
         believed."""
         frames, refused = believed(of_kind(received, SIZE), self._plausible)
-        known, rows, sources = known.copy(), [NOBODY], [NOBODY]
+        known = known.copy()
+        rows = [NOBODY]
+        sources = [NOBODY]
         for states in frames:
             sent, row = states.links.T
             known[row, states.source[sent]] = states.payload[sent]

@@ -51,7 +51,9 @@ class OpenLoopPlan:
 
     def __init__(self, scenario: Scenario, starts: Floats) -> None:
         """`starts`: their own states in the mission plan, as seen from their goals, `(M, 4)`."""
-        limits, wind, dt = scenario.offline, scenario.wind, scenario.dt
+        limits = scenario.offline
+        wind = scenario.wind
+        dt = scenario.dt
         distance = np.sqrt((starts[:, state.POSITION] * starts[:, state.POSITION]).sum(axis=-1))
         flown = scenario.max_ticks  # of a plan longer than the flight the rest is never asked for
         profiles = [speeds(float(d), limits.speed_max, limits.acceleration_max, dt)[:flown] for d in distance]

@@ -72,7 +72,9 @@ def offsets(scenario: Scenario) -> Floats:
 
 def tables(scenario: Scenario) -> Tables:
     """All of them."""
-    learner, cost, wind = scenario.learner, scenario.cost, scenario.wind
+    learner = scenario.learner
+    cost = scenario.cost
+    wind = scenario.wind
     scale, nodes = scales(learner), offsets(scenario)
     terms = np.concatenate([np.zeros((1, state.SIZE), dtype=np.intp), DENSITY_EXPONENTS])
     factorials = np.array([float(prod(map(factorial, term))) for term in terms.tolist()])

@@ -167,7 +167,9 @@ def seen(error: Floats, given: Floats, then: Floats) -> tuple[Floats, Floats]:
         error, then: (M, 2 axes, 2) the errors before and after it. given: (M, 2) the inputs.
     """
     rows = len(error)
-    p, v, u = error[..., 0], error[..., 1], given
+    p = error[..., 0]
+    v = error[..., 1]
+    u = given
     first, second = np.zeros((rows, AXES, PAIRS)), np.zeros((rows, AXES, STATES))
     first[..., :6] = np.stack([p * p, v * v, u * u, p * v, p * u, v * u], axis=-1)
     p_, v_ = then[..., 0], then[..., 1]
@@ -186,9 +188,13 @@ def following(gains: Floats) -> Floats:
     """L, `(M, 14, 9)`: the features of (e, u) are L ψ(e) where u is what the policies (M, 4) say."""
     k1, k2 = gains[:, 0], gains[:, 1]
     matrix = np.zeros((len(gains), PAIRS, STATES))
-    p2, v2, pv = 0, 1, 2
+    p2 = 0
+    v2 = 1
+    pv = 2
     matrix[:, _P2, p2] = matrix[:, _V2, v2] = matrix[:, _PV, pv] = 1.0
-    matrix[:, _U2, p2], matrix[:, _U2, v2], matrix[:, _U2, pv] = k1 * k1, k2 * k2, 2.0 * k1 * k2
+    matrix[:, _U2, p2] = k1 * k1
+    matrix[:, _U2, v2] = k2 * k2
+    matrix[:, _U2, pv] = 2.0 * k1 * k2
     matrix[:, _PU, p2], matrix[:, _PU, pv] = -k1, -k2
     matrix[:, _VU, pv], matrix[:, _VU, v2] = -k1, -k2
     for axis in range(AXES):
@@ -196,8 +202,12 @@ def following(gains: Floats) -> Floats:
         p_, v_, one_ = range(3 + 3 * axis, 6 + 3 * axis)
         k3 = gains[:, 2 + axis]
         matrix[:, p, p_] = matrix[:, v, v_] = matrix[:, one, one_] = 1.0
-        matrix[:, u, p_], matrix[:, u, v_], matrix[:, u, one_] = -k1, -k2, -k3
-        matrix[:, _U2, p_], matrix[:, _U2, v_], matrix[:, _U2, one_] = 2.0 * k1 * k3, 2.0 * k2 * k3, k3 * k3
+        matrix[:, u, p_] = -k1
+        matrix[:, u, v_] = -k2
+        matrix[:, u, one_] = -k3
+        matrix[:, _U2, p_] = 2.0 * k1 * k3
+        matrix[:, _U2, v_] = 2.0 * k2 * k3
+        matrix[:, _U2, one_] = k3 * k3
         matrix[:, _PU, p_] = matrix[:, _VU, v_] = -k3
     return matrix
 

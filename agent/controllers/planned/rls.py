@@ -78,7 +78,9 @@ class Rls(PlannedLearner):
         fresh = self._follows(memory, tick)
         if not fresh.any():
             return {}
-        estimate, covariance, before = memory["estimate"], memory["covariance"], memory["velocity"]
+        estimate = memory["estimate"]
+        covariance = memory["covariance"]
+        before = memory["velocity"]
         beyond = (moving - before) / self.scenario.dt - memory["command"]
         for axis in range(state.AXES):
             features = np.zeros((len(moving), NUMBERS))  # rows that learn nothing have zeros, which change nothing

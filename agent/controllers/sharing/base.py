@@ -18,10 +18,19 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Options, Received, Step
+from meanflock.agent.controllers.base import (
+    Broadcast,
+    Controller,
+    Memory,
+    Options,
+    Received,
+    Step,
+    believed,
+    of_kind,
+    plausible,
+)
 from meanflock.agent.controllers.cruise import CRUISE_M_S, SLOWING_1_S, CruiseSpeed, Slowing, Travel, against_the_air
 from meanflock.agent.controllers.prediction import ConstantVelocity, Prediction
-from meanflock.agent.controllers.received import believed, of_kind, plausible
 from meanflock.swarm import mission
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import POSITION, SIZE, VX, VY, Floats, States, X, Y

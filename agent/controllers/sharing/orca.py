@@ -78,7 +78,10 @@ def half_planes(
     u is the least change of the relative velocity that takes it out of the velocity obstacle (their Eq. 2 to 5), a cone
     about −`away` cut off by a disc; of two that touch already, out of what keeps them touching for a tick.
     """
-    x, y, v_x, v_y = -near.away[..., 0], -near.away[..., 1], near.closing[..., 0], near.closing[..., 1]
+    x = -near.away[..., 0]
+    y = -near.away[..., 1]
+    v_x = near.closing[..., 0]
+    v_y = near.closing[..., 1]
     squared = np.where(near.there, near.squared, 1.0)
     touching = squared <= radius * radius
     rate = np.where(touching, 1.0 / dt, 1.0 / horizon_s)

@@ -69,7 +69,9 @@ class Router:
         along: (2,) unit vector from the goal back. length_m: of the longest way. width_m: to each side. mean: (2,)
             m/s, the wind on which maps are on top.
         """
-        self._fare, self._along, self._mean = fare, along, mean
+        self._fare = fare
+        self._along = along
+        self._mean = mean
         self._across = np.array([-along[1], along[0]])
         self._middle = max(REACH, math.ceil(width_m / ABREAST_M))
         self.stations = max(2, math.ceil(length_m / STATION_M) + 1)

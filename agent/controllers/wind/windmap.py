@@ -20,9 +20,8 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
-from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
+from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step, believed, of_kind
 from meanflock.agent.controllers.cruise import SLOWING_1_S, limited
-from meanflock.agent.controllers.received import believed, of_kind
 from meanflock.agent.controllers.wind.belief import INFORMATION, WindGrid
 from meanflock.agent.controllers.wind.route import Corridor, Fare, Router
 from meanflock.agent.controllers.wind.straight import LIMIT_M_S2
@@ -97,7 +96,9 @@ class Windmap(Controller):
         return Router(Fare(self.scenario, options.time_price_w), way.back, way.length_m, options.width_m, self._mean)
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
-        rows, nodes, stations = len(uavs), self._grid.count, self._router.stations
+        rows = len(uavs)
+        nodes = self._grid.count
+        stations = self._router.stations
         memory: Memory = {
             "uav": uavs.astype(np.int32),
             "state": plan[uavs],
@@ -200,7 +201,9 @@ class Windmap(Controller):
 
     def _look(self, memory: Memory, rows: Rows, goals: Floats, own: States) -> Memory:
         """The memory after some rows looked at their maps and chose their ways."""
-        maps, ways, speeds = memory["map"].copy(), memory["ways"].copy(), memory["speeds"].copy()
+        maps = memory["map"].copy()
+        ways = memory["ways"].copy()
+        speeds = memory["speeds"].copy()
         maps[rows] = self._believed({name: array[rows] for name, array in memory.items()})
         ways[rows], speeds[rows] = self._router.ways(self._grid, maps[rows], goals[rows], own[rows, POSITION])
         return memory | {"map": maps, "ways": ways, "speeds": speeds}

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from meanflock.studies.leaderboard.front import Front, envelope, front, power
-from meanflock.studies.leaderboard.regret import Fronts
+from meanflock.studies.leaderboard.front import Front, Fronts, envelope, front, power
 from meanflock.swarm.scenario import Scenario
 
 PAPER = Scenario()

@@ -12,8 +12,8 @@ from meanflock.settings import scenario_of
 from meanflock.swarm import mission, plugins
 from meanflock.swarm.scenario import Scenario
 from meanflock.testing import check_controller
+from meanflock.worldsim.vehicles.base import MeanWind
 from meanflock.worldsim.vehicles.point_mass import PointMass
-from meanflock.worldsim.wind import MeanWind
 
 SHARES = ("none", "weights", "precision", "measurements")
 
