@@ -48,8 +48,8 @@ def check_controller(
         return behind
 
     swarm = PointSwarm(controller, flown, made)
-    check_swarm(swarm, slow_ms)
     vars(flown)["declared"] = swarm.declared  # the class need not be registered, so its name may not lead to it
+    check_swarm(swarm, slow_ms)
     with suppress(ModuleNotFoundError):  # where only agents are, there is no channel
         from meanflock.channel.outlook import tell_of_lost_models
 

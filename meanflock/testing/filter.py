@@ -70,6 +70,7 @@ def check_filter(
         return make(filter_, given, flown, Hasty(Hasty.Options(), flown))
 
     swarm = PointSwarm(filter_, flown, made)
+    vars(flown)["declared"] = swarm.declared  # no name leads to the controller
     _admits(filter_, made(), swarm)
     check_swarm(swarm, slow_ms)
 

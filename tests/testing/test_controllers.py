@@ -65,6 +65,19 @@ def test_a_controller_that_draws_by_tick_and_uav_conforms() -> None:
     check_controller(changed(GoodController, "step", draw))
 
 
+def test_a_controller_that_asks_when_rounds_open_conforms() -> None:
+    def ask(self: Any, step: Any, _memory: Any, tick: int, *_: Any) -> Any:
+        opens = tick % self.scenario.period_ticks == 0
+        return msgspec.structs.replace(step, acceleration=step.acceleration + opens)
+
+    class Asking(changed(GoodController, "step", ask)):  # type: ignore[misc]
+        name = "asking"
+        period_ticks = 7
+
+    check_controller(Asking)
+    check_controller(Asking, scenario=Scenario(uavs=3, federation={"period": 5}))
+
+
 def writes_to_the_states(_self: Any, step: Any, _memory: Any, _tick: int, own: Any, _received: Any) -> Any:
     own[:] = 0.0
     return step
