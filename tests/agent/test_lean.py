@@ -1,4 +1,4 @@
-"""What the process of an agent weighs is what it loads; this is a list of what it once loaded and did not need."""
+"""Modules that the process of an agent loads: as few as it needs, and all of them before it is forked."""
 
 import os
 import subprocess
@@ -14,20 +14,12 @@ ROOT = Path(__file__).parents[2]
 # Not `hashlib`, `random`, `inspect`, `platform`: NumPy insists.
 NEEDLESS = {
     *("_hashlib", "_ssl", "ssl", "ctypes", "_ctypes", "typing_extensions"),  # kept out by agent/blocklist.py
-    *(
-        "dataclasses",
-        "importlib.resources",
-        "json",
-        "shutil",
-        "socket",
-        "tempfile",
-        "tomllib",
-    ),  # no longer asked for
+    *("dataclasses", "importlib.resources", "json", "shutil", "socket", "tempfile", "tomllib"),
     *("asyncio", "concurrent", "http", "multiprocessing", "subprocess", "unittest", "xml", "zipfile"),
     *("numpy.ma", "numpy.fft", "numpy.polynomial", "numpy.testing", "numpy.f2py"),
 }
 
-# Through a round: what a tick, an upload or a report might load when it is first needed is loaded then.
+# A life of an agent through a round, because a tick, an upload or a report might load more.
 LIFE = """
 import sys
 import meanflock.agent.__main__
@@ -55,8 +47,7 @@ def loaded_by(code: str) -> set[str]:
     return set(ran.stdout.split())
 
 
-# What finds the plug-ins loads the parsers of all formats that packages ever had: 2 MiB and 23 ms. Agents that are
-# forked from one share them.
+# Finding plug-ins loads parsers of packages, 2 MiB, which forked agents share.
 FINDING = "import sys, importlib.metadata; print(*sys.modules)"
 
 
@@ -126,5 +117,5 @@ print(*sys.modules)
 """
 
 
-def test_what_agents_load_is_loaded_before_they_are_forked() -> None:
+def test_all_modules_of_agents_are_loaded_before_they_are_forked() -> None:
     assert sorted(loaded_by(LIFE.replace("METHOD", "mfgfl-hf")) - loaded_by(FORKED)) == []

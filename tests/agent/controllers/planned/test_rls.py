@@ -1,4 +1,4 @@
-"""rls in flight: it identifies drag and wind that it was not told, as least squares over all that was seen do."""
+"""rls in flight: it identifies an unknown drag and wind as least squares over all ticks do."""
 
 from typing import Any
 
@@ -22,31 +22,14 @@ def reported(run: mf.Run, name: str) -> np.ndarray:
     return np.array(run.frame().column(name).to_pylist(), dtype=np.float64)
 
 
-def truth(run: mf.Run) -> np.ndarray:
-    """(3,): the drag that flies, and its product with the wind."""
-    wind = run.scenario.flown().wind
-    return np.array([wind.drag, *(wind.drag * np.array(wind.mean))])
-
-
-@pytest.fixture(scope="module")
-def shared() -> mf.Run:
-    return flown("unknown")
-
-
-def test_averaged_estimates_are_what_nobody_was_told(shared: mf.Run) -> None:
-    told = shared.scenario.wind.drag * np.array([1.0, *shared.scenario.wind.mean])
-    found = np.array([reported(shared, name)[200].mean() for name in NAMES])
-    assert found == pytest.approx(truth(shared), abs=0.1)  # towards the prior, zero, in what the path shows least
-    assert np.abs(truth(shared) - told).max() > 0.3
-
-
-def test_alone_they_are_farther_from_it(shared: mf.Run) -> None:
-    alone = flown("unknown", share=False)
+def test_averaged_estimates_are_near_the_truth_and_nearer_than_those_of_uavs_alone() -> None:
+    shared, alone = flown("unknown"), flown("unknown", share=False)
+    wind = shared.scenario.flown().wind
+    truth = wind.drag * np.array([1.0, *wind.mean])
+    together, apart = (np.array([reported(run, name)[200] for name in NAMES]) for run in (shared, alone))
+    assert together.mean(axis=1) == pytest.approx(truth, abs=0.1)  # the prior is zero
     assert alone.summary["payload_bits"]["uplink"] == 0
-    off = [
-        np.sqrt(np.mean([(reported(run, name)[200] - true) ** 2 for name, true in zip(NAMES, truth(run), strict=True)]))
-        for run in (shared, alone)
-    ]
+    off = [np.sqrt(((found - truth[:, None]) ** 2).mean()) for found in (together, apart)]
     assert off[0] < 0.7 * off[1]
 
 
@@ -85,12 +68,10 @@ def test_a_pause_and_the_ground_teach_nothing() -> None:
     assert again["estimate"].tobytes() == memory["estimate"].tobytes()
 
 
-@pytest.mark.parametrize("forgetting", [0.5, 0.9])
-def test_what_is_forgotten_where_nothing_new_is_seen_does_not_grow_for_ever(forgetting: float) -> None:
-    """At rest the drag cannot be seen; the least that is known of it is what was known before take-off."""
-    run = mf.fly(
-        "paper", method="rls", seed=1, uavs=2, duration=300, stop="duration", **{"controller.forgetting": forgetting}
-    )
+def test_the_uncertainty_never_exceeds_that_before_take_off() -> None:
+    """At rest the drag cannot be observed, and forgetting would let its uncertainty grow without end."""
+    options = {"controller.forgetting": 0.5}
+    run = mf.fly("paper", method="rls", seed=1, uavs=2, duration=200, stop="duration", **options)
     assert run.summary["lost"] == 0
     assert run.summary["arrived"] == 2
     assert np.abs([reported(run, name)[-1] for name in NAMES]).max() < 10.0

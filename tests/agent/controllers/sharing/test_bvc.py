@@ -1,19 +1,12 @@
 """Buffered Voronoi cells: a UAV stays in its cell, and can always stop in it."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 import meanflock as mf
 from meanflock.agent.controllers.sharing.bvc import BufferedVoronoi
-from meanflock.agent.controllers.sharing.nearby import closest, stopping_slope, stopping_speed
+from meanflock.agent.controllers.sharing.nearby import stopping_slope, stopping_speed
 from meanflock.swarm.scenario import load
-
-
-def made(*settings: str, **options: Any) -> BufferedVoronoi:
-    scenario = load(None, ["uavs=2", "wind.sigma=0", "wind.drag=0", *settings])
-    return BufferedVoronoi(BufferedVoronoi.Options(**options), scenario)
 
 
 @pytest.mark.parametrize(("deceleration", "delay"), [(2.0, 0.1), (6.0, 0.35), (0.5, 1.0)])
@@ -28,31 +21,15 @@ def test_the_stopping_speed_solves_its_equation_and_its_slope_is_the_derivative(
     inside = np.array([-0.5, 0.0])
     np.testing.assert_allclose(stopping_speed(inside, deceleration, delay), inside / delay)
     np.testing.assert_allclose(stopping_slope(inside, deceleration, delay), 1.0 / delay)
-
-
-def test_without_a_brake_the_stopping_speed_is_zero_outside() -> None:
-    assert stopping_speed(np.array([0.0, 1.0, 9.0]), 0.0, 0.1).tolist() == [0.0, 0.0, 0.0]
-    assert stopping_slope(np.array([-1.0, 1.0]), 0.0, 0.1).tolist() == [10.0, 0.0]
-
-
-def test_a_face_is_halfway_to_the_other_less_the_buffer() -> None:
-    controller = made(radius_m=0.5, velocity_gain_1_s=5.0, acceleration_max_m_s2=4.0)
-    own = np.array([[0.0, 0.0, 0.0, 0.0], [6.0, 8.0, 0.0, 0.0]])
-    near = closest(own, np.repeat(own[None], 2, axis=0), np.arange(2), 20.0, 10)
-    normals, bounds = controller._faces(near, 0.5, 0.5)
-    np.testing.assert_allclose(normals[0, 0], [-0.6, -0.8])
-    margin, delay = 4.5, 0.1 + 1.0 / 5.0
-    assert bounds[0, 0] == pytest.approx(-stopping_speed(np.array([margin]), 4.0, delay)[0])
-
-
-HEAD_ON = {"radius_m": 0.5, "right_bias": 0.0, "velocity_gain_1_s": 4.0}
+    assert stopping_speed(np.array([0.0, 1.0, 9.0]), 0.0, delay).tolist() == [0.0, 0.0, 0.0]  # without a brake
+    assert stopping_slope(np.array([-1.0, 1.0]), 0.0, delay).tolist() == [1.0 / delay, 0.0]
 
 
 @pytest.mark.parametrize("speed", [2.25, 4.0])
-def test_two_head_on_stop_in_their_cells(speed: float) -> None:
-    controller = made(
-        "vehicle.acceleration_max=3", radius_m=0.5, right_bias=0.0, velocity_gain_1_s=4.0, speed_m_s=speed
-    )
+def test_two_uavs_head_on_stop_in_their_cells(speed: float) -> None:
+    scenario = load(None, ["uavs=2", "wind.sigma=0", "wind.drag=0", "vehicle.acceleration_max=3"])
+    options = BufferedVoronoi.Options(radius_m=0.5, right_bias=0.0, velocity_gain_1_s=4.0, speed_m_s=speed)
+    controller = BufferedVoronoi(options, scenario)
     own = np.array([[10.0, 0.0, speed, 0.0], [30.0, 0.0, -speed, 0.0]])
     memory = controller.init(np.arange(2), own) | {"travel_end": np.array([[40.0, 0.0], [0.0, 0.0]])}
     for _ in range(150):

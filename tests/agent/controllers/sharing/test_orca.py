@@ -1,8 +1,7 @@
-"""Optimal reciprocal collision avoidance: velocities as another implementation has them, and flights."""
+"""Optimal reciprocal collision avoidance: velocities of another implementation, and a swap."""
 
 from typing import Any
 
-import msgspec
 import numpy as np
 import pyrvo
 import pytest
@@ -10,7 +9,7 @@ import pytest
 import meanflock as mf
 from meanflock.agent.controllers.sharing.nearby import closest
 from meanflock.agent.controllers.sharing.orca import Orca, half_planes
-from meanflock.swarm.scenario import Obstacle, Scenario, load
+from meanflock.swarm.scenario import Scenario
 
 SPEED_MAX = 4.0
 
@@ -35,22 +34,21 @@ def ours(own: np.ndarray, wished: np.ndarray, **options: Any) -> tuple[np.ndarra
 def test_velocities_are_those_of_pyrvo(radius: float, horizon: float, spread: float) -> None:
     """10⁴ and more; it computes in single precision, and takes for parallel what is 1e-5 apart."""
     draw = np.random.default_rng(int(10 * spread + horizon))
-    errors, kept = [], []
+    errors, feasible = [], []
     while len(errors) < 1700:
         uavs = int(draw.integers(2, 9))
         own = draw.normal(size=(uavs, 4)) * [spread, spread, 1.5, 1.5]
         wished = 1.5 * draw.normal(size=(uavs, 2))
         velocity, missing = ours(own, wished, radius_m=radius, horizon_s=horizon)
         errors += np.linalg.norm(velocity - by_pyrvo(own, wished, radius, horizon), axis=1).tolist()
-        kept += (missing <= 0.0).tolist()
+        feasible += (missing <= 0.0).tolist()
     assert np.median(errors) < 3e-7
-    feasible = np.array(errors)[np.array(kept)]
-    assert len(feasible) > 400
-    assert np.quantile(feasible, 0.99) < 1e-4
+    assert sum(feasible) > 400
+    assert np.quantile(np.array(errors)[feasible], 0.99) < 1e-4
     assert np.quantile(errors, 0.95) < 1e-2
 
 
-def test_two_who_meet_head_on_share_the_way_out() -> None:
+def test_two_uavs_that_meet_head_on_share_the_way_out() -> None:
     own = np.array([[0.0, 0.0, 1.0, 0.0], [1.5, 0.0, -1.0, 0.0]])
     velocity, missing = ours(own, own[:, 2:])
     assert not missing.any()
@@ -88,28 +86,9 @@ SWAP = {
 }
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1])
 def test_a_swap_through_one_point_needs_a_rule_of_the_road(seed: int) -> None:
     run = mf.fly("paper", method="orca", seed=seed, **SWAP).summary
     assert (run["collisions_all"], run["arrived"], run["lost"]) == (0, 24, 0)
     without = mf.fly("paper", method="orca", seed=seed, **{**SWAP, "controller.right_bias": 0.0}).summary
     assert without["t_max_s"] is None or without["t_max_s"] > run["t_max_s"]
-
-
-def test_the_paper_s_mission_is_flown_free_of_collisions_for_a_hundredth_of_the_bits() -> None:
-    every_tick, events = (
-        mf.fly("paper", method="orca", seed=4, **{"sharing.policy": speaks}).summary for speaks in ("tick", "event")
-    )
-    for summary in (every_tick, events):
-        assert (summary["collisions_all"], summary["arrived"]) == (0, 25)
-        assert set(summary["diagnostics"]) == {"infeasible", "unsent"}
-    assert events["payload_bits"]["state"] < 0.02 * every_tick["payload_bits"]["state"]
-
-
-def test_discs_are_gone_round() -> None:
-    discs = (Obstacle(centre=(75.0, 50.3), radius=3.0), Obstacle(centre=(40.0, 26.0), radius=2.0))
-    of = msgspec.structs.replace(load(None, ["uavs=9", "duration=120"], method="orca", seed=1), obstacles=discs)
-    summary = mf.fly(of).summary
-    assert (summary["obstacle_hits"], summary["arrived"], summary["collisions_all"]) == (0, 9, 0)
-    blind = mf.fly(msgspec.structs.replace(of, method="cruise")).summary
-    assert blind["obstacle_hits"] > 4
