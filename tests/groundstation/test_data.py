@@ -1,4 +1,4 @@
-"""The data dictionary: the page, the metadata and what runs leave say the same."""
+"""The data dictionary: page, metadata and files of runs agree."""
 
 import ast
 import json
@@ -14,12 +14,11 @@ import pytest
 from meanflock.groundstation.launch.run import Options, fly
 from meanflock.groundstation.recording import flight as flight_rows
 from meanflock.groundstation.results import event_log, inbound, quantities
-from meanflock.groundstation.results.run_folder import EVENTS, SUMMARY, RunFolder
+from meanflock.groundstation.results.run_folder import EVENTS, SUMMARY
 from meanflock.groundstation.results.series import diagnostics_in
 from meanflock.groundstation.results.series import schema as schema_of
 from meanflock.groundstation.results.timeseries_file import TIMESERIES
-from meanflock.swarm import plugins
-from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import Status
 from tests.groundstation.recordings import flight
@@ -27,19 +26,9 @@ from tests.pages import script_of
 
 ROOT = Path(__file__).parents[2]
 FAULTS = [{"kind": "kill", "tick": 20, "uavs": [1]}, {"kind": "leader-loss", "tick": 250}]
-CLASH = """
-from meanflock.agent.controllers.base import Controller
-class Clash(Controller):
-    name = "clash"
-    diagnostics = ("load", "status")
-    def init(self, uavs, plan):
-        return {}
-    def step(self, memory, tick, own, received):
-        raise NotImplementedError
-"""
 
 
-@pytest.fixture(scope="module", params=["offline", "hjb", "mfgfl-hf"])
+@pytest.fixture(scope="module", params=["offline", "mfgfl-hf"])
 def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a short flight with faults, in real time where it learns most."""
     flown = load(None, method=request.param, uavs=4, duration=30.0, faults=FAULTS)
@@ -68,21 +57,10 @@ def test_every_column_says_what_it_is_in_the_file_itself(run: Path) -> None:
     ]  # fmt: skip
     values = schema.field("status").metadata[b"values"].decode()
     assert values == ", ".join(f"{status.value} {status.name.lower()}" for status in Status)
-
-
-def test_what_is_cumulative_of_a_count_never_falls(run: Path) -> None:
     rows = pq.read_table(run / TIMESERIES)
-    averaged = {"phi_A", "phi_C", "phi_C_distinct"}
-    for column in quantities.columns(diagnostics_in(rows.schema)):
-        if column.cumulative and column.key not in averaged:
-            values = rows[column.key].to_pylist()
-            assert (np.diff(np.array(values), axis=0) >= 0).all(), column.key
-
-
-def test_a_diagnostic_that_only_its_controller_knows_has_its_name() -> None:
-    column = quantities.diagnostic("tension")
-    assert (column.key, column.unit, column.cumulative) == ("tension", "", False)
-    assert column.about.startswith("diagnostic tension of the controller")
+    for column in described:  # a count that is cumulative never falls; means may
+        if column.cumulative and not column.key.startswith("phi_"):
+            assert (np.diff(np.array(rows[column.key].to_pylist()), axis=0) >= 0).all(), column.key
 
 
 def flat(record: dict[str, Any], prefix: str = "") -> Iterator[str]:
@@ -96,7 +74,7 @@ def flat(record: dict[str, Any], prefix: str = "") -> Iterator[str]:
 
 
 def described(key: str, known: set[str]) -> str | None:
-    """The entry of the table that speaks of a field."""
+    """The entry of the table for a field."""
     parts = key.split(".")
     wild = [
         ".".join("*" if place == hidden else part for place, part in enumerate(parts)) for hidden in range(len(parts))
@@ -141,16 +119,7 @@ def test_every_kind_of_event_is_described(run: Path) -> None:
     assert set(flight_rows.LEVELS) <= set(event_log.KINDS)
 
 
-def test_a_diagnostic_called_as_a_column_is_refused_and_nothing_is_written(
-    tmp_path: Path,
-) -> None:
-    (tmp_path / "clash.py").write_text(CLASH)
-    plugins.load_file(tmp_path / "clash.py")
-    with pytest.raises(
-        BadInput, match="controller 'clash': `diagnostics` status: the time series has columns of that name"
-    ):
-        RunFolder(tmp_path / "out", "run", load(None, method="clash"))
-    assert not (tmp_path / "out").exists()
+def test_a_block_with_a_diagnostic_called_as_a_column_is_rejected() -> None:
     (block,) = flight(uavs=2, ticks=20)
     inbound.check(block, 2)
     for names in (("status", "b", "c"), ("b", "b", "c"), ("not a name", "b", "c")):

@@ -1,4 +1,4 @@
-"""What the map shows of faults and heads is what the script says, for as long as it says so."""
+"""The map shows each fault of the script while it acts, and the heads of clusters."""
 
 from pathlib import Path
 from unittest.mock import patch
@@ -35,11 +35,11 @@ def disturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarra
     return path, np.concatenate([block.states for block in blocks])[..., :2].astype(np.float32)
 
 
-def test_frozen_and_cut_off_uavs_have_a_halo_while_they_are(disturbed: tuple[Path, np.ndarray]) -> None:
+def test_frozen_and_isolated_uavs_have_a_halo(disturbed: tuple[Path, np.ndarray]) -> None:
     path, points = disturbed
     places = rows(path, look.HALOS, "Points2D:positions")
     colors = rows(path, look.HALOS, "Points2D:colors")
-    assert places[0] == []  # a recording that goes on shows nothing of the one before
+    assert places[0] == []
     np.testing.assert_array_equal(places[30], points[30, [3, 4]])
     np.testing.assert_array_equal(places[36], points[36, [5, 3, 4]])
     assert colors[36] == [drawing.CUT, drawing.FROZEN, drawing.FROZEN]
@@ -48,41 +48,31 @@ def test_frozen_and_cut_off_uavs_have_a_halo_while_they_are(disturbed: tuple[Pat
     assert sorted(places) == [0, *range(30, 66), *range(70, 76)]
 
 
-def test_an_area_and_the_words_for_it_come_and_go(disturbed: tuple[Path, np.ndarray]) -> None:
-    areas = rows(disturbed[0], look.AREAS, "LineStrips2D:strips")
+def test_jams_gusts_and_words_for_faults_come_and_go(disturbed: tuple[Path, np.ndarray]) -> None:
+    path, points = disturbed
+    areas = rows(path, look.AREAS, "LineStrips2D:strips")
     ((circle),) = areas[50]
     np.testing.assert_allclose(np.hypot(*(np.array(circle) - (120.0, 80.0)).T), 7.0, rtol=1e-5)
-    assert rows(disturbed[0], look.AREAS, "LineStrips2D:colors")[50] == [drawing.JAMMED]
-    assert areas[60] == []
-    said = rows(disturbed[0], look.WORDS, "Points2D:labels")
-    assert said[35] == ["pause of UAV 3, 4 for 1 s\npartition of UAV 5 for 2 s"]
-    assert sorted(said) == [0, 30, 35, 40, 50, 55, 60, 65, 70, 75]
-    assert said[75] == []
-
-
-def test_jammed_links_are_lines_between_all_who_are_named(disturbed: tuple[Path, np.ndarray]) -> None:
-    path, points = disturbed
-    lines = rows(path, look.JAMS, "LineStrips2D:strips")
+    assert rows(path, look.AREAS, "LineStrips2D:colors")[50] == [drawing.JAMMED]
+    lines = rows(path, look.JAMS, "LineStrips2D:strips")  # between all UAVs of a jam
     np.testing.assert_array_equal(lines[55], points[55][[[1, 2], [1, 6], [2, 6]]])
-    assert lines[65] == []
-
-
-def test_a_gust_is_an_arrow_at_everyone_it_pushes(disturbed: tuple[Path, np.ndarray]) -> None:
-    path, points = disturbed
     vectors, origins = rows(path, look.GUSTS, "Arrows2D:vectors"), rows(path, look.GUSTS, "Arrows2D:origins")
     np.testing.assert_allclose(vectors[72], [[0.5 * look.GUST_S2, -0.5 * look.GUST_S2]])
     np.testing.assert_array_equal(origins[72], points[72, [8]])
-    assert vectors[50] == vectors[75] == []
+    words = rows(path, look.WORDS, "Points2D:labels")
+    assert words[35] == ["pause of UAV 3, 4 for 1 s\npartition of UAV 5 for 2 s"]
+    assert sorted(words) == [0, 30, 35, 40, 50, 55, 60, 65, 70, 75]
+    assert areas[60] == lines[65] == vectors[50] == vectors[75] == words[75] == []
 
 
-def test_a_mark_ends_in_the_first_tick_that_is_seen_without_it(tmp_path: Path) -> None:
+def test_a_mark_ends_after_a_gap_of_the_recording(tmp_path: Path) -> None:
     blocks = flight(ticks=120)  # of 20 ticks each
     record(tmp_path / "gap.rrd", [blocks[0], blocks[1], *blocks[4:]], faults=SCRIPT[:1])
     places = rows(tmp_path / "gap.rrd", look.HALOS, "Points2D:positions")
     assert {tick: len(at) for tick, at in places.items() if tick >= 39} == {39: 2, 80: 0}
 
 
-def test_lanes_say_who_is_frozen_or_cut_off_and_the_lost_stay_lost(tmp_path: Path) -> None:
+def test_lanes_show_frozen_isolated_and_lost_uavs(tmp_path: Path) -> None:
     path, blocks = tmp_path / "lanes.rrd", flight(ticks=60)
     lost = np.concatenate([block.status for block in blocks])
     lost[40:, 4] = Status.LOST
@@ -101,7 +91,7 @@ def test_lanes_say_who_is_frozen_or_cut_off_and_the_lost_stay_lost(tmp_path: Pat
     assert shown[39][4] != drawing.GREY
 
 
-def test_heads_of_clusters_are_marked_where_they_are(tmp_path: Path) -> None:
+def test_heads_of_clusters_are_marked(tmp_path: Path) -> None:
     path, blocks = tmp_path / "heads.rrd", flight(ticks=40)
     record(path, blocks, federation=Federation(clusters=5))
     points = np.concatenate([block.states for block in blocks])[:, [0, 5, 10, 15, 20], :2]
@@ -111,7 +101,7 @@ def test_heads_of_clusters_are_marked_where_they_are(tmp_path: Path) -> None:
     assert fixed(path, "map/legend/head/word", "Points2D:labels") == ["head"]
 
 
-def test_without_faults_and_clusters_nothing_of_them_is_sent(tmp_path: Path) -> None:
+def test_without_faults_and_clusters_their_entities_are_empty(tmp_path: Path) -> None:
     path = tmp_path / "plain.rrd"
     record(path, flight(ticks=40))
     for entity in (look.HALOS, look.GUSTS, look.HEADS):
@@ -120,7 +110,7 @@ def test_without_faults_and_clusters_nothing_of_them_is_sent(tmp_path: Path) -> 
     assert not fixed(path, "map/legend/jammed/word", "Points2D:labels")
 
 
-def test_the_map_explains_itself(disturbed: tuple[Path, np.ndarray]) -> None:
+def test_the_key_of_the_map_has_every_mark_in_its_colour(disturbed: tuple[Path, np.ndarray]) -> None:
     path = disturbed[0]
     for word in ("delivered", "outage", "collision", "frozen", "cut off", "jammed", "gust", "lost"):
         assert fixed(path, f"map/legend/{word.replace(' ', '_')}/word", "Points2D:labels") == [word]
@@ -129,21 +119,12 @@ def test_the_map_explains_itself(disturbed: tuple[Path, np.ndarray]) -> None:
     assert fixed(path, "map/legend/scale/word", "Points2D:labels") == [f"{right[0] - left[0]:g} m"]
     assert fixed(path, look.UAVS, "Points2D:labels")[7] == "UAV 7"
     assert fixed(path, look.UAVS, "Points2D:show_labels") == [False]
-
-
-def test_collisions_do_not_look_like_outages(disturbed: tuple[Path, np.ndarray]) -> None:
-    path = disturbed[0]
     assert fixed(path, "map/legend/outage", "LineStrips2D:colors") == [drawing.RED]
     assert fixed(path, look.COLLISIONS, "LineStrips2D:colors") == [drawing.COLLISION]
     assert fixed(path, plots.HITS, "SeriesPoints:colors") == [drawing.COLLISION]
     assert fixed(path, plots.FAILURES.entity, "SeriesLines:colors") == [drawing.RED, drawing.COLLISION]
-    assert drawing.COLLISION not in (drawing.RED, drawing.ORANGE)
-
-
-def test_the_close_up_has_the_maps_handedness(disturbed: tuple[Path, np.ndarray]) -> None:
-    """Its origin turns y back, or everything in it is mirrored."""
-    scales = [np.array(fixed(disturbed[0], entity, "Transform3D:scale")[0]) for entity in (look.MAP, look.CLOSE_UP)]
-    np.testing.assert_array_equal(scales[0] * scales[1], 1.0)
+    scales = [np.array(fixed(path, entity, "Transform3D:scale")[0]) for entity in (look.MAP, look.CLOSE_UP)]
+    np.testing.assert_array_equal(scales[0] * scales[1], 1.0)  # else the close-up is mirrored
 
 
 def test_dots_of_the_close_up_have_the_collision_radius() -> None:

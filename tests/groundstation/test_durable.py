@@ -1,8 +1,9 @@
-"""Whatever is cut off, a file is the old one or the new one, and a checkpoint never goes on from rows that are lost."""
+"""After any crash a file is the old or the new one, and no checkpoint is ahead of its rows."""
 
 import os
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -19,11 +20,11 @@ SETTINGS = ("uavs=3", "seed=7", "duration=30", "stop=duration", "federation.peri
 
 
 class Died(Exception):
-    """What ends a process in the middle of these tests."""
+    """Ends a process in the middle of a test."""
 
 
 @pytest.mark.parametrize("at", ["fsync", "replace"])
-def test_who_dies_before_the_new_file_is_in_place_leaves_the_old_one(
+def test_a_process_that_dies_before_the_new_file_is_in_place_leaves_the_old_one(
     at: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "kept"
@@ -132,24 +133,16 @@ def test_a_run_killed_at_any_step_of_replacing_its_checkpoint_resumes_to_the_sam
     assert starts == [1, 1, 1, 1, 101, 101]
 
 
-def test_who_waits_for_a_writer_waits_as_long_as_the_file_grows(tmp_path: Path) -> None:
-    path, calls = tmp_path / "growing", []
+@pytest.mark.parametrize(("ends_at", "file", "calls"), [(5, True, 5), (100, True, 6), (100, False, 2)])
+def test_a_writer_may_take_as_long_as_its_file_grows(tmp_path: Path, ends_at: int, file: bool, calls: int) -> None:
+    path, waits = tmp_path / "growing", []
 
     def flush(seconds: float) -> None:
-        calls.append(seconds)
-        path.write_bytes(b"." * min(len(calls), 5))
-        if len(calls) < until:
+        waits.append(seconds)
+        path.write_bytes(b"." * min(len(waits), 5))
+        if len(waits) < ends_at:
             raise RuntimeError("not yet")
 
-    until = 5
-    durable.settle(flush, path, 0.5)
-    assert calls == [0.5] * 5
-    calls.clear()
-    until = 100
-    with pytest.raises(RuntimeError, match="not yet"):
-        durable.settle(flush, path)
-    assert len(calls) == 6
-    calls.clear()
-    with pytest.raises(RuntimeError):
-        durable.settle(flush, None)
-    assert len(calls) == 2
+    with pytest.raises(RuntimeError) if ends_at > calls else nullcontext():
+        durable.settle(flush, path if file else None, 0.5)
+    assert waits == [0.5] * calls

@@ -35,8 +35,10 @@ def told(run, monkeypatch):
 
 
 @_every
-def test_no_line_is_wider_than_the_terminal(told, path) -> None:
-    assert [line for line in told(path).splitlines() if len(line) > _COLUMNS] == []
+def test_no_line_is_wider_than_the_terminal_or_cut_off(told, path) -> None:
+    shown = told(path)
+    assert [line for line in shown.splitlines() if len(line) > _COLUMNS] == []
+    assert [line for line in shown.partition("Commands:\n")[2].splitlines() if line.endswith("...")] == []
 
 
 @_every

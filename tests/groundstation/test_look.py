@@ -1,4 +1,4 @@
-"""`view` and `picture`: of a run that is over, or that died, and not of one that flies; and with a display."""
+"""`view`, `plot` and `picture`: finished, killed and flying runs, with and without a display."""
 
 import os
 import socket
@@ -15,21 +15,12 @@ from meanflock.groundstation.recording.recorder import Recorder
 from meanflock.groundstation.recording.replay import recorded, verify
 from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.swarm import scenario
-from meanflock.swarm.errors import (
-    EXIT_BAD_INPUT,
-    EXIT_DONE,
-    EXIT_RUN_FAILED,
-    RunFailed,
-)
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, RunFailed
+
+DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
 
 
-def test_view_of_a_folder_without_a_recording_says_so(run, tmp_path) -> None:
-    code, _, err = run("view", str(tmp_path))
-    assert code == EXIT_BAD_INPUT
-    assert "recording" in err
-
-
-def test_view_of_a_killed_run_opens_its_recording_filled_from_its_time_series(run, tmp_path, monkeypatch) -> None:
+def test_view_of_a_killed_run_completes_its_recording_from_its_time_series(run, tmp_path, monkeypatch) -> None:
     flown = scenario.load(None, ["duration=12", "stop=duration"], uavs=3)
     folder = RunFolder(tmp_path, "killed", flown)
     recorder = Recorder(flown, "killed", folder.path / "recording.rrd")
@@ -57,8 +48,7 @@ def test_view_of_a_killed_run_opens_its_recording_filled_from_its_time_series(ru
     assert rows > 100
 
 
-@pytest.mark.parametrize("verb", [("view", "--web"), ("plot",), ("picture", "-o", "p.png")], ids=" ".join)
-def test_a_run_that_still_flies_is_not_completed_under_its_hands(run, tmp_path, verb) -> None:
+def test_a_run_that_still_flies_is_refused_and_not_completed(run, tmp_path) -> None:
     flown = scenario.load(None, ["duration=4", "stop=duration"], uavs=3)
     with (
         RunFolder(tmp_path, "flying", flown) as folder,
@@ -66,7 +56,7 @@ def test_a_run_that_still_flies_is_not_completed_under_its_hands(run, tmp_path, 
     ):
         engine = Engine(flown, "flying", sinks=[folder, recorder])
         for tick in engine.fly():
-            if tick == 30:
+            for verb in [("view", "--web"), ("plot",), ("picture", "-o", "p.png")] if tick == 30 else []:
                 code, _, err = run(*verb, str(folder.path))
                 assert (code, err.count("\n")) == (EXIT_BAD_INPUT, 1)
                 assert "still writes this run" in err
@@ -84,29 +74,23 @@ def flown(run, tmp_path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("at", [None, "127.0.0.1:77", ":77", "elsewhere"])
-def test_without_a_display_view_fails_and_says_what_works(run, monkeypatch, flown, at) -> None:
-    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+def test_without_a_display_view_fails_and_names_the_commands_that_work(run, tmp_path, monkeypatch, flown) -> None:
+    for name in DISPLAYS:
         monkeypatch.delenv(name, raising=False)
-    if at is not None:
-        monkeypatch.setenv("DISPLAY", at)
-    code, out, err = run("view", str(flown))
-    assert (code, out, err.count("\n")) == (EXIT_RUN_FAILED, "", 1)
-    for part in ("no display", f"meanflock picture {flown}", f"meanflock view {flown} --web", at or "DISPLAY"):
-        assert part in err
+    for at in (None, "127.0.0.1:77", ":77", "elsewhere"):
+        if at is not None:
+            monkeypatch.setenv("DISPLAY", at)
+        code, out, err = run("view", str(flown))
+        assert (code, out, err.count("\n")) == (EXIT_RUN_FAILED, "", 1)
+        for part in ("no display", f"meanflock picture {flown}", f"meanflock view {flown} --web", at or "DISPLAY"):
+            assert part in err
+    code, _, err = run("run", "--in-process", "--view", "--uavs", "2", "--duration", "2", "--out", "viewed")
+    assert (code, "meanflock picture" in err) == (EXIT_RUN_FAILED, True)
+    assert not (tmp_path / "viewed").exists()  # nothing was flown
 
 
-def test_without_a_display_run_view_fails_before_anything_is_flown(run, tmp_path, monkeypatch) -> None:
-    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
-        monkeypatch.delenv(name, raising=False)
-    code, _, err = run("run", "--in-process", "--view", "--uavs", "2", "--duration", "2")
-    assert code == EXIT_RUN_FAILED
-    assert "meanflock picture" in err
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_display_is_one_at_which_somebody_listens(tmp_path, monkeypatch) -> None:
-    for name in ("DISPLAY", "WAYLAND_SOCKET"):
+def test_a_display_that_does_not_answer_is_none(tmp_path, monkeypatch) -> None:
+    for name in DISPLAYS:
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-7")
@@ -123,23 +107,20 @@ def test_a_viewer_that_ends_with_an_error_is_a_failure(run, monkeypatch, flown) 
     monkeypatch.setattr(viewer, "_program", lambda: ["false"])
     monkeypatch.setattr("meanflock.groundstation.cli.look._complete", lambda *_: None)
     code, _, err = run("view", str(flown))
-    assert code == EXIT_RUN_FAILED
-    assert "the viewer ended with 1" in err
+    assert (code, "the viewer ended with 1" in err) == (EXIT_RUN_FAILED, True)
 
 
-@pytest.mark.parametrize(
-    ("flags", "says"),
-    [
+def test_a_picture_that_cannot_be_drawn_is_refused(run, tmp_path, flown) -> None:
+    (tmp_path / "file").write_text("")
+    for flags, says in (
         (("-o", "p.jpg"), ".png"),
         (("-o", "p.png", "--size", "1920"), "WIDTHxHEIGHT"),
         (("-o", "p.png", "--size", "20x-20"), "WIDTHxHEIGHT"),
         (("-o", "file/p.png"), "file/p.png"),
         ((), "-o"),
-    ],
-)
-def test_a_picture_that_cannot_be_drawn_is_refused(run, tmp_path, flown, flags, says) -> None:
-    (tmp_path / "file").write_text("")
-    code, _, err = run("picture", str(flown), *flags)
-    assert (code, err.count("\n")) == (EXIT_BAD_INPUT, 1)
-    assert says in err
+    ):
+        code, _, err = run("picture", str(flown), *flags)
+        assert (code, err.count("\n"), says in err) == (EXIT_BAD_INPUT, 1, True)
+    code, _, err = run("view", str(tmp_path))
+    assert (code, "recording" in err) == (EXIT_BAD_INPUT, True)
     assert not list(tmp_path.rglob("*.png"))

@@ -1,4 +1,4 @@
-"""Colours that must be told apart are, with normal and with every common colour vision."""
+"""Colours of recordings differ with normal and with every common colour vision."""
 
 from itertools import combinations
 
@@ -37,18 +37,9 @@ def difference(one: int, other: int) -> float:
     return min(float(np.linalg.norm(lab(one, seen) - lab(other, seen))) for seen in VISION.values())
 
 
-def test_white_and_black_are_as_far_apart_as_they_are_defined_to_be() -> None:
-    assert difference(0xFFFFFFFF, 0x000000FF) == pytest.approx(100.0, abs=0.1)
-
-
-def test_what_is_delivered_does_not_look_like_an_outage_to_anybody() -> None:
+def test_colours_differ_with_every_common_colour_vision() -> None:
+    assert difference(0xFFFFFFFF, 0x000000FF) == pytest.approx(100.0, abs=0.1)  # by definition
     assert difference(drawing.GREEN, drawing.RED) > 30.0
-
-
-def test_nor_does_a_collision_look_like_an_outage() -> None:
     assert difference(drawing.COLLISION, drawing.RED) > 20.0
-
-
-@pytest.mark.parametrize(("one", "other"), list(combinations(drawing.LINES[:6], 2)), ids=lambda color: f"{color:08X}")
-def test_six_lines_of_a_plot_are_told_apart(one: int, other: int) -> None:
-    assert difference(one, other) > 15.0
+    for one, other in combinations(drawing.LINES[:6], 2):
+        assert difference(one, other) > 15.0, f"{one:08X} {other:08X}"

@@ -1,4 +1,4 @@
-"""Plots of anyone's own runs, comparisons and sweeps."""
+"""Plots of runs, comparisons and sweeps."""
 
 import shutil
 from pathlib import Path
@@ -7,11 +7,12 @@ from typing import Any
 import matplotlib as mpl
 import pytest
 
+from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.run import Options, fly
 from meanflock.groundstation.plots import comparison, plotstyle
 from meanflock.groundstation.plots.run import plot_run
 from meanflock.groundstation.results import quantities
-from meanflock.swarm.errors import BadInput
+from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput
 from meanflock.swarm.scenario import load
 from tests.groundstation.axes import every_axis
 
@@ -22,52 +23,42 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return fly(flown, Options(out=tmp_path_factory.mktemp("runs"), in_process=True, record=False, quiet=True)).folder
 
 
-def test_a_run_is_plotted_from_its_folder(run_folder: Path, tmp_path: Path) -> None:
-    made = plot_run(run_folder)
-    assert {path.name for path in plotstyle.write(made, tmp_path)} == {
-        "paths.png",
-        "paths.svg",
-        "curves.png",
-        "curves.svg",
-    }
-    for each in made.values():
-        assert every_axis(each)
-
-
-def test_a_matplotlibrc_of_the_reader_changes_no_plot(run_folder: Path, tmp_path: Path) -> None:
-    ours = [path.read_bytes() for path in plotstyle.write(plot_run(run_folder), tmp_path / "ours")]
-    with mpl.rc_context({"axes.facecolor": "red", "savefig.facecolor": "red", "legend.loc": "center"}):
-        theirs = [path.read_bytes() for path in plotstyle.write(plot_run(run_folder), tmp_path / "theirs")]
-    assert theirs == ours
-
-
-def test_a_run_whose_events_were_cut_off_is_still_plotted(run_folder: Path) -> None:
+def test_a_run_is_plotted_with_the_same_bytes_under_any_matplotlibrc(run_folder: Path, tmp_path: Path) -> None:
     with (run_folder / "events.jsonl").open("a") as events:
-        events.write('{"tick": 3, "kind": "coll')
-    assert plot_run(run_folder)
+        events.write('{"tick": 3, "kind": "coll')  # the last line was cut off
+    made = plot_run(run_folder)
+    ours = plotstyle.write(made, tmp_path / "ours")
+    assert [path.name for path in ours] == [f"{name}.{kind}" for name in made for kind in ("png", "svg")]
+    assert set(made) == {"paths", "curves"}
+    assert all(map(every_axis, made.values()))
+    with mpl.rc_context({"axes.facecolor": "red", "savefig.facecolor": "red", "legend.loc": "center"}):
+        theirs = plotstyle.write(plot_run(run_folder), tmp_path / "theirs")
+    assert [path.read_bytes() for path in theirs] == [path.read_bytes() for path in ours]
 
 
-def test_no_run_is_bad_input(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="name the folder of a run"):
-        plot_run(tmp_path)
-
-
-@pytest.mark.parametrize("damage", ["cut", "flipped", "gone"])
-def test_a_time_series_that_cannot_be_read_is_named_with_how_to_mend_it(
-    damage: str, run_folder: Path, tmp_path: Path
+@pytest.mark.parametrize("damage", ["cut", "flipped", "gone", "no run"])
+def test_a_damaged_time_series_is_bad_input_with_a_remedy(
+    damage: str, run_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = Path(shutil.copytree(run_folder, tmp_path / "run"))
-    path = folder / "timeseries.parquet"
-    whole = bytearray(path.read_bytes())
-    path.write_bytes(whole[:900])
-    if damage == "flipped":
+    path, whole = folder / "timeseries.parquet", (run_folder / "timeseries.parquet").read_bytes()
+    says = f"{path}: damaged: "
+    if damage == "cut":
+        path.write_bytes(whole[:900])
+    elif damage == "flipped":
         path.write_bytes(whole[:900] + bytes([whole[900] ^ 255]) + whole[901:])
     elif damage == "gone":
         path.unlink()
-    what = "No such file" if damage == "gone" else "damaged: "
-    again = rf"fly the run again with `meanflock run {folder / 'scenario.toml'}`"
-    with pytest.raises(BadInput, match=rf"^{path}: {what}[^']*; bring the file back, or {again}$"):
-        plot_run(folder)
+        says = f"{path}: No such file"
+    else:
+        folder = tmp_path
+        says = "name the folder of a run"
+    assert main(["plot", str(folder)]) == EXIT_BAD_INPUT
+    err = capsys.readouterr().err
+    assert says in err
+    assert err.count("\n") == 1
+    again = f"bring the file back, or fly the run again with `meanflock run {folder / 'scenario.toml'}`"
+    assert damage == "no run" or again in err
 
 
 def summaries(level: float, seeds: int = 4) -> list[dict[str, Any]]:
@@ -86,17 +77,14 @@ def summaries(level: float, seeds: int = 4) -> list[dict[str, Any]]:
     ]
 
 
-def test_comparison_has_a_row_a_method_and_a_panel_a_metric() -> None:
-    made = comparison.plot_compare({"hjb": summaries(20.0), "mfgfl-hf": summaries(18.0)})
-    panels = [ax for ax in made.axes if ax.get_visible()]
-    assert len(panels) == len(quantities.COMPARED)
-    assert [text.get_text() for text in panels[0].get_yticklabels()] == ["hjb", "mfgfl-hf"]
-
-
 @pytest.mark.parametrize(("level", "seeds"), [(20.0, 4), (0.0, 1), (0.3, 2)])
-def test_comparison_covers_no_flight_and_has_no_negative_number(level: float, seeds: int) -> None:
+def test_a_comparison_shows_every_flight_and_no_negative_number(level: float, seeds: int) -> None:
     made = comparison.plot_compare({"hjb": summaries(level, seeds), "mfgfl-hf": summaries(level, seeds)})
     made.draw_without_rendering()
+    assert len([ax for ax in made.axes if ax.get_visible()]) == len(quantities.COMPARED)
+    assert [text.get_text() for text in made.axes[0].get_yticklabels()] == ["hjb", "mfgfl-hf"]
+    every = f"pale: single flights; mean and 95 % interval over {seeds} flights"
+    assert made.get_supxlabel() == (every if seeds > 1 else "one flight each: no interval")
     for ax in made.axes[: len(quantities.COMPARED)]:
         height_px = abs(ax.transData.transform((0.0, 0.0))[1] - ax.transData.transform((0.0, 1.0))[1])
         flights = [line for line in ax.lines if line.get_alpha()]
@@ -112,7 +100,7 @@ def test_comparison_covers_no_flight_and_has_no_negative_number(level: float, se
 
 
 @pytest.mark.parametrize("values", [(0.1, 0.2, 0.3), ("amplitude", "power")])
-def test_sweep_runs_along_numbers_or_names(values: tuple[Any, ...], tmp_path: Path) -> None:
+def test_a_sweep_is_drawn_along_numbers_or_names(values: tuple[Any, ...], tmp_path: Path) -> None:
     points = {value: {"hjb": summaries(20.0), "mfg": summaries(19.0)} for value in values}
     made = comparison.plot_sweep("wind.sigma", points)
     assert len(made.axes) == 4
@@ -120,12 +108,6 @@ def test_sweep_runs_along_numbers_or_names(values: tuple[Any, ...], tmp_path: Pa
     assert len(plotstyle.write({"sweep": made}, tmp_path)) == 2
 
 
-def test_one_seed_has_no_interval_and_still_a_dot() -> None:
-    made = comparison.plot_compare({"hjb": summaries(20.0, 1)})
-    assert made.axes
-    assert made.get_supxlabel() == "one flight each: no interval"
-
-
-def test_unknown_metric_is_bad_input() -> None:
+def test_an_unknown_metric_is_bad_input() -> None:
     with pytest.raises(BadInput, match="nonsense"):
         quantities.number(summaries(1.0)[0], "nonsense")

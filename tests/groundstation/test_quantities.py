@@ -1,4 +1,4 @@
-"""Each quantity has one name, and it is the same wherever a person reads it."""
+"""Each quantity has one name in tables, plots, recordings and pages."""
 
 import ast
 import io
@@ -33,7 +33,6 @@ from tests.groundstation.recordings import DIAGNOSTICS
 
 ROOT = Path(__file__).parents[2]
 QUANTITIES = {value for value in vars(quantities).values() if isinstance(value, Quantity)}
-ABANDONED = ("misalignment", "velocity alignment", "interaction cost", "motion energy", "weight spread")
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +54,7 @@ def titles(made: Figure) -> dict[str, Axes]:
     return {plain(ax.get_title(loc="left")): ax for ax in made.axes if ax.get_title(loc="left")}
 
 
-def test_every_quantity_has_a_name_of_its_own_and_a_field() -> None:
+def test_every_quantity_has_its_own_name_and_a_field() -> None:
     assert set(FIELDS.values()) == QUANTITIES
     assert len({quantity.name for quantity in QUANTITIES}) == len(QUANTITIES)
     for compared in quantities.COMPARED:
@@ -77,17 +76,7 @@ def test_the_notation_has_every_name_with_its_unit_and_fields() -> None:
         assert not fields - mine, quantity
 
 
-def test_the_summarys_table_uses_them(runs: dict[str, Path]) -> None:
-    summary: dict[str, Any] = json.loads((runs["mfgfl-hf"] / "summary.json").read_text())
-    console = Console(file=io.StringIO(), width=200)
-    console.print(summary_table(summary))
-    table = console.file.getvalue()  # type: ignore[attr-defined]
-    for field in ("t_avg_s", "energy_mean_J", "phi_A", "phi_C_distinct", "collisions", "distance_mean_m", "outages"):
-        assert f"│ {FIELDS[field].name}" in table
-    assert re.search(r"alignment φ_A +│ +[\d.]+ │ m/s, lower is better", table)
-
-
-def test_the_plots_of_a_recording_use_them() -> None:
+def test_the_plots_of_a_recording_use_the_names() -> None:
     for plot, quantity in (
         (plots.ENERGY, quantities.ENERGY),
         (plots.SPEED, quantities.SPEED),
@@ -105,22 +94,7 @@ def test_the_plots_of_a_recording_use_them() -> None:
     assert plots.ALIGNMENT.title == "alignment φ_A, m/s, lower is better"
 
 
-def test_plots_use_them(runs: dict[str, Path]) -> None:
-    panels = list(titles(plot_run(runs["mfgfl-hf"])["curves"]))
-    for quantity in (quantities.ENERGY, quantities.SPEED, quantities.HJB_RESIDUAL, quantities.FPK_RESIDUAL):
-        assert any(panel.startswith(quantity.name) for panel in panels), quantity
-    assert "alignment φ_A, lower is better" in panels
-    for field, title in CRITERIA:
-        assert title == FIELDS[field].remarked
-
-
-@pytest.mark.parametrize("name", ["README.md", "docs/notation.md", "docs/cli.md", "docs/communication.md"])
-def test_no_document_uses_a_name_of_before(name: str) -> None:
-    text = (ROOT / name).read_text(encoding="utf-8").lower()
-    assert not [word for word in ABANDONED if word in text]
-
-
-def test_names_and_labels_stand_in_the_registry_alone() -> None:
+def test_only_the_registry_spells_names_and_labels() -> None:
     registered = {named.name for named in QUANTITIES if " " in named.name} | set(map(quantities.axis_label, FIELDS))
     assert {"collision risk φ_C, distinct pairs", "φ_A (m/s)", "energy (J)"} <= registered
     for path in (*(ROOT / "groundstation").rglob("*.py"), *(ROOT / "studies").rglob("*.py")):
@@ -131,7 +105,23 @@ def test_names_and_labels_stand_in_the_registry_alone() -> None:
             assert not found & registered, path
 
 
-# -- what the plots of a run show ------------------------------------------------------------
+# -- plots of a run ---------------------------------------------------------------------------
+
+
+def test_the_tables_and_plots_of_a_run_use_the_names(runs: dict[str, Path]) -> None:
+    summary: dict[str, Any] = json.loads((runs["mfgfl-hf"] / "summary.json").read_text())
+    console = Console(file=io.StringIO(), width=200)
+    console.print(summary_table(summary))
+    table = console.file.getvalue()  # type: ignore[attr-defined]
+    for field in ("t_avg_s", "energy_mean_J", "phi_A", "phi_C_distinct", "collisions", "distance_mean_m", "outages"):
+        assert f"│ {FIELDS[field].name}" in table
+    assert re.search(r"alignment φ_A +│ +[\d.]+ │ m/s, lower is better", table)
+    panels = list(titles(plot_run(runs["mfgfl-hf"])["curves"]))
+    for quantity in (quantities.ENERGY, quantities.SPEED, quantities.HJB_RESIDUAL, quantities.FPK_RESIDUAL):
+        assert any(panel.startswith(quantity.name) for panel in panels), quantity
+    assert "alignment φ_A, lower is better" in panels
+    for field, title in CRITERIA:
+        assert title == FIELDS[field].remarked
 
 
 @pytest.mark.parametrize(
@@ -142,13 +132,15 @@ def test_names_and_labels_stand_in_the_registry_alone() -> None:
         ("mfgfl-hf", [*DIAGNOSTICS, "weight_spread"]),
     ],
 )
-def test_there_is_a_panel_for_whatever_is_reported_and_no_other(
+def test_every_reported_quantity_has_a_panel_and_paths_the_colour_of_the_interaction(
     method: str, reported: list[str], runs: dict[str, Path]
 ) -> None:
-    panels = list(titles(plot_run(runs[method])["curves"]))
+    made = plot_run(runs[method])
+    panels = list(titles(made["curves"]))
     assert len(panels) == 6 + len(reported)
     for field, panel in zip(reported, panels[6:], strict=True):
         assert panel.startswith(FIELDS[field].name)
+    assert len(made["paths"].axes) == 1 + ("phi_G" in reported)  # a colour bar
 
 
 @pytest.fixture
@@ -179,9 +171,12 @@ def test_a_run_is_plotted_where_its_controller_is_not_installed(of_a_stranger: P
     assert not reported[0]  # at take-off nothing was reported yet
     assert plain(made["paths"].axes[0].get_title(loc="left")).startswith("nobody-has-it, seed 1: ")
     assert len(made["paths"].axes) == 2  # φ_G is there, whoever reports it
+    rows = pq.read_table(of_a_stranger / TIMESERIES).drop_columns(["phi_G"])
+    assert block_of(rows.slice(0, 5), 0).diagnostic_names == ("tension",)
+    assert Reported.within(rows) == (("tension",), 246)
 
 
-def test_who_is_lost_reports_nothing_and_counts_for_nothing(of_a_stranger: Path) -> None:
+def test_a_lost_uav_has_no_part_in_the_mean_of_a_diagnostic(of_a_stranger: Path) -> None:
     rows = pq.read_table(of_a_stranger / TIMESERIES)
     uavs = len(rows["x_m"][0])
     status = np.zeros((len(rows), uavs), np.uint8)
@@ -202,17 +197,7 @@ def test_who_is_lost_reports_nothing_and_counts_for_nothing(of_a_stranger: Path)
     assert list(ticks) == list(range(1, len(rows) - 1))
 
 
-def test_paths_have_no_colour_bar_without_the_interaction_and_reports_are_read_from_the_rows(
-    of_a_stranger: Path,
-) -> None:
-    rows = pq.read_table(of_a_stranger / TIMESERIES).drop_columns(["phi_G"])
-    pq.write_table(rows, of_a_stranger / TIMESERIES)
-    assert len(plot_run(of_a_stranger)["paths"].axes) == 1
-    assert block_of(rows.slice(0, 5), 0).diagnostic_names == ("tension",)
-    assert Reported.within(rows) == (("tension",), 246)
-
-
-def test_a_method_nobody_knows_has_a_look_of_its_own_in_every_figure() -> None:
+def test_an_unknown_method_has_its_own_look_in_every_figure() -> None:
     strangers = [f"mine-{number}" for number in range(50)]
     looks = {name: (each.colour, each.marker, each.dash) for name in strangers for each in [plotstyle.look(name)]}
     assert looks["mine-0"] == ("#999933", "P", (0, (7, 2)))  # today and on every machine
@@ -220,13 +205,11 @@ def test_a_method_nobody_knows_has_a_look_of_its_own_in_every_figure() -> None:
     known = {look[:2] for look in plotstyle.LOOKS.values()}
     assert not known & {(tone, marker) for tone, marker, _ in looks.values()}
     summary = dict.fromkeys(quantities.COMPARED, 1.0) | {"payload_bits": {"total": 8.0}, "uavs": 4}
-    made = comparison.plot_compare({"hjb": [summary, summary], "mine-0": [summary]})
-    assert [label.get_text() for label in made.axes[0].get_yticklabels()] == ["hjb", "mine-0"]
     made = comparison.plot_sweep("wind.sigma", {0.1: {"mine-0": [summary]}, 0.2: {"mine-0": [summary]}})
     assert [text.get_text() for text in made.legends[0].get_texts()] == ["mine-0"]
 
 
-def test_methods_of_one_figure_are_told_apart() -> None:
+def test_methods_of_one_figure_differ_in_colour_and_marker() -> None:
     assert plotstyle.colour("plan") == plotstyle.colour("orca")  # each alone has this one
     looks = plotstyle.looks(["plan", "orca", "hjb", "cruise", "lqr", "vasarhelyi", "rls"])
     assert list(looks)[:3] == ["plan", "orca", "hjb"]
@@ -235,29 +218,6 @@ def test_methods_of_one_figure_are_told_apart() -> None:
     assert looks["hjb"] == plotstyle.look("hjb")
     assert looks["plan"] == plotstyle.look("plan")
     assert len(plotstyle.looks([f"mine-{number}" for number in range(50)])) == 50
-
-
-def test_the_comparison_says_how_many_flights_and_shows_arrivals_of_all() -> None:
-    summary = dict.fromkeys(quantities.COMPARED, 1.0) | {"payload_bits": {"total": 8.0}, "uavs": 9}
-    made = comparison.plot_compare({"plan": [summary] * 3, "orca": [summary] * 3})
-    assert made.get_supxlabel() == "pale: single flights; mean and 95 % interval over 3 flights"
-    arrivals = next(ax for ax in made.axes if "arrived" in ax.get_xlabel())
-    low, high = arrivals.get_xlim()
-    assert low <= 0.0
-    assert 9.0 <= high < 10.0
-
-
-def test_a_diagnostic_that_was_zero_throughout_has_an_axis_that_begins_there(of_a_stranger: Path) -> None:
-    rows = pq.read_table(of_a_stranger / TIMESERIES)
-    place = rows.column_names.index("tension")
-    nothing = pa.array([[0.0] * len(each) for each in rows["tension"]], type=rows["tension"].type)
-    pq.write_table(rows.set_column(place, rows.schema.field(place), nothing), of_a_stranger / TIMESERIES)
-    panel = titles(plot_run(of_a_stranger)["curves"])["tension: mean, max, min"]
-    assert panel.get_ylim() == (0.0, 1.0)
-
-
-def test_panels_are_lettered_past_the_alphabet() -> None:
-    assert [plotstyle.letter(number) for number in (0, 25, 26, 27, 52)] == ["a", "z", "aa", "ab", "ba"]
 
 
 def test_every_line_of_a_panel_with_two_has_a_label_and_the_legend_keeps_off_them(runs: dict[str, Path]) -> None:
@@ -277,15 +237,10 @@ def test_every_line_of_a_panel_with_two_has_a_label_and_the_legend_keeps_off_the
         assert bottom > max(each.get_ydata().max() for each in ax.lines)  # type: ignore[union-attr]
 
 
-def test_the_goal_is_a_ring_over_the_paths_and_in_the_legend(runs: dict[str, Path]) -> None:
+def test_the_goal_is_a_ring_above_the_paths_and_in_the_legend(runs: dict[str, Path]) -> None:
     made = plot_run(runs["mfgfl-hf"])["paths"]
     ax = made.axes[0]
     rings = [patch for patch in ax.patches if tuple(getattr(patch, "center", ())) == (0.0, 0.0)]
     assert [ring.get_radius() for ring in rings] == [5.0, 5.0]  # type: ignore[attr-defined]
     assert min(ring.get_zorder() for ring in rings) > max(line.get_zorder() for line in (*ax.lines, *ax.collections))
     assert "goal, 5 m" in [text.get_text() for text in made.legends[0].get_texts()]
-
-
-def test_paths_have_the_colour_of_the_interaction_where_it_is_reported(runs: dict[str, Path]) -> None:
-    assert len(plot_run(runs["mfgfl-hf"])["paths"].axes) == 2  # with a colour bar
-    assert len(plot_run(runs["offline"])["paths"].axes) == 1

@@ -1,4 +1,4 @@
-"""What a killed recorder had not sent yet comes back into its recording from the time series."""
+"""Rows that a killed recorder had not sent come back into its recording from the time series."""
 
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from meanflock.groundstation.launch.run import Options, Outputs
 from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import plots
 from meanflock.groundstation.recording.recorder import Recorder
-from meanflock.groundstation.recording.replay import Recorded, complete, missing, recorded, verify
+from meanflock.groundstation.recording.replay import Continued, Recorded, complete, missing, recorded, verify
 from meanflock.groundstation.results.run_folder import EVENTS, RunFolder
 from meanflock.groundstation.results.timeseries_file import past, recover
 from meanflock.swarm.errors import BadInput
@@ -92,7 +92,7 @@ def contents(path: Path) -> Contents:
 
 def test_a_folder_replays_its_flight_but_for_the_links(blocks: list[Telemetry], tmp_path: Path) -> None:
     folder = kept(tmp_path, blocks)
-    for _ in range(2):  # from what was spooled, and from what that became
+    for _ in range(2):  # from the spool, and from the time series that it became
         replayed = list(missing(folder, past(folder), NOTHING, 6))
         assert replayed[0].first_tick == 0
         for name in ("states", "accelerations", "diagnostics", "status", "energy", "swarm", "reports", "spread"):
@@ -105,7 +105,7 @@ def test_a_folder_replays_its_flight_but_for_the_links(blocks: list[Telemetry], 
 
 @pytest.fixture(scope="module")
 def whole(blocks: list[Telemetry], tmp_path_factory: pytest.TempPathFactory) -> Contents:
-    """What the recording of nobody who was killed holds."""
+    """The contents of a recording whose recorder was never killed."""
     path = tmp_path_factory.mktemp("whole") / "recording.rrd"
     with Recorder(FLOWN, "run", path) as recorder:
         for block in blocks:
@@ -113,10 +113,8 @@ def whole(blocks: list[Telemetry], tmp_path_factory: pytest.TempPathFactory) -> 
     return contents(path)
 
 
-@pytest.mark.parametrize(
-    "sent", [0, 1, 6, 15]
-)  # block 5 ends with tick 101, and what befalls UAV 2 in that tick is told in the next one
-def test_the_recording_of_a_killed_run_is_completed_to_the_last_row(
+@pytest.mark.parametrize("sent", [0, 6, 15])  # block 5 ends with tick 101, whose event is in block 6
+def test_the_recording_of_a_killed_run_is_completed_to_its_last_row(
     sent: int, blocks: list[Telemetry], whole: Contents, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert (blocks[6].first_tick, blocks[6].events[0].tick) == (102, 101)
@@ -129,32 +127,43 @@ def test_the_recording_of_a_killed_run_is_completed_to_the_last_row(
     assert not list(folder.glob(".*.rrd"))
 
 
-@pytest.mark.parametrize("sent", [None, 3])
-def test_a_recorder_that_goes_on_begins_with_what_was_not_recorded(
-    sent: int | None, blocks: list[Telemetry], whole: Contents, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("kills", [(), (3,), (3, 6)], ids=str)
+def test_a_recorder_that_continues_begins_with_the_rows_that_were_not_recorded(
+    kills: tuple[int, ...],
+    blocks: list[Telemetry],
+    whole: Contents,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    folder = kept(tmp_path, blocks[:9])
-    if sent is not None:  # else nobody recorded before
-        killed(folder / "recording.rrd", blocks[:9], sent, monkeypatch)
+    """`kills`: the number of sent blocks at each kill of an earlier recorder."""
+    folder, begun = kept(tmp_path, blocks[:9]), 0
+    path = folder / "recording.rrd"
+    for sent in kills:
+        Continued(path).__enter__()  # a killed recorder does not join the parts
+        killed(path, blocks[begun:9], sent - begun, monkeypatch)
+        begun = sent
     with Outputs(FLOWN, "run", Options(out=tmp_path, quiet=True), past(folder)) as outputs:
         for block in blocks[9:]:
             for sink in outputs.sinks:
                 sink.write(block)
-    assert contents(folder / "recording.rrd") == whole
-    assert verify(folder / "recording.rrd") is None
+    assert contents(path) == whole
+    assert verify(path) is None
+    assert not list(folder.glob(".*.rrd"))
 
 
-def test_a_recording_of_which_nothing_can_be_read_is_made_anew_and_the_old_one_left_aside(
+def test_a_recording_that_cannot_be_read_is_made_anew_and_the_old_one_stays_beside_it(
     blocks: list[Telemetry], whole: Contents, tmp_path: Path
 ) -> None:
     folder = kept(tmp_path, blocks)
     (folder / "recording.rrd").write_bytes(b"no recording")
+    path = folder / "scenario.toml"  # the controller need not be installed
+    path.write_text(path.read_text().replace('method = "mfgfl-h"', 'method = "nobody-has-it"'))
     complete(folder)
     assert contents(folder / "recording.rrd") == whole
     assert (folder / ".earlier-000.recording.rrd").read_bytes() == b"no recording"
 
 
-def test_a_recording_alone_is_mended_as_far_as_it_goes(
+def test_a_recording_without_its_folder_is_repaired_as_far_as_it_goes(
     blocks: list[Telemetry], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     killed(tmp_path / "recording.rrd", blocks, 3, monkeypatch)
@@ -163,7 +172,7 @@ def test_a_recording_alone_is_mended_as_far_as_it_goes(
     assert recorded([tmp_path / "recording.rrd"]).ticks[-1] == blocks[3].first_tick - 1
 
 
-def test_rows_and_events_that_are_none_of_this_flight_are_bad_input(blocks: list[Telemetry], tmp_path: Path) -> None:
+def test_rows_and_events_of_another_flight_are_bad_input(blocks: list[Telemetry], tmp_path: Path) -> None:
     folder = kept(tmp_path, blocks)
     so_far = past(folder)
     for uavs in (5, 7):
@@ -174,14 +183,3 @@ def test_rows_and_events_that_are_none_of_this_flight_are_bad_input(blocks: list
         (folder / EVENTS).write_bytes(nonsense.ljust(size))
         with pytest.raises(BadInput, match="damaged"):
             list(missing(folder, so_far, NOTHING, 6))
-
-
-def test_a_recording_is_completed_where_the_controller_is_not_installed(
-    blocks: list[Telemetry], whole: Contents, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = kept(tmp_path, blocks)
-    killed(folder / "recording.rrd", blocks, 6, monkeypatch)
-    path = folder / "scenario.toml"
-    path.write_text(path.read_text().replace('method = "mfgfl-h"', 'method = "nobody-has-it"'))
-    complete(folder)
-    assert contents(folder / "recording.rrd") == whole

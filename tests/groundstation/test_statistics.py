@@ -7,13 +7,6 @@ import pytest
 from scipy import stats
 
 from meanflock.groundstation import statistics
-from reproduction.checks import Findings, run_check
-from reproduction.claims import Check
-from reproduction.outcome import Outcome
-from reproduction.tables import View
-from tests.reproduction.synthetic import results, row
-
-HF, H, F, HJB = "mfgfl-hf", "mfgfl-h", "mfgfl-f", "hjb"
 
 
 def test_mean_is_students_interval() -> None:
@@ -31,10 +24,7 @@ def test_fiellers_ends_are_where_the_t_test_turns() -> None:
     for end in (estimate.low, estimate.high):
         assert stats.ttest_1samp(a - end * b, 0.0).pvalue == pytest.approx(0.05)
     assert estimate.low < a.mean() / b.mean() < estimate.high
-
-
-def test_a_ratio_to_what_may_be_zero_is_unbounded() -> None:
-    assert not statistics.ratio([1.0, 2.0, 3.0], [-1.0, 1.0, 0.5]).bounded
+    assert not statistics.ratio([1.0, 2.0, 3.0], [-1.0, 1.0, 0.5]).bounded  # the divisor may be 0
 
 
 @pytest.mark.parametrize(("hits", "n"), [(0, 10), (3, 10), (10, 10)])
@@ -54,10 +44,3 @@ def test_rate_covers_as_it_says() -> None:
 def test_missing_values_leave_their_pair() -> None:
     estimate = statistics.difference([1.0, math.nan, 3.0, 4.0], [0.0, 1.0, math.nan, 2.0])
     assert (estimate.value, estimate.n) == (1.5, 2)
-
-
-def test_run_check_is_unknown_where_there_is_nothing() -> None:
-    found = Findings()
-    check = Check(kind="best", metric="x", experiments=("s0",), subject=(HF,), against=(H,), threshold=0.5)
-    assert run_check(View.from_results(results([row("s0", HF, 1)])), check, found) is Outcome.UNKNOWN
-    assert found.missing
