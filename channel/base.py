@@ -1,4 +1,4 @@
-"""Base class of channels, which decide how long a message takes and whether it is lost; and checks of what they say."""
+"""Base class of channels, which decide how long a message takes and whether it is lost; checks of their results."""
 
 import math
 from abc import abstractmethod
@@ -13,7 +13,7 @@ from meanflock.swarm.plugins.guard import check_array, check_pair
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 
-MOST_SLOTS = 1_000_000  # a message may take
+MOST_SLOTS = 1_000_000  # limit of the slots of a message
 
 
 class Channel:
@@ -46,7 +46,7 @@ class Channel:
         raise NotImplementedError
 
     def expected(self, distance_m: Floats, bits: int) -> tuple[float, float] | None:
-        """Closed forms of what is observed, each summed over the links `distance_m` (K,).
+        """Closed forms of outages and latency, each summed over the links `distance_m` (K,).
 
         Returns:
             Expected outages, and expected slots of delivered messages (Σ E[D_m; delivered]); None (the default) if

@@ -8,22 +8,22 @@ from scipy import special
 from meanflock.swarm.scenario import Radio
 from meanflock.swarm.state import Floats
 
-MOST_SLOTS = 2**31 - 1  # a record has no room for more
+MOST_SLOTS = 2**31 - 1  # largest number in a record
 
 
 def bits_per_slot(radio: Radio) -> float:
-    """θ W_o log₂(1 + η): what a slot carries if its SNR reaches the target."""
+    """Bits that a slot carries if its SNR reaches the target: θ W_o log₂(1 + η)."""
     return radio.coherence_time_s * radio.bandwidth_hz * math.log2(1.0 + 10.0 ** (radio.target_snr_db / 10.0))
 
 
 def slots_needed(radio: Radio, bits: int) -> int:
-    """K: successful slots a message of `bits` needs, at least one; at most `MOST_SLOTS`, which no D_M comes near."""
+    """Number K ≥ 1 of successful slots that a message of `bits` needs, at most `MOST_SLOTS`, which exceeds every D_M."""
     per_slot = bits_per_slot(radio)
     return max(1, math.ceil(bits / per_slot)) if bits < MOST_SLOTS * per_slot else MOST_SLOTS
 
 
 def squared_threshold(radio: Radio, distance_m: Floats) -> Floats:
-    """The z² at which SNR = P_o z r^−α / (W_o σ_n) reaches η (with `fading = "power"`: P_o z² …); same shape."""
+    """Value of z² at which SNR = P_o z r^−α / (W_o σ_n) reaches η (with `fading = "power"`: P_o z² …); same shape."""
     power_w = 10.0 ** (radio.tx_power_dbm / 10.0) * 1e-3
     noise_w = radio.bandwidth_hz * 10.0 ** (radio.noise_psd_dbm_hz / 10.0) * 1e-3
     target = 10.0 ** (radio.target_snr_db / 10.0)
@@ -33,19 +33,19 @@ def squared_threshold(radio: Radio, distance_m: Floats) -> Floats:
 
 
 def slot_success(radio: Radio, distance_m: Floats) -> Floats:
-    """P[SNR ≥ η] = Q₁(ξ/χ, z_η/χ), the tail of a non-central χ² with two degrees of freedom; same shape."""
+    """Probability P[SNR ≥ η] = Q₁(ξ/χ, z_η/χ): tail of a non-central χ² with two degrees of freedom; same shape."""
     variance = radio.rice_chi**2
     return 1.0 - special.chndtr(squared_threshold(radio, distance_m) / variance, 2.0, radio.rice_xi**2 / variance)
 
 
 def outage(radio: Radio, success: Floats, bits: int) -> Floats:
-    """P[D_m > D_M] = P[Binomial(D_M, p) < K]; same shape as `success` p."""
+    """Probability of an outage, P[D_m > D_M] = P[Binomial(D_M, p) < K]; same shape as `success` p."""
     needed, slots = slots_needed(radio, bits), radio.latency_threshold_slots
     return special.bdtr(float(needed - 1), slots, success) if needed <= slots else np.ones_like(success)
 
 
 def delivered_latency(radio: Radio, success: Floats, bits: int) -> Floats:
-    """E[D_m; D_m ≤ D_M] in slots: the latency a run can observe, times the probability of observing it.
+    """Mean latency of delivered messages times their probability, E[D_m; D_m ≤ D_M], in slots.
 
     D_m − K is negative binomial, so this is Σ_{d=K}^{D_M} d (d−1 choose K−1) p^K (1−p)^{d−K} =
     (K/p) P[Binomial(D_M + 1, p) ≥ K + 1].
@@ -58,6 +58,6 @@ def delivered_latency(radio: Radio, success: Floats, bits: int) -> Floats:
 
 
 def expected(radio: Radio, distance_m: Floats, bits: int) -> tuple[float, float]:
-    """Outages and delivered slots to expect of a message over each of these links `(K,)`, summed."""
+    """Expected outages and delivered slots of a message, summed over the links `(K,)`."""
     success = slot_success(radio, distance_m)
     return float(outage(radio, success, bits).sum()), float(delivered_latency(radio, success, bits).sum())

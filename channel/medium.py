@@ -1,7 +1,7 @@
-"""The medium between the UAVs: takes the frames of a tick, decides which links carry them, and delivers what survives.
+"""Medium between the UAVs: finds the links of the frames of a tick, and delivers the frames that get through.
 
-FDMA gives every link a band of its own, so links do not interfere; a frame sent in tick n is delivered in tick
-n + max(1, ⌈D_m θ/dt⌉). What a link does to a message is the channel's to say.
+FDMA gives every link a band of its own, so links do not interfere. A frame sent in tick n is delivered in tick
+n + max(1, ⌈D_m θ/dt⌉). The channel decides latency and loss on each link.
 """
 
 import math
@@ -22,7 +22,7 @@ from meanflock.swarm.seeds import generator, random_state, set_random_state
 from meanflock.swarm.wire.messages import FrameKind, Frames
 
 Indices = NDArray[np.intp]
-NO_LINKS = np.zeros((0, 5), dtype=np.int32)  # of a tick in which nobody sends; shared, not to be written to
+NO_LINKS = np.zeros((0, 5), dtype=np.int32)  # of a tick without frames; shared, never written to
 Cut: TypeAlias = Callable[[Indices, Indices], NDArray[np.bool_]]  # sources (K,), targets (K,) → links that fail
 
 
@@ -30,7 +30,7 @@ class Medium:
     """The emulated radio of one run."""
 
     def __init__(self, scenario: Scenario) -> None:
-        """Raises BadInput where the scenario's channel is not installed or its options do not fit."""
+        """Raises BadInput if the scenario's channel is not installed or its options do not fit."""
         radio = scenario.radio
         self.meter = Meter(radio, scenario.uavs)
         self._scenario = scenario
@@ -40,11 +40,11 @@ class Medium:
         slots = range(1, MOST_SLOTS + 1)
         self._soon = bisect_right(slots, 1, key=lambda spent: int(scenario.delivery_ticks(np.array(spent))))  # a tick
         self._reach = {hop.label: hop.range_m for hop in scenario.hops if hop.range_m is not None}
-        self._reach[FrameKind.STATE] = radio.range_m  # m, beyond which a broadcast is meant for nobody
+        self._reach[FrameKind.STATE] = radio.range_m  # m; a broadcast addresses the UAVs within it
         self._models_reach = math.inf if scenario.federation.range_m is None else scenario.federation.range_m
         self._everyone = np.arange(scenario.uavs).tobytes()
-        # The links of the last batch of a kind and of its number, which mostly are those of the next tick's, and who
-        # used them: no mask where everyone reached everyone.
+        # By kind and number of a batch: its last senders, the mask of the UAVs that they reached (None: all), and their
+        # links. The next tick mostly uses the same links.
         self._used: dict[tuple[FrameKind, int], tuple[bytes, bytes | None, Links]] = {}
         self._in_flight: defaultdict[int, list[Frames]] = defaultdict(list)
 
@@ -59,7 +59,7 @@ class Medium:
             cut: says which links cannot get through, whatever the fading; they spend all their slots.
 
         Returns:
-            The links used, (K, 5): [tick, source, target, kind, slots], slots negative where in outage.
+            The links used, (K, 5): [tick, source, target, kind, slots]. Slots are negative on a link in outage.
         """
         if not frames:
             return NO_LINKS
@@ -72,7 +72,7 @@ class Medium:
         return self._in_flight.pop(tick, [])
 
     def snapshot(self) -> dict[str, Any]:
-        """All that is under way, and all counters, for `restore`."""
+        """Frames under way, the random state and the meter, for `restore`."""
         return {
             "draw": random_state(self._rng),
             "in_flight": [
@@ -84,7 +84,7 @@ class Medium:
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Goes on where a snapshot was taken."""
+        """Continues from a snapshot."""
         set_random_state(self._rng, snapshot["draw"])
         self._in_flight.clear()
         for due, kind, number, source, payload, links in snapshot["in_flight"]:
@@ -121,8 +121,11 @@ class Medium:
     def _carried(
         self, bits: int, links: Links, states: state.States, reach: float
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_], tuple[float, float] | None]:
-        """What the channel says of a message over links by radio: slots (K,), delivered (K,), and closed forms.
-        Links longer than `reach`, in m, fail."""
+        """Send a message over links by radio; links longer than `reach`, in m, fail.
+
+        Returns:
+            Slots (K,), delivered (K,), and closed forms of outages and slots.
+        """
         count = len(links.pair)
         if not count:
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool), (0.0, 0.0)
@@ -142,16 +145,16 @@ class Medium:
     def _failed(
         self, failed: NDArray[np.bool_], slots: NDArray[np.int64], delivered: NDArray[np.bool_]
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Slots and deliveries (K,) when the links `failed` (K,) carry nothing, so that they spend all their slots."""
+        """Slots and deliveries (K,) after the links `failed` (K,), which deliver nothing and spend all their slots."""
         return np.where(failed, self._scenario.radio.latency_threshold_slots, slots), delivered & ~failed
 
     def _deliver(self, tick: int, batch: Frames, ends: NDArray[np.int32]) -> None:
-        """The frames of a batch arrive over these links in a tick to come."""
+        """Schedule the frames of a batch for delivery over these links in a later tick."""
         if len(ends):
             self._in_flight[tick].append(Frames(batch.kind, batch.round, batch.source, batch.payload, ends))
 
     def _distance(self, states: state.States, links: Links) -> NDArray[np.float64]:
-        """Of links by radio, `(K,)`, m."""
+        """Lengths of the links by radio, `(K,)`, m."""
         x, y = states[:, state.X], states[:, state.Y]
         along, across = x[links.source] - x[links.target], y[links.source] - y[links.target]
         along *= along
@@ -160,7 +163,7 @@ class Medium:
         return np.sqrt(along, out=along)
 
     def _links(self, batch: Frames, states: state.States) -> Links:
-        """Every link a batch uses: as a rule those of the tick before."""
+        """The links that a batch uses; those of the last tick if sources and reached UAVs are the same."""
         kind = batch.kind
         sources = batch.source.astype(np.intp)
         uavs = self._scenario.uavs
@@ -189,7 +192,7 @@ class Medium:
     def _in_range(
         self, sources: Indices, senders: bytes, states: state.States, reach: float
     ) -> NDArray[np.bool_] | None:
-        """Whom each source reaches, (S, N); None where everyone reaches everyone."""
+        """Mask (S, N) of the UAVs that each source reaches; None if every UAV reaches every other."""
         if senders == self._everyone and self._are_together(states, reach):
             return None
         here = states[sources]
@@ -200,9 +203,9 @@ class Medium:
         return reached
 
     def _are_together(self, states: state.States, reach: float) -> bool:
-        """Whether no two UAVs can be farther apart than `reach`: the corners of a box around all of them are not.
+        """Whether the diagonal of the box around all UAVs is at most `reach`, so that no two UAVs are farther apart.
 
-        Rounding keeps order, so a distance within the box comes out no longer than its diagonal.
+        Rounding is monotone, so no computed distance within the box exceeds its computed diagonal.
         """
         here = states[:, state.POSITION]
         along, across = (np.maximum.reduce(here) - np.minimum.reduce(here)).tolist()

@@ -21,12 +21,12 @@ TRAFFIC = {
 
 @dataclass(frozen=True, slots=True)
 class Links:
-    """L links of a batch, of which K by radio; by source, then by target. They are shared: none is ever written to.
+    """The L links of a batch, K of them by radio, sorted by source, then by target. The arrays are never written to.
 
-    ends: (L, 2) int32 [row of the batch, receiving UAV], as frames carry them. by_radio: (L,) bool; who sends to
-    itself needs no radio. source, target: (K,) UAVs at the ends of the links by radio. pair: (K,), source · N + target.
-    transmissions: how many are paid for. first: the first link by radio of each of them that has any.
-    record: (K, 5) int32 [0, source, target, kind, 0].
+    ends: (L, 2) int32 [row of the batch, receiving UAV], as frames carry them. by_radio: (L,) bool; false if a UAV
+    sends to itself. source, target: (K,) UAVs at the ends of the links by radio. pair: (K,), source · N + target.
+    transmissions: number of transmissions on the bill. first: index of the first link by radio of each transmission
+    that has any. record: (K, 5) int32 [0, source, target, kind, 0].
     """
 
     ends: NDArray[np.int32]
@@ -42,8 +42,8 @@ class Links:
     def between(
         cls, kind: FrameKind, sources: Indices, row: Indices, target: Indices, uavs: int, is_unicast: bool = False
     ) -> "Links":
-        """Links from `sources[row]` to `target`, (L,) each, rows ascending; `uavs`: N. `is_unicast`: a link for each
-        source, so that a source that is its own target transmits nothing."""
+        """Links from `sources[row]` to `target`, (L,) each, rows ascending; `uavs`: N. `is_unicast`: each link is a
+        transmission of its own, so a source that is its own target transmits nothing."""
         ends = np.stack([row, target], axis=-1).astype(np.int32)
         by_radio = sources[row] != target
         row, target = row[by_radio], target[by_radio]
@@ -65,15 +65,15 @@ class Traffic:
     """Totals of one kind since take-off."""
 
     transmissions: int = 0
-    payload_bits: int = 0  # of what is written, scales included, once a transmission: the paper's count
-    wire_bytes: int = 0  # encoded frames, as they crossed the bus on the way to the radio
+    payload_bits: int = 0  # once a transmission, as the paper counts; scales included
+    wire_bytes: int = 0  # encoded frames on the bus, on their way to the radio
     sent: int = 0  # link copies
     delivered: int = 0
     outages: int = 0
-    slots: int = 0  # spent on all links, lost messages included
+    slots: int = 0  # on all links, lost messages included
     delivered_slots: int = 0
     airtime_s: float = 0.0  # a transmission lasts until its last link is served or given up
-    expected_outages: float | None = 0.0  # closed form, summed over the links used; None where the channel has none
+    expected_outages: float | None = 0.0  # closed form, summed over the links used; None if the channel has none
     expected_delivered_slots: float | None = 0.0
 
 
@@ -88,10 +88,10 @@ class Meter:
     def __post_init__(self) -> None:
         self._link_sent = np.zeros((self.uavs, self.uavs), dtype=np.int32)
         self._link_outages = np.zeros((self.uavs, self.uavs), dtype=np.int32)
-        self._last: Links | None = None  # which mostly are those of the next tick: entered once, with how often
+        self._last: Links | None = None  # last batch; its counts are added to the table later
         self._times = 0
         self.marked: list[int] | None = None  # payload bits by kind, as `mark` found them
-        self._figures: tuple[float, ...] | None = None  # of most ticks they are those of the last
+        self._figures: tuple[float, ...] | None = None  # cached until a batch is counted
 
     def count(
         self,
@@ -105,8 +105,8 @@ class Meter:
         """Adds one batch of transmissions of a kind over K links by radio.
 
         Args:
-            payload_bits: of one transmission. slots: (K,), spent. delivered: (K,). expected: outages and delivered
-                slots of all these links, by closed forms; None where there are none.
+            payload_bits: of one transmission. slots: (K,). delivered: (K,). expected: closed forms of the outages and
+                delivered slots of all these links; None if the channel has none.
         """
         self._figures = None
         total = self.traffic[kind]
@@ -132,14 +132,14 @@ class Meter:
             self._link_outages.reshape(-1)[links.pair[~delivered]] += 1
 
     def initial(self, payload_bits: int) -> None:
-        """The mission plan: one state broadcast a UAV before take-off, never in outage."""
+        """Counts the mission plan: one state broadcast of each UAV before take-off, never in outage."""
         self._figures = None
         total = self.traffic[FrameKind.STATE]
         total.transmissions += self.uavs
         total.payload_bits += payload_bits * self.uavs
 
     def wire(self, kind: FrameKind, bytes_: int) -> None:
-        """Encoded size of frames handed to the radio."""
+        """Adds the encoded size of frames."""
         self.traffic[kind].wire_bytes += bytes_
 
     def bits(self) -> list[int]:
@@ -147,11 +147,11 @@ class Meter:
         return [self.traffic[kind].payload_bits for kind in TRAFFIC]
 
     def mark(self) -> None:
-        """Keeps what has been sent so far in `marked`; the last time counts."""
+        """Stores the payload bits so far in `marked`; a later call replaces them."""
         self.marked = self.bits()
 
     def links(self) -> list[list[int]]:
-        """[source, target, sent, outages] of every link that was used, ascending."""
+        """Rows [source, target, sent, outages] of all links that were used, ascending."""
         table: list[list[int]] = self._used().tolist()
         return table
 
@@ -160,12 +160,12 @@ class Meter:
         return sum(getattr(of_kind, name) for of_kind in self.traffic.values())
 
     def all_kinds(self) -> Traffic:
-        """The totals of all kinds; what is unknown of one is unknown of all."""
+        """Totals of all kinds; a field is None if it is None for one kind."""
         each = map(astuple, self.traffic.values())
         return Traffic(*(reduce(_sum, fields) for fields in zip(*each, strict=True)))
 
     def figures(self) -> tuple[float, ...]:
-        """Payload bits by kind of traffic, as in `TRAFFIC`; deliveries, outages and airtime of all."""
+        """Payload bits by kind, in the order of `TRAFFIC`; then deliveries, outages and airtime of all kinds."""
         if self._figures is None:
             self._figures = *self.bits(), self.total("delivered"), self.total("outages"), self.total("airtime_s")
         return self._figures
@@ -179,7 +179,7 @@ class Meter:
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Goes on with the counters of a snapshot."""
+        """Continues with the counters of a snapshot."""
         self._figures = None
         self.traffic = {kind: Traffic(**kept) for kind, kept in zip(FrameKind, snapshot["traffic"], strict=True)}
         self._last = None
@@ -190,7 +190,7 @@ class Meter:
         self._link_sent[source, target], self._link_outages[source, target] = sent, outages
 
     def _used(self) -> NDArray[np.int32]:
-        """[source, target, sent, outages] of every link that was used, ascending, `(K, 4)`."""
+        """`links` as an array `(K, 4)`."""
         self._enter()
         used = np.nonzero(self._link_sent)
         return np.stack([*used, self._link_sent[used], self._link_outages[used]], axis=-1).astype(np.int32)

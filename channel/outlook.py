@@ -1,4 +1,4 @@
-"""Share of a scenario's models that its radio will lose, by the channel's closed form, known before take-off."""
+"""Expected share of a scenario's models that its radio will lose, by the channel's closed form, before take-off."""
 
 import logging
 from collections.abc import Iterable, Iterator
@@ -17,14 +17,14 @@ from meanflock.swarm.state import POSITION
 from meanflock.swarm.wire.messages import FrameKind
 
 WARN_FROM = 0.5  # share of lost messages from which a warning is given
-_SPARED = 0.2  # share of lost messages that a suggested remedy leaves at most
+_ACCEPTABLE = 0.2  # share of lost messages that a suggested remedy leaves at most
 _MOST_SLOTS = 2**14  # latency threshold up to which a remedy is searched for
 
 
 class Outlook(NamedTuple):
-    """One kind of model at take-off.
+    """Expected loss of one kind of model at take-off.
 
-    what: "upload", "relay" or "global model". bits: of one transmission. slots: it takes at least; None where the
+    what: "upload", "relay" or "global model". bits: of one transmission. slots: least number that it takes; None if the
     channel does not say. limit: slots after which it is lost. lost: share of the links that lose it.
     """
 
@@ -45,10 +45,10 @@ _PAYLOAD_KEYS = {FrameKind.UPLOAD: "federation.payload", FrameKind.GLOBAL: "fede
 
 
 def outlooks(scenario: Scenario) -> list[Outlook]:
-    """Every kind of model that a scenario sends, with all UAVs where they take off.
+    """The expected loss of every kind of model that a scenario sends, with all UAVs at their starts.
 
     Returns:
-        Nothing without rounds, or where the channel has no closed form.
+        An empty list without rounds, or if the channel has no closed form.
 
     Raises:
         BadInput: the channel is not installed, or its options do not fit.
@@ -62,20 +62,20 @@ def outlooks(scenario: Scenario) -> list[Outlook]:
 
 
 def remedies(scenario: Scenario, what: str) -> str:
-    """A sentence with the settings that would spare most models of a kind, each of them alone."""
+    """A sentence with settings, each of which alone would deliver most models of a kind."""
     settings = [*_settings(scenario, what), "fewer parameters"]
     return f"Use {', '.join(settings[:-1])}{' or ' * (len(settings) > 1)}{settings[-1]}"
 
 
 def tell_of_lost_models(flights: Iterable[Scenario]) -> None:
-    """Warns on standard error of models that the radio will mostly lose; each text once."""
+    """Prints a warning on standard error for models that the radio will mostly lose; each text once."""
     found = ((one, flown) for flown in flights for one in outlooks(flown) if one.lost >= WARN_FROM)
     for text in dict.fromkeys(f"warning: {one}. {remedies(flown, one.what)}" for one, flown in found):
         logs.tell(text, logging.WARNING)
 
 
 def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:
-    """One kind of model; None where no radio carries it or the channel has no closed form."""
+    """Expected loss of the models of a hop; None if no radio carries them or the channel has no closed form."""
     radio, range_m = scenario.radio, scenario.federation.range_m
     bits = hop.coding.bits
     source, target = hop.senders.repeat(scenario.uavs), np.tile(np.arange(scenario.uavs), len(hop.senders))
@@ -86,7 +86,7 @@ def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:
         return None
     places = starts(scenario)[:, POSITION]
     distance = np.linalg.norm(places[source[apart]] - places[target[apart]], axis=-1)
-    if hop.range_m is not None:  # nobody farther away is meant
+    if hop.range_m is not None:  # UAVs farther away are not addressed
         distance = distance[distance <= hop.range_m]
     if not len(distance):
         return None
@@ -103,20 +103,20 @@ def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:
 
 
 def _settings(scenario: Scenario, what: str) -> Iterator[str]:
-    """Settings that each would spare most models of a kind, with the share that would still be lost."""
+    """Settings that each would deliver most models of a kind, with the share that would still be lost."""
     changes: list[tuple[str, Any]] = [(key, "int8") for label, key in _PAYLOAD_KEYS.items() if _NAMES[label] == what]
     changes.append(("radio.bits_per_float", 16))
     slots, limit = scenario.radio.latency_threshold_slots, "radio.latency_threshold_slots"
-    while slots < _MOST_SLOTS and _lost(scenario, what, limit, slots) > _SPARED:
+    while slots < _MOST_SLOTS and _lost(scenario, what, limit, slots) > _ACCEPTABLE:
         slots += max(1, slots // 8)
     changes.append((limit, slots))
     for path, value in changes:
-        if (lost := _lost(scenario, what, path, value)) <= _SPARED:
+        if (lost := _lost(scenario, what, path, value)) <= _ACCEPTABLE:
             yield f"{path}={value} ({100 * lost:.2g} % lost)"
 
 
 def _lost(scenario: Scenario, what: str, path: str, value: Any) -> float:
-    """Share of the models of a kind that would be lost with another value of a key; 1 where the value does not fit."""
+    """Share of the models of a kind that would be lost with another value of a key; 1 if the value does not fit."""
     table, key = path.split(".")
     try:
         part = msgspec.structs.replace(getattr(scenario, table), **{key: value})

@@ -35,8 +35,8 @@ with needed("the world", "world"):
     from meanflock.worldsim.timing import factor
     from meanflock.worldsim.world import World
 
-LINGER_S = 20.0  # for a recorder that is slow, or was killed and is on its way back
-HURRIED_S = 5.0  # after an interrupt; what comes next from an impatient engine is SIGKILL, after ten
+LINGER_S = 20.0  # wait for a recorder that is slow, or that is restarted
+HURRIED_S = 5.0  # the same after an interrupt; a container engine sends SIGKILL after ten seconds
 SEE_OFF_S = 2.0
 
 
@@ -73,7 +73,7 @@ def _run() -> None:
     rows_at_most = rows if given.tls else None
     interrupted = Interrupted()
     end_with_launcher()
-    logs.divert()  # standard output is the summary's
+    logs.divert()  # standard output carries the summary only
     limits = Limits(flown)
     quotas = Quotas(keys.check_run(given.run), flown, limits, rows_at_most)
     bus = ZenohBus.router(
@@ -100,7 +100,7 @@ def _run() -> None:
             refused=bus.dropped,
         )
         if metrics is not None:
-            with needed("--metrics", "world"):  # a library that is loaded only where it is asked for
+            with needed("--metrics", "world"):  # the library is loaded only if it is used
                 from meanflock.worldsim.exporter import exported
 
             logs.tell(f"metrics at {stack.enter_context(exported(world, metrics))}")
@@ -122,8 +122,8 @@ def _run() -> None:
 
 
 def _linger_s(hurried: bool) -> float:
-    """For how long a recorder may take nothing before the world leaves: a launcher as long as it lives, for it may be
-    stopped.
+    """How long the world waits for a recorder that acknowledges nothing. If a launcher started the world, there is no
+    limit while the launcher lives, because the user may have stopped it.
     """
     if orphaned():
         return 0.0
@@ -133,7 +133,7 @@ def _linger_s(hurried: bool) -> float:
 
 
 def _see_off(world: World, bus: ZenohBus) -> None:
-    """Waits until every node has gone home: what it was told last can be lost if the router closes before."""
+    """Wait until every node has left. The last message to a node can be lost if the router closes before."""
     end = time.monotonic() + SEE_OFF_S
     while world.members.present and time.monotonic() < end:
         if (delivery := bus.receive(0.1)) is not None:

@@ -126,7 +126,7 @@ class Admission:
     def lose(self, member: Member, why: str) -> None:
         """Mark a node as lost and send it Stop."""
         if self.closed:
-            self.members.lose(member)  # it has left as it was told
+            self.members.lose(member)  # it left because it got Stop
         if member.lost:
             return
         about = {"tick": self._flight.tick, "peer": member.name, "uavs": member.uavs.tolist(), "reason": why}

@@ -66,7 +66,7 @@ class Script:
         return fails
 
     def gust(self, tick: int, states: state.States) -> state.Plane | None:
-        """(N, 2), m/s², what the air adds to the acceleration of each UAV; None: nothing."""
+        """(N, 2), m/s², the acceleration of each UAV by gusts; None without gusts."""
         acting = [fault for fault in self._acting(tick) if isinstance(fault, Gust)]
         if not acting:
             return None

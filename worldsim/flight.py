@@ -109,7 +109,7 @@ class Flight:
 
     @property
     def phi_c_distinct(self) -> float | None:
-        """The same over distinct pairs; None for a swarm of one."""
+        """φ_C(t) over distinct pairs only; None for a swarm of one."""
         n = self.scenario.uavs
         return 2.0 * self.near_sum / (self.tick + 1) / (n * (n - 1)) if n > 1 else None
 
@@ -121,7 +121,7 @@ class Flight:
 
     @property
     def trajectory_sha256(self) -> str:
-        """Hash of the little-endian float64 states of ticks 0…tick."""
+        """Hash of the states of ticks 0…tick, as little-endian float64."""
         return self._hash.hexdigest()
 
     @property
@@ -184,7 +184,7 @@ class Flight:
 
         Args:
             accelerations: (N, 2), m/s², the commands. Those of lost UAVs have no effect.
-            gust: (N, 2), m/s², what the air adds to every UAV in flight, lost ones included.
+            gust: (N, 2), m/s², the acceleration by gusts of every UAV in flight, lost UAVs included.
         """
         scenario = self.scenario
         on_way = self.on_way
@@ -224,7 +224,7 @@ class Flight:
             self._arrive(np.flatnonzero(on_way))
 
     def snapshot(self) -> dict[str, Any]:
-        """The flight, for `restore`, without the hash, which can only be made from the states of all ticks."""
+        """The flight, for `restore`. It lacks the hash, which needs the states of all ticks."""
         return {
             **{name: getattr(self, name) for name in _SCALARS},
             **{name: getattr(self, name).astype(kind) for name, kind in _ARRAYS.items()},
@@ -246,7 +246,7 @@ class Flight:
         for name in _SCALARS:
             setattr(self, name, type(getattr(self, name))(snapshot[name]))
         if snapshot["hidden"].keys() != self.hidden.keys():
-            raise ValueError(f"it keeps {sorted(snapshot['hidden'])} of the vehicle, not {sorted(self.hidden)}")
+            raise ValueError(f"it has {sorted(snapshot['hidden'])} of the vehicle, expected {sorted(self.hidden)}")
         self.states = self.states.copy()
         for name, part in self.hidden.items():
             self.hidden[name] = np.array(snapshot["hidden"][name], dtype=part.dtype).reshape(part.shape)

@@ -1,4 +1,4 @@
-"""How long a message to the world may be: as long as the scenario and its plug-ins let an honest one become."""
+"""Limits of the length of messages to the world, from the scenario and the declarations of its plug-ins."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -18,17 +18,19 @@ from meanflock.swarm.wire import control
 from meanflock.worldsim.members import LEADER
 
 JOIN_BYTES, RECEIVED_BYTES = 256, 64
-_STRANGE = Quota("", 0)  # whatever is under no key of a node
+_NO_NODE = Quota("", 0)  # of keys that belong to no node
 _OVERHEAD_BYTES = 1024
 _FRAME_BYTES = 64  # of a batch, around its numbers
 _NUMBER_BYTES = 8
 
 
 class Limits:
-    """The longest Acts of a scenario. What a controller remembers is measured on one UAV, for all have arrays alike."""
+    """Longest Acts of a scenario. The memory of a controller is measured on one UAV, because all UAVs have arrays
+    alike.
+    """
 
     def __init__(self, scenario: Scenario) -> None:
-        """Raises BadInput where the controller or the aggregation rule cannot begin."""
+        """Raises BadInput if `init` of the controller or of the aggregation rule fails."""
         declared, uavs = scenario.declared, scenario.uavs
         flyer = controller(scenario)
         memory = _record(
@@ -42,34 +44,35 @@ class Limits:
         numbers += sum(hop.coding.width for hop in scenario.hops if hop.role == "agent" and not hop.is_local)
         self._row = _NUMBER_BYTES * numbers + len(memory)
         if scenario.federation.upload_threshold:
-            self._row += _NUMBER_BYTES * declared.parameters + _FRAME_BYTES  # the model that it sent last
-        if any(hop.is_local for hop in scenario.hops):  # a UAV that averages keeps its model and a state of the rule
+            self._row += _NUMBER_BYTES * declared.parameters + _FRAME_BYTES  # the model of the last upload
+        if any(hop.is_local for hop in scenario.hops):  # a UAV that averages stores its model and a state of the rule
             self._row += _NUMBER_BYTES * (declared.parameters + 1) + len(state_of_rule) + _FRAME_BYTES
-        self._fixed = _OVERHEAD_BYTES + _FRAME_BYTES * MAX_BROADCASTS + 8 * uavs  # and the UAVs it refuses or loses
+        self._fixed = (
+            _OVERHEAD_BYTES + _FRAME_BYTES * MAX_BROADCASTS + 8 * uavs
+        )  # 8: numbers of the UAVs that it refuses or loses
         self._leader = _NUMBER_BYTES * declared.parameters + len(state_of_rule)
 
     def act(self, rows: int) -> int:
-        """The most bytes of an Act of a node with so many UAVs; of the leader, with none."""
+        """Most bytes of an Act of a node with so many UAVs; 0 for the leader."""
         return self._fixed + (self._row * rows if rows else self._leader)
 
 
 def _begun(flyer: Any, scenario: Scenario) -> dict[str, Any]:
-    """What a controller remembers of UAV 0 at first; BadInput where its model is not of the size it declares."""
+    """Initial memory of a controller for UAV 0; raises BadInput if its model has another size than declared."""
     memory: dict[str, Any] = flyer.init(np.arange(1), mission.starts(scenario))
     wanted = (1, scenario.declared.parameters)
-    one_row = isinstance(memory, dict) and all(
-        np.shape(array)[:1] == (1,) for array in memory.values()
-    )  # else: its agent
+    # The agent reports a memory of another form.
+    one_row = isinstance(memory, dict) and all(np.shape(array)[:1] == (1,) for array in memory.values())
     if wanted[1] and one_row:
         model = flyer.get(memory)
         if (shape := np.shape(model)) != wanted:
             raise BadInput(f"controller {scenario.method!r}: `get` returns shape {shape}; expected {wanted}")
-        flyer.set(memory, np.arange(1), np.array(model, dtype=np.float64))  # what cannot take one learns of nobody
+        flyer.set(memory, np.arange(1), np.array(model, dtype=np.float64))  # fails if it cannot take a model
     return memory
 
 
 class Quotas:
-    """The quota of every key the world listens on; may be asked from any thread."""
+    """Quota of every key that the world listens on; may be called from any thread."""
 
     def __init__(self, run: str, scenario: Scenario, limits: Limits, rows_at_most: int | None = None) -> None:
         """`rows_at_most`: UAVs one agent may hold; None: as many as there are."""
@@ -78,21 +81,21 @@ class Quotas:
         self._agent = min(limits.act(rows), control.MAX_BYTES)
         self._leader = min(limits.act(0), control.MAX_BYTES)
         self.largest = max(self._agent, self._leader, JOIN_BYTES, RECEIVED_BYTES)  # of all, bytes
-        self._known = lru_cache(maxsize=4096)(self._of)
+        self._cached = lru_cache(maxsize=4096)(self._quota)
 
     def __call__(self, key: str) -> Quota:
-        """Whose messages are under `key`, and the most bytes one of them may have."""
-        return self._known(key)
+        """The sender of the messages under `key`, and the most bytes of one of them."""
+        return self._cached(key)
 
-    def _of(self, key: str) -> Quota:
+    def _quota(self, key: str) -> Quota:
         if key == keys.received(self._run):
             return Quota(key, RECEIVED_BYTES)
         if key == keys.telemetry(self._run):
             return Quota(key, 0)
         try:
-            name = keys.node_of(key).partition(".")[0]  # all lives of a node share its quota
+            name = keys.node_of(key).partition(".")[0]  # nodes that succeed each other in a place share its quota
         except MessageRejected:
-            return _STRANGE
+            return _NO_NODE
         if key.endswith("/join"):
             return Quota(f"{name} joining", JOIN_BYTES)
         if not key.endswith("/act"):
@@ -101,7 +104,9 @@ class Quotas:
 
 
 def _record(what: str, failure: str, begin: Callable[[], dict[str, Any]]) -> bytes:
-    """What a plug-in remembers at first, as a record; BadInput where it cannot begin, or that cannot be kept."""
+    """Initial memory of a plug-in, as a record; raises BadInput if `init` fails or a checkpoint cannot store the
+    memory.
+    """
     try:
         memory = begin()
         check_memory(what, memory)

@@ -1,4 +1,4 @@
-"""Motion and its cost by the vehicle that the scenario names; what it returns is checked here, and only here."""
+"""Motion and power by the vehicle of the scenario. The results of the vehicle are checked here, and only here."""
 
 from typing import Any, NamedTuple
 
@@ -11,11 +11,11 @@ from meanflock.swarm.plugins.guard import check_array, check_memory, check_pair,
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.vehicles.base import Hidden, Vehicle
 
-BOUND = 1e9  # a million kilometres or km/s: no metric is left worth having
+BOUND = 1e9  # m or m/s; a UAV beyond it counts as diverged
 
 
 class Moved(NamedTuple):
-    """One tick. states: (N, 4). hidden: the vehicle's. power: (N,), W. diverged: (K,), UAVs put back, at rest."""
+    """Result of a tick. states: (N, 4). hidden: of the vehicle. power: (N,), W. diverged: (K,), UAVs put back, at rest."""
 
     states: state.States
     hidden: Hidden
@@ -30,13 +30,13 @@ class Physics:
     """The vehicle of a scenario."""
 
     def __init__(self, scenario: Scenario) -> None:
-        """Raises BadInput where the scenario's vehicle is not installed or its options do not fit."""
+        """Raises BadInput if the scenario's vehicle is not installed or its options do not fit."""
         chosen = scenario.vehicle
         self._name = chosen.model
         self._vehicle: Vehicle = plugins.create("vehicle", chosen.model, chosen.options, scenario.flown())
 
     def init(self, uavs: int) -> Hidden:
-        """The hidden state of so many UAVs at take-off; BadInput where the vehicle cannot begin."""
+        """The hidden state of so many UAVs at take-off; raises BadInput if `init` of the vehicle fails."""
         try:
             hidden = self._asked("init", uavs)
             check_memory("`init`: hidden", hidden, uavs)
@@ -54,10 +54,10 @@ class Physics:
         noise: state.Plane,
         waiting: NDArray[np.bool_] | None = None,
     ) -> Moved:
-        """One tick: the arguments of `Vehicle.step`, and the UAVs that stay as they are, (N,), and spend nothing.
+        """Move all UAVs for one tick. `waiting`: (N,), UAVs that stay where they are and spend nothing; the rest: `Vehicle.step`.
 
         Raises:
-            RunFailed: the vehicle raised, or returned what it must not; the message names it and the UAV.
+            RunFailed: the vehicle raised, or its result is invalid; the message names the vehicle and the UAV.
         """
         try:
             return self._moved(states, hidden, acceleration, noise, waiting)

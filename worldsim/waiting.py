@@ -158,7 +158,7 @@ class _Waits:
 
 
 class Pace:
-    """Loses nodes that delay the flight tick after tick although they always reply.
+    """Rules that lose a node which delays the flight tick after tick, although it always replies.
 
     Two quantities count, for each node: its slow replies, and the time that all others waited for it alone. A node is
     warned at half of what the scenario's table `pace` allows, and lost at all of it.

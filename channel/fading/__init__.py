@@ -1,1 +1,1 @@
-"""What a link does to a message: a channel a file; others are found by name (`swarm/plugins/`)."""
+"""Channels: latency and loss of a message on a link. Each file has one; others are found by name (`swarm/plugins/`)."""

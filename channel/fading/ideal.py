@@ -1,4 +1,4 @@
-"""No fading: every message gets through, in as many slots as its bits take."""
+"""Channel without fading: every message is delivered, in the least number of slots."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ from meanflock.channel.link import slots_needed
 
 
 class Ideal(Channel):
-    """No fading: every message takes ⌈bits / (θ W_o log₂(1 + η))⌉ slots, however far it goes and whatever D_M is."""
+    """No fading: every message takes ⌈bits / (θ W_o log₂(1 + η))⌉ slots, at any distance and for any D_M."""
 
     name = "ideal"
 

@@ -1,6 +1,6 @@
-"""Rice fading: the amplitude of a line of sight plus scattered paths, Eq. Rice, drawn anew in every slot.
+"""Rice fading: the amplitude of a line of sight plus scattered paths, Eq. Rice, independent in every slot.
 
-The printed density writes I₀(zξ/χ²) for I₀(ζξ/χ²), and Rayleigh as ζ = 0 for ξ = 0; both are read as slips.
+The printed density writes I₀(zξ/χ²) for I₀(ζξ/χ²), and Rayleigh as ζ = 0 for ξ = 0; we read both as misprints.
 """
 
 import numpy as np
@@ -13,21 +13,21 @@ from meanflock.swarm.scenario import Scenario
 
 
 class Rice(Channel):
-    """Rician fading, slot by slot. A message is through after K slots whose SNR reaches η, or given up after D_M; the
-    constants are the keys of `[radio]`."""
+    """Rician fading, slot by slot. A message is delivered after K slots whose SNR reaches η, and lost after D_M slots.
+    The constants are the keys of `[radio]`."""
 
     name = "rice"
 
     def __init__(self, options: Channel.Options, scenario: Scenario) -> None:
         self._radio = scenario.radio
-        self._needed: dict[int, int] = {}  # slots, by bits; a run knows a few
-        self._expected: dict[int, tuple[float, float]] = {}  # of one link, where all are alike
+        self._needed: dict[int, int] = {}  # slots, by bits
+        self._expected: dict[int, tuple[float, float]] = {}  # of one link, by bits, without path loss
         self._alike = None if self._radio.path_loss_exponent else squared_threshold(self._radio, np.ones(1))
 
     def transmit(
         self, distance_m: Floats, bits: int, rng: np.random.Generator
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """In every slot an amplitude is drawn for each link still busy, in link order."""
+        """Draws an amplitude in every slot for each link that is still busy, in link order."""
         radio, links = self._radio, len(distance_m)
         if bits not in self._needed:
             self._needed[bits] = slots_needed(radio, bits)
@@ -60,7 +60,9 @@ class Rice(Channel):
 
 
 def squared_amplitude(normal: Floats, xi: float, chi: float) -> Floats:
-    """z² of independent slots, `(K,)`; z = |ξ + χ(n₁ + jn₂)|, `normal`: standard normal, `(K, 2)`, written to."""
+    """Squared amplitude z² of independent slots, `(K,)`; z = |ξ + χ(n₁ + jn₂)|. `normal`: standard normal, `(K, 2)`,
+    overwritten.
+    """
     normal *= chi
     normal[:, 0] += xi
     normal *= normal

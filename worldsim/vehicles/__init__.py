@@ -1,1 +1,1 @@
-"""How a UAV moves and what that costs: a vehicle a file; others are found by name (`swarm/plugins/`)."""
+"""Vehicles: motion of a UAV and its power. Each file has one; others are found by name (`swarm/plugins/`)."""

@@ -43,8 +43,8 @@ class PointMass(Vehicle):
         return moved, hidden
 
     def power(self, states: state.States, hidden: Hidden, acceleration: state.Plane) -> state.Rows:
-        """That of `[vehicle]` at speed ‖v‖ or, where `vehicle.power_speed` is air, ‖v − v_o(r)‖: of the mean wind,
-        without its noise."""
+        """Power of the rotary wing at speed ‖v‖, or at ‖v − v_o(r)‖ if `vehicle.power_speed` is air; v_o is the mean
+        wind without noise."""
         if self._through_air:
             through = states[..., state.VELOCITY] - self._mean(states)
             speed = np.sqrt(state.dot(through, through))
