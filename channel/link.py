@@ -17,7 +17,7 @@ def bits_per_slot(radio: Radio) -> float:
 
 
 def slots_needed(radio: Radio, bits: int) -> int:
-    """Number K ≥ 1 of successful slots that a message of `bits` needs, at most `MOST_SLOTS`, which exceeds every D_M."""
+    """Number K ≥ 1 of successful slots that a message of `bits` needs; at most `MOST_SLOTS`, more than any D_M."""
     per_slot = bits_per_slot(radio)
     return max(1, math.ceil(bits / per_slot)) if bits < MOST_SLOTS * per_slot else MOST_SLOTS
 

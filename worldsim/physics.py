@@ -15,7 +15,7 @@ BOUND = 1e9  # m or m/s; a UAV beyond it counts as diverged
 
 
 class Moved(NamedTuple):
-    """Result of a tick. states: (N, 4). hidden: of the vehicle. power: (N,), W. diverged: (K,), UAVs put back, at rest."""
+    """Result of a tick. states: (N, 4). hidden: of the vehicle. power: (N,), W. diverged: (K,), UAVs put back to rest."""
 
     states: state.States
     hidden: Hidden
@@ -54,7 +54,7 @@ class Physics:
         noise: state.Plane,
         waiting: NDArray[np.bool_] | None = None,
     ) -> Moved:
-        """Move all UAVs for one tick. `waiting`: (N,), UAVs that stay where they are and spend nothing; the rest: `Vehicle.step`.
+        """Move all UAVs for one tick, by `Vehicle.step`. UAVs that are `waiting`, (N,), stay at rest and spend nothing.
 
         Raises:
             RunFailed: the vehicle raised, or its result is invalid; the message names the vehicle and the UAV.
