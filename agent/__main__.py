@@ -1,9 +1,9 @@
-"""`python -m meanflock.agent`: one process of the swarm, holding one UAV or more."""
+"""`python -m meanflock.agent`: a process that flies one UAV or more."""
 
 from pathlib import Path
 
-import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
-from meanflock.agent import blocklist  # noqa: F401  # first: what NumPy and msgspec shall not load
+import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy reads the variables once
+from meanflock.agent import blocklist  # noqa: F401  # first: keeps NumPy and msgspec from loading some libraries
 from meanflock.swarm.errors import needed
 
 with needed("an agent"):
@@ -32,10 +32,10 @@ def _run() -> None:
     if given.count < 1:
         raise BadInput(f"--count {given.count}: at least one")
     if given.count > 1 and given.tls and given.uav < 0:
-        raise BadInput(f"--count {given.count}: with --tls say which UAV is the first: --uav K")
+        raise BadInput(f"--count {given.count}: with --tls name the first UAV: --uav K")
     number = fork(given.count)
     if given.count == 1:
-        end_with_launcher()  # several are ended by the one they were forked from
+        end_with_launcher()  # if there are several, their parent ends them
     if given.uav >= 0:
         given.uav += number * given.rows
     known = logs.start(given.log_format, run=given.run, node=keys.asker("agent", given.uav))

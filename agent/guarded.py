@@ -1,6 +1,7 @@
-"""The controller of a node, guarded: whatever it raises or returns in one row costs that row and no other.
+"""Guard of a node's controller: an exception or an invalid result of one row breaks that row and no other.
 
-A controller may be anybody's. Its results are checked here, row by row where they fail together, and nowhere again.
+The controller may be foreign code. Its results are checked here, and nowhere else. If a check fails for all rows
+together, it is repeated row by row.
 """
 
 import logging
@@ -22,7 +23,7 @@ from meanflock.swarm.wire.messages import NOBODY
 
 Answer = TypeVar("Answer")
 
-SENT = (np.dtype("i1"), np.dtype("u1"), np.dtype("<i2"), np.dtype("<i4"))  # integers that travel
+SENT = (np.dtype("i1"), np.dtype("u1"), np.dtype("<i2"), np.dtype("<i4"))  # integers that a broadcast may have
 
 log = logging.getLogger("meanflock.agent")
 
@@ -38,7 +39,7 @@ class Guarded:
         """`complaints`: a list that gets one text for each row in which the controller failed.
 
         Raises:
-            BadInput: there is no such controller, or its options do not fit.
+            BadInput: the controller is not installed, or its options do not fit.
         """
         self.broken: Mask | None = None
         self._method, self._declared = scenario.method, scenario.declared
@@ -113,7 +114,7 @@ class Guarded:
             return _with_rows(memory, alone)
 
     def break_not_finite(self, memory: Memory) -> None:
-        """Break the rows whose memory has numbers that are not finite: a checkpoint of them would be of no use."""
+        """Break the rows whose memory has numbers that are not finite, so that no checkpoint stores them."""
         for name, array in memory.items():
             bad = np.flatnonzero((~np.isfinite(array)).reshape(len(array), -1).any(axis=1))
             if len(bad):
@@ -148,7 +149,9 @@ class Guarded:
                 if len(payload) and (payload.shape, payload.dtype) != (first.shape, first.dtype):
                     raise ValueError(f"broadcast {number} is unlike that of other rows")
             for number, payload in payloads.items():
-                by_row = sent.setdefault(number, {})  # also where nobody sends: their place is their number
+                by_row = sent.setdefault(
+                    number, {}
+                )  # also without senders: the position in the tuple is the number of the broadcast
                 if len(payload):
                     by_row[row] = payload
             commands[row] = numbers
@@ -186,7 +189,7 @@ class Guarded:
             broken = broken & ~self.asleep
         self.broken = self.or_broken(broken)
         if (fresh := broken & ~self._complained).any():
-            trace = error if isinstance(error, Exception) else None  # there is no defect to find in a `sys.exit()`
+            trace = error if isinstance(error, Exception) else None  # a `sys.exit()` needs no trace
             log.warning("controller %r failed: %s", self._method, last_line(error), exc_info=trace)
             self._complain(fresh, last_line(error))
 
@@ -211,7 +214,7 @@ def checked_step(step: Step, before: Memory, blank: Floats, declared: Declared, 
         blank: (M, 2 + K), an array like the commands: accelerations, then diagnostics. uavs: number in the swarm.
 
     Raises:
-        TypeError, ValueError: a part of the step has not the form that it must have.
+        TypeError, ValueError: a part of the step has a wrong type, shape or value.
     """
     commands = blank.copy()
     try:

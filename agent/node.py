@@ -1,4 +1,4 @@
-"""The agent node: M UAVs as rows of one process, flown by the controller the scenario names."""
+"""The agent node: flies M UAVs, the rows of its arrays, by the controller of the scenario."""
 
 import logging
 
@@ -25,12 +25,12 @@ _STATE = np.dtype(np.float64)
 
 
 class Agent:
-    """What a node does with a Sense; whoever carries the messages calls `act`."""
+    """Answers each Sense with an Act; the client that carries the messages calls `act`."""
 
     def __init__(self, welcome: Welcome) -> None:
-        """Raises BadInput where the controller cannot begin."""
+        """Raises BadInput if the controller cannot be made or its `init` fails."""
         self.uavs = np.array(welcome.uavs, dtype=np.intp)
-        self.complaints: list[str] = []  # what the world should hear of, since it was last asked
+        self.complaints: list[str] = []  # texts for the world that were not sent yet
         self._names = self.uavs.astype(np.int32)  # as frames have them
         self._scenario: Scenario = decode(welcome.scenario)
         self._declared = self._scenario.declared
@@ -50,11 +50,11 @@ class Agent:
 
     @property
     def models(self) -> Floats:
-        """What each row has learned so far, `(M, W)`."""
+        """The learned weights of each row, `(M, W)`."""
         return self._controller.report(self._memory) if self._declared.weights else np.zeros((len(self.uavs), 0))
 
     def act(self, sense: Sense) -> Act:
-        """One tick. Whoever reads the Sense has seen to it that it has the states of as many UAVs as this node's.
+        """Compute one tick. The reader of the Sense has checked that it has the states of this node's UAVs.
 
         Raises:
             MessageRejected: a frame in it does not fit this node; nothing has changed.
@@ -63,18 +63,18 @@ class Agent:
         for frames in sense.inbox:
             self._check(frames)
 
-        # 0. Rows the fault script pauses are as they were when the tick is over, whatever the others do.
+        # 0. Rows that the fault script pauses get their old memory back at the end of the tick.
         asleep = self._asleep = self._paused(tick) if self._pauses else None
         before, controller = self._memory, self._controller
         controller.begin(asleep)
-        # 1. Receive: the party takes models, the controller the frames of other UAVs.
+        # 1. Receive: models go to the party, frames of other UAVs to the controller.
         received = self._receive(tick, sense.inbox) if sense.inbox else ()
         # 2. Take part in the rounds.
         outbox, refused = self._party.act(tick)
         # 3. Let the controller fly.
         step, commands, largest = controller.step(self._memory, tick, sense.states, received)
         self._memory = step.memory
-        # 4. A row whose numbers have left all bounds is reported and silenced; the others go on.
+        # 4. A row with a diverged number is reported and sends nothing; the other rows continue.
         if asleep is not None:
             commands[asleep] = 0.0
             self._memory = picked(asleep, before, self._memory)
@@ -98,19 +98,19 @@ class Agent:
             self._names[self._failed],
             np.concatenate([~np.array(refused, np.int32), self._others(step.refused)]),  # uploads, and states
             learned,
-            self._kept() if sense.checkpoint else b"",
+            self._memory_record() if sense.checkpoint else b"",
             tuple(outbox),
         )
 
     def _others(self, refused: NDArray[np.integer]) -> NDArray[np.int32]:
-        """UAVs that are refused, each once; nobody refuses itself, though it may one in the row beside it."""
+        """Refused UAVs, each once. A node of one UAV does not refuse itself; a node of several may refuse its own."""
         found = distinct(refused).astype(np.int32)
         return found if len(self.uavs) > 1 else found[found != self._names[0]]
 
     # -- what goes out ------------------------------------------------------------------------------------------
 
     def _silence(self, commands: Floats) -> None:
-        """Zeros what failed rows remember and say, so that nothing non-finite ever leaves or spreads."""
+        """Mark rows with diverged commands as failed; set commands and memory of all failed rows to zero."""
         beyond = ~np.all(np.abs(commands) < BEYOND_SENSE, axis=-1)
         self._controller.note_beyond(commands, beyond & ~self._failed)
         self._failed = self._failed | beyond
@@ -120,24 +120,24 @@ class Agent:
         self._memory = picked(self._failed, nothing, self._memory)
 
     def _frames_of(self, number: int, broadcast: Broadcast) -> list[Frames]:
-        """A broadcast as it is transmitted; floats as the radio has them, rows that they cannot say left out."""
-        said, rows = broadcast.payload, broadcast.rows
+        """The frames of a broadcast, with floats of the radio. Rows that fail or exceed these floats send none."""
+        payload, rows = broadcast.payload, broadcast.rows
         names = self._names if rows is None else self._names[rows]
         failed = None if not self._any_failed else self._failed if rows is None else self._failed[rows]
-        if said.dtype.kind == "f":
+        if payload.dtype.kind == "f":
             with np.errstate(over="ignore"):
-                said = said.astype(self._float)  # infinite where the radio's floats end
-            fits = np.isfinite(said).all(axis=-1)
+                payload = payload.astype(self._float)  # infinite beyond the range of the radio's floats
+            fits = np.isfinite(payload).all(axis=-1)
             if not fits.all():
                 failed = ~fits if failed is None else failed | ~fits
         if failed is not None:
-            names, said = names[~failed], said[~failed]
-        return [Frames(FrameKind.STATE, number, names, said)] if len(names) else []
+            names, payload = names[~failed], payload[~failed]
+        return [Frames(FrameKind.STATE, number, names, payload)] if len(names) else []
 
     # -- what comes in ------------------------------------------------------------------------------------------
 
     def _check(self, frames: Frames) -> None:
-        """Validates a batch for this node; raises MessageRejected."""
+        """Check that a batch fits this node; raises MessageRejected."""
         check_links(frames, self._scenario.uavs)
         assert frames.links is not None
         if not self._own[frames.links[:, 1]].all():
@@ -146,7 +146,7 @@ class Agent:
             self._party.check(frames)
 
     def _receive(self, tick: int, inbox: tuple[Frames, ...]) -> tuple[Received, ...]:
-        """Gives models to the party; returns the frames of other UAVs, by row."""
+        """Give models to the party; returns the frames of other UAVs, by row."""
         received = []
         for frames in inbox:
             if frames.kind != FrameKind.STATE:
@@ -154,15 +154,15 @@ class Agent:
                 continue
             assert frames.links is not None
             sent, row = frames.links[:, 0].astype(np.intp), self.uavs.searchsorted(frames.links[:, 1])
-            said = frames.payload.astype(np.float64) if frames.payload.dtype.kind == "f" else frames.payload
+            payload = frames.payload.astype(np.float64) if frames.payload.dtype.kind == "f" else frames.payload
             links = np.stack([sent, row], axis=-1)
-            received.append(Received(frames.round, frames.source.astype(np.intp), said, links))
+            received.append(Received(frames.round, frames.source.astype(np.intp), payload, links))
         return tuple(received)
 
-    # -- rounds: what the party asks of a learner ---------------------------------------------------------------
+    # -- rounds: the methods of a learner that the party calls --------------------------------------------------
 
     def tell(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], Floats]:
-        """The rows among these that can send, and their models (S, L)."""
+        """The rows among `rows` that can send, and their models (S, L)."""
         rows = rows[~self.silent()[rows]]
         if not len(rows):
             return rows, np.zeros((0, self._declared.parameters))
@@ -171,38 +171,38 @@ class Agent:
         return rows, models[rows]
 
     def take(self, rows: NDArray[np.intp], models: Floats) -> None:
-        """Puts models (S, L) in the place of those of some rows."""
+        """Replace the models of some rows by `models` (S, L)."""
         self._memory = self._controller.set(self._memory, rows, models)
 
     def silent(self) -> Mask:
-        """The rows that send nothing in this tick, (M,): failed, paused or broken."""
+        """Mask (M,) of the rows that send nothing in this tick: failed, paused or broken ones."""
         return self._controller.or_broken(self._failed if self._asleep is None else self._failed | self._asleep)
 
     # -- the fault script, and checkpoints ----------------------------------------------------------------------
 
     def _paused(self, tick: int) -> Mask | None:
-        """Which rows the fault script pauses in this tick, (M,); None for none."""
+        """Mask (M,) of the rows that the fault script pauses in this tick; None for none."""
         paused = np.array(faults.paused(self._scenario.faults, tick, self._scenario.dt), dtype=np.intp)
         asleep = contains(paused, self.uavs)
         return asleep if asleep.any() else None
 
-    def _kept(self) -> bytes:
-        """All that the rows remember, as a record; nothing where that is more than a checkpoint has room for."""
-        kept = self._memory | self._party.state()
-        size = sum(array.nbytes for array in kept.values())
+    def _memory_record(self) -> bytes:
+        """The memory of all rows, as a record; empty if it exceeds the room of a checkpoint."""
+        memory = self._memory | self._party.state()
+        size = sum(array.nbytes for array in memory.values())
         if size * self._scenario.uavs > MAX_MEMORY_BYTES * len(self.uavs):
             return b""
-        return encode_record({name: np.ascontiguousarray(array) for name, array in kept.items()})
+        return encode_record({name: np.ascontiguousarray(array) for name, array in memory.items()})
 
     def _resume(self, record: bytes) -> None:
-        """Goes on with what its rows had in memory, a record of `_kept`; BadInput where that does not fit."""
+        """Continue with the memory in a record of `_memory_record`; raises BadInput if it does not fit."""
         try:
-            kept = decode_record(record)
-            self._party.restore(kept)
-            if set(kept) != set(self._memory):
-                raise MessageRejected("wrong-shape", f"a memory of {sorted(kept)}, expected {sorted(self._memory)}")
+            memory = decode_record(record)
+            self._party.restore(memory)
+            if set(memory) != set(self._memory):
+                raise MessageRejected("wrong-shape", f"a memory of {sorted(memory)}, expected {sorted(self._memory)}")
             for name, array in self._memory.items():
-                self._memory[name] = expect(name, kept[name], array.shape, array.dtype).copy()
+                self._memory[name] = expect(name, memory[name], array.shape, array.dtype).copy()
         except MessageRejected as error:
             uavs = ", ".join(map(str, self.uavs))
-            raise BadInput(f"what UAV {uavs} had in memory does not fit this controller: {error}") from error
+            raise BadInput(f"the memory of UAV {uavs} does not fit this controller: {error}") from error

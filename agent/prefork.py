@@ -1,10 +1,10 @@
-"""Agents that share what they loaded: one process loads it, forks as many as are wanted, and waits for them.
+"""Fork agents from one process that has loaded what all of them need, and wait for them.
 
-What none of them writes to is in memory once, and is imported once. They are processes like all others: each has its
-UAVs, its session and its end. Forked before there is a session, for the threads of one would not come along.
+Memory that no agent writes to exists once, and modules are imported once. Each agent is a full process, with its own
+UAVs and session. The parent forks before it opens a session, because a fork does not copy threads.
 
-They share their cores with each other and with the world, for which all of them wait, so none of them takes a core from
-whoever computes as soon as a message wakes it: fewer changes of hands, and the world gets to ask everyone in one go.
+Agents run under SCHED_BATCH: a message that wakes an agent does not preempt the process that computes. So there are
+fewer context switches, and the world can send all requests at once.
 """
 
 import contextlib
@@ -25,17 +25,18 @@ _GRACE_S = 3.0  # a launcher waits a little longer
 
 
 def fork(count: int) -> int:
-    """Becomes `count` processes and returns in each, with its number. The one that was there waits for them and never
-    returns: it forks another in the place of one that dies, ends when all have, and ends them when it is told to or
-    when its launcher is gone. If it is killed they go on, as long as there is a launcher: its end they would notice.
+    """Fork `count` processes; returns in each of them, with its number.
+
+    The parent never returns. It replaces a process that dies, ends when all have ended, and ends them all on a signal
+    or when its launcher is gone. If the parent is killed, the processes continue while the launcher lives.
     """
     if count == 1:
         return 0
-    pipe = None if os.environ.get(CHILD) == "1" else os.pipe()  # its writing end is ours: they notice our end
-    _load_what_each_would()
+    pipe = None if os.environ.get(CHILD) == "1" else os.pipe()  # the children read its end when the parent dies
+    _preload()
     gc.collect()
-    gc.freeze()  # or the collector writes to all that is shared
-    interrupted = Interrupted()  # a sibling will have its own; until it has, it hears nothing and is killed in the end
+    gc.freeze()  # so that the collector does not write to shared memory
+    interrupted = Interrupted()  # a child installs its own; until then it ignores signals
     restarts = Restarts()
     living: dict[int, int] = {}
     due = list(range(count))
@@ -51,13 +52,14 @@ def fork(count: int) -> int:
     raise SystemExit(EXIT_DONE)
 
 
-def _load_what_each_would() -> None:
-    """Loads the entry points, and our own controllers, filters and topologies. Plug-ins of others are loaded only by an
-    agent that flies one: nobody knows what their import starts.
+def _preload() -> None:
+    """Load the entry points, and the built-in controllers, filters and topologies.
+
+    Foreign plug-ins are loaded only by an agent that flies one, because their import may start threads.
     """
     for plugin in plugins.installed():
         if plugin.kind in ("controller", "filter", "topology") and plugin.reference.startswith("meanflock."):
-            with contextlib.suppress(BadInput):  # for who is told to fly it to say
+            with contextlib.suppress(BadInput):  # the agent that flies it reports the error
                 plugins.load(plugin.kind, plugin.name)
 
 
@@ -65,18 +67,18 @@ def _become_a_process(pipe: tuple[int, int] | None) -> None:
     if pipe is not None:
         listening, hold = pipe
         os.close(hold)
-        os.dup2(listening, 0)  # its end is what `orphaned` waits for
+        os.dup2(listening, 0)  # `orphaned` waits for its end
         os.environ[CHILD] = "1"
     with contextlib.suppress(AttributeError, OSError):  # no Linux, or forbidden
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
 def _await_deaths(living: dict[int, int], restarts: Restarts, interrupted: Interrupted) -> list[int]:
-    """Waits for the processes `living`, by process id; the numbers of those that are to be forked again.
+    """Wait for the processes `living`, by process id; returns the numbers of those to fork again.
 
     Raises:
-        SystemExit: all have ended: 0 if they went home or were told to end, 1 if every last one died again and again,
-            2 if one was given what no other could use either.
+        SystemExit: all have ended. 0: they finished, or were ended. 1: every one of them died again and again. 2: one
+            of them ended with bad input, which all others have too.
     """
     while living:
         pid, status = os.waitpid(-1, os.WNOHANG)
@@ -90,7 +92,7 @@ def _await_deaths(living: dict[int, int], restarts: Restarts, interrupted: Inter
             if restarts.again(number):
                 logs.tell(f"warning: agent process {number} {how_it_ended(ended)}; another takes its place", WARNING)
                 return [number]
-            logs.tell(f"error: agent process {number} {how_it_ended(ended)}, as often before: it stays away", ERROR)
+            logs.tell(f"error: agent process {number} {how_it_ended(ended)}, too often: it is not started again", ERROR)
             if not living:
                 raise SystemExit(EXIT_RUN_FAILED)
         elif interrupted or orphaned():
@@ -101,10 +103,10 @@ def _await_deaths(living: dict[int, int], restarts: Restarts, interrupted: Inter
 
 
 def _end(living: dict[int, int]) -> None:
-    """Ends all processes: first asked, then killed."""
+    """End all processes: SIGTERM, then SIGKILL. Not `process.end_all`, which takes processes of `subprocess`."""
     asked = time.monotonic()
     _signal(living, signal.SIGTERM)
-    _signal(living, signal.SIGCONT)  # one that is frozen hears nothing
+    _signal(living, signal.SIGCONT)  # a stopped process handles no signal
     while living:
         pid, _ = os.waitpid(-1, os.WNOHANG)
         if pid:
@@ -116,5 +118,5 @@ def _end(living: dict[int, int]) -> None:
 
 
 def _signal(living: dict[int, int], number: int) -> None:
-    for pid in living:  # none has been waited for: the ids are theirs
+    for pid in living:  # none has been reaped, so the ids are still theirs
         os.kill(pid, number)

@@ -1,1 +1,1 @@
-"""The leader: averages the models that arrive. It rides on one UAV and flies with it."""
+"""The leader node: averages uploads and broadcasts the global model. It is on board of one UAV."""

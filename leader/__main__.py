@@ -1,6 +1,6 @@
 """`python -m meanflock.leader`: the process that averages the models."""
 
-import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
+import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy reads the variables once
 from meanflock.swarm.errors import needed
 
 with needed("the leader"):

@@ -9,17 +9,17 @@ from meanflock.swarm.wire.messages import Act, Sense, Welcome
 
 
 class Leader:
-    """Answers each Sense with an Act; whoever carries the messages calls `act`."""
+    """Answers each Sense with an Act; the client that carries the messages calls `act`."""
 
     def __init__(self, welcome: Welcome) -> None:
-        """Raises BadInput where the aggregation rule cannot begin."""
-        self.complaints: list[str] = []  # texts for the world, since it last took them
+        """Raises BadInput if `init` of the aggregation rule fails."""
+        self.complaints: list[str] = []  # texts for the world that were not sent yet
         scenario = decode(welcome.scenario)
         self._uavs = scenario.uavs
         self._party = Party(scenario, "leader", np.zeros(0, dtype=np.intp), self.complaints)
 
     def act(self, sense: Sense) -> Act:
-        """One tick.
+        """Compute one tick.
 
         Raises:
             MessageRejected: the Sense does not fit; nothing has changed.

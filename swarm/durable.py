@@ -1,4 +1,4 @@
-"""Files that are whole after a crash, of the process or the machine: what is on the disk is the old or the new one."""
+"""Atomic writing of files: after a crash of the process or the machine, the disk has the whole old or new file."""
 
 import errno
 import os
@@ -12,7 +12,7 @@ from meanflock.swarm.errors import BadInput, RunFailed
 
 
 def replace(path: Path, content: bytes | memoryview) -> None:
-    """Writes `content` beside `path` and puts it in the place of what was there, when it is on the disk."""
+    """Writes `content` to a temporary file and, once that is on the disk, renames it to `path`."""
     part = _part(path)
     try:
         with part.open("wb", buffering=0) as file:
@@ -25,10 +25,10 @@ def replace(path: Path, content: bytes | memoryview) -> None:
 
 
 def put(path: Path, content: bytes | memoryview, mend: str = "make room and repeat the command") -> Path:
-    """`replace`, for a command's own file; returns where it is.
+    """Like `replace`, for an output of a command; returns the path.
 
     Raises:
-        RunFailed: it cannot be written; `mend` says what then.
+        RunFailed: the file cannot be written; `mend` is the advice in the message.
     """
     try:
         replace(path, content)
@@ -39,10 +39,10 @@ def put(path: Path, content: bytes | memoryview, mend: str = "make room and repe
 
 @contextmanager
 def replacing(path: Path) -> Iterator[FileIO]:
-    """A new file beside `path`, which takes its place when the context ends without an error, Ctrl-C included.
+    """Context with a new file that replaces `path` at its end, unless an exception (Ctrl-C included) leaves it.
 
     Raises:
-        BadInput: no file can be made there.
+        BadInput: the file cannot be created.
         RunFailed: the disk is full or gone.
     """
     part = _part(path)
@@ -65,26 +65,26 @@ def replacing(path: Path) -> Iterator[FileIO]:
 
 
 def write(file: FileIO, content: bytes | memoryview) -> None:
-    """All of it: a disk that is almost full takes a part without a word."""
+    """Writes all of `content`: a single call may write only a part without an error."""
     while content:
         content = content[file.write(content) :]
 
 
 def move(part: Path, path: Path) -> None:
-    """Puts a file that others wrote and closed in the place of another, as `replace` does."""
+    """Renames a closed file to `path` once it is on the disk, as `replace` does."""
     with part.open("rb") as file:
         os.fsync(file.fileno())
     rename(part, path)
 
 
 def rename(part: Path, path: Path) -> None:
-    """Renames a file that is on the disk, so that the new name is too."""
+    """Renames a file, and waits until the new name is on the disk."""
     os.replace(part, path)
     sync_folder(path.parent)
 
 
 def remove(path: Path) -> None:
-    """Takes a file away, and what a `replace` that was killed left of it, so that it is still gone after a crash."""
+    """Deletes a file and the temporary file of a killed `replace`, durably."""
     _part(path).unlink(missing_ok=True)
     path.unlink(missing_ok=True)
     sync_folder(path.parent)
@@ -95,7 +95,7 @@ def _part(path: Path) -> Path:
 
 
 def sync_folder(folder: Path) -> None:
-    """Makes sure that the names in a folder are on the disk."""
+    """Waits until the names in a folder are on the disk."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -104,10 +104,10 @@ def sync_folder(folder: Path) -> None:
 
 
 def check_writable(path: Path) -> None:
-    """Says that a file cannot be written before somebody works for it.
+    """Check, before work begins, that a file can be written.
 
     Raises:
-        BadInput: it cannot.
+        BadInput: it cannot be written.
     """
     try:
         path.open("ab").close()
@@ -116,7 +116,7 @@ def check_writable(path: Path) -> None:
 
 
 def check_folder(folder: Path, flag: str) -> None:
-    """The same of a folder that is there, named with `flag`; nothing is left in it.
+    """Check that files can be written to an existing folder, which was given to `flag`.
 
     Raises:
         BadInput: no file can be written there.
@@ -128,11 +128,12 @@ def check_folder(folder: Path, flag: str) -> None:
 
 
 def settle(flush: Callable[[float], None], path: Path | None, patience_s: float = 5.0) -> None:
-    """Calls `flush` with so many seconds until all is written, and again while the file grows meanwhile: who writes in
-    a thread of its own may have died of a full disk and never tell.
+    """Calls `flush` with a timeout of `patience_s`, again and again while the file grows, until it succeeds.
+
+    A writer in a thread of its own may die of a full disk without a message. So a file that stops to grow is an error.
 
     Raises:
-        RuntimeError: what `flush` raised last.
+        RuntimeError: the last error of `flush`.
     """
     size = -1
     while True:

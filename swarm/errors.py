@@ -16,8 +16,8 @@ EXIT_BAD_INPUT = 2
 _LONGEST_TEXT = 300  # characters; a key expression of Zenoh may have thousands
 
 
-PLUGIN_MODULE = "meanflock_plugin_"  # begins the name of the module that the file of a plug-in becomes
-FAILURES = (Exception, SystemExit)  # a plug-in may raise these; Ctrl-C is the user's
+PLUGIN_MODULE = "meanflock_plugin_"  # prefix of the names of modules loaded from files
+FAILURES = (Exception, SystemExit)  # a plug-in may raise these; Ctrl-C comes from the user
 _OURS = {"meanflock", "numpy", "click", *sys.stdlib_module_names}  # frames ignored when locating an error
 
 
@@ -42,7 +42,7 @@ class BusError(RunFailed):
 
 
 class WorldGone(BusError):
-    """The session with the world ended without a word: the world is gone, or the way to it."""
+    """The session with the world ended without a Stop: the world or the connection is gone."""
 
 
 class Refused(BusError):
@@ -79,13 +79,13 @@ def printable(text: str, most: int = _LONGEST_TEXT) -> str:
 
 
 def printable_lines(text: str) -> str:
-    """The same for text of several lines, which are not cut off."""
+    """Text of several lines, each as by `printable`, but not cut off."""
     return "\n".join(printable(line, len(line)) for line in text.split("\n"))
 
 
 @contextmanager
 def needed(by: str, extra: str = "") -> Iterator[None]:
-    """Context that imports libraries: they are needed `by` somebody, and come with `extra` of ours.
+    """Context that imports libraries: `by` needs them, and our extra `extra` installs them.
 
     Raises:
         SystemExit: a library is not installed, and a line on stderr says which one, and what to install; or Ctrl-C was
@@ -104,7 +104,7 @@ def needed(by: str, extra: str = "") -> Iterator[None]:
 
 
 def lacking(error: BaseException, by: str, extra: str = "") -> str:
-    """What to install if `error` is the lack of a library that is needed `by` somebody; else nothing."""
+    """Advice what to install, if `error` is the lack of a library that `by` needs; else an empty text."""
     library = ((isinstance(error, ModuleNotFoundError) and error.name) or "").partition(".")[0]
     if library in ("meanflock", "") or _is_there(library):
         return ""
@@ -113,7 +113,7 @@ def lacking(error: BaseException, by: str, extra: str = "") -> str:
 
 
 def _is_there(library: str) -> bool:
-    """Whether the library is installed: then a part of it is missing, which is a defect and no matter of extras."""
+    """Whether the library is installed. If so, the error is a defect of it, which installing an extra does not mend."""
     try:
         return find_spec(library) is not None
     except ValueError:
@@ -121,15 +121,15 @@ def _is_there(library: str) -> bool:
 
 
 def last_line(error: BaseException) -> str:
-    """The error, and the line of the plug-in that raised it or that called what raised it."""
-    if isinstance(error, SyntaxError) and error.filename:  # raised by who reads the file
+    """The error, and the line of the plug-in in which it arose, if any."""
+    if isinstance(error, SyntaxError) and error.filename:  # raised by the compiler
         return f"{reason(error)} ({Path(error.filename).name}, line {error.lineno})"
     places = [  # top-level module, file and line, the innermost last
         (str(frame.f_globals.get("__name__")).partition(".")[0], frame.f_code.co_filename, line)
         for frame, line in traceback.walk_tb(error.__traceback__)
     ]
     theirs = [place for place in places if place[0] not in _OURS]
-    own = [place for place in theirs if place[0] == theirs[0][0]]  # and not of what it calls
+    own = [place for place in theirs if place[0] == theirs[0][0]]  # without the libraries that it calls
     if not own:
         return reason(error)
     _, file, line = own[-1]
@@ -138,9 +138,9 @@ def last_line(error: BaseException) -> str:
 
 def reason(error: BaseException) -> str:
     """The error in one line, without its notes."""
-    said = traceback.TracebackException(type(error), error, None)
-    said.__notes__ = []  # they would be what is said last
-    *_, last = said.format_exception_only()
-    if type(error).__module__.startswith(PLUGIN_MODULE):  # a name that we gave the file
+    trace = traceback.TracebackException(type(error), error, None)
+    trace.__notes__ = []  # the notes would be the last lines
+    *_, last = trace.format_exception_only()
+    if type(error).__module__.startswith(PLUGIN_MODULE):  # the name that the loader gave the module
         last = last.removeprefix(f"{type(error).__module__}.")
     return " ".join(filter(None, map(str.strip, last.splitlines())))

@@ -1,4 +1,4 @@
-"""What is wrong with a scenario, in words: where, what was expected, what is there instead, and how to mend it."""
+"""Error messages for invalid scenarios: the key, what was expected, what it is, and how to mend it."""
 
 import difflib
 import re
@@ -21,9 +21,9 @@ _WORDS = {
 
 
 def explain(message: str, root: type, table: dict[str, Any], where: str = "", mend: str = MEND) -> str:
-    """A message of msgspec about a `table` that should be a `root`, as a person can use it.
+    """Translate an error of msgspec about a `table`, which should be a `root`, into a message for users.
 
-    `where`: the key of that table, if it is not the whole. `mend`: what lists its keys.
+    `where`: key of that table, if it is part of another. `mend`: a text that names the command that lists the keys.
     """
     text, _, path = message.partition(" - at ")
     place = path.removeprefix("`key` in ").strip("`").removeprefix("$").removeprefix(".")
@@ -45,16 +45,16 @@ def explain(message: str, root: type, table: dict[str, Any], where: str = "", me
 
 
 def _in_words(types: str) -> str:
-    """`int | null`, as msgspec names types, in words; what may be left out need not be said."""
+    """Types as msgspec names them, such as `int | null`, in words without `null`."""
     names = [name for name in types.split(" | ") if name != "null"] or ["null"]
     return " or ".join(_WORDS.get(name, f"`{name}`") for name in names)
 
 
-_STEP = re.compile(r"[^.\[\]]+|\[[^\]]*\]")  # of a place: a key, or an index in brackets
+_STEP = re.compile(r"[^.\[\]]+|\[[^\]]*\]")  # step of a path: a key, or an index in brackets
 
 
 def _value_at(table: dict[str, Any], place: str) -> str:
-    """The value at a place as text; empty where msgspec does not say which entry of a dict the place is."""
+    """The value at a path, as text; empty if the path is unknown, as for entries of a dict."""
     value: Any = table
     try:
         for step in _STEP.findall(place):
@@ -65,7 +65,7 @@ def _value_at(table: dict[str, Any], place: str) -> str:
 
 
 def _parts(kind: inspect.Type) -> list[inspect.Type]:
-    """A type without what is around it: bounds, and what else it may be."""
+    """The members of a union or the type itself, without bounds."""
     if isinstance(kind, inspect.Metadata):
         return _parts(kind.type)
     if isinstance(kind, inspect.UnionType):
@@ -74,7 +74,7 @@ def _parts(kind: inspect.Type) -> list[inspect.Type]:
 
 
 def _at(root: type, place: str) -> list[inspect.Type]:
-    """The types a value at a place may be of: `radio.fading`, `faults[0].kind`; none where there is no such place."""
+    """The types that a value at a path such as `faults[0].kind` may have; none if there is no such path."""
     found = _parts(inspect.type_info(root))
     for name in _STEP.findall(place):
         inner: list[inspect.Type] = []
@@ -89,7 +89,7 @@ def _at(root: type, place: str) -> list[inspect.Type]:
 
 
 def _choices(root: type, place: str) -> str:
-    """What may stand at a place, where that is one of a few."""
+    """The allowed values at a path, if they are an enumeration; else an empty text."""
     values: list[Any] = []
     for kind in _at(root, place):
         if isinstance(kind, inspect.LiteralType):
@@ -102,7 +102,7 @@ def _choices(root: type, place: str) -> str:
 
 
 def _meant(root: type, place: str, name: str) -> str | None:
-    """The key that looks like `name` of this table, or else is called so in another; unless it is one of a list."""
+    """The most similar key of this table, else an equal key of another table; None in a list of tables."""
     tables = [kind for kind in _at(root, place) if isinstance(kind, inspect.StructType)]
     here = sorted({field.encode_name for table in tables for field in table.fields})
     close = difflib.get_close_matches(name, here, 1)

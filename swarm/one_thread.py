@@ -1,7 +1,6 @@
-"""BLAS is held to one thread: every matrix here is small, and twenty-five agents share the cores.
+"""Limit BLAS to one thread, because all matrices are small and many agents share the cores. No result depends on it.
 
-Imported by what starts a process of ours, before NumPy, and by nothing else: whoever flies from Python decides this
-themselves. No result depends on it.
+Only the entry points of processes import this module, before NumPy. A user of the Python API decides for themselves.
 """
 
 import os

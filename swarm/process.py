@@ -23,12 +23,12 @@ from meanflock.swarm.net.address import DEFAULT_ENDPOINT
 if TYPE_CHECKING:
     import subprocess
 
-_GRACE_S = 10.0  # for who has noticed by itself that its launcher is gone
-_THREADS_S = 5.0  # that threads have to end in, once all else has
-QUICK_S = 10.0  # a death sooner after the start is a quick one
+_GRACE_S = 10.0  # for processes that notice the end of their launcher themselves
+_THREADS_S = 5.0  # most time for threads to end after everything else
+QUICK_S = 10.0  # a process that dies sooner has died quickly
 TERM_GRACE_S = 5.0  # between SIGTERM and SIGKILL
-AT_MOST = 5  # quick deaths in a row, after each of which a process is started again
-CHILD = "MEANFLOCK_CHILD"  # a variable: "1" where whoever started this process holds its standard input open
+AT_MOST = 5  # number of quick deaths in a row after which a process is still started again
+CHILD = "MEANFLOCK_CHILD"  # variable, "1" in a process whose launcher holds its standard input open
 
 
 class _Parser(argparse.ArgumentParser):
@@ -52,7 +52,7 @@ def parser(module: str, what: str, example: str) -> argparse.ArgumentParser:
     flag(result, "--endpoint", DEFAULT_ENDPOINT, "where the world listens", metavar="ADDRESS")
     flag(result, "--run", "swarm", "name of the run; nodes of other runs never meet", metavar="NAME")
     flag(result, "--tls", "", "folder of certificates; every link is then mutual TLS", metavar="DIR")
-    flag(result, "--wait", "60", "how long to wait for the others", seconds("--wait"), "SECONDS")
+    flag(result, "--wait", "60", "how long to wait for the other processes", seconds("--wait"), "SECONDS")
     what = f"a file with plug-ins, repeatable (${plugins.FILES}: several, as PATH separates them)"
     result.add_argument("--plugin", action="append", metavar="FILE.py", type=plugins.load_file, help=what)
     plugins.load_files(filter(None, os.environ.get(plugins.FILES, "").split(os.pathsep)))
@@ -75,7 +75,7 @@ def flag(
 
 
 def seconds(name: str, least: float = 0.0) -> Callable[[str], float]:
-    """Reads the flag of that name: a finite time, at least so long."""
+    """Returns a parser of the flag `name`: a finite time in seconds, at least `least`."""
 
     def read(text: str) -> float:
         try:
@@ -90,18 +90,18 @@ def seconds(name: str, least: float = 0.0) -> Callable[[str], float]:
 
 
 def identity(tls: str, name: str) -> Identity | None:
-    """Who this process is, where `--tls` was given."""
+    """Identity of this process if `--tls` was given, else None."""
     return Identity(Path(tls), name) if tls else None
 
 
 class Interrupted:
-    """True once SIGINT or SIGTERM came; the first is a wish, the second ends the process at once.
+    """True after SIGINT or SIGTERM. The first signal only sets it; the second ends the process at once.
 
-    As a context manager it gives the signals back to whoever had them.
+    As a context manager it restores the previous signal handlers.
     """
 
     def __init__(self) -> None:
-        self.at_once: Callable[[], str] | None = None  # what must be done by who ends at once; what a person is told
+        self.at_once: Callable[[], str] | None = None  # called before an immediate end; returns the error text
         self._came = False
         self._before = {number: signal.signal(number, self._note) for number in (signal.SIGINT, signal.SIGTERM)}
 
@@ -120,7 +120,7 @@ class Interrupted:
             self._came = True
             return
         if self.at_once is not None:
-            with suppress(Exception):  # whatever it was in the middle of
+            with suppress(Exception):  # the process may be in any state
                 logs.tell(f"error: {self.at_once()}", logging.ERROR)
             os._exit(EXIT_RUN_FAILED)
         os._exit(128 + number)  # also as process 1 of a container, where the default action is ignored
@@ -140,23 +140,20 @@ def orphaned() -> bool:
 
 
 def end_with_launcher() -> None:
-    """From now on, a launcher that is gone ends this process, soon, whatever it is doing: a plug-in may hang."""
+    """Start a thread that ends this process soon after its launcher is gone, even if a plug-in hangs."""
     if launched():
         threading.Thread(target=_end_with_launcher, daemon=True).start()
 
 
 def _end_with_launcher() -> None:
     while not orphaned():
-        select.select([0], [], [])  # nobody writes to it: it is readable once its other end is closed
+        select.select([0], [], [])  # readable once the other end is closed, because nothing is written to it
     time.sleep(_GRACE_S)
     os._exit(EXIT_RUN_FAILED)
 
 
 class Restarts:
-    """Decides whether a process that died is started again, so that a process that cannot live is not started for ever.
-
-    Each process is known by a name.
-    """
+    """Limits how often a process that dies right after its start is started again. Each process has a name."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
@@ -168,7 +165,7 @@ class Restarts:
         self._since[name] = self._clock()
 
     def again(self, name: Hashable) -> bool:
-        """Whether a process that has died is worth another start."""
+        """Whether a process that has died should be started again."""
         if self._clock() - self._since[name] >= QUICK_S:
             self._quick[name] = 0
         self._quick[name] += 1
@@ -178,7 +175,7 @@ class Restarts:
 def how_it_ended(code: int) -> str:
     """The exit code of a process, or minus the signal that killed it, in words."""
     if code == -signal.SIGKILL:
-        return "was killed by SIGKILL, as the system does with what takes too much memory"
+        return "was killed by SIGKILL, as the system does with a process that takes too much memory"
     return f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
 
 
@@ -200,12 +197,12 @@ def end_all(processes: Sequence["subprocess.Popen[bytes]"]) -> None:
 
 
 def end(code: int) -> NoReturn:
-    """Ends this process, and does not wait for ever for threads that a plug-in has started."""
+    """Ends this process, and waits a limited time for threads that a plug-in has started."""
     if any(not thread.daemon for thread in threading.enumerate() if thread is not threading.main_thread()):
         with suppress(OSError, ValueError):
             sys.stdout.flush()
         late = threading.Timer(_THREADS_S, os._exit, (code,))
-        late.daemon = True  # ends with the process where that ends by itself, as with a pool of workers
+        late.daemon = True  # so that the timer does not keep the process alive
         late.start()
     raise SystemExit(code)
 
@@ -214,7 +211,7 @@ def main(body: Callable[[], None]) -> NoReturn:
     """Runs a process: its errors become one line and their exit code."""
     code = EXIT_RUN_FAILED
     try:
-        logs.start(os.environ.get("MEANFLOCK_LOG_FORMAT") or logs.TEXT)  # until `body` knows more
+        logs.start(os.environ.get("MEANFLOCK_LOG_FORMAT") or logs.TEXT)  # until `body` starts its own
         body()
     except MeanflockError as error:
         logs.tell(f"error: {error}", logging.ERROR)
@@ -222,7 +219,7 @@ def main(body: Callable[[], None]) -> NoReturn:
     except KeyboardInterrupt:
         pass
     except Exception:
-        logging.getLogger("meanflock").exception("a defect of meanflock, not of what it was given")
+        logging.getLogger("meanflock").exception("a defect of meanflock, not of its input")
     else:
         code = EXIT_DONE
     end(code)

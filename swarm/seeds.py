@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 STREAMS = (
-    "wind",  # Wiener increments of the world, drawn by the world in the order (tick, UAV, axis)
-    "radio",  # fading of every link, drawn by the world in the order of transmission
-    "participants",  # which UAVs upload in a round; every process draws the same set
+    "wind",  # Wiener increments of the motion, in the order (tick, UAV, axis)
+    "radio",  # fading of every link, in the order of transmission
+    "participants",  # UAVs that upload in a round; every process draws the same set
     "density-fit",  # sample points of the fit of the initial density; every UAV draws the same
-    "byzantine",  # which UAVs upload falsehoods, and the noise they add
-    "controller",  # for controllers that draw: by an index of their own, such as tick × N + UAV
-    "wind-field",  # the waves of a wind that varies from place to place; the world draws them, and no UAV
+    "byzantine",  # UAVs that send false uploads, and the noise in these
+    "controller",  # of controllers, by an index of their own, such as tick × N + UAV
+    "wind-field",  # modes of the wind field; drawn by the world only
 )
 
 

@@ -11,17 +11,17 @@ from meanflock.swarm.state import BEYOND_SENSE
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A TOML table: without unknown keys, and with finite numbers whose squares are finite."""
+    """Base class of a scenario's tables: rejects unknown keys, and numbers whose squares are not finite."""
 
     def __post_init__(self) -> None:
         for name in self.__struct_fields__:
             for number in _flat(getattr(self, name)):
-                if isinstance(number, float) and not abs(number) < BEYOND_SENSE:  # NaN is below nothing
+                if isinstance(number, float) and not abs(number) < BEYOND_SENSE:  # false for NaN
                     raise ValueError(f"`{name}` must be a finite number within ±{BEYOND_SENSE:.0e}, not {number}")
 
 
 def _flat(value: Any) -> Iterator[Any]:
-    if isinstance(value, tuple | list | dict):  # options of a plug-in may be nested
+    if isinstance(value, tuple | list | dict):  # the options of a plug-in may be nested
         for inner in value.values() if isinstance(value, dict) else value:
             yield from _flat(inner)
     else:
@@ -29,20 +29,20 @@ def _flat(value: Any) -> Iterator[Any]:
 
 
 def read(path: Path, what: str) -> dict[str, Any]:
-    """The table in a file, or in one of the files that come with meanflock. `what`: its kind, for an error.
+    """Read the table of a file, or of a shipped file. `what`: kind of the file, for an error.
 
     Raises:
-        BadInput: it does not exist, cannot be read, or is not TOML.
+        BadInput: the file does not exist, cannot be read, or is not TOML.
     """
-    from meanflock.swarm import scenarios  # only here: nodes are sent their scenario as JSON
+    from meanflock.swarm import scenarios  # only here: nodes get their scenario as JSON
 
     try:
-        return _parse(scenarios.found(path).read_text(encoding="utf-8-sig"))  # some editors begin a file with a mark
+        return _parse(scenarios.found(path).read_text(encoding="utf-8-sig"))  # some editors write a byte order mark
     except OSError as error:
         named = path.parent == scenarios.FOLDER or not path.suffix
         there = f", or name one of {', '.join(file.stem for file in scenarios.shipped())}" if named else ""
         raise BadInput(f"{path}: {error.strerror}; give a readable {what}{there}") from error
-    except ValueError as error:  # of the parser, or bytes that are no UTF-8
+    except ValueError as error:  # from the parser, or from bytes that are not UTF-8
         raise BadInput(f"{path}: not TOML: {error}") from error
 
 
@@ -53,7 +53,7 @@ def _parse(text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except RecursionError:
-        raise ValueError("lists or tables within each other, too deep to be read") from None
+        raise ValueError("lists or tables are nested too deeply") from None
 
 
 def apply(table: dict[str, Any], setting: str) -> str:
@@ -63,7 +63,7 @@ def apply(table: dict[str, Any], setting: str) -> str:
         The key.
 
     Raises:
-        BadInput: the setting is written otherwise, or its key leads through a value that is not a table.
+        BadInput: the setting has another form, or its key leads through a value that is not a table.
     """
     key, equals, text = setting.partition("=")
     if not equals or not key.strip():

@@ -7,7 +7,7 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
-import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
+import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy reads the variables once
 from meanflock.swarm.errors import needed
 
 with needed("the world", "world"):

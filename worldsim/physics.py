@@ -15,7 +15,7 @@ BOUND = 1e9  # m or m/s; a UAV beyond it counts as diverged
 
 
 class Moved(NamedTuple):
-    """Result of a tick. states: (N, 4). hidden: of the vehicle. power: (N,), W. diverged: (K,), UAVs put back to rest."""
+    """Result of a tick. states: (N, 4). hidden: as of `init`. power: (N,), W. diverged: (K,), UAVs put back to rest."""
 
     states: state.States
     hidden: Hidden

@@ -1,1 +1,1 @@
-"""Who flies a UAV: the base classes of controllers and filters, and a controller a file; families have packages."""
+"""Controllers and filters: their base classes, and one controller a file. Families of controllers are packages."""

@@ -32,7 +32,7 @@ from meanflock.swarm import mission
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Plane, Rows, States
 
-INFEASIBLE_M_S2 = 1e-6  # violation up to which a half-plane counts as kept
+INFEASIBLE_M_S2 = 1e-6  # violation up to which a half-plane counts as satisfied
 
 Distance = Annotated[float, Meta(gt=0, description="D, distance to keep; below the spacing that a formation flies, m")]
 Rate = Annotated[float, Meta(gt=0, description="k, rate at which a barrier may shrink, 1/s")]
@@ -57,8 +57,8 @@ class Barrier(Filter):
     """Base class of these filters: override `half_planes`.
 
     The limit `acceleration_max_m_s2` is on the motion: drag and mean wind, as known before take-off, are subtracted and
-    added again. So a controller that commands more is limited even where no UAV is near. Where not all half-planes can
-    be kept, the largest violation is the least possible, and `infeasible` is 1.
+    added again. So a controller that commands more is limited even if no UAV is near. If no acceleration satisfies all
+    half-planes, the largest violation is the least possible, and `infeasible` is 1.
     """
 
     columns = ("infeasible",)
@@ -74,16 +74,16 @@ class Barrier(Filter):
         """Half-planes n·a ≥ bound of accelerations of the rows.
 
         Args:
-            near: what is near the M rows. rate: k, 1/s. distance: D, m; or (M, K). share: the row's share of a
-                half-plane, 0.5 for UAVs and 1 for obstacles.
+            near: UAVs or obstacles near the M rows. rate: k, 1/s. distance: D, m; or (M, K). share: the row's share of
+                a half-plane, 0.5 for UAVs and 1 for obstacles.
 
         Returns:
-            Normals (M, K, 2), 0 where nothing is near, and bounds (M, K), m/s².
+            Normals (M, K, 2), 0 in unused columns, and bounds (M, K), m/s².
         """
         raise NotImplementedError
 
     def admit(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Plane) -> tuple[Plane, Floats]:
-        """The acceleration nearest to the wanted one that keeps all half-planes, and `infeasible`, see `Filter`."""
+        """Returns the acceleration nearest to `wanted` that satisfies all half-planes, and `infeasible`."""
         options = self.options
         motion = np.ascontiguousarray(wanted - against_the_air(self.scenario, own), dtype=np.float64)
         near = closest(own, others, uavs, options.reach_m, options.neighbours)

@@ -117,7 +117,7 @@ class Controller:
         return memory
 
     def prediction(self) -> Prediction | None:
-        """How receivers predict the state of one of its UAVs from the last one sent; None: constant velocity."""
+        """Returns the rule by which receivers predict a UAV's state from the last one sent; None: constant velocity."""
         return None
 
     def report(self, memory: Memory) -> NDArray[np.float64]:
@@ -139,7 +139,7 @@ def of_kind(
 def believed(
     received: Iterable[Received], possible: Callable[[Floats], Mask]
 ) -> tuple[list[Received], NDArray[np.int32]]:
-    """Frames without links of payloads that are not `possible`; and who sent those, ascending, for `Step.refused`."""
+    """Frames without the links of payloads that are not `possible`; and the senders of these, for `Step.refused`."""
     taken, refused = [], []
     for frames in received:
         good = possible(frames.payload)
@@ -162,7 +162,7 @@ def plausible(scenario: Scenario) -> Callable[[Floats], Mask]:
     reach = farthest + speed * scenario.duration
 
     def can_be(states: Floats) -> Mask:
-        numbers = states.astype(np.float64, copy=False)  # of whole numbers the square may not fit in as many bits
+        numbers = states.astype(np.float64, copy=False)  # the square of an integer may overflow
         squared = numbers * numbers
         position, velocity = squared[:, POSITION].sum(axis=-1), squared[:, VELOCITY].sum(axis=-1)
         possible: Mask = (position <= reach * reach) & (velocity <= speed * speed)

@@ -1,4 +1,4 @@
-"""Straight flight to the goal at cruise speed: the controller `cruise`, and what other controllers take of it."""
+"""Straight flight to the goal at cruise speed: the controller `cruise`, and parts that other controllers use."""
 
 from collections.abc import Sequence
 from typing import Annotated, Any, TypeAlias
@@ -13,7 +13,7 @@ from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import AXES, POSITION, VELOCITY, Plane, Rows, States
 
-CRUISE_M_S = 2.25  # the least energy a metre of the paper's craft
+CRUISE_M_S = 2.25  # speed of least energy per metre of the paper's craft
 SLOWING_1_S = 0.5
 # Options of a controller that travels.
 CruiseSpeed: TypeAlias = Annotated[float, Meta(gt=0, description="cruise speed, m/s")]
@@ -24,7 +24,7 @@ class Travel:
     """Velocities that rows would fly if they were alone."""
 
     def __init__(self, scenario: Scenario, speed_m_s: float, slowing_1_s: float, stays: bool = False) -> None:
-        """`stays`: a UAV stays where it arrived and does not go on to the very goal."""
+        """`stays`: a UAV stays where it entered the destination, and does not fly on to the goal."""
         self._speed = speed_m_s
         self._slowing = slowing_1_s
         self._stays = stays
@@ -32,7 +32,7 @@ class Travel:
         self._goals = mission.goal_states(scenario)
 
     def init(self, uavs: NDArray[np.intp]) -> Memory:
-        """Memory of rows with numbers (M,): where each goes or stays. Names begin with `travel_`."""
+        """Memory of rows with numbers (M,): the point to which each flies. Names begin with `travel_`."""
         memory: Memory = {"travel_end": self._goals[uavs, :AXES]}
         if self._stays:
             memory |= {"travel_uav": uavs.astype(np.int32), "travel_arrived": np.zeros(len(uavs), dtype=bool)}
@@ -77,7 +77,7 @@ def limited(vectors: Plane, most: float) -> Plane:
 
 
 class Cruise(Controller):
-    """Flies straight to its goal at one speed, and knows nothing of the others.
+    """Flies straight to its goal at one speed; uses no states of other UAVs.
 
     a = k_v (v_ref − v) + c0 (v − v_o), v_ref = min(speed, slowing · distance) towards the goal. It stays where it
     arrives, and sends nothing.

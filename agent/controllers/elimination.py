@@ -1,5 +1,7 @@
-"""Many small systems of linear equations at once, each with the bits it has alone: no BLAS, whose sums depend on the
-machine and on how many there are."""
+"""Solve many small systems of linear equations at once; the bits of each do not depend on the others.
+
+No BLAS is used, because its order of summation depends on the machine and on the number of systems.
+"""
 
 import numpy as np
 
@@ -7,13 +9,13 @@ from meanflock.swarm.state import Floats
 
 
 def solve(matrices: Floats, rights: Floats) -> Floats:
-    """X of A X = B for each of M systems, by Gaussian elimination with partial pivoting.
+    """Solve A X = B for each of M systems, by Gaussian elimination with partial pivoting.
 
     Args:
         matrices: (M, n, n). rights: (M, n, k).
 
     Returns:
-        (M, n, k); not finite where a matrix is singular.
+        X, (M, n, k); not finite if a matrix is singular.
     """
     count, size, _ = matrices.shape
     both = np.concatenate([matrices, rights], axis=-1)
@@ -33,7 +35,7 @@ def solve(matrices: Floats, rights: Floats) -> Floats:
 
 
 def product(left: Floats, right: Floats) -> Floats:
-    """(M, n, m) or (n, m) times (M, m, k) or (m, k), added up in the order of m: (M, n, k)."""
+    """Matrix products (M, n, k) of (M, n, m) or (n, m) with (M, m, k) or (m, k), summed in the order of m."""
     total = left[..., :, 0, None] * right[..., 0, None, :]
     for k in range(1, left.shape[-1]):
         total += left[..., :, k, None] * right[..., k, None, :]

@@ -1,10 +1,9 @@
-"""What every filter implements: it stands between a controller, which may be anybody's, and the vehicle.
+"""Base class of filters. A filter changes the accelerations of any controller before the vehicle gets them.
 
 Every UAV broadcasts its state for the filter according to `[sharing]`, and in every tick the filter decides the
-accelerations. All else of the controller passes through: its model, its reports, its diagnostics, its
-broadcasts. The filter's broadcast is the first of a tick, so that of the controller's own each has the number after the
-one it has alone; frames are told apart by it, and the controller sees the numbers that it gave. What the filter
-remembers is in arrays whose names begin with `filter_`.
+accelerations. The controller's model, reports, diagnostics and broadcasts pass unchanged. The filter's broadcast is the
+first of a tick, so the numbers of the controller's broadcasts are raised by one on the air, and lowered again before
+the controller gets them. Arrays of the filter's memory have names that begin with `filter_`.
 """
 
 from abc import abstractmethod
@@ -21,7 +20,7 @@ from meanflock.swarm.errors import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Plane, States, distinct
 
-PREFIX = "filter_"  # of what a filter remembers, and of its columns where the controller has some of that name
+PREFIX = "filter_"  # of the filter's memory, and of a column whose name the controller has too
 _UNSENT = "unsent"  # the last of its columns
 _OWN = 0  # the number of the filter's broadcast
 
@@ -86,18 +85,18 @@ class Filter:
         mine, refused = self._neighbours.receive(mine, tick, received, _OWN)
         others = self._neighbours.states(mine, tick)
         acceleration, reported = self._admitted(own, others, mine["neighbour_uav"], wanted)
-        mine, said = self._neighbours.speak(mine, tick, own)
+        mine, broadcast = self._neighbours.speak(mine, tick, own)
         theirs_reported = () if step.diagnostics is None else (step.diagnostics,)
         return Step(
             step.memory | _named(mine),
             acceleration,
             np.concatenate([*theirs_reported, reported, self._neighbours.unsent(mine)], axis=1),
-            (said, *step.broadcasts),
+            (broadcast, *step.broadcasts),
             step.refused if not len(refused) else distinct(np.concatenate([step.refused, refused])).astype(np.int32),
         )
 
     def _admitted(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Plane) -> tuple[Plane, Floats]:
-        """What the filter makes of it; whatever is wrong with that is said of the filter and not of the controller."""
+        """The result of `admit`, checked. Errors name the filter, not the controller."""
         try:
             acceleration, reported = self.admit(own, others, uavs, wanted)
         except FAILURES as error:
@@ -129,14 +128,14 @@ def _named(mine: Memory) -> Memory:
 
 
 def _apart(memory: Memory) -> tuple[Memory, Memory]:
-    """What the controller remembers, and what the filter does, each by the names it gave."""
+    """The memories of the controller and of the filter, each with its own names."""
     theirs = {name: array for name, array in memory.items() if not name.startswith(PREFIX)}
     mine = {name.removeprefix(PREFIX): array for name, array in memory.items() if name.startswith(PREFIX)}
     return theirs, mine
 
 
 def _of_inner(received: Sequence[Received]) -> tuple[Received, ...]:
-    """The frames that the controllers sent, by the numbers they gave."""
+    """The frames of the controllers, with the numbers that the controllers gave them."""
     return tuple(
         Received(frames.number - 1, frames.source, frames.payload, frames.links)
         for frames in received

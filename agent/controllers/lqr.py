@@ -1,7 +1,7 @@
-"""The linear-quadratic regulator: the least ∫ q_r‖r‖² + q_v‖v‖² + ‖u‖² dt from wherever a UAV is to its goal.
+"""Linear-quadratic regulator: minimises ∫ q_r‖r‖² + q_v‖v‖² + ‖u‖² dt on the way to the goal.
 
-Drag and mean wind are undone first, so each axis is a double integrator, of which the Riccati equation has the closed
-form k_r = √q_r, k_v = √(q_v + 2 k_r) (Anderson and Moore, Optimal Control: Linear Quadratic Methods, 1990).
+Commands cancel drag and mean wind, so each axis is a double integrator. Its Riccati equation has the closed form
+k_r = √q_r, k_v = √(q_v + 2 k_r) (Anderson and Moore, Optimal Control: Linear Quadratic Methods, 1990).
 """
 
 import math
@@ -21,7 +21,7 @@ from meanflock.swarm.state import POSITION, VELOCITY, States
 
 
 class Lqr(Controller):
-    """Linear-quadratic regulator to its goal; knows nothing of the others.
+    """Linear-quadratic regulator to its goal; uses no states of other UAVs.
 
     a = −k_r (r − goal) − k_v v + c0 (v − v_o). It sends nothing.
     """

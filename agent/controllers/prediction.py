@@ -1,4 +1,4 @@
-"""Where another UAV is by now, from what it last sent: by its velocity, or by a plan that everybody knows."""
+"""Prediction of another UAV's state from the last one it sent: at constant velocity, or along a plan known to all."""
 
 import math
 from collections.abc import Callable
@@ -16,17 +16,18 @@ class Prediction(Protocol):
     """A rule of prediction. A row of a result depends on that row alone."""
 
     def keep(self, states: States, uavs: NDArray[np.intp], tick: int) -> Floats:
-        """What is remembered, (S, 4), of states (S, 4) that UAVs (S,) sent in a tick."""
+        """Returns the numbers to remember, (S, 4), of states (S, 4) that UAVs (S,) sent in a tick."""
 
     def now(self, kept: Floats, age: NDArray[np.int32], uavs: Which, tick: int) -> Floats:
-        """The states predicted for a tick, (M, 4, K), of what was kept, (M, 4, K), `age` (M, K) ticks ago.
+        """Returns the states predicted for a tick, (M, 4, K), from numbers of `keep`, (M, 4, K), `age` (M, K) ticks
+        old.
 
-        `uavs`: of whom; what it takes from an array (N, 4) is (K, 4), or (M, K, 4).
+        `uavs`: index of the UAVs; it selects (K, 4) or (M, K, 4) from an array (N, 4).
         """
 
 
 class ConstantVelocity:
-    """Everybody goes on as it was: r + v·age."""
+    """Prediction at constant velocity: r + v·age."""
 
     def __init__(self, dt: float) -> None:
         self._dt = dt
@@ -43,12 +44,12 @@ class ConstantVelocity:
 
 
 class AlongPlan:
-    """Everybody comes back to a plan: s*(t) + (s − s*) at the time it was sent · e^(−age/τ)."""
+    """Prediction of a return to a plan: s*(t) + (s − s*)·e^(−age/τ), with s − s* at the time of sending."""
 
     def __init__(self, plan: Callable[[int], States], dt: float, tau_s: float = 2.0) -> None:
         """`plan`: the states s* of all UAVs in a tick, (N, 4). `tau_s`: τ, in which a deviation falls to 1/e."""
         self._plan = plan
-        # By age in ticks, down to nothing: where every number has its own, none depends on its place in an array.
+        # By age in ticks. A table, because the bits of an array `exp` depend on the position in the array.
         self._left = np.array([math.exp(-age * dt / tau_s) for age in range(math.ceil(40.0 * tau_s / dt) + 1)])
 
     def keep(self, states: States, uavs: NDArray[np.intp], tick: int) -> Floats:

@@ -1,6 +1,6 @@
-"""Checks of what plug-ins return, whatever their kind: nothing is used until a function here has let it through.
+"""Checks of the results of plug-ins of every kind. Callers check a result before they use it.
 
-Each error names the value, what came, and what was expected. It does not name the plug-in: the caller knows that.
+Each error names the value, what it is, and what was expected. The caller adds the name of the plug-in.
 """
 
 from collections.abc import Mapping
@@ -79,7 +79,7 @@ def check_same_form(what: str, after: Any, before: Mapping[str, NDArray[Any]]) -
     """Check that a memory has the arrays that it had `before`, each of the same dtype and shape.
 
     Raises:
-        TypeError, ValueError: it has not.
+        TypeError, ValueError: it does not.
     """
     _check_dict(what, after)
     if after.keys() != before.keys():

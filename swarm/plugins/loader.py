@@ -1,4 +1,4 @@
-"""Plug-ins of files: a Python file that somebody named on this machine is run, and its classes are registered."""
+"""Loader of plug-ins from Python files that were named on this machine: runs a file and registers its classes."""
 
 import hashlib
 import os
@@ -12,7 +12,7 @@ from meanflock.swarm.errors import FAILURES, PLUGIN_MODULE, BadInput, last_line
 from meanflock.swarm.plugins import registry
 from meanflock.swarm.plugins.registry import HERE, NO_PLUGIN, Door, Plugin, entry_of, key_of
 
-FILES = "MEANFLOCK_PLUGINS"  # variable: the files that a process registers when it starts, as PATH separates them
+FILES = "MEANFLOCK_PLUGINS"  # variable with the files to register at start, separated as in PATH
 
 
 class SourceRead(SourceFileLoader):
@@ -31,12 +31,12 @@ class SourceRead(SourceFileLoader):
 
 
 def load_file(path: Path | str) -> list[Plugin]:
-    """Register all plug-ins of a file: its public classes with a `name` that are derived from a base class of ours.
+    """Register all plug-ins of a file: its classes with a `name` that are derived from one of our base classes.
 
     Raises:
-        BadInput: the file cannot be read or run, or there is none in it.
+        BadInput: the file cannot be read or run, or has no plug-in.
     """
-    where, path = f"--plugin {path}", Path(path).resolve()  # a file is the same one, however somebody named it
+    where, path = f"--plugin {path}", Path(path).resolve()  # one path for each file
     try:
         source = path.read_bytes()
     except OSError as error:
@@ -90,7 +90,7 @@ def load_files(paths: Iterable[Path | str]) -> None:
     """
     given = [Path(path).resolve() for path in paths]
     for path in given:
-        if os.pathsep in str(path):  # other processes are told of it by a variable
+        if os.pathsep in str(path):  # other processes get it by a variable
             raise BadInput(f"--plugin {path}: no {os.pathsep!r} may be in its path; give the file another place")
         load_file(path)
     if given:
@@ -99,7 +99,7 @@ def load_files(paths: Iterable[Path | str]) -> None:
 
 
 def files() -> tuple[tuple[str, str], ...]:
-    """Path and fingerprint of every registered file, for a process that works for this one."""
+    """Path and fingerprint of every registered file, for worker processes."""
     found = {plugin.source: plugin.fingerprint for plugin, _ in registry.registered.values() if plugin.source != HERE}
     return tuple(found.items())
 
@@ -117,10 +117,12 @@ def hold(wanted: Iterable[tuple[str, str]]) -> None:
 
 
 def _missing_neighbour(path: Path, error: BaseException) -> str:
-    """Advice where a plug-in imports another file of its folder, which is not on the path; else nothing."""
+    """Advice if a plug-in imports another file of its folder, which is not on the path; else an empty text."""
     if isinstance(error, ImportError) and "relative import" in str(error):
-        return "; a plug-in is one file, or a package: install the one it is of, for example with `pip install -e`"
+        return "; a plug-in is one file, or a package: install its package, for example with `pip install -e`"
     wanted = ((isinstance(error, ModuleNotFoundError) and error.name) or "").partition(".")[0]
     if not wanted or not ((path.parent / wanted).is_dir() or (path.parent / f"{wanted}.py").exists()):
         return ""
-    return f"; a plug-in is one file, or a package: install what {wanted!r} is of, for example with `pip install -e`"
+    return (
+        f"; a plug-in is one file, or a package: install the package of {wanted!r}, for example with `pip install -e`"
+    )

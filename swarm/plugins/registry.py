@@ -11,7 +11,7 @@ from meanflock.swarm.errors import FAILURES, BadInput, lacking, last_line
 
 Door: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle", "filter", "topology"]
 
-NEEDED: dict[Door, tuple[str, ...]] = {  # what a class must have; the rest has defaults in the base classes
+NEEDED: dict[Door, tuple[str, ...]] = {  # methods that a class must have; the others have defaults in the base classes
     "controller": ("init", "step"),
     "aggregator": ("step",),
     "channel": ("transmit",),
@@ -19,12 +19,12 @@ NEEDED: dict[Door, tuple[str, ...]] = {  # what a class must have; the rest has 
     "filter": ("init", "step"),
     "topology": ("hops",),
 }
-PLAIN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")  # names: they are parts of those of files and of keys
+PLAIN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")  # a name is part of file names and keys
 
 GROUPS: dict[Door, str] = {
     door: "meanflock.topologies" if door == "topology" else f"meanflock.{door}s" for door in get_args(Door)
 }
-HERE = "this process"  # source of a class that is in no file
+HERE = "this process"  # source of a class that was registered by Python code
 NO_PLUGIN = "derive a class from meanflock.Controller, Aggregator, Channel, Vehicle or Filter and give it a `name`"
 
 
@@ -42,13 +42,13 @@ class Plugin(NamedTuple):
     fingerprint: str
 
 
-registered: dict[tuple[Door, str], tuple[Plugin, type]] = {}  # those of no package
+registered: dict[tuple[Door, str], tuple[Plugin, type]] = {}  # plug-ins that are in no package
 
 
 @cache
 def _packaged() -> dict[tuple[Door, str], tuple[Plugin, ...]]:
     """Every entry point of the groups, without importing any of them."""
-    from importlib.metadata import entry_points  # only here: a process that is told everything by file need not
+    from importlib.metadata import entry_points  # only here: it takes time to load
 
     found: dict[tuple[Door, str], tuple[Plugin, ...]] = {}
     for door, group in GROUPS.items():
@@ -121,7 +121,7 @@ def register(made: type) -> Plugin:
     """Registers a class of this process, for example of a notebook. Registering a name again replaces it.
 
     Raises:
-        BadInput: it is no plug-in, or the name is taken by one that is installed.
+        BadInput: it is no plug-in, or an installed plug-in has the name.
     """
     if (key := key_of(made)) is None:
         raise BadInput(f"{made!r}: no plug-in; {NO_PLUGIN}")
@@ -130,7 +130,7 @@ def register(made: type) -> Plugin:
 
 
 def is_file(plugin: Plugin) -> bool:
-    """Whether a plug-in came from a file that somebody named, and not from a package."""
+    """Whether a plug-in was registered in this process, and is not of a package."""
     return (plugin.kind, plugin.name) in registered
 
 
@@ -138,13 +138,13 @@ def create(door: Door, name: str, options: dict[str, Any], *context: Any) -> Any
     """An instance of the plug-in of that name: `Class(options, *context)`, its options converted to their type.
 
     Raises:
-        BadInput: like `load`; or the options do not fit, or the class cannot be made of them.
+        BadInput: like `load`; or the options do not fit, or the constructor fails.
     """
     made: Any = load(door, name)
     try:
         typed = msgspec.convert(options, made.Options)
     except msgspec.ValidationError as error:
-        from meanflock.swarm.explain import explain  # only here: nodes are sent options that are sound
+        from meanflock.swarm.explain import explain  # only here: nodes receive valid options
 
         asked = f"scenario schema --method {name}" if door == "controller" else "plugins"
         mend = f"`meanflock {asked}` lists the options of {name!r}"
@@ -166,13 +166,13 @@ def options_table(door: Door) -> str:
 
 
 def key_of(made: Any) -> tuple[Door, str] | None:
-    """Kind and name of a plug-in; None of anything else, such as a base class."""
+    """Kind and name of a plug-in; None for anything else, such as a base class."""
     door, name = getattr(made, "door", None), getattr(made, "name", "")
     return (door, name) if isinstance(made, type) and door in GROUPS and isinstance(name, str) and name else None
 
 
 def entry_of(plugin: Plugin, made: type, where: str = "") -> tuple[Plugin, type]:
-    """A plug-in and its class, checked; BadInput where it is none, or its name is taken by a package."""
+    """A plug-in and its class, checked; raises BadInput if it is invalid, or if a package has its name."""
     key = plugin.kind, plugin.name
     if key in _packaged():
         there = f"{plugin.kind} {plugin.name!r} is installed already, of {_packaged()[key][0].source}"

@@ -1,4 +1,4 @@
-"""Scenarios read and written: TOML files and tables of plain values, and JSON between processes."""
+"""Reader of scenario files and fault scripts (TOML), and the JSON form of a scenario between processes."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -15,7 +15,7 @@ from meanflock.swarm.toml import Table as _Table
 
 
 class _Script(_Table, frozen=True):
-    """A file of faults alone."""
+    """A file with faults only."""
 
     faults: tuple[Fault, ...]
 
@@ -38,14 +38,14 @@ def decode(raw: bytes) -> Scenario:
 
 
 def read_faults(path: Path) -> list[dict[str, Any]]:
-    """The `[[faults]]` of a TOML file that holds nothing else, as `load(..., faults=...)` takes them.
+    """The `[[faults]]` of a TOML file that has nothing else, for `load(..., faults=...)`.
 
     Raises:
         BadInput: unreadable file, or not a fault script; the message names the file, the fault and the key.
     """
     table = toml.read(path, "fault script")
     if set(table) != {"faults"}:
-        raise BadInput(f"{path}: a fault script holds [[faults]] and nothing else, see scenarios/faults.toml")
+        raise BadInput(f"{path}: a fault script has [[faults]] and nothing else, see scenarios/faults.toml")
     validated(table, _Script, str(path))
     faults: list[dict[str, Any]] = table["faults"]
     return faults
@@ -57,11 +57,11 @@ def schema() -> dict[str, Any]:
 
 
 def load(path: Path | None, settings: Iterable[str] = (), **options: Any) -> Scenario:
-    """Reads a TOML file (none: the paper's scenario), then applies `a.b=c` settings, then named options.
+    """Reads a TOML file (None: the paper's scenario), then applies `a.b=c` settings, then named options.
 
     Raises:
-        BadInput: unreadable file, bad TOML, unknown key, wrong type or value out of range, or a key that does nothing
-            without another; the message names the file or setting, the key and the bound.
+        BadInput: unreadable file, bad TOML, unknown key, wrong type or value out of range, or a key that has no
+            effect without another; the message names the file or setting, the key and the bound.
     """
     table: dict[str, Any] = {}
     where = "scenario"

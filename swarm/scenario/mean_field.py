@@ -1,4 +1,4 @@
-"""The tables that only the mean-field methods of the paper read; other methods fly scenarios that have them, too."""
+"""Tables of the paper's mean-field methods. Other methods ignore them."""
 
 from typing import Annotated
 
@@ -49,7 +49,7 @@ class Density(_Table, frozen=True):
 
 
 class Offline(_Table, frozen=True):
-    """What the open-loop plan of the offline method may ask of the craft, over ground."""
+    """Limits of the open-loop plan of the offline method, over ground."""
 
     speed_max: Annotated[float, Meta(ge=0.1, description="limit on ‖v‖, m/s")] = 15.0
     acceleration_max: Annotated[float, Meta(ge=0.01, description="limit on ‖dv/dt‖, m/s²")] = 3.0

@@ -15,7 +15,7 @@ Kind = TypeVar("Kind")
 
 
 def as_builtins(value: Any) -> Any:
-    """A Python value as JSON would return it: a number, text, list or dict in place of what NumPy or a table has.
+    """Convert a Python value to numbers, texts, lists and dicts, as JSON would return it.
 
     Raises:
         TypeError: the value has another type.
@@ -26,7 +26,7 @@ def as_builtins(value: Any) -> Any:
 def _from_numpy(value: Any) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
-    raise TypeError(f"a scenario holds no {type(value).__name__}")
+    raise TypeError(f"a scenario cannot contain a {type(value).__name__}")
 
 
 def _with_lists(value: Any) -> Any:
@@ -39,14 +39,14 @@ def set_keys(table: dict[str, Any], settings: Mapping[str, Any]) -> None:
     """Sets dotted keys of `table` to Python values. `method` may be a controller's class, which is then registered.
 
     Raises:
-        BadInput: a value has a type that no scenario holds, or a key leads through something that is no table.
+        BadInput: a value has a type that a scenario cannot contain, or a key leads through a value that is not a table.
     """
     for key, value in settings.items():
         if key == "method" and isinstance(value, type):
             plugins.register(value)
             value = value.name  # type: ignore[attr-defined]
         elif key == "method" and not isinstance(value, str):
-            raise BadInput(f"method: {value!r} is no name of a controller and no class; give one of these")
+            raise BadInput(f"method: {value!r} is neither the name nor the class of a controller; give one of these")
         try:
             put(table, key, as_builtins(value))
         except TypeError as error:
@@ -54,13 +54,13 @@ def set_keys(table: dict[str, Any], settings: Mapping[str, Any]) -> None:
 
 
 class Switch(NamedTuple):
-    """A key of a table, its value that turns something off, one that does not, and the keys that then do nothing."""
+    """A key that switches other keys on: its table, its off value, an example of an on value, and the other keys."""
 
     table: str
     key: str
     off: Any
     example: str
-    others: tuple[str, ...] | None = None  # none: all others of the table
+    others: tuple[str, ...] | None = None  # None: all others of the table
 
 
 SWITCHES = (
@@ -71,25 +71,26 @@ SWITCHES = (
 )
 
 
-def check_switches(table: Mapping[str, Any], said: Collection[str] = ()) -> None:
-    """Nothing is set for nothing, in what a person wrote of a scenario. A switch that is off where it was said to be
-    is what was wanted: of a scenario that is written out, or in a sweep of it.
+def check_switches(table: Mapping[str, Any], single: Collection[str] = ()) -> None:
+    """Reject keys that have no effect, because their switch is off by default.
+
+    A switch that is set to its off value, as in a complete scenario file or a sweep, is allowed.
 
     Args:
-        said: dotted keys of the table that were set on top of it, one by one.
+        single: dotted keys that were set one by one, on top of the table.
 
     Raises:
-        ValueError: a key is set whose switch is not; the message names both.
+        ValueError: a key is set without its switch; the message names both.
     """
     for name, switch, off, example, others in SWITCHES:
         given = table.get(name)
-        if not isinstance(given, Mapping) or f"{name}.{switch}" in said or given.get(switch, off) != off:
+        if not isinstance(given, Mapping) or f"{name}.{switch}" in single or given.get(switch, off) != off:
             continue
         for key in given:
-            of_it = key != switch and (others is None or key in others)
-            if of_it and (switch not in given or any(f"{one}.".startswith(f"{name}.{key}.") for one in said)):
+            depends = key != switch and (others is None or key in others)
+            if depends and (switch not in given or any(f"{one}.".startswith(f"{name}.{key}.") for one in single)):
                 raise ValueError(
-                    f"`{name}.{key}` does nothing without `{name}.{switch}`; set that too, for example "
+                    f"`{name}.{key}` has no effect without `{name}.{switch}`; set that too, for example "
                     f"{name}.{switch}={example}"
                 )
 
@@ -102,8 +103,8 @@ def validated(table: dict[str, Any], kind: type[Kind], where: str, single: Colle
         single: dotted keys of the table that were set one by one, on top of a file or a scenario.
 
     Raises:
-        BadInput: unknown key, wrong type, value out of range, or a key that does nothing without another. The message
-            names the key, its value, the bound, and how to mend it.
+        BadInput: unknown key, wrong type, value out of range, or a key that has no effect without another. The
+            message names the key, its value, the bound, and how to mend it.
     """
     try:
         made = msgspec.convert(table, kind)
@@ -118,7 +119,7 @@ def validated(table: dict[str, Any], kind: type[Kind], where: str, single: Colle
 
 
 def toml_text(table: msgspec.Struct) -> str:
-    """TOML with every key of a scenario that is set, keys sorted.
+    """A scenario as TOML text: all keys that are set, sorted.
 
     Raises:
         BadInput: an option of a plug-in is None, which TOML cannot express; or the library that writes TOML is missing.

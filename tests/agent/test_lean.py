@@ -85,7 +85,7 @@ from meanflock.swarm import plugins
 from meanflock.swarm.process import parser
 
 parser("agent", "", "").parse_args()
-prefork._load_what_each_would()
+prefork._preload()
 print(plugins.load("controller", "linked").name)
 """
 
@@ -112,7 +112,7 @@ import sys
 import meanflock.agent.__main__
 from meanflock.agent import prefork
 
-prefork._load_what_each_would()
+prefork._preload()
 print(*sys.modules)
 """
 

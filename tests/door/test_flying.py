@@ -152,7 +152,7 @@ def test_a_scenario_is_a_name_a_file_a_scenario_or_nothing(tmp_path: Path) -> No
         ("paper", {"uavs": 0}, "uavs"),
         ("paper", {"method": "nobody"}, "'nobody' is not installed here"),
         ("paper", {"method": int}, "derive a class from meanflock.Controller"),
-        ("paper", {"method": object()}, "is no name of a controller and no class; give one of these"),
+        ("paper", {"method": object()}, "is neither the name nor the class of a controller"),
         ("paper", {"plugin": ["nowhere.py"]}, "nowhere.py"),
         ("paper", {"plugin": "nowhere.py"}, "nowhere.py"),
         ("paper", {"record": True}, "out="),

@@ -32,7 +32,10 @@ FILES = [  # text of a file, and the error
     (TAKEN, "'hjb' is installed already.*another name"),
     (TWICE, "two controllers are named 'mine', Mine and Better; give one of them another"),
     ("from . import helper", "attempted relative import .*; a plug-in is one file, or a package: install"),
-    (f"from beside.inner import x\n{GOOD}", r"line 1\); a plug-in is one file, or a package: install what 'beside"),
+    (
+        f"from beside.inner import x\n{GOOD}",
+        r"line 1\); a plug-in is one file, or a package: install the package of 'beside",
+    ),
 ]
 
 

@@ -29,7 +29,7 @@ def test_a_key_of_a_switch_that_is_set_to_off_is_accepted(tmp_path: Path) -> Non
     assert load(path).filter.options == {"distance_m": 0.5}  # as a run leaves it
     swept = load(None, ["filter.options.distance_m=0.5", "filter.kind=none"])
     assert swept.filter.options == {"distance_m": 0.5}
-    with pytest.raises(BadInput, match="does nothing without"):
+    with pytest.raises(BadInput, match="has no effect without"):
         load(path, ["filter.options.distance_m=0.7"])
 
 

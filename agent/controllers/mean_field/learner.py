@@ -1,8 +1,8 @@
-"""The networks of a mean-field method: how they start, and one step of them. State in, state out; all arrays are rows.
+"""The two networks of a mean-field method: their initial weights, and one step. All arrays are rows.
 
-The paper starts the density from a sum of Dirac impulses with ŵ_F0 = 0; F̂ is homogeneous in ŵ_F, so from zero nothing
-is ever learned. Here ŵ_F0(0) is a ridge least-squares fit of m̂ to a Gaussian mixture over the initial states, which
-all UAVs know before take-off.
+The paper starts the density from a sum of Dirac impulses with ŵ_F0 = 0. F̂ is homogeneous in ŵ_F, so a learner that
+starts at zero never learns. Here ŵ_F0(0) is a ridge least-squares fit of m̂ to a Gaussian mixture over the initial
+states, which all UAVs know before take-off.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator
 from meanflock.swarm.state import Floats
 
-_BLOCK = 2**17  # pairs of point and centre at a time: 8 MiB, however many UAVs there are
+_BLOCK = 2**17  # pairs of point and centre at a time; bounds the memory at 8 MiB
 
 
 class Learner:
@@ -37,23 +37,22 @@ class Learner:
         return weights
 
     def refit(self, weights: Floats, rows: NDArray[np.intp], known: Floats) -> Floats:
-        """The weights (M, 246), the density of some rows fitted anew to the states they know, `(M, N, 4)`."""
+        """The weights (M, 246), with the density of some rows fitted to the states `known` to them, `(M, N, 4)`."""
         refitted, first = weights.copy(), slice(DENSITY.start, DENSITY.start + DENSITY_FEATURES)
         for row in rows.tolist():
             refitted[row, first] = fit(self._scenario, self._constants, known[row])[:DENSITY_FEATURES]
         return refitted
 
     def step(self, weights: Floats, states: Floats, known: Floats | None) -> tuple[Floats, Floats]:
-        """One update of each network and the action that follows: weights (M, 246) after it, and numbers (M, 5),
-        [a_x, a_y, e_H, e_F, φ_G].
+        """Update each network once; returns the new weights (M, 246), and numbers (M, 5), [a_x, a_y, e_H, e_F, φ_G].
 
         Args:
-            weights: (M, 246). states: (M, 4). known: (M, N, 4), the states each row knows, for hjb only.
+            weights: (M, 246). states: (M, 4). known: (M, N, 4), the states known to each row, for hjb only.
         """
         around, cost = None, self._scenario.cost
         if not self._learns_density:
             if known is None:
-                raise ValueError("hjb needs the states its rows know")
+                raise ValueError("hjb needs the states known to its rows")
             with np.errstate(over="ignore", invalid="ignore"):
                 around = known if cost.beta == 1.0 else empirical(states, known, cost.epsilon, cost.beta)
         stepped, numbers = weights.copy(), np.empty((len(weights), NUMBERS))
@@ -82,11 +81,11 @@ def mixture(points: Floats, centres: Floats, bandwidth: Floats) -> Floats:
 def fit(scenario: Scenario, constants: Tables, initial_states: Floats) -> Floats:
     """[ŵ_F0(0), 0], `(138,)`: min mean (ŵᵀσ_F(s) − m(s))² + ridge ‖ŵ‖² over fixed sample points.
 
-    Every UAV of a run computes the same bits: the sample points come from a seed all know, and the normal
+    Every UAV of a run computes the same bits: the sample points come from the scenario's seed, and the normal
     equations are summed without BLAS, whose order depends on the number of cores.
 
     Args:
-        constants: the scenario's. initial_states: (N, 4).
+        constants: of the scenario. initial_states: (N, 4).
     """
     spread = scenario.density
     bandwidth = np.array([spread.position_bandwidth] * 2 + [spread.velocity_bandwidth] * 2)

@@ -1,7 +1,7 @@
 """The paper's methods: networks that learn the HJB and FPK equations in flight, Algorithms 1 to 3.
 
-What a UAV has learned is one row [ŵ_H0 (54), ŵ_H1 (54), ŵ_F0 (69), ŵ_F1 (69)]; a method shares a contiguous part of it.
-All of it is about the origin: where UAVs have goals of their own, each sees every state from its goal.
+The weights of a UAV are one row [ŵ_H0 (54), ŵ_H1 (54), ŵ_F0 (69), ŵ_F1 (69)]; a method shares a contiguous part of it.
+The learners fly to the origin. If UAVs have goals of their own, each uses states relative to its goal.
 """
 
 from collections.abc import Sequence
@@ -31,15 +31,15 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import AXES, POSITION, SIZE, VELOCITY, Floats, States, distinct
 from meanflock.swarm.wire.messages import NOBODY
 
-FORGET_S = 1.0  # a UAV that sent nothing for so long is not nearby
+FORGET_S = 1.0  # a UAV that sent nothing for so long does not count as near
 
 
 class Separation:
-    """Repulsion from UAVs nearby, where `cost.separation` asks for it.
+    """Repulsion from near UAVs, if `cost.separation` is set.
 
-    The paper's interaction term aligns velocities and keeps nobody apart. With a separation every UAV broadcasts its
-    state in every tick, which the radio counts, and adds to its command the negative gradient of a cost that falls
-    with distance. The learners see nothing of it.
+    The paper's interaction term aligns velocities and does not separate UAVs. With a separation every UAV broadcasts
+    its state in every tick, which the radio counts, and adds to its command the negative gradient of a cost that falls
+    with distance. The learners do not use it.
 
     Memory: `believed`, the states of others (M, N, 4); `updated`, the tick in which each was last received, (M, N).
     """
@@ -49,7 +49,7 @@ class Separation:
         self._weight, self._range = scenario.cost.separation, scenario.cost.separation_range
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
-        """At take-off every UAV is where the mission plan says."""
+        """Memory at take-off, with the states of the mission plan."""
         believed = np.repeat(plan[None], len(uavs), axis=0)
         updated = np.zeros(believed.shape[:2], dtype=np.int32)
         return {"believed": believed, "updated": updated, "uav": uavs.astype(np.int32)}
@@ -57,7 +57,7 @@ class Separation:
     def step(
         self, memory: Memory, tick: int, own: States, received: Floats, links: tuple[Rows, Rows]
     ) -> tuple[Memory, Floats]:
-        """Memory with the states received, and the acceleration away from UAVs nearby, (M, 2), m/s².
+        """Returns the memory with the states received, and the acceleration away from near UAVs, (M, 2), m/s².
 
         Args:
             own: (M, 4). received: (M, N, 4), `believed` with the states just received, all a tick old. links: (L,) and
@@ -66,7 +66,7 @@ class Separation:
         last = memory["updated"].copy()
         last[links] = tick
         believed = received.copy()
-        if tick:  # they flew straight on since
+        if tick:  # predicted at constant velocity
             believed[..., POSITION] += self._dt * received[..., VELOCITY]
         believed[np.arange(len(own)), memory["uav"]] = own
         nearby = np.where((tick - last <= self._forget_ticks)[..., None], believed, np.inf)
@@ -76,17 +76,17 @@ class Separation:
 
 
 class MeanField(Controller):
-    """The learners, and what is common to all methods that have them."""
+    """Base class of the paper's learning methods."""
 
     learns_density = True
-    shared = slice(0, 0)  # of the weights: the model of the federation
+    shared = slice(0, 0)  # the part of the weights that the federation averages
     weights = MODEL_FLOATS
     diagnostics: tuple[str, ...] = ("hjb_residual", "fpk_residual", "phi_G")
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
         self.parameters = self.shared.stop - self.shared.start
-        # Ticks between two broadcasts of the own state; 0 for none: the mission plan has said it once.
+        # Ticks between two broadcasts of the own state; 0: none after the mission plan.
         self.state_period = scenario.federation.state_period
         self.separation = Separation(scenario) if scenario.cost.separation else None
         self.pairwise = self.state_period > 0 or self.separation is not None
@@ -99,7 +99,7 @@ class MeanField(Controller):
 
     @cached_property
     def learner(self) -> Learner:
-        """The networks' step; its tables take a millisecond."""
+        """The networks, made at first use, because their tables take a millisecond."""
         return Learner(self.scenario, learns_density=self.learns_density)
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
@@ -109,7 +109,7 @@ class MeanField(Controller):
             memory: Memory = {"weights": np.concatenate([np.zeros((0, MODEL_FLOATS)), *fitted]), "goal": goals[uavs]}
         else:
             memory = {"weights": self.learner.init(len(uavs), plan)}
-        if self.state_period:  # the mission plan, then whatever the radio brings
+        if self.state_period:  # states of the mission plan, later replaced by received ones
             memory |= {"known": np.repeat(plan[None], len(uavs), axis=0), "uav": uavs.astype(np.int32)}
         if self.separation is not None:
             memory |= self.separation.init(uavs, plan)
@@ -122,7 +122,7 @@ class MeanField(Controller):
         goal = memory.get("goal")
         if self.state_period:
             known, fresh, _, refused = self._take_in(memory["known"], received)
-            if self.learns_density and len(fresh):  # only rows that received something: another row is another UAV
+            if self.learns_density and len(fresh):  # only rows that received a state
                 seen = known if goal is None else known - goal[:, None]
                 weights = self.learner.refit(weights, distinct(fresh), seen)
             known[np.arange(len(own)), memory["uav"]] = own
@@ -130,16 +130,16 @@ class MeanField(Controller):
         states = own if goal is None else own - goal
         known = known if goal is None or known is None else known - goal[:, None]
         weights, numbers = self.learner.step(weights, states, known)
-        speaks, action = self.state_period and tick and tick % self.state_period == 0, numbers[:, :2]
+        broadcasts, action = self.state_period and tick and tick % self.state_period == 0, numbers[:, :2]
         if self.separation is not None:
             states_received, row, source, refused = self._take_in(memory["believed"], received)
             memory, pushed = self.separation.step(memory, tick, own, states_received, (row, source))
-            action, speaks = action + pushed, tick > 0
+            action, broadcasts = action + pushed, tick > 0
         return Step(
             memory | {"weights": weights},
             action,
             numbers[:, 2:] if self.learns_density else numbers[:, 2::2],  # without e_F
-            (Broadcast(own),) if speaks else (),
+            (Broadcast(own),) if broadcasts else (),
             refused,
         )
 
@@ -155,8 +155,11 @@ class MeanField(Controller):
         return memory["weights"]
 
     def _take_in(self, known: Floats, received: Sequence[Received]) -> tuple[Floats, Rows, Rows, NDArray[np.int32]]:
-        """What rows know (M, N, 4) with the states received; which row received one of which UAV; and whose were not
-        believed."""
+        """Update the states `known` to rows, (M, N, 4), by the received ones.
+
+        Returns:
+            The states; row and sender of each received state; and the senders of implausible states.
+        """
         frames, refused = believed(of_kind(received, SIZE), self._plausible)
         known = known.copy()
         rows = [NOBODY]

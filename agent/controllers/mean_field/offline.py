@@ -1,10 +1,9 @@
-"""The offline method: every UAV alone flies an open-loop plan computed before take-off, blind to the others and to the
-wind.
+"""The offline method: every UAV flies an open-loop plan that was computed before take-off.
 
 The plan is time-optimal for σ_wind = 0: a straight line to the goal at rest, as fast as the limits on speed and
 acceleration over ground allow (bang, coast, bang). The commands also cancel the drag and the mean wind, which are
-known beforehand, so that without randomness the discrete motion follows the plan exactly; with it, the error of
-velocity and position adds up, and nothing looks.
+known beforehand. Without randomness the discrete motion follows the plan exactly. With it, errors of velocity and
+position accumulate, and nothing corrects them.
 """
 
 import math
@@ -50,12 +49,12 @@ class OpenLoopPlan:
     """The commands of M UAVs, tick by tick."""
 
     def __init__(self, scenario: Scenario, starts: Floats) -> None:
-        """`starts`: their own states in the mission plan, as seen from their goals, `(M, 4)`."""
+        """`starts`: their states in the mission plan relative to their goals, `(M, 4)`."""
         limits = scenario.offline
         wind = scenario.wind
         dt = scenario.dt
         distance = np.sqrt((starts[:, state.POSITION] * starts[:, state.POSITION]).sum(axis=-1))
-        flown = scenario.max_ticks  # of a plan longer than the flight the rest is never asked for
+        flown = scenario.max_ticks  # a longer plan is cut off
         profiles = [speeds(float(d), limits.speed_max, limits.acceleration_max, dt)[:flown] for d in distance]
         along = np.zeros((1 + max(map(len, profiles), default=0), len(starts)))
         for uav, profile in enumerate(profiles):
@@ -71,16 +70,16 @@ class OpenLoopPlan:
         return len(self._commands) - 1
 
     def __call__(self, ticks: int | NDArray[np.intp]) -> Floats:
-        """Accelerations `(M, 2)`, m/s²: (v_{k+1} − v_k)/dt + c0(v_k − v_o), and the hover after the end.
+        """Accelerations `(M, 2)`, m/s²: (v_{k+1} − v_k)/dt + c0(v_k − v_o), and those of the hover after the end.
 
         Args:
-            ticks: since each launch, one number or `(M,)`; below zero that of the first tick.
+            ticks: since each launch, one number or `(M,)`; a negative number counts as 0.
         """
         return self._commands[np.clip(ticks, 0, len(self)), np.arange(self._commands.shape[1])]
 
 
 class Offline(Controller):
-    """Flies a path computed before take-off, without looking where it is.
+    """Flies a path computed before take-off, without feedback of its state.
 
     `[offline]` limits speed and acceleration.
     """
@@ -89,7 +88,7 @@ class Offline(Controller):
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
-        self._plans: dict[bytes, OpenLoopPlan] = {}  # by the starts they follow from
+        self._plans: dict[bytes, OpenLoopPlan] = {}  # by the bytes of the starts
 
     def init(self, uavs: NDArray[np.intp], plan: state.States) -> Memory:
         memory = {"start": plan[uavs] - mission.goal_states(self.scenario)[uavs]}

@@ -1,8 +1,8 @@
-"""The tables of the mean-field learners of a scenario: which monomials their features are, and all their constants.
+"""Tables of the mean-field learners of a scenario: the monomials that are their features, and all their constants.
 
 Features are monomials of the scaled state s̄ = [x/L_r, y/L_r, vx/L_v, vy/L_v], with coefficient one or, by
 `learner.multinomial`, those of the powers the paper prints: (1 + x̄ + v̄x)⁶ has 6!/(i! j! (6 − i − j)!) before x̄ⁱv̄xʲ.
-The paper's raw metres make the LMS step μ‖∇e‖² < 2 impossible, with either.
+With the paper's raw metres no choice of coefficients satisfies the LMS condition μ‖∇e‖² < 2.
 """
 
 from itertools import product
@@ -22,7 +22,7 @@ from meanflock.swarm.state import Floats
 
 Indices = NDArray[np.intp]
 Products = tuple[Indices, Indices, Floats]  # first and second of the 28 powers, and a factor
-Power = tuple[int, int, int]  # of which coordinate, which, and how often it is derived by it
+Power = tuple[int, int, int]  # coordinate, exponent, order of the derivative by the coordinate
 
 VALUE_DEGREE = 6
 DENSITY_DEGREE = 4
@@ -53,7 +53,7 @@ assert len(DENSITY_EXPONENTS) == DENSITY_FEATURES
 
 
 def scales(learner: Learner) -> Floats:
-    """[L_r, L_r, L_v, L_v]."""
+    """Scales [L_r, L_r, L_v, L_v] of a state."""
     position, velocity = learner.position_scale, learner.velocity_scale
     return np.array([position, position, velocity, velocity])
 
@@ -65,13 +65,13 @@ def standard_nodes() -> Floats:
 
 
 def offsets(scenario: Scenario) -> Floats:
-    """δ, where the nodes of the quadrature are from the UAV, `(64, 4)`."""
+    """Offsets δ of the quadrature's nodes from the UAV, `(64, 4)`."""
     spread = scenario.density
     return standard_nodes() * ([spread.node_position_std] * 2 + [spread.node_velocity_std] * 2)
 
 
 def tables(scenario: Scenario) -> Tables:
-    """All of them."""
+    """All tables of a scenario."""
     learner = scenario.learner
     cost = scenario.cost
     wind = scenario.wind
@@ -127,12 +127,12 @@ def tables(scenario: Scenario) -> Tables:
 
 
 def _coefficient(degree: int, exponents: list[int]) -> float:
-    """What stands before a term in the power `degree` of one plus its variables."""
+    """Multinomial coefficient of a term in (1 + its variables)^`degree`."""
     return float(factorial(degree) // prod(map(factorial, [*exponents, degree - sum(exponents)])))
 
 
 def _value_products(scale: Floats, multinomial: bool) -> Products:
-    """Of σ_H, ∂σ_H/∂r, ∂σ_H/∂v, ∂²σ_H/∂v²: a feature belongs to one axis, so it has one derivative by each."""
+    """Products that make σ_H, ∂σ_H/∂r, ∂σ_H/∂v and ∂²σ_H/∂v². Each feature belongs to one axis."""
     features = []
     for by_position, by_velocity in ((0, 0), (1, 0), (0, 1), (0, 2)):
         for row in VALUE_EXPONENTS.tolist():
@@ -143,7 +143,7 @@ def _value_products(scale: Floats, multinomial: bool) -> Products:
 
 
 def _pair_products(scale: Floats, pairs: list[tuple[int, int]]) -> Products:
-    """Of pairs of positions, then of velocities, and of the derivatives of each that the FPK operator takes."""
+    """Products that make the pairs of positions, then of velocities, each with the derivatives of the FPK operator."""
     position, velocity = state.X, state.VX
     derivatives = (
         (position, 0, 0), (position, 1, 0), (position, 0, 1),
@@ -153,7 +153,7 @@ def _pair_products(scale: Floats, pairs: list[tuple[int, int]]) -> Products:
 
 
 def _products(scale: Floats, features: list[tuple[Power, Power, float]]) -> Products:
-    """Of features, each of two powers and what stands before them."""
+    """Products that make features, each of two powers and a coefficient."""
     places, factors = [], []
     for *powers, coefficient in features:
         inside = all(exponent >= by for _, exponent, by in powers)
@@ -166,7 +166,7 @@ def _products(scale: Floats, features: list[tuple[Power, Power, float]]) -> Prod
 
 
 def _expansion(terms: Indices) -> tuple[Indices, Indices, Indices]:
-    """Of m̂ about a state, term n by term: which weights n + r, times which terms r, and where those of an n begin."""
+    """Indices of the expansion of m̂ about a state: weights n + r, terms r, and the first index of each term n."""
     degree = terms.sum(axis=-1)
     together = np.add.outer(degree, degree)  # of n + r: a term of m̂ if it is one of the 69
     n, r = np.nonzero((together > 0) & (together <= DENSITY_DEGREE))

@@ -1,1 +1,1 @@
-"""Controllers that follow trajectories which everybody knows before take-off, and those that learn to."""
+"""Controllers that follow trajectories known to all UAVs before take-off, or learn to follow them."""

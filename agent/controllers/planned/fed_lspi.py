@@ -1,15 +1,15 @@
-"""Federated least-squares policy iteration: learns in flight to follow the plan, knowing neither drag nor wind.
+"""Federated least-squares policy iteration: learns in flight to follow the plan, without a model of drag and wind.
 
-Every UAV knows its trajectory (`trajectory.py`) and nothing of what moves it. It perturbs its commands at first,
-records how the error changes, and every two seconds improves its four gains by least-squares policy iteration
-(Lagoudakis and Parr 2003). The federation averages the gains: one UAV's data are few and noisy, and the errors of 25
-are nearly independent.
+Every UAV knows its trajectory (`trajectory.py`), but not its dynamics. It perturbs its commands at first, records how
+the error changes, and every two seconds improves its four gains by least-squares policy iteration (Lagoudakis and Parr
+2003). The federation averages the gains, because one UAV's data are few and noisy, and the errors of 25 UAVs are
+nearly independent.
 
 An axis has the error e = (p, v), m and m/s, to the trajectory and the input u, m/s², on top of its acceleration. The
 policy is u = −k1 p − k2 v − k3, with k1 and k2 of both axes and a k3 for each; the cost of a tick is p² + ½v² + ½u².
-Its discounted sum from (e, u) on is a quadratic function w·φ of 14 features, and so is that of the best policy for it.
-Two matrices sum all data, whatever the policy was: M1 = Σ φφᵀ and M2 = Σ φ ψ(e′)ᵀ. ψ are the 9 features of a state,
-from which those of the next (e′, u′) follow for any policy, φ′ = L ψ(e′).
+The discounted cost from (e, u) on is a quadratic function w·φ of 14 features. Two matrices sum all data, whatever the
+policy was: M1 = Σ φφᵀ and M2 = Σ φ ψ(e′)ᵀ. ψ are the 9 features of a state. They give the features of the next (e′, u′)
+for any policy, φ′ = L ψ(e′).
 """
 
 from collections.abc import Sequence
@@ -32,12 +32,12 @@ GAINS = 4  # k1 1/s², k2 1/s, k3 along x and y m/s²
 PAIRS, STATES = 14, 9  # features of (e, u) and of e
 RIDGE = 1e-7
 ITERATIONS = 15
-SETTLED = 1e-6  # a change of the gains below it ends the iteration
-LEAST_CURVATURE = 1e-6  # of the value along u; less is no minimum
-LOWEST, HIGHEST = np.array([0.02, 0.1, -3.0, -3.0]), np.array([10.0, 10.0, 3.0, 3.0])  # gains that are flown
+SETTLED = 1e-6  # the iteration ends when the gains change by less
+LEAST_CURVATURE = 1e-6  # of the value along u; with less curvature there is no minimum
+LOWEST, HIGHEST = np.array([0.02, 0.1, -3.0, -3.0]), np.array([10.0, 10.0, 3.0, 3.0])  # bounds of the gains in flight
 
-_P2, _V2, _U2, _PV, _PU, _VU = range(6)  # of both axes; then p, v, u and 1 of each
-_UPPER = np.triu_indices(PAIRS)  # M1 is symmetric: this half of it is sent
+_P2, _V2, _U2, _PV, _PU, _VU = range(6)  # sums over both axes; the other features are p, v, u and 1 of each axis
+_UPPER = np.triu_indices(PAIRS)  # M1 is symmetric, so only this half is sent
 _COST = np.zeros(PAIRS)
 _COST[[_P2, _V2, _U2]] = 1.0, 0.5, 0.5
 
@@ -56,7 +56,7 @@ class FedLspi(PlannedLearner):
     period_ticks = 20
 
     class Options(base.Options, frozen=True):
-        """What it learns with."""
+        """The options of `fed-lspi`."""
 
         speed_m_s: CruiseSpeed = CRUISE_M_S
         share: Annotated[
@@ -66,15 +66,17 @@ class FedLspi(PlannedLearner):
                 "or `false`: nothing"
             ),
         ] = True
-        discount: Annotated[float, Meta(gt=0, lt=1, description="γ, what the cost a tick later counts, 1")] = 0.95
-        k1: Annotated[float, Meta(ge=0.02, le=10, description="first gain of the position error, 1/s²")] = 0.3
-        k2: Annotated[float, Meta(ge=0.1, le=10, description="first gain of the velocity error, 1/s")] = 1.0
+        discount: Annotated[float, Meta(gt=0, lt=1, description="γ, discount of the cost per tick, 1")] = 0.95
+        k1: Annotated[float, Meta(ge=0.02, le=10, description="initial gain of the position error, 1/s²")] = 0.3
+        k2: Annotated[float, Meta(ge=0.1, le=10, description="initial gain of the velocity error, 1/s")] = 1.0
         exploration: Annotated[float, Meta(ge=0, le=3, description="std of the perturbation an axis, m/s²")] = 0.3
-        exploration_time: Annotated[float, Meta(ge=0, description="how long it perturbs, s")] = 30.0
-        period: Annotated[float, Meta(gt=0, description="between two improvements, where not federated, s")] = 2.0
-        gain_factor: Annotated[float, Meta(gt=1, description="by which k1, k2 change at once at the most, 1")] = 2.0
-        offset_change: Annotated[float, Meta(gt=0, description="by what k3 changes at once at the most, m/s²")] = 0.6
-        limit: Annotated[float, Meta(gt=0, description="on the input an axis, m/s²")] = 3.0
+        exploration_time: Annotated[float, Meta(ge=0, description="duration of the perturbation, s")] = 30.0
+        period: Annotated[float, Meta(gt=0, description="time between two improvements, if not federated, s")] = 2.0
+        gain_factor: Annotated[
+            float, Meta(gt=1, description="largest factor by which an improvement changes k1 or k2, 1")
+        ] = 2.0
+        offset_change: Annotated[float, Meta(gt=0, description="largest change of k3 by an improvement, m/s²")] = 0.6
+        limit: Annotated[float, Meta(gt=0, description="limit of the input an axis, m/s²")] = 3.0
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
@@ -127,7 +129,7 @@ class FedLspi(PlannedLearner):
         return memory | {"squares": squares, "steps": steps}
 
     def _learn(self, memory: Memory, tick: int, error: Floats) -> Memory:
-        """The memory with what the last tick showed, and in the tick before a round with better gains."""
+        """The memory with the data of the last tick, and with improved gains in the tick before a round."""
         squares, steps = memory["squares"], memory["steps"]
         fresh = self._follows(memory, tick)
         if fresh.any():
@@ -145,9 +147,10 @@ class FedLspi(PlannedLearner):
 
     def _perturbation(self, uavs: NDArray[np.int32], tick: int) -> Floats:
         """Standard normal numbers, (M, 2), of the UAVs in a tick."""
-        return np.array([self._of(int(uav))[tick] for uav in uavs]).reshape(-1, AXES)
+        return np.array([self._numbers(int(uav))[tick] for uav in uavs]).reshape(-1, AXES)
 
-    def _of(self, uav: int) -> Floats:
+    def _numbers(self, uav: int) -> Floats:
+        """The perturbations of a UAV in all ticks, (ticks, 2)."""
         if uav not in self._noise:
             draw = seeds.generator(self.scenario.seed, "controller", uav)
             self._noise[uav] = draw.standard_normal((self._explores, AXES))
@@ -155,13 +158,13 @@ class FedLspi(PlannedLearner):
 
 
 def inputs(gains: Floats, error: Floats) -> Floats:
-    """u of the policies (M, 4) at errors (M, 2 axes, 2), `(M, 2)` m/s²; gains beyond their bounds count as these."""
+    """Inputs u of the policies (M, 4) at errors (M, 2 axes, 2), `(M, 2)` m/s². Gains are clipped to their bounds."""
     k = np.clip(gains, LOWEST, HIGHEST)
     return -k[:, :1] * error[..., 0] - k[:, 1:2] * error[..., 1] - k[:, 2:]
 
 
 def seen(error: Floats, given: Floats, then: Floats) -> tuple[Floats, Floats]:
-    """What a tick adds to M1 and M2, `(M, 14, 14)` and `(M, 14, 9)`.
+    """Terms of a tick in M1 and M2, `(M, 14, 14)` and `(M, 14, 9)`.
 
     Args:
         error, then: (M, 2 axes, 2) the errors before and after it. given: (M, 2) the inputs.
@@ -185,7 +188,7 @@ def seen(error: Floats, given: Floats, then: Floats) -> tuple[Floats, Floats]:
 
 
 def following(gains: Floats) -> Floats:
-    """L, `(M, 14, 9)`: the features of (e, u) are L ψ(e) where u is what the policies (M, 4) say."""
+    """Matrix L, `(M, 14, 9)`, with φ(e, u) = L ψ(e) if u is the input of the policies (M, 4)."""
     k1, k2 = gains[:, 0], gains[:, 1]
     matrix = np.zeros((len(gains), PAIRS, STATES))
     p2 = 0
@@ -213,11 +216,11 @@ def following(gains: Floats) -> Floats:
 
 
 def improve(gains: Floats, squares: Floats, steps: Floats, discount: float, factor: float, shift: float) -> Floats:
-    """Better policies in view of all that was seen, `(M, 4)`: evaluate, take the best in view of that, and again.
+    """Improved policies, `(M, 4)`, by policy iteration on all data: evaluate, choose the best policy, repeat.
 
     Args:
-        gains: (M, 4) of the policies now. squares, steps: M1 and M2. discount: γ of a tick. factor: by which k1 and k2
-            change at the most, either way. shift: by how much k3 changes at the most.
+        gains: (M, 4) of the policies now. squares, steps: M1 and M2. discount: γ of a tick. factor: largest
+            factor of a change of k1 and k2. shift: largest change of k3.
     """
     now = np.clip(gains, LOWEST, HIGHEST)
     low = np.maximum(LOWEST, np.concatenate([now[:, :2] / factor, now[:, 2:] - shift], axis=1))
@@ -237,7 +240,7 @@ def improve(gains: Floats, squares: Floats, steps: Floats, discount: float, fact
 
 
 def _best(gains: Floats, transition: Floats, discount: float) -> tuple[Floats, NDArray[np.bool_]]:
-    """The policies that are best in view of the value of others, `(M, 4)`; and where there are such, `(M,)`.
+    """The best policies for the values of the given policies, `(M, 4)`, and a mask (M,) of the rows that have one.
 
     w = w_c + γ G Lᵀ w; with y = Lᵀ w of only 9 unknowns, (1 − γ Lᵀ G) y = Lᵀ w_c.
     """

@@ -1,9 +1,9 @@
 """Flight along concurrent trajectories (Turpin, Michael and Kumar, Concurrent assignment and planning of trajectories
 for large teams of robots, ICRA 2013): the controller `plan`, and the base classes of controllers that learn to do it.
 
-All UAVs know all trajectories before take-off and send nothing on the way. A UAV's slot at the goal is its place in the
-formation, drawn together about the goal. UAVs with the same goal are companions; a UAV with a goal of its own goes
-there.
+All UAVs know all trajectories before take-off and send nothing in flight. A UAV's slot is its place in the formation,
+which is shrunk about the goal. UAVs with the same goal are companions. The slot of a UAV without companions is its
+goal.
 """
 
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ class Planned(Controller):
         return Trajectory(self.scenario, mission.starts(self.scenario), self.options.speed_m_s)
 
     def prediction(self) -> AlongPlan:
-        """A UAV that is off its trajectory comes back to it."""
+        """A UAV that is off its trajectory is predicted to return to it."""
         return AlongPlan(self._trajectory.states, self.scenario.dt)
 
     def _off(self, uavs: Rows, tick: int, own: States) -> tuple[Floats, Plane]:
@@ -75,13 +75,13 @@ class PlannedLearner(Planned):
         return memory[self.learned]
 
     def _follows(self, memory: Memory, tick: int) -> Mask:
-        """Mask (M,) of the rows whose last tick was the one before this: not paused, and not on the ground."""
+        """Mask (M,) of the rows that flew in the tick before this one: neither paused nor on the ground."""
         follows: Mask = (memory["tick"] == tick - 1) & (tick > self._launches[memory["uav"]])
         return follows
 
 
 class Plan(Planned):
-    """Follows a trajectory computed before take-off, as all others do; every UAV knows all of them.
+    """Follows a trajectory computed before take-off; every UAV knows the trajectories of all.
 
     a = a* + k_p (r* − r) + k_v (v* − v) + c0 (v − v_o). It sends nothing.
     """

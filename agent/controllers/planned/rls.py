@@ -1,8 +1,9 @@
-"""Recursive least squares (Ljung, System Identification, 2nd ed. 1999, section 11.2): drag and wind, found in flight.
+"""Recursive least squares (Ljung, System Identification, 2nd ed. 1999, section 11.2): estimates drag and wind in
+flight.
 
-Every UAV knows its trajectory (`trajectory.py`) and neither drag nor wind. From what its velocity does beyond the
-command, y = −c0 v + c0 v_o + noise, it estimates θ = (c0, c0 v_o), by which it undoes the air. The federation averages
-θ.
+Every UAV knows its trajectory (`trajectory.py`), but neither drag nor wind. From the acceleration beyond its command,
+y = −c0 v + c0 v_o + noise, it estimates θ = (c0, c0 v_o), and its commands cancel the estimated drag and wind. The
+federation averages θ.
 """
 
 from collections.abc import Sequence
@@ -20,8 +21,8 @@ from meanflock.agent.controllers.planned.plan import PlannedLearner, tracking
 from meanflock.swarm import state
 from meanflock.swarm.state import VELOCITY, States
 
-NUMBERS = 3  # of θ: drag 1/s, and its product with the wind along x and y, m/s²
-LOWEST, HIGHEST = np.array([0.0, -3.0, -3.0]), np.array([1.0, 3.0, 3.0])  # estimates that are flown
+NUMBERS = 3  # of θ: drag, 1/s; drag × wind along x and y, m/s²
+LOWEST, HIGHEST = np.array([0.0, -3.0, -3.0]), np.array([1.0, 3.0, 3.0])  # bounds of the estimates in flight
 
 
 class Rls(PlannedLearner):
@@ -45,12 +46,12 @@ class Rls(PlannedLearner):
         position_gain_1_s2: Annotated[float, Meta(gt=0, description="k_p, 1/s²")] = 4.0
         velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 4.0
         prior: Annotated[float, Meta(gt=0, description="std of θ before take-off, about zero, 1/s and m/s²")] = 0.3
-        noise: Annotated[float, Meta(gt=0, description="std that measured accelerations are taken to have, m/s²")] = 1.0
-        forgetting: Annotated[float, Meta(gt=0, le=1, description="λ, what a tick still counts a tick later, 1")] = 1.0
+        noise: Annotated[float, Meta(gt=0, description="assumed std of measured accelerations, m/s²")] = 1.0
+        forgetting: Annotated[float, Meta(gt=0, le=1, description="λ, forgetting factor per tick, 1")] = 1.0
 
     @property
     def _prior_variance(self) -> float:
-        """Of each number of θ before take-off, over that of the noise."""
+        """Variance of each number of θ before take-off, divided by that of the noise."""
         return float((self.options.prior / self.options.noise) ** 2)
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
@@ -74,7 +75,7 @@ class Rls(PlannedLearner):
         return Step(memory | after, command, reported)
 
     def _learn(self, memory: Memory, tick: int, moving: state.Plane) -> Memory:
-        """Estimate and covariance with what the last tick showed; nothing after a pause, or on the ground."""
+        """Estimate and covariance with the data of the last tick; empty after a pause, or on the ground."""
         fresh = self._follows(memory, tick)
         if not fresh.any():
             return {}
@@ -83,7 +84,7 @@ class Rls(PlannedLearner):
         before = memory["velocity"]
         beyond = (moving - before) / self.scenario.dt - memory["command"]
         for axis in range(state.AXES):
-            features = np.zeros((len(moving), NUMBERS))  # rows that learn nothing have zeros, which change nothing
+            features = np.zeros((len(moving), NUMBERS))  # zeros for rows that do not learn, which leave them unchanged
             features[:, 0], features[:, 1 + axis] = -before[:, axis] * fresh, fresh
             spread = product(covariance, features[:, :, None])
             gain = spread / (1.0 + product(features[:, None, :], spread))
@@ -91,7 +92,7 @@ class Rls(PlannedLearner):
             estimate = estimate + gain[..., 0] * missed[:, None]
             covariance = covariance - gain * spread.transpose(0, 2, 1)
         decay = np.where(fresh, self.options.forgetting, 1.0)
-        # Forgotten is no more than was learned: where nothing new is seen, as at the goal, it would grow for ever.
+        # The covariance never exceeds the prior: without new data, as at the goal, forgetting would let it grow.
         trace, most = covariance.trace(axis1=1, axis2=2), NUMBERS * self._prior_variance
         decay = np.maximum(decay, np.minimum(1.0, trace / most))
         return {"estimate": estimate, "covariance": covariance / decay[:, None, None]}

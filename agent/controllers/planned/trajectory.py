@@ -1,8 +1,8 @@
-"""Concurrent trajectories: where every UAV should be at any time if all set out together and stay together.
+"""Concurrent trajectories of all UAVs, which depart together and stay in formation.
 
-Everybody goes straight from where it starts to a slot near the destination, r*(t) = r(0) + (g − r(0)) s(t), with one
-s(t) for all who go to the same goal, which starts and ends at rest. Two of them are at every time as far apart as their
-starts and slots mixed in the ratio 1 − s to s, so a formation that is only drawn together meets nowhere.
+Each UAV flies straight from its start to a slot near the destination, r*(t) = r(0) + (g − r(0)) s(t). All UAVs with the
+same goal have one s(t), from rest to rest. The offset of two of them is 1 − s times that of their starts plus s times
+that of their slots. So UAVs of a formation that only shrinks never meet.
 """
 
 import math
@@ -16,11 +16,11 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 
 ACCELERATION_M_S2, BRAKE_M_S2 = 1.0, 0.5
-FILLED = 0.84  # of the destination's radius that slots take up at the most
+FILLED = 0.84  # largest distance of a slot from the goal, relative to the destination's radius
 
 
 class Trapezoid:
-    """A way of some length from rest to rest: full acceleration, cruise, braking; shorter ways never reach cruise."""
+    """Speed profile from rest to rest: full acceleration, cruise, braking. On short ways it does not reach cruise."""
 
     def __init__(
         self,
@@ -40,7 +40,7 @@ class Trapezoid:
         self.duration_s = self._speeding_s + self._cruising_s + self._braking_s
 
     def at(self, seconds: Floats | float) -> tuple[Floats, Floats, Floats]:
-        """Metres covered, m/s and m/s² at a time since departure; at rest before it and after the end."""
+        """Distance m, speed m/s and acceleration m/s² at a time since departure; at rest before and after."""
         t = np.clip(seconds, 0.0, self.duration_s)
         left = self.duration_s - t
         speeding, braking = t < self._speeding_s, left < self._braking_s
@@ -63,11 +63,11 @@ class Trajectory:
     """The trajectories of all UAVs of a scenario.
 
     Attributes:
-        starts, slots: (N, 2) m, from where to where; everybody departs when it leaves the ground.
+        starts, slots: (N, 2) m, the ends of the trajectories. A UAV departs when it leaves the ground.
     """
 
     def __init__(self, scenario: Scenario, plan: state.States, cruise_m_s: float = CRUISE_M_S) -> None:
-        """`plan`: (N, 4) the states at t = 0 that everyone knows."""
+        """`plan`: (N, 4) the states at t = 0, known to all UAVs."""
         self._dt = scenario.dt
         self._launch_s: Floats = mission.launches(scenario).astype(np.float64) * scenario.dt
         self.starts = np.array(plan[:, state.POSITION])
@@ -96,8 +96,7 @@ class Trajectory:
 
 
 def slots(starts: Floats, goals: Floats, radius_m: float) -> Floats:
-    """Where each should end, (N, 2): its goal, and its place in the formation of those who go there, drawn together
-    until the outermost is `radius_m` from the goal."""
+    """Slots, (N, 2): the formation of the UAVs of each goal, shrunk until the outermost is `radius_m` from it."""
     ends = goals.copy()
     for rows in companions(goals):
         place = starts[rows] - starts[rows].mean(axis=0)
@@ -108,6 +107,6 @@ def slots(starts: Floats, goals: Floats, radius_m: float) -> Floats:
 
 
 def companions(goals: Floats) -> list[NDArray[np.intp]]:
-    """Who goes where others go, too: the rows of `goals`, (N, 2), grouped by goal."""
+    """Indices of the rows of `goals`, (N, 2), grouped by goal."""
     _, group = np.unique(goals, axis=0, return_inverse=True)
     return [np.flatnonzero(group == number) for number in range(int(group.max(initial=-1)) + 1)]

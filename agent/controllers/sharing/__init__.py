@@ -1,1 +1,1 @@
-"""Controllers whose UAVs broadcast their states and fly by those of the others: flocking, and avoiding collisions."""
+"""Controllers whose UAVs broadcast their states and use those of others: flocking and collision avoidance."""

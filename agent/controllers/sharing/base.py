@@ -1,13 +1,13 @@
-"""Controllers whose UAVs broadcast their states: what rows know of the others, and the base classes that fly by it.
+"""Base classes of controllers whose UAVs broadcast their states, and the states of other UAVs known to each row.
 
-A UAV broadcasts its state every tick, or at events, according to `[sharing]`. An event is that its position is more
-than δ from where all others predict it by what it last sent, or its velocity more than δ_v. The state is sent as
-(x, y, vx, vy) in 1 cm and 1 cm/s, four int16. It is sent again, as it is by then, in the next r − 1 ticks. x and y
-count from halfway between the UAV's own start and goal, so they reach 327 m beyond; a state beyond that is not sent.
+A UAV broadcasts its state every tick, or at events, according to `[sharing]`. An event is an error of the state that
+all others predict from its last broadcast: more than δ in position, or more than δ_v in velocity. The state is sent as
+(x, y, vx, vy) in 1 cm and 1 cm/s, four int16. The current state is sent again in the next r − 1 ticks. The origin of x
+and y is halfway between the UAV's own start and goal, so the numbers reach 327 m; a state beyond that is not sent.
 
-A state that arrives in a tick was sent in the tick before; on a radio so slow that it is older, it is taken for younger
-than it is. With events, silence says that a UAV flies as predicted, however long it lasts. With a broadcast every tick,
-silence says that a UAV is lost or out of range, and it is forgotten (`forget_s`).
+A received state counts as sent in the tick before. On a slow radio it may be older. With events, a silent UAV counts as
+flying as predicted, for any time. With a broadcast every tick, a silent UAV is lost or out of range, and is forgotten
+(`forget_s`).
 """
 
 import math
@@ -36,22 +36,22 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import POSITION, SIZE, VX, VY, Floats, States, X, Y
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 
-FAR_M = 1e6  # where those are put of whom nothing is known: out of everybody's way
-UNIT = 0.01  # m and m/s, of an int16
+FAR_M = 1e6  # position along x and y of a UAV whose state is unknown: far from all others
+UNIT = 0.01  # of an int16, m and m/s
 _NOWHERE = np.array([FAR_M, FAR_M, 0.0, 0.0])
 _MOST = float(np.iinfo(np.int16).max)
 
 
 class Neighbours:
-    """States of all UAVs as rows know them, kept in a memory whose names begin with `neighbour_`.
+    """States of all UAVs known to each row, in a memory whose names begin with `neighbour_`.
 
-    numbers: that a UAV broadcasts in a tick.
+    numbers: count of the numbers that a UAV broadcasts in a tick.
     """
 
     numbers = SIZE
 
     def __init__(self, scenario: Scenario, predict: Prediction | None = None) -> None:
-        """`predict`: how states are carried on from when they were sent; None: at constant velocity."""
+        """`predict`: predicts states from the time of sending; None: at constant velocity."""
         policy = scenario.sharing.rule
         self._events, self._repeats = policy.broadcast == "event", policy.repeats
         self._delta_squared = policy.delta_m * policy.delta_m
@@ -60,26 +60,31 @@ class Neighbours:
         self._float = FLOAT_OF_BITS[scenario.radio.bits_per_float]
         self._predict = ConstantVelocity(scenario.dt) if predict is None else predict
         self._plausible = plausible(scenario)
-        self._origin = np.zeros((scenario.uavs, SIZE))  # of what a UAV sends
+        self._origin = np.zeros((scenario.uavs, SIZE))  # of the numbers that a UAV sends
         self._origin[:, POSITION] = 0.5 * (mission.starts(scenario)[:, POSITION] + mission.goals(scenario))
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
-        """The memory at take-off: the mission plan (N, 4), known to all, of rows with numbers (M,)."""
+        """The memory of rows with numbers (M,) at take-off, with the states of the mission plan (N, 4)."""
         rows, everyone = len(uavs), len(plan)
         kept = self._predict.keep(plan, np.arange(everyone), 0)
         return {
             "neighbour_uav": uavs.astype(np.int32),
             "neighbour_kept": np.repeat(kept.T[None], rows, axis=0),  # (M, 4, N)
-            "neighbour_tick": np.zeros((rows, everyone), dtype=np.int32),  # in which it was sent
-            "neighbour_repeats": np.zeros(rows, dtype=np.int32),  # ticks an event is still to be sent in
+            "neighbour_tick": np.zeros((rows, everyone), dtype=np.int32),  # of sending
+            "neighbour_repeats": np.zeros(
+                rows, dtype=np.int32
+            ),  # number of ticks in which the state is still to be sent
             "neighbour_unsent": np.zeros(rows, dtype=bool),
         }
 
     def receive(
         self, memory: Memory, tick: int, received: Sequence[Received], number: int = 0
     ) -> tuple[Memory, NDArray[np.int32]]:
-        """The memory with the states of frames `number` in it, and whose of them are not believed, ascending, for
-        `Step.refused`; what cannot be a state is left out."""
+        """Store the states in the frames `number`; implausible states are left out.
+
+        Returns:
+            The memory, and the senders of implausible states, ascending, for `Step.refused`.
+        """
         frames = of_kind(received, SIZE, np.int16 if self._events else np.float64, number)
         if self._events:
             frames = [Received(number, f.source, self._decoded(f.payload, f.source), f.links) for f in frames]
@@ -95,19 +100,19 @@ class Neighbours:
         return memory | {"neighbour_kept": kept, "neighbour_tick": sent_in}, refused
 
     def states(self, memory: Memory, tick: int) -> States:
-        """Where everybody is in a tick, as far as rows know: (M, N, 4), a view whose columns are contiguous.
+        """Predicted states of all UAVs in a tick, for each row: (M, N, 4), a view whose columns are contiguous.
 
-        A row's own UAV is in it as it last sent. Who is forgotten is `FAR_M` away, at rest.
+        A row's own state is the prediction of its last broadcast. A forgotten UAV is `FAR_M` away, at rest.
         """
         age = tick - memory["neighbour_tick"]
         now = self._predict.now(memory["neighbour_kept"], age, slice(None), tick)
         states: States = np.swapaxes(now, 1, 2)
-        if self._forget is not None and (gone := age > self._forget).any():
-            states[gone] = _NOWHERE
+        if self._forget is not None and (forgotten := age > self._forget).any():
+            states[forgotten] = _NOWHERE
         return states
 
     def speak(self, memory: Memory, tick: int, own: States) -> tuple[Memory, Broadcast]:
-        """The memory after rows (M, 4) have sent what is due in this tick, and what they send."""
+        """Returns the memory after the broadcasts of rows (M, 4) in this tick, and the broadcast."""
         if not self._events:
             sent = own.astype(self._float).astype(np.float64)
             return self._sent(memory, tick, np.arange(len(own)), sent), Broadcast(own)
@@ -125,15 +130,15 @@ class Neighbours:
             "neighbour_repeats": left - due.astype(np.int32),
             "neighbour_unsent": due & ~fits,
         }
-        said = numbers[rows].astype(np.int16)
-        return self._sent(memory, tick, rows, self._decoded(said, uav[rows])), Broadcast(said, rows)
+        payload = numbers[rows].astype(np.int16)
+        return self._sent(memory, tick, rows, self._decoded(payload, uav[rows])), Broadcast(payload, rows)
 
     def unsent(self, memory: Memory) -> Floats:
-        """1 where a row had a state to send in the last tick that four int16 cannot say, as a diagnostic, (M, 1)."""
+        """Diagnostic (M, 1): 1 if a row had a state to send in the last tick that exceeds the range of int16."""
         return memory["neighbour_unsent"][:, None].astype(np.float64)
 
     def _own(self, memory: Memory, tick: int) -> States:
-        """What all others predict of the rows themselves by what was last sent, (M, 4)."""
+        """States of the rows that all others predict from the rows' last broadcasts, (M, 4)."""
         uav = memory["neighbour_uav"].astype(np.intp)
         rows = np.arange(len(uav))
         kept = memory["neighbour_kept"][rows, :, uav][:, :, None]
@@ -160,7 +165,7 @@ class SharingController(Controller):
     shares = True
     broadcast_numbers = Neighbours.numbers
     pairwise = True
-    diagnostics: tuple[str, ...] = ("unsent",)  # behind those of `fly`
+    diagnostics: tuple[str, ...] = ("unsent",)  # after those of `fly`
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
@@ -172,33 +177,33 @@ class SharingController(Controller):
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         memory, refused = self._neighbours.receive(memory, tick, received)
         step = self.fly(memory, own, self._neighbours.states(memory, tick))
-        memory, said = self._neighbours.speak(step.memory, tick, own)
+        memory, broadcast = self._neighbours.speak(step.memory, tick, own)
         reported = self._neighbours.unsent(memory)
         if step.diagnostics is not None:
             reported = np.concatenate([step.diagnostics, reported], axis=1)
-        return Step(memory, step.acceleration + against_the_air(self.scenario, own), reported, (said,), refused)
+        return Step(memory, step.acceleration + against_the_air(self.scenario, own), reported, (broadcast,), refused)
 
     @abstractmethod
     def fly(self, memory: Memory, own: States, others: States) -> Step:
-        """Memory, acceleration as if there were no air, and diagnostics.
+        """Returns memory, acceleration without compensation of drag and wind, and diagnostics.
 
         Args:
-            own: (M, 4). others: (M, N, 4), where each row takes all UAVs to be, itself as it last said.
+            own: (M, 4). others: (M, N, 4), the states of all UAVs known to each row, as of `Neighbours.states`.
         """
         raise NotImplementedError
 
 
 class Travelling(Options, frozen=True):
-    """The options of one that travels."""
+    """The options of a travelling controller."""
 
     speed_m_s: CruiseSpeed = CRUISE_M_S
     slowing_1_s: Slowing = SLOWING_1_S
 
 
 class TravellingController(SharingController):
-    """Base class of those that would fly like `cruise` if they were alone; options derive from `Travelling`."""
+    """Base class of controllers that fly like `cruise` without other UAVs; options derive from `Travelling`."""
 
-    stays: ClassVar[bool] = False  # who has arrived where that was
+    stays: ClassVar[bool] = False  # whether a UAV stays where it entered the destination
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)

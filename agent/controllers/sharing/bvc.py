@@ -1,8 +1,8 @@
-"""Buffered Voronoi cells: every UAV stays in its half of the way to each other UAV, less a buffer.
+"""Buffered Voronoi cells: each UAV stays on its own side of the middle between it and each other UAV, less a buffer.
 
 Zhou, Wang, Bandyopadhyay and Schwager, Fast, on-line collision avoidance for dynamic vehicles using buffered Voronoi
-cells, IEEE Robotics and Automation Letters 2(2), 2017. Where the source plans with the vehicle's dynamics, here the
-velocity is limited to that from which the UAV can stop at the edge of its cell.
+cells, IEEE Robotics and Automation Letters 2(2), 2017. The source plans with the vehicle's
+dynamics. Here the velocity is limited, so that the UAV can stop at the edge of its cell.
 """
 
 from typing import Annotated, Any
@@ -25,7 +25,7 @@ from meanflock.agent.controllers.sharing.nearby import (
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import VELOCITY, Plane, Rows, States
 
-INFEASIBLE_M_S = 1e-6  # violation up to which a half-plane counts as kept
+INFEASIBLE_M_S = 1e-6  # violation up to which a half-plane counts as satisfied
 
 
 class BufferedVoronoi(TravellingController):
@@ -82,11 +82,11 @@ class BufferedVoronoi(TravellingController):
         """Half-planes n·v ≥ bound of velocities from which a row stops before the faces of its cell.
 
         Args:
-            near: what is near the M rows. buffer: distance of a row from a face, m; or (M, K). share: position of the
-                face on the way to the other: 0.5 for a UAV, 1 for the centre of an obstacle.
+            near: UAVs or obstacles near the M rows. buffer: distance of a row from a face, m; or (M, K). share:
+                position of the face on the way to the other: 0.5 for a UAV, 1 for the centre of an obstacle.
 
         Returns:
-            Normals (M, K, 2), 0 where nothing is near, and bounds (M, K), m/s.
+            Normals (M, K, 2), 0 in unused columns, and bounds (M, K), m/s.
         """
         length = np.sqrt(np.where(near.there, near.squared, 1.0))
         normals = np.where(near.there[..., None], near.away / length[..., None], 0.0)

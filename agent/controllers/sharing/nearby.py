@@ -10,16 +10,16 @@ from meanflock.swarm import state
 from meanflock.swarm.state import VX, VY, Floats, Mask, Plane, Rows, States, X, Y
 
 NOWHERE_M = 1e-9  # a distance without a direction
-OBSTACLE = 10.0  # how much more an obstacle weighs than a UAV where not all can be kept off: it cannot make way
-NEVER_NEARER_M = 1e-3  # two at one place are taken for so far apart along x: of two, the lower number is on the left
+OBSTACLE = 10.0  # weight of an obstacle relative to a UAV if not all half-planes can be satisfied
+NEVER_NEARER_M = 1e-3  # distance along x assumed for two UAVs at one place; the lower number is on the left
 
 
 class Near(NamedTuple):
-    """P pairs, by row and then by number of the other.
+    """P pairs of a row and another UAV, sorted by row, then by number.
 
     row, other: (P,). apart: (P, 2) own position minus the other's, m. closing: (P, 2) own velocity minus the other's,
-    m/s. distance: (P,) m. away: (P, 2) unit vector off the other; where both are in one place, along x, the higher
-    number to the right.
+    m/s. distance: (P,) m. away: (P, 2) unit vector away from the other; if both are at one place, it is along x, and
+    the higher number is on the right.
     """
 
     row: NDArray[np.intp]
@@ -37,11 +37,11 @@ def near(
     range_m: float,
     matters: Callable[[Floats, Floats], NDArray[np.bool_]] | None = None,
 ) -> Near:
-    """The pairs no more than `range_m` apart, and of these only such as matter.
+    """The pairs at most `range_m` apart that satisfy `matters`.
 
     Args:
-        own: (M, 4). known: (M, N, 4), where each row believes all others. uavs: (M,), the numbers of the rows.
-        matters: says it of squared distances and squared differences of velocity, (M, N) each, m² and m²/s².
+        own: (M, 4). known: (M, N, 4), states of all UAVs known to each row. uavs: (M,), the numbers of the rows.
+        matters: condition on squared distances and squared differences of velocity, (M, N) each, m² and m²/s².
     """
     x, y = own[:, X, None] - known[..., X], own[:, Y, None] - known[..., Y]
     squared = x * x + y * y
@@ -62,7 +62,7 @@ def near(
 
 
 def edges(own: States, discs: Floats) -> tuple[Floats, Floats, Floats]:
-    """How far rows (M, 4) are from the edges of discs (K, 3), m, negative inside; and unit vectors off their centres.
+    """Distances of rows (M, 4) from the edges of discs (K, 3), m, negative inside; unit vectors away from the centres.
 
     Returns:
         Distance, x and y, (M, K) each.
@@ -74,15 +74,15 @@ def edges(own: States, discs: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def summed(row: NDArray[np.intp], vectors: Plane, rows: int) -> Plane:
-    """Sums of vectors (P, 2) by row, (rows, 2), added in the order in which they stand."""
+    """Sums of vectors (P, 2) by row, (rows, 2), in the order of the vectors."""
     return np.stack([np.bincount(row, vectors[:, axis], rows) for axis in range(state.AXES)], axis=-1)
 
 
 class Closest(NamedTuple):
-    """K columns for each of M rows, the closest first.
+    """The K closest objects (UAVs or obstacles) of each of M rows, the closest first.
 
-    away: (M, K, 2) m, from it to the row's UAV. closing: (M, K, 2) m/s, the velocity of the UAV less that of it.
-    squared: (M, K) m², of `away`. there: (M, K), where there is one; elsewhere the numbers mean nothing.
+    away: (M, K, 2) m, from the object to the row's UAV. closing: (M, K, 2) m/s, velocity of the UAV minus that of the
+    object. squared: (M, K) m², of `away`. there: (M, K), mask of the columns in use; other columns have no meaning.
     """
 
     away: Plane
@@ -95,7 +95,7 @@ def closest(own: States, others: States, uavs: NDArray[np.integer], reach_m: flo
     """The other UAVs within reach, at most so many, ties by number.
 
     Args:
-        own: (M, 4) of the rows, which are `uavs` (M,). others: (M, N, 4), where they take all N to be.
+        own: (M, 4), states of the rows, which are `uavs` (M,). others: (M, N, 4), states of all UAVs known to them.
     """
     x, y = own[:, X, None] - others[:, :, X], own[:, Y, None] - others[:, :, Y]
     squared = x * x + y * y
@@ -115,7 +115,7 @@ def closest_discs(own: States, discs: NDArray[np.float64], reach_m: float, most:
 
 
 def _first(distance: Rows, reach: float, most: int) -> tuple[NDArray[np.intp], Mask]:
-    """Which columns are within reach, the least distance first, at most so many; and where there is one: (M, K)."""
+    """Columns within reach, at most `most`, nearest first; and the mask of those in use: (M, K)."""
     within = distance <= reach
     count = min(most, int(within.sum(axis=1).max(initial=0)))
     which = np.argsort(np.where(within, distance, np.inf), axis=1, kind="stable")[:, :count]
@@ -123,7 +123,7 @@ def _first(distance: Rows, reach: float, most: int) -> tuple[NDArray[np.intp], M
 
 
 def _apart(x: Rows, y: Rows, closing: Plane, there: Mask, right: Rows | float) -> Closest:
-    """`right`: 1 where a UAV that is in the very place is to be taken to the right of it, −1 to the left."""
+    """The objects as `Closest`. `right`: 1 if a UAV at the same place counts as right of the object, −1 if left."""
     squared = x * x + y * y
     if (same := there & (squared < NEVER_NEARER_M * NEVER_NEARER_M)).any():
         x, y = np.where(same, right * NEVER_NEARER_M, x), np.where(same, 0.0, y)
@@ -132,10 +132,10 @@ def _apart(x: Rows, y: Rows, closing: Plane, there: Mask, right: Rows | float) -
 
 
 def stopping_speed(distance_m: Rows, deceleration: float, delay_s: float) -> Rows:
-    """Speeds from which one stops within distances (…,) if braking begins after a delay, m/s.
+    """Speeds from which a UAV can stop within distances (…,) if braking begins after a delay, m/s.
 
-    The solution v of v · delay + v² / (2 · deceleration) = distance; negative inside of the distance to keep, linear in
-    it: what was entered by mistake is to be left within a delay.
+    Solution v of v · delay + v² / (2 · deceleration) = distance. For a negative distance it is distance / delay, so
+    that the UAV leaves a forbidden region within one delay.
     """
     lag = deceleration * delay_s
     outside = np.sqrt(lag * lag + 2.0 * deceleration * np.maximum(distance_m, 0.0)) - lag
@@ -145,7 +145,7 @@ def stopping_speed(distance_m: Rows, deceleration: float, delay_s: float) -> Row
 def stopping_slope(distance_m: Rows, deceleration: float, delay_s: float) -> Rows:
     """Derivatives of `stopping_speed` by the distance, (…,) 1/s; 1 / delay at 0 and below."""
     lag = deceleration * delay_s
-    if lag == 0.0:  # no brake at all: the speed is 0 at every distance
+    if lag == 0.0:  # no deceleration: the speed is 0 at every distance
         return np.where(distance_m > 0.0, 0.0, 1.0 / delay_s)
     return deceleration / np.sqrt(lag * lag + 2.0 * deceleration * np.maximum(distance_m, 0.0))
 
@@ -156,6 +156,6 @@ def to_the_right(velocity: Plane, bias: float) -> Plane:
 
 
 def with_obstacles(normals: Plane, bounds: Rows, more: Plane, least: Rows) -> tuple[Plane, Rows]:
-    """The half-planes of UAVs, normals (M, K, 2) and bounds (M, K), and behind them those of obstacles, `more` and
-    `least`, which weigh `OBSTACLE` times as much."""
+    """Append the half-planes of obstacles, `more` and `least`, with weight `OBSTACLE`, to those of UAVs, normals
+    (M, K, 2) and bounds (M, K)."""
     return np.concatenate([normals, OBSTACLE * more], axis=1), np.concatenate([bounds, OBSTACLE * least], axis=1)

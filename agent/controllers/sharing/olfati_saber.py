@@ -1,6 +1,6 @@
-"""Flocking of Olfati-Saber (Flocking for multi-agent dynamic systems: algorithms and theory, IEEE Transactions on
-Automatic Control 51(3), 2006): his Algorithm 3, a lattice by gradient, consensus on velocity, agents
-on the edges of obstacles, and a way to the goal."""
+"""Flocking by Algorithm 3 of Olfati-Saber (Flocking for multi-agent dynamic systems: algorithms and theory, IEEE
+Transactions on Automatic Control 51(3), 2006): gradient to a lattice, consensus on velocity, virtual agents on the
+edges of obstacles, and attraction to the goal."""
 
 import math
 from typing import Annotated, Any
@@ -19,7 +19,7 @@ from meanflock.swarm.state import POSITION, VELOCITY, VX, VY, Plane, Rows, State
 
 
 def bump(z: Rows, h: float) -> Rows:
-    """ρ_h(z), his Eq. 10: 1 until h, from there smoothly to 0 at 1."""
+    """Bump function ρ_h(z), his Eq. 10: 1 up to h, then smoothly down to 0 at 1."""
     falling = 0.5 * (1.0 + np.cos(math.pi * (z - h) / (1.0 - h)))
     return np.where(z < h, 1.0, np.where(z <= 1.0, falling, 0.0))
 
@@ -36,28 +36,26 @@ class OlfatiSaber(SharingController):
         """The options of `olfati-saber`, by their names in the source where it has them."""
 
         d_m: Annotated[float, Meta(gt=0, description="d, distance in the lattice, m")] = 1.3
-        r_m: Annotated[float, Meta(gt=0, description="r, who is farther is no neighbour, m")] = 1.56
+        r_m: Annotated[float, Meta(gt=0, description="r, range of neighbours, m")] = 1.56
         epsilon_1_m2: Annotated[float, Meta(gt=0, description="ε of the σ-norm, 1/m²")] = 0.1
         h: Annotated[float, Meta(ge=0, lt=1, description="h of the bump function")] = 0.2
         a: Annotated[float, Meta(gt=0, description="a of the action function, at most b, m/s²")] = 8.0
         b: Annotated[float, Meta(gt=0, description="b of the action function, m/s²")] = 8.0
         c1: Annotated[float, Meta(ge=0, description="weight of the gradient")] = 1.0
         c2_1_s: Annotated[float, Meta(ge=0, description="weight of the consensus, 1/s")] = 3.0
-        d_obstacle_m: Annotated[
-            float, Meta(gt=0, description="d', who is farther off an obstacle does not feel it, m")
-        ] = 1.5
-        c1_obstacle_m_s2: Annotated[float, Meta(ge=0, description="weight of its gradient, m/s²")] = 3.0
-        c2_obstacle_1_s: Annotated[float, Meta(ge=0, description="weight of its consensus, 1/s")] = 0.5
-        pull_m_s2: Annotated[float, Meta(gt=0, description="pull to the goal from afar, m/s²")] = 0.7
-        near_m: Annotated[float, Meta(gt=0, description="distance within which it is a spring, m")] = 2.0
-        damping_1_s: Annotated[float, Meta(gt=0, description="of the own velocity, 1/s")] = 0.4
+        d_obstacle_m: Annotated[float, Meta(gt=0, description="d', range of the repulsion by obstacles, m")] = 1.5
+        c1_obstacle_m_s2: Annotated[float, Meta(ge=0, description="weight of the gradient of obstacles, m/s²")] = 3.0
+        c2_obstacle_1_s: Annotated[float, Meta(ge=0, description="weight of the consensus with obstacles, 1/s")] = 0.5
+        pull_m_s2: Annotated[float, Meta(gt=0, description="attraction to a distant goal, m/s²")] = 0.7
+        near_m: Annotated[float, Meta(gt=0, description="distance within which the attraction is linear, m")] = 2.0
+        damping_1_s: Annotated[float, Meta(gt=0, description="damping of the own velocity, 1/s")] = 0.4
         acceleration_max_m_s2: Annotated[
             float, Meta(gt=0, description="limit on ‖u‖ before drag, at most that of the vehicle, m/s²")
         ] = 6.0
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         if options.a > options.b:
-            raise ValueError(f"`a` {options.a} is greater than `b` {options.b}; the action function wants 0 < a ≤ b")
+            raise ValueError(f"`a` {options.a} is greater than `b` {options.b}; the action function needs 0 < a ≤ b")
         super().__init__(options, scenario)
         self._limit = acceleration_limit(scenario, options.acceleration_max_m_s2)
         self._goals = mission.goals(scenario)
@@ -76,26 +74,26 @@ class OlfatiSaber(SharingController):
         return Step(memory, limited(acceleration, self._limit))
 
     def _of_pairs(self, pairs: Near) -> Plane:
-        """c1 φ_α(‖Δ‖σ) n + c2 ρ_h (Δv), his Eq. 23, of pairs, (P, 2) m/s²."""
+        """Accelerations by pairs, c1 φ_α(‖Δ‖σ) n + c2 ρ_h (Δv), his Eq. 23, (P, 2) m/s²."""
         options = self.options
         squared = pairs.distance * pairs.distance
         sigma = self._sigma(squared)
         weight = bump(sigma / self._range, options.h)
         z = sigma - self._distance + self._shift
         action = weight * 0.5 * ((options.a + options.b) * z / np.sqrt(1.0 + z * z) + (options.a - options.b))
-        # n = Δ/√(1 + ε‖Δ‖²), his Eq. 9; of two in one place it is 0
+        # n = Δ/√(1 + ε‖Δ‖²), his Eq. 9; 0 for two UAVs at one place
         along = (options.c1 * action / np.sqrt(1.0 + options.epsilon_1_m2 * squared))[:, None] * pairs.apart
         return -along - (options.c2_1_s * weight)[:, None] * pairs.closing
 
     def _of_obstacles(self, own: States) -> Plane:
-        """c1 φ_β(‖Δ‖σ) n̂ + c2 ρ_h (p̂ − p), his Eq. 56 to 59: agents on the edges go along with a UAV, (M, 2) m/s²."""
+        """Acceleration by virtual agents on the edges of obstacles, his Eq. 56 to 59, (M, 2) m/s²."""
         options = self.options
         edge, x, y = edges(own, self._obstacles)
         gap = np.maximum(edge, 0.0)
         sigma, reach = self._sigma(gap * gap), self._sigma(options.d_obstacle_m**2)
         weight, z = bump(sigma / reach, options.h), sigma - reach
         action = options.c1_obstacle_m_s2 * weight * (1.0 - z / np.sqrt(1.0 + z * z))
-        # Its velocity is that of the UAV along the edge, by μ = R/(R + gap) slower.
+        # The virtual agent has the UAV's velocity along the edge, times μ = R/(R + gap).
         along = own[:, VY, None] * x - own[:, VX, None] * y
         slower = self._obstacles[:, 2] / (self._obstacles[:, 2] + gap) * along
         damping = options.c2_obstacle_1_s * weight
@@ -104,6 +102,6 @@ class OlfatiSaber(SharingController):
         return np.stack([np.add.reduce(ax, axis=1), np.add.reduce(ay, axis=1)], axis=-1)
 
     def _sigma(self, squared: Any) -> Any:
-        """‖z‖σ = (√(1 + ε‖z‖²) − 1)/ε of ‖z‖², his Eq. 8."""
+        """σ-norm (√(1 + ε‖z‖²) − 1)/ε of ‖z‖², his Eq. 8."""
         epsilon = self.options.epsilon_1_m2
         return (np.sqrt(1.0 + epsilon * squared) - 1.0) / epsilon

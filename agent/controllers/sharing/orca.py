@@ -1,8 +1,8 @@
-"""Optimal reciprocal collision avoidance: of all velocities that leave the next seconds free of collisions if everybody
-chooses so, the one nearest to what was wished for.
+"""Optimal reciprocal collision avoidance: the velocity nearest to the preferred one that avoids collisions for τ
+seconds if all UAVs choose theirs in the same way.
 
-Van den Berg, Guy, Lin and Manocha, Reciprocal n-body collision avoidance, Robotics Research (ISRR), 2011. Where no
-velocity is free, the source's third program takes the least violation; so does this.
+Van den Berg, Guy, Lin and Manocha, Reciprocal n-body collision avoidance, Robotics Research (ISRR), 2011. If no
+velocity avoids all collisions, the largest violation is minimised, as by the third program of the source.
 """
 
 from typing import Annotated
@@ -17,7 +17,7 @@ from meanflock.agent.controllers.sharing.base import Travelling, TravellingContr
 from meanflock.agent.controllers.sharing.nearby import Closest, closest, closest_discs, to_the_right, with_obstacles
 from meanflock.swarm.state import VELOCITY, Plane, Rows, States
 
-INFEASIBLE_M_S = 1e-6  # what may be missing of a half-plane that is still called kept
+INFEASIBLE_M_S = 1e-6  # violation up to which a half-plane counts as satisfied
 
 
 class Orca(TravellingController):
@@ -36,14 +36,14 @@ class Orca(TravellingController):
 
         velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 4.0
         radius_m: Annotated[float, Meta(gt=0, description="combined radius of two UAVs, m")] = 0.9
-        horizon_s: Annotated[float, Meta(gt=0, description="τ, for which a velocity must be free, s")] = 3.0
+        horizon_s: Annotated[float, Meta(gt=0, description="τ, how long a velocity avoids collisions, s")] = 3.0
         right_bias: Annotated[
-            float, Meta(ge=0, le=1, description="share of the wished velocity that is added to its right")
+            float, Meta(ge=0, le=1, description="share of the cruise velocity that is added to its right")
         ] = 0.3
         speed_max_m_s: Annotated[float, Meta(gt=0, description="limit on the velocity chosen, m/s")] = 4.0
-        neighbours: Annotated[int, Meta(ge=1, le=32, description="of the closest UAVs, so many are kept off")] = 10
-        obstacles: Annotated[int, Meta(ge=1, le=32, description="of the closest obstacles, so many are kept off")] = 4
-        reach_m: Annotated[float, Meta(gt=0, description="who is farther is not looked at, m")] = 15.0
+        neighbours: Annotated[int, Meta(ge=1, le=32, description="number of the closest UAVs that are avoided")] = 10
+        obstacles: Annotated[int, Meta(ge=1, le=32, description="number of the closest obstacles that are avoided")] = 4
+        reach_m: Annotated[float, Meta(gt=0, description="distance beyond which a UAV is not avoided, m")] = 15.0
 
     def fly(self, memory: Memory, own: States, others: States) -> Step:
         memory, wished = self._travel.velocity(memory, own)
@@ -53,9 +53,10 @@ class Orca(TravellingController):
         return Step(memory, acceleration, (missing > INFEASIBLE_M_S)[:, None].astype(np.float64))
 
     def velocity(self, own: States, others: States, uavs: NDArray[np.integer], wished: Plane) -> tuple[Plane, Rows]:
-        """What rows (M, 4) choose instead of the velocities they wish for, (M, 2) m/s; and what is missing, (M,) m/s.
+        """Velocities chosen by rows (M, 4), (M, 2) m/s, and the largest violation of a half-plane, (M,) m/s.
 
-        `others`: (M, N, 4), where they take all to be. `uavs`: (M,), the numbers of the rows.
+        `others`: (M, N, 4), states of all UAVs known to each row. `uavs`: (M,), the numbers of the rows. `wished`: (M,
+        2), the preferred velocities.
         """
         options, dt = self.options, self.scenario.dt
         near = closest(own, others, uavs, options.reach_m, options.neighbours)
@@ -72,11 +73,12 @@ class Orca(TravellingController):
 def half_planes(
     near: Closest, own: States, radius: float | Rows, horizon_s: float, dt: float, share: float
 ) -> tuple[Plane, Rows]:
-    """Normals (M, K, 2) and bounds (M, K) of the velocities that avoid: n·v ≥ n·(v_own + share · u); no normal where
-    there is nobody.
+    """Half-planes n·v ≥ n·(v_own + share · u) of collision-free velocities: normals (M, K, 2), 0 in unused columns, and
+    bounds (M, K).
 
     u is the least change of the relative velocity that takes it out of the velocity obstacle (their Eq. 2 to 5), a cone
-    about −`away` cut off by a disc; of two that touch already, out of what keeps them touching for a tick.
+    about −`away` cut off by a disc; for two that touch already, the obstacle is that
+    of one tick.
     """
     x = -near.away[..., 0]
     y = -near.away[..., 1]
@@ -85,13 +87,13 @@ def half_planes(
     squared = np.where(near.there, near.squared, 1.0)
     touching = squared <= radius * radius
     rate = np.where(touching, 1.0 / dt, 1.0 / horizon_s)
-    # From the centre of the disc that cuts the cone off.
+    # Relative to the centre of the disc that cuts the cone off.
     w_x, w_y = v_x - rate * x, v_y - rate * y
     length = np.sqrt(w_x * w_x + w_y * w_y)
     along = w_x * x + w_y * y
     disc = touching | ((along < 0.0) & (along * along > radius * radius * (length * length)))
     unit = np.where(length > 0.0, length, 1.0)
-    # In the very centre every direction is as good; off the other is one.
+    # At the centre all directions are equal; take the one away from the other UAV.
     apart = np.sqrt(squared)
     out_x, out_y = np.where(length > 0.0, w_x / unit, -x / apart), np.where(length > 0.0, w_y / unit, -y / apart)
     # The legs of the cone, and the side on which the relative velocity is.

@@ -1,7 +1,8 @@
 """The artificial potential field of Khatib (Real-time obstacle avoidance for manipulators and mobile robots,
-International Journal of Robotics Research 5(1), 1986): pulled to the goal at a limited speed, repelled by what is near.
+International Journal of Robotics Research 5(1), 1986): attraction to the goal at a limited speed, repulsion by near
+objects.
 
-Other UAVs are repelled as discs that are where they are predicted to be, and so are the obstacles of the mission.
+The objects are other UAVs, as discs at their predicted positions, and the obstacles of the mission.
 """
 
 from typing import Annotated, Any
@@ -30,14 +31,14 @@ class PotentialField(TravellingController):
 
         velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 1.0
         eta_m3_s2: Annotated[float, Meta(ge=0, description="η, strength of the repulsion by UAVs, m³/s²")] = 1.0
-        rho0_m: Annotated[float, Meta(gt=0, description="ρ0, from which on UAVs are not felt, m")] = 2.0
+        rho0_m: Annotated[float, Meta(gt=0, description="ρ0, range of the repulsion by UAVs, m")] = 2.0
         radius_m: Annotated[
-            float, Meta(ge=0, description="of a UAV: so much earlier it keeps off others and obstacles, m")
+            float, Meta(ge=0, description="radius of a UAV, subtracted from distances to UAVs and obstacles, m")
         ] = 0.35
         obstacle_eta_m3_s2: Annotated[
             float, Meta(ge=0, description="η, strength of the repulsion by obstacles, m³/s²")
         ] = 10.0
-        obstacle_rho0_m: Annotated[float, Meta(gt=0, description="ρ0, from which on obstacles are not felt, m")] = 3.0
+        obstacle_rho0_m: Annotated[float, Meta(gt=0, description="ρ0, range of the repulsion by obstacles, m")] = 3.0
         acceleration_max_m_s2: Annotated[
             float, Meta(gt=0, description="limit on ‖a‖ before drag, at most that of the vehicle, m/s²")
         ] = 6.0

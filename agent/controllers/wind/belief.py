@@ -1,9 +1,9 @@
-"""A map of the wind in a corridor: what its nodes are thought to be, from measurements that are few and noisy.
+"""Map of the wind in a corridor: posterior mean at its nodes, from few and noisy measurements.
 
-The wind between nodes is interpolated bilinearly, so a measurement counts for four of them, each with its share. What
-was measured is kept as information, additive and a number a node: λ = Σ φ/R and η = Σ φ w/R (the matrix Σ φφᵀ/R, its
-rows added up on the diagonal). Before any measurement the wind is a Gaussian field with a rational quadratic kernel;
-its mean given the information is K (1 + ΛK)⁻¹ η (Rasmussen and Williams 2006, 2.25, in the form without an inverse).
+The wind between nodes is interpolated bilinearly, so a measurement counts for four nodes, each with its share φ.
+Measurements are stored as additive information at each node: λ = Σ φ/R and η = Σ φ w/R (the matrix Σ φφᵀ/R with its
+rows summed on the diagonal). The prior is a Gaussian field with a rational quadratic kernel. The posterior mean is
+K (1 + ΛK)⁻¹ η (Rasmussen and Williams 2006, 2.25, in the form without an inverse).
 """
 
 import math
@@ -15,14 +15,14 @@ from meanflock.agent.controllers.elimination import product, solve
 from meanflock.swarm.state import AXES, Floats
 
 INFORMATION = AXES + 1  # η along x and y, and λ
-MOST_NODES = 1000  # of a map: 8 MB for each UAV that looks at it
+MOST_NODES = 1000  # of a map; its matrix takes 8 MB a UAV
 
 
 class WindGrid:
-    """Nodes along a corridor, with what is thought of them before any measurement.
+    """Nodes along a corridor, and the prior of the wind at them.
 
     Attributes:
-        nodes: (F, 2) m, where they are. count: F.
+        nodes: (F, 2) m, their positions. count: F.
     """
 
     def __init__(
@@ -30,11 +30,11 @@ class WindGrid:
     ) -> None:
         """Args:
         origin: (2,) one end of the corridor's middle. along: (2,) unit vector towards the other end. width_m: from the
-            middle to each side. spacing_m: of the nodes, at the most. rms: m/s, of each component of the wind.
-            scale: m, over which it changes.
+            middle to each side. spacing_m: largest distance of nodes. rms: m/s, of each component of the wind.
+            scale: m, correlation length of the wind.
 
         Raises:
-            ValueError: these would be too many nodes.
+            ValueError: there would be too many nodes.
         """
         self._origin, self._along = origin, along
         self._across = np.array([-along[1], along[0]])
@@ -59,7 +59,7 @@ class WindGrid:
         self._prior = rms * rms / (near * near)
 
     def shares(self, places: Floats) -> tuple[NDArray[np.intp], Floats]:
-        """The nodes about places (…, 2) m and their shares, both (…, 4); beyond the edge as at the edge."""
+        """The four nodes around places (…, 2) m and their shares, both (…, 4); beyond the edge those of the edge."""
         off = places - self._origin
         first = off[..., 0] * self._along[0] + off[..., 1] * self._along[1]
         second = off[..., 0] * self._across[0] + off[..., 1] * self._across[1] + self._width
@@ -86,7 +86,7 @@ class WindGrid:
         return corners[..., 0, :] + corners[..., 1, :] + (corners[..., 2, :] + corners[..., 3, :])
 
     def informed(self, rows: NDArray[np.intp], places: Floats, wind: Floats, precision: Floats, count: int) -> Floats:
-        """The information, (count, F, 3), that `rows` (L,) have from measurements, added up in their order.
+        """Information (count, F, 3) of measurements by `rows` (L,), summed in their order.
 
         Args:
             places, wind: (L, 2), m and m/s. precision: (L,), 1/R, s²/m².
@@ -102,7 +102,7 @@ class WindGrid:
         """The wind at the nodes, (M, F, 2) m/s, given information (M, F, 3).
 
         Args:
-            base: (M, F, 2), what was thought without it, if not nothing.
+            base: (M, F, 2), the prior mean; None for zero.
         """
         known = information[..., AXES:]
         news = information[..., :AXES] if base is None else information[..., :AXES] - known * base

@@ -1,7 +1,7 @@
 """The cheapest way to a goal through a map of the wind, by dynamic programming (Bellman 1957) backwards from the goal.
 
-A corridor has stations across it, every few metres from the goal back, and places abreast at each. From a place one
-goes to one of the nearest at the next station, straight, at the speed over ground that costs least there.
+A corridor has stations every few metres from the goal back, and places side by side at each station. A move leads
+straight from a place to one of the nearest places at the next station, at the speed over ground that costs least.
 """
 
 import math
@@ -14,23 +14,23 @@ from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 
-SPEEDS_M_S = np.linspace(0.5, 6.0, 45)  # over ground, that are compared
+SPEEDS_M_S = np.linspace(0.5, 6.0, 45)  # candidates of the speed over ground
 SHORTEST_M = 1.0  # corridor
 STATION_M, ABREAST_M = 6.0, 3.0
-BESIDE_J_M = 1.0  # for a metre beside the goal: more than any metre of a way costs
-REACH = 2  # places to either side that are reached from one station to the next
+OFF_GOAL_J_M = 1.0  # penalty of a final metre off the goal; more than a metre of any way costs
+REACH = 2  # largest sideways move between two stations, in places
 
 
 class Fare:
-    """Energy and time, J + μ s, of a metre, at the speed over ground that makes it least."""
+    """Cost of a metre, energy plus μ × time in J, at the speed over ground of least cost."""
 
     def __init__(self, scenario: Scenario, time_price_w: float) -> None:
-        """`time_price_w`: μ, what a second costs beside the energy, J."""
+        """`time_price_w`: μ, cost of a second in addition to the energy, J."""
         self._vehicle, self._price = scenario.vehicle, time_price_w
         self._through_air = scenario.vehicle.power_speed == "air"
 
     def best(self, along: Floats, across: Floats) -> tuple[Floats, Floats]:
-        """The least J/m with that price, and the m/s over ground it takes.
+        """The least cost, J/m, and the speed over ground, m/s, at which it is reached.
 
         Args:
             along, across: components of the wind in m/s, in the direction of flight and at right angles to it.
@@ -45,7 +45,8 @@ class Fare:
 
 
 class Corridor:
-    """Attributes:
+    """The corridor between starts and goals.
+
     goals: (N, 2) m. launches: (N,) ticks. goal: (2,) m, the middle of the goals. back: (2,) unit vector from it
         towards the starts. length_m: of the longest way.
     """
@@ -62,7 +63,7 @@ class Corridor:
 
 
 class Router:
-    """Ways along a corridor of a length, to goals that may differ from row to row."""
+    """Cheapest ways along a corridor, to goals that may differ from row to row."""
 
     def __init__(self, fare: Fare, along: Floats, length_m: float, width_m: float, mean: Floats) -> None:
         """Args:
@@ -81,11 +82,11 @@ class Router:
         self._heading = (-along + slope[:, None] * self._across) / self._stretch[:, None]  # (moves, 2), to the goal
 
     def ways(self, grid: WindGrid, maps: Floats, goals: Floats, own: Floats) -> tuple[Floats, Floats]:
-        """The way of each row from station to station: offsets (M, S) m abreast of the goal, station 0 being the goal,
-        and speeds over ground (M, S), m/s, towards it. Stations farther than a row is are not of its way.
+        """The way of each row: sideways offsets (M, S) m from the goal at each station, station 0 being the goal, and
+        speeds over ground (M, S), m/s. Stations farther from the goal than the row have no meaning.
 
         Args:
-            maps: (M, F, 2). goals, own: (M, 2) m, where to and from where.
+            maps: (M, F, 2). goals, own: (M, 2) m, end and begin of the ways.
         """
         rows, row = len(maps), np.arange(len(maps))
         move, speed = self._policy(grid, maps, goals)
@@ -101,12 +102,12 @@ class Router:
         return ways, speeds
 
     def locate(self, off: Floats) -> tuple[Floats, Floats]:
-        """How far from the goal along the corridor, and how far abreast, (M,) m each, of places off the goal (M, 2)."""
+        """Coordinates along and across the corridor, (M,) m each, of positions relative to the goal (M, 2)."""
         along, across = self._along, self._across
         return off[:, 0] * along[0] + off[:, 1] * along[1], off[:, 0] * across[0] + off[:, 1] * across[1]
 
     def ahead(self, ways: Floats, speeds: Floats, off: Floats, look_m: float) -> tuple[Floats, Floats]:
-        """Where to look, (M, 2) m off the goal, `look_m` farther on the way, and how fast to go there, (M,) m/s."""
+        """The point `look_m` ahead on the way, (M, 2) m relative to the goal, and the speed there, (M,) m/s."""
         station, _ = self.locate(off)
         row, last = np.arange(len(off)), self.stations - 1
         there = np.clip(station - look_m, 0.0, last * STATION_M) / STATION_M
@@ -118,11 +119,11 @@ class Router:
         return place, speeds[row, here]
 
     def _policy(self, grid: WindGrid, maps: Floats, goals: Floats) -> tuple[NDArray[np.intp], Floats]:
-        """The best move (M, S, Y) from every place, in places abreast, and the speed (M, S, Y) there."""
+        """The best move (M, S, Y) from every place, in places sideways, and its speed (M, S, Y)."""
         rows, abreast = len(maps), len(self._offsets)
         moves = np.zeros((rows, self.stations, abreast), dtype=np.intp)
         speeds = np.ones((rows, self.stations, abreast))
-        left = np.tile(BESIDE_J_M * np.abs(self._offsets), (rows, 1))
+        left = np.tile(OFF_GOAL_J_M * np.abs(self._offsets), (rows, 1))
         beyond = np.full((rows, REACH), np.inf)
         for k in range(1, self.stations):
             places = goals[:, None] + ((k - 0.5) * STATION_M) * self._along + self._offsets[:, None] * self._across

@@ -1,4 +1,4 @@
-"""Straight to the goal at the speed that is best in the mean wind: what a map of the wind is measured against."""
+"""Straight flight at the best speed in the mean wind: the baseline for maps of the wind."""
 
 from collections.abc import Sequence
 from typing import Annotated, Any
@@ -19,7 +19,7 @@ LIMIT_M_S2 = 3.0
 
 
 class Straight(Controller):
-    """Flies straight to its goal at the speed that costs least in the mean wind it was told.
+    """Flies straight to its goal at the speed that costs least in the mean wind of the scenario.
 
     a = k_v (v_ref − v) + c0 (v − v_o). It sends nothing.
     """
@@ -30,7 +30,7 @@ class Straight(Controller):
     class Options(base.Options, frozen=True):
         """The options of `straight`."""
 
-        time_price_w: Annotated[float, Meta(ge=0, description="what a second costs beside the energy, W")] = 0.05
+        time_price_w: Annotated[float, Meta(ge=0, description="cost of a second in addition to the energy, W")] = 0.05
         velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 1.0
 
     def __init__(self, options: Any, scenario: Scenario) -> None:

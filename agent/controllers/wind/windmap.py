@@ -1,14 +1,14 @@
-"""A map of the wind, learned on the way and flown by: who shares what of it.
+"""Controller that measures the wind in flight, maps it, and flies the cheapest way through the map.
 
-A UAV feels the wind where it is, v̇ = a − c0 (v − w(r)) + noise, so every tick is a measurement of w, a noisy one. It
-keeps what it measured as information at the nodes of a map (`belief.py`) and every few seconds takes the cheapest
-way through that map (`route.py`). What others know reaches it by the radio:
+The wind acts on a UAV as v̇ = a − c0 (v − w(r)) + noise, so every tick is a noisy measurement of w. The UAV stores its
+measurements as information at the nodes of a map (`belief.py`), and every few seconds chooses the cheapest way through
+that map (`route.py`). The option `share` says what UAVs learn from each other:
 
-- `none`: not at all.
-- `weights`: the federation averages the winds at the nodes. Who was never there says what it began with, and counts as
-  much.
-- `precision`: winds and their precisions, for the rule of aggregation `precision`.
-- `measurements`: everybody broadcasts the mean of its measurements of two seconds, and where it took them.
+- `none`: nothing.
+- `weights`: the federation averages the winds at the nodes. A UAV without measurements at a node contributes its prior,
+  with the same weight.
+- `precision`: the federation averages winds by their precisions, with the aggregation rule `precision`.
+- `measurements`: every UAV broadcasts the mean of its measurements of two seconds, and their position.
 """
 
 from collections.abc import Sequence
@@ -30,9 +30,9 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import AXES, POSITION, VELOCITY, Floats, States
 from meanflock.swarm.wire.messages import NOBODY
 
-SAID = 4  # numbers of a measurement: x, y, and the wind along x and y
-BEYOND = 6.0  # standard deviations of a measurement that is none: something else moved the craft
-LOOK_M = 6.0  # how far ahead on its way a UAV flies to
+MEASURED = 4  # numbers of a measurement: x, y, and the wind along x and y
+BEYOND = 6.0  # standard deviations beyond which a measurement is an outlier
+LOOK_M = 6.0  # distance of the target point ahead on the way
 
 
 class Windmap(Controller):
@@ -42,21 +42,23 @@ class Windmap(Controller):
     diagnostics = ("wind_x_m_s", "wind_y_m_s", "mapped")
 
     class Options(base.Options, frozen=True):
-        """What is mapped, and what is shared of it."""
+        """The options of `windmap`."""
 
         share: Annotated[
-            Literal["none", "weights", "precision", "measurements"], Meta(description="what the others are told")
+            Literal["none", "weights", "precision", "measurements"], Meta(description="what the UAVs share")
         ] = "none"
-        time_price_w: Annotated[float, Meta(ge=0, description="what a second costs beside the energy, W")] = 0.05
-        spacing_m: Annotated[float, Meta(gt=0, description="of the nodes of the map, m")] = 15.0
-        width_m: Annotated[float, Meta(gt=0, description="of the map, from its middle to each side, m")] = 30.0
+        time_price_w: Annotated[float, Meta(ge=0, description="cost of a second in addition to the energy, W")] = 0.05
+        spacing_m: Annotated[float, Meta(gt=0, description="spacing of the nodes of the map, m")] = 15.0
+        width_m: Annotated[float, Meta(gt=0, description="half width of the map, m")] = 30.0
         rms_m_s: Annotated[
-            float, Meta(gt=0, description="of the wind to be expected on top of the mean, an axis, m/s")
+            float, Meta(gt=0, description="prior rms of the deviation from the mean wind, an axis, m/s")
         ] = 0.7
-        scale_m: Annotated[float, Meta(gt=0, description="over which that wind changes, m")] = 30.0
-        replan_s: Annotated[float, Meta(gt=0, description="between two looks at the map, s")] = 5.0
-        period_s: Annotated[float, Meta(gt=0, description="between two rounds, where the map is federated, s")] = 20.0
-        speak_s: Annotated[float, Meta(gt=0, description="that a broadcast measurement takes, s")] = 2.0
+        scale_m: Annotated[float, Meta(gt=0, description="correlation length of the deviation, m")] = 30.0
+        replan_s: Annotated[float, Meta(gt=0, description="time between two choices of a way, s")] = 5.0
+        period_s: Annotated[float, Meta(gt=0, description="time between two rounds, if the map is federated, s")] = 20.0
+        speak_s: Annotated[float, Meta(gt=0, description="time over which a broadcast measurement is averaged, s")] = (
+            2.0
+        )
         velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 1.0
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
@@ -66,8 +68,8 @@ class Windmap(Controller):
         self._deviation = max(wind.sigma, 1e-3) / np.sqrt(dt) / self._drag  # of a tick's measurement, m/s
         self._speaks, self._replans = (max(1, round(each / dt)) for each in (options.speak_s, options.replan_s))
         self.period_ticks = max(1, round(options.period_s / dt))
-        self.broadcast_numbers = SAID if options.share == "measurements" else 0
-        self._numbers = {"weights": AXES, "precision": INFORMATION}.get(options.share, 0)  # of a node that are shared
+        self.broadcast_numbers = MEASURED if options.share == "measurements" else 0
+        self._numbers = {"weights": AXES, "precision": INFORMATION}.get(options.share, 0)  # shared numbers of a node
         self.parts = (self._grid.count,) * self._numbers
         self.parameters = sum(self.parts)
 
@@ -104,7 +106,9 @@ class Windmap(Controller):
             "state": plan[uavs],
             "commanded": np.zeros((rows, AXES)),
             "tick": np.full(rows, -2, dtype=np.int32),  # of these two
-            "information": np.zeros((rows, nodes, INFORMATION)),  # own, or since the last global model
+            "information": np.zeros(
+                (rows, nodes, INFORMATION)
+            ),  # own measurements, or those since the last global model
             "map": np.zeros((rows, nodes, AXES)),
             "ways": np.zeros((rows, stations)),
             "speeds": np.ones((rows, stations)),
@@ -112,7 +116,9 @@ class Windmap(Controller):
         if self._numbers:
             memory["shared"] = np.zeros((rows, nodes, self._numbers))  # the global model
         if self.options.share == "measurements":
-            memory["said"] = np.zeros((rows, SAID + 1))  # sums of what is said next, and of how many
+            memory["said"] = np.zeros(
+                (rows, MEASURED + 1)
+            )  # sums of the next broadcast, and the number of measurements
         return memory
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
@@ -154,11 +160,13 @@ class Windmap(Controller):
     def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
         shared, information = memory["shared"].copy(), memory["information"].copy()
         shared[rows] = models.reshape(len(models), -1, self._grid.count).transpose(0, 2, 1)
-        information[rows] = 0.0  # what was uploaded of it is in the global model
+        information[rows] = 0.0  # the uploaded information is in the global model
         return memory | {"shared": shared, "information": information}
 
     def _measure(self, memory: Memory, tick: int, own: States) -> tuple[Memory, Floats, NDArray[np.bool_]]:
-        """The memory with the last tick's measurement; the wind on top of the mean, (M, 2); and where it is one."""
+        """Returns the memory with the last tick's measurement, the deviation from the mean wind (M, 2), and a mask of
+        valid measurements (M,).
+        """
         before = memory["state"]
         fresh = (memory["tick"] == tick - 1) & (tick > self._corridor.launches[memory["uav"]])
         change = (own[:, VELOCITY] - before[:, VELOCITY]) / self.scenario.dt - memory["commanded"]
@@ -172,25 +180,26 @@ class Windmap(Controller):
         return memory | {"information": memory["information"] + news}, wind, sound
 
     def _most(self, ticks: int) -> float:
-        """How strong a measured wind can be, m/s, as the mean of so many ticks."""
+        """Bound of a measured deviation, averaged over so many ticks, m/s."""
         return float(BEYOND * np.sqrt(self._deviation**2 / ticks + self.options.rms_m_s**2))
 
     def _speak(
         self, memory: Memory, tick: int, wind: Floats, sound: NDArray[np.bool_]
     ) -> tuple[Memory, tuple[Broadcast, ...]]:
-        """The memory after, and the means of the measurements since the last broadcast: who has half of them speaks."""
+        """Returns the memory, and the means of the measurements since the last broadcast, of rows with at least half of
+        them."""
         now = np.concatenate([memory["state"][:, POSITION], wind, np.ones((len(wind), 1))], axis=1)
         said = memory["said"] + np.where(sound[:, None], now, 0.0)
         if tick % self._speaks:
             return memory | {"said": said}, ()
-        rows = np.flatnonzero(2.0 * said[:, SAID] >= self._speaks)
-        payload = said[rows, :SAID] / said[rows, SAID:]
+        rows = np.flatnonzero(2.0 * said[:, MEASURED] >= self._speaks)
+        payload = said[rows, :MEASURED] / said[rows, MEASURED:]
         return memory | {"said": np.zeros_like(said)}, (Broadcast(payload, rows),)
 
     def _receive(self, memory: Memory, received: Sequence[Received]) -> tuple[Memory, NDArray[np.int32]]:
-        """The memory with the measurements of others in it; and whose are not believed."""
+        """Returns the memory with the measurements of others, and the senders of implausible ones."""
         most, information = self._most(self._speaks), memory["information"]
-        frames, refused = believed(of_kind(received, SAID), lambda said: np.abs(said[:, AXES:]).max(axis=1) < most)
+        frames, refused = believed(of_kind(received, MEASURED), lambda said: np.abs(said[:, AXES:]).max(axis=1) < most)
         for said in frames:
             links = said.links[np.lexsort((said.source[said.links[:, 0]], said.links[:, 1]))]  # by row, then by UAV
             measured = said.payload[links[:, 0]]
@@ -200,7 +209,7 @@ class Windmap(Controller):
         return memory | {"information": information}, refused
 
     def _look(self, memory: Memory, rows: Rows, goals: Floats, own: States) -> Memory:
-        """The memory after some rows looked at their maps and chose their ways."""
+        """The memory after some rows updated their maps and chose their ways."""
         maps = memory["map"].copy()
         ways = memory["ways"].copy()
         speeds = memory["speeds"].copy()
@@ -209,13 +218,14 @@ class Windmap(Controller):
         return memory | {"map": maps, "ways": ways, "speeds": speeds}
 
     def _believed(self, memory: Memory) -> Floats:
-        """The wind on top of the mean at the nodes, (M, F, 2)."""
+        """Posterior deviation from the mean wind at the nodes, (M, F, 2)."""
         base = memory["shared"] if self.options.share == "weights" else None
         return self._grid.mean(self._information(memory), base)
 
     def _information(self, memory: Memory) -> Floats:
-        """All that rows know, (M, F, 3). A global model says what a UAV knows on average: all together know N times
-        that."""
+        """All information of rows, (M, F, 3). A global model has the mean information of a UAV; that of all is N times
+        as much.
+        """
         if self.options.share != "precision":
             return memory["information"]
         shared = memory["shared"]
@@ -224,8 +234,7 @@ class Windmap(Controller):
 
 
 def _joined(shared: Floats, information: Floats) -> Floats:
-    """Winds and precisions (M, F, 3), and information (M, F, 3) on top: winds and precisions; the former themselves
-    where there is nothing on top."""
+    """Winds and precisions (M, F, 3) after more information (M, F, 3); unchanged at nodes without information."""
     precision = np.maximum(shared[..., AXES:], 0.0)
     total = precision + information[..., AXES:]
     wind = (shared[..., :AXES] * precision + information[..., :AXES]) / np.where(total > 0.0, total, 1.0)
