@@ -23,11 +23,12 @@ from meanflock.swarm.wire import control
 from meanflock.worldsim.barrier import Barrier
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.members import Member
+from meanflock.worldsim.models_hash import ModelsHash
 from meanflock.worldsim.replies import Commands
 from meanflock.worldsim.reporting import Reporter
 from meanflock.worldsim.summary import Counters
 
-SCHEMA = 7
+SCHEMA = 8
 EVERY_TICKS = 100
 MAX_BYTES = 24 * 2**20  # a larger checkpoint would displace telemetry from the outbox
 
@@ -138,6 +139,7 @@ class Checkpoints:
         counters: Counters,
         commands: Commands,
         post: Post,
+        models: ModelsHash,
         reporter: Reporter,
     ) -> None:
         self._scenario = flight.scenario
@@ -146,6 +148,7 @@ class Checkpoints:
         self._counters = counters
         self._commands = commands
         self._post = post
+        self._models = models
         self._reporter = reporter
         self._memories: Memories | None = None  # those of the last tick, if all nodes were asked for them
 
@@ -180,6 +183,7 @@ class Checkpoints:
                 "air": self._air.snapshot(),
                 "counters": self._counters.snapshot(wall_s()),
                 "post": self._post.snapshot(),
+                "models": self._models.digest,
                 "commands": self._commands.accelerations,
                 "largest": self._commands.largest,
                 "summed": self._commands.summed,
@@ -206,6 +210,7 @@ class Checkpoints:
             self._air.restore(checkpoint["air"])
             self._counters.restore(checkpoint["counters"])
             self._post.restore(checkpoint["post"])
+            self._models.digest = bytes(checkpoint["models"])
             self._commands.accelerations[...] = checkpoint["commands"]
             self._commands.largest[...] = checkpoint["largest"]
             self._commands.summed[...] = checkpoint["summed"]

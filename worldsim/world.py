@@ -22,6 +22,7 @@ from meanflock.worldsim.faults import Script
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.limits import Limits
 from meanflock.worldsim.members import LEADER, Member, Members
+from meanflock.worldsim.models_hash import ModelsHash
 from meanflock.worldsim.replies import Commands, FrameMerger, Replies
 from meanflock.worldsim.reporting import Reporter
 from meanflock.worldsim.summary import Counters, protocol_summary, summary
@@ -44,6 +45,7 @@ class World:
         flight: states, energies and metrics of the UAVs.
         air: the radio.
         post: the rounds.
+        models: the hash of the models that were shared.
         counters: counters of the protocol.
         members: the nodes.
         listeners: names of the ground stations that listen.
@@ -109,6 +111,7 @@ class World:
         self.flight = Flight(scenario)
         self.air = Medium(scenario)
         self.post = Post(scenario)
+        self.models = ModelsHash(scenario)
         self.counters = Counters(refused)
         self._commands = Commands(scenario.uavs, len(self._declared.diagnostics))
         self._script = Script(scenario)
@@ -125,7 +128,9 @@ class World:
         )
         self._note = self._reporter.note
         self.outbox = self._reporter.outbox
-        self._checkpoints = Checkpoints(self.flight, self.air, self.counters, self._commands, self.post, self._reporter)
+        self._checkpoints = Checkpoints(
+            self.flight, self.air, self.counters, self._commands, self.post, self.models, self._reporter
+        )
         if resume is not None:
             self._checkpoints.restore(resume)
         else:
@@ -219,6 +224,7 @@ class World:
         record |= protocol_summary(
             self.counters, self.post, self._commands, self._declared.diagnostics, self._schedule, self.outbox.dropped
         )
+        record["models_sha256"] = self.models.hexdigest
         self._note("finished", f"{record['arrived']} of {self._scenario.uavs} arrived")
         finished = self._reporter.finish(record)
         self._leave("finished", linger_s)
@@ -277,6 +283,7 @@ class World:
         self._waiting.for_answers()
         # 4. Transmit the frames of the replies.
         frames = self._collect()
+        self.models.add(frames)
         links = self.air.send(tick, frames, self.flight.states, self._script.cut(tick, self.flight.states))
         self.post.close(tick, frames, links, self._awake, self._has_leader, self._note)
         # 5. Move.

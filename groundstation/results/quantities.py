@@ -199,6 +199,12 @@ SUMMARY = (
     Field("energy_total_J", ENERGY, "energy of all UAVs until the end of the flight: motion, radio and controllers"),
     Field("rounds", "1", "rounds whose average was broadcast"),
     Field("rounds_void", "1", "rounds without a model of another UAV to average; nothing was broadcast"),
+    Field(
+        "models_sha256",
+        "",
+        "hash of the global models that were broadcast, or of the uploads if the UAVs average for themselves; equal "
+        "for equal flights, null if none was sent",
+    ),
     Field("uploads_silent", "1", "uploads that participants did not send: their models had hardly moved"),
     Field("uploads_late", "1", "uploads delivered after `federation.deadline`, which counted in the next round"),
     Field("rounds_isolated", "1", "rounds in which a UAV received nobody's model, summed over UAVs that average"),
