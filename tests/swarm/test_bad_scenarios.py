@@ -60,9 +60,9 @@ CONTRADICTIONS = [
     ('[federation]\nbroadcast_payload = "float64"', "federation.broadcast_payload", "32", "narrower"),
     ("dt = 0.5\nduration = 0.4", "duration", "dt"),
     ("dt = 2.0\n[wind]\ndrag = 1.0", "dt", "wind.drag", "keep"),
-    ("[filter.options]\nreach_m = 5.0", "`filter.options` does nothing", "filter.kind=ecbf"),
+    ("[filter.options]\nreach_m = 5.0", "`filter.options` has no effect", "filter.kind=ecbf"),
     ("[filter.options]\nreach_m = 1.0", "`filter.options` has no effect without `filter.kind`", "filter.kind=ecbf"),
-    ("[wind]\nfield_length = 5.0", "`wind.field_length` does nothing", "wind.field_rms"),
+    ("[wind]\nfield_length = 5.0", "`wind.field_length` has no effect", "wind.field_rms"),
     ("[cost]\nseparation_range = 2.0", "cost.separation_range", "cost.separation="),
     ('[federation]\nbyzantine_kind = "noise"', "federation.byzantine_kind", "federation.byzantine_fraction="),
 ]
