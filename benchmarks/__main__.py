@@ -32,6 +32,7 @@ RACES = (
     "monte_carlo",
     "tls",
     "peers",
+    "classifier",
     "profile",
 )
 ON_DEMAND = ("scale_processes",)  # minutes, gigabytes: only where named

@@ -59,8 +59,8 @@ class Environment:
         self._done.touch()
         return f"installed {', '.join(self._pins)}"
 
-    def start(self, script: str, size: int) -> "Peer":
-        """Runs a script of ours with this interpreter.
+    def start(self, script: str, *arguments: int | str) -> "Peer":
+        """Runs a script of ours with this interpreter and some arguments.
 
         Raises:
             BenchmarkFailed: it has not been set up.
@@ -68,7 +68,7 @@ class Environment:
         if not self._done.is_file():
             raise BenchmarkFailed(f"not set up; python -m benchmarks.peers --setup {self.peer}")
         version = next(pin for pin in self._pins if pin.split("==")[0] == self.peer).replace("==", " ")
-        return Peer([str(self._place / "bin" / "python"), str(SCRIPTS / f"{script}.py"), str(size)], version)
+        return Peer([str(self._place / "bin" / "python"), str(SCRIPTS / f"{script}.py"), *map(str, arguments)], version)
 
 
 def install(command: list[str], log: Path, end: float) -> None:
@@ -121,6 +121,11 @@ class Peer:
 
     def __exit__(self, _t: type[BaseException] | None, _e: BaseException | None, _b: TracebackType | None) -> None:
         self.close()
+
+    @property
+    def pid(self) -> int:
+        """Its process."""
+        return self._process.pid
 
     def measure(self, count: int) -> float:
         """Its mean time of `count` times its work, ms.

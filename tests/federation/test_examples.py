@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import meanflock as mf
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.testing import check_controller
 from tests.telemetry import fly
 
@@ -83,6 +84,25 @@ def test_the_classifier_flies_the_same_alone_in_its_process_and_beside_others() 
     assert one["weight_spread_final"] == many["weight_spread_final"] > 0.0
     for block, its in zip(record.blocks, also.blocks, strict=True):
         assert block.reports.tobytes() == its.reports.tobytes()
+
+
+def test_the_global_models_are_those_of_federated_averaging() -> None:
+    """Four rounds, step by step: none of the training is lost to the round that is under way."""
+    settings = {**IDEAL, "radio.bits_per_float": 64, "federation.fraction": 1.0}
+    flown = mf.Scenario(method=classifier.Classifier, uavs=4, stop="duration", duration=100, **settings)
+    made = classifier.Classifier(classifier.Classifier.Options(), flown)
+    model = made.init(np.arange(4), np.zeros((4, 4)))["model"]
+    pictures, digits = classifier.pictures()
+    engine = Engine(flown, "flight")
+    ticks = engine.fly()
+    for number in range(1, 5):
+        for tick in range(20 * number - 10, 20 * number):
+            batch = np.stack([made.batch(uav, tick) for uav in range(4)])
+            model = model - made.options.rate * classifier.gradient(model, pictures[batch], digits[batch])
+        model = np.tile(model.mean(axis=0), (4, 1))
+        while next(ticks) < 20 * number + 10:
+            pass
+        np.testing.assert_allclose(engine.models, model, rtol=0.0, atol=1e-12)
 
 
 def test_the_program_writes_a_table_numbers_and_a_picture(

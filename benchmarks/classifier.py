@@ -1,0 +1,128 @@
+"""The classifier of the examples beside Flower: the same training and averaging gives the same global model."""
+
+import importlib.util
+import multiprocessing
+import tempfile
+import time
+from pathlib import Path
+from types import ModuleType
+from typing import NamedTuple
+
+import numpy as np
+import psutil
+
+from benchmarks.figure import Effort, Figure, Outcome, Say
+from benchmarks.machine import ROOT
+from benchmarks.peer.environment import Environment, Peer
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import Floats
+
+TITLE = "A classifier beside Flower"
+ABOUT = (
+    "`examples/classifier.py`, 2,410 weights, 10 UAVs that hold two digits each, 20 rounds with all of them over a "
+    "radio that loses nothing; and the same batches, rate and first model in Flower's simulation engine (FedAvg, one "
+    "worker for each core), its clients written anew in NumPy. *Difference* is the largest of any weight of the global "
+    "models after the last round. Our round also flies 20 ticks."
+)
+UAVS, ROUNDS, STEPS, BATCH = 10, 20, 10, 32
+BOUNDS = {64: 1e-12, 32: 1e-6}  # of the difference, by bits of a float
+KEYS = ("first", "first_offset", "second", "second_offset")
+
+
+class Flown(NamedTuple):
+    """Our flight: the global model (L,), ms a round, and resident memory of the process, MiB."""
+
+    model: Floats
+    ms: float
+    memory_mib: float
+
+
+def run(effort: Effort, say: Say) -> Outcome:
+    """Each width of floats; times and memory of the first."""
+    outcome = Outcome()
+    for bits, bound in BOUNDS.items():
+        with tempfile.TemporaryDirectory(prefix="classifier-") as folder:
+            write_task(Path(folder), bits)
+            say(f"Flower, {bits} bits")
+            with Environment("flwr").start("flwr_classifier", UAVS, folder) as peer:
+                theirs, ours = [], []
+                for repeat in range(effort.choose(5, 2)):
+                    theirs.append(peer.measure(1) / ROUNDS)
+                    say(f"ours, {bits} bits, {repeat + 1}")
+                    ours.append(fly_apart(bits))
+                memory = memory_mib(peer)
+            model = np.load(Path(folder) / "global.npy")
+        difference = [float(np.abs(flown.model - model).max()) for flown in ours]
+        outcome.figures.append(Figure(f"difference, {bits} bits", "1", difference, target=bound))
+        floor = Figure(f"{peer.version}: round, {bits} bits", "ms", theirs, "neither")
+        outcome.figures += [Figure(f"our round, {bits} bits", "ms", [one.ms for one in ours], floor=floor), floor]
+        room = Figure(f"{peer.version}: memory of all processes, {bits} bits", "MiB", [memory], "neither")
+        name = f"our memory, {bits} bits"
+        outcome.figures += [Figure(name, "MiB", [one.memory_mib for one in ours], floor=room), room]
+    return outcome
+
+
+def example() -> ModuleType:
+    """The file of the example, imported."""
+    spec = importlib.util.spec_from_file_location("classifier", ROOT / "examples" / "classifier.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def scenario(classifier: ModuleType, bits: int) -> Scenario:
+    """What we fly."""
+    return Scenario(
+        method=classifier.Classifier,
+        uavs=UAVS,
+        stop="duration",
+        controller={"steps": STEPS, "batch": BATCH},
+        duration=1e4,
+        radio={"model": "ideal", "bits_per_float": bits},
+        federation={"fraction": 1.0},
+    )
+
+
+def write_task(folder: Path, bits: int) -> None:
+    """Pictures, batches and first model as files, for a program that knows nothing of ours."""
+    classifier = example()
+    flown = scenario(classifier, bits)
+    made = classifier.Classifier(classifier.Classifier.Options(**flown.controller), flown)
+    inputs, labels = classifier.pictures()
+    memory = made.init(np.arange(UAVS), np.zeros((UAVS, 4)))
+    first = dict(zip(KEYS, classifier.layers(memory["model"][:1]), strict=True))
+    ticks = [number * flown.period_ticks - STEPS + step for number in range(1, ROUNDS + 1) for step in range(STEPS)]
+    batches = np.array([[made.batch(uav, tick) for uav in range(UAVS)] for tick in ticks], dtype=np.uint16)
+    arrays = {name: layer[0].astype(f"f{bits // 8}") for name, layer in first.items()}
+    arrays |= {"inputs": inputs, "labels": labels, "samples": np.ones(UAVS, dtype=int)}
+    arrays |= {"batches": batches.reshape(ROUNDS, STEPS, UAVS, BATCH), "rate": np.array(made.options.rate)}
+    for name, array in arrays.items():
+        np.save(folder / f"{name}.npy", array)
+
+
+def fly(bits: int) -> Flown:
+    """Our rounds, in this process."""
+    classifier = example()
+    flown = scenario(classifier, bits)
+    engine = Engine(flown, "benchmark")
+    ticks, last = engine.fly(), (ROUNDS + 1) * flown.period_ticks - STEPS  # the last global model is in place
+    start = time.perf_counter()
+    while next(ticks) < last:
+        pass
+    ms = (time.perf_counter() - start) / ROUNDS * 1e3
+    return Flown(engine.models[0], ms, psutil.Process().memory_info().rss / 2**20)
+
+
+def fly_apart(bits: int) -> Flown:
+    """The same in a process of its own."""
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        return pool.apply(fly, (bits,))
+
+
+def memory_mib(peer: Peer) -> float:
+    """Resident memory of a peer and of all processes that it started."""
+    process = psutil.Process(peer.pid)
+    return sum(one.memory_info().rss for one in (process, *process.children(recursive=True))) / 2**20
