@@ -1,4 +1,4 @@
-"""A made-up flight with known answers, and how to read a recording back."""
+"""A synthetic flight with known numbers, and readers of recordings."""
 
 from pathlib import Path
 from typing import Any

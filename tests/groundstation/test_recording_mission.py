@@ -1,4 +1,4 @@
-"""What a recording and a plot show of a mission: goals, discs, the wind at places, obstacles that were hit."""
+"""Recordings and plots of a mission: goals, discs, wind and obstacles that were hit."""
 
 from pathlib import Path
 from typing import Any
@@ -36,20 +36,22 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return made
 
 
-def test_own_goals_and_starts_are_dots_where_they_are(recorded: dict[str, Path]) -> None:
+def test_goals_starts_and_discs_lie_where_the_mission_has_them(recorded: dict[str, Path]) -> None:
     for name in ("swap", "streams"):
         flown = load(Path(name))
         for entity, places in (("map/goal", goals(flown)), ("map/start", starts(flown)[:, :2])):
             np.testing.assert_allclose(fixed(recorded[name], entity, "Points2D:positions"), places, atol=1e-4)
-
-
-def test_discs_are_as_large_as_they_are(recorded: dict[str, Path]) -> None:
     discs = obstacles(load(Path("obstacles")))
     np.testing.assert_allclose(fixed(recorded["obstacles"], "map/obstacles", "Points2D:positions"), discs[:, :2])
     np.testing.assert_allclose(fixed(recorded["obstacles"], "map/obstacles", "Points2D:radii"), discs[:, 2])
+    for name in (*MISSIONS, "paper"):
+        flown = load(Path(name))
+        low, high = mission_map.box(flown)
+        for places in (starts(flown)[:, :2], goals(flown)):
+            assert ((places >= low) & (places <= high)).all()
 
 
-def test_arrows_blow_as_the_wind_does_where_they_are(recorded: dict[str, Path]) -> None:
+def test_arrows_show_the_wind_at_their_places(recorded: dict[str, Path]) -> None:
     flown, path = load(Path("windmap")), recorded["windmap"]
     vectors = np.array(fixed(path, "map/wind", "Arrows2D:vectors"))
     middles = np.array(fixed(path, "map/wind", "Arrows2D:origins")) + vectors / 2
@@ -60,16 +62,7 @@ def test_arrows_blow_as_the_wind_does_where_they_are(recorded: dict[str, Path]) 
     assert len(middles) > 80
 
 
-def test_everything_of_a_mission_is_on_the_map() -> None:
-    for name in (*MISSIONS, "paper"):
-        flown = load(Path(name))
-        low, high = mission_map.box(flown)
-        for places in (starts(flown)[:, :2], goals(flown)):
-            assert (places >= low).all()
-            assert (places <= high).all()
-
-
-def test_an_obstacle_hit_is_marked_as_itself_and_not_as_a_collision(tmp_path: Path) -> None:
+def test_an_obstacle_hit_has_its_own_mark(tmp_path: Path) -> None:
     keys: dict[str, Any] = {"obstacles": [{"centre": [145.0, 96.0], "radius": 2.0}], "wind.sigma": 0.0}
     run = mf.fly(method="cruise", uavs=4, duration=8.0, out=tmp_path, record=True, **keys)
     assert run.summary["obstacle_hits"] > 0

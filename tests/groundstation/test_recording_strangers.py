@@ -1,4 +1,4 @@
-"""A recording shows whatever the controller reports, under the names it gives."""
+"""A recording shows the diagnostics of any controller under their names."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from meanflock.groundstation.recording.replay import recorded as recorded_of
 from meanflock.groundstation.results.series import Reported
 from meanflock.swarm import state
 from meanflock.swarm.wire.messages import Telemetry
-from tests.groundstation.recordings import column, flight, record, scalars
+from tests.groundstation.recordings import column, fixed, flight, record, scalars
 
 pytestmark = pytest.mark.usefixtures("strict")
 
@@ -33,21 +33,11 @@ def of_a_stranger(path: Path, names: tuple[str, ...], weights: int) -> list[Tele
     return blocks
 
 
-def static(path: Path, entity: str, component: str) -> list[str]:
-    """What was logged once and for all: the values of every such row."""
-    found: list[str] = []
-    for chunk in RrdReader(path).stream().filter(content=f"/{entity}"):
-        batch = chunk.to_record_batch()
-        if component in batch.schema.names and look.TICKS not in batch.schema.names:
-            found += [value for row in batch.column(component).to_pylist() for value in row or ()]
-    return found
-
-
 def entities(path: Path) -> set[str]:
     return {str(chunk.entity_path).lstrip("/") for chunk in RrdReader(path).stream()}
 
 
-def test_diagnostics_of_ones_own_are_drawn_under_their_names(tmp_path: Path) -> None:
+def test_unknown_diagnostics_are_drawn_under_their_names(tmp_path: Path) -> None:
     path = tmp_path / "recording.rrd"
     blocks = of_a_stranger(path, ("tension", "phi_G"), 0)
     values = np.concatenate([block.diagnostics for block in blocks])[..., 0].astype(np.float64)
@@ -76,7 +66,7 @@ def test_trails_have_the_colours_of_phi_g_where_it_is_reported_else_of_speed(tmp
         else:
             phi = np.concatenate([block.diagnostics for block in blocks])[..., 1]
             np.testing.assert_array_equal(colors, drawing.phi_g_colors(phi))
-        said = [static(path, f"map/legend/{entity}/{end}", "Points2D:labels") for end in ("low", "high")]
+        said = [fixed(path, f"map/legend/{entity}/{end}", "Points2D:labels") for end in ("low", "high")]
         assert said == [[end] for end in ends]
         assert not {"map/legend/speed", "map/legend/phi_G"} - {f"map/legend/{entity}"} & entities(path)
 
@@ -84,6 +74,7 @@ def test_trails_have_the_colours_of_phi_g_where_it_is_reported_else_of_speed(tmp
 def test_a_model_of_any_size_is_drawn_with_a_title_that_says_what_of_it(tmp_path: Path) -> None:
     path = tmp_path / "recording.rrd"
     of_a_stranger(path, (), 3)
+    np.testing.assert_array_equal(recorded_of([path]).ticks, np.arange(60))
     assert scalars(path, plots.WEIGHTS)[1].shape == (3, 3)
     assert scalars(path, plots.SPREAD)[1].shape == (3, 1)
     assert plots.weights_title(0, Reported((), 3)) == "what UAV 0 has learned: all 3 weights"
@@ -92,9 +83,3 @@ def test_a_model_of_any_size_is_drawn_with_a_title_that_says_what_of_it(tmp_path
         drawn = Reported((), weights).drawn
         assert len(drawn) == min(weights, 60) == len(set(drawn.tolist()))
         assert all(0 <= number < weights for number in drawn)
-
-
-def test_recorded_ticks_are_found_whatever_is_reported(tmp_path: Path) -> None:
-    path = tmp_path / "recording.rrd"
-    of_a_stranger(path, (), 0)
-    np.testing.assert_array_equal(recorded_of([path]).ticks, np.arange(60))

@@ -1,4 +1,4 @@
-"""Rerun's own program: it shows what was recorded, live and late, and mends what was cut off."""
+"""Rerun's program: live viewers, pictures and repairs."""
 
 import os
 import shutil
@@ -47,7 +47,7 @@ def test_a_late_viewer_gets_the_history(tmp_path: Path) -> None:
     np.testing.assert_array_equal(ticks_so_far(late), np.arange(60))
 
 
-def test_a_server_is_waited_for_until_it_listens() -> None:
+def test_the_viewer_waits_until_a_server_listens() -> None:
     with socket.socket() as late:
         late.bind(("127.0.0.1", 0))  # and does not listen: who connects is refused
         host, port = late.getsockname()
@@ -65,7 +65,7 @@ LONG = 2400  # ticks: more than one batch
 
 
 def ticks_so_far(growing: Path) -> np.ndarray:
-    """The ticks in a recording that another process may still be writing: its size says little about what is in it."""
+    """The ticks in a recording that another process may still write."""
     if not growing.exists():
         return np.array([])
     read = growing.with_name(f"read.{growing.name}")
@@ -105,18 +105,16 @@ def test_a_killed_recording_is_repaired(tmp_path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["recording.rrd"]
 
 
-def test_what_is_no_recording_cannot_be_repaired_and_is_left_alone(tmp_path: Path) -> None:
+def test_a_file_that_is_no_recording_is_refused_and_left_alone(tmp_path: Path) -> None:
     path = tmp_path / "recording.rrd"
+    for use in (viewer.open_viewer, lambda missing: screenshot(missing, tmp_path / "swarm.png", at_s=0.0)):
+        with pytest.raises(BadInput, match="no such recording"):
+            use(path)
     path.write_bytes(b"not a recording")
     assert verify(path) is not None
     with pytest.raises(RunFailed, match="cannot be repaired"):
         repair(path)
     assert path.read_bytes() == b"not a recording"
-
-
-def test_a_run_that_is_not_there_is_not_opened(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="no such recording"):
-        viewer.open_viewer(tmp_path / "recording.rrd")
 
 
 def size_of(png: Path) -> tuple[int, int]:
@@ -132,19 +130,8 @@ def skip_without_graphics(said: str) -> None:
 
 
 @pytest.mark.processes
-def test_a_picture_needs_no_display_and_shows_no_error(tmp_path: Path) -> None:
-    path, png = tmp_path / "recording.rrd", tmp_path / "swarm.png"
-    record(path, flight())
-    try:
-        screenshot(path, png, at_s=33.4, size=(1280, 720))
-    except RunFailed as error:
-        skip_without_graphics(str(error))
-        raise
-    assert size_of(png) == (1280, 720)
-
-
-@pytest.mark.processes
-def test_a_picture_is_of_the_second_asked_for_or_of_the_last(run, tmp_path: Path) -> None:
+def test_a_picture_shows_the_given_second_or_the_last_without_a_display(run, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
     record(tmp_path / "recording.rrd", flight(ticks=200))
     pictures = {}
     for name, flags in {"middle": ("--at", "10"), "last": ("--at", "19.9"), "default": ()}.items():
@@ -161,13 +148,8 @@ def test_a_picture_is_of_the_second_asked_for_or_of_the_last(run, tmp_path: Path
     assert not (tmp_path / "beyond.png").exists()
 
 
-def test_no_picture_of_what_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="no such recording"):
-        screenshot(tmp_path / "recording.rrd", tmp_path / "swarm.png", at_s=0.0)
-
-
 def save_live(url: str, path: Path) -> "subprocess.Popen[bytes]":
-    """Something that listens like a viewer, but writes what it gets to a file."""
+    """A process that connects like a viewer and writes the recording to a file."""
     return subprocess.Popen(
         [*viewer._program(), url, "--save", str(path)], env=viewer._environment(), stderr=subprocess.DEVNULL
     )

@@ -1,4 +1,4 @@
-"""The page of `--web`: a browser is shown the recording, finished or live, and asks nobody else for anything."""
+"""The page of `--web`: a browser shows the recording, finished or live, and connects to no other host."""
 
 import http.client
 import json
@@ -103,7 +103,7 @@ def test_a_flight_is_shown_live_and_afterwards_its_recording(run, monkeypatch: p
     assert (recorded.scheme, recorded.path) == ("http", "/recording.rrd")
 
 
-def test_a_browser_without_a_live_view_is_refused(run, tmp_path: Path) -> None:
+def test_a_web_page_without_a_live_view_is_refused(run, tmp_path: Path) -> None:
     code, _, err = run("run", "--in-process", "--web")
     assert (code, list(tmp_path.iterdir())) == (EXIT_BAD_INPUT, [])
     assert "--view" in err
