@@ -1,4 +1,4 @@
-"""Studies of a moment, and what they leave."""
+"""Short studies and their files."""
 
 import csv
 import json
@@ -26,9 +26,7 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 
 def interrupted(command: Sequence[str], out: Path, cwd: Path | None = None) -> tuple[int, bytes, bytes]:
-    """Ctrl-C to a study and its workers when a flight into `out` is finished; its exit code and what it printed and
-    said. No process of it is left.
-    """
+    """Sends Ctrl-C to a study and its workers when a flight is finished; exit code, stdout and stderr."""
     study = subprocess.Popen(command, cwd=cwd, stderr=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
     jobs = out / "data" / "jobs"
     until(lambda: list(jobs.glob("*.job")) or study.poll() is not None, "a finished flight")

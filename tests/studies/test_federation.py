@@ -1,10 +1,8 @@
 """The page of ways to share a model: its tables, flights flown again, and the numbers of its findings."""
 
-import math
-
+import numpy as np
 import pytest
 
-from meanflock.groundstation import statistics
 from meanflock.studies import federation, published
 from meanflock.studies.study import summarised
 
@@ -39,34 +37,25 @@ def test_a_repeated_flight_has_the_published_numbers(case: federation.Case) -> N
     assert again == pytest.approx(row)
 
 
+def share(name: str, where: str) -> float:
+    """A total with 8-bit weights among neighbours beside that with a leader."""
+    return total(name, "calm", where, QUIET) / total(name, "calm", where, "leader")
+
+
 def test_the_findings_have_the_numbers_of_the_flights() -> None:
-    saved = {
-        where: 1 - total("kbit", "calm", where, QUIET) / total("kbit", "calm", where, "leader")
-        for where in federation.CALM
-    }
-    assert [round(100 * saved[where]) for where in federation.CALM] == [83, 80, 63, 82]
+    saved = [round(100 * (1 - share("kbit", where))) for where in federation.CALM]
+    assert saved == [83, 80, 63, 82]
     assert (
         "83 % fewer bits of models than a leader on `paper`, 80 % on `unknown`, 63 % on `windy` and 82 % on `lossy`"
         in WORDS
     )
-    longer = {
-        where: total("airtime_s", "calm", where, QUIET) / total("airtime_s", "calm", where, "leader")
-        for where in federation.CALM
-    }
-    assert [f"{longer[where]:.1f}" for where in federation.CALM] == ["0.8", "1.0", "1.8", "0.5"]
+    assert [f"{share('airtime_s', where):.1f}" for where in federation.CALM] == ["0.8", "1.0", "1.8", "0.5"]
     for where in federation.CALM:
-        ratio = statistics.difference(
-            [math.log(value) for value in column("tracking", "calm", where, QUIET)],
-            [math.log(value) for value in column("tracking", "calm", where, "leader")],
-        )
-        assert math.exp(ratio.value) < (0.6 if where == "lossy" else 1.045)
+        quiet, leader = (np.array(column("tracking", "calm", where, way)) for way in (QUIET, "leader"))
+        assert np.exp(np.log(quiet / leader).mean()) < (0.6 if where == "lossy" else 1.045)
         for name in ("t_avg_censored_s", "energy_mean_J"):
-            apart = statistics.difference(column(name, "calm", where, QUIET), column(name, "calm", where, "leader"))
-            assert abs(apart.value) < 2e-3 * statistics.mean(column(name, "calm", where, "leader")).value
+            assert share(name, where) == pytest.approx(1.0, abs=2e-3)
     wrong = "a fifth of the uploads has the wrong sign"
     assert [total("arrived", "trouble", wrong, way) for way in ("leader", "neighbours")] == [75, 0]
-    assert (
-        total("uavs", "trouble", "uploads reach 2 m", "leader")
-        - total("arrived", "trouble", "uploads reach 2 m", "leader")
-        == 28
-    )
+    near = ("trouble", "uploads reach 2 m", "leader")
+    assert total("uavs", *near) - total("arrived", *near) == 28

@@ -1,7 +1,6 @@
-"""The runner of all studies: signals while its processes start and end, dead processes, number of processes."""
+"""The runner of all studies: interruption, dead processes, number of processes."""
 
 import os
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -15,35 +14,6 @@ from meanflock.swarm.errors import RunFailed
 from meanflock.swarm.scenario import load
 from tests.polling import DEADLINE_S
 
-_START = """
-import signal, sys
-from pathlib import Path
-from meanflock.studies.runner import _signals_deferred, terminable
-from meanflock.swarm.errors import RunFailed
-number = int(sys.argv[1])
-signal.signal(signal.SIGINT, signal.default_int_handler)
-before = signal.getsignal(number)
-try:
-    with terminable(Path("there")), _signals_deferred():
-        signal.raise_signal(number)
-        signal.raise_signal(number)
-        print("finished")
-except RunFailed as error:
-    print(error, signal.getsignal(number) == before)
-"""
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signals_are_deferred_to_the_end_of_a_block(number: signal.Signals) -> None:
-    """In a separate process: a signal to the process of the tests would end more than this one."""
-    command = [sys.executable, "-c", _START, str(int(number))]
-    printed = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=True).stdout
-    assert printed.splitlines() == [
-        "finished",
-        "interrupted; flights that were finished are kept in there/data: repeat the command to go on True",
-    ]
-
-
 _ENDED = """
 import time
 from functools import partial
@@ -52,7 +22,7 @@ from meanflock.studies import runner
 def stop(task, result):
     raise KeyboardInterrupt
 
-for _ in range(5):  # without `if __name__ == "__main__"`: workers do not import the script
+for _ in range(2):  # without `if __name__ == "__main__"`: workers do not import the script
     try:
         runner.run(time.sleep, [0.0, *[10.0] * 8], 2, stop)
     except KeyboardInterrupt:
@@ -67,7 +37,7 @@ def test_an_interrupted_pool_is_silent(tmp_path: Path) -> None:
     script.write_text(_ENDED)
     command = [sys.executable, str(script)]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
-    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "interrupted\n" * 5, "")
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "interrupted\n" * 2, "")
 
 
 DYING = """
@@ -88,26 +58,22 @@ class Dying(mf.Controller):
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("mark", ["marker.touch()", "pass"], ids=["once", "always"])
-def test_a_flight_whose_process_dies_is_tried_twice(mark: str, tmp_path: Path) -> None:
+def test_a_flight_whose_process_dies_is_tried_twice(tmp_path: Path) -> None:
     """The second of four flights kills its process, once or always; a repeated study flies the rest."""
-    file = tmp_path / "dying.py"
-    file.write_text(DYING.format(parent=os.getpid(), mark=mark))
-    plugins.load_files([file])
-    flights = study.seeded(load(None, method="dying", uavs=2, duration=1.0), 4)
 
-    def hashes(jobs: int, out: Path) -> list[str]:
+    def hashes(mark: str, jobs: int, out: Path) -> list[str]:
+        file = tmp_path / "dying.py"
+        file.write_text(DYING.format(parent=os.getpid(), mark=mark))
+        plugins.load_files([file])
+        flights = study.seeded(load(None, method="dying", uavs=2, duration=1.0), 4)
         flown = study.fly_all({"dying": flights}, jobs, lambda *_: None, Store(out))
         return [summary["trajectory_sha256"] for summary in flown["dying"]]
 
-    alone, pool = tmp_path / "alone", tmp_path / "pool"
-    if mark == "pass":
-        with pytest.raises(RunFailed, match=rf"died twice.* of 4 runs are kept in {pool}"):
-            hashes(2, pool)
-        assert hashes(1, pool) == hashes(1, alone)
-    else:
-        assert hashes(2, pool) == hashes(1, alone)
-        assert (tmp_path / "dying.died").exists()
+    alone, pool = hashes("pass", 1, tmp_path / "alone"), tmp_path / "pool"
+    with pytest.raises(RunFailed, match=rf"died twice.* of 4 runs are kept in {pool}"):
+        hashes("pass", 2, pool)
+    assert hashes("marker.touch()", 2, pool) == alone
+    assert (tmp_path / "dying.died").exists()
 
 
 def test_negative_numbers_of_jobs_count_down_from_the_cores(monkeypatch: pytest.MonkeyPatch) -> None:

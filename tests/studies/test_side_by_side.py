@@ -1,4 +1,4 @@
-"""Several flights in one recording: each is whole under its own name, and all share one timeline."""
+"""Several flights in one recording: each under its own name, all on one timeline."""
 
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from meanflock.swarm import state
 from meanflock.swarm.errors import EXIT_DONE
 from meanflock.swarm.scenario import load
 from tests.groundstation.recordings import column, scalars
+from tests.studies.studies import flown
 
 TICKS = np.arange(41)
 SCENARIOS = {name: load(None, method=name, uavs=3, duration=4.0, stop="duration") for name in ("mfgfl-h", "hjb")}
@@ -30,9 +31,13 @@ def roots(path: Path) -> set[str]:
     return {chunk.entity_path.split("/")[1] for chunk in RrdReader(path).stream() if chunk.entity_path != "/"}
 
 
-def test_a_recording_has_every_flight_under_its_own_name_on_one_timeline(tmp_path: Path) -> None:
-    path = tmp_path / "compare.rrd"
-    summaries = side_by_side.record(SCENARIOS, path)
+@pytest.mark.usefixtures("undrawn")
+def test_compare_records_every_flight_under_its_own_name_on_one_timeline(run, tmp_path: Path) -> None:
+    flags = ("--seeds", "1", "--uavs", "3", "--duration", "4", "--set", "stop=duration", "--jobs", "1", "--quiet")
+    code, out, _ = run("compare", *SCENARIOS, "--record", *flags, "--out", "out")
+    assert (code, "out/compare.rrd" in out.splitlines()) == (EXIT_DONE, True)
+    path = tmp_path / "out/compare.rrd"
+    summaries = {summary["method"]: summary for summary in flown(tmp_path / "out")}
     assert verify(path) is None
     assert roots(path) - {"__properties"} == {side_by_side.part_of(name) for name in SCENARIOS}
     for name, scenario in SCENARIOS.items():
@@ -57,15 +62,6 @@ def test_a_recording_has_every_flight_under_its_own_name_on_one_timeline(tmp_pat
         np.testing.assert_allclose(sorted(seconds), TICKS * 0.1)
 
 
-def test_compare_records_the_flights_of_the_first_seed(run, tmp_path) -> None:
-    flags = ("--seeds", "1", "--uavs", "2", "--duration", "2", "--jobs", "1", "--quiet", "--out", "out")
-    code, out, _ = run("compare", "mfg", "hjb", "--record", *flags)
-    assert code == EXIT_DONE
-    assert "out/compare.rrd" in out.splitlines()
-    assert verify(tmp_path / "out/compare.rrd") is None
-    assert roots(tmp_path / "out/compare.rrd") >= {"mfg", "hjb"}
-
-
 WINDOW_PX = (1920.0, 1080.0)
 SINGLE_PX = (960.0, 545.0)  # of the map of one flight, beside its plots
 LETTER_PX, LINE_PX, PADDING_PX = 7.2, 14.0, 8.0  # of the viewer's labels
@@ -73,7 +69,7 @@ SMALL = ("start.centre=[6,4]", "destination.radius=0.5")
 NORTH = ("start.centre=[-9,150]",)
 
 
-@pytest.mark.parametrize("count", [1, 2, 4, 9])
+@pytest.mark.parametrize("count", [1, 4, 9])
 @pytest.mark.parametrize(
     ("mission", "settings"),
     [
@@ -83,17 +79,17 @@ NORTH = ("start.centre=[-9,150]",)
     ids=str,
 )
 def test_the_key_of_a_map_covers_neither_itself_nor_the_mission(count, mission, settings) -> None:
-    flown = load(Path(mission), settings)
+    shown = load(Path(mission), settings)
     rows, columns = shape(count)
     bounds = (
-        look.swarm_map(flown, "map", "map", count).properties["VisualBounds2D"].range.as_arrow_array().to_pylist()[0]
+        look.swarm_map(shown, "map", "map", count).properties["VisualBounds2D"].range.as_arrow_array().to_pylist()[0]
     )
     across, up = bounds["x_range"][1] - bounds["x_range"][0], bounds["y_range"][1] - bounds["y_range"][0]
     title, plots, frame = 30.0, 280.0, 70.0
     view = (WINDOW_PX[0] / columns, (WINDOW_PX[1] - plots - frame) / rows - title) if count > 1 else SINGLE_PX
     scale = min(view[0] / across, view[1] / up)  # pixels a metre
     stream = Labels()
-    mission_map.log(stream, flown, Reported.by(flown.declared), count)
+    mission_map.log(stream, shown, Reported.by(shown.declared), count)
     boxes = [
         (x * scale - w / 2, -y * scale, x * scale + w / 2, -y * scale + LINE_PX)
         for (x, y), word in stream.words
@@ -107,7 +103,7 @@ def test_the_key_of_a_map_covers_neither_itself_nor_the_mission(count, mission, 
         if a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
     ]
     assert covered == []
-    beside = box(flown)[0][0] * scale + PADDING_PX
+    beside = box(shown)[0][0] * scale + PADDING_PX
     middle = (bounds["x_range"][0] + bounds["x_range"][1]) / 2 * scale, sum(bounds["y_range"]) / 2 * scale
     for left, upper, right, lower in boxes:
         assert middle[0] - view[0] / 2 <= left + PADDING_PX < right <= beside

@@ -25,7 +25,7 @@ def summary(**numbers: float) -> dict[str, object]:
     return plain | numbers
 
 
-def test_every_arm_of_the_table_has_the_same_budget_and_valid_candidates() -> None:
+def test_every_arm_has_the_same_budget_and_valid_candidates(tmp_path, monkeypatch) -> None:
     found = tuning.arms()
     assert {len(arm.candidates) for arm in found} == {8}
     (mission, *_) = missions.shipped()
@@ -33,9 +33,6 @@ def test_every_arm_of_the_table_has_the_same_budget_and_valid_candidates() -> No
         for candidate, options in enumerate(arm.candidates):
             assert set(options) == set(arm.candidates[0])
             arm.scenario(candidate, mission, 1)
-
-
-def test_arms_of_different_budgets_are_bad_input(tmp_path, monkeypatch) -> None:
     text = tuning.ARMS.read_text(encoding="utf-8")
     (tmp_path / "tuning.toml").write_text(text.replace("    { right_bias = 0.0", "#   { right_bias = 0.0", 1))
     monkeypatch.setattr(tuning, "ARMS", tmp_path / "tuning.toml")
@@ -43,17 +40,10 @@ def test_arms_of_different_budgets_are_bad_input(tmp_path, monkeypatch) -> None:
         tuning.arms()
 
 
-@pytest.mark.parametrize(
-    ("changed", "unsafe"),
-    [({}, 0), ({"collisions_all": 1}, 1), ({"obstacle_hits": 2}, 1), ({"arrived": 3}, 1), ({flights.FAILED: "x"}, 1)],
-)
-def test_a_flight_is_unsafe_if_a_uav_collides_hits_or_never_arrives(changed, unsafe: int) -> None:
-    found = tuning.score("trip", [summary(), summary(**changed)])
-    assert (found.unsafe, found.flights) == (unsafe, 2)
-
-
 def test_a_controller_is_judged_by_safety_first_and_a_learner_by_what_it_learns() -> None:
-    assert tuning.score("trip", [summary()]).objective == pytest.approx(math.log(20.0))
+    for changed in ({"collisions_all": 1}, {"obstacle_hits": 2}, {"arrived": 3}, {flights.FAILED: "x"}):
+        assert (tuning.score("trip", [summary(), summary(**changed)]).unsafe) == 1
+    assert tuning.score("trip", [summary()]) == Score(0, pytest.approx(math.log(20.0)), 1)
     assert tuning.score("tracking", [summary()]).objective == pytest.approx(math.log(10.0))
     assert tuning.score("trip", [{flights.FAILED: "x"}]) == Score(1, math.inf, 1)
     found = Score(1, 0.1, 4), Score(0, 9.0, 4), Score(0, 8.0, 4)
@@ -76,19 +66,10 @@ def test_a_tuning_goes_on_where_it_was_and_its_record_names_what_flew(tmp_path, 
     assert record["chosen"] in ARM.candidates
     monkeypatch.setattr(flights, "Engine", None)  # nothing is flown again
     assert tuning.tuned([ARM], 1, out)["cruise"] == record
-
-
-def test_flights_of_other_code_are_refused(tmp_path) -> None:
-    tuning._claim(tmp_path / "out")
-    tuning._claim(tmp_path / "out")
-    (tmp_path / "out" / "code.txt").write_text("0.0.9+abc\n")
+    tuning._claim(out)
+    (out / "code.txt").write_text("0.0.9+abc\n")
     with pytest.raises(BadInput, match=r"flights are of code 0\.0\.9\+abc.*--out DIR"):
-        tuning._claim(tmp_path / "out")
-
-
-def test_an_unknown_arm_is_bad_input() -> None:
-    with pytest.raises(BadInput, match="--arms magic: no such arm; there are orca"):
-        tuning._chosen(["magic"])
+        tuning._claim(out)
 
 
 def test_the_constants_are_those_of_the_record() -> None:

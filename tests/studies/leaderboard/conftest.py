@@ -1,4 +1,4 @@
-"""What tests of leaderboards share."""
+"""Small missions for tests of leaderboards."""
 
 from pathlib import Path
 
@@ -9,7 +9,6 @@ from tests.studies.leaderboard.courses import SMALL
 
 @pytest.fixture
 def small(tmp_path: Path) -> list[str]:
-    """Two missions of four seconds."""
     for name, more in (("near", ""), ("breeze", "[wind]\nmean = [0.0, 2.0]\n")):
         (tmp_path / f"{name}.toml").write_text(SMALL + more)
     return ["near.toml", "breeze.toml"]

