@@ -24,6 +24,9 @@ ROOT = Path(__file__).parents[1]
 CLI = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
 EXECUTED = ["first-flight", "your-controller", "your-aggregation"]  # whole, each in a folder of its own
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PRIVATE = (
+    r"\b(doors?|house|tour|minds?|chorus|reflex(es)?|siblings?|ledgers?|hearsay|spoken|plain ticks?|by their bytes)\b"
+)
 
 
 def commands(text: str) -> list[str]:
@@ -34,10 +37,9 @@ def commands(text: str) -> list[str]:
 
 
 def run_of_page(page: Path, folder: Path) -> tuple[str, str]:
-    """Does what a page says, in a folder: files are written, commands typed, and then its Python is run as one script.
+    """Writes the files of a page, runs its commands and its Python; the output, and the output that the page shows.
 
-    A block of Python that begins with a comment `# NAME.py` is a file. Returns what the script printed, and what the
-    comments behind its calls of `print` and the blocks of text say it does.
+    A block of Python that begins with a comment `# NAME.py` is a file.
     """
     env = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     script, expected = "", []
@@ -128,28 +130,6 @@ def test_every_flag_of_a_process_is_in_the_reference(room: str) -> None:
         assert f"`{flag}`" in section, flag
 
 
-@pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=lambda page: page.name)
-def test_every_file_of_ours_that_a_page_names_is_there(page: Path) -> None:
-    for name in re.findall(r"`(\w[\w.-]*/[\w./-]+\.(?:py|c|h|toml|md|csv))`", page.read_text(encoding="utf-8")):
-        assert (ROOT / name).exists(), f"{page.name}: {name}"
-
-
-PRIVATE = (
-    r"\b(doors?|house|tour|minds?|chorus|reflex(es)?|siblings?|ledgers?|hearsay|spoken|plain ticks?|by their bytes)\b"
-)
-
-
-@pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"], ids=lambda page: page.name)
-def test_pages_speak_in_words_of_the_field(page: Path) -> None:
-    if page.name == "performance.md":
-        return  # names of parts come from the record of the benchmarks
-    assert not re.findall(PRIVATE, page.read_text(encoding="utf-8"), flags=re.I)
-
-
-def test_the_citation_is_of_this_version() -> None:
-    assert f"\nversion: {__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
-
-
 def test_the_controller_on_the_first_page_conforms() -> None:
     code = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.M | re.S)[0]
     names: dict[str, Any] = {}
@@ -168,37 +148,33 @@ def anchors(page: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"], ids=lambda page: page.name)
-def test_every_link_between_pages_leads_somewhere(page: Path) -> None:
-    for target, place in re.findall(r"\]\(([^)#\s]*)(?:#([^)\s]*))?\)", page.read_text(encoding="utf-8")):
+def test_every_link_and_every_file_that_a_page_names_exists(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    for target, place in re.findall(r"\]\(([^)#\s]*)(?:#([^)\s]*))?\)", text):
         if "://" in target:
             continue
         file = page.parent / target if target else page
         assert file.exists(), f"{page.name}: {target}"
         if place and file.suffix == ".md":
             assert place in anchors(file), f"{page.name}: {target}#{place}"
+    for name in re.findall(r"`(\w[\w.-]*/[\w./-]+\.(?:py|c|h|toml|md|csv))`", text):
+        assert page.name == "CHANGELOG.md" or (ROOT / name).exists(), f"{page.name}: {name}"
+    if page.name != "performance.md":  # names of parts come from the record of the benchmarks
+        assert not re.findall(PRIVATE, text, flags=re.I)
 
 
-def test_the_tables_of_robustness_are_those_of_the_flights_that_were_kept() -> None:
-    text = robustness.PAGE.read_text(encoding="utf-8")
-    assert robustness.page(published.read_rows(robustness.RESULTS), text) == text
+@pytest.mark.parametrize("name", ["api", "keys", "rooms"])
+def test_a_written_page_is_that_of_the_code(name: str) -> None:
+    script = script_of(name)
+    path, expected = (script.PICTURE, script.picture()) if name == "rooms" else (script.PAGE, script.page())
+    assert path.read_text(encoding="utf-8") == expected, f"run `python docs/{name}.py`"
 
 
-@pytest.mark.parametrize("page", ["api", "keys"])
-def test_a_reference_is_that_of_the_code(page: str) -> None:
-    script = script_of(page)
-    assert script.PAGE.read_text(encoding="utf-8") == script.page(), f"run `python docs/{page}.py`"
-
-
-def test_every_key_of_a_scenario_has_a_reason_and_every_name_of_the_python_door_an_entry() -> None:
+def test_pages_have_the_numbers_and_names_of_the_code() -> None:
     keys, api = script_of("keys"), script_of("api")
     assert set(keys.KEYS) == set(keys.keys())
     assert {name for _, names in api.SECTIONS.values() for name in names} == set(mf.__all__)
-
-
-def test_the_sizes_of_payloads_on_the_page_are_those_of_today() -> None:
     assert "\n".join(communication.transmissions()) in communication.PAGE.read_text(encoding="utf-8")
-
-
-def test_the_picture_of_the_rooms_is_that_of_the_imports() -> None:
-    script = script_of("rooms")
-    assert script.PICTURE.read_text(encoding="utf-8") == script.picture(), "run `python docs/rooms.py`"
+    text = robustness.PAGE.read_text(encoding="utf-8")
+    assert robustness.page(published.read_rows(robustness.RESULTS), text) == text
+    assert f"\nversion: {__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")

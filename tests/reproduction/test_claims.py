@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 import pytest
 
 from reproduction import claims
@@ -44,41 +43,16 @@ def test_the_file_has_all_53_claims_in_order() -> None:
     loaded = claims.load()
     assert [claim.id for claim in loaded] == [f"C{k}" for k in range(1, 54)]
     assert [claim.id for claim in claims.own()] == [f"O{k}" for k in range(1, 10)]
-    for claim in loaded:
-        assert claim.statement.endswith(".")
-        assert claim.metric
-        assert claim.scenario
-        assert claim.figure
-
-
-@pytest.mark.parametrize(
-    "broken",
-    [
-        {"kind": "order", "subject": (HF,)},
-        {"kind": "ratio", "subject": (HF,), "against": (H,)},
-        {"kind": "trend", "subject": (HF,), "direction": "little gain"},
-        {"kind": "bound", "threshold": 1.0},
-    ],
-    ids=str,
-)
-def test_a_check_without_a_necessary_field_is_rejected(broken: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=r"needs|names"):
-        Check(metric="x", **broken)
+    assert all(claim.statement and claim.metric and claim.scenario and claim.figure for claim in loaded)
 
 
 def test_a_claim_without_data_is_not_testable_and_says_why() -> None:
     for found in evaluate(results([row("nothing", HF, 1)])):
         assert found["verdict"] == NOT_TESTABLE
         assert len(found["reason"]) > 5
-
-
-def test_a_claim_is_undecided_while_one_check_has_no_data() -> None:
     rows = [*noisy("energy_mean_J", {"mfg": 1.0, HJB: 2.0}), *noisy("nothing", {HF: 1.0})]
-    found = {each["id"]: each for each in evaluate(results(rows))}
-    assert found["C52"]["verdict"] == UNDECIDED
-    assert "no data" in found["C52"]["reason"]
-    assert found["C51"]["verdict"] == NOT_TESTABLE  # by no data whatever
-    assert "α = 0" in found["C51"]["reason"]
+    (c52,) = (each for each in evaluate(results(rows)) if each["id"] == "C52")  # only one check has no data
+    assert (c52["verdict"], "no data" in c52["reason"]) == (UNDECIDED, True)
 
 
 # -- the kinds of checks -----------------------------------------------------------------------------------------------
@@ -195,17 +169,6 @@ def test_measured_numbers_are_judged_like_runs(values: list[float], expected: st
     assert verdict([row("s0", HF, 1)], {"growth": values}, **THEORY) == expected
 
 
-def test_the_interval_of_a_best_case_allows_for_its_many_comparisons() -> None:
-    draw = np.random.default_rng(3)
-    rows = [
-        row("uavs", method, seed, uavs=n, x=float(draw.lognormal(0.0, 0.6)))
-        for method in (HF, H, F, HJB)
-        for n in range(2, 42)
-        for seed in range(4)
-    ]
-    assert verdict(rows, **BEST | {"against": (H, F, HJB), "threshold": 0.25}) == UNDECIDED
-
-
 def test_a_best_case_stays_open_while_one_comparison_does() -> None:
     rows = noisy("x", {HF: 0.9, H: 1.0}, noise=0.001)  # a tenth less, for certain
     rows += [row("s0", F, seed, x=1.8 + 2.0 * (seed % 2)) for seed in {each["seed"] for each in rows}]
@@ -241,14 +204,6 @@ def test_one_seed_is_testable_only_without_chance() -> None:
     check = SHARE | {"experiment": "offline", "subject": ("offline",), "event": "none", "at": 0.0}
     for crashes, expected in ((0, REPRODUCED), (2, NOT_REPRODUCED)):
         assert verdict([row("offline", "offline", 1, sigma=0.0, x=crashes)], **check) == expected
-
-
-def test_two_runs_of_a_seed_in_one_cell_are_rejected() -> None:
-    rows = [row("offline", "offline", 1, x=0), row("offline", "offline", 1, x=1, setting="start.spacing=6")]
-    check = SHARE | {"experiment": "offline", "subject": ("offline",), "at": 0.1}
-    with pytest.raises(ValueError, match="several runs a seed"):
-        verdict(rows, **check)
-    assert verdict(rows, setting="", **check) == NOT_TESTABLE
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,6 @@
-"""The grid of experiments: its points, its tables, and flights that happen once."""
+"""The grid of experiments: its points and tables; finished flights never fly again."""
 
-import errno
-import os
 import shutil
-import sys
 from collections import Counter
 from itertools import product
 from pathlib import Path
@@ -16,11 +13,9 @@ from meanflock.studies import job_file, runner
 from meanflock.studies.store import Store
 from meanflock.swarm.errors import BadInput, RunFailed
 from reproduction import claims, experiments, grid, tables
-from reproduction.flight import version
 from reproduction.grid import Point, Wanted
 from reproduction.tables import COORDINATES
 from tests.reproduction.tiny import fly, plan, same, tiny
-from tests.studies.studies import interrupted
 
 
 @pytest.fixture
@@ -73,13 +68,9 @@ def test_experiments_share_runs_and_the_longest_run_flies_first() -> None:
     assert Counter(run.key for run in left) == Counter({row.key for row in rows})
     assert [experiments.work(run) for run in left] == sorted(map(experiments.work, left), reverse=True)
     assert {run.point.experiment for run in left if run.traced} == {"s0", "offline", "trained"}
-
-
-def test_the_map_and_its_best_settings_have_their_own_seeds() -> None:
-    seeds: dict[str, set[int]] = {}
-    for run in grid.wanted(2):
-        seeds.setdefault(run.point.experiment, set()).add(run.seed)
-    assert (seeds.pop("map"), seeds.pop("found")) == ({6001, 6002}, {7001, 7002})
+    seeds = {name: {row.seed for row in rows if row.point.experiment == name} for name in grid.EXPERIMENTS}
+    assert seeds.pop("map") == {6001, 6002}
+    assert seeds.pop("found") == {7001, 7002, 7003}
     assert max(map(max, seeds.values())) < 6000
 
 
@@ -134,10 +125,6 @@ def test_a_finished_run_never_flies_again(tmp_path: Path, executed: Counter[str]
     assert sum(executed.values()) == len(plan()) - 1
 
 
-def test_processes_fly_the_same_tables(kept: Path, tmp_path: Path) -> None:
-    assert same(tables.load(kept), fly(tmp_path, jobs=2))
-
-
 @pytest.mark.parametrize("damage", ["cut", "flipped", "empty", "foreign"])
 def test_a_damaged_file_flies_again(flown: Path, executed: Counter[str], damage: str) -> None:
     whole = tables.load(flown)
@@ -153,16 +140,11 @@ def test_a_damaged_file_flies_again(flown: Path, executed: Counter[str], damage:
 
 
 def test_results_of_other_code_fly_again(flown: Path, executed: Counter[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    fly(flown)
-    assert not executed
     monkeypatch.setattr(experiments, "version", lambda: "9.9.9+other")
     fly(flown)
     assert set(executed) == {run.key for run in plan()}
-
-
-def test_a_worker_with_other_code_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(RunFailed, match="same code"):
-        Store(tmp_path, "9.9.9+other").add(job_file.encode([]))
+        Store(flown, "9.9.9+other").add(job_file.encode([]))
 
 
 def test_the_version_depends_on_the_code_and_not_on_its_docstrings(
@@ -185,26 +167,6 @@ def test_the_version_depends_on_the_code_and_not_on_its_docstrings(
 # -- errors ------------------------------------------------------------------------------------------------------------
 
 
-def test_a_full_disk_keeps_the_finished_runs(
-    tmp_path: Path, executed: Counter[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    sync, calls = os.fsync, []
-
-    def full(descriptor: int) -> None:
-        calls.append(1)
-        if len(calls) > 2:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        sync(descriptor)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "fsync", full)
-        with pytest.raises(RunFailed, match=r"No space left on device.*kept"):
-            fly(tmp_path)
-    assert {path.suffix for path in (tmp_path / "data/jobs").iterdir()} == {".job"}
-    assert len(Store(tmp_path, version()).finished()) >= 1
-    assert fly(tmp_path).runs.num_rows == len(plan())
-
-
 @pytest.mark.parametrize(
     ("where", "error", "says"),
     [
@@ -223,51 +185,23 @@ def test_a_defect_and_a_dead_process_name_the_run(
         fly(tmp_path, plan=plan()[:1])
 
 
-@pytest.mark.processes
-def test_ctrl_c_ends_the_grid_and_its_workers(tmp_path: Path) -> None:
-    code = (
-        "import sys; from pathlib import Path; from reproduction.experiments import run_grid\n"
-        f"run_grid(Path({str(tmp_path)!r}), 1, {{'s0'}}, jobs=2)"
-    )
-    exit_code, _, said = interrupted([sys.executable, "-c", code], tmp_path)
-    assert exit_code == 1
-    assert b"RunFailed: interrupted" in said
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"only": {"s1"}},
-        {"backend": "ray"},
-        {"scheduler": "tcp://127.0.0.1:1"},
-        {"backend": "dask", "scheduler": "tcp://127.0.0.1:9"},
-    ],
-    ids=str,
-)
-def test_bad_options_are_rejected_before_a_folder_is_made(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: dict[str, Any]
-) -> None:
+def test_bad_options_are_rejected_before_a_folder_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed", reason="dask is not installed")
     monkeypatch.setattr(runner, "SCHEDULER_TIMEOUT", "1s")
-    with pytest.raises(BadInput, match=r"s1|ray|127"):
-        fly(tmp_path / "out", **options)
+    nobody = {"backend": "dask", "scheduler": "tcp://127.0.0.1:9"}
+    for options in ({"only": {"s1"}}, {"backend": "ray"}, {"scheduler": "tcp://127.0.0.1:1"}, nobody):
+        with pytest.raises(BadInput, match=r"s1|ray|127"):
+            fly(tmp_path / "out", **options)
     assert not (tmp_path / "out").exists()
-
-
-# -- clusters ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.processes
 @pytest.mark.usefixtures("environment")
-@pytest.mark.parametrize("own", [True, False])
-def test_a_dask_cluster_flies_the_same_tables(own: bool, kept: Path, tmp_path: Path) -> None:
-    """With a scheduler of its own, and without: then the command starts a cluster on this machine."""
+def test_a_dask_cluster_flies_the_same_tables(kept: Path, tmp_path: Path) -> None:
+    """A cluster that is started for the flights: tests/studies/leaderboard/test_contest.py."""
     distributed = pytest.importorskip("distributed", reason="dask is not installed")
-    if own:
-        there = fly(tmp_path, backend="dask")
-    else:
-        with distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
-        ) as cluster:
-            there = fly(tmp_path, backend="dask", scheduler=cluster.scheduler_address)
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
+    ) as cluster:
+        there = fly(tmp_path, backend="dask", scheduler=cluster.scheduler_address)
     assert same(there, tables.load(kept))

@@ -45,20 +45,8 @@ def test_a_flight_whose_learners_diverge_is_marked() -> None:
     assert flown.record.scalars["diverged"] is True
     assert flown.record.series["lost"][-1] == flown.summary["lost"]
     assert np.isfinite(flown.record.series["value_norm_max"]).all()
-
-
-def test_a_swarm_of_one_has_no_pairs() -> None:
-    series = fly(small("mfgfl-hf", uavs=1)).record.series
-    assert np.isnan(series["phi_C_distinct"]).all()
-    assert np.isnan(series["pair_distance_m"]).all()
-    assert np.isfinite(series["phi_C"]).all()
-
-
-def test_learned_weights_can_be_carried_into_another_flight() -> None:
-    scenario = small("mfgfl-hf", uavs=3)
-    first = fly(scenario)
-    again = fly(scenario, models=first.models)
-    assert first.summary["trajectory_sha256"] != again.summary["trajectory_sha256"]
+    alone = fly(small("mfgfl-hf", uavs=1)).record.series  # a swarm without pairs
+    assert np.isnan([alone["phi_C_distinct"], alone["pair_distance_m"]]).all()
 
 
 def test_the_series_ends_with_the_numbers_of_the_summary() -> None:

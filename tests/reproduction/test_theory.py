@@ -1,4 +1,4 @@
-"""The theory's measures: moments of the density learner, boundedness, and the optimal flight of one UAV."""
+"""Measures of the theory: moments of the density learner, boundedness, and the optimal flight of one UAV."""
 
 import math
 from functools import partial
@@ -10,7 +10,7 @@ import pytest
 from scipy import integrate, linalg
 
 from meanflock.agent.controllers.mean_field.tables import VALUE_EXPONENTS, scales, tables
-from meanflock.kernels.mean_field import features, fpk, hjb
+from meanflock.kernels.mean_field import features, hjb
 from meanflock.kernels.mean_field.layout import VALUE_FEATURES
 from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
@@ -42,32 +42,6 @@ def mean_deviation(r: np.ndarray, start: np.ndarray, mu: float, steps: int) -> n
 
 
 # -- the density learner as an LMS filter ------------------------------------------------------------------------------
-
-
-def test_the_learner_steps_along_the_gradient() -> None:
-    plain = scenario()
-    draw = np.random.default_rng(2)
-    states, actions = draw.normal(size=(6, 4)) * [100, 100, 5, 5], draw.normal(size=(6, 2))
-    curvature, weights = draw.normal(size=6), draw.normal(size=(6, 138))
-    t = tables(plain)
-    pairs = features.pairs(t, features.powers(t, states))
-    drift = actions - plain.wind.drag * (states[:, 2:] - np.array(plain.wind.mean))
-    stepped, residual = fpk.step(t, weights, states, pairs, features.terms(t, pairs)[:, 1:], drift, curvature)
-    g = theory.fpk_gradients(plain, states, actions, curvature)
-    error = (g * weights).sum(axis=-1)
-    assert residual == pytest.approx(error)
-    assert stepped == pytest.approx(weights - plain.learner.mu_f * error[:, None] * g)
-
-
-def test_the_mean_of_the_weights_decays_as_the_recursion_says() -> None:
-    g = gradients(12) * 3
-    r, start = theory.correlation(g), np.ones(12)
-    mu, steps = 0.01 * theory.step_bound(r), 400
-    simulated = theory.simulate_lms(g, start, mu, 0.1, steps, 3000, seed=3)
-    expected = mean_deviation(r, start, mu, steps)
-    standard_error = simulated.std(axis=0) / math.sqrt(3000)
-    assert np.abs(simulated.mean(axis=0) - expected).max() < 4.5 * standard_error.max()
-    assert np.linalg.norm(expected) < 0.9 * np.linalg.norm(start)
 
 
 def test_the_closed_form_of_the_deviation_holds_for_small_steps_only() -> None:
@@ -127,18 +101,13 @@ def test_the_value_learner_flies_the_exact_solution_on_a_line() -> None:
 # -- boundedness -------------------------------------------------------------------------------------------------------
 
 
-def test_growth_compares_the_last_third_with_the_first_two() -> None:
+def test_a_long_flight_counts_the_uavs_that_left_every_bound() -> None:
     assert theory.growth(np.ones(300)) == 1.0
     assert theory.growth(np.linspace(1, 2, 300)) > 1.1
-    assert theory.growth(np.exp(-np.linspace(0, 5, 300))) < 0.1
-
-
-@pytest.mark.parametrize("method", ["hjb", "mfg"])
-def test_a_long_flight_counts_the_uavs_that_left_every_bound(method: str) -> None:
-    calm = measure.long_flight(scenario(method=method, uavs=4), 60.0)
+    calm = measure.long_flight(scenario(uavs=4), 30.0)
     assert calm["lost"] == 0
     assert all(math.isfinite(value) for value in calm.values())
-    wild = theory.fly_long(scenario("learner.mu_h=1e4", method=method, uavs=4), 60.0)
+    wild = theory.fly_long(scenario("learner.mu_h=1e4", uavs=4), 30.0)
     assert wild.lost == 4
     assert math.isinf(wild.state[-1])
 
@@ -147,16 +116,16 @@ def test_measured_numbers_are_kept_while_code_seeds_and_length_fit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reported: list[tuple[int, int]] = []
-    monkeypatch.setattr(measure, "filter_moments", partial(measure.filter_moments, repeats=20))
+    monkeypatch.setattr(measure, "filter_moments", partial(measure.filter_moments, repeats=10))
     found = measure.measured(
-        tmp_path, [1, 2], 10.0, 1, lambda *counts: reported.append(counts), scenario(uavs=3, duration=10.0)
+        tmp_path, [1], 10.0, 1, lambda *counts: reported.append(counts), scenario(uavs=2, duration=10.0)
     )
-    assert reported == [(0, 2), (1, 2), (2, 2)]
-    assert {len(values) for values in found.values()} == {2}
+    assert reported == [(0, 1), (1, 1)]
+    assert {len(values) for values in found.values()} == {1}
     assert found["gap_hjb"][0] >= 1.0
     monkeypatch.setattr(measure, "measure", lambda *_, **__: pytest.fail("measured twice"))
-    assert measure.measured(tmp_path, [1, 2], 10.0) == measure.load_measured(tmp_path) == found
-    assert measure.load_measured(tmp_path, [1, 2, 3]) == {}
+    assert measure.measured(tmp_path, [1], 10.0) == measure.load_measured(tmp_path) == found
+    assert measure.load_measured(tmp_path, [1, 2]) == {}
     monkeypatch.setattr(measure, "version", lambda: "other code")
     assert measure.load_measured(tmp_path) == {}
     (tmp_path / "data" / measure.MEASURED).write_text("{")
@@ -215,6 +184,3 @@ def test_the_gap_of_the_optimal_flight_is_one_and_of_any_other_more() -> None:
     gaps = theory.gaps(plain, states, commands, np.array([200, -1]))
     assert gaps[0] == pytest.approx(1.0)
     assert gaps[1] > 1.5
-    moving = theory.gaps(plain, states, commands, np.array([200, -1]), moving=True)
-    left = np.linalg.norm(states[-1, :, :2], axis=-1)
-    np.testing.assert_allclose(gaps - moving, left / best.cost, rtol=1e-9, atol=1e-12)
