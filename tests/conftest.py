@@ -1,8 +1,7 @@
-"""What holds for all tests.
+"""Rules for all tests.
 
-A swarm in real time on a machine that itself stands still for seconds misses deadlines for which nothing here is to
-blame: such a test says nothing. If it failed, and the machine did stand still meanwhile, it says so and is run again,
-twice at the most. Any other failure is one at once, and so is that of a test without processes.
+A test of processes that fails while the machine stands still for seconds is repeated, twice at most. Any other failure
+counts.
 """
 
 import os
@@ -27,33 +26,29 @@ hypothesis.settings.load_profile("untimed")
 
 
 class MachineStoodStill(Exception):
-    """The machine did, during a test that failed."""
+    """The machine stood still while a test ran that failed."""
 
 
-# No other test has it: of each that may run again, a worker tells the first process and asks it, in 44 ms.
 AGAIN = pytest.mark.flaky(reruns=2, only_rerun=[MachineStoodStill.__name__])
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _temporary(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Processes that are killed leave temporary files: beside those of the tests, which pytest tidies up."""
+    """Temporary files of killed processes lie beside those of the tests, which pytest removes."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TMPDIR", str(tmp_path_factory.mktemp("temporary")))
         yield
 
 
 def pytest_configure() -> None:
-    """What a shell starts in the background ignores Ctrl-C, and so would all processes that the tests send one."""
+    """Processes that a shell starts in the background ignore Ctrl-C; those of the tests must not."""
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN and threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-OTHERS = {"PYTEST_CURRENT_TEST"}  # a variable that pytest sets
-
-
 def _of_this_process() -> set[tuple[str, Any]]:
     """What a test could leave changed to those after it."""
-    variables = {(name, said) for name, said in os.environ.items() if name not in OTHERS}
+    variables = {(name, said) for name, said in os.environ.items() if name != "PYTEST_CURRENT_TEST"}
     signals = {(number.name, signal.getsignal(number)) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     return variables | signals | {("working folder", Path.cwd())}
 
@@ -92,8 +87,7 @@ def _judged(item: pytest.Item) -> Generator[None, Any, Any]:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """What starts processes comes last, when nothing else competes for the cores; the long trials of whole pages, which
-    lie outside all rooms, first of those, so that no worker is left alone with them."""
+    """Tests that start processes come last, and the long trials of whole pages first among them."""
     items.sort(key=lambda item: (item.get_closest_marker("processes") is not None, len(item.path.parts)))
     for item in items:
         if item.get_closest_marker("processes") is not None:
@@ -104,11 +98,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def _join(item: pytest.Item) -> None:
-    """One worker runs all tests of a file, so that it makes what they share once; of those that start processes, which
-    are long, only the tests of an `xdist_group`.
+    """One worker runs all tests of a file, or, if they start processes, all tests of an `xdist_group`.
 
-    The scheduler knows a group by what stands behind the @ of a name. pytest-xdist writes it where pytest 9.2 does not
-    look for it any more, and then spreads groups over all workers without a word.
+    The scheduler reads the group behind the @ of a name; pytest-xdist alone writes it where pytest 9.2 does not look.
     """
     group = item.get_closest_marker("xdist_group")
     if group is None and item.get_closest_marker("processes") is not None:

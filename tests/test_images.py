@@ -1,4 +1,4 @@
-"""Images and the compose file: what is in them, and what its services may do."""
+"""The images and the compose file: their contents, and the rights of the services."""
 
 import json
 import os
@@ -46,16 +46,7 @@ def compose() -> dict[str, Any]:
         pytest.skip("no `docker compose` here to read docker-compose.yml with")
     ours = {key: value for key, value in os.environ.items() if not key.startswith(("MEANFLOCK_", "COMPOSE_"))}
     resolved = subprocess.run(
-        [
-            *command,
-            "--env-file",
-            os.devnull,
-            "-f",
-            str(ROOT / "docker-compose.yml"),
-            "config",
-            "--format",
-            "json",
-        ],
+        [*command, "--env-file", os.devnull, "-f", str(ROOT / "docker-compose.yml"), "config", "--format=json"],
         env={**ours, "MEANFLOCK_UAVS": "7", "MEANFLOCK_SET": "seed=3", "MEANFLOCK_PLUGINS": "/plugins/spring.py"},
         capture_output=True,
         text=True,
@@ -78,21 +69,18 @@ def test_compose_has_the_four_rooms_as_services(compose: dict[str, Any]) -> None
         assert service["image"] == f"meanflock-{service['build']['target']}:local"
 
 
-def test_compose_gives_one_number_to_agents_and_world(compose: dict[str, Any]) -> None:
+def test_compose_gives_all_rooms_one_run_one_number_and_the_plug_ins(compose: dict[str, Any]) -> None:
     assert compose["agent"]["deploy"]["replicas"] == 7
     assert compose["worldsim"]["environment"]["MEANFLOCK_SET"] == "uavs=7 seed=3"
     rooms = [service for name, service in compose.items() if name not in MOMENTARY]
     assert len({service["environment"]["MEANFLOCK_RUN"] for service in rooms}) == 1
-
-
-def test_compose_gives_all_rooms_the_plug_ins(compose: dict[str, Any]) -> None:
-    for room in compose.keys() - MOMENTARY:
-        assert compose[room]["environment"]["MEANFLOCK_PLUGINS"] == "/plugins/spring.py"
-        (mounted,) = (volume for volume in compose[room]["volumes"] if volume["target"] == "/plugins")
+    for room in rooms:
+        assert room["environment"]["MEANFLOCK_PLUGINS"] == "/plugins/spring.py"
+        (mounted,) = (volume for volume in room["volumes"] if volume["target"] == "/plugins")
         assert (mounted["source"], mounted["read_only"]) == (str(ROOT / "examples"), True)
 
 
-def test_compose_services_can_do_no_more_than_they_must(compose: dict[str, Any]) -> None:
+def test_compose_services_have_no_rights_and_no_port_but_what_they_need(compose: dict[str, Any]) -> None:
     for name, service in compose.items():
         assert service["read_only"], name
         assert service["cap_drop"] == ["ALL"], name
@@ -111,9 +99,6 @@ def test_compose_services_can_do_no_more_than_they_must(compose: dict[str, Any])
             assert "cap_add" not in service, name
     image = (ROOT / "Dockerfile").read_text()
     assert re.findall(r"^(?:USER|STOPSIGNAL) .*$", image, re.MULTILINE) == ["USER 1000:1000", "STOPSIGNAL SIGINT"]
-
-
-def test_compose_publishes_the_viewer_on_loopback_only(compose: dict[str, Any]) -> None:
     published = {name: service["ports"] for name, service in compose.items() if service.get("ports")}
     assert published.keys() == {"groundstation"}
     assert [(port["host_ip"], port["published"]) for port in published["groundstation"]] == [("127.0.0.1", "9876")]

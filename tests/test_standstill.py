@@ -1,52 +1,70 @@
-"""A test of processes that fails while the machine stands still is run again; no other is."""
+"""How the tests run: a test of processes that fails in a standstill is repeated, and groups stay together."""
 
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
+from xdist.scheduler import LoadGroupScheduling
 
 from tests.standstill import LOOK_S, NOTABLE_S, Standstill
 
 pytest_plugins = ["pytester"]
 
-FAILS_ONCE = """
+ROOT = Path(__file__).parents[1]
+FAIL_ONCE = """
 import threading
 import pytest
 
-tries = []
+tries = set()
+
+def fail_once(name, late_s):
+    watch = [thread for thread in threading.enumerate() if thread.name == "standstill"]
+    if watch:
+        watch[0].note(late_s)
+    if name not in tries:
+        tries.add(name)
+        pytest.fail("once")
 
 @pytest.mark.processes
-def test_that_has_the_machine_watched():
-    pass
+def test_of_processes_in_a_standstill():
+    fail_once("standstill", 3.0)
 
-{mark}
-def test_that_fails_once():
-    next(thread for thread in threading.enumerate() if thread.name == "standstill").note({late_s})
-    tries.append(1)
-    assert len(tries) > 1
+@pytest.mark.processes
+def test_of_processes():
+    fail_once("processes", 0.1)
+
+def test_without_processes():
+    fail_once("none", 3.0)
 """
 
 
-def test_only_what_is_notable_counts() -> None:
+def test_only_a_test_of_processes_in_a_standstill_is_repeated(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
     machine = Standstill()
     for late_s in (0.0, LOOK_S, NOTABLE_S, 1.5, 2.0):
         machine.note(late_s)
     assert machine.total_s == pytest.approx(3.5)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    pytester.makepyprojecttoml((ROOT / "pyproject.toml").read_text())
+    pytester.makeconftest((ROOT / "tests" / "conftest.py").read_text())
+    ran = pytester.runpytest_subprocess(pytester.makepyfile(FAIL_ONCE))
+    assert ran.parseoutcomes() == {"passed": 1, "rerun": 1, "failed": 2}
 
 
-@pytest.mark.parametrize(
-    ("mark", "late_s", "outcomes"),
-    [
-        ("@pytest.mark.processes", 3.0, {"passed": 2, "rerun": 1}),
-        ("@pytest.mark.processes", 0.1, {"passed": 1, "failed": 1}),
-        ("", 3.0, {"passed": 1, "failed": 1}),
-    ],
-)
-def test_who_failed_while_the_machine_stood_still_runs_again(
-    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, mark: str, late_s: float, outcomes: dict[str, int]
-) -> None:
-    root = Path(__file__).parents[1]
-    monkeypatch.setenv("PYTHONPATH", str(root))
-    pytester.makepyprojecttoml((root / "pyproject.toml").read_text())
-    pytester.makeconftest((root / "tests" / "conftest.py").read_text())
-    ran = pytester.runpytest_subprocess(pytester.makepyfile(FAILS_ONCE.format(mark=mark, late_s=late_s)))
-    assert ran.parseoutcomes() == outcomes
+def test_the_scheduler_knows_every_group(request: pytest.FixtureRequest) -> None:
+    if not request.config.getoption("loadgroup", False):
+        pytest.skip("these tests are not spread over workers by group")
+    scopes: dict[str, set[str]] = defaultdict(set)
+    alone: list[str] = []
+    for item in request.session.items:
+        scope = LoadGroupScheduling._split_scope(None, item.nodeid)  # by the name alone
+        if (group := item.get_closest_marker("xdist_group")) is not None:
+            scopes[group.args[0]].add(scope)
+        elif item.get_closest_marker("processes") is None:
+            scopes[str(item.path)].add(scope)
+        else:
+            alone.append(scope)
+    assert [group for group, found in scopes.items() if len(found) > 1] == []
+    assert len(set.union(*scopes.values())) == len(scopes)
+    assert len({*alone}.union(*scopes.values())) == len(alone) + len(scopes)

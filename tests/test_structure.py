@@ -1,4 +1,4 @@
-"""The house as it was drawn: imports flow one way, heavy libraries stay where they belong, nothing is buried."""
+"""The structure of the code: imports go one way, and each library is imported in its place."""
 
 import ast
 import io
@@ -52,17 +52,10 @@ WITHIN = {  # of the other folders of groundstation; what lies beside them may b
     "cli": {"results", "recording", "plots", "launch"},
 }
 PRIVATE = re.compile(r"(^|_)(minds?|chorus|reflex|spoken|told|heard|siblings?|brought|overhear\w*)(_|$)|^_?plain[A-Z]")
-RERUN = {
-    f"groundstation/recording/{name}.py"
-    for name in (
-        *("recorder", "drawing", "flight", "disturbances", "mission_map", "blueprint", "replay", "viewer"),
-        "__init__",
-    )
-}
 LEGACY_RANDOM = {"default_rng", "Generator", "SeedSequence", "BitGenerator", "PCG64"}  # the rest of np.random is global
 
 
-def test_the_house_has_the_rooms_it_should_have() -> None:
+def test_every_room_is_a_package_and_a_link_in_meanflock() -> None:
     for package in ROOMS:
         assert (ROOT / package / "__init__.py").is_file()
         assert (ROOT / "meanflock" / package).resolve() == ROOT / package
@@ -112,7 +105,7 @@ def test_names_are_words_of_the_field() -> None:
         assert not sorted(name for name in names if PRIVATE.search(name)), name_of(path)
 
 
-def test_nobody_outside_the_kernels_knows_which_form_runs() -> None:
+def test_no_other_room_knows_whether_compiled_kernels_run() -> None:
     """But whoever compares them, or says so to a person."""
     asks = {
         name_of(path)
@@ -134,13 +127,36 @@ def test_only_the_mean_field_methods_read_their_tables_and_call_their_kernels() 
         assert not reads or name_of(path).startswith(theirs), f"{name_of(path)} reads {reads}"
 
 
-def test_one_file_imports_zenoh() -> None:
-    assert users_of("zenoh") == {"swarm/net/session.py"}
+RECORDING = (
+    "recorder",
+    "drawing",
+    "flight",
+    "disturbances",
+    "mission_map",
+    "blueprint",
+    "replay",
+    "viewer",
+    "__init__",
+)
+GROUND = ("groundstation/", "studies/", "meanflock/", "reproduction/")
 
 
-def test_rerun_stays_with_the_recorder_and_what_it_shows() -> None:
-    assert "groundstation/recording/recorder.py" in users_of("rerun", "rerun_sdk")
-    assert users_of("rerun", "rerun_sdk") == RERUN
+@pytest.mark.parametrize(
+    ("libraries", "users"),
+    [
+        (("zenoh",), ("swarm/net/session.py",)),
+        (("prometheus_client",), ("worldsim/exporter.py",)),
+        (("rerun", "rerun_sdk"), tuple(f"groundstation/recording/{name}.py" for name in (*RECORDING, "__init__"))),
+        (("click", "rich", "psutil", "pyarrow", "matplotlib"), GROUND),
+        (("tomli_w",), (*GROUND, "swarm/scenario/values.py")),
+        (("scipy",), (*GROUND, "channel/", "worldsim/")),
+    ],
+    ids=lambda names: names[0],
+)
+def test_a_library_is_imported_only_where_it_belongs(libraries: tuple[str, ...], users: tuple[str, ...]) -> None:
+    found = users_of(*libraries)
+    assert found
+    assert all(name.startswith(users) for name in found)
 
 
 def test_one_file_sends_the_flight_to_rerun() -> None:
@@ -148,32 +164,10 @@ def test_one_file_sends_the_flight_to_rerun() -> None:
     assert senders == {"groundstation/recording/recorder.py"}
 
 
-def test_what_only_a_person_needs_stays_at_the_ground_station() -> None:
-    users = users_of("click", "rich", "psutil", "pyarrow", "matplotlib")
-    users |= users_of("tomli_w") - {"swarm/scenario/values.py"}  # imported there by who saves a scenario
-    assert all(name.startswith(("groundstation/", "studies/", "meanflock/", "reproduction/")) for name in users)
-    assert all(
-        name.startswith(("groundstation/", "studies/", "channel/", "worldsim/", "reproduction/"))
-        for name in users_of("scipy")
-    )
-
-
-def test_one_file_talks_to_prometheus() -> None:
-    assert users_of("prometheus_client") == {"worldsim/exporter.py"}
-
-
-def test_no_clock_of_a_flight_can_be_set_by_anybody() -> None:
+def test_only_files_of_people_read_the_wall_clock() -> None:
     """All durations and deadlines are of monotonic clocks; the wall clock names folders and dates certificates."""
-    wall = {
-        "time.time",
-        "time.time_ns",
-        "time.ctime",
-        "time.localtime",
-        "time.gmtime",
-        "datetime.now",
-        "datetime.utcnow",
-    }
-    wall |= {"datetime.today", "date.today", "datetime.datetime.now", "datetime.date.today"}
+    wall = {f"time.{name}" for name in ("time", "time_ns", "ctime", "localtime", "gmtime")}
+    wall |= {f"datetime.{name}" for name in ("now", "utcnow", "today", "datetime.now", "date.today")} | {"date.today"}
     readers = {
         name_of(path)
         for path in MODULES
@@ -189,38 +183,31 @@ print(*sorted(({{name.split(".")[0] for name in sys.modules}} | set(sys.modules)
 """
 
 
+HEAVY = ["rerun", "rerun_bindings", "pyarrow", "click", "rich", "psutil", "pandas", "hypothesis", "matplotlib"]
+HEAVY += ["meanflock.groundstation", "meanflock.studies", "pickletools", "prometheus_client"]
+SCIENCE = [*HEAVY, "scipy", "meanflock.channel", "meanflock.worldsim"]
+
+
 @pytest.mark.parametrize(
-    "module", ["meanflock.agent.__main__", "meanflock.leader.__main__", "meanflock.worldsim.__main__"]
+    ("modules", "forbidden"),
+    [
+        ("meanflock.agent.__main__, meanflock.leader.__main__", SCIENCE),
+        ("meanflock.worldsim.__main__", HEAVY),
+        (  # statistics take a second of the start of each worker and command
+            "meanflock.studies.study, reproduction.experiments, meanflock.studies.means",
+            ["scipy.stats", "matplotlib", "rerun"],
+        ),
+    ],
 )
-def test_a_process_of_the_swarm_loads_only_what_it_needs(module: str) -> None:
-    forbidden = ["rerun", "rerun_bindings", "pyarrow", "click", "rich", "psutil", "pandas", "hypothesis"]
-    forbidden += [
-        "meanflock.groundstation",
-        "meanflock.studies",
-        "matplotlib",
-        "pickletools",
-        "prometheus_client",
-    ]
-    if module != "meanflock.worldsim.__main__":
-        forbidden += ["scipy", "meanflock.channel", "meanflock.worldsim"]
-    code = LOADED.format(module=module, forbidden=forbidden)
+def test_a_process_loads_only_what_it_needs(modules: str, forbidden: list[str]) -> None:
+    code = LOADED.format(module=modules, forbidden=forbidden)
     loaded = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S, check=True
     )
     assert loaded.stdout.strip() == ""
 
 
-def test_a_worker_of_a_study_loads_no_statistics() -> None:
-    """They are a second of each worker's start, and of each command's."""
-    modules = "meanflock.studies.study, reproduction.experiments, meanflock.studies.means"
-    code = LOADED.format(module=modules, forbidden=["scipy.stats", "matplotlib", "rerun"])
-    loaded = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S, check=True
-    )
-    assert loaded.stdout.strip() == ""
-
-
-def test_tests_say_what_they_are_of_and_share_by_modules_without_tests() -> None:
+def test_tests_have_docstrings_and_import_no_module_of_tests() -> None:
     for path in TESTS:
         assert ast.get_docstring(tree(path)), name_of(path)
         assert not [name for name in imported(path) if ".test_" in name], name_of(path)
@@ -246,7 +233,7 @@ def test_nothing_is_pickled_evaluated_or_drawn_from_a_global_generator() -> None
                 assert all(keyword.arg != "allow_pickle" for keyword in node.keywords), where
 
 
-def test_what_flies_makes_its_generators_in_one_place_only() -> None:
+def test_one_file_makes_the_random_generators_of_a_flight() -> None:
     makers = {
         name_of(path)
         for path in MODULES
@@ -257,9 +244,9 @@ def test_what_flies_makes_its_generators_in_one_place_only() -> None:
     assert makers == {"swarm/seeds.py"}
 
 
-def test_what_is_public_is_documented() -> None:
+def test_every_public_name_has_a_docstring() -> None:
     for path in MODULES:
-        assert ast.get_docstring(tree(path)), f"{name_of(path)} says not what it is"
+        assert ast.get_docstring(tree(path)), f"{name_of(path)} has no docstring"
         silent = [
             f"{name_of(path)}:{node.lineno} {node.name}"
             for node in documentable(tree(path).body)
