@@ -1,0 +1,291 @@
+"""Replies of a genuine node in its turn: what others drop, refuse or do not believe, and the documented limits."""
+
+import itertools
+from collections.abc import Callable
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from meanflock.agent.controllers.base import plausible
+from meanflock.federation.schedule import Schedule
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames
+from tests.faults.clusters import CLEAR, FLOATS, PERIOD, globals_of, swarm
+from tests.faults.conftest import Lab, honest, scenario
+from tests.swarm.examples import read, written
+
+replace = msgspec.structs.replace
+ROUNDS = 5  # of every flight, opened in ticks 20, 40 …
+Say = Callable[[Act], list[Act | bytes]]
+
+
+def rule(name: str, *more: str) -> Scenario:
+    return scenario("federation.fraction=1.0", f'federation.aggregation="{name}"', *more)
+
+
+def saying(flown: Scenario, node: str, say: Say) -> Lab:
+    """A flight in which a node sends `say(act)` in place of each act."""
+    lab = Lab(flown, uavs_per_node=1)
+    client = lab.client_of(node)
+    put = client._bus.put
+
+    def speak(key: str, raw: bytes) -> None:
+        act = read(raw)
+        for message in say(act) if isinstance(act, Act) else [raw]:
+            put(key, message if isinstance(message, bytes) else written(message))
+
+    client._bus.put = speak  # type: ignore[method-assign]
+    return lab
+
+
+def frames(kind: FrameKind, number: int, uav: int, payload: np.ndarray) -> Frames:
+    return Frames(kind, number, np.array([uav], np.int32), payload)
+
+
+def only(act: Act, *outbox: Frames) -> Act:
+    return replace(act, outbox=outbox)
+
+
+def poison(value: float) -> Say:
+    """One weight of each upload is replaced, in bytes that the encoder of an honest node would not have made."""
+
+    def say(act: Act) -> list[Act | bytes]:
+        uploads = [batch for batch in act.outbox if batch.kind == FrameKind.UPLOAD]
+        if not uploads:
+            return [act]
+        raw, weights = written(act), uploads[0].payload.copy()
+        at = raw.index(weights.tobytes())
+        weights[0, 0] = value
+        return [raw[:at] + weights.tobytes() + raw[at + weights.nbytes :]]
+
+    return say
+
+
+def and_honest(say: Say) -> Say:
+    """The honest act follows the false one."""
+    return lambda act: [*(message for message in say(act) if message is not act), act]
+
+
+def at(when: int, make: Callable[[Act], Act]) -> Say:
+    return lambda act: [make(act), act] if act.tick == when else [act]
+
+
+def relay(**changes: Callable[[Frames], np.ndarray]) -> Say:
+    """A relay with other arrays, and then the honest one."""
+
+    def say(act: Act) -> list[Act | bytes]:
+        for batch in act.outbox:
+            if batch.kind == FrameKind.RELAY:
+                parts = {"source": batch.source, "payload": batch.payload, "links": batch.links}
+                parts |= {name: make(batch) for name, make in changes.items()}
+                return [only(act, Frames(batch.kind, batch.round, *parts.values())), act]
+        return [act]
+
+    return say
+
+
+def counted(count: float) -> Say:
+    return relay(payload=lambda batch: np.append(batch.payload[:, :-1], [[count]], axis=1).astype(batch.payload.dtype))
+
+
+def stray_relay(uav: int) -> Say:
+    return at(30, lambda act: only(act, frames(FrameKind.RELAY, 1, uav, np.ones((1, FLOATS + 1), np.float32))))
+
+
+def refusing(when: int, *refused: int) -> Say:
+    return at(when, lambda act: Act(act.run, act.tick, act.commands, refused=np.array(refused)))
+
+
+def uninvited(clusters: int) -> tuple[Scenario, list[int]]:
+    """A flight in which UAV 11 takes no part in some rounds, and those rounds."""
+    flown = swarm("federation.fraction=0.5", clusters=clusters)
+    idle = [number for number in range(1, ROUNDS + 1) if 11 not in Schedule(flown).participants(number)]
+    assert 0 < len(idle) < ROUNDS
+    return flown, idle
+
+
+def upload_of_11(idle: list[int]) -> Say:
+    def say(act: Act) -> list[Act | bytes]:
+        number, rest = divmod(act.tick, PERIOD)
+        batch = frames(FrameKind.UPLOAD, number, 11, np.full((1, FLOATS), 5.0, np.float32))
+        return [only(act, batch) if not rest and number in idle else act]
+
+    return say
+
+
+def upload_between_rounds(act: Act) -> list[Act | bytes]:
+    batch = frames(FrameKind.UPLOAD, act.tick + 1, 2, np.zeros((1, FLOATS), np.float32))
+    return [act if act.outbox else only(act, batch)]
+
+
+class Case(NamedTuple):
+    flown: Scenario
+    node: str
+    say: Say
+    dropped: dict[str, int]
+
+
+HEADS, FLAT, AVERAGED = swarm(), swarm(clusters=1), {"wrong-shape": ROUNDS}
+ONCE = {"wrong-shape": 1}
+CASES: dict[str, Case] = {
+    "a weight that is not finite": Case(rule("median"), "agent-3", and_honest(poison(np.inf)), {"non-finite": ROUNDS}),
+    "an upload between rounds": Case(rule("fedavg"), "agent-2", upload_between_rounds, {"wrong-round": 120 - ROUNDS}),
+    **{
+        f"an upload uninvited, {clusters} clusters": Case(
+            flown, "agent-11", upload_of_11(idle), {"wrong-round": len(idle)}
+        )
+        for clusters in (1, 3)
+        for flown, idle in [uninvited(clusters)]
+    },
+    "a relay of more models than its cluster has": Case(HEADS, "agent-4", counted(5.0), AVERAGED),
+    "a relay of half a model": Case(HEADS, "agent-4", counted(0.5), AVERAGED),
+    "a relay of no model": Case(HEADS, "agent-4", counted(0.0), AVERAGED),
+    "a relay without a count": Case(HEADS, "agent-4", relay(payload=lambda batch: batch.payload[:, :-1]), AVERAGED),
+    "a relay in doubles": Case(HEADS, "agent-4", relay(payload=lambda batch: batch.payload.astype("<f8")), AVERAGED),
+    "a relay of another head": Case(HEADS, "agent-4", relay(source=lambda batch: batch.source + 4), AVERAGED),
+    "a relay of a UAV that is no head": Case(HEADS, "agent-4", relay(source=lambda batch: batch.source + 1), AVERAGED),
+    "a relay with links": Case(HEADS, "agent-4", relay(links=lambda batch: np.zeros((1, 2), np.int32)), AVERAGED),
+    "a relay by a node without a head": Case(HEADS, "agent-5", stray_relay(5), ONCE),
+    "a relay between rounds": Case(HEADS, "agent-4", stray_relay(4), {"wrong-round": 1, "duplicate": 1}),
+    "a relay without clusters": Case(FLAT, "agent-0", stray_relay(0), {"wrong-kind": 1}),
+    **{  # a head refuses uploads (~uav) of its own cluster once, and only when it averages
+        f"a refusal of {refused} in tick {when}": Case(HEADS, "agent-4", refusing(when, *refused), ONCE)
+        for when, refused in [
+            *((21, (~0,)), (21, (~5, ~5)), (21, (~12,)), (20, (~5,))),
+            *((21, (5, 5)), (21, (12,)), (20, (5, 5)), (30, (4,))),
+        ]
+    },
+}
+
+
+@pytest.mark.parametrize("what", CASES)
+def test_a_false_reply_of_a_genuine_node_is_dropped_for_its_reason_and_the_flight_is_the_same(what: str) -> None:
+    flown, node, say, dropped = CASES[what]
+    lab = saying(flown, node, say)
+    summary = lab.fly()
+    assert summary["dropped_messages"] == dropped
+    assert summary["trajectory_sha256"] == honest(flown)
+    assert (summary["uploads_refused"], summary["states_refused"]) == (0, 0)
+    assert not any(box._frames for _, box in lab.world.post._boxes)
+
+
+def test_a_node_that_sends_nothing_else_is_lost_and_the_others_average_without_it() -> None:
+    lab = saying(rule("fedavg"), "agent-3", poison(np.nan))
+    times = itertools.count()
+    lab.world._waiting._clock = lambda: float(next(times))  # the barrier's patience ends at once
+    summary = lab.fly()
+    assert summary["dropped_messages"]["non-finite"] >= 1
+    assert (summary["lost"], summary["nodes_lost"], summary["rounds"]) == (1, 1, ROUNDS)
+
+
+def test_the_leader_refuses_a_finite_weight_beyond_all_bounds() -> None:
+    summary = saying(rule("fedavg"), "agent-3", poison(1e30)).fly()
+    assert summary["dropped_messages"] == {}
+    assert 0 < summary["uploads_refused"] <= ROUNDS  # an outage may have kept one from the leader
+    assert summary["rounds"] == ROUNDS
+
+
+def test_a_node_cannot_take_the_uploads_of_all_to_another_round() -> None:
+    """Frames of a kind go on the air together, those of UAV 0 first; its round must not be that of all."""
+    flown = rule("fedavg", "federation.leader=5")
+    silent = saying(flown, "agent-0", lambda act: [only(act) if act.outbox else act]).fly()
+
+    def elsewhere(act: Act) -> list[Act | bytes]:
+        return [only(act, *(Frames(batch.kind, 2**31, batch.source, batch.payload) for batch in act.outbox))]
+
+    lab = saying(flown, "agent-0", elsewhere)
+    summary = lab.fly()
+    assert summary["dropped_messages"] == {"wrong-round": ROUNDS}
+    assert summary["rounds"] == ROUNDS
+    assert summary["trajectory_sha256"] == silent["trajectory_sha256"]
+    assert not any(box._frames for _, box in lab.world.post._boxes)
+
+
+@pytest.mark.parametrize(
+    ("when", "refused", "counts"), [(PERIOD, (5,), (0, 1)), (PERIOD + 1, (5,), (0, 1)), (PERIOD + 1, (~5, 5), (1, 1))]
+)
+def test_states_and_uploads_that_a_head_refuses_are_counted_apart(
+    when: int, refused: tuple[int, ...], counts: tuple[int, int]
+) -> None:
+    def say(act: Act) -> list[Act | bytes]:
+        return [replace(act, refused=np.array(refused)) if act.tick == when else act]
+
+    summary = saying(HEADS, "agent-4", say).fly()
+    assert (summary["dropped_messages"], summary["uploads_refused"], summary["states_refused"]) == ({}, *counts)
+
+
+def test_a_head_that_lies_speaks_for_its_cluster_and_no_more() -> None:
+    """The documented limit: its relay weighs as much as its cluster has UAVs."""
+    flown = swarm("federation.fraction=1.0", *CLEAR)
+    lie = np.full(FLOATS, 7.0)
+
+    def say(act: Act) -> list[Act | bytes]:
+        false = frames(FrameKind.RELAY, 1, 4, np.append(lie, 4.0)[None])
+        return [only(act, false) if act.tick == PERIOD + 1 else act]
+
+    lab, heard = saying(flown, "agent-4", say), list[np.ndarray]()
+    lab.listen(lambda tick, batch: heard.append(batch.payload[0]) if batch.kind == FrameKind.GLOBAL else None)
+    lab.fly()
+    truth = globals_of(flown)[0]
+    others = (3 * heard[0] - lie) / 2  # the mean of the other eight
+    assert np.abs(heard[0] - truth).max() > 1
+    assert np.abs(others - truth).max() < 1
+
+
+# -- false states ---------------------------------------------------------------------------------------------------
+
+LIAR = 3
+TICKS = 120
+
+
+def flock(*settings: str) -> Scenario:
+    return load(None, ["uavs=6", f"duration={TICKS / 10}", *settings], method="hjb")
+
+
+def claiming(speed: float, x: float | None = None) -> Say:
+    """The node broadcasts this speed in m/s, and this position, of its UAV."""
+
+    def say(act: Act) -> list[Act | bytes]:
+        batches = []
+        for batch in act.outbox:
+            payload = batch.payload.copy()
+            payload[:, 2:] = speed / np.sqrt(2.0)
+            payload[:, 0] = payload[:, 0] if x is None else x
+            batches.append(Frames(batch.kind, batch.round, batch.source, payload))
+        return [replace(act, outbox=tuple(batches))]
+
+    return say
+
+
+@pytest.mark.parametrize(
+    ("say", "is_believed"),
+    [(claiming(1e6), False), (claiming(0.0, x=1e7), False), (claiming(99.0), True)],
+    ids=["an impossible speed", "a position out of reach", "a speed that could be true"],
+)
+def test_a_state_that_no_uav_can_have_is_not_used_counted_and_named(say: Say, is_believed: bool) -> None:
+    lab = saying(flock(), f"agent-{LIAR}", say)
+    summary = lab.fly()
+    texts = [(event.tick, event.text) for event in lab.record.events if "states of UAV" in event.text]
+    assert (summary["lost"], summary["dropped_messages"]) == (0, {})
+    # Sent in every tick after the first and received one later; counted once a tick, and one event.
+    assert summary["states_refused"] == (0 if is_believed else TICKS - 2)
+    assert texts == ([] if is_believed else [(2, f"states of UAV {LIAR} were not believed: no UAV can be so")])
+    assert is_believed or summary["phi_A"] == pytest.approx(honest(flock(), "phi_A"), rel=0.1)
+
+
+@pytest.mark.parametrize("settings", [(), ("wind.sigma=2",), ("radio.bits_per_float=16",)])
+def test_honest_states_are_used(settings: tuple[str, ...]) -> None:
+    assert honest(flock(*settings), "states_refused") == 0
+
+
+@given(st.floats(0.0, 300.0), st.floats(0.0, 2 * np.pi), st.sampled_from([50.0, 100.0]))
+def test_a_state_is_used_exactly_if_its_speed_is_below_the_bound(speed: float, heading: float, bound: float) -> None:
+    check = plausible(load(None, [f"radio.plausible_speed={bound}"]))
+    velocity = speed * np.array([np.cos(heading), np.sin(heading)])
+    assert not check(np.array([[0, 0, 65536, 0]], dtype=np.int32)).any()  # its square is 0 in 32 bits
+    if abs(speed - bound) > 1e-9 * bound:
+        assert check(np.array([[150.0, 100.0, *velocity]])).tolist() == [speed < bound]
