@@ -29,14 +29,6 @@ def test_a_uav_without_a_reply_keeps_its_command_and_reports_nothing(but: list[i
     assert commands.largest.tolist() == ever[:, 2:].max(axis=0).tolist()
 
 
-def test_the_command_of_an_inactive_uav_is_not_used() -> None:
-    commands, awake = Commands(UAVS, 3), np.array([True, False, True, True, False])
-    commands.store(said(), ALL, awake, ALL)
-    assert commands.accelerations.any(axis=-1).tolist() == awake.tolist()
-    assert commands.diagnostics.any(axis=-1).tolist() == awake.tolist()
-    assert (commands.largest == np.abs(commands.diagnostics).max(axis=0)).all()
-
-
 @pytest.mark.parametrize("column", range(5))
 @pytest.mark.parametrize("size", [BEYOND_SENSE, -BEYOND_SENSE, np.inf, np.nan])
 def test_a_command_beyond_the_bound_is_named_and_not_used(size: float, column: int) -> None:

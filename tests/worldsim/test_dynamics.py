@@ -53,15 +53,6 @@ def test_drag_pulls_the_velocity_to_the_mean_wind_geometrically() -> None:
     np.testing.assert_allclose(fly(flown, start, 0.0, n)[state.VELOCITY], expected, rtol=1e-12)
 
 
-def test_the_velocity_moves_first_and_the_position_with_the_new_one() -> None:
-    flown = scenario(dt=0.5, sigma=2.0, drag=0.25, mean=(1.0, 0.0))
-    noise = np.array([0.3, -0.7])
-    moved = moved_by(flown, np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.5, 0.6]), noise)
-    velocity = np.array([3.0 + 0.5 * (0.5 - 0.25 * 2.0), 4.0 + 0.5 * (0.6 - 0.25 * 4.0)])
-    velocity += 2.0 * math.sqrt(0.5) * noise
-    np.testing.assert_allclose(moved, [*(np.array([1.0, 2.0]) + 0.5 * velocity), *velocity], rtol=1e-14)
-
-
 @pytest.mark.parametrize("case", ORACLE, ids=lambda case: f"{case['t_s']}s")
 def test_mean_and_variance_are_those_of_the_ornstein_uhlenbeck_wind(case: dict[str, Any]) -> None:
     dt = {1.0: 0.01, 10.0: 0.02, 50.0: 0.05}[case["t_s"]]

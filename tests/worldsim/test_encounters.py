@@ -8,7 +8,6 @@ import pytest
 
 from meanflock.swarm import state
 from meanflock.swarm.scenario import load
-from meanflock.swarm.wire.messages import Status
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.summary import flight_summary
 from tests.worldsim.flights import calm, idle, kinds, put
@@ -86,23 +85,6 @@ def test_uavs_that_pass_each_other_between_two_ticks_collide(arrives: bool) -> N
     assert flight.encounters.closest_approach_m == pytest.approx(0.05)
     assert math.dist(*flight.states[:2, state.POSITION]) == pytest.approx(math.hypot(0.2, 0.05))
     assert flight.near_sum - near == 1  # φ_C is measured at ticks
-
-
-def test_a_uav_without_a_segment_touches_nobody() -> None:
-    """One is put back because it diverged, one is on the ground until the tick has ended: others fly through both."""
-    flight = calm("start.formation=waves", "start.group=3", "start.interval=0.1", uavs=4)
-    start, command = flight.states[3, state.POSITION], np.zeros((4, 2))
-    put(flight, 0, position=start - [0.2, 0.0], velocity=(4.0, 0.0))
-    put(flight, 1, position=(50.0, 0.0))
-    put(flight, 2, position=(50.2, 0.0), velocity=(-4.0, 0.0))
-    command[1] = np.inf
-    flight.advance(command)
-    assert flight.status.tolist() == [Status.FLYING, Status.LOST, Status.FLYING, Status.FLYING]
-    assert (flight.waiting, flight.encounters.touched) == (None, set())
-    put(flight, 0, position=start - [0.2, 0.0], velocity=(4.0, 0.0))
-    put(flight, 2, position=(50.2, 0.0), velocity=(-4.0, 0.0))
-    idle(flight)
-    assert (flight.encounters.touched, flight.encounters.collided) == ({(0, 3), (1, 2)}, {(0, 3)})
 
 
 def test_an_obstacle_hit_counts_once_a_uav_and_disc() -> None:

@@ -1,7 +1,5 @@
 """Metrics over HTTP, read by the parser of Prometheus: the numbers of the summary, and the same flight."""
 
-import socket
-import threading
 import urllib.request
 from collections.abc import Iterator
 from typing import Any
@@ -10,14 +8,13 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.address import Address
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import Telemetry
 from meanflock.worldsim.exporter import exported
 from meanflock.worldsim.timing import BOUNDS_S
-from tests.polling import DEADLINE_S, until
+from tests.polling import DEADLINE_S
 
 RUN = "watched"
 ANY = Address("127.0.0.1", 0)
@@ -132,41 +129,3 @@ def test_unknown_metrics_are_absent_and_nodes_are_counted_as_they_come_and_go(en
     assert after("nodes_lost_total") == 1
     assert after("uavs", status="lost") == 2
     assert after("real_time_factor") > 0.0
-
-
-def test_a_flight_whose_metrics_are_read_is_the_same_flight() -> None:
-    alone = Engine(flown(), RUN)
-    for _ in alone.fly():
-        pass
-    watched = Engine(flown(), RUN)
-    over, wrong, scrapes = threading.Event(), [], []
-
-    def read(url: str) -> None:
-        try:
-            while not over.is_set():
-                scrapes.append(Scrape(url)("ticks_total"))
-        except Exception as error:
-            wrong.append(error)
-
-    with exported(watched.world, ANY) as url:
-        readers = [threading.Thread(target=read, args=(url,)) for _ in range(2)]
-        for reader in readers:
-            reader.start()
-        for tick in watched.fly():
-            if tick == 60:  # the flight is short, and a reader may not have come to it yet
-                until(lambda: 60 in scrapes or wrong, "a reader of tick 60")
-        over.set()
-        for reader in readers:
-            reader.join()
-    assert wrong == []
-    assert 60 in scrapes
-    assert watched.world.flight.trajectory_sha256 == alone.world.flight.trajectory_sha256
-
-
-def test_the_port_is_open_only_within_the_block(engine: Engine) -> None:
-    with exported(engine.world, ANY) as url:
-        port = int(url.removesuffix("/metrics").rpartition(":")[2])
-        with pytest.raises(BadInput, match=f"--metrics 127.0.0.1:{port}: .*free port"):
-            exported(engine.world, Address("127.0.0.1", port)).__enter__()
-    with pytest.raises(ConnectionRefusedError):
-        socket.create_connection(("127.0.0.1", port), timeout=5)

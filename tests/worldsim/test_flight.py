@@ -33,15 +33,6 @@ def test_an_arrival_is_recorded_once_with_its_time_energy_and_distance() -> None
     assert flight_summary(flight)["t_avg_s"] == pytest.approx(0.1 * arrived)
 
 
-def test_an_arrived_uav_goes_on_flying_by_its_commands() -> None:
-    flight = calm('stop="duration"', uavs=1)
-    put(flight, 0, position=(1.0, 0.0))
-    idle(flight)
-    assert flight.status[0] == Status.ARRIVED
-    flight.advance(np.array([[2.0, 0.0]]))
-    assert flight.states[0, state.VX] == pytest.approx(0.2)
-
-
 def test_the_flight_is_over_when_everyone_arrived_or_is_lost_or_at_its_duration() -> None:
     flight = calm("duration=2", uavs=2)
     put(flight, 0, position=(0.0, 0.0))
@@ -56,35 +47,6 @@ def test_the_flight_is_over_when_everyone_arrived_or_is_lost_or_at_its_duration(
     assert until_the_end.tick == 20
 
 
-def test_a_collision_counts_once_a_pair() -> None:
-    flight = calm()
-    put(flight, 1, position=flight.states[0, state.POSITION] + [0.1000001, 0.0])
-    idle(flight)
-    assert flight.collisions == 0
-    put(flight, 1, position=flight.states[0, state.POSITION] + [0.05, 0.0])
-    idle(flight, 3)
-    assert flight.collisions == 1
-    put(flight, 1, position=flight.states[0, state.POSITION] + [5.0, 0.0])
-    idle(flight)
-    put(flight, 1, position=flight.states[0, state.POSITION] + [0.0, -0.09])
-    idle(flight, 2)
-    assert flight.collisions == 1
-    put(flight, 2, position=flight.states[0, state.POSITION])
-    idle(flight, 2)
-    assert flight.collisions == 3
-    assert kinds(flight) == [("collision", (0, 1)), ("collision", (0, 2)), ("collision", (1, 2))]
-
-
-@pytest.mark.parametrize("status", [Status.ARRIVED, Status.LOST])
-@pytest.mark.parametrize("which", [0, 1])
-def test_only_pairs_that_are_both_on_the_way_collide(which: int, status: Status) -> None:
-    flight = calm()
-    flight.status[which] = status
-    put(flight, 1, position=flight.states[0, state.POSITION])
-    idle(flight, 2)
-    assert flight.collisions == 0
-
-
 def test_a_lost_uav_gets_no_command_and_never_arrives() -> None:
     flight = calm()
     put(flight, 0, position=(1.0, 0.5), velocity=(1.0, 2.0))
@@ -97,14 +59,6 @@ def test_a_lost_uav_gets_no_command_and_never_arrives() -> None:
     np.testing.assert_allclose(flight.states[1, state.VELOCITY], 0.5)
     assert kinds(flight) == [("lost", (0,))]
     assert flight_summary(flight)["lost"] == 1
-
-
-def test_a_uav_that_diverges_at_its_goal_is_lost_and_has_not_arrived() -> None:
-    flight, command = calm(), np.zeros((3, 2))
-    put(flight, 1, position=(1.0, 0.5))
-    command[1] = np.inf
-    flight.advance(command)
-    assert (flight.status[1], flight.arrival_tick[1]) == (Status.LOST, -1)
 
 
 @pytest.mark.parametrize("command", [np.nan, np.inf, -np.inf, 1e308, -1e12])

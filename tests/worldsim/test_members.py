@@ -20,14 +20,6 @@ def test_a_repeated_join_gets_the_same_place() -> None:
         members.admit(Join("agent", 1, token=14))
 
 
-def test_a_repeated_join_for_a_uav_is_not_refused() -> None:
-    members = Members(4, leaders=0)
-    own = members.admit(Join("agent", 2, 2, token=5))
-    assert members.admit(Join("agent", 2, 2, token=5)) is own
-    with pytest.raises(JoinRefused, match="UAV 2"):
-        members.admit(Join("agent", 2, 2, token=6))
-
-
 def test_a_token_does_not_count_once_its_node_is_ready_or_lost() -> None:
     members = Members(4, leaders=0)
     for token in (7, 8):
