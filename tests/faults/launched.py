@@ -1,6 +1,5 @@
 """`meanflock run` in a process of its own, and the processes that it starts."""
 
-import json
 import os
 import signal
 import subprocess
@@ -12,7 +11,7 @@ from typing import Any
 
 import psutil
 
-from tests.faults.conftest import events_in, spool_bytes
+from tests.faults.by_hand import events_in, spool_bytes
 from tests.polling import DEADLINE_S, until
 
 COMMAND = [sys.executable, "-m", "meanflock.groundstation.cli"]
@@ -71,6 +70,10 @@ class Launched:
             f"{count} events {kind}",
         )
 
+    def count(self, kind: str) -> int:
+        """How many events of a kind are on the disk."""
+        return sum(event["kind"] == kind for event in events_in(self.folder))
+
     def flying(self, more: int = 20_000) -> None:
         """Waits until that many more bytes of telemetry are on the disk."""
         before = spool_bytes(self.out)
@@ -81,12 +84,6 @@ class Launched:
         out, err = self.process.communicate(timeout=DEADLINE_S)
         assert self.process.returncode == code, err
         return out, err
-
-    def interrupt(self) -> dict[str, Any]:
-        """Ends an endless flight; its summary."""
-        self.process.send_signal(signal.SIGINT)
-        self.ended(1)
-        return json.loads((self.folder / "summary.json").read_text())
 
 
 @contextmanager

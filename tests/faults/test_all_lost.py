@@ -47,8 +47,9 @@ def test_a_flight_without_agents_stands_still_until_the_first_is_back() -> None:
     assert (summary["nodes_lost"], summary["nodes_rejoined"]) == (3, 1)
 
 
-def test_a_flight_without_agents_fails_after_the_time_of_a_barrier_if_no_agent_comes_back() -> None:
-    lab = Patient()
+@pytest.mark.parametrize("stop", ["duration", "arrival"])
+def test_a_flight_without_agents_fails_after_the_time_of_a_barrier_if_no_agent_comes_back(stop: str) -> None:
+    lab = Patient(f"stop={stop}")
     with pytest.raises(RunFailed, match="every agent is lost, and none came back within 10 s"):
         lab.fly({40: lab.kill_all})
     assert 10.0 < lab.now <= 11.0

@@ -15,31 +15,15 @@ from meanflock.federation.schedule import Schedule
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from tests.faults.clusters import CLEAR, FLOATS, PERIOD, globals_of, swarm
-from tests.faults.conftest import Lab, honest, scenario
-from tests.swarm.examples import read, written
+from tests.faults.conftest import Say, honest, saying, scenario
+from tests.swarm.examples import written
 
 replace = msgspec.structs.replace
 ROUNDS = 5  # of every flight, opened in ticks 20, 40 …
-Say = Callable[[Act], list[Act | bytes]]
 
 
 def rule(name: str, *more: str) -> Scenario:
     return scenario("federation.fraction=1.0", f'federation.aggregation="{name}"', *more)
-
-
-def saying(flown: Scenario, node: str, say: Say) -> Lab:
-    """A flight in which a node sends `say(act)` in place of each act."""
-    lab = Lab(flown, uavs_per_node=1)
-    client = lab.client_of(node)
-    put = client._bus.put
-
-    def speak(key: str, raw: bytes) -> None:
-        act = read(raw)
-        for message in say(act) if isinstance(act, Act) else [raw]:
-            put(key, message if isinstance(message, bytes) else written(message))
-
-    client._bus.put = speak  # type: ignore[method-assign]
-    return lab
 
 
 def frames(kind: FrameKind, number: int, uav: int, payload: np.ndarray) -> Frames:

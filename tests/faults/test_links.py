@@ -1,4 +1,4 @@
-"""The links of a router, some of which end: the others go on."""
+"""Links of a router, some of which end: the others go on."""
 
 import subprocess
 import sys
@@ -35,46 +35,42 @@ class Router:
         self._endpoint = free_endpoint()
         self.bus = ZenohBus.router(self._endpoint)
         self.bus.watch("links/alive/*/*")
-        self.alive: set[str] = set()
-        self.gone: list[str] = []
-        self._processes: list[subprocess.Popen[bytes]] = []
+        self.alive: dict[str, bool] = {}  # by key of a token
+        self.processes: list[subprocess.Popen[bytes]] = []
 
-    def clients(self, name: str, count: int) -> "subprocess.Popen[bytes]":
-        """A process with so many sessions, all of which are there."""
+    def start(self, name: str, count: int) -> "subprocess.Popen[bytes]":
+        """A process with so many sessions."""
         process = subprocess.Popen([sys.executable, "-c", CLIENTS, self._endpoint, name, str(count)])
-        self._processes.append(process)
-        until(lambda: self.present(name) == count, f"{count} sessions of {name}", pause_s=0.0)
+        self.processes.append(process)
+        self.wait_for(name, count)
         return process
 
-    def present(self, name: str) -> int:
-        """How many sessions of that name are there."""
-        while (delivery := self.bus.receive(0.01)) is not None:
-            if delivery.kind == "alive":
-                self.alive.add(delivery.key)
-            else:
-                self.alive.discard(delivery.key)
-                self.gone.append(delivery.key)
-        return sum(key.split("/")[2] == name for key in self.alive)
+    def wait_for(self, name: str, count: int) -> None:
+        """Waits until so many sessions of a name are alive."""
 
-    def close(self) -> None:
-        for process in self._processes:
-            process.kill()
-            process.wait()
-        self.bus.close()
+        def present() -> bool:
+            while (delivery := self.bus.receive(0.01)) is not None:
+                self.alive[delivery.key] = delivery.kind == "alive"
+            return sum(alive for key, alive in self.alive.items() if name in key) == count
+
+        until(present, f"{count} sessions of {name}", pause_s=0.0)
 
 
 @pytest.fixture
 def router() -> Iterator[Router]:
     one = Router()
     yield one
-    one.close()
+    for process in one.processes:
+        process.kill()
+        process.wait()
+    one.bus.close()
 
 
 @pytest.mark.processes
 def test_clients_that_die_while_much_is_sent_cost_no_other_client_its_link(router: Router) -> None:
-    """The thread that tells of a link that ended must not be the one that sends: else the router waits for itself, for
+    """The thread that reports the end of a link must not be the one that sends: else the router waits for itself for
     as long as a lease, and closes links that are well."""
-    router.clients("listener", 1)
+    router.start("listener", 1)
     over = threading.Event()
 
     def send(name: str, count: int, payload: bytes) -> None:
@@ -87,11 +83,11 @@ def test_clients_that_die_while_much_is_sent_cost_no_other_client_its_link(route
     for thread in sending:
         thread.start()
     try:
-        for _ in range(3):
-            router.clients("dying", DYING).kill()
-            until(lambda: router.present("dying") == 0, "the dead to be missed", pause_s=0.0)
+        for _ in range(2):
+            router.start("dying", DYING).kill()
+            router.wait_for("dying", 0)
     finally:
         over.set()
         for thread in sending:
             thread.join()
-    assert not [key for key in router.gone if "listener" in key]
+    assert router.alive["links/alive/listener/0"]

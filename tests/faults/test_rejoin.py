@@ -1,18 +1,14 @@
 """A node that is lost costs nobody else anything, and another may take its place."""
 
-from contextlib import suppress
-
 import numpy as np
 import pytest
 
 from meanflock.agent.node import Agent
-from meanflock.swarm.errors import BusError, Refused, RunFailed
+from meanflock.swarm.errors import BusError, Refused
 from meanflock.swarm.net import keys
-from meanflock.swarm.net.bus import Delivery, MemoryNetwork
-from meanflock.swarm.net.client import NodeClient
+from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Act, Join, Ready, Status, Stop
-from meanflock.worldsim.world import World
 from tests.faults.conftest import RUN, Lab, scenario
 
 NUMBER = keys.fingerprint(RUN)
@@ -149,53 +145,3 @@ def test_a_node_that_never_becomes_ready_frees_its_place_in_flight() -> None:
     summary = lab.fly({10: lambda: lab.kill("agent-5"), 20: half, 30: patience_ends, 32: lab.agent})
     assert summary["lost"] == 0
     assert [event.tick for event in lab.record.events if event.kind == "rejoined"] == [32]
-
-
-def test_a_node_that_becomes_ready_after_the_flight_is_sent_home() -> None:
-    lab = Lab(scenario(), uavs_per_node=1)
-    late = lab.engine.network.endpoint()
-
-    def half() -> None:
-        raw = control.encode(Join("agent", 1))
-        lab.world.handle(Delivery("question", keys.join(RUN, "agent"), raw, lambda answer: None))
-
-    lab.fly({10: lambda: lab.kill("agent-5"), 100: half})
-    late.subscribe(keys.sense(RUN, "agent-5.2"))  # only now: what the world said at the end it has not heard
-    late.put(keys.act(RUN, "agent-5.2"), control.encode(Ready(NUMBER)))
-    heard = late.receive(0.0)
-    assert heard is not None
-    stop = control.decode(heard.payload)
-    assert isinstance(stop, Stop)
-    assert (stop.run, stop.reason) == (NUMBER, "finished")
-
-
-def test_a_node_that_never_becomes_ready_frees_its_place_before_take_off(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    network = MemoryNetwork()
-    hub, stranger, bus = (network.endpoint() for _ in range(3))
-    now = 0.0
-    world = World(scenario("uavs=1", method="cruise"), hub, RUN, clock=lambda: now)
-    hub.handler = world.handle
-    monkeypatch.setattr(world, "_wait", lambda timeout_s: None)
-    assert stranger.ask(keys.join(RUN, "agent"), control.encode(Join("agent", 1)), 1.0) is not None
-    client = NodeClient(bus, RUN)
-    bus.handler = client.handle
-
-    def tries() -> bool:
-        nonlocal now
-        now += 1.0
-        with suppress(BusError):
-            client.join(Join("agent", 1), Agent, 0.0)
-        return False
-
-    world.gather(60.0, tries)
-    assert now < 40.0
-    assert [member.name for member in world.members.present] == ["agent-0.2"]
-
-
-def test_a_mission_that_waits_for_arrivals_ends_if_all_nodes_are_lost_at_one_barrier() -> None:
-    lab = Lab(scenario("uavs=2", "stop=arrival", "federation.period=1000"), uavs_per_node=1)
-    with pytest.raises(RunFailed, match="every agent is lost"):
-        lab.fly({5: lambda: [lab.freeze(name) for name in ("agent-0", "agent-1")]})
-    assert lab.record.kinds("lost", "failed", "finished") == [(5, "lost"), (5, "lost"), (6, "failed")]

@@ -1,15 +1,13 @@
 """A flight under fire: mutated messages reach every receiver of a swarm between its ticks and in the middle of them."""
 
-import copy
 import json
 import tempfile
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import psutil
 
 from meanflock.groundstation.launch.engine import Engine
@@ -22,10 +20,11 @@ from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery, MemoryNetwork
 from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire import control, tick
+from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Act, Event, Finished, Join, Ready, Received, Refusal, Sense, Stop, Telemetry
+from tests.faults.conftest import saying
 from tests.fuzz.mutation import Mutator
-from tests.swarm.examples import read
+from tests.swarm.examples import read, written
 
 RUN = "fuzz"
 NUMBER = keys.fingerprint(RUN)
@@ -82,14 +81,10 @@ class Siege:
         self._told = told
         self._engine = Engine(self._flown, RUN, uavs_per_node=ROWS, leaders=2)
         self._world = self._engine.world
-        self._spokes = [bus.handler.__self__ for bus in self._engine.network.endpoints if self._is_spoke(bus.handler)]
-        self._kept: dict[int, Any] = {}  # of a client's node, a twin that may be spoiled
+        handlers = [getattr(bus.handler, "__self__", None) for bus in self._engine.network.endpoints]
+        self._spokes = [handler for handler in handlers if isinstance(handler, NodeClient)]
         self._turn, self._ambushed = 0, -1
         self._answers: list[bytes] = []
-
-    @staticmethod
-    def _is_spoke(handler: Any) -> bool:
-        return isinstance(getattr(handler, "__self__", None), NodeClient)
 
     def fly(self) -> dict[str, Any]:
         """The flight, to its end; its summary.
@@ -105,7 +100,6 @@ class Siege:
             self._target = self._station()
             self._ambush()
             for _ in self._engine.fly():
-                self._kept.clear()
                 self._assault(self._a_tick - self._a_tick // 2)
                 self.rss.append(process.memory_info().rss)
                 self._told(sum(self.thrown.values()))
@@ -194,25 +188,12 @@ class Siege:
     # -- agents and leaders ---------------------------------------------------------------------------------------
 
     def _at_node(self, raw: bytes, message: Any) -> None:
-        """What nobody but the world could have said is shown to a twin; the node itself hears everything else."""
+        """The node is told everything but what only the world could have said."""
         client = self._spokes[self._turn // 4 % len(self._spokes)]
-        if isinstance(message, Stop) and message.run == NUMBER:
+        is_new = isinstance(message, Stop) or (isinstance(message, Sense) and message.tick > client._last_tick)
+        if is_new and message.run == NUMBER:
             self.outcome["not thrown: the world's own word"] += 1
             return
-        if isinstance(message, Sense) and message.run == NUMBER and message.tick > client._last_tick:
-            if id(client) not in self._kept:
-                self._kept[id(client)] = copy.deepcopy(client._node, _whole(client._node))
-            try:
-                sense = tick.read_sense(raw, client._blank.copy())
-                act = tick.read_act(tick.write_act(self._kept[id(client)].act(sense)))
-            except MessageRejected:
-                pass  # thrown at the node, too
-            else:
-                if not np.isfinite(act.commands).all():
-                    raise Broken(f"answered with {act}: {raw.hex()}")
-                self.outcome["not thrown: the world's own word"] += 1
-                del self._kept[id(client)]
-                return
         self.thrown["leader" if isinstance(client._node, Leader) else "agent"] += 1
         before = client.dropped.total()
         client.handle(Delivery("message", keys.sense(RUN, "x"), raw))
@@ -238,37 +219,22 @@ class Siege:
             self._target = self._station()  # the next block may have any number again
 
 
-def _whole(node: Any) -> dict[int, Any]:
-    """What a copy of a node shares with it: the tables as the kernels take them, which nobody can change or copy."""
-    learner = getattr(getattr(getattr(node, "_controller", None), "_controller", None), "learner", None)
-    prepared = getattr(learner, "_prepared", None)
-    return {} if prepared is None else {id(prepared): prepared}
-
-
 class Insider:
-    """A flight one of whose nodes is possessed: before every honest answer it sends mutations of it."""
+    """A flight one of whose nodes is possessed: before every honest reply it sends mutations of it."""
 
     def __init__(self, count: int, seed: int, who: str, clusters: int = 1) -> None:
-        self._count, self._seed, self._who, self._clusters = count, seed, who, clusters
+        self._count, self._seed, self._who, self._flown = count, seed, who, scenario(clusters)
         self.let_in = 0
 
     def fly(self) -> dict[str, Any]:
         """The flight, to its end; its summary, as JSON can hold it."""
-        engine = Engine(scenario(self._clusters), RUN, uavs_per_node=1, leaders=1)
-        client = next(
-            b.handler.__self__ for b in engine.network.endpoints if keys.sense(RUN, self._who) in b._subscriptions
-        )
-        bus, barrier = client._bus, engine.world._barrier
-        put = bus.put
 
-        def possessed(key: str, raw: bytes) -> None:
-            mutate = Mutator([raw], self._seed + engine.world.flight.tick)
+        def possessed(act: Act) -> Iterator[Act | bytes]:
+            mutate = Mutator([written(act)], self._seed + act.tick)
             for _ in range(-(-self._count // TICKS)):
-                put(key, mutate(engine.world.flight.tick))
-            self.let_in += self._who in barrier.acts
-            put(key, raw)
+                yield mutate(act.tick)
+            self.let_in += self._who in lab.world._barrier.acts
+            yield act
 
-        bus.put = possessed
-        for _ in engine.fly():
-            pass
-        return json.loads(json.dumps(engine.world.finish(), allow_nan=False))
+        lab = saying(self._flown, self._who, possessed)
+        return json.loads(json.dumps(lab.fly(), allow_nan=False))

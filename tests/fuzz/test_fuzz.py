@@ -1,4 +1,4 @@
-"""Mutated messages, thrown at every receiver in mid-flight: nothing but counted drops. `make fuzz` throws a million."""
+"""Mutated messages, thrown at every receiver in mid-flight: only counted drops. `make fuzz` throws a million."""
 
 import pytest
 
@@ -7,9 +7,8 @@ from tests.fuzz.siege import Insider, Siege
 COUNT = 5000
 
 
-@pytest.mark.parametrize("clusters", [1, 3])
-def test_a_flight_under_fire_ends_as_the_one_in_peace(clusters: int) -> None:
-    siege = Siege(COUNT, seed=1, clusters=clusters)
+def test_a_flight_under_fire_ends_as_the_one_in_peace() -> None:
+    siege = Siege(COUNT, seed=1, clusters=3)
     summary = siege.fly()
     for name in ("trajectory_sha256", "rounds", "arrived", "lost", "collisions", "payload_bits", "radio", "wire_bytes"):
         assert summary[name] == siege.expected[name], name
@@ -22,7 +21,7 @@ def test_a_flight_under_fire_ends_as_the_one_in_peace(clusters: int) -> None:
     assert {"wrong-kind", "wrong-run", "stale", "unknown-node", "wrong-shape"} <= set(summary["dropped_messages"])
 
 
-@pytest.mark.parametrize(("who", "clusters"), [("agent-0", 1), ("agent-4", 1), ("leader", 1), ("agent-4", 3)])
+@pytest.mark.parametrize(("who", "clusters"), [("agent-0", 1), ("leader", 1), ("agent-4", 3)])
 def test_a_node_gone_mad_ends_neither_the_flight_nor_what_is_told_of_it(who: str, clusters: int) -> None:
     insider = Insider(1000, seed=2, who=who, clusters=clusters)
     summary = insider.fly()

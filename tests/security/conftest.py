@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import psutil
 import pytest
 
@@ -32,6 +33,8 @@ UAVS = 5
 HELD = 4  # the agent that stands still
 HOLD_TICK = 25
 SETTINGS = (f"uavs={UAVS}", "seed=7", "duration=6", "federation.period=10")
+ME, VICTIM = "agent-3", f"agent-{HELD}"
+PATIENCE_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -61,10 +64,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Folders:
 @pytest.fixture(scope="session")
 def undisturbed() -> str:
     """The trajectory of the flight if nobody disturbs it."""
-    engine = Engine(scenario.load(None, SETTINGS), RUN)
-    for _ in engine.fly():
-        pass
-    return str(engine.world.finish()["trajectory_sha256"])
+    return str(Engine(scenario.load(None, SETTINGS), RUN).complete()["trajectory_sha256"])
 
 
 def act_in(raw: bytes) -> Act | None:
@@ -72,8 +72,13 @@ def act_in(raw: bytes) -> Act | None:
     return tick.read_act(raw) if raw[1:2] in tick.TYPES else None
 
 
+def forged() -> bytes:
+    """An Act that would send a UAV off at full tilt."""
+    return tick.write_act(Act(keys.fingerprint(RUN), HOLD_TICK, np.array([[50.0, -50.0, 0.0, 0.0, 0.0]])))
+
+
 class Holding:
-    """A bus that keeps what is put, and stands still before the answer to one tick is out."""
+    """A bus that notes all messages put, and stands still before the reply to one tick."""
 
     def __init__(self, bus: Bus, go_on: threading.Event) -> None:
         self._bus, self._go_on = bus, go_on
@@ -95,7 +100,7 @@ class Holding:
 
 @dataclass
 class Flight:
-    """A world in a process of its own, and everyone else in threads of this one."""
+    """A world in a process of its own, and the nodes in threads of this one."""
 
     folders: Folders | None  # None: without TLS
     log: Path

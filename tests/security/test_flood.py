@@ -13,11 +13,10 @@ from meanflock.swarm import scenario
 from meanflock.swarm.net import keys
 from meanflock.worldsim.limits import Limits, Quotas
 from tests.polling import until
-from tests.security.conftest import RUN, SETTINGS, Flight
+from tests.security.conftest import ME, RUN, SETTINGS, Flight
 
 pytestmark = pytest.mark.processes
 
-ME = "agent-3"
 FLOWN = scenario.load(None, SETTINGS)
 LONGEST = Quotas(RUN, FLOWN, Limits(FLOWN), rows_at_most=1).largest  # bytes of a message of anyone
 PROCESSES, SESSIONS, MEGABYTES = 5, 2, 60

@@ -1,193 +1,204 @@
-"""What happens to a swarm on a bad day. A mishap is a script: it hurts somebody, yields what must come true, mends."""
+"""Mishaps of a swarm on processes. Each hurts a node, waits for what must come true, and mends it."""
 
 import random
 import signal
+import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from contextlib import contextmanager
+from pathlib import Path
 
 from meanflock.swarm.net import keys
+from meanflock.swarm.net.access import Identity
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Join
+from tests.faults.by_hand import Flight, spool_bytes
 from tests.fuzz.mutation import Mutator
-from tests.polling import LINK_SURE_S
-from tests.soak.swarm import Flock
+from tests.polling import DEADLINE_S, LINK_SURE_S, until
 
 
-class Wait(NamedTuple):
-    """What a mishap waits for. While a process starts, the flight may be held, lest it be over before."""
+class Mishaps:
+    """Draws mishaps for a flight under TLS; several threads may do so. The agent of UAV 0 is never hurt."""
 
-    what: str
-    met: Callable[[], bool]
-    starting: bool = False
-
-
-Mishap = Iterator[Wait]
-
-
-STATION_DIES_UNTIL = 0.6  # of the flight: the last one lives long enough for its memory to be judged
-
-
-class BadDay:
-    """Draws mishaps; nobody is hit twice at once, and one leader always stays."""
-
-    def __init__(self, flock: Flock, seed: int) -> None:
-        self._flock, self._draw = flock, random.Random(f"mishaps {seed}")
-        self.busy: set[str | int] = set()  # UAVs and roles something happens to now
-        self.lost = 0  # nodes the world must have counted as lost
-        self._kinds: dict[Callable[[], Mishap], int] = {
+    def __init__(self, flight: Flight, certificates: Path, scratch: Path, seed: int) -> None:
+        """`scratch`: a folder for the runs of other stations."""
+        self.lost = 0  # nodes that the world must have counted as lost
+        self.happened: Counter[str] = Counter()
+        self._flight, self._certificates, self._scratch = flight, certificates, scratch
+        self._random = random.Random(f"mishaps {seed}")
+        self._lock = threading.Lock()
+        self._well = set(range(1, len(flight.agents)))  # UAVs that nothing happens to now
+        self._roles = {"agent", "leader", "station", "stranger"}  # of which the next mishap may be
+        self._kinds: dict[Callable[[], None], int] = {
             self.agent_killed: 6,
-            self.agent_frozen_a_moment: 3,
+            self.agent_paused: 3,
             self.agent_frozen: 1,
+            self.agent_replaced_while_frozen: 1,
+            self.agent_replaced_by_one_that_waits: 1,
             self.leader_killed: 3,
             self.station_killed: 2,
-            self.station_interrupted: 1,
+            self.station_terminated: 1,
             self.station_frozen: 1,
             self.stranger: 2,
         }
-        self._bag: list[Callable[[], Mishap]] = []
+        self._bag: list[Callable[[], None]] = list(self._kinds)  # each kind once, then by weight
+        self._random.shuffle(self._bag)
 
-    def next(self) -> tuple[str, Mishap]:
-        """A mishap whose victims are well; each kind comes as often as its weight says, in an order that is drawn."""
-        late = self._flock.tick > STATION_DIES_UNTIL * self._flock.ticks
-        for attempt in range(2):
-            for kind in list(self._bag):
-                role = kind.__name__.split("_")[0]
-                if role not in self.busy and not (late and kind in (self.station_killed, self.station_interrupted)):
+    @property
+    def each_happened(self) -> bool:
+        """Whether each kind has happened."""
+        return len(self.happened) == len(self._kinds)
+
+    def next(self) -> Callable[[], None] | None:
+        """A mishap whose victims are well; None if there is none now."""
+        with self._lock:
+            if not self._bag:
+                self._bag = [kind for kind, weight in self._kinds.items() for _ in range(weight)]
+                self._random.shuffle(self._bag)
+            for kind in self._bag:
+                role = kind.__name__.partition("_")[0]
+                if role in self._roles and (self._well or role in ("leader", "station")):
                     self._bag.remove(kind)
-                    return kind.__name__.replace("_", " "), kind()
-            if not attempt:
-                fresh = [kind for kind, weight in self._kinds.items() for _ in range(weight)]
-                self._draw.shuffle(fresh)
-                self._bag += fresh
-        raise AssertionError("strangers are never busy")
+                    self._roles -= {role} - {"agent"}
+                    self.happened[kind.__name__.replace("_", " ")] += 1
+                    return kind
+            return None
 
-    def idle_agent(self) -> int:
+    @contextmanager
+    def _an_agent(self) -> Iterator[int]:
         """A UAV whose agent is well."""
-        return self._draw.choice([uav for uav in self._flock.agents if uav not in self.busy])
+        until(lambda: self._well, "an agent that is well")
+        with self._lock:
+            uav = self._random.choice(sorted(self._well))
+            self._well.discard(uav)
+        yield uav
+        with self._lock:
+            self._well.add(uav)
 
-    # -- agents -------------------------------------------------------------------------------------------------------
+    @contextmanager
+    def _is_lost(self, *uavs: int) -> Iterator[None]:
+        """Waits for the loss of a node with these UAVs after the block."""
+        losses = self._flight.count("lost", uavs)
+        yield
+        with self._lock:
+            self.lost += 1
+        self._flight.event("lost", losses + 1, uavs)
 
-    def agent_killed(self) -> Mishap:
-        """kill -9, and another process in its place."""
-        uav = self._taken_uav()
-        lost, back = self._flock.count("lost", uav), self._flock.count("rejoined", uav)
-        self._flock.agents[uav].kill()
-        self.lost += 1
-        yield Wait(f"UAV {uav} is lost", lambda: self._flock.count("lost", uav) > lost)
-        yield from self._another_agent(uav)
-        yield Wait(f"UAV {uav} flies again", lambda: self._flock.count("rejoined", uav) > back)
-        self.busy.discard(uav)
+    @contextmanager
+    def _rejoins(self, *uavs: int) -> Iterator[None]:
+        """Waits until another node has joined after the block."""
+        returns = self._flight.count("rejoined", uavs)
+        yield
+        self._flight.event("rejoined", returns + 1, uavs)
 
-    def agent_frozen_a_moment(self) -> Mishap:
-        """Shorter than the barrier: everybody waits, nobody is lost."""
-        uav = self._taken_uav()
-        lost, tick, process = self._flock.count("lost", uav), self._flock.tick, self._flock.agents[uav]
-        process.send_signal(signal.SIGSTOP)
-        end = time.monotonic() + 0.3
-        yield Wait("a moment is over", lambda: time.monotonic() > end)
-        process.send_signal(signal.SIGCONT)
-        yield Wait("the flight goes on", lambda: self._flock.tick > tick or self._flock.ended)
-        assert self._flock.count("lost", uav) == lost, f"UAV {uav} was lost though its agent only paused"
-        self.busy.discard(uav)
+    # -- agents -----------------------------------------------------------------------------------------------------
 
-    def agent_frozen(self) -> Mishap:
-        """For longer: it is lost, another takes its place, and it goes home when it wakes."""
-        uav = self._taken_uav()
-        lost, back, old = self._flock.count("lost", uav), self._flock.count("rejoined", uav), self._flock.agents[uav]
-        old.send_signal(signal.SIGSTOP)
-        since = time.monotonic()
-        self.lost += 1
-        yield Wait(f"UAV {uav} is lost", lambda: self._flock.count("lost", uav) > lost)
-        yield from self._another_agent(uav)
-        yield Wait(f"UAV {uav} flies again", lambda: self._flock.count("rejoined", uav) > back)
-        old.send_signal(signal.SIGCONT)
-        slept_s = time.monotonic() - since
-        yield Wait("the old agent goes home", lambda: old.poll() is not None)
-        # Who slept through its lease finds its link closed, and cannot tell that from a world that is gone.
-        ends = {0} if slept_s < LINK_SURE_S else {0, 1}
-        assert old.poll() in ends, f"the agent that woke after {slept_s:.1f} s ended with {old.poll()}"
-        self.busy.discard(uav)
+    def agent_killed(self) -> None:
+        """Another process takes its place."""
+        with self._an_agent() as uav:
+            with self._is_lost(uav):
+                self._flight.agents[uav].kill()
+            with self._rejoins(uav):
+                self._flight.agents[uav] = self._flight.agent(uav)
 
-    def _another_agent(self, uav: int) -> Mishap:
-        before = self._flock.tokens_of(uav)
-        self._flock.start_agent(uav)
-        yield Wait(f"an agent for UAV {uav}", lambda: bool(self._flock.tokens_of(uav) - before), starting=True)
+    def agent_paused(self) -> None:
+        """For less than the barrier: all nodes wait, none is lost."""
+        with self._an_agent() as uav:
+            losses = self._flight.count("lost", (uav,))
+            self._flight.agents[uav].send_signal(signal.SIGSTOP)
+            time.sleep(0.3)
+            self._flight.agents[uav].send_signal(signal.SIGCONT)
+            self._flight.flying()
+            assert self._flight.count("lost", (uav,)) == losses, f"UAV {uav} was lost though its agent only paused"
 
-    def _taken_uav(self) -> int:
-        uav = self.idle_agent()
-        self.busy.add(uav)
-        return uav
+    def agent_frozen(self) -> None:
+        """It wakes, and takes its own place again."""
+        with self._an_agent() as uav:
+            agent = self._flight.agents[uav]
+            with self._is_lost(uav):
+                agent.send_signal(signal.SIGSTOP)
+            with self._rejoins(uav):
+                agent.send_signal(signal.SIGCONT)
+            assert agent.poll() is None
 
-    # -- leaders ------------------------------------------------------------------------------------------------------
+    def agent_replaced_while_frozen(self) -> None:
+        """It wakes, and goes home."""
+        with self._an_agent() as uav:
+            frozen, since = self._flight.agents[uav], time.monotonic()
+            with self._is_lost(uav):
+                frozen.send_signal(signal.SIGSTOP)
+            with self._rejoins(uav):
+                self._flight.agents[uav] = self._flight.agent(uav)
+            frozen.send_signal(signal.SIGCONT)
+            slept_s = time.monotonic() - since
+            _, err = frozen.communicate(timeout=DEADLINE_S)
+            if frozen.returncode != 0:  # it slept through its lease, comes back, and finds its place taken
+                assert slept_s >= LINK_SURE_S, err
+                assert "every UAV of this run has its agent already" in err
 
-    def leader_killed(self) -> Mishap:
-        """kill -9 of the one that leads or of the one that stands by, and another stands by."""
-        self.busy.add("leader")
-        flock, name = self._flock, self._draw.choice(sorted(self._flock.leaders))
-        flock.leaders.pop(name).kill()
-        self.lost += 1
-        yield Wait(f"{name} is gone", lambda: name not in flock.tokens)
-        yield from self.another_leader()
-        self.busy.discard("leader")
+    def agent_replaced_by_one_that_waits(self) -> None:
+        """A successor that comes too early takes over; one without patience goes home."""
+        with self._an_agent() as uav:
+            patient = self._flight.agent(uav, env={"MEANFLOCK_LOG": "INFO"})
+            hasty = self._flight.agent(uav, "--wait", "1")
+            _, err = hasty.communicate(timeout=DEADLINE_S)
+            assert hasty.returncode == 1
+            assert err.strip() == "error: the world refused: every UAV of this run has its agent already"
+            assert patient.stderr is not None
+            assert "refused for now: " in patient.stderr.readline()
+            with self._rejoins(uav), self._is_lost(uav):
+                self._flight.agents[uav].kill()
+            self._flight.agents[uav] = patient
 
-    def another_leader(self) -> Mishap:
-        """Starts one, and waits until it has a name."""
-        flock, process = self._flock, self._flock.start_leader()
+    # -- leaders, stations and strangers ----------------------------------------------------------------------------
 
-        def unknown() -> set[str]:
-            return {name for name in flock.tokens if name.startswith("leader")} - set(flock.leaders)
+    def leader_killed(self) -> None:
+        """The one that leads or the one that stands by; another stands by."""
+        flight = self._flight
+        victim = flight.leaders.pop(self._random.randrange(2))
+        with self._is_lost():
+            victim.kill()
+        with self._rejoins():
+            flight.leaders.append(flight.leader())
+        self._roles.add("leader")
 
-        yield Wait("a leader stands by", lambda: len(unknown()) == 1, starting=True)
-        flock.leaders[unknown().pop()] = process
+    def station_killed(self) -> None:
+        """Another goes on in the same folder."""
+        self._flight.station_again(signal.SIGKILL)
+        self._roles.add("station")
 
-    # -- the ground station -------------------------------------------------------------------------------------------
+    def station_terminated(self) -> None:
+        """Another goes on in the same folder."""
+        self._flight.station_again(signal.SIGTERM)
+        self._roles.add("station")
 
-    def station_killed(self) -> Mishap:
-        """kill -9; the next one goes on in the same folder."""
-        return self._station(signal.SIGKILL)
+    def station_frozen(self) -> None:
+        """The flight goes on, and another station is sent all of it."""
+        self._flight.station.send_signal(signal.SIGSTOP)
+        out = self._scratch / f"station-{self.happened['station frozen']}"
+        second = self._flight.processes.station(out)
+        until(lambda: spool_bytes(out) > 20_000, "the second station records")
+        self._flight.station.send_signal(signal.SIGCONT)
+        second.terminate()
+        second.communicate(timeout=DEADLINE_S)
+        self._flight.flying()
+        self._roles.add("station")
 
-    def station_interrupted(self) -> Mishap:
-        """Asked to end; the next one goes on in the same folder."""
-        return self._station(signal.SIGTERM)
-
-    def _station(self, number: signal.Signals) -> Mishap:
-        self.busy.add("station")
-        old = self._flock.station
-        old.send_signal(number)
-        yield Wait("the station is gone", lambda: old.poll() is not None, starting=True)
-        yield Wait("its token is gone", lambda: not self._flock.stations, starting=True)
-        self._flock.start_station()
-        yield Wait("a station", lambda: bool(self._flock.stations), starting=True)
-        # Without one that acknowledges, no more than a window of blocks is told: now they come again.
-        tick = self._flock.tick
-        yield Wait("telemetry is kept again", lambda: self._flock.tick > tick + 20 or self._flock.ended)
-        self.busy.discard("station")
-
-    def station_frozen(self) -> Mishap:
-        """The world does not wait for who records."""
-        self.busy.add("station")
-        process, tick = self._flock.station, self._flock.tick
-        process.send_signal(signal.SIGSTOP)
-        yield Wait("the flight goes on without it", lambda: self._flock.tick > tick + 60 or self._flock.ended)
-        process.send_signal(signal.SIGCONT)
-        yield Wait("telemetry is kept again", lambda: self._flock.tick > tick + 200 or self._flock.ended)
-        self.busy.discard("station")
-
-    # -- strangers ----------------------------------------------------------------------------------------------------
-
-    def stranger(self) -> Mishap:
-        """Connects, asks for a UAV, says what makes no sense under other people's names, and leaves."""
-        run, uav = self._flock.children.run, self.idle_agent()
-        bus = ZenohBus.client(self._flock.children.endpoint, 20.0)
-        try:
-            join = control.encode(Join("agent", 1, uav))
-            assert bus.ask(keys.join(run, keys.asker("agent", uav)), join, 20.0) is not None
-            nonsense = Mutator([join, control.encode(Join("station", 0))], self._draw.getrandbits(32))
-            for _ in range(50):
-                bus.put(keys.act(run, f"agent-{uav}"), nonsense(0))
-        finally:
-            bus.close()
-        tick = self._flock.tick
-        yield Wait("the flight goes on", lambda: self._flock.tick > tick or self._flock.ended)
+    def stranger(self) -> None:
+        """A thief of a certificate asks for a place that is taken, and sends nonsense under the node's name."""
+        with self._an_agent() as uav:
+            _, endpoint, _, run, *_ = self._flight.processes.base
+            name = f"agent-{uav}"
+            bus = ZenohBus.client(endpoint, DEADLINE_S, Identity(self._certificates, name))
+            try:
+                join = control.encode(Join("agent", 1, uav))
+                assert bus.ask(keys.join(run, name), join, DEADLINE_S) is not None
+                nonsense = Mutator([join, control.encode(Join("station", 0))], self._random.getrandbits(32))
+                for _ in range(50):
+                    bus.put(keys.act(run, name), nonsense(0))
+            finally:
+                bus.close()
+            self._flight.flying()
+        self._roles.add("stranger")

@@ -2,11 +2,14 @@
 
 import hashlib
 import json
-import random
+import os
 import signal
+import subprocess
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,24 +18,25 @@ import psutil
 import pyarrow.parquet as pq
 
 from meanflock.federation.schedule import Schedule
+from meanflock.groundstation import certs
 from meanflock.groundstation.recording.replay import verify
-from meanflock.groundstation.results.run_folder import CHECKPOINT
 from meanflock.groundstation.results.series import states_of
+from meanflock.swarm.scenario import load
+from tests.faults.by_hand import Flight, Processes, events_in
 from tests.polling import DEADLINE_S
-from tests.soak.mishaps import BadDay, Mishap, Wait
-from tests.soak.swarm import BARRIER_S, Flock
+from tests.soak.mishaps import Mishaps
 from tests.soak.vitals import Vitals
 
-AT_ONCE = 3  # mishaps that are not mended yet
+AT_ONCE = 3  # mishaps
+BARRIER_S = 4.0
 SAMPLE_EVERY_S = 1.0
-_LAST_TICKS = 400  # less than an agent needs to start
+PULSE_S, HELD_S = 0.02, 0.1  # while mishaps are behind, the flight goes on in pulses
 
 
 @dataclass
 class Report:
-    """What a soak came to."""
+    """The result of a soak."""
 
-    ticks: int = 0
     seconds: float = 0.0
     mishaps: Counter[str] = field(default_factory=Counter)
     broken: list[str] = field(default_factory=list)
@@ -41,16 +45,24 @@ class Report:
     slopes: dict[str, tuple[float, float, float]] = field(default_factory=dict)
 
 
-@dataclass
-class _Open:
-    name: str
-    script: Mishap
-    waits_for: Wait
-    since: float
+def settings(uavs: int, ticks: int, seed: int) -> tuple[str, ...]:
+    """An endless flight with rounds, and a fault of the model every 100 ticks or so; its learner never diverges."""
+    script = []
+    for tick in range(100, ticks - 100, 400):
+        uav, other = 1 + tick % (uavs - 1), 1 + (tick + 1) % (uavs - 1)  # UAV 0 averages
+        script += [
+            f'{{kind="partition", tick={tick}, duration_s=8.0, uavs=[{uav}]}}',
+            f'{{kind="jam", tick={tick + 90}, duration_s=5.0, uavs=[{uav}, {other}]}}',
+            f'{{kind="gust", tick={tick + 170}, duration_s=2.0, acceleration=[0.3, -0.2]}}',
+            f'{{kind="pause", tick={tick + 250}, duration_s=3.0, uavs=[{other}]}}',
+        ]
+    endless = ("duration=1000000", "stop=duration", "method=fed-lspi", "federation.period=40")
+    patient = ("pace.wait_share=1", "pace.rejoins=1000")  # nodes are hurt more often than a run allows
+    return (f"uavs={uavs}", f"seed={seed}", *endless, *patient, f"faults=[{', '.join(script)}]")
 
 
 class Soak:
-    """One flight."""
+    """One flight. It ends when it has flown so many ticks and every kind of mishap has happened."""
 
     def __init__(
         self,
@@ -59,172 +71,111 @@ class Soak:
         every: int,
         seed: int,
         out: Path,
-        told: Callable[[int, str], None] = lambda t, s: None,
+        tell: Callable[[int, int], None] = lambda tick, mishaps: None,
     ) -> None:
-        """`every`: ticks between two mishaps, on average. `told`: called with the tick and what goes on."""
-        self._uavs, self._ticks, self._every, self._seed, self._out = uavs, ticks, every, seed, out
-        self._told = told
-        self._draw = random.Random(f"times {seed}")
-        self._open: list[_Open] = []
-        self._held: int | None = None  # the UAV everybody waits for
-        self._held_since = 0.0
-        self.report = Report()
+        """`every`: ticks between two mishaps, on average. `tell`: called with the tick and the number of mishaps."""
+        self._ticks, self._every, self._tell = ticks, every, tell
+        self._runs, scratch, certificates = out / "runs", out / "scratch", out / "certs"
+        certs.init(certificates, uavs)
+        self._settings = settings(uavs, ticks, seed)
+        self._scenario = load(None, self._settings)
+        self._processes = Processes(f"soak-{os.getpid()}-{seed}", "--tls", str(certificates))
+        self._flight = Flight(self._processes, self._runs, BARRIER_S, self._settings, agents=uavs, leaders=2)
+        self._mishaps = Mishaps(self._flight, certificates, scratch, seed)
+        self._over = threading.Event()
+        self.report = Report(mishaps=self._mishaps.happened)
 
     def run(self) -> Report:
-        """Flies, hurts, mends, and looks what is left."""
-        started = time.monotonic()
-        mine = psutil.Process().num_fds()
-        with Flock(self._uavs, self._ticks, self._seed, self._out) as flock:
-            vitals = Vitals(flock)
-            try:
-                day = BadDay(flock, self._seed)
-                self._assemble(flock, day)
-                self._fly(flock, vitals, day)
-                self._end(flock, day.lost)
-            except (AssertionError, psutil.Error) as error:
-                self.report.broken.append(f"{error}; the processes' last words:\n{flock.said()}")
-            self.report.ticks, self.report.events, self.report.slopes = flock.tick, flock.kinds(), vitals.slopes()
-            self.report.broken += vitals.broken()
-            left = [p.pid for p in flock.children.processes if p.poll() is None]
-        if left and not self.report.broken:
-            self.report.broken.append(f"processes {left} did not end by themselves")
-        if psutil.Process().num_fds() > mine + 8:  # the Zenoh runtime of this process keeps its own
-            self.report.broken.append(f"descriptors of this process: {mine} before, {psutil.Process().num_fds()} after")
+        """Flies, hurts, mends, and checks all promises."""
+        started, vitals = time.monotonic(), Vitals(self._flight)
+        try:
+            self._flight.event("round")
+            with ThreadPoolExecutor(AT_ONCE) as threads:
+                hurting = [threads.submit(self._hurt) for _ in range(AT_ONCE)]
+                try:
+                    self._pace(vitals)
+                finally:
+                    self._over.set()
+            for thread in hurting:
+                thread.result()
+            vitals.sample(self._tick, all_well=True)
+            self._end()
+        except (AssertionError, psutil.Error, subprocess.TimeoutExpired) as error:
+            self.report.broken.append(f"{type(error).__name__}: {error}")
+        finally:
+            self._processes.close()
+        self.report.broken += vitals.broken()
+        self.report.slopes = vitals.slopes()
         self.report.seconds = time.monotonic() - started
         return self.report
 
-    # -- the flight -------------------------------------------------------------------------------------------------
+    @property
+    def _tick(self) -> int:
+        """The tick of the last event."""
+        return max((e["tick"] for folder in self._runs.glob("*") for e in events_in(folder)[-1:]), default=0)
 
-    def _assemble(self, flock: Flock, day: BadDay) -> None:
-        for _ in range(2):
-            self._begin("take-off", day.another_leader())
-            self._until(flock, lambda: not self._open, "leaders")
-        for uav in range(self._uavs):
-            flock.start_agent(uav)
-        self._until(flock, lambda: flock.tick > 0, "the first ticks")
-
-    def _fly(self, flock: Flock, vitals: Vitals, day: BadDay) -> None:
-        due, sampled = float(self._every), 0.0
-        quiet = self._ticks - max(2 * self._every, 160)  # a window of blocks
-        while not flock.ended and flock.tick < self._ticks:
-            if due <= flock.tick < quiet and len(self._open) < AT_ONCE:
-                name, script = day.next()
-                self.report.mishaps[name] += 1
-                self._begin(name, script)
-                due += self._draw.uniform(0.5, 1.5) * self._every
-            flock.listen(0.02)
-            self._go_on()
-            self._hold(flock, day, due)
-            if time.monotonic() - sampled > SAMPLE_EVERY_S or (flock.tick >= quiet and not self._open):
-                sampled = time.monotonic()
-                vitals.sample(all_well=not self._open)
-            self._told(flock.tick, ", ".join(o.name for o in self._open))
-            assert flock.world.poll() in (None, 0), f"the world ended with {flock.world.poll()}"
-        self._release(flock, day)
-        self._until(flock, lambda: flock.ended and not self._open, "the end")
-
-    def _hold(self, flock: Flock, day: BadDay, due: float) -> None:
-        """Lets the flight wait for processes that start: while too many do for
-        another mishap, while one is the station, and before its end.
-
-        It waits for an agent that is frozen, now and then a few ticks are flown, so that nobody is lost for that.
-        """
-        left = self._ticks - flock.tick
-        behind = len(self._open) >= AT_ONCE and due <= flock.tick
-        unseen = any(o.name.startswith("station") for o in self._open)  # nobody tells how far the flight is
-        wanted = any(o.waits_for.starting for o in self._open) and (behind or unseen or left < _LAST_TICKS)
-        now = time.monotonic()
-        if self._held is not None and (not wanted or now - self._held_since > BARRIER_S / 3):
-            self._release(flock, day)
-            flock.listen(0.03)
-        elif wanted and self._held is None:
-            self._held, self._held_since = day.idle_agent(), now
-            day.busy.add(self._held)
-            flock.agents[self._held].send_signal(signal.SIGSTOP)
-
-    def _release(self, flock: Flock, day: BadDay) -> None:
-        if self._held is not None:
-            flock.agents[self._held].send_signal(signal.SIGCONT)
-            day.busy.discard(self._held)
-            self._held = None
-
-    def _begin(self, name: str, script: Mishap) -> None:
-        opened = _Open(name, script, Wait("nothing", lambda: True), time.monotonic())
-        self._open.append(opened)
-        self._go_on()
-
-    def _go_on(self) -> None:
-        """Every mishap whose condition is met takes its next step."""
-        for opened in list(self._open):
-            if opened.waits_for.met():
+    def _hurt(self) -> None:
+        """One mishap after another, until the flight is over."""
+        while not self._over.is_set():
+            behind = self._mishaps.happened.total() * self._every <= self._tick
+            mishap = self._mishaps.next() if behind else None
+            if mishap is None:
+                self._over.wait(0.1)
+            else:
                 try:
-                    opened.waits_for = next(opened.script)
-                    opened.since = time.monotonic()
-                except StopIteration:
-                    self._open.remove(opened)
-            late = time.monotonic() - opened.since > DEADLINE_S
-            assert not late, f"{opened.name}: not within {DEADLINE_S:.0f} s: {opened.waits_for.what}"
+                    mishap()
+                except BaseException:
+                    self._over.set()
+                    raise
 
-    def _until(self, flock: Flock, true: Callable[[], bool], what: str) -> None:
-        end = time.monotonic() + DEADLINE_S
-        while not true():
-            flock.listen(0.02)
-            self._go_on()
-            assert flock.world.poll() in (None, 0), f"the world ended with {flock.world.poll()}"
-            assert time.monotonic() < end, f"not within {DEADLINE_S:.0f} s: {what}"
+    def _pace(self, vitals: Vitals) -> None:
+        """Holds the flight by the agent of UAV 0 while mishaps are behind, until the flight may end."""
+        agent, sampled = self._flight.agents[0], 0.0
+        while not self._over.is_set():
+            tick, mishaps = self._tick, self._mishaps.happened.total()
+            if tick >= self._ticks and self._mishaps.each_happened:
+                return
+            self._tell(tick, mishaps)
+            assert self._flight.world.poll() is None, "the world ended"
+            if time.monotonic() - sampled > SAMPLE_EVERY_S:
+                sampled = time.monotonic()
+                vitals.sample(tick, all_well=mishaps == 0)
+            if mishaps * self._every < tick:
+                agent.send_signal(signal.SIGSTOP)
+                self._over.wait(HELD_S)
+                agent.send_signal(signal.SIGCONT)
+            self._over.wait(PULSE_S)
 
-    # -- the end ----------------------------------------------------------------------------------------------------
-
-    def _end(self, flock: Flock, nodes_lost: int) -> None:
-        """Everybody goes home by itself, and what is left is whole."""
-        end = time.monotonic() + DEADLINE_S
-        going = [flock.world, flock.station, *flock.agents.values(), *flock.leaders.values()]
-        while any(process.poll() is None for process in going):
-            assert time.monotonic() < end, "not everybody went home"
-            flock.listen(0.05)
-        self._check({process.returncode for process in going} == {0}, "somebody did not end with exit code 0")
-        folders = list(self._out.iterdir())
-        assert len(folders) == 1, f"{len(folders)} run folders"
-        kept = sorted(path.name for path in folders[0].iterdir())
-        assert "summary.json" in kept, f"no summary, but {kept}; mishaps: {dict(self.report.mishaps)}"
-        self._look_at(folders[0], flock, nodes_lost)
-        self._check("Traceback" not in flock.said(), f"somebody raised: {flock.said()}")
-
-    def _look_at(self, folder: Path, flock: Flock, nodes_lost: int) -> None:
-        summary = self.report.summary = json.loads((folder / "summary.json").read_text())
-        table = pq.read_table(folder / "timeseries.parquet")
-        states = states_of(table)
-        calendar = Schedule(flock.scenario)
-        rounds = sum(calendar.closes(tick) > 0 for tick in range(self._ticks))
-        events = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
-        kinds = Counter(event["kind"] for event in events)
+    def _end(self) -> None:
+        """Ends the flight; every process ends by itself, and the folder is whole."""
+        flight = self._flight
+        summary = self.report.summary = flight.end()
+        for process in (flight.station, *flight.agents, *flight.leaders):
+            _, err = process.communicate(timeout=DEADLINE_S)
+            self._check(process.returncode == 0 and "Traceback" not in err, f"a process ended with: {err}")
+        (folder,) = self._runs.iterdir()
+        events = events_in(folder)
+        kinds = self.report.events = Counter(event["kind"] for event in events)
         voids = [event["text"] for event in events if " is void: " in event["text"]]
+        calendar = Schedule(self._scenario)
+        rounds = sum(calendar.closes(tick) > 0 for tick in range(summary["ticks"]))
+        table = pq.read_table(folder / "timeseries.parquet")
+        flown = hashlib.sha256(states_of(table).astype("<f8").tobytes()).hexdigest()
+        counted = summary["rounds"] + summary["rounds_void"]
         for holds, promise in (
-            (summary["ticks"] == self._ticks, f"{summary['ticks']} ticks flown"),
+            (json.loads((folder / "summary.json").read_text()) == summary, "the summary is another"),
             (summary["lost"] == 0, f"{summary['lost']} UAVs lost at the end"),
-            (summary["nodes_lost"] == nodes_lost, f"{summary['nodes_lost']} nodes lost, {nodes_lost} were hit"),
             (
-                summary["rounds"] + summary["rounds_void"] == rounds,
-                f"{summary['rounds']} rounds averaged and {summary['rounds_void']} void of {rounds}",
+                summary["nodes_lost"] == self._mishaps.lost,
+                f"{summary['nodes_lost']} nodes lost, not {self._mishaps.lost}",
             ),
+            (counted == rounds, f"{counted} rounds averaged or void, of {rounds}"),
+            (not any("no leader" in text for text in voids), f"void rounds: {voids}"),
             (summary["telemetry_blocks_dropped"] == 0, "telemetry was dropped"),
-            (table["tick"].to_pylist() == list(range(self._ticks + 1)), "rows are missing or there twice"),
-            (
-                hashlib.sha256(states.astype("<f8").tobytes()).hexdigest() == summary["trajectory_sha256"],
-                "the rows are not the trajectory",
-            ),
+            (table["tick"].to_pylist() == list(range(summary["ticks"] + 1)), "rows are missing or there twice"),
+            (flown == summary["trajectory_sha256"], "the rows are not the trajectory"),
             (kinds["finished"] == 1 and kinds["round"] == summary["rounds"], f"events: {dict(kinds)}"),
-            (
-                len(voids) == summary["rounds_void"] and not any("no leader" in text for text in voids),
-                f"void rounds: {voids}",
-            ),
-            (
-                flock.kinds() == kinds if flock.finished else flock.kinds() <= kinds,
-                f"events kept {dict(kinds)}, told {dict(flock.kinds())}",
-            ),
             (verify(folder / "recording.rrd") is None, "the recording is damaged"),
-            (not (folder / CHECKPOINT).exists(), "a checkpoint was left behind"),
-            (not [p for p in folder.iterdir() if p.name.startswith(".")], "a half-written file was left behind"),
         ):
             self._check(holds, promise)
 

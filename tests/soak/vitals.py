@@ -7,7 +7,7 @@ import numpy as np
 import psutil
 
 from meanflock.groundstation.recording.recorder import BATCH_TICKS, FILE_WALL_S
-from tests.soak.swarm import Flock
+from tests.faults.by_hand import Flight
 
 SLOPE_MIB = 1.0  # in a thousand ticks
 # A recorder also keeps, for the footer of its file, an index of what it has sent. Measured with 9 UAVs: 0.07 MiB a
@@ -19,27 +19,24 @@ MIB = 2**20
 
 
 class Vitals:
-    """Samples of every process of a flock."""
+    """Samples of every process of a flight."""
 
-    def __init__(self, flock: Flock) -> None:
-        self._flock = flock
+    def __init__(self, flight: Flight) -> None:
+        self._flight = flight
         self.memory: dict[str, list[tuple[int, float]]] = defaultdict(list)  # tick, MiB of RSS
         self.seconds: dict[str, list[float]] = defaultdict(list)  # when that was, by a monotonic clock
-        self.sockets: list[int] = []  # of the world while everybody is well
-        self.descriptors: list[int] = []
+        self.descriptors: list[int] = []  # of the world while all nodes are well
 
-    def sample(self, all_well: bool) -> None:
-        """What is there now."""
-        for name, process in self._flock.watched().items():
-            try:
-                self.memory[name].append((self._flock.tick, process.memory_info().rss / MIB))
+    def sample(self, tick: int, all_well: bool) -> None:
+        """Notes the memory of each process, and the descriptors of the world while all nodes are well."""
+        flight = self._flight
+        for process in (flight.world, flight.station, *flight.agents, *flight.leaders):
+            if process.poll() is None:
+                name = f"{process.args[2].rpartition('.')[2]} {process.pid}"  # type: ignore[index]
+                self.memory[name].append((tick, psutil.Process(process.pid).memory_info().rss / MIB))
                 self.seconds[name].append(time.monotonic())
-                if name == "world" and all_well:
-                    self.descriptors.append(process.num_fds())
-                    connections = process.net_connections("tcp")
-                    self.sockets.append(sum(c.status == psutil.CONN_ESTABLISHED for c in connections))
-            except psutil.NoSuchProcess:
-                continue
+        if all_well:
+            self.descriptors.append(psutil.Process(flight.world.pid).num_fds())
 
     def slopes(self) -> dict[str, tuple[float, float, float]]:
         """Of every process that lived long enough: MiB in a thousand ticks, the first and the last sample judged."""
@@ -55,7 +52,7 @@ class Vitals:
 
     def bound(self, name: str) -> float:
         """By how much a process may grow in a thousand ticks, MiB."""
-        if not name.startswith("station"):
+        if not name.startswith("groundstation"):
             return SLOPE_MIB
         ticks = self.memory[name][-1][0] - self.memory[name][0][0]
         batches = ticks / BATCH_TICKS + (self.seconds[name][-1] - self.seconds[name][0]) / FILE_WALL_S
@@ -68,7 +65,6 @@ class Vitals:
             for name, (slope, first, last) in self.slopes().items()
             if slope > self.bound(name)
         ]
-        for what, counts in (("sessions", self.sockets), ("descriptors", self.descriptors)):
-            if counts and counts[-1] > counts[0]:
-                told.append(f"the world's {what}: {counts[0]} with everybody well, {counts[-1]} at the end")
+        if self.descriptors and self.descriptors[-1] > self.descriptors[0]:
+            told.append(f"the world's descriptors: {self.descriptors[0]} at first, {self.descriptors[-1]} at the end")
         return told

@@ -1,0 +1,151 @@
+"""World, leaders, agents and stations as processes that somebody starts by hand, freezes and kills."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from meanflock.groundstation.launch.processes import free_endpoint
+from meanflock.groundstation.results.spool import spooled
+from tests.polling import DEADLINE_S, until
+
+_SETTINGS = ("uavs=3", "seed=7", "stop=duration", "federation.period=40")
+SETTINGS = (*_SETTINGS, "method=mfgfl-h")
+# A UAV whose agent comes back after thousands of ticks is far off and fast, where the paper's learners may diverge at
+# once. This learner never does.
+ENDLESS = (*_SETTINGS, "duration=100000", "method=fed-lspi")
+Process = subprocess.Popen[str]
+
+
+def events_in(folder: Path) -> list[dict[str, Any]]:
+    """The whole lines of `events.jsonl` so far."""
+    path = folder / "events.jsonl"
+    lines = path.read_bytes().split(b"\n")[:-1] if path.exists() else []
+    return [json.loads(line) for line in lines]
+
+
+def spool_bytes(out: Path) -> int:
+    """How much of the only run has reached the disk."""
+    return sum(path.stat().st_size for path in out.glob("*/.telemetry"))
+
+
+class Processes:
+    """Processes of one run, with the flags that all of them get."""
+
+    def __init__(self, run: str, *flags: str) -> None:
+        self.base = ("--endpoint", free_endpoint(), "--run", run, *flags)
+        self._started: list[Process] = []
+
+    def start(
+        self, module: str, *flags: str, base: tuple[str, ...] | None = None, env: dict[str, str] | None = None
+    ) -> Process:
+        line = [sys.executable, "-m", f"meanflock.{module}", *(self.base if base is None else base), *flags]
+        pipe = subprocess.PIPE
+        process = subprocess.Popen(line, stdout=pipe, stderr=pipe, text=True, env={**os.environ, **(env or {})})
+        self._started.append(process)
+        return process
+
+    def world(self, *flags: str, settings: tuple[str, ...] = ()) -> Process:
+        return self.start("worldsim", *flags, *(word for setting in settings for word in ("--set", setting)))
+
+    def station(self, out: Path, *flags: str, base: tuple[str, ...] | None = None) -> Process:
+        return self.start("groundstation", "--out", str(out), "--rerun", "", *flags, base=base)
+
+    def close(self) -> None:
+        for process in self._started:
+            if process.poll() is None:
+                process.kill()
+            process.communicate()
+
+
+class Flight:
+    """World, station, leaders, and agents with a UAV each."""
+
+    def __init__(
+        self,
+        processes: Processes,
+        out: Path,
+        barrier_s: float = 10.0,
+        settings: tuple[str, ...] = ENDLESS,
+        agents: int = 3,
+        leaders: int = 1,
+        station_base: tuple[str, ...] | None = None,
+    ) -> None:
+        self.processes, self.out = processes, out
+        self.world = processes.world("--stations", "1", "--barrier", str(barrier_s), settings=settings)
+        self.station = processes.station(out, "--resume", "latest", base=station_base)
+        self.agents = [self.agent(uav) for uav in range(agents)]
+        self.leaders = [self.leader() for _ in range(leaders)]
+
+    def agent(self, uav: int, *flags: str, **options: Any) -> Process:
+        return self.processes.start("agent", "--uav", str(uav), *flags, **options)
+
+    def leader(self) -> Process:
+        return self.processes.start("leader")
+
+    def flying(self, more: int = 5_000) -> None:
+        """Waits until that many more bytes of telemetry are on the disk."""
+        before = spool_bytes(self.out)
+        until(lambda: spool_bytes(self.out) > before + more, "telemetry")
+
+    def event(self, kind: str, count: int = 1, uavs: tuple[int, ...] | None = None) -> dict[str, Any]:
+        """Waits for the count-th event of a kind; `uavs`: of exactly these."""
+
+        def found() -> dict[str, Any] | None:
+            events = self.events(kind, uavs)
+            return events[count - 1] if len(events) >= count else None
+
+        return until(found, f"{count} events {kind} of {uavs}", pause_s=0.1)
+
+    def events(self, kind: str, uavs: tuple[int, ...] | None = None) -> list[dict[str, Any]]:
+        """The events of a kind that are on the disk."""
+        events = [event for folder in self.out.glob("*") for event in events_in(folder) if event["kind"] == kind]
+        return [event for event in events if uavs is None or event["uavs"] == [*uavs]]
+
+    def count(self, kind: str, uavs: tuple[int, ...] | None = None) -> int:
+        return len(self.events(kind, uavs))
+
+    def _rows(self) -> int:
+        """How many rows of the flight are on the disk."""
+        return max(
+            (sum(len(one.block.states) for one in spooled(path)) for path in self.out.glob("*/.telemetry")), default=0
+        )
+
+    def slowly(self, met: Callable[[], object], what: str) -> None:
+        """Waits while an agent is frozen for most of the time, so that the flight is not over before."""
+        agent = self.agents[0]
+
+        def met_after_some_ticks() -> object:
+            agent.send_signal(signal.SIGCONT)
+            time.sleep(0.02)
+            agent.send_signal(signal.SIGSTOP)
+            return met()
+
+        try:
+            until(met_after_some_ticks, what, pause_s=0.1)
+        finally:
+            agent.send_signal(signal.SIGCONT)
+
+    def station_again(self, number: signal.Signals) -> None:
+        """Ends the station, and waits until another one records."""
+        self.station.send_signal(number)
+        self.station.communicate(timeout=DEADLINE_S)
+        rows = self._rows()
+        self.station = self.processes.station(self.out, "--resume", "latest", "--wait", "5")
+        self.slowly(lambda: self._rows() > rows, "another station records")
+
+    def end(self) -> dict[str, Any]:
+        """Ends an endless flight; its summary."""
+        self.world.send_signal(signal.SIGINT)
+        out, _ = self.world.communicate(timeout=DEADLINE_S)
+        return json.loads(out)
+
+
+def ends_by_itself(process: Process) -> None:
+    _, err = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 0, err

@@ -1,0 +1,264 @@
+"""Kills of real processes: role × signal → the flight goes on, or is resumed to the end that it would have had.
+
+The same in one process, tick by tick: test_kills.py. Every mishap of processes started by hand, under TLS:
+tests/soak/mishaps.py.
+"""
+
+import json
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import psutil
+import pyarrow.parquet as pq
+import pytest
+
+from meanflock.groundstation import certs
+from meanflock.groundstation.launch.processes import Swarm
+from meanflock.groundstation.launch.resume import back
+from meanflock.groundstation.recording.replay import recorded, verify
+from meanflock.groundstation.results.run_folder import CHECKPOINT
+from meanflock.swarm import scenario as scenarios
+from meanflock.swarm.net.session import LEASE
+from tests.faults.by_hand import SETTINGS, Flight, Processes, ends_by_itself, events_in
+from tests.faults.conftest import Lab, honest
+from tests.faults.dying import resumed
+from tests.faults.launched import BARRIER_S, Launched, alive, launched
+from tests.faults.wire import Wire
+from tests.polling import DEADLINE_S, until
+
+pytestmark = pytest.mark.processes
+forks = pytest.mark.skipif(sys.platform != "linux", reason="agents are forked on Linux only")
+
+
+def ticks_of(folder: Path) -> list[int]:
+    return pq.read_table(folder / "timeseries.parquet", columns=["tick"])["tick"].to_pylist()
+
+
+@pytest.fixture(scope="module")
+def certificates(tmp_path_factory: pytest.TempPathFactory) -> str:
+    folder = tmp_path_factory.mktemp("made") / "certs"
+    certs.init(folder, 3)
+    return str(folder)
+
+
+# -- processes started by hand --------------------------------------------------------------------------------------
+
+
+def test_a_killed_leader_killed_stations_and_a_killed_world_cost_neither_a_round_nor_a_row(
+    processes: Processes, tmp_path: Path, certificates: str
+) -> None:
+    """The run is resumed under TLS."""
+    flown = (*SETTINGS, "duration=300")
+    lab = Lab(scenarios.load(None, flown))
+    expected = lab.fly()
+    flight = Flight(processes, tmp_path, settings=flown)
+    flight.event("round", 2)
+    flight.leaders.append(flight.leader())
+    flight.slowly(lambda: flight.count("rejoined"), "a leader that stands by")
+    flight.leaders.pop(0).kill()
+    assert flight.event("leader")["text"] == "leader.2 takes over from leader"
+    for number in (signal.SIGKILL, signal.SIGTERM):
+        flight.flying()
+        flight.station_again(number)
+    (folder,) = tmp_path.iterdir()
+    until((folder / CHECKPOINT).exists, "a checkpoint")
+    flight.world.kill()
+    for process in (*flight.agents, *flight.leaders, flight.station):
+        _, err = process.communicate(timeout=DEADLINE_S)
+        assert process.returncode == 1, err
+        verdict = err.splitlines()[-1]
+        assert verdict.startswith("error: the world ")
+        assert " is gone" in verdict
+        assert "meanflock resume" in verdict
+    summary = resumed(folder, "--tls", certificates, in_process=False, record=True)
+    for name in ("trajectory_sha256", "rounds", "ticks", "lost", "telemetry_blocks_dropped"):
+        assert summary[name] == expected[name], name
+    assert ticks_of(folder) == recorded([folder / "recording.rrd"]).ticks.tolist() == list(range(3001))
+    nodes = ("joined", "lost", "rejoined", "leader", "resumed")
+    told = [(e["tick"], e["kind"], e["text"]) for e in events_in(folder) if e["kind"] not in nodes]
+    assert told == [(e.tick, e.kind, e.text) for e in lab.record.events if e.kind not in nodes]
+
+
+@pytest.fixture
+def wires(processes: Processes) -> Iterator[list[Wire]]:
+    """Two links to the world that can fail."""
+    made = [Wire(processes.base[1]) for _ in range(2)]
+    yield made
+    for wire in made:
+        wire.close()
+
+
+def test_nodes_whose_links_are_reset_or_cut_come_back_to_a_flight_that_went_on(
+    processes: Processes, wires: list[Wire], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The barrier would wait for five minutes; a node that is cut off is lost when its lease ends."""
+    monkeypatch.setenv(LEASE, "4")
+    near, of_station = (("--endpoint", wire.endpoint, *processes.base[2:]) for wire in wires)
+    flight = Flight(processes, tmp_path, 300.0, agents=2, leaders=0, station_base=of_station)
+    far = [processes.start("agent", "--uav", "2", base=near), processes.start("leader", base=near)]
+    flight.flying()
+    for times, fail in ((1, wires[0].reset), (2, wires[0].cut)):
+        fail()
+        assert "liveliness" in flight.event("lost", 2 * times)["text"]
+        wires[1].reset()
+        wires[1].heal()
+        flight.flying()
+        wires[0].heal()
+        flight.event("rejoined", 2 * times)
+    summary = flight.end()
+    assert (summary["lost"], summary["nodes_lost"], summary["telemetry_blocks_dropped"]) == (0, 4, 0)
+    for process in (*far, *flight.agents, flight.station):
+        ends_by_itself(process)
+    (folder,) = tmp_path.iterdir()
+    back_again = sorted(event["text"] for event in events_in(folder) if event["kind"] == "rejoined")
+    lives = (2, 3)
+    expected = [f"agent-2.{life} rejoined with UAV 2" for life in lives]
+    assert back_again == expected + [f"leader.{life} stands by" for life in lives]
+    assert ticks_of(folder) == list(range(summary["ticks"] + 1))
+    assert json.loads((folder / "summary.json").read_text()) == summary
+
+
+# -- processes of `meanflock run`: one endless run ------------------------------------------------------------------
+
+# A learner, a leader, and a filter that remembers what UAVs heard of each other.
+TICKS = 2000
+_LEARNER = ("uavs=4", "seed=7", "federation.period=40", "method=fed-lspi", "filter.kind=ecbf", "start.spacing=2")
+FLOWN = (*_LEARNER, f"duration={TICKS / 10}", "stop=duration")
+of_command = pytest.mark.xdist_group("endless command")  # and in this order
+
+
+@pytest.fixture(scope="module")
+def command(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Launched]:
+    with launched(tmp_path_factory.mktemp("endless") / "runs", *FLOWN, "duration=100000", flags=()) as run:
+        yield run
+
+
+@forks
+@of_command
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGHUP])
+def test_the_command_starts_a_killed_agent_again(number: signal.Signals, command: Launched) -> None:
+    losses, agents = command.count("lost"), command.agents()
+    assert len(agents) == 4
+    agents[2].send_signal(number)
+    lost = command.events("lost", losses + 1)[-1]
+    rejoined = command.events("rejoined", losses + 1)[-1]
+    assert len(lost["uavs"]) == 1
+    assert rejoined["uavs"] == lost["uavs"]
+    another = command.agents()[0]
+    assert another not in agents
+    assert os.sched_getscheduler(another.pid) == os.SCHED_BATCH
+
+
+@forks
+@of_command
+def test_the_command_starts_a_killed_leader_again(command: Launched) -> None:
+    rejoins, rounds = command.count("rejoined"), command.count("round")
+    command.child("leader").kill()
+    assert command.events("rejoined", rejoins + 1)[-1]["text"] == "leader.2 stands by"
+    command.events("round", rounds + 5)
+
+
+@forks
+@of_command
+def test_the_command_gives_an_agent_up_that_dies_again_and_again(command: Launched) -> None:
+    losses, rejoins = command.count("lost"), command.count("rejoined")
+    for deaths in range(6):
+        command.events("rejoined", rejoins + deaths)
+        command.agents()[0 if deaths else -1].kill()  # one that has never been started again, and then the same
+        command.events("lost", losses + deaths + 1)
+    command.flying(100_000)
+    assert command.count("rejoined") == rejoins + 5
+
+
+@forks
+@of_command
+def test_a_frozen_agent_costs_its_uav_and_ctrl_c_ends_the_flight_cleanly(command: Launched) -> None:
+    losses, family = command.count("lost"), command.family()
+    command.agents()[0].suspend()
+    assert f"no answer for {BARRIER_S} s" in command.events("lost", losses + 1)[-1]["text"]
+    command.flying()
+    command.process.send_signal(signal.SIGINT)
+    _, err = command.ended(1)
+    verdict = err.splitlines()[-1]
+    assert verdict.startswith("error: interrupted")
+    assert f"meanflock resume {command.folder}" in verdict
+    assert not any(map(alive, family))
+    summary = json.loads((command.folder / "summary.json").read_text())
+    nodes = summary["nodes_lost"], summary["nodes_rejoined"]
+    assert (summary["lost"], *nodes, summary["dropped_messages"]) == (2, losses + 1, losses - 1, {})
+    assert ticks_of(command.folder) == list(range(summary["ticks"] + 1))
+    assert verify(command.folder / "recording.rrd") is None
+
+
+# -- runs of `meanflock run` that survive, or are resumed -----------------------------------------------------------
+
+
+@forks
+def test_the_flight_needs_neither_its_launcher_nor_the_process_that_agents_are_forked_from(tmp_path: Path) -> None:
+    """The launcher is stopped, as by Ctrl-Z, for longer than its lease, until the flight is over."""
+    with launched(tmp_path / "runs", *FLOWN, **{LEASE: "3"}) as run:
+        forked = run.child("agent")
+        agents = forked.children()
+        forked.kill()
+        run.process.send_signal(signal.SIGSTOP)
+        until(lambda: not any(map(alive, agents)), "all agents gone home")
+        run.process.send_signal(signal.SIGCONT)
+        summary = json.loads(run.ended(0)[0])
+        expected = honest(scenarios.load(None, FLOWN))
+        assert (summary["trajectory_sha256"], summary["nodes_lost"]) == (expected, 0)
+        assert ticks_of(run.folder) == list(range(TICKS + 1))
+
+
+def interrupt_twice(run: Launched) -> None:
+    """The first Ctrl-C waits for a frozen world."""
+    run.child("worldsim").suspend()
+    until(lambda: run.process.poll() is not None or run.process.send_signal(signal.SIGINT), "its end")
+
+
+KILLS: dict[str, tuple[Callable[[Launched], object], int, str]] = {  # how, exit code and what the command says
+    "world": (lambda run: run.child("worldsim").kill(), 1, "error: world was killed by SIGKILL, as the system does"),
+    "all agents": (lambda run: os.killpg(run.child("agent").pid, signal.SIGKILL), 1, "every agent is lost"),
+    "launcher": (lambda run: run.process.kill(), -signal.SIGKILL, ""),
+    "second Ctrl-C": (interrupt_twice, 1, "error: interrupted twice, nothing was completed; "),
+}
+
+
+@forks
+@pytest.mark.parametrize("victim", KILLS)
+def test_a_run_that_is_killed_leaves_no_process_and_is_resumed_to_the_same_end(victim: str, tmp_path: Path) -> None:
+    kill, code, says = KILLS[victim]
+    record = victim == "launcher"
+    with launched(tmp_path / "runs", *FLOWN, flags=() if record else ("--no-record",)) as run:
+        folder = run.folder
+        until(lambda: (folder / CHECKPOINT).exists() and back(folder).start.tick > 1, "a checkpoint of the flight")
+        family = run.family()
+        kill(run)
+        out, err = run.ended(code)
+        assert (out, says in err) == ("", True)
+        assert not says or f"meanflock resume {folder}" in err.splitlines()[-1]
+        until(lambda: not any(map(alive, family)), "all processes gone")
+    assert 101 <= back(folder).start.tick < TICKS
+    assert not (folder / "summary.json").exists()
+    summary = resumed(folder, record=record)
+    expected = honest(scenarios.load(None, FLOWN))
+    assert (summary["trajectory_sha256"], summary["lost"], summary["nodes_lost"]) == (expected, 0, 0)
+    assert ticks_of(folder) == list(range(TICKS + 1))
+    assert not record or verify(folder / "recording.rrd") is None
+
+
+@forks
+def test_the_process_that_forks_agents_is_started_again_if_it_dies_before_it_forks() -> None:
+    with Swarm("unborn") as swarm:
+        settings = 'uavs = 2\nduration = 100000\nstop = "duration"\nmethod = "mfg"'
+        swarm.start_world(settings, wait_s=60.0, realtime=None)
+        swarm.start_agents(2, 1, 60.0)
+        child = swarm._children[1]
+        process = child.process
+        process.kill()  # while it loads what its agents need
+        process.wait()
+        swarm.check(flying=False)
+        assert (child.process is process, child.given_up) == (False, False)
+        until(lambda: len(psutil.Process(child.process.pid).children()) == 2, "two agents")
