@@ -1,8 +1,8 @@
-"""Functions of arrays and bytes that are worth compiling, and the choice between their two forms, made once.
+"""Functions of arrays and bytes that exist compiled and in NumPy, and the choice between the two forms, made once.
 
-MEANFLOCK_PURE=1 takes NumPy, else the extension `kernels._native` is taken, unless it is missing or was built from
-other sources than those beside it, else NumPy. Both give the same bits, and nobody else knows which one runs.
-`kernels/reference.py` names the files that define what they compute.
+With MEANFLOCK_PURE=1, NumPy runs. Otherwise the extension `kernels._native` runs, if it was built from the sources in
+this folder; else NumPy. Both give the same bits, and other code does not depend on the choice. `kernels/reference.py`
+imports the files that define the functions.
 """
 
 import os
@@ -11,7 +11,7 @@ __all__ = ["BACKEND", "alignment", "columns", "learn", "nearest", "pairs", "prep
 
 try:
     if os.environ.get("MEANFLOCK_PURE") == "1":
-        raise ImportError("MEANFLOCK_PURE=1 takes NumPy")
+        raise ImportError("MEANFLOCK_PURE=1 selects NumPy")
     from meanflock.kernels.compiled import (
         BACKEND,
         alignment,

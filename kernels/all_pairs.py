@@ -1,4 +1,4 @@
-"""Functions of all pairs of UAVs: the mean difference of their velocities, and who is close to whom."""
+"""Functions of all pairs of UAVs: the mean difference of their velocities, and the close pairs."""
 
 import math
 
@@ -31,13 +31,13 @@ def alignment(states: Floats) -> float:
 def pairs(
     before: Floats, after: Floats, hazard_m: float, collision_m: float, nearest_m: float, found: NDArray[np.intp]
 ) -> tuple[int, int, float]:
-    """Pairs of N UAVs that are close to each other in a tick, in which everyone moves straight; exactly.
+    """Pairs of N UAVs that are close to each other in a tick, in which all UAVs move straight; exactly.
 
     Distances are those of the closest approach within the tick, and no less than those of the boxes around both
     segments. So a sweep along x that leaves out distant boxes finds what a comparison of all pairs would.
 
     Args:
-        before: (N, 4), states at the beginning of the tick; NaN: the UAV has no segment, so it approaches nobody.
+        before: (N, 4), states at the beginning of the tick; NaN: the UAV has no segment, so it approaches no other.
         after: (N, 4), states at its end; NaN: the UAV is left out.
         hazard_m: distance for the number of near pairs. collision_m: distance for pairs that touch.
         nearest_m: a bound: pairs farther apart than this need not be found for the least distance.
@@ -67,7 +67,7 @@ def pairs(
         apart = last[j] - last[i]
         squared = np.maximum(state.approach(first[j] - first[i], apart), box[close])
         near += int(np.count_nonzero(state.dot(apart, apart) <= hazard))
-        nearest = float(np.fmin.reduce(squared, initial=nearest))  # NaN is near nobody
+        nearest = float(np.fmin.reduce(squared, initial=nearest))  # ignores NaN
         touch = squared < collision
         touching.append(np.sort(np.stack([i[touch], j[touch]], axis=-1)))
         ahead = ~(gap[:, state.X] > reach) & (right < len(order) - 1)

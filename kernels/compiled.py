@@ -1,6 +1,6 @@
-"""The same functions as `kernels.reference`, to the same bits: one call takes the place of some eighty of NumPy's.
+"""Compiled form of the functions of `kernels.reference`, with the same bits; one call replaces some eighty of NumPy's.
 
-Among many processes that take turns on a core it is calls that cost: each finds its code and data gone from the caches.
+With many processes on a core, calls are expensive, because code and data of each are no longer in the caches.
 """
 
 from typing import Any
@@ -10,7 +10,7 @@ from meanflock.kernels.mean_field.layout import Tables, packed
 from meanflock.kernels.sources import checksum
 
 if checksum() not in (0, SOURCES):
-    raise ImportError("kernels._native was built from other sources than those that lie beside it")
+    raise ImportError("kernels._native was built from other sources than those in this folder")
 
 __all__ = ["BACKEND", "alignment", "columns", "learn", "nearest", "pairs", "prepare", "read", "repel", "write"]
 

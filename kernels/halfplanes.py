@@ -1,10 +1,10 @@
-"""The point nearest to a wanted one in half-planes and a disc: what collision avoidance asks of every UAV in a tick.
+"""Nearest point to a wanted one in an intersection of half-planes and a disc, for collision avoidance.
 
-A program of two variables, solved exactly: half-planes are taken one after the other, and where the point so far breaks
-one, the next is on its edge (incremental, as linear programs of low dimension; de Berg et al., Computational Geometry,
-ch. 4). Where no point keeps all, all bounds are eased by the least that lets them and the disc meet; the longer its
-normal, the less a half-plane moves. By Helly's theorem convex sets of the plane have a point in common if every three
-have, so that least is the largest which any three need.
+The program of two variables is solved exactly and incrementally: half-planes are added one by one, and if the current
+point violates the next one, the new point is on its edge (de Berg et al., Computational Geometry, ch. 4). If no point
+satisfies all, the bounds are relaxed by the least amount for which half-planes and disc meet; the longer its normal,
+the less a half-plane moves. By Helly's theorem convex sets of the plane have a common point if every three have one, so
+that amount is the largest that any three need.
 """
 
 from functools import cache
@@ -16,18 +16,18 @@ from numpy.typing import NDArray
 from meanflock.kernels.state import Floats
 
 PARALLEL = 1e-12  # sine of the angle below which two edges do not meet; as in halfplanes.c
-EASE = 1e-9  # what is eased more than that needs, relative to 1 + that
-SAME = 1e-16  # ‖n_i − n_j‖² / ‖n_i‖‖n_j‖ below which one half-plane is in the other
+EASE = 1e-9  # relaxation beyond the least amount, relative to 1 + that amount
+SAME = 1e-16  # ‖n_i − n_j‖² / ‖n_i‖‖n_j‖ below which one half-plane contains the other
 
 
 def nearest(wanted: Floats, normals: Floats, bounds: Floats, limit: float, found: Floats, missing: Floats) -> None:
-    """Of M rows each the point a nearest to `wanted` with n_k·a ≥ b_k for all of its K half-planes, and ‖a‖ ≤ limit.
+    """Find, for each of M rows, the point a nearest to `wanted` with n_k·a ≥ b_k for K half-planes, and ‖a‖ ≤ limit.
 
     Args:
-        wanted: (M, 2); a row that is not finite is returned as NaN. normals: (M, K, 2), of any length, by which a
-            half-plane weighs where not all can be kept; one whose length is 0, or that is not finite, asks for nothing.
-        bounds: (M, K). found: (M, 2), written. missing: (M,), written: 0, or where no point keeps all half-planes the
-            least that the largest b_k − n_k·a can be, and `found` is the nearest of the points where it is.
+        wanted: (M, 2); a row that is not finite is returned as NaN. normals: (M, K, 2), whose length is the
+            weight of a half-plane if not all can be satisfied; one of length 0, or not finite, is ignored.
+        bounds: (M, K). found: (M, 2), written. missing: (M,), written: 0, or if no point satisfies all half-planes, the
+            least possible value of the largest b_k − n_k·a; then `found` is the nearest of the points that attain it.
     """
     with np.errstate(all="ignore"):
         length = np.sqrt(normals[..., 0] * normals[..., 0] + normals[..., 1] * normals[..., 1])
@@ -55,7 +55,7 @@ def nearest(wanted: Floats, normals: Floats, bounds: Floats, limit: float, found
 
 
 def _project(wanted: Floats, x: Floats, y: Floats, bound: Floats, limit: float) -> tuple[Floats, NDArray[np.bool_]]:
-    """The nearest points (M, 2) for unit normals (M, K), and which rows have one; else it is of those before."""
+    """The nearest points (M, 2) for unit normals (M, K), and a mask of the rows that have one."""
     length = np.sqrt(wanted[:, 0] * wanted[:, 0] + wanted[:, 1] * wanted[:, 1])
     scale = np.where(length > limit, limit / length, 1.0)
     a_x, a_y = wanted[:, 0] * scale, wanted[:, 1] * scale
@@ -71,7 +71,7 @@ def _project(wanted: Floats, x: Floats, y: Floats, bound: Floats, limit: float) 
         high = np.sqrt(np.where(room > 0.0, room, 0.0))
         low = -high
         meets = room >= 0.0
-        if k:  # on the edge a point is s along it, from the one nearest to the origin
+        if k:  # s: coordinate along the edge, from its point nearest to the origin
             o_x, o_y = x[rows, :k], y[rows, :k]
             sine = n_x[:, None] * o_y - n_y[:, None] * o_x
             cosine = n_x[:, None] * o_x + n_y[:, None] * o_y
@@ -79,7 +79,9 @@ def _project(wanted: Floats, x: Floats, y: Floats, bound: Floats, limit: float) 
             at = asked / sine
             low = np.maximum(low, np.where(sine > PARALLEL, at, -np.inf).max(axis=1))
             high = np.minimum(high, np.where(sine < -PARALLEL, at, np.inf).min(axis=1))
-            against = (np.abs(sine) <= PARALLEL) & (cosine < 0.0)  # one that looks the same way is kept already
+            against = (np.abs(sine) <= PARALLEL) & (
+                cosine < 0.0
+            )  # a parallel one of the same direction is satisfied already
             meets &= ~(against & (asked > 0.0)).any(axis=1) & (low <= high)
         s = np.minimum(np.maximum(n_x * wanted[rows, 1] - n_y * wanted[rows, 0], low), high) + 0.0  # no −0
         a_x[rows[meets]] = (n_x * b - n_y * s)[meets]
@@ -89,10 +91,10 @@ def _project(wanted: Floats, x: Floats, y: Floats, bound: Floats, limit: float) 
 
 
 def _needed(x: Floats, y: Floats, bound: Floats, length: Floats, limit: float) -> Floats:
-    """The least by which all bounds of a row must be eased for its half-planes to meet in the disc, (M,)."""
+    """The least relaxation of the bounds of a row for which its half-planes meet in the disc, (M,)."""
     need = np.maximum((bound - limit * length).max(axis=1), 0.0)
     i, j, first, second, third = _chosen(bound.shape[1])
-    if len(i):  # two of them and the disc: the best point is on the circle, where both are missed alike
+    if len(i):  # two and the disc: the best point is on the circle, where both are violated equally
         m_x = x[:, i] - x[:, j]
         m_y = y[:, i] - y[:, j]
         apart = bound[:, i] - bound[:, j]
@@ -104,7 +106,7 @@ def _needed(x: Floats, y: Floats, bound: Floats, length: Floats, limit: float) -
             np.where(room > 0.0, room, 0.0) / squared
         )
         need = _most(need, bound[:, i] - reached, both & (squared > SAME * (length[:, i] * length[:, j])))
-    if len(first):  # three of them, whose normals look to all sides
+    if len(first):  # three whose normals surround the origin
         a = x[:, second] * y[:, third] - y[:, second] * x[:, third]
         b = x[:, third] * y[:, first] - y[:, third] * x[:, first]
         c = x[:, first] * y[:, second] - y[:, first] * x[:, second]
@@ -124,6 +126,6 @@ def _most(need: Floats, candidates: Floats, which: NDArray[np.bool_]) -> Floats:
 
 @cache
 def _chosen(count: int) -> tuple[NDArray[np.intp], ...]:
-    """All pairs i < j, and all triples i < j < k, of so many."""
+    """Indices of all pairs i < j, and of all triples i < j < k."""
     triples = np.array([*combinations(range(count), 3)], dtype=np.intp).reshape(-1, 3)
     return *np.triu_indices(count, 1), *triples.T

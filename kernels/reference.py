@@ -1,4 +1,4 @@
-"""The kernels in NumPy, which define what they compute; they run where there is no compiler.
+"""NumPy form of the kernels, which is their definition; it runs if there is no compiler.
 
 Arrays are C-contiguous float64 unless a function says otherwise. Rows are independent, to the last bit.
 """
@@ -18,13 +18,13 @@ BACKEND = "numpy"
 
 
 def columns(left: Floats, right: Floats | None, out: Floats, first: int) -> float:
-    """Columns of two tables side by side: `left` (M, A) and `right` (M, B), of any strides, into `out` (M, A + B).
+    """Write the columns of two tables, `left` (M, A) and `right` (M, B), of any strides, to `out` (M, A + B).
 
     Args:
-        right: None where B is 0. first: what A must be.
+        right: None if B is 0. first: the required A.
 
     Returns:
-        The largest of all |numbers|; NaN where one of them is.
+        The largest of all |numbers|; NaN if one of them is NaN.
     """
     right = out[:, :0] if right is None else right
     for table, width in ((left, first), (right, out.shape[1] - first)):

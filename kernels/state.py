@@ -25,10 +25,12 @@ def dot(first: NDArray[np.float64], second: NDArray[np.float64]) -> Rows:
     """Inner product over the last axis, `(...,)`.
 
     Products first, then NumPy's pairwise sum: its order is the same on every machine and for any number of rows,
-    which that of a BLAS is not.
+    unlike that of a BLAS.
     """
     products: Rows = first * second
-    if products.shape[-1] == AXES:  # quicker than to have it summed, which begins at zero: hence no −0
+    if (
+        products.shape[-1] == AXES
+    ):  # faster than `reduce`, which starts at 0: hence + 0.0, without which −0 could result
         return products[..., 0] + products[..., 1] + 0.0
     return np.add.reduce(products, axis=-1)
 
@@ -53,7 +55,7 @@ def approach(first: Plane, last: Plane) -> Rows:
     after = dot(last, step)
     length = dot(step, step)
     ends = np.minimum(dot(first, first), dot(last, last))
-    passing = (before < 0.0) & (after > 0.0)  # nearest on the way, not at an end
+    passing = (before < 0.0) & (after > 0.0)  # the nearest point is between the ends
     share = np.divide(-before, length, out=np.zeros_like(before), where=passing)
     nearest = first + share[..., None] * step
     return np.where(passing, np.minimum(ends, dot(nearest, nearest)), ends)

@@ -1,7 +1,7 @@
-"""The layout of a tick message, read and written: bytes in, offsets out, and back. `docs/wire.md` is its description.
+"""Reader and writer of the layout of tick messages, which `docs/wire.md` describes.
 
-A message is a MessagePack array of small integers, 32-bit integers and byte strings with 32-bit lengths, in an order
-that never varies, so every offset follows from the numbers before it:
+A message is a MessagePack array of small integers, 32-bit integers and byte strings with 32-bit lengths, in a fixed
+order. So every offset follows from the numbers before it:
 
     head    [type, run, tick, flags, rows, columns, table]      24 bytes, then rows × columns float64
     tables  byte strings; how many depends on the type
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 Floats: TypeAlias = NDArray[np.float64]
 
 SENSE, ACT = 1, 2  # types of a message
-TABLES = {SENSE: "b", ACT: "iidb"}  # what follows the first table: b bytes, i int32, d float64
+TABLES = {SENSE: "b", ACT: "iidb"}  # types of the tables after the first: b bytes, i int32, d float64
 
 # Of a batch: kind, round, dtype code, bytes of a row of the payload, sources, offset of these, offset of the payload,
 # links, offset of these.
@@ -28,7 +28,7 @@ Batch: TypeAlias = tuple[int, int, int, int, int, int, int, int, int]
 # Type, run, tick, flags, rows, columns, [offset, bytes] of each table after the first one flat, batches.
 Message: TypeAlias = tuple[int, int, int, int, int, int, tuple[int, ...], tuple[Batch, ...]]
 
-FIRST = 24  # where the first table begins: a multiple of eight, so its numbers are aligned
+FIRST = 24  # offset of the first table; a multiple of eight, so that its numbers are aligned
 DTYPES = ("<f2", "<f4", "<f8", "<i4", "u1", "<i2", "i1")
 _FLOATS = ("<f2", "<f4", "<f8")
 _SIZE = tuple(np.dtype(name).itemsize for name in DTYPES)
@@ -47,16 +47,16 @@ _NAME = 4  # bytes of a source, int32
 
 
 def read(raw: bytes, kind: int = 0, into: Floats | None = None, /) -> Message:
-    """Takes a message apart.
+    """Read the parts of a message.
 
     Args:
-        kind: the type it must have; 0 for any. into: (rows, columns), float64, where the first table is written, if
-            anywhere, after everything else has been looked at.
+        kind: the required type; 0 for any. into: (rows, columns), float64, array to which the first table is written
+            after all other checks; None: none.
 
     Raises:
-        ValueError: it is not laid out like this, a float in it is not finite, it is of the other type, or its first
-            table has not the shape of `into` (without rows any columns will do); the text begins with the reason,
-            `malformed`, `wrong-shape`, `non-finite` or `wrong-kind`, and a colon.
+        ValueError: another layout, a float that is not finite, the other type, or a first table of another shape than
+            `into` (any columns if there are no rows). The text begins with the reason, `malformed`, `wrong-shape`,
+            `non-finite` or `wrong-kind`, and a colon.
     """
     try:
         array, type_, run_, run, tick_, tick, flags, rows_, rows, columns, table_, size = _HEAD.unpack_from(raw)
@@ -122,7 +122,7 @@ def write(
     frames: Sequence[tuple[int, int, int, int, Any, Any, Any]] = (),
     /,
 ) -> bytes:
-    """A message of these parts; its tables and arrays are buffers in one piece, little-endian.
+    """Write a message of these parts; tables and arrays are contiguous little-endian buffers.
 
     Args:
         table: rows × columns float64. tables: as many as the type has. frames: [kind, round, dtype code, numbers in a
@@ -182,7 +182,7 @@ def _read_batch(raw: bytes, at: int) -> tuple[Batch, int]:
 
 
 def _bytes_at(raw: bytes, at: int) -> tuple[int, int]:
-    """Where the byte string that begins at an offset has its bytes, and how many."""
+    """Offset and number of the bytes of the byte string that begins at an offset."""
     try:
         mark, size = _BYTES.unpack_from(raw, at)
     except struct.error:

@@ -1,3 +1,3 @@
-"""What every process of the swarm has in common: states, scenario, messages, bus. No physics, no learning."""
+"""Code that all processes of the swarm share: states, scenario, plug-ins, messages, bus."""
 
 __version__ = "0.1.0"

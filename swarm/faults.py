@@ -1,4 +1,4 @@
-"""The fault script of a scenario: what goes wrong, with whom, when and for how long. The world plays it.
+"""The fault script of a scenario: kinds of faults, each with its UAVs or area, begin and duration.
 
 Every fault acts on the model, not on a process: the world applies it in a given tick, so the same script flies the
 same trajectory in one process and on many. All times are simulated time.
@@ -11,18 +11,18 @@ from msgspec import Meta
 
 from meanflock.swarm.toml import Table
 
-Uavs: TypeAlias = Annotated[tuple[Annotated[int, Meta(ge=0)], ...], Meta(description="the UAVs it hits")]
-Duration: TypeAlias = Annotated[float, Meta(gt=0, description="how long it lasts, s")]
+Uavs: TypeAlias = Annotated[tuple[Annotated[int, Meta(ge=0)], ...], Meta(description="the UAVs that it hits")]
+Duration: TypeAlias = Annotated[float, Meta(gt=0, description="duration of the fault, s")]
 
 
 class _Fault(Table, frozen=True, tag_field="kind", omit_defaults=True):
-    """Begins in a tick, given as such or as simulated seconds."""
+    """Base class of faults. A fault begins in a tick, which is given as a number or as simulated seconds."""
 
-    tick: Annotated[int, Meta(ge=0, description="the tick it begins in")] | None = None
-    time_s: Annotated[float, Meta(ge=0, description="or the time it begins at, s")] | None = None
-    harmless: Annotated[bool, Meta(description="declares that trajectory and link statistics stay as without it")] = (
-        False
-    )
+    tick: Annotated[int, Meta(ge=0, description="tick in which it begins")] | None = None
+    time_s: Annotated[float, Meta(ge=0, description="or the time at which it begins, s")] | None = None
+    harmless: Annotated[
+        bool, Meta(description="declares that the fault changes neither trajectory nor link statistics")
+    ] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -30,16 +30,16 @@ class _Fault(Table, frozen=True, tag_field="kind", omit_defaults=True):
             raise ValueError("a fault begins at a `tick` or at a `time_s`: give one of them")
 
     def begins(self, dt: float) -> int:
-        """The first tick in which it acts."""
+        """First tick in which the fault acts."""
         return self.tick if self.tick is not None else round((self.time_s or 0.0) / dt)
 
     def ends(self, dt: float) -> int:
-        """The first tick in which it does not act any more; a fault without duration acts in one tick."""
+        """First tick after the fault; a fault without duration acts in one tick."""
         duration = getattr(self, "duration_s", None)
         return self.begins(dt) + (1 if duration is None else max(1, round(duration / dt)))
 
     def acts(self, tick: int, dt: float) -> bool:
-        """Whether it acts in a tick."""
+        """Whether the fault acts in a tick."""
         return self.begins(dt) <= tick < self.ends(dt)
 
 
@@ -64,17 +64,17 @@ class _Where(_Fault, frozen=True, kw_only=True):
 
 
 class Kill(_OfSome, frozen=True, kw_only=True, tag="kill"):
-    """UAVs are lost for good: no command, no radio; a node all of whose UAVs are lost is sent home."""
+    """UAVs are lost for good, without commands and radio. A node gets Stop when all its UAVs are lost."""
 
 
 class Pause(_OfSome, frozen=True, kw_only=True, tag="pause"):
-    """UAVs hold their last command, receive, send and learn nothing, as a frozen computer would."""
+    """UAVs keep their last command, and neither receive, send nor learn, like a stopped computer."""
 
     duration_s: Duration
 
 
 class Partition(_OfSome, frozen=True, kw_only=True, tag="partition"):
-    """Every radio link from and to these UAVs fails, also those between them; the slots are spent."""
+    """Every radio link from or to these UAVs fails, links between them included; the slots are spent."""
 
     duration_s: Duration
 
@@ -91,23 +91,23 @@ class Jam(_Where, frozen=True, kw_only=True, tag="jam"):
 class Gust(_Where, frozen=True, kw_only=True, tag="gust"):
     """Wind that accelerates the named UAVs, those in the area, or all."""
 
-    acceleration: Annotated[tuple[float, float], Meta(description="added to every UAV it hits, m/s²")]
+    acceleration: Annotated[tuple[float, float], Meta(description="acceleration of every UAV that it hits, m/s²")]
 
 
 class LeaderLoss(_Fault, frozen=True, kw_only=True, tag="leader-loss"):
     """The leader is lost for good; a standby takes over if there is one."""
 
-    standby: Annotated[bool, Meta(description="a standby leader is started for it")] = True
+    standby: Annotated[bool, Meta(description="whether a standby leader is started")] = True
 
 
 Fault: TypeAlias = Kill | Pause | Partition | Jam | Gust | LeaderLoss
 
 
 def kind(fault: Fault) -> str:
-    """The word for it in a script."""
+    """Name of the kind of a fault in a script."""
     return str(fault.__struct_config__.tag)
 
 
 def paused(faults: Iterable[Fault], tick: int, dt: float) -> list[int]:
-    """UAVs that are paused in a tick, ascending. World and agents know it alike: no message says so."""
+    """UAVs that are paused in a tick, ascending. World and agents compute this themselves, without a message."""
     return sorted({uav for fault in faults if isinstance(fault, Pause) and fault.acts(tick, dt) for uav in fault.uavs})

@@ -9,37 +9,37 @@ from typing import Any
 from meanflock.swarm.errors import BadInput, printable, printable_lines
 
 TEXT, JSON = "text", "json"
-FIELDS = ("tick", "peer", "uavs", "reason")  # what a line may also know: `extra=` of the call that logs it
+FIELDS = ("tick", "peer", "uavs", "reason")  # optional fields of a line, from `extra=` of the logging call
 _NAME = "meanflock"
 _LEVELS = ("DEBUG", "INFO", "WARNING", "ERROR", "CRITICAL")
 
 
 class TextLines(logging.Formatter):
-    """time, logger, level and message of a record on one line, whatever is in the message; a traceback follows it."""
+    """Formatter of text: time, logger, level and message on one line, then a traceback, if any."""
 
     def __init__(self) -> None:
         super().__init__("%(asctime)s %(name)s %(levelname)s %(message)s")
 
     def formatMessage(self, record: logging.LogRecord) -> str:
-        """The line."""
+        """Returns the line."""
         record.message = printable(record.message, len(record.message))
         return super().formatMessage(record)
 
     def formatException(self, ei: Any) -> str:
-        """The lines after it, indented: none looks like one of the log's own."""
+        """Returns the traceback, indented so that its lines differ from lines of the log."""
         return "\n".join(f"    {line}" for line in printable_lines(super().formatException(ei)).split("\n"))
 
 
 class JsonLines(logging.Formatter):
-    """time, level, logger and message of a record, then what is known of its process, then what it knows itself."""
+    """Formatter of JSON: time, level, logger and message, then fields of the process, then fields of the record."""
 
     def __init__(self, known: dict[str, Any]) -> None:
-        """`known`: fields of every line, run and node for example; read anew for each."""
+        """`known`: fields of every line, such as run and node; read anew for each line."""
         super().__init__()
         self._known = known
 
     def format(self, record: logging.LogRecord) -> str:
-        """One line, whatever is in the message."""
+        """Returns one line."""
         line = {
             "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
             "level": record.levelname,
@@ -56,10 +56,10 @@ class JsonLines(logging.Formatter):
 
 
 def check(form: str) -> str:
-    """`form` itself, if it is one.
+    """Check the name of a form, and return it.
 
     Raises:
-        BadInput: it is not.
+        BadInput: there is no such form.
     """
     if form not in (TEXT, JSON):
         raise BadInput(f"--log-format {form}: choose {TEXT} or {JSON}")
@@ -67,10 +67,10 @@ def check(form: str) -> str:
 
 
 def start(form: str, **known: Any) -> dict[str, Any]:
-    """From now on the log goes to standard error, in that form, from the level $MEANFLOCK_LOG on (WARNING).
+    """Start the log on standard error, in a form, from the level $MEANFLOCK_LOG (default WARNING) on.
 
     Returns:
-        The fields of every line, which the caller may add to when it knows more.
+        The fields of every line, to which the caller may add.
 
     Raises:
         BadInput: there is no such form or level.
@@ -88,14 +88,14 @@ def start(form: str, **known: Any) -> dict[str, Any]:
 
 
 def stop() -> None:
-    """Takes the log of `start` down again."""
+    """Stop the log that `start` began."""
     for handler in _ours():
         logging.root.removeHandler(handler)
         logging.root.setLevel(logging.WARNING)
 
 
 def tell(text: str, level: int = logging.INFO) -> None:
-    """Says something whatever the level of the log: as it is, or as a line of it where that is JSON."""
+    """Print a text at every level of the log; as a line of the log if that is JSON."""
     for handler in _ours():
         if isinstance(handler.formatter, JsonLines):
             handler.handle(logging.LogRecord("meanflock", level, __file__, 0, text, None, None))
@@ -104,7 +104,7 @@ def tell(text: str, level: int = logging.INFO) -> None:
 
 
 def divert() -> None:
-    """From now on what native code prints goes to standard error; `sys.stdout` alone still reaches standard output.
+    """Redirect the output of native code to standard error. Only `sys.stdout` still writes to standard output.
 
     Zenoh and Rerun write their logs to standard output.
     """

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from meanflock.swarm import state
 from meanflock.swarm.state import Floats
 
-GRIDS = ("grid", "waves")  # formations in which neighbours stand `start.spacing` apart
+GRIDS = ("grid", "waves")  # formations with neighbours at the distance `start.spacing`
 _LANES = 4  # of a stream
 
 
@@ -74,7 +74,7 @@ def _positions(start: Any, uavs: int) -> Floats:
         heading = _headings(uavs)
         first = -(-uavs // 2)
         along = [_stream(count, start.spacing) for count in (first, uavs - first)]
-        offset = np.concatenate([along[0], along[1][:, ::-1]])  # the other one along y
+        offset = np.concatenate([along[0], along[1][:, ::-1]])  # the second stream, along y
         return centre - start.radius * heading + offset
     width = start.group if kind == "waves" else math.isqrt(uavs - 1) + 1
     number, placed = np.arange(uavs), np.empty((uavs, 2))
@@ -135,12 +135,11 @@ def obstacles(mission: Mission) -> Floats:
 
 
 def check(mission: Mission) -> None:
-    """Raises ValueError if the mission is impossible: its parts contradict each other, or a start or goal is at a place
-    where no UAV can be."""
+    """Raises ValueError if parts of the mission contradict each other, or if a start or goal is inside an obstacle."""
     _check_tables(mission)
     discs = obstacles(mission)
     if len(discs):
-        mend = "move the one or the other"
+        mend = "move one of them"
         for what, places in (("starts", starts(mission)[:, state.POSITION]), ("has its goal", goals(mission))):
             for number, (x, y, radius) in enumerate(discs.tolist()):
                 inside = np.flatnonzero(np.hypot(*(places - (x, y)).T) <= radius)
@@ -160,12 +159,14 @@ def _check_tables(mission: Mission) -> None:
         if table.positions and len(table.positions) != uavs:
             raise ValueError(f"`{name}.positions` has {len(table.positions)} places for {uavs} UAVs; list one for each")
     if destination.goals == "across" and formation(start) != "streams":
-        raise ValueError('`destination.goals` "across" is of streams; set `start.formation` to streams, or other goals')
+        raise ValueError('`destination.goals` "across" needs streams; set `start.formation` to streams, or other goals')
 
 
 def _check_apart(mission: Mission) -> None:
-    """Of a grid the spacing is what somebody asked for, so its collisions are flown and counted; of all else they are
-    refused, but where one leaves before the other."""
+    """Raises ValueError if two UAVs that leave at the same time start within the collision radius.
+
+    Grids are not checked: their spacing is a key of its own, and their collisions are counted.
+    """
     places, least = starts(mission)[:, state.POSITION], mission.metrics.collision_radius
     when = launches(mission)
     order = np.argsort(places[:, 0], kind="stable")
@@ -181,5 +182,5 @@ def _check_apart(mission: Mission) -> None:
             apart = float(np.hypot(*(places[first] - places[second])))
             raise ValueError(
                 f"UAV {first} and UAV {second} start {apart:g} m apart, nearer than `metrics.collision_radius` "
-                f"{least:g} m; move them apart, or take fewer"
+                f"{least:g} m; move them apart, or take fewer UAVs"
             )

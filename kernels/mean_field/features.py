@@ -1,6 +1,6 @@
 """Features σ_H and σ_F of the two networks, with exact derivatives: monomials of the scaled state.
 
-Their coefficients are in the tables: one, or those of the polynomial (`learner.multinomial`).
+Their coefficients are in the tables: 1, or those of the polynomial (`learner.multinomial`).
 
 Every function is row-wise: row i of the result depends on row i of the arguments only, to the last bit.
 """
@@ -11,12 +11,12 @@ from meanflock.kernels import state
 from meanflock.kernels.mean_field.layout import Floats, Indices, Tables
 
 POWERS = 7  # 1, u, u² … u⁶ of each coordinate
-AXIS_FEATURES = 27  # of σ_H, each of which belongs to one axis
-PAIRS = 15  # products of two powers of degree 0…4 together
+AXIS_FEATURES = 27  # features σ_H of each axis
+PAIRS = 15  # products of two powers, with total degree 0…4
 
 
 def powers(t: Tables, states: Floats) -> Floats:
-    """States `(..., 4)` to 1, u, u² … u⁶ of each scaled coordinate u, `(..., 28)`."""
+    """Powers 1, u, u² … u⁶ of each scaled coordinate u of states `(..., 4)`: `(..., 28)`."""
     result = np.empty((*states.shape, POWERS))
     result[..., 0] = 1.0
     result[..., 1:] = (states / t.scale)[..., None]
@@ -24,19 +24,21 @@ def powers(t: Tables, states: Floats) -> Floats:
 
 
 def value(t: Tables, given: Floats) -> Floats:
-    """Powers to `(..., 4, 2, 27)`: [σ, ∂σ/∂r, ∂σ/∂v, ∂²σ/∂v²] of the features of axis x and of axis y."""
+    """Features of axis x and of axis y from powers, [σ, ∂σ/∂r, ∂σ/∂v, ∂²σ/∂v²]: `(..., 4, 2, 27)`."""
     return _products(given, t.value_first, t.value_second, t.value_factor).reshape(
         *given.shape[:-1], 4, state.AXES, AXIS_FEATURES
     )
 
 
 def pairs(t: Tables, given: Floats) -> Floats:
-    """Powers to `(..., 8, 15)`: of positions A, ∂A/∂x, ∂A/∂y, of velocities V, ∂V/∂vx, ∂V/∂vy, ∂²V/∂vx², ∂²V/∂vy²."""
+    """Pairs from powers, `(..., 8, 15)`: A, ∂A/∂x, ∂A/∂y of positions; V, ∂V/∂vx, ∂V/∂vy, ∂²V/∂vx², ∂²V/∂vy² of
+    velocities.
+    """
     return _products(given, t.pair_first, t.pair_second, t.pair_factor).reshape(*given.shape[:-1], 8, PAIRS)
 
 
 def terms(t: Tables, given: Floats) -> Floats:
-    """Pairs to [1, σ_F], `(..., 70)`: a term x̄^a ȳ^b v̄x^c v̄y^d is a product of a position and a velocity pair."""
+    """Terms [1, σ_F] from pairs, `(..., 70)`: x̄^a ȳ^b v̄x^c v̄y^d is a product of a position pair and a velocity pair."""
     result = given[..., 0, :].take(t.at_position, axis=-1) * given[..., 3, :].take(t.at_velocity, axis=-1)
     result *= t.coefficient
     return result

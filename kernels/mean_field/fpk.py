@@ -11,12 +11,12 @@ from meanflock.kernels.mean_field.layout import Floats, Tables
 
 
 def divergence(t: Tables, curvature: Floats) -> Floats:
-    """∇·b = −2c0 − (ψ̂_vxvx + ψ̂_vyvy)/2c3, `(...)`, 1/s."""
+    """Divergence of the drift, ∇·b = −2c0 − (ψ̂_vxvx + ψ̂_vyvy)/2c3, `(...)`, 1/s."""
     return -2.0 * t.drag - t.gain * curvature
 
 
 def operator(t: Tables, pairs: Floats, b: Floats, divergence: Floats) -> Floats:
-    """∇_{ŵF0} e_F = σ_F ∇·b + [∇σ_F] b − ½ [tr(GGᵀ Hess σ_F)], `(..., 69)`.
+    """FPK operator ∇_{ŵF0} e_F = σ_F ∇·b + [∇σ_F] b − ½ [tr(GGᵀ Hess σ_F)], `(..., 69)`.
 
     The operator acts on a product by the product rule: on pairs first, then on terms.
 
@@ -45,7 +45,7 @@ def operator(t: Tables, pairs: Floats, b: Floats, divergence: Floats) -> Floats:
 def step(
     t: Tables, weights: Floats, states: Floats, pairs: Floats, sigma: Floats, drift: Floats, curvature: Floats
 ) -> tuple[Floats, Floats]:
-    """Eq. FPK_update0 and FPK_update1, with ψ̂ as it is after the value step of the same tick (Algorithm 2).
+    """One step of the density learner, Eq. FPK_update0 and FPK_update1, with ψ̂ after the value step (Algorithm 2).
 
     e_F = ŵ_F1ᵀσ_F + ŵ_F0ᵀg with g = σ_F∇·b + [∇σ_F]b − ½[tr(GGᵀ Hess σ_F)].
 

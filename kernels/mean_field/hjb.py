@@ -14,12 +14,12 @@ from meanflock.kernels.mean_field.layout import Floats, Tables
 
 
 class ValueStep(NamedTuple):
-    """One tick of the value learner.
+    """Result of a tick of the value learner.
 
     weights: (..., 108) after the step.
     action_before, action: â with the weights before and after, (..., 2), m/s².
     residual: e_H before the step, (...).
-    curvature: ψ̂_vxvx + ψ̂_vyvy after the step, (...); the density learner's drift diverges by it.
+    curvature: ψ̂_vxvx + ψ̂_vyvy after the step, (...); the divergence of the density learner's drift depends on it.
     """
 
     weights: Floats
@@ -30,7 +30,7 @@ class ValueStep(NamedTuple):
 
 
 def local_cost(states: Floats, c1: float) -> Floats:
-    """φ_L = v·r/‖r‖ + c1‖v‖², `(...)`; the first term is 0 at r = 0, where it is undefined."""
+    """Local cost φ_L = v·r/‖r‖ + c1‖v‖², `(...)`; the first term is set to 0 at r = 0, where it is undefined."""
     position, velocity = states[..., state.POSITION], states[..., state.VELOCITY]
     distance = np.sqrt(state.dot(position, position))
     approach = state.dot(velocity, position) / np.maximum(distance, np.finfo(np.float64).tiny)
@@ -43,7 +43,7 @@ def drift(t: Tables, states: Floats, action: Floats) -> Floats:
 
 
 def step(t: Tables, weights: Floats, states: Floats, powers: Floats, phi_g: Floats) -> ValueStep:
-    """Eq. HJB_update0 and HJB_update1.
+    """One step of the value learner, Eq. HJB_update0 and HJB_update1.
 
     e_H = ŵ_H1ᵀσ + (f − BBᵀ∇ψ̂/4c3)ᵀ∇ψ̂ + ½tr(GGᵀ Hess ψ̂) + φ_L + c2φ_G. With g = ∇_{ŵH0}e_H =
     [∇σ](f + Bâ) + ½d this is ŵ_H1ᵀσ + ŵ_H0ᵀg + c3‖â‖² + φ_L + c2φ_G, so one product serves residual and step.
@@ -85,7 +85,7 @@ def step(t: Tables, weights: Floats, states: Floats, powers: Floats, phi_g: Floa
 
 
 def lyapunov_rate(t: Tables, states: Floats, drift: Floats) -> Floats:
-    """L̇_s = ∇L_sᵀ(f + Bâ) of L_s = ½sᵀPs, P = [[1, κ], [κ, 1]] ⊗ I₂; `(...)`."""
+    """Rate L̇_s = ∇L_sᵀ(f + Bâ) of L_s = ½sᵀPs, P = [[1, κ], [κ, 1]] ⊗ I₂; `(...)`."""
     position, velocity = states[..., state.POSITION], states[..., state.VELOCITY]
     by_position = position + t.kappa * velocity
     by_velocity = t.kappa * position + velocity
@@ -93,7 +93,7 @@ def lyapunov_rate(t: Tables, states: Floats, drift: Floats) -> Floats:
 
 
 def _regularised(t: Tables, states: Floats, drift: Floats) -> NDArray[np.bool_]:
-    """Where R = max(0, L̇_s)·1[‖s‖ ≥ s_dest] has a gradient.
+    """Mask of the rows in which R = max(0, L̇_s)·1[‖s‖ ≥ s_dest] has a gradient.
 
     There ∇_{ŵH0}R = −(1/2c3)[∇σ]B Bᵀ∇L_s; the appendix prints the opposite sign, which would drive L̇_s up.
     """

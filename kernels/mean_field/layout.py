@@ -1,4 +1,4 @@
-"""The model of a mean-field learner, and the constants that a step of it works on; `learn.h` says the same in C.
+"""Layout of the model of a mean-field learner, and the constants of its step; `learn.h` has the same in C.
 
 A model is one row of floats, [ŵ_H0 (54), ŵ_H1 (54), ŵ_F0 (69), ŵ_F1 (69)]. A *power* is one of 1, u, u² … u⁶ of a
 scaled coordinate u; four coordinates make 28. A *feature* is a product of two powers and a factor.

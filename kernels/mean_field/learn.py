@@ -1,4 +1,4 @@
-"""A step of the mean-field learners, in NumPy: what `learn.c` and `rows.h` compile."""
+"""A step of the mean-field learners, in NumPy; its compiled form is in `learn.c` and `rows.h`."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from meanflock.kernels.state import Floats
 
 
 def prepare(given: Tables) -> Any:
-    """The tables as `learn` takes them; whoever calls it keeps them and looks at nothing in them."""
+    """The tables in the form that `learn` takes, which other code must not read."""
     return given
 
 
@@ -23,7 +23,7 @@ def learn(
     Args:
         states: (M, 4). weights: (M, 246), [ŵ_H0, ŵ_H1, ŵ_F0, ŵ_F1].
         around: None: the density is learned and φ_G is its quadrature. Else the density stays as it is, and φ_G is
-            the mean over the states each row knows (M, N, 4), with β = 1, or what is given, (M,).
+            the mean over the states known to each row, (M, N, 4), with β = 1; or it is given, (M,).
         weights_out: (M, 246), written; may be `weights`. numbers: (M, 5), written: [a_x, a_y, e_H, e_F, φ_G].
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):

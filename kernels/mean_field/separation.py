@@ -1,4 +1,4 @@
-"""A repulsion from UAVs nearby. The paper's cost has none: its φ_G aligns velocities and parts nobody."""
+"""Repulsion from near UAVs, which the paper's cost lacks: its φ_G only aligns velocities."""
 
 import math
 
@@ -7,14 +7,14 @@ import numpy as np
 from meanflock.kernels import state
 from meanflock.kernels.mean_field.layout import Floats
 
-FARTHEST = 36.0  # d²/2ℓ² beyond which nothing is added: exp(−36) is 2e-16
+FARTHEST = 36.0  # d²/2ℓ² beyond which a UAV is ignored: exp(−36) is 2e-16
 _LOG2_E = 1.4426950408889634
 _LN2_HIGH, _LN2_LOW = 0.693147180369123816490, 1.90821492927058770002e-10  # ln 2, the first without its last 32 bits
 _SERIES = tuple(1.0 / math.factorial(n) for n in range(13, -1, -1))  # of exp, as in separation.c
 
 
 def decay(u: Floats) -> Floats:
-    """exp(−u) where 0 ≤ u ≤ 36, and 0 elsewhere, `(...)`; in additions and products only, so that C has the same bits.
+    """Compute exp(−u) for 0 ≤ u ≤ 36, and 0 elsewhere, `(...)`, by additions and products only, as in C.
 
     Within 2e-16 relative: u = k ln 2 + r, and the Taylor series of exp(−r), |r| ≤ ln 2 / 2, times 2⁻ᵏ.
     """
@@ -29,17 +29,17 @@ def decay(u: Floats) -> Floats:
 
 
 def repel(states: Floats, known: Floats, weight: float, range_m: float, pushed: Floats) -> None:
-    """a = w Σ_j Δr exp(−‖Δr‖²/2ℓ²) with Δr = r − r_j: the negative gradient of w ℓ² Σ_j exp(−‖Δr‖²/2ℓ²).
+    """Repulsion a = w Σ_j Δr exp(−‖Δr‖²/2ℓ²) with Δr = r − r_j, the negative gradient of w ℓ² Σ_j exp(−‖Δr‖²/2ℓ²).
 
     Args:
-        states: (M, 4). known: (M, N, 4), where each row believes the others are; itself adds nothing. weight: w, 1/s².
+        states: (M, 4). known: (M, N, 4), states of all UAVs known to each row; its own adds 0. weight: w, 1/s².
         range_m: ℓ. pushed: (M, 2), written, m/s².
     """
     with np.errstate(over="ignore", invalid="ignore"):
         x = states[:, state.X, None] - known[..., state.X]
         y = states[:, state.Y, None] - known[..., state.Y]
         falls = decay((x * x + y * y) * (0.5 / (range_m * range_m)))
-        # What is not a number, or beyond all bounds, is far: it has no weight, and no product either.
+        # NaN and infinite distances get weight 0 and no product.
         for axis, apart in enumerate((x, y)):
             products = np.where(falls > 0.0, apart, 0.0) * falls
             pushed[:, axis] = weight * np.add.reduce(products, axis=-1)

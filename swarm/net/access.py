@@ -1,4 +1,4 @@
-"""Who a process is on the network, and what it may do there.
+"""Identity of a process on the network, and the access rules of the router.
 
 A process shows a certificate whose common name is the node's name. The router has an access-control list with default
 deny: it matches the name on the certificate of each link, and only the holder of the key can show that certificate. The
@@ -47,7 +47,7 @@ class Identity(NamedTuple):
         """
         import ssl  # only here: a swarm without certificates does not load it
 
-        remedy = "`meanflock certs init DIR --uavs N` makes them, `meanflock doctor --tls DIR` looks at them"
+        remedy = "`meanflock certs init DIR --uavs N` makes them, `meanflock doctor --tls DIR` checks them"
         for path in (self.authority, self.certificate, self.key):
             try:
                 path.open("rb").close()
@@ -75,7 +75,7 @@ def only_agent(folder: Path) -> int:
     if len(found) == 1 and (number := found[0].removeprefix("agent-")).isdigit():
         return int(number)
     what = f"{len(found)} keys of agents" if found else "no key of an agent"
-    raise BadInput(f"{folder}: {what}; with --tls an agent says which UAV it is: --uav K")
+    raise BadInput(f"{folder}: {what}; with --tls name the agent's UAV: --uav K")
 
 
 def rules(run: str, uavs: int, uavs_per_process: int) -> dict[str, Any]:
@@ -124,7 +124,7 @@ def _station(run: str) -> list[Rule]:
 
 
 def _member(run: str, role: str, name: str) -> list[Rule]:
-    """What every node may do: ask to join under its own name, be alive under it, and see whether the world is alive."""
+    """Rules of every node: it may ask to join and be alive under its own name, and watch the world's token."""
     world = keys.alive(run, WORLD, WORLD)
     return [
         ("ingress", ["query"], [keys.join(run, name)]),
@@ -137,7 +137,7 @@ def _member(run: str, role: str, name: str) -> list[Rule]:
 
 
 def _lives(name: str) -> tuple[str, str]:
-    """The names of a node: one that comes back has a number behind its name: agent-3, agent-3.2, agent-3.3 …"""
+    """Names of a node: after a rejoin its name ends in a number: agent-3, agent-3.2, agent-3.3 …"""
     return name, f"{name}.$*"
 
 

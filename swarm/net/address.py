@@ -52,8 +52,8 @@ class Address(NamedTuple):
             raise self.refused(flag, error) from error
 
     def refused(self, flag: str, error: OSError) -> BadInput:
-        """The error if no process can listen there."""
-        why = str(error.strerror).partition(" (while ")[0]  # the address stands there already
+        """The error for an address at which no process can listen."""
+        why = str(error.strerror).partition(" (while ")[0]  # the text has the address already
         return BadInput(f"{flag} {self}: {why}; choose a free port of this machine, or 0 for any")
 
     def __str__(self) -> str:
@@ -78,10 +78,10 @@ def secured(endpoint: str, identity: Identity | None) -> str:
 
 
 def check_free(endpoint: str) -> None:
-    """Checks that a process can listen on `endpoint`: Zenoh's own error would not name the port.
+    """Checks that a process can listen on `endpoint`, because Zenoh's error does not name the port.
 
     Raises:
-        BadInput: no process can.
+        BadInput: no process can listen there.
     """
     try:
         _address(endpoint).listen().close()

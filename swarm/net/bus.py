@@ -32,7 +32,7 @@ class Delivery(msgspec.Struct, frozen=True):
 
 
 class Quota(NamedTuple):
-    """Limit of one sender's messages that wait at a bus (`ZenohBus.router`)."""
+    """Sender of the messages under a key, and the limit of their length (`ZenohBus.router`)."""
 
     owner: str  # the sender: messages under all its keys are counted together
     largest: int  # bytes a message may have
@@ -42,7 +42,7 @@ Quotas = Callable[[str], Quota]  # quota of a key; called in any thread
 
 
 class Bus(Protocol):
-    """One participant's access. Messages of one publisher under one key arrive in order; none before `subscribe`."""
+    """Access of one participant to the bus. Messages of one publisher under one key arrive in order."""
 
     def put(self, key: str, payload: bytes) -> None:
         """Sends `payload` to every subscriber of `key`."""

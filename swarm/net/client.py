@@ -21,13 +21,15 @@ from meanflock.swarm.wire.messages import Act, Event, Join, Message, Ready, Refu
 
 log = logging.getLogger("meanflock.node")
 
-_READY_AGAIN_S = 0.2  # until the first Sense: what is put right after a declaration can get lost
+_READY_AGAIN_S = 0.2  # Ready is repeated until the first Sense, because a message after a declaration can get lost
 _ASK_TIMEOUT_S = 2.0
-_REFUSED_AGAIN_S = 0.25  # a predecessor that was killed is missed within milliseconds, a frozen one at the barrier
-_MAX_DROP_LINES = 100  # in the log; the counter goes on
+_REFUSED_AGAIN_S = (
+    0.25  # the loss of a predecessor is noticed within milliseconds if it was killed, at the barrier if it was stopped
+)
+_MAX_DROP_LINES = 100  # in the log; the counter counts all
 _ATTEMPT_S = 0.5  # first attempt to connect, each further one twice as long; a signal waits until it is over
 _LONGEST_ATTEMPT_S = 4.0
-_MOST_RETURNS = 3  # after a loss: a node that is always too slow costs all others a barrier each time
+_MOST_RETURNS = 3  # rejoins of a node that was stopped; each costs all others the time of a barrier
 
 
 class Node(Protocol):
@@ -36,19 +38,21 @@ class Node(Protocol):
     complaints: list[str]  # problems to report to the world; the client reports and clears them
 
     def act(self, sense: Sense) -> Act:
-        """Replies to a Sense, or raises MessageRejected and has not changed."""
+        """Reply to a Sense; MessageRejected leaves the node unchanged."""
 
 
 class NodeClient:
-    """One node on the bus."""
+    """Connection of a node to the world, over a bus."""
 
     def __init__(self, bus: Bus, run: str) -> None:
         self._bus, self._run = bus, run
         self._fingerprint = keys.fingerprint(run)
-        self._node: Node  # once the world has let it in
+        self._node: Node  # set when the world has admitted it
         self._last_tick = -1
         self._last_act = b""
-        self._busy = threading.RLock()  # the node is asked by one thread at a time; again by the same, on a memory bus
+        self._busy = (
+            threading.RLock()
+        )  # one thread at a time calls the node; on a memory bus the same thread may call again
         self.stopped: Stop | None = None  # the world's last message
         self._gone = False  # whether the world vanished without a Stop
         self.dropped: Counter[str] = Counter()
@@ -60,9 +64,9 @@ class NodeClient:
         timeout_s: float,
         cancelled: Callable[[], bool] = lambda: False,
     ) -> Welcome:
-        """Asks until a world admits the node, builds the node, and listens. `cancelled` is asked between two questions.
+        """Ask until a world admits the node, make the node, and listen. `cancelled` is called between two questions.
 
-        A node that comes before the loss of its predecessor is noticed is refused for now, and asks again.
+        A node whose predecessor is not yet known to be lost is refused for now, and asks again.
 
         Raises:
             Refused: the world did not admit the node.
@@ -77,7 +81,7 @@ class NodeClient:
         try:
             _check_plugins(welcome, request.role)
             self._node = make(welcome)
-        except BadInput as error:  # the world logs it too: its user need not look on this host
+        except BadInput as error:  # the world logs it too, so that its user sees it
             why = f"{welcome.node} on host {platform.node()}: {error}"
             self._bus.put(self._speak, control.encode(Refusal(why)))
             raise BadInput(why) from error
@@ -88,12 +92,12 @@ class NodeClient:
         return welcome
 
     def serve(self, cancelled: Callable[[], bool], abandoned: Callable[[], bool]) -> str:
-        """Answers until the world says stop (`stopped`) or the process should end; returns the reason.
+        """Serve until the world sends Stop (`stopped`) or the process should end; returns the reason.
 
-        `cancelled` is asked after every delivery, `abandoned` only when no delivery came.
+        `cancelled` is called after every delivery, `abandoned` only without a delivery.
 
         Raises:
-            WorldGone: the session with the world ended without a word.
+            WorldGone: the session with the world ended without a Stop.
         """
         while self.stopped is None:
             if self._gone:
@@ -110,7 +114,7 @@ class NodeClient:
         return self.stopped.reason
 
     def handle(self, delivery: Delivery) -> None:
-        """Handles one delivery. A message that does not fit is dropped, counted and logged, and changes nothing."""
+        """Handle one delivery. An invalid message is dropped, counted and logged, and changes nothing."""
         if delivery.kind == "gone":
             self._gone = True
         elif delivery.kind == "message":
@@ -119,7 +123,7 @@ class NodeClient:
                 take(delivery.key, delivery.payload)
 
     def _asked(self, key: str, raw: bytes) -> None:
-        """Replies to one message of a tick, while no other thread asks the node."""
+        """Reply to one message of a tick, while no other thread calls the node."""
         try:
             sense = tick.read_sense(raw, self._blank.copy())
             if sense.run != self._fingerprint:
@@ -131,7 +135,7 @@ class NodeClient:
                 self._last_tick = sense.tick
                 if self._node.complaints:
                     self._complain(self._node.complaints)
-            # The same tick again: the world has not received the reply. It gets the same one; nothing is learned twice.
+            # A world that repeats a tick has not received the reply. It gets the same one; the node does not act twice.
             self._bus.put(self._speak, self._last_act)
         except MessageRejected as error:
             self._drop(key, error)
@@ -143,7 +147,7 @@ class NodeClient:
             log.warning("dropped a message under %s: %s", key, error, extra=about)
 
     def _ask(self, request: Join, timeout_s: float, cancelled: Callable[[], bool]) -> Message:
-        """The first answer of a world that is not a refusal for now."""
+        """The first answer of a world that is not a temporary refusal."""
         question, raw = keys.join(self._run, keys.asker(request.role, request.uav)), control.encode(request)
         failure = BusError(f"no world of run {self._run!r} answered within {timeout_s:.0f} s")
         end = time.monotonic() + timeout_s
@@ -164,8 +168,9 @@ class NodeClient:
                 time.sleep(min(_REFUSED_AGAIN_S, left))
 
     def _at_once(self, key: str, raw: bytes) -> bool:
-        """Replies to a Sense in the thread that brings it, unless the node is busy: a hand-over to another thread costs
-        as much as the reply."""
+        """Reply to a Sense in the thread that brings it, unless the node is busy; a switch of threads costs as much as
+        the reply. Returns whether it replied.
+        """
         if raw[1:2] not in tick.TYPES or not self._busy.acquire(False):
             return False
         try:
@@ -175,14 +180,14 @@ class NodeClient:
             self._busy.release()
 
     def _control(self, key: str, raw: bytes) -> None:
-        """Takes the only other message: Stop."""
+        """Read a control message, which must be Stop."""
         try:
             self.stopped = control.decode_as(Stop, raw, self._fingerprint)
         except MessageRejected as error:
             self._drop(key, error)
 
     def _complain(self, complaints: list[str]) -> None:
-        """Reports problems to the world."""
+        """Report problems to the world."""
         for text in complaints:
             self._bus.put(self._speak, control.encode(Event(self._last_tick, "failed", text)))
         complaints.clear()
@@ -201,17 +206,17 @@ def take_part(
     abandoned: Callable[[], bool],
     welcomed: Callable[[Welcome], None] = lambda welcome: None,
 ) -> str:
-    """Connects, joins and serves until the world says stop; returns the world's reason.
+    """Connect, join and serve until the world sends Stop; returns the world's reason.
 
     If its session is lost (its connection was reset, or cut for longer than the lease), the world has counted the node
     as lost. The node opens a new session and joins again as a new node; if the flight is over by then, it leaves. A
-    node that was frozen and is told that it counts as lost joins again too, but only a few times, and not if another
-    node has its place by then.
+    node that was stopped by a signal and then learns that it is lost also joins again, but only a few times, and not if
+    another node has its place.
 
     Args:
         connect: opens a session within this many seconds, or raises BusError.
-        wait_s: how long to wait for a world, at first and whenever the session is lost.
-        cancelled: asked after every delivery and between two attempts.
+        wait_s: how long to wait for a world, at the start and after each loss of the session.
+        cancelled: called after every delivery and between two attempts.
         abandoned: the same, but not while the node has work.
         welcomed: called after every admission.
 
@@ -220,7 +225,7 @@ def take_part(
         BusError: no world answered in time at first, or it refused the node.
     """
     lost: WorldGone | None = None
-    missed: str | None = None  # why the world counts this node as lost, if that is what it said last
+    missed: str | None = None  # reason of the world's last Stop, if it declared this node lost
     times = 0
 
     def over() -> bool:
@@ -257,7 +262,7 @@ def take_part(
 
 
 def connected(connect: Callable[[float], Bus], end: float, over: Callable[[], bool]) -> Bus:
-    """A session that is opened before `end` by the monotonic clock; `over` is asked between two attempts.
+    """Open a session before the time `end` of the monotonic clock; `over` is called between two attempts.
 
     Raises:
         BusError: no session in time, or `over`.
@@ -274,7 +279,8 @@ def connected(connect: Callable[[float], Bus], end: float, over: Callable[[], bo
 
 
 def _check_plugins(welcome: Welcome, role: str) -> None:
-    """Checks that this host has the world's plug-ins that a node needs: controller, filter, and the leader's rule.
+    """Check that this host has the plug-ins that a node needs, in the world's versions: controller, filter, leader's
+    rule.
 
     Raises:
         BadInput: one is missing, or has another version here.

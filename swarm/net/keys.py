@@ -14,7 +14,7 @@ _KEY_OF_A_TOKEN = re.compile(rf"{ROOT}/{_NAME}/alive/({_NAME})/({_NAME})")
 
 
 def check_run(run: str) -> str:
-    """`run` itself, if it can be part of a key.
+    """Check that a run's name can be part of a key, and return it.
 
     Raises:
         BadInput: it cannot.
@@ -25,7 +25,7 @@ def check_run(run: str) -> str:
 
 
 def fingerprint(run: str) -> int:
-    """A 32-bit number that every message of a run carries."""
+    """The 32-bit number of a run in its messages."""
     return zlib.crc32(run.encode())
 
 
@@ -35,43 +35,43 @@ def asker(role: str, uav: int = -1) -> str:
 
 
 def join(run: str, name: str = "*") -> str:
-    """Queryable of the world, under which a node asks to join; `name` is that of `asker`."""
+    """Key of questions to join; `name` is that of `asker`."""
     return f"{ROOT}/{run}/node/{name}/join"
 
 
 @lru_cache(maxsize=4096)  # called in every tick
 def sense(run: str, node: str) -> str:
-    """World → node."""
+    """Key of requests: world → node."""
     return f"{ROOT}/{run}/node/{node}/sense"
 
 
 @lru_cache(maxsize=4096)  # called in every tick
 def act(run: str, node: str) -> str:
-    """Node → world; `*` for all nodes."""
+    """Key of replies: node → world; `*` for all nodes."""
     return f"{ROOT}/{run}/node/{node}/act"
 
 
 def telemetry(run: str) -> str:
-    """World → listeners."""
+    """Key of telemetry: world → listeners."""
     return f"{ROOT}/{run}/telemetry"
 
 
 def received(run: str) -> str:
-    """The recording listener → world."""
+    """Key of acknowledgements: recording listener → world."""
     return f"{ROOT}/{run}/received"
 
 
 def alive(run: str, role: str, node: str) -> str:
-    """Liveliness token of a node; `*` for all."""
+    """Key of the liveliness token of a node; `*` for all."""
     return f"{ROOT}/{run}/alive/{role}/{node}"
 
 
 @lru_cache(maxsize=4096)  # called in every tick; a wrong key is not cached
 def node_of(key: str) -> str:
-    """The node a key of `join`, `act`, `sense` or `alive` belongs to.
+    """Name of the node in a key of `join`, `act`, `sense` or `alive`.
 
     Raises:
-        MessageRejected: `wrong-key`: it is none of these. A sender can choose any key, wildcards included.
+        MessageRejected: `wrong-key`: another key. A sender can choose any key, wildcards included.
     """
     if (match := _KEY_OF_A_NODE.fullmatch(key)) is None:
         raise MessageRejected("wrong-key", key)

@@ -18,9 +18,9 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
-# The runtime reads this once, when zenoh is loaded. A small message costs the hand-over between threads, so the thread
-# that waits for the sockets also reads them. Sending needs a thread of its own: the other thread hands messages to it
-# (it tells every node of a link that is gone), and would wait for itself.
+# The runtime reads this once, when zenoh is loaded. The cost of a small message is a switch of threads, so the thread
+# that waits for the sockets also reads them. Sending needs a thread of its own, because the receiving thread also sends
+# (it tells every node that a link is gone), and would wait for itself.
 os.environ.setdefault(
     "ZENOH_RUNTIME",
     "(acc:(handover:app),net:(handover:app),rx:(handover:app),app:(worker_threads:1),tx:(worker_threads:1))",
@@ -37,25 +37,25 @@ from meanflock.swarm.wire.control import MAX_BYTES
 
 log = logging.getLogger("meanflock.bus")
 
-LEASE = "MEANFLOCK_LEASE"  # variable: seconds of silence after which the other end of a link is taken for gone
+LEASE = "MEANFLOCK_LEASE"  # variable: seconds of silence after which a link counts as lost
 _LEASE_S = (1.0, 10.0, 600.0)  # least, default, most
-_WAITING_MESSAGES = 256  # of one sender; an honest node has two or three under way
-_WAITING_BYTES = 2**16  # of one sender, however short its messages have to be
-_WAITING_LONGEST = 4  # or this many of the longest messages that it may send
-_BATCH_BYTES = 4096  # received in one piece
+_WAITING_MESSAGES = 256  # limit for one sender; an honest node has two or three
+_WAITING_BYTES = 2**16  # limit for one sender, at least
+_WAITING_LONGEST = 4  # or so many of its longest messages, if that is more
+_BATCH_BYTES = 4096  # of a read
 _COMMON: Mapping[str, Any] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
     "scouting/delay": 0,
-    # Time stamps are of the wall clock, and a router that sees the clock jump complains about every message.
+    # Time stamps use the wall clock; after a jump of the clock a router warns at every message.
     "timestamping/enabled": False,
     # Shared memory is on by default from 3 KiB and can drop messages silently.
     "transport/shared_memory/enabled": False,
     "transport/link/rx/max_message_size": MAX_BYTES,
-    # Each message is read into fresh memory of the size of a batch. The default of 64 KiB, cleared for each small
-    # message, would push all else out of the caches; and each fragment of a message, however short, holds as much.
+    # Each message is read into new memory of the size of a batch. The default of 64 KiB, cleared for each small
+    # message, would evict all other data from the caches, and each fragment of a message takes as much.
     "transport/link/tx/batch_size": _BATCH_BYTES,
-    # With priorities a link may have sixteen messages under way in fragments; without, two. Ours all have the same.
+    # With priorities a link may have sixteen fragmented messages under way; without, two. We use one priority.
     "transport/unicast/qos/enabled": False,
 }
 _ASK_AGAIN_S = 0.05
@@ -71,13 +71,13 @@ def _config(settings: dict[str, Any]) -> zenoh.Config:
 
 
 def _lease() -> dict[str, int]:
-    """Zenoh's settings of how long a link may be silent, and how long a message may wait for a link.
+    """Zenoh's settings of the time that a link may be silent, and that a message may wait for a link.
 
-    Two messages may wait for the same link, one after the other, and nothing is received meanwhile: three tenths of the
-    lease each leave the other links time for a sign of life.
+    Two messages may wait for the same link, one after the other, and nothing is received meanwhile. Each waits at most
+    three tenths of the lease, so that the other links can still renew theirs.
 
     Raises:
-        BadInput: the variable is not such a number.
+        BadInput: the variable is not a number in this range.
     """
     least, default, most = _LEASE_S
     text = os.environ.get(LEASE) or str(default)
@@ -86,7 +86,7 @@ def _lease() -> dict[str, int]:
     except ValueError:
         lease_s = math.nan
     if not least <= lease_s <= most:
-        raise BadInput(f"{LEASE}={text}: seconds from {least:g} to {most:g}; {default:g} where it is not set")
+        raise BadInput(f"{LEASE}={text}: seconds from {least:g} to {most:g}; unset: {default:g}")
     return {
         "transport/link/tx/lease": int(1e3 * lease_s),
         "transport/link/tx/queue/congestion_control/block/wait_before_close": int(3e5 * lease_s),  # µs
@@ -94,12 +94,14 @@ def _lease() -> dict[str, int]:
 
 
 class Backlog:
-    """Queue of received deliveries, filled from any thread, in which no sender may have more than its share."""
+    """Queue of received deliveries, filled from any thread, with a limit for each sender."""
 
     def __init__(self, quotas: Quotas | None) -> None:
-        """`quotas`: the sender of a message, and how long the message may be; None: no limit."""
-        self.dropped: Counter[str] = Counter()  # deliveries beyond the share of their sender: `backlog`
-        self._queue: queue.SimpleQueue[tuple[Delivery, str]] = queue.SimpleQueue()  # with the sender, if it is limited
+        """`quotas`: sender and longest message of a key; None: no limit."""
+        self.dropped: Counter[str] = Counter()  # deliveries beyond the limit of their sender: `backlog`
+        self._queue: queue.SimpleQueue[tuple[Delivery, str]] = (
+            queue.SimpleQueue()
+        )  # with the sender, if there are limits
         self._quotas = quotas
         self._waiting: dict[str, tuple[int, int]] = {}  # messages and their bytes, by sender
         self._counting = threading.Lock()
@@ -118,9 +120,11 @@ class Backlog:
                     self.dropped["backlog"] += 1
                     dropped = self.dropped["backlog"]
             if not fits:
-                if dropped & (dropped - 1) == 0:  # the 1st, 2nd, 4th, 8th …: a flood does not fill the log
+                if dropped & (dropped - 1) == 0:  # the 1st, 2nd, 4th, 8th …, so that a flood does not fill the log
                     log.warning(
-                        "dropped %d messages, too many wait; the last under %s", dropped, printable(delivery.key)
+                        "dropped %d messages, because too many wait; the last under %s",
+                        dropped,
+                        printable(delivery.key),
                     )
                 return
         self._queue.put((delivery, owner))
@@ -145,14 +149,12 @@ class ZenohBus:
     """A `Bus` over one Zenoh session."""
 
     def __init__(self, config: zenoh.Config, quotas: Quotas | None = None) -> None:
-        """Use `router` or `client`. `quotas`: how long the messages of a sender may be, and so how many bytes of them
-        may wait; None: no limit.
-        """
+        """Use `router` or `client`. `quotas`: limits of a sender's messages; None: no limits."""
         zenoh.init_log_from_env_or("error")
         try:
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
-            reason = str(error).split(" at /")[0]  # without the place in the library's source
+            reason = str(error).split(" at /")[0]  # without the location in the library's source
             raise BusError(f"cannot open a Zenoh session: {reason}") from error
         self._quotas = quotas
         self._backlog = Backlog(quotas)
@@ -173,12 +175,12 @@ class ZenohBus:
     ) -> "ZenohBus":
         """The world's side: listens on `endpoint` and relays between the clients.
 
-        With an `identity`, every link is mutual TLS, and `access` says which node may do what (`access.rules`; without
-        it no node may do anything). Messages that come in faster than they are received wait, up to a limit for each
-        sender; further ones are dropped and counted in `dropped`, so a flood of one sender costs neither memory nor the
-        messages of another. `quotas`: who the sender of a message is, and how long its messages may be; without it each
-        key is a sender. `largest`: the longest message of any sender, bytes: Zenoh drops a longer one while it arrives.
-        `nodes`: how many clients to expect.
+        With an `identity`, every link is mutual TLS, and `access` has the rules of all nodes (`access.rules`; without
+        it everything is denied). Messages that arrive faster than they are received wait, up to a limit for each
+        sender. More messages are dropped and counted in `dropped`, so a flood of one sender costs neither memory nor
+        the messages of another. `quotas`: sender and longest message of a key; without it each key is a sender.
+        `largest`: longest message of all senders, bytes; Zenoh drops a longer one while it arrives. `nodes`: expected
+        number of clients.
 
         Raises:
             BadInput: the port is taken, the endpoint cannot be listened on, or a certificate cannot be used.
@@ -190,14 +192,14 @@ class ZenohBus:
             **_COMMON,
             "mode": "router",
             "listen/endpoints": [endpoint],
-            # Each link keeps up to two messages that have not arrived whole.
+            # Each link stores up to two incomplete messages.
             "transport/link/rx/max_message_size": min(max(2 * _BATCH_BYTES, largest + _KEY_BYTES), MAX_BYTES),
             "transport/unicast/max_sessions": 2 * nodes + 64,
         }
         if identity is not None:
             settings |= _tls(identity, "listen")
             settings["access_control"] = access or NOBODY
-        bus = cls(_config(settings), quotas or _a_key_a_sender)
+        bus = cls(_config(settings), quotas or _quota_of_key)
         bus._close_links_without_waiting()
         return bus
 
@@ -249,9 +251,9 @@ class ZenohBus:
             try:
                 if offer is not None and offer(name, payload.to_bytes()):
                     return
-            except Exception:  # in Zenoh's thread the error would be lost
+            except Exception:  # Zenoh's thread would lose the error
                 if not self._closed:
-                    log.exception("the message under %s was not taken", name)
+                    log.exception("the message under %s failed", name)
             self._backlog.put(Delivery("message", name, payload.to_bytes()))
 
         self._declared.append(self._session.declare_subscriber(key, receive))
@@ -271,7 +273,7 @@ class ZenohBus:
         self._declared.append(self._session.declare_queryable(key, receive))
 
     def ask(self, key: str, payload: bytes, timeout_s: float) -> bytes | None:
-        # Zenoh returns at once if no process answers yet; the world may be about to.
+        # Zenoh returns at once if no process answers yet, so ask again until the timeout.
         end = time.monotonic() + timeout_s
         while (left := end - time.monotonic()) > 0:
             for reply in self._session.get(key, payload=payload, timeout=left):
@@ -295,11 +297,11 @@ class ZenohBus:
 
     @property
     def dropped(self) -> Counter[str]:
-        """Messages that were dropped because too many of their sender waited, under the reason `backlog`."""
+        """Number of messages dropped because too many of their sender waited, under the reason `backlog`."""
         return self._backlog.dropped
 
     def _takes(self, key: str, size: int) -> bool:
-        """Whether a message is as short as its sender's have to be; a longer one is received as its size alone."""
+        """Whether the size of a message is within its sender's limit; a longer message is received as its size only."""
         if self._quotas is None:
             return True
         _, largest = self._quotas(key)
@@ -308,7 +310,7 @@ class ZenohBus:
         return size <= largest
 
     def _close_links_without_waiting(self) -> None:
-        """From now on, the router closes a link at once, also while its other end is stopped."""
+        """Make the router close links at once, even if the process at the other end is stopped."""
 
         def changed(event: zenoh.LinkEvent) -> None:
             if event.kind == zenoh.SampleKind.PUT:
@@ -323,23 +325,23 @@ class ZenohBus:
             self._closed = True
         try:
             self._session.close()
-        except zenoh.ZError as error:  # a link on which nothing gets through any more
+        except zenoh.ZError as error:  # a link is blocked
             log.warning("the session was left open: %s", str(error).split(" at /")[0])
 
 
-def _a_key_a_sender(key: str) -> Quota:
+def _quota_of_key(key: str) -> Quota:
     return Quota(key, MAX_BYTES // _WAITING_LONGEST)
 
 
 def _do_not_linger(locator: str) -> None:
-    """Lets the socket of this process whose other end is at `locator` close at once; the system sends what is left.
+    """Set SO_LINGER to 0 on the socket whose other end is at `locator`, so that closing it does not block.
 
-    Zenoh's sockets wait for up to ten seconds when they are closed before the other end has taken everything, and the
-    router's only thread waits with them: a stopped launcher would stop the whole swarm. Zenoh has no setting for this
-    and does not hand out its sockets, so the socket is looked for among the open files of the process.
+    Zenoh's sockets block for up to ten seconds when they are closed with unsent data, and so does the router's only
+    thread: a stopped launcher would stop the whole swarm. Zenoh has no setting for this and does not expose its
+    sockets, so this function searches the open files of the process.
     """
     host, _, port = locator.partition("/")[2].rpartition(":")
-    for number in sorted(map(int, os.listdir("/dev/fd")), reverse=True):  # a new link has a high number, as a rule
+    for number in sorted(map(int, os.listdir("/dev/fd")), reverse=True):  # a new link usually has a high number
         with suppress(OSError):  # closed meanwhile, or a socket without another end
             if stat.S_ISSOCK(os.fstat(number).st_mode):
                 with socket.socket(fileno=os.dup(number)) as link:
@@ -349,7 +351,7 @@ def _do_not_linger(locator: str) -> None:
 
 
 def _tls(identity: Identity, side: str) -> dict[str, Any]:
-    """Mutual TLS and nothing else; `side`: "listen" or "connect"."""
+    """Settings of mutual TLS as the only protocol; `side`: "listen" or "connect"."""
     identity.check()
     return {
         "transport/link/protocols": ["tls"],

@@ -1,4 +1,4 @@
-"""A scenario: all of its tables, what they must not say together, and what follows from them."""
+"""Scenario: all tables, checks of their combinations, and quantities derived from them."""
 
 from functools import cached_property
 from pathlib import Path
@@ -22,7 +22,7 @@ from meanflock.swarm.wire.control import FLOAT_OF_BITS
 LEADER = "leader"  # the default topology
 ROBUST = ("median", "trimmed-mean", "krum")  # rules that rely on a majority of honest uploads
 
-# Keys that came later count in the hash only where they differ from their default: older runs keep their hash.
+# Keys that enter the hash only if they differ from their default, so that older scenarios keep their hash.
 LATER = (
     "faults",
     "federation.aggregation",
@@ -73,8 +73,8 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
     registered.
 
     Raises:
-        BadInput: unknown key, wrong type, value out of range, keys that contradict each other, or a key that does
-            nothing without another. The message names the key, its value, the bound, and how to mend it.
+        BadInput: unknown key, wrong type, value out of range, keys that contradict each other, or a key that has
+            no effect without another. The message names the key, its value, the bound, and how to mend it.
     """
 
     method: Annotated[str, Meta(description="name of the controller of the UAVs; see `meanflock plugins`")] = "mfgfl-hf"
@@ -183,7 +183,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         if self.federation.clusters > 1 and self.topology in (LEADER, "neighbours"):
             raise ValueError(
                 f"`federation.clusters` is {self.federation.clusters}, but `federation.topology` is {self.topology}; "
-                "take one of the two"
+                "set only one of them"
             )
         longest = self.radio.latency_threshold_slots * self.radio.coherence_time_s
         if (deadline := self.federation.deadline) is not None and deadline > longest * (1 + 1e-9):
@@ -195,10 +195,10 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         if threshold and rule in ROBUST:
             raise ValueError(
                 f"`federation.upload_threshold` is {threshold}, but with the rule {rule} UAVs whose models have "
-                "settled would be silent and leave the majority to those that lie; take fedavg, or 0"
+                "settled would be silent, so that false uploads could be a majority; take fedavg, or 0"
             )
         if self.topology != LEADER:
-            self.hops  # noqa: B018  # raises where the topology has no room in this scenario
+            self.hops  # noqa: B018  # raises if the topology does not fit this scenario
         mission.check(self)
         widest = float(np.finfo(FLOAT_OF_BITS[self.radio.bits_per_float]).max)
         if (farthest := float(np.abs(mission.starts(self)).max())) > widest:
@@ -212,7 +212,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
 
     @cached_property
     def declared(self) -> Declared:
-        """What its controller declares.
+        """Declarations of the controller.
 
         Raises:
             BadInput: the controller is not installed here, or its options do not fit; or `[sharing]` is set, and
@@ -236,7 +236,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         """The hops of every round, see `federation.topology.base.Hop`; none for methods without rounds.
 
         Raises:
-            BadInput: the topology is not installed here, or has no room in this scenario.
+            BadInput: the topology is not installed here, or does not fit this scenario.
         """
         if self.topology == LEADER and not self.declared.is_federated:
             return ()
@@ -248,33 +248,33 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
 
     @property
     def period_ticks(self) -> int:
-        """n0, ticks between rounds: the scenario's number, or else the controller's."""
+        """Ticks between rounds, n0: by the scenario, else by the controller."""
         return self.federation.period or self.declared.period_ticks
 
     @property
     def participants(self) -> int:
-        """N_h, number of UAVs that upload in a round, at least one."""
+        """Number of UAVs that upload in a round, N_h, at least one."""
         return max(1, round(self.federation.fraction * self.uavs))
 
     @property
     def upload_payload(self) -> tables.Payload:
-        """How uploads are written."""
+        """Number format of uploads."""
         return self.federation.payload or self.radio_payload
 
     @property
     def broadcast_payload(self) -> tables.Payload:
-        """How the global model is written."""
+        """Number format of the global model."""
         return self.federation.broadcast_payload or self.radio_payload
 
     @property
     def keeps_residuals(self) -> bool:
-        """Whether every UAV keeps what rounding took from its last upload: where that is narrower than a float."""
+        """Whether UAVs store the rounding error of their uploads: if these are narrower than the radio's floats."""
         narrower = _bits(self.upload_payload) < self.radio.bits_per_float
         return self.declared.is_federated and self.federation.error_feedback and narrower
 
     @property
     def radio_payload(self) -> tables.Payload:
-        """A model as floats of the radio."""
+        """Number format of the radio's floats."""
         return cast(tables.Payload, f"float{self.radio.bits_per_float}")
 
     @property
@@ -285,7 +285,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
     def delivery_ticks(self, slots: NDArray[np.int64]) -> NDArray[np.intp]:
         """Ticks until a message that took so many slots is delivered: max(1, ⌈slots θ/dt⌉), same shape.
 
-        A quotient that is a whole number but for rounding counts as that number.
+        A quotient within 1e-9 of a whole number counts as that number.
         """
         ticks = slots * self.radio.coherence_time_s / self.dt
         return np.maximum(1, np.ceil(ticks * (1.0 - 1e-9))).astype(np.intp)
@@ -303,10 +303,10 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         return int(self.delivery_ticks(np.array(self.federation.deadline / self.radio.coherence_time_s)))
 
     def plugins(self) -> tuple[tuple[Door, str, str], ...]:
-        """Door, name and fingerprint of every plug-in it needs.
+        """Kind, name and fingerprint of every plug-in that the scenario needs.
 
         Raises:
-            BadInput: one is not installed here.
+            BadInput: a plug-in is not installed here.
         """
         wanted: tuple[tuple[Door, str], ...] = (
             ("controller", self.method),
@@ -320,8 +320,10 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         return tuple((door, name, find(door, name).fingerprint) for door, name in wanted)
 
     def leaders(self, tick: int = 0) -> int:
-        """Leader nodes that should be there in a tick: one, and a standby for every loss the fault script has one
-        for, without those lost before; 0 or 1 where there are no rounds."""
+        """Number of leader nodes in a tick: one, plus a standby for each loss with `standby`, minus the losses before.
+
+        0 or 1 without rounds.
+        """
         losses = [fault for fault in self.faults if isinstance(fault, LeaderLoss)]
         started = 1 + sum(fault.standby for fault in losses)
         left = max(0, started - sum(fault.begins(self.dt) < tick for fault in losses))
@@ -336,14 +338,14 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         return msgspec.structs.replace(self, truth=tables.Truth(), energy=tables.Energy())
 
     def flown(self) -> "Scenario":
-        """What the world's vehicles fly: its wind is the true one."""
+        """The scenario of the world's vehicles, with drag and wind of `[truth]`."""
         true, wind = self.truth, self.wind
         drag = wind.drag if true.drag is None else true.drag
         mean = wind.mean if true.wind is None else true.wind
         return msgspec.structs.replace(self, wind=msgspec.structs.replace(wind, drag=drag, mean=mean))
 
     def resolved(self) -> "Scenario":
-        """The same scenario with what depends on the method written out."""
+        """The same scenario, with the defaults that depend on the method filled in."""
         federation = msgspec.structs.replace(
             self.federation,
             period=self.period_ticks,
@@ -353,8 +355,10 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         return msgspec.structs.replace(self, federation=federation)
 
     def sha256(self) -> str:
-        """Hash of the resolved scenario; equal scenarios have equal hashes however they were written."""
-        plain = Scenario(radio=tables.Radio(bits_per_float=self.radio.bits_per_float))  # payloads go by it
+        """Hash of the resolved scenario; it does not depend on the form in which the scenario was written."""
+        plain = Scenario(
+            radio=tables.Radio(bits_per_float=self.radio.bits_per_float)
+        )  # the default payloads depend on it
         table, default = (msgspec.to_builtins(one.resolved()) for one in (self, plain))
         for path in LATER:
             *parents, key = path.split(".")
@@ -363,11 +367,11 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                 part, standard = part.get(parent, {}), standard[parent]
             if key in part and part[key] == standard[key]:
                 del part[key]
-        import hashlib  # only here: it loads OpenSSL, and an agent never asks
+        import hashlib  # only here: it loads OpenSSL, which agents do not need
 
         return hashlib.sha256(msgspec.json.encode(table, order="sorted")).hexdigest()
 
 
 def _bits(payload: tables.Payload) -> int:
-    """Of a weight."""
+    """Bits of a weight in this format."""
     return 8 * np.dtype(payload).itemsize

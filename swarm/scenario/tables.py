@@ -12,7 +12,7 @@ from meanflock.swarm.toml import Table as _Table
 
 Payload: TypeAlias = Literal[
     "float64", "float32", "float16", "int8"
-]  # how a model is written, see federation/coding.py
+]  # number format of a model, see federation/coding.py
 
 
 Places: TypeAlias = tuple[tuple[float, float], ...]
@@ -87,7 +87,7 @@ class Wind(_Table, frozen=True):
 
 
 class Truth(_Table, frozen=True):
-    """Drag and wind of the world, where they differ from `[wind]`. UAVs are told `[wind]` and never see this table."""
+    """Drag and wind of the world, if they differ from `[wind]`. UAVs know `[wind]` only."""
 
     drag: Annotated[float, Meta(ge=0, description="drag of the world, instead of `wind.drag`, 1/s")] | None = None
     wind: (
@@ -96,7 +96,7 @@ class Truth(_Table, frozen=True):
 
 
 class Policy(NamedTuple):
-    """When a UAV broadcasts its state to the others, and how often it sends it.
+    """Rule by which a UAV broadcasts its state.
 
     broadcast: every tick, or at events. delta_m: error of the predicted position that makes an event, m.
     velocity_delta_m_s: the same for the velocity; 0: the velocity makes no events, m/s. repeats: number of consecutive
@@ -117,13 +117,13 @@ POLICIES = {
 
 
 class Sharing(_Table, frozen=True):
-    """When UAVs broadcast their states, and how long others use them: of controllers that share states, and filters."""
+    """Broadcasts of states by controllers that share states, and by filters."""
 
     policy: Annotated[
         Literal["tick", "event", "event-4"],
         Meta(
             description="`tick`: every tick; `event`: if others predict the position too badly; `event-4`: or the "
-            "velocity, and four times. The keys below change one thing of it"
+            "velocity, and four times. Each of the keys below changes one part of it"
         ),
     ] = "event-4"
     broadcast: (
@@ -173,7 +173,7 @@ class Sharing(_Table, frozen=True):
 
     @property
     def rule(self) -> Policy:
-        """The policy, with the keys that are set in place of its own."""
+        """The policy, changed by the keys that are set."""
         changes = {key: value for key in Policy._fields if (value := getattr(self, key)) is not None}
         return POLICIES[self.policy]._replace(**changes)
 
@@ -298,7 +298,7 @@ class Radio(_Table, frozen=True):
 
 
 class Vehicle(_Table, frozen=True):
-    """Which vehicle flies, and the constants of the rotary-wing power model, as printed: a craft of a few grams."""
+    """Vehicle, and constants of the rotary-wing power model, as printed: a craft of a few grams."""
 
     model: Annotated[str, Meta(description="the vehicle, see `meanflock plugins`")] = "point-mass"
     options: Annotated[dict[str, Any], Meta(description="options of that vehicle")] = msgspec.field(
@@ -323,14 +323,14 @@ class Vehicle(_Table, frozen=True):
     def power(self, squared: Floats, speed: Floats) -> Floats:
         """Blade profile + induced + parasite power in W, Eq. Power1, at speeds in m/s and their squares; same shape."""
         blade = self.blade_power * (1.0 + 3.0 * squared / self.tip_speed**2)
-        # √(1+u²) − u = 1/(√(1+u²) + u): the printed form cancels to nothing at speed
+        # √(1+u²) − u = 1/(√(1+u²) + u): the printed form loses all digits at high speed
         induced = squared / (2.0 * self.induced_velocity**2)
         lift = self.induced_power / np.sqrt(np.sqrt(1.0 + induced * induced) + induced)
         return blade + lift + self.parasite_drag * squared * speed / 2.0
 
 
 class Energy(_Table, frozen=True):
-    """Energy of the radio and of the computer, in the summary only: no controller sees it."""
+    """Energy of the radio and of the computer; it is in the summary only."""
 
     radio_W: Annotated[float, Meta(ge=0, description="power of a transmitter, times its time on air, W")] = 0.0
     step_J: Annotated[float, Meta(ge=0, description="energy of one tick of the controller of one UAV, J")] = 0.0
@@ -346,7 +346,7 @@ class Metrics(_Table, frozen=True):
 
 
 class Pace(_Table, frozen=True):
-    """Limits, in lockstep, of how long all others wait for one node (wall clock), and of how often a node rejoins."""
+    """Limits of the time that all others wait for one node (wall clock, in lockstep), and of rejoins."""
 
     slow_s: Annotated[
         float,

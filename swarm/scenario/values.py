@@ -26,7 +26,7 @@ def as_builtins(value: Any) -> Any:
 def _from_numpy(value: Any) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
-    raise TypeError(f"a scenario cannot contain a {type(value).__name__}")
+    raise TypeError(f"a scenario has no values of type {type(value).__name__}")
 
 
 def _with_lists(value: Any) -> Any:

@@ -1,1 +1,1 @@
-"""Everything that is said between processes, and how it is written."""
+"""Messages between processes, and their encoding."""

@@ -1,5 +1,5 @@
-"""Control messages and records ⇄ MessagePack. Whatever comes from the network is hostile until this module and `expect`
-let it through; the messages of a tick have a layout of their own, see `swarm.tick`.
+"""Control messages and records ⇄ MessagePack. Bytes from the network are not trusted: `decode` and `expect` check them.
+The messages of a tick have a layout of their own, see `wire/tick.py`.
 
 An array travels as a msgpack extension: dtype code, number of axes, axes as 32-bit counts, then its little-endian
 buffer. Nothing is ever unpickled; a decoded array is a read-only view of the received bytes.
@@ -17,7 +17,7 @@ import numpy as np
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.wire.messages import Message, Refusal, Stop
 
-MAX_BYTES = 64 * 2**20  # no message of a swarm within the scenario's bounds comes near
+MAX_BYTES = 64 * 2**20  # far more than any valid message
 
 _ARRAY = 1  # the extension code
 _DTYPES = tuple(np.dtype(name) for name in ("<f2", "<f4", "<f8", "<i4", "u1", "<i2", "i1", "<i8", "?"))
@@ -27,14 +27,14 @@ TRAVELS = frozenset(_DTYPES)  # dtypes an array can have
 
 FLOAT_OF_BITS = {16: _DTYPES[0], 32: _DTYPES[1], 64: _DTYPES[2]}  # Radio.bits_per_float → dtype
 
-_LATER = {Refusal: 1, Stop: 1}  # fields at the end that older readers do not know: left out where they say nothing
+_LATER = {Refusal: 1, Stop: 1}  # number of last fields that are left out if they have their defaults
 
 M = TypeVar("M")
 
 
-@functools.lru_cache(maxsize=256)  # a run knows a dozen; what is malformed is not kept
+@functools.lru_cache(maxsize=256)  # a run has a dozen; malformed ones are not cached
 def _layout(head: bytes) -> tuple[np.dtype, tuple[int, ...], int]:
-    """dtype, shape and bytes of an array, as the head of its extension says."""
+    """Read dtype, shape and bytes of an array from the head of its extension."""
     kind, axes = head[0], head[1]
     if kind >= len(_DTYPES) or axes > MAX_AXES or len(head) < 2 + 4 * axes:
         raise MessageRejected("malformed", f"array header ({kind}, {axes})")
@@ -51,7 +51,7 @@ def _unpack(code: int, data: memoryview) -> np.ndarray:
         raise MessageRejected("wrong-shape", f"array {shape} {dtype} in {len(data) - start} bytes")
     try:
         array: np.ndarray = np.ndarray(shape, dtype, data, start)
-    except ValueError as error:  # an empty array whose other axes are beyond what NumPy can address
+    except ValueError as error:  # an empty array with an axis that NumPy cannot address
         raise MessageRejected("wrong-shape", f"array {shape} {dtype}: {error}") from error
     if dtype.kind == "f" and not finite(array):
         raise MessageRejected("non-finite", f"array {shape} {dtype}")
@@ -59,24 +59,24 @@ def _unpack(code: int, data: memoryview) -> np.ndarray:
 
 
 def _plain(value: Any) -> Any:
-    """What msgpack does not know: an array, or a message in a message."""
+    """Encode values that msgpack does not know: arrays, and messages in messages."""
     if isinstance(value, np.ndarray):
         head = struct.pack(f"<BB{value.ndim}I", _CODE[value.dtype], value.ndim, *value.shape)
         return msgpack.ExtType(_ARRAY, head + value.tobytes())
     if isinstance(value, msgspec.Struct):
-        return [value.__struct_config__.tag, *_said(value)]
+        return [value.__struct_config__.tag, *_fields(value)]
     raise TypeError(f"a message cannot carry {type(value).__name__}")
 
 
-def _said(message: msgspec.Struct) -> tuple[Any, ...]:
-    """Its fields, without those that came later and say nothing."""
+def _fields(message: msgspec.Struct) -> tuple[Any, ...]:
+    """Fields of a message, without the last ones of `_LATER` if all of these have their defaults."""
     fields: tuple[Any, ...] = msgspec.structs.astuple(message)
     later = _LATER.get(type(message), 0)
     return fields[:-later] if later and not any(fields[-later:]) else fields
 
 
 def _unpacked(raw: bytes) -> Any:
-    """What MessagePack says, nothing in it longer than all of it.
+    """Unpack MessagePack, with limits: no part may claim to be longer than all of `raw`.
 
     Raises:
         MessageRejected: `malformed`, `wrong-shape` or `non-finite`.
@@ -93,7 +93,12 @@ def _unpacked(raw: bytes) -> Any:
             max_array_len=most,
             max_map_len=most,
         )
-    except (ValueError, UnicodeDecodeError, RecursionError, OverflowError) as error:  # of msgpack all are ValueErrors
+    except (
+        ValueError,
+        UnicodeDecodeError,
+        RecursionError,
+        OverflowError,
+    ) as error:  # the errors of msgpack are ValueErrors
         raise MessageRejected("malformed", str(error) or type(error).__name__) from error
 
 
@@ -101,7 +106,7 @@ def encode(message: Message) -> bytes:
     """The bytes of a control message.
 
     Raises:
-        KeyError: an array of a dtype that does not travel.
+        KeyError: an array of another dtype than those of `TRAVELS`.
     """
     return bytes(msgpack.packb(message, default=_plain))
 
@@ -121,12 +126,12 @@ def decode(raw: bytes, limit: int = MAX_BYTES) -> Message:
 
 
 def encode_record(record: dict[str, Any]) -> bytes:
-    """The bytes of something that is kept rather than sent: plain values and arrays under names."""
+    """Encode plain values and arrays under names, for checkpoints and files."""
     return bytes(msgpack.packb(record, default=_plain))
 
 
 def decode_record(raw: bytes) -> dict[str, Any]:
-    """What `encode_record` wrote, its arrays consistent with their headers and finite.
+    """Decode bytes of `encode_record`; its arrays are consistent with their headers and finite.
 
     Raises:
         MessageRejected: like `decode`.
@@ -153,12 +158,12 @@ def decode_as(kind: type[M], raw: bytes, run: int, limit: int = MAX_BYTES) -> M:
 
 
 def finite(array: np.ndarray) -> bool:
-    """Whether all of its floats are."""
+    """Whether all numbers of an array are finite."""
     return bool(np.isfinite(array).all())
 
 
 def expect(name: str, array: np.ndarray, shape: tuple[int | None, ...], dtype: Any) -> np.ndarray:
-    """`array` itself, if its dtype and shape (None: any) are these.
+    """Check dtype and shape (None: any length) of an array, and return it.
 
     Raises:
         MessageRejected: `wrong-shape`; the message names the array, what was expected and what came.

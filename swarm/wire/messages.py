@@ -1,9 +1,8 @@
-"""The closed set of messages between processes: frozen, typed, tagged. Nothing else is ever on the bus.
+"""All messages between processes: frozen, typed, tagged.
 
-Arrays are little-endian; who receives one checks the shape it expects with `control.expect`. N is the number of UAVs of
-the swarm, M the number a node holds as rows, K the number of diagnostics and W the number of weights that the
-controller reports. Sense and Act fly in every tick, in a layout of their own (`swarm.tick`); all others are control
-messages.
+Arrays are little-endian; the receiver checks their shapes with `control.expect`. N: number of UAVs of the swarm. M:
+number of UAVs of a node. K: number of diagnostics. W: number of weights that the controller reports. Sense and Act are
+sent in every tick, in a layout of their own (`wire/tick.py`); all others are control messages.
 """
 
 import enum
@@ -24,11 +23,11 @@ NOBODY.flags.writeable = False
 
 
 class FrameKind(enum.IntEnum):
-    """What a radio frame carries."""
+    """Content of a radio frame. The numbers also give the order of random draws."""
 
-    UPLOAD = 0  # a UAV's model, to the head of its cluster: the leader, where there is but one
+    UPLOAD = 0  # a UAV's model, to the UAV that averages: the leader, or the head of a cluster
     GLOBAL = 1  # the averaged model, to every UAV
-    STATE = 2  # what a controller broadcasts, its own state as a rule, to UAVs in range
+    STATE = 2  # a broadcast of a controller, mostly its own state, to UAVs in range
     RELAY = 3  # the mean of a cluster, from its head to the leader
 
 
@@ -36,10 +35,10 @@ class Frames(msgspec.Struct, frozen=True, eq=False):
     """A batch of radio frames of one kind sent in one tick, one row a transmission."""
 
     kind: FrameKind
-    round: int  # of the federation; of STATE frames, which of its sender's broadcasts of the tick
+    round: int  # of the federation; of STATE frames, the number of the broadcast in the tick
     source: np.ndarray  # (S,) i4, the UAVs that transmit, ascending
-    payload: np.ndarray  # (S, L) numbers or (S, B) bytes, one row for each UAV that sends, see federation/coding.py
-    links: np.ndarray | None = None  # (K, 2) i4, on the way in: [row of payload, receiving UAV]
+    payload: np.ndarray  # (S, L) numbers or (S, B) bytes, a row for each sender, see federation/coding.py
+    links: np.ndarray | None = None  # (K, 2) i4, of received frames: [row of payload, receiving UAV]
 
 
 class Join(_Message, frozen=True, tag="join"):
@@ -47,72 +46,72 @@ class Join(_Message, frozen=True, tag="join"):
 
     role: str  # "agent" or "leader"
     rows: int  # UAVs an agent can hold; 0 for the leader
-    uav: int = -1  # the first of them, where the agent is not free to take any
-    token: int = 0  # drawn by the node: a Join that is repeated asks for no second place; 0 for none
+    uav: int = -1  # the first UAV; -1: the world chooses
+    token: int = 0  # random number of the node, by which the world recognises a repeated Join; 0 for none
 
 
 class Welcome(_Message, frozen=True, tag="welcome"):
-    """The world's answer: all a node needs to begin."""
+    """Answer of the world to a node that it admits, with all that the node needs."""
 
     run: int
     node: str  # the name under which the node publishes
-    uavs: tuple[int, ...]  # the rows it holds, ascending
-    tick: int  # the first tick it will be asked to act in
+    uavs: tuple[int, ...]  # the UAVs of the node, ascending
+    tick: int  # the first tick of its requests
     scenario: bytes  # canonical JSON
-    initial_states: np.ndarray  # (N, 4) floats as wide as the radio's: the mission plan every UAV shares
-    memory: bytes = b""  # of a run that is resumed: a record of what the rows of this node had in memory
-    plugins: tuple[tuple[Door, str, str], ...] = ()  # door, name and fingerprint of what the run needs
+    initial_states: np.ndarray  # (N, 4) floats of the radio: the mission plan, known to all UAVs
+    memory: bytes = b""  # in a resumed run: a record of the memory of the node's UAVs
+    plugins: tuple[tuple[Door, str, str], ...] = ()  # kind, name and fingerprint of the plug-ins of the run
 
 
 class Refusal(_Message, frozen=True, tag="refusal"):
-    """The world's answer where a node cannot take part; a welcomed node's to the world where it cannot, after all."""
+    """Answer of the world that a node cannot take part; or message of an admitted node that it cannot."""
 
     reason: str
-    for_now: bool = False  # what stands against it may pass: a UAV is free again once its agent is lost
+    for_now: bool = False  # the node may ask again: its place may become free
     over: bool = False  # the flight is over
 
 
 class Ready(_Message, frozen=True, tag="ready"):
-    """A welcomed node listens on its own keys."""
+    """Message of an admitted node: it listens on its own keys."""
 
     run: int
 
 
 class Sense(msgspec.Struct, frozen=True, eq=False):
-    """World to node, a tick: what its own sensors and its own radio give."""
+    """Request of a tick, world to node: the states of its UAVs, and the frames that they received."""
 
     run: int
     tick: int
     states: np.ndarray  # (M, 4) f8
-    report: bool = False  # answer with what was learned
-    checkpoint: bool = False  # answer with all that must be kept to go on from here
+    report: bool = False  # the reply must have the learned weights
+    checkpoint: bool = False  # the reply must have the memory
     inbox: tuple[Frames, ...] = ()
     memory: bytes = b""  # to a leader that takes over: the state of the aggregation rule, a record
 
 
 class Act(msgspec.Struct, frozen=True, eq=False):
-    """Node to world, a tick: what it does."""
+    """Reply of a tick, node to world: commands, and frames to send."""
 
     run: int
     tick: int
-    commands: np.ndarray  # (M, 2 + K) f8: acceleration (m/s²), then K diagnostics (instrumentation, not radio)
+    commands: np.ndarray  # (M, 2 + K) f8: acceleration (m/s²), then K diagnostics
     lost: np.ndarray = NOBODY  # (D,) i4, UAVs whose controller has failed
-    refused: np.ndarray = NOBODY  # (R,) i4: k, UAV k's state is not believed; -1-k, its upload is not averaged
-    models: np.ndarray | None = None  # (M, W) f8, what was learned, where asked for
-    memory: bytes = b""  # at a checkpoint, and of a leader after a round: a record
+    refused: np.ndarray = NOBODY  # (R,) i4: k: UAV k's state is implausible; -1-k: its upload is not averaged
+    models: np.ndarray | None = None  # (M, W) f8, the learned weights, if requested
+    memory: bytes = b""  # a record, at a checkpoint and of a leader after a round
     outbox: tuple[Frames, ...] = ()
 
 
 class Stop(_Message, frozen=True, tag="stop"):
-    """World to a node: it can go home."""
+    """Message of the world that a node should end."""
 
     run: int
     reason: str
-    lost: bool = False  # the world does not wait for it any more; the flight may go on
+    lost: bool = False  # the world counts the node as lost; the flight may continue
 
 
 class Event(_Message, frozen=True, tag="event"):
-    """Something worth a line in the log and a mark on the timeline."""
+    """Event of a flight, for log and recording."""
 
     tick: int
     kind: str
@@ -121,35 +120,35 @@ class Event(_Message, frozen=True, tag="event"):
 
 
 class Telemetry(_Message, frozen=True, tag="telemetry"):
-    """World to whoever listens: T consecutive rows of the flight, row n being the state at tick n."""
+    """Block of telemetry, world to ground stations: T consecutive rows of the flight, one a tick."""
 
     run: int
-    block: int  # 0, 1, 2 …: a listener can tell whether it missed one
+    block: int  # 0, 1, 2 …, so that a listener notices a missing one
     first_tick: int
     states: np.ndarray  # (T, N, 4) f8
-    accelerations: np.ndarray  # (T, N, 2) f4, of the tick that led here
+    accelerations: np.ndarray  # (T, N, 2) f4, of the tick before the row
     diagnostics: np.ndarray  # (T, N, K) f4, likewise
     status: np.ndarray  # (T, N) u1, see `Status`
     energy: np.ndarray  # (T, N) f4, J since take-off
     swarm: np.ndarray  # (T, len(SWARM_COLUMNS)) f8
     links: np.ndarray  # (K, 5) i4: [tick, source, target, FrameKind, slots; negative slots: outage]
     report_ticks: np.ndarray  # (R,) i4
-    reports: np.ndarray  # (R, W) f4, what the leader's UAV has learned
+    reports: np.ndarray  # (R, W) f4, learned weights of the leader's UAV
     spread: np.ndarray  # (R,) f8, root-mean-square distance of the models from their mean
     events: tuple[Event, ...] = ()
-    checkpoint: bytes = b""  # all it takes to go on after the last row; most blocks have none
-    diagnostic_names: tuple[str, ...] = ()  # (K,), what the controller calls its diagnostics
+    checkpoint: bytes = b""  # state of the run after the last row; most blocks have none
+    diagnostic_names: tuple[str, ...] = ()  # (K,), names of the diagnostics
 
 
 class Received(_Message, frozen=True, tag="received"):
-    """Listener to world: every block up to this one is safe."""
+    """Acknowledgement, listener to world: every block up to this one is stored."""
 
     run: int
     block: int
 
 
 class Finished(_Message, frozen=True, tag="finished"):
-    """World to whoever listens: the flight is over and this is its summary. A listener acknowledges it as a block."""
+    """Summary of a finished flight, world to ground stations, which acknowledge it as a block."""
 
     run: int
     block: int  # the number after that of the last Telemetry
@@ -157,7 +156,7 @@ class Finished(_Message, frozen=True, tag="finished"):
 
 
 class Status(enum.IntEnum):
-    """A UAV's state of the mission."""
+    """Status of a UAV in the mission."""
 
     FLYING = 0
     ARRIVED = 1

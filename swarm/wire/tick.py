@@ -1,7 +1,7 @@
-"""The two messages of a tick ⇄ bytes of the fixed layout (`kernels.wire`); the one place where both are known.
+"""The two messages of a tick ⇄ bytes of the fixed layout of `kernels/wire.py`.
 
-What `kernels.read` lets through is well-formed, consistent in its sizes and finite; that it is of this run, this tick
-and this sender is for who receives it to say.
+`kernels.read` checks that a message is well-formed, consistent in its sizes and finite. The receiver checks run, tick
+and sender.
 """
 
 from collections.abc import Iterable
@@ -18,7 +18,7 @@ from meanflock.swarm.wire.messages import NOBODY, Act, FrameKind, Frames, Sense
 Table: TypeAlias = NDArray[np.float64]
 
 REPORT, CHECKPOINT = 1, 2  # flags of a Sense
-TYPES = (bytes([SENSE]), bytes([ACT]))  # second byte of a message of a tick; a control message has a text there
+TYPES = (bytes([SENSE]), bytes([ACT]))  # second byte of a message of a tick; that of a control message begins a text
 
 _DTYPES = tuple(np.dtype(name) for name in DTYPES)
 _CODE = {dtype: code for code, dtype in enumerate(_DTYPES)}
@@ -27,10 +27,10 @@ _FLOAT, _INT = np.dtype("<f8"), np.dtype("<i4")
 
 
 def read_sense(raw: bytes, states: Table | None = None) -> Sense:
-    """The Sense in `raw`; its arrays are views of it.
+    """Read a Sense; its arrays are views of `raw`.
 
     Args:
-        states: (M, 4), where those of the Sense are written, if anywhere; they must be as many.
+        states: (M, 4), array to which the states are written, which must have this shape; None: none.
 
     Raises:
         MessageRejected: `malformed`, `wrong-shape`, `non-finite` or `wrong-kind`.
@@ -48,10 +48,10 @@ def read_sense(raw: bytes, states: Table | None = None) -> Sense:
 
 
 def read_act(raw: bytes, commands: Table | None = None) -> Act:
-    """The Act in `raw`; its arrays are views of it.
+    """Read an Act; its arrays are views of `raw`.
 
     Args:
-        commands: (M, 2 + K), where those of the Act are written, if anywhere; they must be as many.
+        commands: (M, 2 + K), array to which the commands are written, which must have this shape; None: none.
 
     Raises:
         MessageRejected: `malformed`, `wrong-shape`, `non-finite` or `wrong-kind`.
@@ -107,10 +107,10 @@ def write_act(act: Act) -> bytes:
 
 
 def frames_in(raw: bytes, batches: Iterable[Batch]) -> tuple[Frames, ...]:
-    """The batches of a message that was taken apart.
+    """The batches of a message that was read.
 
     Raises:
-        MessageRejected: `wrong-kind`: one of no kind there is.
+        MessageRejected: `wrong-kind`: the kind of a batch is unknown.
     """
     frames = []
     for kind, number, code, width, sources, source, payload, links, link in batches:
@@ -145,7 +145,7 @@ def frames_out(frames: Iterable[Frames]) -> list[tuple[int, int, int, int, Any, 
 
 
 def _read(raw: bytes, kind: int, into: Table | None) -> Message:
-    """The parts of a message of a kind, or MessageRejected for the reason `kernels.read` gives."""
+    """Read the parts of a message of a kind; raises MessageRejected for the reason that `kernels.read` gives."""
     try:
         return kernels.read(raw, kind, into)
     except ValueError as error:
@@ -154,7 +154,7 @@ def _read(raw: bytes, kind: int, into: Table | None) -> Message:
 
 
 def bytes_of_batch(frames: Frames) -> int:
-    """What a batch without links takes in a message."""
+    """Bytes of a batch without links in a message."""
     return _BATCH_BYTES + frames.source.size * _INT.itemsize + frames.payload.nbytes
 
 

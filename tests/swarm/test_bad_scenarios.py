@@ -111,7 +111,7 @@ def test_a_bad_file_is_bad_input_and_python_code_is_refused_in_the_same_words(
         ({"wind.mean": np.zeros(3)}, ("wind.mean", "a list of length 2, got [0.0, 0.0, 0.0]", MEND)),
         ({"obstacles": [{"centre": [9, 9], "radius": -1}]}, ("obstacles[0].radius", "a number > 0.0, got -1", MEND)),
         ({"controller": {1: 2}}, ("controller", "expected text, got {1: 2}", MEND)),
-        ({"duration": object()}, ("duration", "holds no object", "give a number")),
+        ({"duration": object()}, ("duration", "type object", "give a number")),
         ({"method": 3}, ("method", "3", "give one of these")),
         ({"wind": 3, "wind.sigma": 1}, ("wind.sigma", "`wind` is not a table")),
     ],

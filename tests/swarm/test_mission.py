@@ -98,7 +98,7 @@ def test_listed_places_and_goals_are_used() -> None:
         (["uavs=100", "start.formation=circle", "start.radius=1"], "start 0.0628.* m apart"),
         (["start.centre=[1e300, 0]"], r"`centre` must be a finite number within ±1e\+30, not 1e\+300"),
         (["start.centre=[1e5, 0]", "radio.bits_per_float=16"], "`start` places a UAV 100003 m out.*65504"),
-        (["destination.goals=across"], '"across" is of streams'),
+        (["destination.goals=across"], '"across" needs streams'),
         (["obstacles=[{centre=[1.0, 1.0], radius=2.0}]"], r"UAV 0 has its goal inside `obstacles\[0\]`"),
         (["obstacles=[{centre=[9, 9], radius=1}, {centre=[150, 100], radius=0.5}]"], "UAV 12 starts inside"),
     ],
