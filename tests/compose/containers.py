@@ -131,8 +131,7 @@ class Compose:
 
 
 LONG = "seed=7 duration=400 stop=duration"
-# Whose agent comes back after thousands of ticks is far off and fast. There the paper's learners may diverge at once;
-# these two never do, so that who is lost at the end is lost by what the test did.
+# These controllers never diverge, so only the test loses UAVs.
 ENDLESS = "seed=7 duration=100000 stop=duration method=fed-lspi"
 ENDLESS_ALONE = "seed=7 duration=100000 stop=duration method=plan"  # without a leader
 SHORT = ["seed=7", "duration=30", "federation.period=50"]

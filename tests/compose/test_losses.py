@@ -1,26 +1,9 @@
 """A flight goes on whatever happens to a container."""
 
-import pyarrow.parquet as pq
-
 from tests.compose.containers import ENDLESS, ENDLESS_ALONE, LONG, MARKS, UAVS, Compose, docker
 from tests.polling import until
 
 pytestmark = MARKS
-
-
-def test_a_killed_agent_is_lost_and_the_flight_goes_on(compose: Compose) -> None:
-    compose.up(ENDLESS)
-    compose.flying()
-    docker("kill", compose.container("agent", 2))
-    losses = until(lambda: compose.events("lost"), "the loss")
-    assert len(losses) == 1, losses
-    written = compose.written()
-    until(lambda: compose.written() > written, "the flight to go on")
-    docker("stop", compose.container("worldsim"))
-    assert compose.ended(compose.container("groundstation")) == 0
-    summary = compose.summary()
-    assert (summary["nodes_lost"], summary["lost"]) == (1, 1)
-    assert summary["ticks"] > losses[0]["tick"]
 
 
 def test_a_paused_agent_stalls_nobody_longer_than_the_barrier(compose: Compose) -> None:
@@ -73,17 +56,3 @@ def test_an_agent_beyond_the_swarm_stands_by_for_one_that_is_lost_and_fewer_are_
     docker("stop", compose.container("worldsim"))
     assert compose.ended(compose.container("groundstation")) == 0
     assert compose.summary()["lost"] == 1
-
-
-def test_a_restarted_ground_station_goes_on_in_its_folder(compose: Compose) -> None:
-    compose.up(ENDLESS)
-    compose.flying()
-    for end in ("stop", "kill"):
-        docker(end, compose.container("groundstation"))
-        written = compose.written()  # 0 where it could complete its folder
-        docker("start", compose.container("groundstation"))
-        until(lambda written=written: compose.written() > written + 20_000, "another station to record")
-    docker("stop", compose.container("worldsim"))
-    assert compose.ended(compose.container("groundstation")) == 0
-    (folder,) = compose.out.iterdir()
-    assert pq.read_table(folder / "timeseries.parquet").num_rows == compose.summary()["ticks"] + 1

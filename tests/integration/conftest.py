@@ -1,4 +1,4 @@
-"""Runs of the real command, and a look at what they leave behind."""
+"""Runs of the real command, and their files and processes."""
 
 import json
 import os
@@ -20,10 +20,7 @@ Spawn = Callable[..., "subprocess.Popen[str]"]
 
 
 def processes_of(text: str) -> list[psutil.Process]:
-    """Living processes of this worker's tests with `text` in their command line, this one excepted.
-
-    Runs are named by the second: another worker may fly one of the same name.
-    """
+    """Other living processes of this worker's tests with `text` in their command line."""
     ours = {name: os.environ.get(name) for name in ("PYTEST_XDIST_TESTRUNUID", "PYTEST_XDIST_WORKER")}
     found = []
     for process in psutil.process_iter(["cmdline", "status", "environ"]):
@@ -62,10 +59,7 @@ class Command:
         return self._spawn("meanflock.groundstation.cli", "run", "--out", str(self.out), *flags)
 
     def summary(self, *flags: str) -> dict[str, Any]:
-        """Runs to the end and returns what `--json` printed.
-
-        The command runs in this process, where all is loaded; what it starts, if anything, are processes of their own.
-        """
+        """Runs the command in this process to its end; the summary."""
         with redirect_stdout(StringIO()) as out, redirect_stderr(StringIO()) as err:
             assert main(["run", "--out", str(self.out), "--json", "--quiet", *flags]) == 0, err.getvalue()
         assert "not all processes ended" not in err.getvalue()
@@ -73,7 +67,7 @@ class Command:
         return json.loads(out.getvalue())
 
     def summary_of_a_process(self, *flags: str) -> dict[str, Any]:
-        """The same of a command in a process of its own; the summary must be all that comes out of it."""
+        """The same of a command in a process of its own, which prints nothing else."""
         process = self.start("--json", "--quiet", *flags)
         out, err = process.communicate(timeout=DEADLINE_S)
         assert process.returncode == 0, err

@@ -1,4 +1,4 @@
-"""How a command and its processes end: told twice, or while nobody flies yet; and what they do not listen to."""
+"""The end of commands and their processes, also before take-off; the variables that they inherit."""
 
 import json
 import os
@@ -22,7 +22,6 @@ from tests.polling import DEADLINE_S, until
 pytestmark = pytest.mark.processes
 
 SOON_S = 40.0  # what takes a moment, on a machine that is busy
-ENDLESS = ("--uavs", "2", "--duration", "100000", "--set", "stop=duration", "--method", "plan", "--no-record")
 
 
 def test_a_world_that_waits_for_its_nodes_does_not_outlive_its_launcher() -> None:
@@ -32,7 +31,7 @@ def test_a_world_that_waits_for_its_nodes_does_not_outlive_its_launcher() -> Non
         try:
             ZenohBus.client(endpoint, DEADLINE_S).close()
             assert world.stdin is not None
-            world.stdin.close()  # all that a child sees of the end of its launcher
+            world.stdin.close()  # as when its launcher ends
             assert world.wait(SOON_S) == 1
         finally:
             world.kill()
@@ -52,20 +51,17 @@ class Hangs(mf.Controller):
 """
 
 
-@pytest.mark.parametrize("uavs", ["1", "2"])
-def test_a_controller_that_hangs_does_not_outlive_a_launcher_that_is_killed(
-    uavs: str, command: Command, tmp_path: Path
-) -> None:
+def test_a_controller_that_hangs_does_not_outlive_a_launcher_that_is_killed(command: Command, tmp_path: Path) -> None:
     plugin = tmp_path / "hangs.py"
     plugin.write_text(HANGS)
-    launcher = command.start("--quiet", "--plugin", str(plugin), "--method", "hangs", "--uavs", uavs, "--no-record")
+    launcher = command.start("--quiet", "--plugin", str(plugin), "--method", "hangs", "--uavs", "2", "--no-record")
     until(plugin.with_suffix(".hangs").exists, "a controller that hangs")
     run = command.folder.name
     launcher.kill()
     until(lambda: not processes_of(run), "the end of all processes", SOON_S)
 
 
-def test_a_ground_station_that_waits_for_a_world_hears_ctrl_c(tmp_path: Path, spawn: Spawn) -> None:
+def test_ctrl_c_ends_a_ground_station_that_waits_for_a_world(tmp_path: Path, spawn: Spawn) -> None:
     station = spawn("meanflock.groundstation", "--endpoint", free_endpoint(), "--out", str(tmp_path), "--wait", "10000")
     until(lambda: psutil.Process(station.pid).num_threads() > 2, "it looks for the world")
     station.send_signal(signal.SIGINT)
@@ -86,7 +82,7 @@ class Fails(mf.Controller):
 """
 
 
-def test_processes_started_by_hand_say_that_every_uav_was_lost(tmp_path: Path, spawn: Spawn) -> None:
+def test_processes_started_by_hand_report_that_every_uav_was_lost(tmp_path: Path, spawn: Spawn) -> None:
     (tmp_path / "fails.py").write_text(FAILS)
     base = ("--endpoint", free_endpoint(), "--run", "fails", "--plugin", str(tmp_path / "fails.py"))
     settings = ("--set", "method=fails", "--set", "uavs=2", "--set", "duration=1")
@@ -101,11 +97,11 @@ def test_processes_started_by_hand_say_that_every_uav_was_lost(tmp_path: Path, s
     assert "KeyError: 'weights' (fails.py, line 9); all events are in " in endings[2][2]
 
 
-def test_processes_that_do_not_end_cost_nothing_of_what_was_flown(
+def test_a_complete_flight_keeps_its_summary_if_processes_do_not_end(
     command: Command, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(flight, "_LAST_WORDS_S", -1.0)  # as if it had been waited for them
-    flags = ("--uavs", "2", "--duration", "20", "--no-record", "--out", str(command.out))
+    monkeypatch.setattr(flight, "_LAST_WORDS_S", -1.0)  # as after a wait
+    flags = ("--uavs", "2", "--duration", "5", "--no-record", "--out", str(command.out))
     assert main(["run", "--quiet", "--json", *flags]) == 0
     flown, warned = capsys.readouterr()
     assert json.loads(flown) == json.loads((command.folder / "summary.json").read_text())
@@ -113,24 +109,20 @@ def test_processes_that_do_not_end_cost_nothing_of_what_was_flown(
     until(lambda: not processes_of(command.folder.name), "the end of all processes", SOON_S)
 
 
-def test_what_the_variables_of_the_processes_say_changes_nothing_of_what_a_command_flies(
+def test_processes_inherit_only_the_variables_that_are_theirs(
     command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    flags = ("--uavs", "2", "--duration", "20", "--no-record")
+    flags = ("--uavs", "2", "--duration", "5", "--no-record")
     expected = command.summary("--in-process", *flags)
     for name, said in {"SET": "uavs=3 wind.sigma=2", "UAV": "1", "RESUME": "/nowhere", "TLS": "/nowhere"}.items():
         monkeypatch.setenv(f"MEANFLOCK_{name}", said)
     flown = command.summary(*flags)
-    assert [flown[key] for key in ("scenario_sha256", "trajectory_sha256")] == [
-        expected[key] for key in ("scenario_sha256", "trajectory_sha256")
-    ]
-
-
-def test_variables_of_others_reach_the_processes_whatever_they_are_called(monkeypatch: pytest.MonkeyPatch) -> None:
+    for key in ("scenario_sha256", "trajectory_sha256"):
+        assert flown[key] == expected[key]
     for name in ("RUN", "SET", "COUNT", "MEANFLOCK_BARRIER", "MEANFLOCK_RUN", "MEANFLOCK_SET", "MEANFLOCK_COUNT"):
-        monkeypatch.setenv(name, "said")
-    given = {name for name, said in launch._environment().items() if said == "said"}
-    assert given == {"RUN", "SET", "COUNT", "MEANFLOCK_BARRIER"}
+        monkeypatch.setenv(name, "given")
+    inherited = {name for name, value in launch._environment().items() if value == "given"}
+    assert inherited == {"RUN", "SET", "COUNT", "MEANFLOCK_BARRIER"}
 
 
 LONG = ("--seeds", "500", "--uavs", "9", "--duration", "200", "--set", "stop=duration", "--jobs", "2", "--quiet")
@@ -146,17 +138,17 @@ def workers_of(study: "subprocess.Popen[str]") -> list[psutil.Process]:
 
 
 @pytest.mark.parametrize(
-    ("command", "number", "to_all"),
+    ("number", "to_all"),
     [
-        (("compare", "mfg"), signal.SIGTERM, False),
-        (("compare", "mfg"), signal.SIGINT, True),  # as the group of a terminal gets Ctrl-C, while workers start
-        (("compare", "mfg"), signal.SIGKILL, False),
+        (signal.SIGTERM, False),
+        (signal.SIGINT, True),  # as the group of a terminal gets Ctrl-C, while workers start
+        (signal.SIGKILL, False),
     ],
 )
-def test_a_study_that_is_ended_leaves_no_worker_and_says_how_to_go_on(
-    command: tuple[str, ...], number: signal.Signals, to_all: bool, tmp_path: Path, spawn: Spawn
+def test_a_study_that_is_ended_leaves_no_worker_and_can_be_continued(
+    number: signal.Signals, to_all: bool, tmp_path: Path, spawn: Spawn
 ) -> None:
-    study = spawn("meanflock.groundstation.cli", *command, *LONG, "--out", str(tmp_path))
+    study = spawn("meanflock.groundstation.cli", "compare", "mfg", *LONG, "--out", str(tmp_path))
     workers = workers_of(study)
     if number == signal.SIGKILL:
         until(lambda: list((tmp_path / "data" / "jobs").glob("*")), "a flight that is finished")

@@ -1,4 +1,4 @@
-"""A controller that one of the hosts does not have, in processes of their own: refused at the join, by name."""
+"""An agent without the controller of the flight is refused when it joins."""
 
 import json
 import platform
@@ -58,9 +58,7 @@ def test_before_take_off_it_is_refused_and_the_world_names_the_host(spawn: Spawn
     assert status == EXIT_DONE, said
 
 
-def test_in_mid_flight_it_is_refused_and_the_flight_goes_on_until_one_that_has_it_comes(
-    spawn: Spawn, tmp_path: Path
-) -> None:
+def test_in_mid_flight_it_is_refused_and_an_agent_that_has_it_rejoins(spawn: Spawn, tmp_path: Path) -> None:
     base = ("--endpoint", free_endpoint(), "--run", "lacking")
     station = spawn("meanflock.groundstation", *base, *SPRING, "--out", str(tmp_path), "--rerun", "")
     settings = ("uavs=2", "method=spring", "duration=100000", "stop=duration")

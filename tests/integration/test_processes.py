@@ -1,4 +1,4 @@
-"""The real thing: processes over Zenoh, started, flown, interrupted and killed."""
+"""Flights of processes over Zenoh, started by the command and by hand."""
 
 import json
 from collections import Counter
@@ -17,7 +17,6 @@ from tests.polling import DEADLINE_S, until
 pytestmark = pytest.mark.processes
 
 SHORT = ("--uavs", "4", "--seed", "7", "--duration", "30", "--set", "federation.period=40")
-ENDLESS = ("--uavs", "4", "--duration", "100000", "--set", "stop=duration", "--json", "--quiet")
 
 CUTS = [  # flights of the golden table, and UAVs of a process
     ("short-hjb", "3"),
@@ -58,7 +57,7 @@ def test_a_finished_run_leaves_all_five_files_and_reruns_bit_identically(command
     assert processes_of(first["run_id"]) == []
 
 
-def test_processes_started_by_hand_in_any_order_find_each_other(command: Command, spawn: Spawn) -> None:
+def test_processes_started_by_hand_in_any_order_find_each_other(command: Command, spawn: Spawn, tmp_path: Path) -> None:
     base = ("--endpoint", free_endpoint(), "--run", "by-hand")
     others = [
         spawn("meanflock.agent", *base),
@@ -66,41 +65,35 @@ def test_processes_started_by_hand_in_any_order_find_each_other(command: Command
         spawn("meanflock.leader", *base),
     ]
     settings = ("uavs=4", "seed=7", "duration=30", "federation.period=40")
-    world = spawn("meanflock.worldsim", *base, *(flag for setting in settings for flag in ("--set", setting)))
+    flags = (flag for setting in settings for flag in ("--set", setting))
+    world = spawn("meanflock.worldsim", *base, *flags, "--stations", "1")
     others.append(spawn("meanflock.agent", *base))
+    station = spawn("meanflock.groundstation", *base, "--out", str(tmp_path / "recorded"), "--rerun", "")
     out, err = world.communicate(timeout=DEADLINE_S)
     assert world.returncode == 0, err
     for process in others:
         _, err = process.communicate(timeout=DEADLINE_S)
         assert process.returncode == 0, err
+    told, err = station.communicate(timeout=DEADLINE_S)
+    assert station.returncode == 0, err
+    assert json.loads(told) == json.loads(out)
+    (folder,) = (tmp_path / "recorded").iterdir()
+    assert len(pq.read_table(folder / "timeseries.parquet")) == 301
     expected = command.summary("--in-process", "--no-record", *SHORT)
     assert json.loads(out)["trajectory_sha256"] == expected["trajectory_sha256"]
 
 
-def test_a_station_of_its_own_records_a_swarm_it_did_not_start(tmp_path: Path, spawn: Spawn) -> None:
-    base = ("--endpoint", free_endpoint(), "--run", "watched")
-    station = spawn("meanflock.groundstation", *base, "--out", str(tmp_path), "--rerun", "")
-    flags = ("--set", "uavs=2", "--set", "method=mfg", "--set", "duration=20", "--stations", "1")
-    world = spawn("meanflock.worldsim", *base, *flags)
-    agent = spawn("meanflock.agent", *base, "--rows", "2")
-    out, _ = world.communicate(timeout=DEADLINE_S)
-    told, err = station.communicate(timeout=DEADLINE_S)
-    assert agent.wait(DEADLINE_S) == 0
-    assert station.returncode == 0, err
-    assert json.loads(told) == json.loads(out)
-    (folder,) = tmp_path.iterdir()
-    assert len(pq.read_table(folder / "timeseries.parquet")) == 201
-
-
-def test_agents_forked_by_hand_fly_and_leave_when_they_are_told_to(spawn: Spawn) -> None:
+def test_agents_forked_by_hand_end_with_the_process_that_forked_them(spawn: Spawn) -> None:
     base = ("--endpoint", free_endpoint(), "--run", "three-of-one")
     flags = ("--set", "uavs=6", "--set", "method=mfg", "--set", "stop=duration", "--set", "duration=100000")
     world = spawn("meanflock.worldsim", *base, *flags)
     agents = spawn("meanflock.agent", *base, "--count", "3", "--rows", "2")
     spawn("meanflock.leader", *base)
-    until(lambda: len(processes_of("three-of-one")) == 6, "world, leader, three agents and who waits for them")
+    until(
+        lambda: len(processes_of("three-of-one")) == 6, "world, leader, three agents and the process that forked them"
+    )
     frozen = psutil.Process(agents.pid).children()[1]
-    frozen.suspend()  # and is woken up to hear it
+    frozen.suspend()
     agents.terminate()
     _, err = agents.communicate(timeout=DEADLINE_S)
     assert (agents.returncode, err) == (0, "")

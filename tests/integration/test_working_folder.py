@@ -1,4 +1,4 @@
-"""What lies in the working folder is the user's, whatever its name: no process of ours runs it."""
+"""Commands import nothing from the working folder, whatever its files are called."""
 
 import json
 import subprocess
@@ -17,11 +17,11 @@ pytestmark = pytest.mark.processes
     "flags",
     [
         ("run", "--uavs", "2", "--uavs-per-process", "2", "--duration", "3", "--json", "--quiet", "--no-record"),
-        ("sweep", "uavs=2,3", "--seeds", "2", "--duration", "3", "--jobs", "2"),
+        ("sweep", "uavs=2,3", "--seeds", "2", "--duration", "3", "--jobs", "2", "--quiet"),
     ],
     ids=["run", "sweep"],
 )
-def test_a_run_takes_nothing_from_the_working_folder(flags: tuple[str, ...], tmp_path: Path) -> None:
+def test_a_command_imports_nothing_from_the_working_folder(flags: tuple[str, ...], tmp_path: Path) -> None:
     working, ran = hostile(tmp_path)
     out = tmp_path / "out"
     as_the_script_does = ["-P", "-c", "from meanflock.groundstation.cli.command import main; main()"]
@@ -32,3 +32,5 @@ def test_a_run_takes_nothing_from_the_working_folder(flags: tuple[str, ...], tmp
     assert out.exists()
     if "--json" in flags:
         assert json.loads(done.stdout)["ticks"] == 30
+    else:
+        assert done.stderr == ""  # its workers ended silently
