@@ -1,8 +1,9 @@
-"""`mf.fly` and `mf.open`: a flight from Python is the one the command flies, whoever calls it and wherever."""
+"""`mf.fly` and `mf.open`: a flight from Python is that of the command, in any thread."""
 
 import csv
 import json
 import os
+import shutil
 import signal
 import threading
 from importlib.util import find_spec
@@ -65,27 +66,18 @@ def test_any_thread_flies_and_no_signal_handler_is_touched() -> None:
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == handlers
 
 
-def test_a_class_is_a_method() -> None:
-    run = mf.fly(method=Still, **SMALL)
-    assert run.summary["method"] == "still"
-    assert mf.fly(method=Still, **SMALL).summary["trajectory_sha256"] == run.summary["trajectory_sha256"]
-    assert np.isfinite(run.states).all()
-    assert run.summary["arrived"] == 0
-
-
-def test_a_class_leaves_a_folder_too(tmp_path: Path) -> None:
-    run = mf.fly(method=Still, out=tmp_path, record=True, **SMALL)
+def test_a_class_is_a_method_and_values_of_numpy_are_values(tmp_path: Path) -> None:
+    settings: dict[str, Any] = {"wind.sigma": np.float64(0.2), "wind.mean": np.array([0.5, -0.5])}
+    options: dict[str, Any] = {"uavs": np.int64(4), "seed": np.int32(3), "duration": np.float32(6.0)}
+    run = mf.fly(method=Still, out=tmp_path, record=True, **options, **settings)
+    assert (run.scenario.seed, run.scenario.wind.sigma, run.scenario.wind.mean) == (3, 0.2, (0.5, -0.5))
+    assert (run.summary["method"], run.summary["arrived"]) == ("still", 0)
     assert run.folder is not None
+    assert run.recording is not None
+    assert run.recording.stat().st_size > 0
     again = mf.open(run.folder)
     np.testing.assert_array_equal(again.states, run.states)
-    assert run.recording == again.recording is not None
-
-
-def test_numbers_and_arrays_of_numpy_are_values() -> None:
-    settings: dict[str, Any] = {"wind.sigma": np.float64(0.2), "wind.mean": np.array([0.5, -0.5])}
-    run = mf.fly(method=Still, uavs=np.int64(4), seed=np.int32(3), duration=np.float32(6.0), **settings)
-    assert (run.scenario.seed, run.scenario.wind.sigma, run.scenario.wind.mean) == (3, 0.2, (0.5, -0.5))
-    assert mf.fly(mf.Scenario(uavs=1, duration=np.float64(1.0))).summary["ticks"] == 10
+    assert again.recording == run.recording
 
 
 def test_files_of_plugins_are_one_or_several(tmp_path: Path) -> None:
@@ -105,7 +97,7 @@ def test_files_of_plugins_are_one_or_several(tmp_path: Path) -> None:
     assert run.summary["method"] == "one"
 
 
-def test_a_plugin_that_calls_it_a_day_ends_no_process_but_its_own_part() -> None:
+def test_a_plugin_that_exits_loses_its_uavs_and_ends_no_process() -> None:
     class Leaves(Still):
         name = "leaves"
 
@@ -128,39 +120,27 @@ def test_a_diagnostic_called_as_a_column_is_refused_before_the_flight() -> None:
 
 def test_a_scenario_is_a_name_a_file_a_scenario_or_nothing(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
-    path.write_text('method = "mfg"\nuavs = 4\nseed = 3\nduration = 6.0\n')
-    hashes = {
-        mf.fly(flown, **options).summary["trajectory_sha256"]
-        for flown, options in (
-            (path, {}),
-            (str(path), {}),
-            (mf.Scenario(method="mfg", uavs=4, seed=3, duration=6.0), {}),
-            ("paper", {"method": "mfg", **SMALL}),
-            (None, {"method": "mfg", **SMALL}),
-        )
-    }
-    assert len(hashes) == 1
+    path.write_text('method = "mfg"\nuavs = 4\nseed = 3\nduration = 2.0\n')
+    options: dict[str, Any] = {"method": "mfg", "uavs": 4, "seed": 3, "duration": 2.0}
+    flown = [mf.fly(path), mf.fly(str(path)), mf.fly(mf.Scenario(**options)), mf.fly("paper", **options)]
+    assert len({run.summary["trajectory_sha256"] for run in (*flown, mf.fly(**options))}) == 1
 
 
 @pytest.mark.parametrize(
     ("scenario", "options", "says"),
     [
         ("paper", {"wind.sgima": 1}, "sgima"),
-        ("paper", {"wind.sigma": -1}, "wind.sigma"),
         ("paper", {"wind.sigma": object()}, "wind.sigma"),
         ("paper", {"wind": 3}, "wind"),
-        ("paper", {"uavs": 0}, "uavs"),
         ("paper", {"method": "nobody"}, "'nobody' is not installed here"),
         ("paper", {"method": int}, "derive a class from meanflock.Controller"),
         ("paper", {"method": object()}, "is neither the name nor the class of a controller"),
-        ("paper", {"plugin": ["nowhere.py"]}, "nowhere.py"),
         ("paper", {"plugin": "nowhere.py"}, "nowhere.py"),
         ("paper", {"record": True}, "out="),
         ("nowhere.toml", {}, "nowhere.toml"),
-        ("no such scenario", {}, "no such scenario"),
     ],
 )
-def test_bad_input_is_said_in_a_line_and_nothing_is_flown(
+def test_bad_input_is_one_line_and_nothing_flies(
     scenario: str, options: dict[str, Any], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -179,34 +159,24 @@ def test_progress_is_reported() -> None:
     assert seen == [(100, 250), (200, 250)]
 
 
-# -- what is left of it -----------------------------------------------------------------------------------------------
-
-
-def test_a_folder_is_opened_as_what_was_flown(tmp_path: Path) -> None:
-    run = mf.fly(method="mfgfl-h", out=tmp_path, **SMALL)
-    assert run.folder is not None
-    again = mf.open(run.folder)
-    assert again.summary == json.loads((run.folder / "summary.json").read_text()) == run.summary
-    assert again.scenario.sha256() == run.scenario.sha256()
-    assert again.scenario == again.scenario.resolved() == run.scenario.resolved() != run.scenario
-    np.testing.assert_array_equal(again.states, run.states)
-    assert again.events == run.events
-    assert again.frame().equals(run.frame())
-    assert again.recording is None
-
-
-def test_a_frame_is_a_row_a_tick() -> None:
-    run = mf.fly(method="mfg", **SMALL)
-    table = run.frame()
-    assert table["tick"].to_pylist() == list(range(61))
-    x_m = np.array(table["x_m"].to_pylist())
-    np.testing.assert_array_equal(x_m, run.states[:, :, 0])
+# -- the folder of a run -----------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def left(tmp_path_factory: pytest.TempPathFactory) -> mf.Run:
     """A run that left a folder."""
     return mf.fly(method="mfgfl-h", out=tmp_path_factory.mktemp("runs"), **SMALL)
+
+
+def test_an_opened_folder_is_the_run_that_was_flown(left: mf.Run) -> None:
+    assert left.folder is not None
+    again = mf.open(left.folder)
+    assert again.summary == json.loads((left.folder / "summary.json").read_text()) == left.summary
+    assert again.scenario == again.scenario.resolved() == left.scenario.resolved() != left.scenario
+    np.testing.assert_array_equal(again.states, left.states)
+    assert again.events == left.events
+    assert again.frame().equals(left.frame())
+    assert again.recording is None
 
 
 @pytest.mark.parametrize("per", ["uav", "tick"])
@@ -230,9 +200,12 @@ def test_a_csv_file_holds_every_float_of_the_frame(
     assert mf.open(left.folder).to_csv(tmp_path / "opened.csv", per).read_bytes() == path.read_bytes()
 
 
-def test_a_long_frame_is_a_row_a_tick_and_uav(left: mf.Run) -> None:
+def test_a_frame_has_a_row_for_each_tick_or_each_tick_and_uav(left: mf.Run) -> None:
     table = left.frame("uav")
     assert set(left.frame().column_names) > set(table.column_names) - {"uav"}
+    ticks = left.frame()
+    assert ticks["tick"].to_pylist() == list(range(61))
+    np.testing.assert_array_equal(np.array(ticks["x_m"].to_pylist()), left.states[:, :, 0])
     states = np.stack([table[name].to_numpy() for name in ("x_m", "y_m", "vx_m_s", "vy_m_s")], axis=-1)
     np.testing.assert_array_equal(states, left.states.reshape(-1, 4))
     assert table["uav"].to_pylist()[:5] == [0, 1, 2, 3, 0]
@@ -268,20 +241,14 @@ def test_a_csv_file_that_is_not_whole_is_not_there(
     assert main(["plot", str(left.folder), "--per", "tick"]) == 2
 
 
-def test_a_recording_is_made_where_it_is_asked_for(tmp_path: Path) -> None:
-    run = mf.fly(method="mfg", out=tmp_path, record=True, **SMALL)
-    assert run.recording is not None
-    assert run.recording.stat().st_size > 0
-
-
-def test_what_cannot_be_opened_is_bad_input(tmp_path: Path) -> None:
+def test_a_folder_without_a_finished_run_is_bad_input(left: mf.Run, tmp_path: Path) -> None:
+    assert left.folder is not None
     with pytest.raises(mf.BadInput, match="no run"):
         mf.open(tmp_path)
-    run = mf.fly(method="mfg", out=tmp_path, **SMALL)
-    assert run.folder is not None
-    (run.folder / "summary.json").write_text("{")
+    folder = Path(shutil.copytree(left.folder, tmp_path / "run"))
+    (folder / "summary.json").write_text("{")
     with pytest.raises(mf.BadInput, match="not JSON"):
-        mf.open(run.folder)
-    (run.folder / "summary.json").unlink()
+        mf.open(folder)
+    (folder / "summary.json").unlink()
     with pytest.raises(mf.BadInput, match="has not finished"):
-        mf.open(run.folder)
+        mf.open(folder)

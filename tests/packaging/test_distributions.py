@@ -1,4 +1,4 @@
-"""Source distribution and wheel, as somebody installs them who has no checkout: in fresh environments, and flown."""
+"""Source distribution and wheel, installed in fresh environments and flown."""
 
 import json
 import os
@@ -96,13 +96,6 @@ def test_both_distributions_have_what_the_checkout_has(built: Distributions) -> 
     assert {name for name in packed if not name.endswith(".so")} == there
 
 
-def test_nothing_of_ours_but_meanflock_can_be_imported(python: Path, tmp_path: Path) -> None:
-    find = "import sys; from importlib.util import find_spec; print(*(n for n in sys.argv[1:] if find_spec(n)))"
-    assert done(python, "-c", find, *PACKAGES, cwd=tmp_path).split() == ["meanflock"]
-    where = Path(done(python, "-c", "import meanflock; print(meanflock.__file__)", cwd=tmp_path).strip())
-    assert where.is_relative_to(python.parents[1])
-
-
 def test_the_paper_command_without_its_folder_says_what_is_missing(python: Path, tmp_path: Path) -> None:
     working, ran = hostile(tmp_path)
     command = [python.with_name("meanflock"), "paper", "--seeds", "1"]
@@ -115,6 +108,8 @@ def test_the_paper_command_without_its_folder_says_what_is_missing(python: Path,
 
 def test_it_flies_from_a_hostile_working_folder_as_the_checkout_does(python: Path, tmp_path: Path) -> None:
     """A plug-in on processes with TLS and in one, and a method that learns and federates."""
+    find = "import sys; from importlib.util import find_spec; print(*(n for n in sys.argv[1:] if find_spec(n)))"
+    assert done(python, "-c", find, *PACKAGES, cwd=tmp_path).split() == ["meanflock"]
     working, ran = hostile(tmp_path)
     meanflock = python.with_name("meanflock")
     done(meanflock, "certs", "init", tmp_path / "certs", "--uavs", "3", cwd=working)
@@ -143,15 +138,10 @@ def test_it_flies_from_a_hostile_working_folder_as_the_checkout_does(python: Pat
 
 
 @pytest.mark.parametrize("python", ["newest"], indirect=True)
-def test_it_records(python: Path, tmp_path: Path) -> None:
+def test_it_records_and_a_type_checker_sees_its_types_and_accepts_the_pages(python: Path, tmp_path: Path) -> None:
     done(python.with_name("meanflock"), "run", "--in-process", "--duration", "5", cwd=tmp_path)
     (folder,) = (tmp_path / "runs").iterdir()
     assert (folder / "recording.rrd").stat().st_size > 0
-
-
-@pytest.mark.parametrize("python", ["newest"], indirect=True)
-def test_a_type_checker_accepts_the_pages_and_sees_the_types(python: Path, tmp_path: Path) -> None:
-    """With the environment of the checkout, and with one that has the distribution."""
     for page in PAGES:
         for name, code in modules_of(page).items():
             (tmp_path / name).write_text(code, encoding="utf-8")
