@@ -1,6 +1,5 @@
 """Damaged run folders: each command gives a verdict of one line, and leaves the folder as it was."""
 
-import json
 import os
 import resource
 import shutil
@@ -14,7 +13,6 @@ import pytest
 import meanflock as mf
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.plots.run import plot_run
 from meanflock.groundstation.recording import viewer
 from meanflock.groundstation.recording.replay import recorded, verify
 from meanflock.groundstation.results.run_folder import (
@@ -28,7 +26,7 @@ from meanflock.groundstation.results.run_folder import (
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
 from tests.faults.conftest import scenario
-from tests.faults.dying import LATER, dead, resumed
+from tests.faults.dying import LATER, dead
 from tests.polling import DEADLINE_S
 
 SPRING = Path(__file__).parents[2] / "examples" / "spring.py"
@@ -142,16 +140,6 @@ def test_a_run_that_is_still_being_written_is_not_resumed(tmp_path: Path, capsys
         pass
 
 
-def test_a_resumed_run_can_be_watched_and_logged_like_any_other(
-    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("MEANFLOCK_LOG", "INFO")
-    assert resumed(folder, "--metrics", "0", "--log-format", "json")["ticks"] == 350
-    lines = [json.loads(line) for line in capsys.readouterr().err.splitlines()]
-    assert {(line["run"], line["node"]) for line in lines} == {("run", "in-process")}
-    assert sum(line["message"].startswith("metrics at http://127.0.0.1:") for line in lines) == 1
-
-
 def test_a_run_whose_plugin_was_changed_names_the_copy_that_flew(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -165,18 +153,6 @@ def test_a_run_whose_plugin_was_changed_names_the_copy_that_flew(
     copy = str(folder / "plugins" / "mine.py")
     assert f"controller 'spring' of {plugins.fingerprint(Path(copy).read_bytes())}; here it is of " in error
     assert error.endswith(f"meanflock resume {folder} --plugin {copy}")
-
-
-def test_a_plot_without_events_counts_the_collisions_all_the_same(
-    flown: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    folder = Path(shutil.copytree(flown, tmp_path / "run"))
-    collisions = json.loads((folder / "summary.json").read_text())["collisions"]
-    assert collisions > 0
-    (folder / EVENTS).write_bytes(b"\0\0\0\n[1]\n{}\n")
-    (legend,) = plot_run(folder)["paths"].legends
-    assert f"collisions: {collisions}" in [text.get_text() for text in legend.get_texts()]
-    assert f"0 of {collisions} collisions" in caplog.text
 
 
 @pytest.fixture

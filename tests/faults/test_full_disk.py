@@ -4,7 +4,6 @@ import errno
 import json
 import os
 import resource
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -21,10 +20,9 @@ from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.groundstation.results.timeseries_file import past
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BadInput
-from tests.faults.by_hand import Processes, spool_bytes
 from tests.faults.conftest import Lab, scenario
 from tests.faults.dying import LATER, dead
-from tests.polling import DEADLINE_S, until
+from tests.polling import DEADLINE_S
 
 FULL_BYTES = 320 * 1024
 SETTINGS = ("uavs=4", "seed=7", "stop=duration", "duration=80", "federation.period=40")
@@ -103,44 +101,6 @@ def test_a_run_whose_disk_fills_up_fails_with_a_verdict_and_is_resumed_to_the_sa
     assert pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist() == list(range(801))
     if recorded:
         assert verify(folder / "recording.rrd") is None
-
-
-@pytest.mark.processes
-@pytest.mark.parametrize("disk", ["full"], indirect=True)
-def test_a_disk_that_is_full_from_the_beginning_is_a_verdict(disk: Disk) -> None:
-    (disk.path / "filler").write_bytes(bytes(FULL_BYTES - 20 * 1024))  # the recording cannot be begun
-    done = command_line("run", "--in-process", "--quiet", "--uavs", "2", "--duration", "40", "--out", str(disk.path))
-    assert done.returncode == 1, done.stderr
-    (verdict,) = done.stderr.splitlines()
-    assert verdict.startswith("error: ")
-
-
-@pytest.mark.processes
-def test_a_ground_station_whose_disk_is_full_ends_and_the_flight_goes_on(disk: Disk, processes: Processes) -> None:
-    if disk.limit is not None:
-        pytest.skip("the limit would be on every process here")
-    world = processes.world("--stations", "1", settings=(*SETTINGS, "duration=100000"))
-    station = processes.station(disk.path)
-    for _ in range(4):
-        processes.start("agent")
-    processes.start("leader")
-    _, said = station.communicate(timeout=DEADLINE_S)
-    assert station.returncode == 1
-    assert "Traceback" not in said
-    assert "No space left on device" in said.splitlines()[-1]
-    (folder,) = disk.path.iterdir()
-    assert whole(folder) > 0
-    assert world.poll() is None
-    disk.make_room()
-    before = spool_bytes(disk.path)
-    successor = processes.station(disk.path, "--resume", "latest")
-    until(lambda: spool_bytes(disk.path) > before + 20_000, "telemetry")
-    world.send_signal(signal.SIGINT)
-    summary = json.loads(world.communicate(timeout=DEADLINE_S)[0])
-    _, said = successor.communicate(timeout=DEADLINE_S)
-    assert successor.returncode == 0, said
-    assert (summary["lost"], summary["telemetry_blocks_dropped"]) == (0, 0)
-    assert pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist() == list(range(summary["ticks"] + 1))
 
 
 def test_a_run_without_room_is_bad_input_and_changes_nothing(

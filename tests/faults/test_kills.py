@@ -3,19 +3,15 @@
 import itertools
 from collections.abc import Callable
 from functools import cache
-from random import Random
 from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from meanflock.federation.schedule import Schedule
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Status
-from meanflock.worldsim.members import elect
 from tests.faults.clusters import CLEAR, PERIOD, SLOW, swarm
 from tests.faults.conftest import Lab
 
@@ -158,15 +154,6 @@ def test_a_run_that_is_killed_in_any_tick_of_a_round_is_resumed_to_the_end_it_wo
         resumed = Lab(flown(clusters), uavs_per_node=2, resume=checkpoints[tick]).fly()
         for name in ("trajectory_sha256", "rounds", "payload_bits", "lost", "uploads_refused"):
             assert resumed[name] == expected[name], tick
-
-
-@settings(max_examples=100, database=None)
-@given(st.sets(st.sampled_from(["leader", "leader.2", "leader.3", "leader.10", "b"])), st.randoms())
-def test_the_election_depends_on_who_lives_and_on_nothing_else(living: set[str], shuffler: Random) -> None:
-    order = sorted(living)
-    shuffler.shuffle(order)
-    assert elect(order) == elect(order, "gone") == (min(living) if living else None)
-    assert [elect(order, incumbent) for incumbent in order] == order
 
 
 def test_a_leader_that_averages_a_round_again_is_not_heard() -> None:

@@ -8,10 +8,8 @@ from meanflock.swarm.errors import BusError, Refused
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Act, Join, Ready, Status, Stop
+from meanflock.swarm.wire.messages import Join, Status
 from tests.faults.conftest import RUN, Lab, scenario
-
-NUMBER = keys.fingerprint(RUN)
 
 
 def test_several_agents_take_over_the_uavs_of_one_lost_node_until_none_is_free() -> None:
@@ -94,38 +92,6 @@ def test_a_node_that_rejoins_too_often_is_refused_for_good_and_no_other_node_is(
         assert "refused for good: the " in refused[0]
         assert "joined again 5 times within 20 ticks, the most that `pace.rejoins` and" in refused[0]
         assert summary["lost"] == (place != "leader")
-
-
-def test_an_old_process_that_wakes_is_sent_home_and_its_successor_is_not() -> None:
-    lab = Lab(scenario(), uavs_per_node=1)
-    old = lab.bus_of("agent-1")
-    client = old.handler.__self__  # type: ignore[union-attr]
-    heard = []
-
-    def freeze() -> None:
-        old.handler = heard.append
-        lab.world.handle(Delivery("gone", keys.alive(RUN, "agent", "agent-1")))
-
-    def thaw() -> None:
-        client.stopped = None
-        old.handler = client.handle
-        before = lab.world.counters.drops.copy()
-        old.put(keys.act(RUN, "agent-1"), control.encode(Act(NUMBER, 60, np.zeros((1, 5)))))
-        assert lab.world.counters.drops - before == {"unknown-node": 1}
-        assert client.stopped.lost
-        client.stopped = None
-        old.put(keys.act(RUN, "agent-1"), control.encode(Ready(NUMBER)))
-        assert client.stopped.lost
-        client.stopped = None
-        lab.world.handle(Delivery("alive", keys.alive(RUN, "agent", "agent-1")))
-        assert client.stopped.lost
-
-    successor = {}
-    summary = lab.fly({20: freeze, 40: lambda: successor.update(client=lab.agent()), 60: thaw})
-    assert isinstance(control.decode(heard[0].payload), Stop)
-    assert not [d for d in heard if not isinstance(control.decode(d.payload), Stop)]
-    assert summary["lost"] == 0
-    assert (successor["client"].stopped.reason, successor["client"].stopped.lost) == ("finished", False)
 
 
 def test_a_node_that_never_becomes_ready_frees_its_place_in_flight() -> None:

@@ -34,14 +34,9 @@ def test_a_station_goes_on_in_the_folder_of_its_flight(tmp_path: Path) -> None:
     assert folder == latest
     assert so_far is not None
     assert 100 < so_far.rows.num_rows <= 251
-
-
-@pytest.mark.parametrize("tick", [0, 50])
-def test_a_flight_that_has_not_come_so_far_gets_a_new_folder(tick: int, tmp_path: Path) -> None:
-    killed(tmp_path, "compose-20260102-000000", 250)
-    folder, so_far = _folder(LATEST, tmp_path, RUN, FLOWN, tick)
-    assert not folder.exists()
-    assert so_far is None
+    new, nothing = _folder(LATEST, tmp_path, RUN, FLOWN, 50)  # of a flight that has not come so far
+    assert not new.exists()
+    assert nothing is None
 
 
 def test_a_folder_that_is_finished_or_of_another_scenario_or_empty_is_left_alone(tmp_path: Path) -> None:

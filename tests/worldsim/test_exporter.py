@@ -104,16 +104,6 @@ def test_every_metric_is_the_number_of_the_summary(engine: Engine, url: str) -> 
         assert family.type in ("counter", "gauge", "histogram")
 
 
-def test_unacknowledged_telemetry_is_counted(engine: Engine, url: str) -> None:
-    engine.station._bus.close()  # type: ignore[attr-defined]
-    for _ in engine.fly():
-        pass
-    scraped = Scrape(url)
-    assert scraped("telemetry_blocks_unacknowledged") == len(engine.world.outbox._waiting) >= 2
-    assert scraped("telemetry_blocks_dropped_total") == 0
-    assert scraped("nodes_alive", role="station") == 0
-
-
 def test_unknown_metrics_are_absent_and_nodes_are_counted_as_they_come_and_go(engine: Engine, url: str) -> None:
     before = Scrape(url)
     assert before("ticks_total") == 0

@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pytest
 
 from meanflock.swarm.wire.messages import Join
@@ -18,22 +17,6 @@ def test_a_repeated_join_gets_the_same_place() -> None:
     assert members.admit(Join("agent", 1, token=13)).uavs.tolist() == [2]
     with pytest.raises(JoinRefused, match="every UAV"):
         members.admit(Join("agent", 1, token=14))
-
-
-def test_a_token_does_not_count_once_its_node_is_ready_or_lost() -> None:
-    members = Members(4, leaders=0)
-    for token in (7, 8):
-        held = members.admit(Join("agent", 1, token=token))
-        if token == 7:
-            held.ready = True
-        else:
-            members.lose(held)
-        assert members.admit(Join("agent", 1, token=token)) is not held
-    anonymous = [members.admit(Join("agent", 1)) for _ in range(1)]
-    with pytest.raises(JoinRefused):
-        members.admit(Join("agent", 1))
-    assert np.concatenate([member.uavs for member in members.present]).tolist() == [0, 1, 2, 3]
-    assert anonymous[0] in members.present
 
 
 def test_a_shut_place_is_refused_and_another_is_given() -> None:

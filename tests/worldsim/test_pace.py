@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
+from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.scenario import load
 from meanflock.worldsim.members import Member
 from meanflock.worldsim.waiting import Pace
@@ -76,6 +77,23 @@ def test_a_node_that_is_slow_with_others_or_seldom_is_not_lost(delay_s: Callable
     summary = fly(delay_s, *SHORT)
     assert summary["nodes_lost"] == 0
     assert [kind for _, kind, _ in summary["told"]] in ([], ["slow"] * 3)
+
+
+@pytest.mark.parametrize(("stands_still_s", "lost"), [(60.0, 0), (0.0, 1)])
+def test_time_in_which_the_machine_stood_still_does_not_count_as_silence(stands_still_s: float, lost: int) -> None:
+    flight = Flight(None, [ANY])
+    delay_s, receive = (8.0 if stands_still_s else 12.0), flight.bus.receive
+
+    def silent(tick: int) -> None:
+        flight.bus.delay_s = lambda node: delay_s if tick == 3 and node == "agent-1" else PROMPT_S
+
+    def standing(timeout_s: float) -> Delivery | None:
+        if flight.world.flight.tick == 3 and flight.bus.now < stands_still_s:
+            flight.bus.now += stands_still_s
+        return receive(timeout_s)
+
+    flight.bus.receive = standing  # type: ignore[method-assign]
+    assert flight.fly(silent)["nodes_lost"] == lost
 
 
 SIX = (1,) * 6

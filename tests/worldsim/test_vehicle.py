@@ -141,16 +141,6 @@ def test_a_wrong_take_off_is_refused(glider, hidden: str, said: str) -> None:
         Flight(scenario())
 
 
-def test_what_is_not_installed_or_does_not_fit_is_bad_input(glider) -> None:
-    with pytest.raises(BadInput, match=r"'glider' is not installed here; .*; there are .*point-mass"):
-        Flight(scenario())
-    glider()
-    with pytest.raises(BadInput, match=r"vehicle\.options"):
-        Flight(scenario("vehicle.options.mass_kg=3"))
-    with pytest.raises(BadInput, match=r"vehicle\.options\.charge_J"):
-        Flight(scenario("vehicle.options.charge_J=true"))
-
-
 def test_the_world_shortens_a_command_beyond_the_limit_keeps_its_direction_and_counts_it() -> None:
     flight = Flight(load(None, ["uavs=4", "vehicle.acceleration_max=2", "wind.sigma=0", "wind.drag=0"]))
     commands = np.array([[2.0, 0.0], [3.0, -4.0], [0.0, 2.0 + 1e-12], [0.0, 0.0]])

@@ -50,15 +50,6 @@ def test_the_field_has_no_divergence() -> None:
         assert (right[0] - left[0] + up[1] - down[1]) / (2 * h) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_seed_has_one_field_and_the_noise_does_not_depend_on_it() -> None:
-    first, again, other = (MeanWind(load(None, [*FIELD, f"seed={seed}"]))(at((3, 4))) for seed in (1, 1, 2))
-    assert first.tolist() == again.tolist() != other.tolist()
-    plain, windy = Flight(load(None, ["wind.drag=0"])), Flight(load(None, ["wind.drag=0", *FIELD]))
-    for flight in (plain, windy):
-        flight.advance(np.zeros((25, 2)))
-    np.testing.assert_array_equal(plain.states, windy.states)  # without drag the air carries nobody
-
-
 def test_a_uav_is_carried_by_the_wind_where_it_is() -> None:
     flown = load(None, [*FIELD, "wind.sigma=0", "wind.drag=1.9"])
     vehicle, wind = PointMass(PointMass.Options(), flown), MeanWind(flown)
