@@ -57,14 +57,6 @@ def test_a_flight_without_agents_fails_after_the_time_of_a_barrier_if_no_agent_c
     assert lab.world.flight.tick == 40
 
 
-def test_a_flight_that_stands_still_can_be_interrupted() -> None:
-    lab = Patient()
-    for tick in lab.world.fly(lambda: lab.waits >= 2):
-        if tick == 40:
-            lab.kill_all()
-    assert (lab.world.flight.tick, lab.waits) == (40, 2)
-
-
 @pytest.mark.parametrize("together", [True, False])
 def test_the_last_checkpoint_of_a_run_that_falls_apart_is_of_before(together: bool, tmp_path: Path) -> None:
     """All agents at once, or one after the other on both sides of the tick of a checkpoint."""

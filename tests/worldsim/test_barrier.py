@@ -1,13 +1,11 @@
-"""The barrier: every node of a tick replies once, and the waiting thread wakes at the last reply."""
+"""The barrier: commands stand in the rows of their UAVs, and the waiting thread wakes at the last reply."""
 
 import queue
 import threading
 
 import numpy as np
-import pytest
 
 from meanflock.federation.post import Post
-from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import MemoryNetwork
 from meanflock.swarm.scenario import Scenario, load
@@ -23,50 +21,10 @@ RUN = "fence"
 FINGERPRINT = keys.fingerprint(RUN)
 TICK = 300
 COMMANDS = np.arange(10.0).reshape(2, 5)
-MODELS = np.ones((2, 246))
-KEY = keys.act(RUN, "agent-0")
 
 
 def barrier_of(flown: Scenario) -> Barrier:
     return Barrier(MemoryNetwork().endpoint(), RUN, Replies(flown, FINGERPRINT, Post(flown), Limits(flown).act))
-
-
-class Stand:
-    """A barrier that has asked an agent of two UAVs, and another that is silent."""
-
-    def __init__(self, reporting: bool = False) -> None:
-        self.barrier = barrier_of(load(None, uavs=3))
-        self.member = Member("agent-0", "agent", np.arange(2))
-        self.barrier.open(TICK, reporting)
-        self.barrier.ask(self.member, np.zeros((2, 4)))
-        self.barrier.ask(Member("agent-2", "agent", np.array([2])), np.zeros((1, 4)))
-
-
-def reply(models: np.ndarray | None = None) -> bytes:
-    return tick.write_act(Act(FINGERPRINT, TICK, COMMANDS, models=models))
-
-
-@pytest.mark.parametrize("models", [None, MODELS])
-def test_a_reply_counts_once(models: np.ndarray | None) -> None:
-    stand = Stand(reporting=models is not None)
-    raw = reply(models)
-    assert stand.barrier.missing == ["agent-0", "agent-2"]
-    assert stand.barrier.offer(KEY, raw)
-    assert stand.barrier.missing == ["agent-2"]
-    assert tick.write_act(stand.barrier.acts["agent-0"]) == raw
-    assert stand.barrier.replied.tolist() == [True, True, False]
-    assert (stand.barrier.commands[:2] == COMMANDS).all()
-    assert not stand.barrier.offer(KEY, raw)
-    with pytest.raises(MessageRejected) as refused:
-        stand.barrier.take(stand.member, raw)
-    assert refused.value.reason == "duplicate"
-    other = tick.write_act(Act(FINGERPRINT, TICK, -COMMANDS))
-    with pytest.raises(MessageRejected):
-        stand.barrier.take(stand.member, other)
-    assert (stand.barrier.commands[:2] == COMMANDS).all()
-    assert stand.barrier.forget("agent-0")
-    assert not stand.barrier.acts
-    assert not stand.barrier.replied.any()
 
 
 def test_commands_are_in_the_rows_of_uavs_that_do_not_follow_each_other() -> None:
@@ -74,21 +32,9 @@ def test_commands_are_in_the_rows_of_uavs_that_do_not_follow_each_other() -> Non
     member = Member("agent-1", "agent", np.array([1, 4]))
     barrier.open(TICK, reporting=False)
     barrier.ask(member, np.zeros((2, 4)))
-    barrier.take(member, reply())
+    barrier.take(member, tick.write_act(Act(FINGERPRINT, TICK, COMMANDS)))
     assert (barrier.commands[[1, 4]] == COMMANDS).all()
     assert barrier.replied.tolist() == [False, True, False, False, True]
-
-
-def test_a_reply_counts_only_from_a_node_that_was_asked_and_is_there() -> None:
-    raw, stand = reply(), Stand()
-    assert not stand.barrier.offer(keys.act(RUN, "agent-1"), raw)
-    assert stand.barrier.forget("agent-0")
-    assert not stand.barrier.forget("agent-0")
-    assert not stand.barrier.offer(KEY, raw)
-    stand.barrier.ask(stand.member, np.zeros((2, 4)))
-    stand.barrier.close()
-    assert not stand.barrier.offer(KEY, raw)
-    assert not stand.barrier.acts
 
 
 def test_the_waiting_thread_wakes_when_replies_come_in_two_threads() -> None:

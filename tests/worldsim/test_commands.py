@@ -17,18 +17,6 @@ def said(scale: float = 1.0) -> np.ndarray:
     return np.random.default_rng(1).normal(0, scale, (UAVS, 5))
 
 
-@pytest.mark.parametrize("but", [[], [0], [1, 2, 3], list(range(UAVS))])
-def test_a_uav_without_a_reply_keeps_its_command_and_reports_nothing(but: list[int]) -> None:
-    commands, before, after, replied = Commands(UAVS, 3), said(3.0), said(), ALL.copy()
-    replied[but] = False
-    assert not len(commands.store(before, ALL, ALL, ALL))
-    assert not len(commands.store(after, replied, ALL, ALL))
-    assert (commands.accelerations == np.where(replied[:, None], after, before)[:, :2]).all()
-    assert (commands.diagnostics == np.where(replied[:, None], after, 0.0)[:, 2:]).all()
-    ever = np.abs(np.concatenate([before, after[replied]]))
-    assert commands.largest.tolist() == ever[:, 2:].max(axis=0).tolist()
-
-
 @pytest.mark.parametrize("column", range(5))
 @pytest.mark.parametrize("size", [BEYOND_SENSE, -BEYOND_SENSE, np.inf, np.nan])
 def test_a_command_beyond_the_bound_is_named_and_not_used(size: float, column: int) -> None:

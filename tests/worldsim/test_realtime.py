@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import load
-from meanflock.swarm.wire.messages import SWARM_COLUMNS, Telemetry
+from meanflock.swarm.wire.messages import SWARM_COLUMNS
 from meanflock.worldsim.timing import factor
 from tests.worldsim.late import PROMPT_S, RUN, TICK_S, Flight
 
@@ -72,20 +73,14 @@ def test_a_late_world_reports_its_jitter_and_catches_up() -> None:
 
 
 def test_telemetry_counts_held_commands() -> None:
-    told: list[Telemetry] = []
-
-    class Keep:
-        def write(self, block: Telemetry) -> None:
-            told.append(block)
-
     flown = load(None, ["uavs=2", "method=mfg", "duration=1", 'stop="duration"'])
-    engine = Engine(flown, RUN, sinks=[Keep()], realtime=100.0)
+    engine = Engine(flown, RUN, sinks=[kept := Kept()], realtime=100.0)
     counters = engine.world.counters
     for tick in engine.fly():
         if tick == 5:
             counters.late(3)
     summary = engine.world.finish()
-    columns = np.concatenate([block.swarm for block in told])[:, -2:]
+    columns = np.concatenate([block.swarm for block in kept.blocks])[:, -2:]
     assert SWARM_COLUMNS[-2:] == ("held_commands", "deadline_misses")
     assert columns[5].tolist() == [0, 0]
     assert (columns[6:] - columns[5]).min() >= 1

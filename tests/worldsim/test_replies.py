@@ -1,4 +1,4 @@
-"""The reply of a node: the world accepts it as it was written, and merges the frames of all nodes.
+"""The reply of a node: the world accepts its broadcasts, and merges the frames of all nodes.
 
 Replies that it rejects: tests/faults/test_hostile_input.py.
 """
@@ -6,7 +6,6 @@ Replies that it rejects: tests/faults/test_hostile_input.py.
 from typing import Any
 
 import numpy as np
-import pytest
 
 from meanflock.channel.meter import Meter
 from meanflock.federation import coding as codings
@@ -14,7 +13,6 @@ from meanflock.federation.post import Post
 from meanflock.swarm.declared import MAX_BROADCASTS
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire import tick as wire
-from meanflock.swarm.wire.control import FLOAT_OF_BITS
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from meanflock.worldsim.members import Member
 from meanflock.worldsim.replies import FrameMerger, Replies
@@ -39,30 +37,12 @@ def upload(flown: Scenario, *uavs: int, number: int = 2) -> Frames:
     return Frames(FrameKind.UPLOAD, number, np.array(uavs, np.int32), coding.encode(models))
 
 
-def check_accepted(flown: Scenario, uavs: tuple[int, ...], *outbox: Frames, report: bool = False) -> None:
-    commands = np.full((len(uavs), 2 + len(flown.declared.diagnostics)), 0.25)
-    act = Act(RUN, TICK, commands, outbox=outbox, models=np.full((len(uavs), 246), 0.5) if report else None)
-    member = Member(f"agent-{uavs[0]}", "agent", np.array(uavs))
-    replies = Replies(flown, RUN, Post(flown), lambda rows: 2**16)
-    same(replies.read(member, TICK, wire.write_act(act)), act)
-
-
-@pytest.mark.parametrize("report", [False, True])
-@pytest.mark.parametrize("uavs", [(3,), (2, 3, 5), tuple(range(8))])
-def test_a_reply_is_accepted_as_it_was_written(report: bool, uavs: tuple[int, ...]) -> None:
-    check_accepted(STATES, uavs, report=report)
-    for bits, dtype in FLOAT_OF_BITS.items():
-        flown = STATES.replace(**{"radio.bits_per_float": bits})
-        check_accepted(flown, uavs, broadcast(*uavs, dtype=dtype), report=report)
-    for payload in ("float32", "float16", "int8"):
-        flown = MODELS.replace(**{"federation.payload": payload})
-        check_accepted(flown, uavs, upload(flown, *uavs), report=report)
-
-
 def test_broadcasts_of_any_width_and_type_of_some_rows_are_accepted() -> None:
     frames = [broadcast(3, 5, dtype=name, width=width, number=width) for width, name in enumerate(INTEGERS, 1)]
     frames += [broadcast(2, width=MOST), broadcast(2, 5, number=MAX_BROADCASTS - 1)]
-    check_accepted(STATES, (2, 3, 5), *frames)
+    act = Act(RUN, TICK, np.full((3, 2 + len(STATES.declared.diagnostics)), 0.25), outbox=tuple(frames))
+    replies = Replies(STATES, RUN, Post(STATES), lambda rows: 2**16)
+    same(replies.read(Member("agent-2", "agent", np.array([2, 3, 5])), TICK, wire.write_act(act)), act)
 
 
 # -- the frames of a tick -----------------------------------------------------------------------------------------
