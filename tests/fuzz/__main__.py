@@ -15,7 +15,7 @@ MAD = ("agent-0", "leader")
 
 
 def main() -> int:
-    """0, or 1 where a promise is broken."""
+    """Returns 1 if a promise was broken, else 0."""
     options = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     options.add_argument("--count", type=int, default=1_000_000, help="messages (default 1000000)")
     options.add_argument("--seed", type=int, default=1)
@@ -45,14 +45,12 @@ def main() -> int:
         broken.append(f"memory grew from {memory[0]:.0f} to {memory[1]:.0f} MiB")
 
     table = Table("", "messages", title=f"{siege.thrown['codec']:,} mutated messages, seed {given.seed}")
-    for who, number in siege.thrown.items():
-        table.add_row(f"thrown at: {who}", f"{number:,}")
-    for what, number in sorted(siege.outcome.items()):
+    counts = {f"thrown at: {who}": number for who, number in siege.thrown.items()}
+    counts |= dict(sorted(siege.outcome.items()))
+    counts |= {f"world: {reason}": number for reason, number in sorted(summary["dropped_messages"].items())}
+    counts |= {f"mad {who}: ticks in which a mutation was let in": one.let_in for who, one in insiders.items()}
+    for what, number in counts.items():
         table.add_row(what, f"{number:,}")
-    for reason, number in sorted(summary["dropped_messages"].items()):
-        table.add_row(f"world: {reason}", f"{number:,}")
-    for who, insider in insiders.items():
-        table.add_row(f"mad {who}: ticks in which a mutation was let in", f"{insider.let_in:,}")
     table.add_row("memory after a fifth, at the end", f"{memory[0]:.0f}, {memory[1]:.0f} MiB")
     table.add_row("time", f"{time.perf_counter() - started:.0f} s")
     Console().print(table)

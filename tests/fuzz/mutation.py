@@ -2,7 +2,7 @@
 
 import random
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import msgspec
@@ -48,8 +48,6 @@ class Mutator:
         self._corpus = list(corpus)
         self._trees = [msgspec.msgpack.decode(raw) for raw in corpus]
         self._draw = random.Random(seed)
-        on_bytes = (self._change, self._change, self._cut, self._insert, self._repeat, self._splice, self._truncate)
-        self._on_bytes: tuple[Callable[[bytes], bytes], ...] = on_bytes
 
     def __call__(self, tick: int) -> bytes:
         """The next one; those of a tick are of this one, before they are mutated."""
@@ -71,10 +69,8 @@ class Mutator:
                 return self._corpus[index]
         raw = self._corpus[index]
         for _ in range(draw.choice(_DEPTHS)):
-            raw = draw.choice(self._on_bytes)(raw)
+            raw = self._damaged(raw)
         return raw
-
-    # -- inside the envelope ------------------------------------------------------------------------------------------
 
     def _within(self, value: Any) -> Any:
         draw = self._draw
@@ -99,7 +95,7 @@ class Mutator:
                 at = 8 * draw.randrange(len(value) // 8)
                 return value[:at] + draw.choice(_TELLING_FLOATS) + value[at + 8 :]
             case bytes() if value:
-                return draw.choice(self._on_bytes)(value)
+                return self._damaged(value)
             case bool():
                 return not value
             case int():
@@ -127,41 +123,30 @@ class Mutator:
                 at = len(changed) - 8 * draw.randint(1, (len(changed) - 10) // 8)
                 changed[at : at + 8] = draw.choice(_TELLING_FLOATS)
             case _:
-                return draw.choice(self._on_bytes)(data)
+                return self._damaged(data)
         return bytes(changed)
 
-    # -- on bytes -----------------------------------------------------------------------------------------------------
-
-    def _change(self, raw: bytes) -> bytes:
-        """Another byte: one bit differs, or it means something in MessagePack."""
-        if not raw:
-            return raw
-        changed = bytearray(raw)
-        # The first bytes say what follows: half of the changes are there.
-        at = self._draw.randrange(min(len(raw), 48) if self._draw.random() < 0.5 else len(raw))
-        flipped = changed[at] ^ (1 << self._draw.randrange(8))
-        changed[at] = self._draw.choice((flipped, self._draw.choice(_TELLING_BYTES)))
-        return bytes(changed)
-
-    def _span(self, raw: bytes) -> tuple[int, int]:
-        start = self._draw.randint(0, len(raw))
-        return start, min(len(raw), start + self._draw.randint(0, 16))
-
-    def _cut(self, raw: bytes) -> bytes:
-        start, end = self._span(raw)
-        return raw[:start] + raw[end:]
-
-    def _insert(self, raw: bytes) -> bytes:
-        start, _ = self._span(raw)
-        return raw[:start] + self._draw.randbytes(self._draw.randint(1, 16)) + raw[start:]
-
-    def _repeat(self, raw: bytes) -> bytes:
-        start, end = self._span(raw)
-        return raw[:end] + raw[start:]
-
-    def _splice(self, raw: bytes) -> bytes:
-        other = self._draw.choice(self._corpus)
-        return raw[: self._draw.randint(0, len(raw))] + other[self._draw.randint(0, len(other)) :]
-
-    def _truncate(self, raw: bytes) -> bytes:
-        return raw[: self._draw.randint(0, len(raw))]
+    def _damaged(self, raw: bytes) -> bytes:
+        """The bytes with one change: a byte, or a span cut, inserted or repeated, or spliced with another message."""
+        draw = self._draw
+        start = draw.randint(0, len(raw))
+        end = min(len(raw), start + draw.randint(0, 16))
+        match draw.randrange(7):
+            case 0:
+                return raw[:start] + raw[end:]
+            case 1:
+                return raw[:start] + draw.randbytes(draw.randint(1, 16)) + raw[start:]
+            case 2:
+                return raw[:end] + raw[start:]
+            case 3:
+                return raw[:start]
+            case 4:
+                other = draw.choice(self._corpus)
+                return raw[:start] + other[draw.randint(0, len(other)) :]
+            case _ if raw:
+                # The first bytes say what follows: half of the changes are there.
+                at = draw.randrange(min(len(raw), 48) if draw.random() < 0.5 else len(raw))
+                byte = draw.choice((raw[at] ^ (1 << draw.randrange(8)), draw.choice(_TELLING_BYTES)))
+                return raw[:at] + bytes([byte]) + raw[at + 1 :]
+            case _:
+                return raw

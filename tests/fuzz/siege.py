@@ -49,13 +49,9 @@ def recorded(flown: Scenario) -> tuple[list[bytes], dict[str, Any]]:
     engine = Engine(flown, RUN, uavs_per_node=ROWS, leaders=2)
     said: list[bytes] = []
     spy = engine.network.endpoint(lambda delivery: said.append(delivery.payload))
-    for key in ("act", "sense"):
-        spy.subscribe(getattr(keys, key)(RUN, "*"))
-    spy.subscribe(keys.telemetry(RUN))
-    spy.subscribe(keys.received(RUN))
-    for _ in engine.fly():
-        pass
-    summary = engine.world.finish()
+    for key in (keys.act(RUN, "*"), keys.sense(RUN, "*"), keys.telemetry(RUN), keys.received(RUN)):
+        spy.subscribe(key)
+    summary = engine.complete()
     kept: dict[tuple[str, int], bytes] = {}
     for raw in said:  # of every kind and size a few: the first of a length, roughly
         kept.setdefault((type(read(raw)).__name__, len(raw) // 64), raw)
@@ -143,23 +139,19 @@ class Siege:
             self.outcome[f"codec: {error.reason}"] += 1
             return None
 
-    # -- the world ------------------------------------------------------------------------------------------------
-
     def _at_world(self, raw: bytes, message: Any) -> None:
         names = [*self._world.members._by_name, "agent-77", "nobody"]
+        name = names[self._turn // 32 % len(names)]
+        delivery = Delivery("message", keys.act(RUN, name), raw)
         match self._turn // 4 % 8:
             case 0:
-                role = message.role if isinstance(message, Join) else "agent"
-                uav = message.uav if isinstance(message, Join) else -1
+                role, uav = (message.role, message.uav) if isinstance(message, Join) else ("agent", -1)
                 delivery = Delivery("question", keys.join(RUN, keys.asker(role, uav)), raw, self._answers.append)
             case 1:
                 delivery = Delivery("message", keys.received(RUN), raw)
-            case _:
-                name = names[self._turn // 32 % len(names)]
-                if self._is_its_word(name, raw, message):
-                    self.outcome["not thrown: a node's own word"] += 1
-                    return
-                delivery = Delivery("message", keys.act(RUN, name), raw)
+            case _ if self._is_its_word(name, raw, message):
+                self.outcome["not thrown: a node's own word"] += 1
+                return
         self.thrown["world"] += 1
         before = self._world.counters.drops.total()
         self._world.handle(delivery)
@@ -185,8 +177,6 @@ class Siege:
             return False
         return True
 
-    # -- agents and leaders ---------------------------------------------------------------------------------------
-
     def _at_node(self, raw: bytes, message: Any) -> None:
         """The node is told everything but what only the world could have said."""
         client = self._spokes[self._turn // 4 % len(self._spokes)]
@@ -201,8 +191,6 @@ class Siege:
         again = again and message.states.shape == client._blank.shape  # not one for a node of other rows
         if client.dropped.total() - before != (0 if again else 1):
             raise Broken(f"a node let in {type(message).__name__}: {raw.hex()}")
-
-    # -- the ground station ---------------------------------------------------------------------------------------
 
     def _station(self) -> Station:
         return Station(MemoryNetwork().endpoint(), RUN, self._sinks, uavs=self._flown.uavs)

@@ -121,7 +121,7 @@ class Mishaps:
                 agent.send_signal(signal.SIGSTOP)
             with self._rejoins(uav):
                 agent.send_signal(signal.SIGCONT)
-            assert agent.poll() is None
+            assert agent.poll() is None, "an agent that woke ended"
 
     def agent_replaced_while_frozen(self) -> None:
         """It wakes, and goes home."""
@@ -136,7 +136,7 @@ class Mishaps:
             _, err = frozen.communicate(timeout=DEADLINE_S)
             if frozen.returncode != 0:  # it slept through its lease, comes back, and finds its place taken
                 assert slept_s >= LINK_SURE_S, err
-                assert "every UAV of this run has its agent already" in err
+                assert "every UAV of this run has its agent already" in err, err
 
     def agent_replaced_by_one_that_waits(self) -> None:
         """A successor that comes too early takes over; one without patience goes home."""
@@ -144,10 +144,11 @@ class Mishaps:
             patient = self._flight.agent(uav, env={"MEANFLOCK_LOG": "INFO"})
             hasty = self._flight.agent(uav, "--wait", "1")
             _, err = hasty.communicate(timeout=DEADLINE_S)
-            assert hasty.returncode == 1
-            assert err.strip() == "error: the world refused: every UAV of this run has its agent already"
+            refusal = "error: the world refused: every UAV of this run has its agent already"
+            assert (hasty.returncode, err.strip()) == (1, refusal), f"{hasty.returncode}: {err}"
             assert patient.stderr is not None
-            assert "refused for now: " in patient.stderr.readline()
+            line = patient.stderr.readline()
+            assert "refused for now: " in line, line
             with self._rejoins(uav), self._is_lost(uav):
                 self._flight.agents[uav].kill()
             self._flight.agents[uav] = patient
