@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psutil
 import pytest
 
 from meanflock.agent.node import Agent
@@ -162,10 +161,6 @@ class Flight:
     def logs(self, *texts: str) -> None:
         """Waits until the world has said all these."""
         until(lambda: all(text in self.said() for text in texts), f"{texts} in the world's log")
-
-    def rss_mb(self) -> float:
-        """What the world keeps in memory now, MB."""
-        return psutil.Process(self.world.pid).memory_info().rss / 2**20
 
     def land(self) -> dict[str, Any]:
         """Lets the flight end, and returns its summary."""

@@ -3,6 +3,7 @@
 import json
 import os
 import stat
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -59,43 +60,37 @@ def test_keys_are_never_overwritten(made: Path, capsys: pytest.CaptureFixture[st
     assert (made / "ca.key").read_bytes() == before
 
 
-def broken(folder: Path, how: str) -> Path:
-    """A folder of certificates for one agent, of which that agent's is amiss."""
-    authority = certs.Authority("one")
+def misname(folder: Path, authority: certs.Authority) -> None:
+    authority.issue(folder, "agent-7")
+    for kind in ("pem", "key"):
+        (folder / f"agent-7.{kind}").rename(folder / f"agent-0.{kind}")
+
+
+def mismatch(folder: Path, authority: certs.Authority) -> None:
+    authority.issue(folder, "agent-0")
+    (folder / "agent-0.key").write_bytes((folder / "leader.key").read_bytes())
+
+
+BROKEN: dict[str, Callable[[Path, certs.Authority], object]] = {  # a part of the verdict on the agent's certificate
+    "No such file": lambda folder, authority: None,
+    "not signed by": lambda folder, authority: certs.Authority("two").issue(folder, "agent-0"),
+    "expired on": lambda folder, authority: authority.issue(folder, "agent-0", days=-1),
+    "CN=agent-7": misname,
+    "does not fit": mismatch,
+    "not a certificate": lambda folder, authority: (folder / "agent-0.pem").write_text("hello"),
+}
+
+
+@pytest.mark.parametrize("says", BROKEN)
+def test_a_certificate_that_is_of_no_use_is_named_before_anything_starts(
+    says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, authority = tmp_path / "certs", certs.Authority("one")
+    folder.mkdir()
     authority.write(folder)
     for name in ("world", "leader", "station"):
         authority.issue(folder, name, hosts=certs.HOSTS if name == "world" else ())
-    if how == "missing":
-        return folder
-    signed_by = certs.Authority("two") if how == "foreign" else authority
-    signed_by.issue(folder, "agent-0" if how != "misnamed" else "agent-7", days=-1 if how == "expired" else 30)
-    if how == "misnamed":
-        for kind in ("pem", "key"):
-            (folder / f"agent-7.{kind}").rename(folder / f"agent-0.{kind}")
-    if how == "mismatched":
-        (folder / "agent-0.key").write_bytes((folder / "leader.key").read_bytes())
-    if how == "not a certificate":
-        (folder / "agent-0.pem").write_text("hello")
-    return folder
-
-
-@pytest.mark.parametrize(
-    ("how", "says"),
-    [
-        ("missing", "No such file"),
-        ("foreign", "not signed by"),
-        ("expired", "expired on"),
-        ("misnamed", "CN=agent-7"),
-        ("mismatched", "does not fit"),
-        ("not a certificate", "not a certificate"),
-    ],
-)
-def test_what_is_amiss_is_said_before_anything_starts(
-    how: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = tmp_path / "certs"
-    folder.mkdir()
-    broken(folder, how)
+    BROKEN[says](folder, authority)
     out = tmp_path / "runs"
     assert main(["run", "--uavs", "1", "--tls", str(folder), "--out", str(out), "--quiet"]) == 2
     (line,) = capsys.readouterr().err.splitlines()

@@ -46,12 +46,12 @@ def flood(flight: Flight) -> Iterator[None]:
 @pytest.fixture
 def memory_mb(flight: Flight) -> Iterator[list[float]]:
     """Memory of the world, MB, measured again and again."""
-    measured, ended = [flight.rss_mb()], threading.Event()
+    world, ended, measured = psutil.Process(flight.world.pid), threading.Event(), [0.0]
 
     def watch() -> None:
         with suppress(psutil.NoSuchProcess):
             while not ended.wait(0.01):
-                measured.append(flight.rss_mb())
+                measured.append(world.memory_info().rss / 2**20)
 
     thread = threading.Thread(target=watch)
     thread.start()

@@ -1,8 +1,9 @@
-"""A node with a genuine certificate that attacks: the router or the world drops what it may not send."""
+"""Attacks without a certificate of a node, and with one: the router or the world drops what is not allowed."""
 
 import numpy as np
 import pytest
 
+from meanflock.swarm.errors import BusError
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.access import LEADER, Identity
 from meanflock.swarm.net.address import secured
@@ -10,7 +11,7 @@ from meanflock.swarm.net.session import _COMMON, ZenohBus, _config, _tls
 from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Ready
 from tests.polling import DEADLINE_S, until
-from tests.security.conftest import HELD, HOLD_TICK, ME, PATIENCE_S, RUN, VICTIM, Flight, act_in, forged
+from tests.security.conftest import HELD, HOLD_TICK, ME, PATIENCE_S, RUN, VICTIM, Flight, Folders, act_in, forged
 
 pytestmark = pytest.mark.processes
 
@@ -24,7 +25,39 @@ def test_without_tls_the_forged_act_is_taken_for_real(open_flight: Flight, undis
     assert open_flight.land()["trajectory_sha256"] != undisturbed
 
 
-# -- a node with a genuine certificate ------------------------------------------------------------------------------
+# -- attacks --------------------------------------------------------------------------------------------------------
+
+
+def without_certificate(endpoint: str, folders: Folders) -> ZenohBus:
+    """A client that believes the world's certificate and shows none."""
+    settings = {
+        **_COMMON,
+        "mode": "client",
+        "connect/endpoints": [secured(endpoint, Identity(folders.good, ME))],
+        "connect/timeout_ms": int(PATIENCE_S * 1000),
+        "connect/exit_on_failure": True,
+        "transport/link/tls/root_ca_certificate": str(folders.good / "ca.pem"),
+    }
+    return ZenohBus(_config(settings))
+
+
+def come_as_no_node(flight: Flight) -> ZenohBus:
+    """Without a certificate of a node there is no link, or one over which nothing is allowed, which is returned."""
+    folders = flight.folders
+    assert folders is not None
+    with pytest.raises(BusError):
+        without_certificate(flight.endpoint, folders)
+    for folder in (folders.foreign, folders.expired):
+        with pytest.raises(BusError, match="refuses"):
+            ZenohBus.client(flight.endpoint, PATIENCE_S, Identity(folder, ME))
+    with pytest.raises(BusError):
+        ZenohBus.client(flight.endpoint, PATIENCE_S)  # not even TLS
+    stranger = flight.client("agent-99", folders.stranger)
+    for key in (keys.telemetry(RUN), keys.sense(RUN, "*")):
+        stranger.subscribe(key)
+    stranger.put(keys.act(RUN, VICTIM), forged())
+    assert stranger.ask(keys.join(RUN, "agent-99"), control.encode(Join("agent", 1, 99)), PATIENCE_S) is None
+    return stranger
 
 
 def speak_for_others(flight: Flight, attacker: ZenohBus) -> None:
@@ -70,27 +103,7 @@ def replay(flight: Flight, attacker: ZenohBus) -> None:
     flight.logs(f"reply to tick {HOLD_TICK - 1} in tick {HOLD_TICK}")
 
 
-def test_a_node_with_a_genuine_certificate_can_neither_speak_nor_listen_nor_join_nor_die_for_another(
-    flight: Flight, undisturbed: str
-) -> None:
-    spy, attacker = flight.client(ME), flight.client(ME)
-    listen_to_others(spy)
-    for session in (spy, attacker):
-        flight.settle(session, ME)  # from here on it knows where acts go
-    for attack in (speak_for_others, send_a_global_model, join_for_others, replay):
-        attack(flight, attacker)
-        flight.settle(attacker, ME)
-    attacker.close()  # and the forged token with it
-    summary = flight.land()
-    assert spy.receive(0.0) is None
-    assert (summary["trajectory_sha256"], summary["lost"], summary["nodes_lost"]) == (undisturbed, 0, 0)
-    dropped = summary["dropped_messages"]
-    assert dropped.pop("stale") >= HOLD_TICK
-    assert dropped.pop("wrong-name") >= 1  # a question is asked again and again
-    assert dropped == {"wrong-shape": 1}
-
-
-def test_an_agent_that_connects_as_a_router_may_do_no_more(flight: Flight, undisturbed: str) -> None:
+def connect_as_router(flight: Flight) -> ZenohBus:
     settings = {**_COMMON, "mode": "router", "listen/endpoints": [], "connect/exit_on_failure": True}
     me = Identity(flight.certificates, ME)
     settings |= {"connect/endpoints": [secured(flight.endpoint, me)], **_tls(me, "connect")}
@@ -100,17 +113,37 @@ def test_an_agent_that_connects_as_a_router_may_do_no_more(flight: Flight, undis
 
     def reached() -> bool:
         attacker.put(keys.act(RUN, ME), b"x")  # goes out once the world's subscription is known
-        return f"dropped a message under {keys.act(RUN, ME)}" in flight.said()
+        return f"dropped a message under {keys.act(RUN, ME)}: malformed" in flight.said()
 
     until(reached, "a message of its own in the world")
     attacker.put(keys.act(RUN, VICTIM), forged())
-    flight.settle(attacker, ME)
-    assert flight.land()["trajectory_sha256"] == undisturbed
-    heard = set()
-    while (delivery := attacker.receive(0.0)) is not None:
-        heard.add(delivery.key)
+    return attacker
+
+
+def test_an_attacker_can_neither_speak_nor_listen_nor_join_nor_die_for_a_node(flight: Flight, undisturbed: str) -> None:
+    spy, attacker = flight.client(ME), flight.client(ME)
+    listen_to_others(spy)
+    for session in (spy, attacker):
+        flight.settle(session, ME)  # from here on it knows where acts go
+    stranger = come_as_no_node(flight)
+    for attack in (speak_for_others, send_a_global_model, join_for_others, replay):
+        attack(flight, attacker)
+        flight.settle(attacker, ME)
+    attacker.close()  # and the forged token with it
+    router = connect_as_router(flight)
+    flight.settle(router, ME)
+    summary = flight.land()
+    for session in (spy, stranger):
+        assert session.receive(0.0) is None
+    heard = {delivery.key for delivery in iter(lambda: router.receive(0.0), None)}
     own = {keys.act(RUN, ME), keys.act(RUN, VICTIM)}  # what it sent itself
     assert heard <= own | {keys.sense(RUN, ME)}
+    assert (summary["trajectory_sha256"], summary["lost"], summary["nodes_lost"]) == (undisturbed, 0, 0)
+    dropped = summary["dropped_messages"]
+    assert dropped.pop("stale") >= HOLD_TICK
+    assert dropped.pop("wrong-name") >= 1  # a question is asked again and again
+    assert dropped.pop("malformed") >= 1
+    assert dropped == {"wrong-shape": 1}
 
 
 WILD = ["**", "*/**", f"{keys.ROOT}/**", f"{keys.ROOT}/{RUN}/**", keys.act(RUN, "*"), keys.act(RUN, "a$*"), "**/act"]

@@ -142,7 +142,7 @@ class Mishaps:
         """A successor that comes too early takes over; one without patience goes home."""
         with self._an_agent() as uav:
             patient = self._flight.agent(uav, env={"MEANFLOCK_LOG": "INFO"})
-            hasty = self._flight.agent(uav, "--wait", "1")
+            hasty = self._flight.agent(uav, "--wait", "5")
             _, err = hasty.communicate(timeout=DEADLINE_S)
             refusal = "error: the world refused: every UAV of this run has its agent already"
             assert (hasty.returncode, err.strip()) == (1, refusal), f"{hasty.returncode}: {err}"
