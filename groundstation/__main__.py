@@ -1,4 +1,4 @@
-"""`python -m meanflock.groundstation`: a ground station of its own, for a swarm that something else started."""
+"""`python -m meanflock.groundstation`: records a swarm that was started otherwise."""
 
 import json
 import re
@@ -9,7 +9,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
+import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy reads the variables once
 from meanflock.swarm.errors import needed
 
 with needed("the ground station", "ground"):
@@ -41,7 +41,7 @@ LATEST = "latest"
 def _run() -> None:
     options = parser(
         "groundstation",
-        "Records a swarm that something else started, and prints its summary.",
+        "Records a swarm that was started otherwise, and prints its summary.",
         "python -m meanflock.groundstation --run test --out runs",
     )
     flag(options, "--out", "runs", "where run folders are made", metavar="DIR")
@@ -53,7 +53,7 @@ def _run() -> None:
     interrupted = Interrupted()
     bus = _connect(given, interrupted)
     try:
-        # Before anything is asked: a world that ends while the recorder is still loading is then not waited for.
+        # First, so that the station notices a world that ends while the recorder is still loading.
         bus.watch(keys.alive(keys.check_run(given.run), "world", "world"))
         welcome = _ask(bus, given, interrupted)
         flown = scenario.decode(welcome.scenario)
@@ -72,7 +72,7 @@ def _run() -> None:
 def _listen(
     bus: Bus, station: Station, folder: RunFolder, given: Namespace, interrupted: Interrupted
 ) -> dict[str, Any]:
-    """Until the summary is there. A session that is lost opens itself again; the world then sends what was missed."""
+    """Record until the summary arrives. Zenoh reopens a lost session, and the world then sends the missed blocks."""
     lost: float | None = None
     while station.summary is None:
         if interrupted:
@@ -97,7 +97,7 @@ def _listen(
 
 
 def _folder(wanted: str, out: Path, run: str, flown: Scenario, tick: int) -> tuple[Path, Past | None]:
-    """Where to record a flight that has come to `tick`, and what is there already."""
+    """The folder for a flight that has reached `tick`, and the rows that it has already."""
     if wanted == LATEST and (found := _of_this_flight(out, run, flown, tick)) is not None:
         return found
     if wanted in ("", LATEST):
@@ -109,12 +109,12 @@ def _folder(wanted: str, out: Path, run: str, flown: Scenario, tick: int) -> tup
 
 
 def _of_this_flight(out: Path, run: str, flown: Scenario, tick: int) -> tuple[Path, Past] | None:
-    """The newest folder of a run of that name that has no summary, if it is of this scenario and holds no more than
-    has been flown: what holds more is of a flight before this one.
+    """The newest folder of a run of that name without a summary, if it is of this scenario and has no more ticks than
+    this flight, so that it is not of an earlier flight.
     """
     named = re.compile(re.escape(run) + r"-\d{8}-\d{6}(-\d+)?")
     found = [path for path in out.glob("*") if named.fullmatch(path.name) and not (path / SUMMARY).exists()]
-    with suppress(BadInput):  # of another version, or killed before it had written anything
+    with suppress(BadInput):  # of another version, or killed before it wrote anything
         if found and scenario.load((folder := max(found)) / SCENARIO).sha256() == flown.sha256():
             so_far = past(folder)
             if so_far.rows.num_rows <= tick + 1:
@@ -123,7 +123,7 @@ def _of_this_flight(out: Path, run: str, flown: Scenario, tick: int) -> tuple[Pa
 
 
 def _connect(given: Namespace, interrupted: Interrupted) -> Bus:
-    """A session with the world, for which it waits."""
+    """Open a session with the world, and wait for the world."""
     who = identity(given.tls, STATION)
     end = time.monotonic() + given.wait
     try:
@@ -135,7 +135,7 @@ def _connect(given: Namespace, interrupted: Interrupted) -> Bus:
 
 
 def _ask(bus: Bus, given: Namespace, interrupted: Interrupted) -> Welcome:
-    """What the world flies, and how far it has come."""
+    """Ask the world for the scenario and the current tick."""
     run, wait_s = given.run, given.wait
     request = control.encode(Join("station", 0))
     for _ in range(max(1, round(wait_s / _ASK_S))):

@@ -1,4 +1,4 @@
-"""What plug-ins are installed here, with their options: for people, for programs, and in the schema of a scenario."""
+"""Catalogue of the installed plug-ins with their options: as text, as JSON, and in the schema of a scenario."""
 
 import inspect
 import sys
@@ -26,7 +26,7 @@ _INDENT, _ABOUT = " " * 2, " " * 4
 
 
 class Option(NamedTuple):
-    """An option as its annotation describes it; about: what it means and its unit. default: as JSON has it."""
+    """An option, read from its annotation. about: its meaning and unit. default: as in JSON."""
 
     name: str
     kind: str
@@ -37,7 +37,7 @@ class Option(NamedTuple):
 
     @property
     def value(self) -> str:
-        """The default as a scenario file would have it."""
+        """The default as in a scenario file."""
         return "required" if self.required else msgspec.json.encode(self.default).decode()
 
 
@@ -51,7 +51,7 @@ class Entry(NamedTuple):
 
 
 def catalogue() -> list[Entry]:
-    """All that is installed, or was named by --plugin, by kind and name."""
+    """All plug-ins, installed or named by --plugin, by kind and name."""
     return [_entry(plugin) for plugin in plugins.installed()]
 
 
@@ -92,7 +92,7 @@ def _options(kind: type[msgspec.Struct]) -> Iterator[Option]:
 
 
 def text(entries: list[Entry], width: int) -> str:
-    """The catalogue as a person reads it, in lines of `width` characters at the most."""
+    """The catalogue as text, in lines of at most `width` characters."""
     lines: list[str] = []
     for kind, key in KEYS.items():
         of_kind = [entry for entry in entries if entry.plugin.kind == kind]
@@ -114,7 +114,7 @@ def _wrapped(line: str, indent: str, width: int) -> list[str]:
 
 
 def records(entries: list[Entry]) -> list[dict[str, Any]]:
-    """The catalogue as a program reads it."""
+    """The catalogue as JSON records."""
     return [
         {
             **{name: getattr(entry.plugin, name) for name in ("kind", "name", "source", "reference", "fingerprint")},
@@ -131,7 +131,7 @@ def schema(method: str | None = None) -> dict[str, Any]:
     """JSON schema of a scenario file; with a `method`, its [controller] has the options of that controller.
 
     Raises:
-        BadInput: it is not installed, or cannot be used.
+        BadInput: the controller is not installed, or cannot be used.
     """
     whole = scenario.schema()
     if method is None:

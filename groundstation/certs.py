@@ -1,8 +1,8 @@
-"""Certificates of a swarm: an authority of its own and a certificate for every node. A library does the cryptography.
+"""Certificates of a swarm: an authority and a certificate for every node, made with the library `cryptography`.
 
 DIR/ca.pem, ca.key; world, leader, station and agent-0 … agent-(N-1), each as .pem and .key. The common name is the
-node's name, which is what the router's access-control list goes by. Only the world's certificate is good for being
-connected to, and only the others' for connecting, so a node cannot pass itself off as the world.
+node's name, which the router's access-control list uses. Only the world's certificate is valid for a server, and the
+others are valid for clients only, so a node cannot impersonate the world.
 """
 
 import ipaddress
@@ -26,14 +26,14 @@ from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.access import LEADER, STATION, WORLD, Identity
 
-HOSTS = ("127.0.0.1", "::1", "localhost", "worldsim")  # where a world is found: this machine, or its container
+HOSTS = ("127.0.0.1", "::1", "localhost", "worldsim")  # names of the world: this machine, or its container
 DAYS = 90
 _HOST = re.compile(r"(\*\.)?[A-Za-z0-9_][A-Za-z0-9_-]{0,62}(\.[A-Za-z0-9_][A-Za-z0-9_-]{0,62})*")
 COMPOSE = "compose.yaml"  # JSON, which is YAML too
 SOON_DAYS = 7
-IMAGE_USER = 1000  # whom the containers run as where root made the keys; the Dockerfile's
+IMAGE_USER = 1000  # user of the containers if root made the keys; as in the Dockerfile
 
-_SKEW = timedelta(minutes=5)  # clocks of two machines differ
+_SKEW = timedelta(minutes=5)  # tolerated difference of two clocks
 
 
 @dataclass(frozen=True)
@@ -46,14 +46,14 @@ class Problem:
 
 
 def names(uavs: int, uavs_per_process: int = 1) -> list[str]:
-    """Everyone a swarm of that size needs a certificate for."""
+    """Names of all nodes that need a certificate."""
     return [WORLD, LEADER, STATION, *(keys.asker("agent", uav) for uav in range(0, uavs, uavs_per_process))]
 
 
 def init(folder: Path, uavs: int, days: int = DAYS, hosts: Sequence[str] = ()) -> list[Path]:
     """Makes an authority and a certificate for every node, and returns the files.
 
-    `hosts`: more names or addresses the world is reached under.
+    `hosts`: further names or addresses of the world.
 
     Raises:
         BadInput: `folder` has something in it, or cannot be written, or a host has no name. Nothing was written.
@@ -71,7 +71,7 @@ def init(folder: Path, uavs: int, days: int = DAYS, hosts: Sequence[str] = ()) -
         written = authority.write(folder)
         for name in names(uavs):
             issued = authority.issue(folder, name, days, (*HOSTS, *hosts) if name == WORLD else ())
-            if os.getuid() == 0:  # no container need be root for it; root reads them still, others do not reach them
+            if os.getuid() == 0:  # so that containers need not run as root; others cannot enter the folder
                 _give(issued, IMAGE_USER)
             written += issued
         written.append(folder / COMPOSE)
@@ -85,7 +85,7 @@ def init(folder: Path, uavs: int, days: int = DAYS, hosts: Sequence[str] = ()) -
 
 
 def _empty(folder: Path, new: bool) -> None:
-    """Half of the certificates are of no use: they are removed, and the folder with them where it is new."""
+    """Delete an incomplete set of certificates, and the folder if it is new."""
     with suppress(OSError):
         for path in folder.iterdir():
             path.unlink()
@@ -94,14 +94,14 @@ def _empty(folder: Path, new: bool) -> None:
 
 
 def compose(folder: Path, uavs: int, user: str) -> dict[str, Any]:
-    """What to lay over docker-compose.yml: profile `secure`, in which a container is given its own key and no other.
+    """Overlay for docker-compose.yml with the profile `secure`, in which each container gets its own key only.
 
-    `user`: uid:gid of who may read the keys, whom all containers run as.
+    `user`: uid:gid of the owner of the keys, as which all containers run.
     """
 
     def mount(file: str) -> dict[str, Any]:
         where = {"source": str(folder / file), "target": f"/certs/{file}", "read_only": True}
-        must = {"create_host_path": False}  # a key that is missing is an error, not an empty folder of that name
+        must = {"create_host_path": False}  # so that a missing key is an error
         return {"type": "bind", **where, "bind": must}
 
     def service(name: str, **more: Any) -> dict[str, Any]:
@@ -118,7 +118,7 @@ def compose(folder: Path, uavs: int, user: str) -> dict[str, Any]:
             "leader": service(LEADER),
             "groundstation": service(STATION),
             "runs": {"environment": {"RUNS_OWNER": user}},
-            "agent": {"deploy": {"replicas": 0}},  # an agent without a name is not let in
+            "agent": {"deploy": {"replicas": 0}},  # the world refuses agents without a name
             **{
                 name: service(
                     name,
@@ -134,10 +134,10 @@ def compose(folder: Path, uavs: int, user: str) -> dict[str, Any]:
 
 
 class Authority:
-    """Someone whose signature makes a certificate believed."""
+    """Certificate authority, which signs all certificates."""
 
     def __init__(self, name: str, days: float = DAYS) -> None:
-        """A new key and a certificate that signs itself, valid for `days`."""
+        """Makes a new key and a self-signed certificate, valid for `days`."""
         self._key = ec.generate_private_key(ec.SECP256R1())
         self._name = _common_name(name)
         usage = x509.KeyUsage(False, False, False, False, False, True, True, False, False)
@@ -152,13 +152,13 @@ class Authority:
         )
 
     def write(self, folder: Path) -> list[Path]:
-        """ca.pem and ca.key."""
+        """Write ca.pem and ca.key."""
         return _write(folder, "ca", self._certificate, self._key)
 
     def issue(self, folder: Path, name: str, days: float = DAYS, hosts: Sequence[str] = ()) -> list[Path]:
-        """A certificate for `name`, and its key: to be connected to at `hosts`, or to connect where there are none.
+        """Issue a certificate and a key for `name`: for a server at `hosts`, or for a client without hosts.
 
-        Negative `days`: one that expired that long ago.
+        Negative `days`: the certificate expired so long ago.
         """
         key = ec.generate_private_key(ec.SECP256R1())
         purpose = ExtendedKeyUsageOID.SERVER_AUTH if hosts else ExtendedKeyUsageOID.CLIENT_AUTH
@@ -191,17 +191,17 @@ class Authority:
 
 
 def check(folder: Path, uavs: int, uavs_per_process: int) -> None:
-    """Makes sure that a swarm of that size can fly with the certificates in `folder`.
+    """Check that a swarm of that size can fly with the certificates in `folder`.
 
     Raises:
-        BadInput: it cannot; the message names the first file that is amiss.
+        BadInput: it cannot; the message names the first invalid file.
     """
     for problem in problems(folder, names(uavs, uavs_per_process)):
         raise BadInput(f"{problem.path}: {problem.why}; {problem.mend}")
 
 
 def problems(folder: Path, wanted: Sequence[str], at: datetime | None = None) -> Iterator[Problem]:
-    """What would be refused of the certificates in `folder`, at a time (now)."""
+    """Problems of the certificates in `folder`, at a time (default: now)."""
     at = at or datetime.now(UTC)
     again = "make new ones: meanflock certs init DIR --uavs N"
     authority = _read(folder / "ca.pem")
@@ -236,19 +236,19 @@ def problems(folder: Path, wanted: Sequence[str], at: datetime | None = None) ->
 
 
 def expires(folder: Path, wanted: Sequence[str]) -> datetime:
-    """When the first certificate of `folder` expires; all must be readable."""
+    """Time at which the first certificate of `folder` expires; all must be readable."""
     read = [_read(folder / f"{name}.pem") for name in ("ca", *wanted)]
     return min(certificate.not_valid_after_utc for certificate in read if not isinstance(certificate, str))
 
 
 def _give(paths: Sequence[Path], user: int) -> None:
-    with suppress(PermissionError):  # not every root may
+    with suppress(PermissionError):  # root in a container may lack the permission
         for path in paths:
             os.chown(path, user, user)
 
 
 def _read(path: Path) -> x509.Certificate | str:
-    """The certificate, or why there is none."""
+    """Read a certificate; returns a text if that fails."""
     try:
         return x509.load_pem_x509_certificate(path.read_bytes())
     except OSError as error:

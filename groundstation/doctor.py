@@ -1,4 +1,4 @@
-"""`meanflock doctor`: what this machine has, and what would fail before it fails."""
+"""`meanflock doctor`: checks whether this machine can fly a scenario."""
 
 import importlib.metadata
 import logging
@@ -22,15 +22,15 @@ from meanflock.swarm import logs
 from meanflock.swarm.net.address import DEFAULT_ENDPOINT
 from meanflock.swarm.scenario import Scenario
 
-THREADS = 8  # of a process of the swarm: measured 6, and 9 in the world
+THREADS = 8  # of a process of the swarm; measured: 6, and 9 in the world
 PACKAGES = (
     *("eclipse-zenoh", "numpy", "msgspec", "scipy", "prometheus-client"),
     *("pyarrow", "rerun-sdk", "click", "rich", "cryptography"),
 )
 VIEWER_PORT = 9876
 _BUS_PORT = int(DEFAULT_ENDPOINT.rpartition(":")[2])
-_ROWS = 25  # UAVs in a process, where one each is too many
-GROUPS = Path("/sys/fs/cgroup")  # where a container finds its own limits
+_ROWS = 25  # UAVs in a process, as advice for too many processes
+GROUPS = Path("/sys/fs/cgroup")  # control groups, with the limits of a container
 COMPOSE_MAJOR = 2
 _ENGINE_S = 10.0
 
@@ -39,7 +39,7 @@ Verdict = Literal["ok", "warning", "fails"]
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing looked at; `mend` says what to do where it is not ok."""
+    """Result of one check; `mend` says what to do if it is not ok."""
 
     what: str
     verdict: Verdict
@@ -48,7 +48,7 @@ class Finding:
 
 
 def examine(scenario: Scenario, uavs_per_process: int, out: Path, tls: Path | None = None) -> list[Finding]:
-    """Looks at everything a run of a scenario would need."""
+    """Check everything that a run of a scenario needs."""
     uavs = scenario.uavs
     return [
         _python(),
@@ -80,7 +80,7 @@ def _package(name: str) -> Finding:
 
 
 def compiled() -> Finding:
-    """Which kernels run here; both give the same bits."""
+    """Check whether the kernels are compiled."""
     if kernels.BACKEND == "compiled":
         return Finding("kernels", "ok", "compiled")
     if os.environ.get("MEANFLOCK_PURE") == "1":
@@ -97,14 +97,14 @@ def compiled() -> Finding:
 
 
 def tell_if_slow() -> None:
-    """Says on standard error that kernels are missing, before somebody waits for them."""
+    """Warn on standard error if the compiled kernels are missing."""
     finding = compiled()
     if finding.verdict != "ok":
         logs.tell(f"warning: kernels {finding.found}; {finding.mend}", logging.WARNING)
 
 
 def models(scenario: Scenario) -> list[Finding]:
-    """Whether the models that a scenario sends get through."""
+    """Check whether the radio delivers the models of a scenario."""
     return [
         Finding(
             f"{one.what}s",
@@ -117,7 +117,7 @@ def models(scenario: Scenario) -> list[Finding]:
 
 
 def memory(uavs: int, processes: int, keeps_states: bool = False) -> Finding:
-    """Whether such a run fits into memory; `processes`: of agents, 0 for everything in one."""
+    """Check whether a run fits into memory. `processes`: number of agents' processes; 0: all in one process."""
     needed, (available, what) = needed_mb(uavs, processes, keeps_states), available_mb()
     where = f"{processes} processes" if processes else "one process"
     found = f"{needed} MB for {uavs} UAVs in {where}, {available} MB {what}"
@@ -129,7 +129,7 @@ def memory(uavs: int, processes: int, keeps_states: bool = False) -> Finding:
 
 
 def _number(path: Path) -> int | None:
-    """The number in a file of the kernel; None where there is none, or no limit."""
+    """Number in a file of the kernel; None without file or limit."""
     try:
         return int(path.read_text())
     except (OSError, ValueError):
@@ -137,7 +137,7 @@ def _number(path: Path) -> int | None:
 
 
 def threads(uavs: int, uavs_per_process: int, groups: Path = GROUPS) -> Finding:
-    """Whether the swarm may have as many threads as it needs; the kernel counts them as processes."""
+    """Check the limit of threads, which the kernel counts as processes."""
     import resource
 
     needed = THREADS * (-(-uavs // uavs_per_process) + 3)
@@ -164,7 +164,7 @@ def _of(process: psutil.Process, uid: int) -> bool:
 
 
 def open_files(uavs: int, uavs_per_process: int) -> Finding:
-    """Whether the launcher may open as many files as it needs."""
+    """Check the limit of open files of the launcher."""
     import resource
 
     needed = 64 + 8 * -(-uavs // uavs_per_process)
@@ -213,7 +213,7 @@ def _disk(out: Path) -> Finding:
 
 
 def certificates(folder: Path, uavs: int, uavs_per_process: int) -> list[Finding]:
-    """Whether everyone's certificate is there, readable, of the same authority and still valid."""
+    """Check that all certificates are there, readable, of one authority and valid."""
     from meanflock.groundstation import certs  # a library that most runs need not load
 
     wanted = certs.names(uavs, uavs_per_process)
@@ -237,7 +237,7 @@ def certificates(folder: Path, uavs: int, uavs_per_process: int) -> list[Finding
 
 
 def engine() -> list[Finding]:
-    """Whether the containers could be started: the client, the engine it reaches, and its compose plugin."""
+    """Check the container client, its engine and its compose plugin."""
     if shutil.which("docker") is None:
         return [_engineless("not found", "install Docker Engine and its compose plugin")]
     code, said = _docker("version", "--format", "{{.Server.Version}}")
@@ -251,7 +251,7 @@ def _engineless(found: str, mend: str) -> Finding:
 
 
 def _unreachable(said: str) -> tuple[str, str]:
-    """What was found, and how to mend it, by what the client says."""
+    """Finding and advice for an error of the client."""
     if "permission denied" in said.lower():
         return "you may not talk to it", "sudo usermod -aG docker $USER, then log in again"
     where = os.environ.get("DOCKER_HOST", "")
@@ -272,7 +272,7 @@ def _compose() -> Finding:
 
 
 def _docker(*arguments: str) -> tuple[int, str]:
-    """Exit code and words of the client; an engine that does not answer is as good as none."""
+    """Exit code and output of the client; a timeout counts as an error."""
     try:
         done = subprocess.run(["docker", *arguments], capture_output=True, text=True, timeout=_ENGINE_S)
     except subprocess.TimeoutExpired:

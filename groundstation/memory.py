@@ -1,4 +1,4 @@
-"""What a swarm needs of memory and what there is of it: this machine's, or less where a container is allowed less."""
+"""Memory that a swarm needs, and available memory of this machine or container."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,28 +8,29 @@ import psutil
 from meanflock.agent import prefork
 
 MEGABYTE = 2**20
-# Measured, with a quarter on top: what belongs to a process alone; what is shared by all is counted once.
-AGENT_MB = 17 if prefork.SAFE else 28  # forked from one that has loaded everything, or each for itself
+# Measured values plus a quarter. Private memory of a process; shared memory is counted once.
+AGENT_MB = 17 if prefork.SAFE else 28  # forked from a loaded process, or started separately
 IN_PROCESS_MB = 220  # all rooms and the recorder in one process
 NETWORKED_MB = 450  # world, leader, ground station, and 64 MiB of telemetry that may wait
 UAV_KB = 50
-PAIR_BYTES = 330  # where UAVs share states: what each knows of each, and the links of a tick
+PAIR_BYTES = 330  # if UAVs share states: the states known to each UAV, and the links of a tick
 
-_V1_NO_LIMIT = 2**60  # cgroup v1 says "none" with a number beyond all memories
+_V1_NO_LIMIT = 2**60  # cgroup v1 means no limit by a huge number
 
 
 def needed_mb(uavs: int, processes: int, keeps_states: bool = False) -> int:
-    """What such a run keeps resident, MB, on the safe side.
+    """Estimate of the resident memory of a run, MB, rather too high.
 
     Args:
-        processes: of agents; 0 for everything in one. keeps_states: whether every UAV remembers every other's state.
+        processes: number of agents' processes; 0: all in one process. keeps_states: whether every UAV stores the states
+            of all others.
     """
     fixed = NETWORKED_MB + AGENT_MB * processes if processes else IN_PROCESS_MB
     return fixed + UAV_KB * uavs // 1024 + (PAIR_BYTES * uavs * uavs // MEGABYTE if keeps_states else 0)
 
 
 def available_mb(root: Path = Path("/")) -> tuple[int, str]:
-    """What can still be had, MB, and what bounds it."""
+    """Available memory, MB, and the name of the limit."""
     machine = psutil.virtual_memory().available
     allowed = min(_allowances(root), default=machine)
     if allowed < machine:
@@ -38,7 +39,7 @@ def available_mb(root: Path = Path("/")) -> tuple[int, str]:
 
 
 def _allowances(root: Path) -> Iterator[int]:
-    """Bytes left under every memory limit this process stands under: its control group's and their parents'."""
+    """Bytes left in the control group of this process, and in each of its parents."""
     try:
         lines = (root / "proc/self/cgroup").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -53,7 +54,10 @@ def _allowances(root: Path) -> Iterator[int]:
         else:
             continue
         group = mount / path.strip("/")
-        for place in (group, *group.parents):  # in a container the path may be the host's; its mount then is the limit
+        for place in (
+            group,
+            *group.parents,
+        ):  # in a container the path may be that of the host; then the limit is at the mount
             if place == mount or mount in place.parents:
                 left = _left(place, *names)
                 if left is not None:
@@ -61,7 +65,7 @@ def _allowances(root: Path) -> Iterator[int]:
 
 
 def _left(group: Path, limit: str, used: str, reclaimable: str) -> int | None:
-    """Bytes left in a control group; None where it has no limit."""
+    """Bytes left in a control group; None without a limit."""
     try:
         most = (group / limit).read_text(encoding="ascii").strip()
         if most == "max" or int(most) >= _V1_NO_LIMIT:

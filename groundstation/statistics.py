@@ -22,7 +22,7 @@ CONFIDENCE = 0.95
 class Estimate:
     """A number and the ends of its 95 % interval; an end is infinite where the data do not bound it.
 
-    n: how many seeds, or runs, it rests on.
+    n: number of seeds or runs.
     """
 
     value: float
@@ -37,7 +37,7 @@ class Estimate:
 
 
 def exact(value: float) -> Estimate:
-    """A number without chance in it."""
+    """An estimate without randomness, from a known number."""
     return Estimate(value, value, value, 1)
 
 
@@ -51,7 +51,7 @@ def _t(n: int, confidence: float) -> float:
 
 
 def _known(*columns: ArrayLike) -> list[Floats]:
-    """The columns, in float, without the rows where any of them is missing. What is infinite is known."""
+    """The columns as floats, without rows that have a NaN. Infinite values stay."""
     arrays = [np.asarray(column, dtype=np.float64) for column in columns]
     keep = ~np.logical_or.reduce([np.isnan(array) for array in arrays])
     return [array[keep] for array in arrays]

@@ -1,1 +1,1 @@
-"""The command line. A command is a call of the library; what its files hold is flags, words and exit codes."""
+"""The command line: flags, texts and exit codes around calls of the library."""

@@ -1,11 +1,11 @@
-"""The `meanflock` command as it is installed: what it needs beyond an agent's libraries may be missing."""
+"""Entry point of the `meanflock` command, which reports missing libraries."""
 
 import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy asks once
 from meanflock.swarm.errors import needed
 
 
 def main() -> None:
-    """See `groundstation.cli.command.main`; where a library is missing, one line says which, and what to install."""
+    """Run `groundstation.cli.command.main`; if a library is missing, print what to install."""
     with needed("the `meanflock` command", "ground"):
         from meanflock.groundstation.cli.command import main as command
 

@@ -1,4 +1,4 @@
-"""Arguments that several commands take: what a scenario is made of, where results go, and what a flight tells."""
+"""Arguments of several commands: scenario, output folder, and output of a flight."""
 
 import logging
 import sys
@@ -49,7 +49,7 @@ _OF_A_SCENARIO = {
 
 
 def scenario_arguments(*names: str) -> Callable[[Any], Any]:
-    """Adds the arguments a scenario is made of; all of them, or those named."""
+    """Decorator that adds the arguments of a scenario: all of them, or those named."""
 
     def decorate(command: Any) -> Any:
         for name in reversed(names or tuple(_OF_A_SCENARIO)):
@@ -60,10 +60,10 @@ def scenario_arguments(*names: str) -> Callable[[Any], Any]:
 
 
 def load_scenario(file: Path | None, settings: Iterable[str], **options: Any) -> scenario.Scenario:
-    """What those arguments say.
+    """Load the scenario of these arguments.
 
     Raises:
-        BadInput: no scenario, or a flag and `--set` say a key each in their way.
+        BadInput: an invalid scenario, or a key that is set both by a flag and by `--set`.
     """
     from meanflock.studies.swept import refuse_setting
 
@@ -74,7 +74,7 @@ def load_scenario(file: Path | None, settings: Iterable[str], **options: Any) ->
 
 
 def warn_before_take_off(flights: Iterable[scenario.Scenario]) -> None:
-    """Warns of faults that begin after the end of a flight, and of models that the radio will mostly lose."""
+    """Warn of faults that begin after the end of a flight, and of models that the radio will mostly lose."""
     flights = list(flights)
     for text in dict.fromkeys(text for flown in flights for text in never(flown)):
         logs.tell(f"warning: {text}", logging.WARNING)
@@ -82,18 +82,18 @@ def warn_before_take_off(flights: Iterable[scenario.Scenario]) -> None:
 
 
 def number_option(flag: str, metavar: str, default: int, about: str, least: int = 1, most: int | None = None) -> Any:
-    """A whole number, which has a default."""
+    """Option with a whole number and a default."""
     kind = click.IntRange(least, most)
     return click.option(flag, type=kind, default=default, show_default=True, metavar=metavar, help=about)
 
 
 def out_option(default: str, about: str = "Where results are written.") -> Callable[[Any], Any]:
-    """`--out`, with where it is without one."""
+    """Option `--out` with a default folder."""
     return click.option("--out", type=PATH, default=Path(default), show_default=True, metavar="DIR", help=about)
 
 
 def report(paths: Iterable[Path]) -> None:
-    """Says what was written."""
+    """Print which files were written."""
     for path in paths:
         click.echo(str(path))
 
@@ -125,7 +125,7 @@ _TOLD = (
 
 
 def telling(command: Any) -> Any:
-    """Adds what a flight tells, and to whom."""
+    """Decorator that adds the options of a flight's output."""
     for option in reversed(_TOLD):
         command = option(command)
     return command

@@ -19,10 +19,10 @@ from meanflock.swarm.process import end
 
 
 class _InOrder(click.Group):
-    """Lists its commands in the order in which one meets them: fly, look, compare, prepare."""
+    """Command group that lists commands in the order in which they were added."""
 
     def list_commands(self, _ctx: click.Context) -> list[str]:
-        """In the order they were added."""
+        """Names in the order of addition."""
         return list(self.commands)
 
 
@@ -51,7 +51,7 @@ for _command in (*_FLY, *_LOOK, *_STUDY, *_PREPARE):
 
 
 def _of_output(error: OSError) -> bool:
-    """Whether it was standard output that took no more, as on a full disk; what waits for it is then thrown away."""
+    """Whether the error is of standard output, as on a full disk; then its buffer is discarded."""
     *_, (innermost, _) = traceback.walk_tb(error.__traceback__)
     printed = str(innermost.f_globals.get("__name__")).partition(".")[0] in ("click", "rich")
     try:
@@ -66,10 +66,10 @@ def _of_output(error: OSError) -> bool:
 def main(arguments: list[str] | None = None) -> int:
     """The `meanflock` command: every error is one line and an exit code."""
     if arguments is None:
-        os.environ["PYTHONSAFEPATH"] = "1"  # no worker of a sweep runs what lies in the working folder under our names
-        logs.divert()  # standard output is what we say; what libraries say in native code is not
+        os.environ["PYTHONSAFEPATH"] = "1"  # workers of a sweep do not import files of the working folder
+        logs.divert()  # native code of libraries must not write to standard output
         if isinstance(sys.stdout, TextIOWrapper) and sys.stdout.errors == "strict":
-            sys.stdout.reconfigure(errors="replace")  # a terminal without φ shows a question mark
+            sys.stdout.reconfigure(errors="replace")  # a terminal that cannot show φ shows a question mark
     try:
         cli.main(arguments, prog_name="meanflock", standalone_mode=False)
         sys.stdout.flush()
@@ -95,7 +95,7 @@ def main(arguments: list[str] | None = None) -> int:
     except SystemExit as leaving:
         code = leaving.code if isinstance(leaving.code, int) else EXIT_RUN_FAILED
     except BaseException as error:
-        if isinstance(error, Exception):  # a defect of meanflock: its traceback is wanted
+        if isinstance(error, Exception):  # a defect of meanflock: show the traceback
             raise
         mend = "a plug-in must raise an Exception; what was flown is kept"
         logs.tell(f"error: the command was ended by {last_line(error)}; {mend}", logging.ERROR)

@@ -1,4 +1,4 @@
-"""Whether a window can be opened here, and what to do where none can."""
+"""Check that a window can be opened on this display."""
 
 import os
 import socket
@@ -12,13 +12,13 @@ _ANSWER_S = 3.0
 
 
 def check(instead: str) -> None:
-    """Nothing, where a window can be opened.
+    """Check that a window can be opened.
 
     Args:
-        instead: what works without one, as the message ends.
+        instead: end of the message: what works without a window.
 
     Raises:
-        RunFailed: there is no display, or nobody answers there.
+        RunFailed: there is no display, or it does not answer.
     """
     if sys.platform in ("darwin", "win32"):
         return
@@ -35,7 +35,7 @@ def _wayland(name: str) -> list[str]:
 
 
 def _x(name: str) -> list[str | tuple[str, int]]:
-    """Where the X server of a display like `:0` or `localhost:10.0` listens; nothing of what is not one."""
+    """Addresses of the X server of a display such as `:0` or `localhost:10.0`; none for another text."""
     host, colon, rest = name.rpartition(":")
     number = rest.partition(".")[0]
     if not colon or not number.isdecimal():
@@ -54,6 +54,6 @@ def _answers(places: "list[str] | list[str | tuple[str, int]]") -> bool:
             try:
                 probe.connect(place)
                 return True
-            except (OSError, OverflowError, ValueError):  # nobody, or no address at all
+            except (OSError, OverflowError, ValueError):  # no server, or an invalid address
                 continue
     return False

@@ -38,10 +38,10 @@ from meanflock.worldsim.timing import factor
 
 
 class _Run(click.Command):
-    """Click takes a number below zero for a flag; we say what is wrong with it."""
+    """Command `run`, with an error of our own for a negative `--realtime`, which Click takes for a flag."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """As any command does, once `--realtime` has been looked at."""
+        """Check `--realtime`, then parse as usual."""
         for first, second in pairwise([*args, ""]):
             given = second if first == "--realtime" else first.removeprefix("--realtime=")
             if given != first and re.match(r"-[.\d]", given):
@@ -101,7 +101,7 @@ def run(
     with _prints_apart(as_json):
         flown = load_scenario(file, settings, method=method, uavs=uavs, seed=seed, duration=duration, faults=script)
         _refuse_if_too_large(flown, given["in_process"], given["uavs_per_process"])
-    if given["log_format"] != logs.JSON:  # there it is the world that says so
+    if given["log_format"] != logs.JSON:  # the world reports it
         warn_before_take_off([flown])
     if view and not record:
         raise BadInput("--view: shows what is recorded; leave out --no-record")
@@ -122,7 +122,7 @@ def run(
 
 
 def _fly_in_a_browser(flown: scenario.Scenario, as_json: bool, **given: Any) -> None:
-    """Flies it and shows it on a page, live and then from its recording, until Ctrl-C."""
+    """Fly a scenario and show it on a page, live and then from its recording, until Ctrl-C."""
     from meanflock.groundstation.recording.web import WebPage
 
     with WebPage() as page:
@@ -169,9 +169,9 @@ def _fly(
     quiet: bool,
     **given: Any,
 ) -> Run:
-    """Flies it, or what is left of it, and says what came of that."""
+    """Fly a scenario, or the rest of a run, and print the result."""
     where = None if metrics is None else Address.parse("--metrics", metrics)
-    only_logs = log_format == logs.JSON  # each of whose lines names the run
+    only_logs = log_format == logs.JSON  # its lines name the run
     with _prints_apart(as_json):
         done = fly(flown, Options(metrics=where, log_format=log_format, quiet=quiet or only_logs, **given), dead)
     if as_json:
@@ -196,12 +196,12 @@ def _fly(
 
 
 def _prints_apart(as_json: bool) -> AbstractContextManager[object]:
-    """What plug-ins print goes to standard error, where one JSON object is promised on standard output."""
+    """Redirect the output of plug-ins to standard error if `--json` promises one object on standard output."""
     return redirect_stdout(sys.stderr) if as_json else nullcontext()
 
 
 def _refuse_if_too_large(flown: scenario.Scenario, in_process: bool, uavs_per_process: int) -> None:
-    """A swarm that does not fit into memory is refused before it starts."""
+    """Refuse a swarm that does not fit into memory."""
     processes = 0 if in_process else -(-flown.uavs // uavs_per_process)
     needs = [checks.memory(flown.uavs, processes, flown.declared.pairwise)]
     needs += [checks.open_files(flown.uavs, uavs_per_process)] if processes else []

@@ -25,12 +25,12 @@ _DEFAULT_POLICY = "event-4"  # tests compare it with the scenario's
 
 
 class _Lists(click.Command):
-    """An option of several takes every word up to the next option: `--missions paper swap --controllers plan orca`."""
+    """Command whose list options take all words up to the next one: `--missions paper swap --controllers plan`."""
 
     lists = ("--missions", "--controllers", "--policies")
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Repeats the option before each of its words."""
+        """Repeat the option before each of its words."""
         given: list[str] = []
         taking = ""
         for word in args:
@@ -51,7 +51,7 @@ def _several(flag: str, what: str) -> Any:
 
 
 def _names(given: Sequence[str]) -> list[str]:
-    """Words, and words between commas."""
+    """Split a list at spaces and commas."""
     return [name for word in given for name in word.split(",") if name]
 
 
@@ -120,7 +120,7 @@ def leaderboard(
 
 
 def _tell(board: "Board") -> None:
-    """Prints its tables."""
+    """Print the tables of a board."""
     from meanflock.groundstation.cli.tables import console_for
     from meanflock.studies.leaderboard import tables, terminal
 

@@ -115,7 +115,7 @@ def _recording(folder: Path) -> Path:
 
 
 def _complete(folder: Path, path: Path) -> None:
-    """What was killed is filled in from its time series, or mended where there is none."""
+    """Complete the recording of a killed run from its time series, or repair it without one."""
     from meanflock.groundstation.recording.replay import complete, repair, verify
 
     if folder.is_dir():

@@ -142,7 +142,7 @@ def plugins_command(as_json: bool) -> None:
     """
     from meanflock.groundstation.catalogue import catalogue, records, text
 
-    with redirect_stdout(sys.stderr):  # packages that are imported for it may print
+    with redirect_stdout(sys.stderr):  # imported packages may print
         entries = catalogue()
     if as_json:
         click.echo(json.dumps(records(entries), indent=1))

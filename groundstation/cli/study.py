@@ -145,8 +145,8 @@ def _fly(
     out: Path,
     quiet: bool,
 ) -> "dict[Any, study.Summaries]":
-    """The summaries of all runs; those that are in `out` already are not flown again. Prints the table of means, and
-    writes it and the runs behind it.
+    """Fly all runs that `out` does not have; print the table of means, and write it and the runs. Returns the
+    summaries.
     """
     from meanflock.groundstation.cli.tables import console_for, means_table
     from meanflock.studies import study
@@ -222,7 +222,7 @@ def paper(
 
 
 def _find_reproduction() -> None:
-    """Makes the package `reproduction` importable, which lies beside `meanflock` in a checkout.
+    """Make the package `reproduction` of a checkout importable.
 
     Raises:
         BadInput: there is no such folder.

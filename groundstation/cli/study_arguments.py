@@ -1,4 +1,4 @@
-"""Options of the commands that fly many times, their progress bar, and what keeps their flights."""
+"""Options of the commands that fly many times, their progress bar, and their store of flights."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -61,7 +61,7 @@ scheduler_option = click.option(
 
 @contextmanager
 def progress_of(what: str, quiet: bool, units: str = "runs") -> Iterator[Callable[[int, int], None]]:
-    """A bar with the time left, on stderr; called with the units that are finished and wanted."""
+    """Progress bar with the time left, on stderr; called with the numbers of finished and of all units."""
     console = Console(stderr=True)
     bar = Progress(
         TextColumn(f"[bold]{what}"),
@@ -80,7 +80,7 @@ def progress_of(what: str, quiet: bool, units: str = "runs") -> Iterator[Callabl
 
 @contextmanager
 def store_in(out: Path) -> Iterator["Store"]:
-    """What keeps flights in `out`; where none could be flown, the folders that were made for them go again."""
+    """Store of flights in `out`. If none could be flown, new folders are removed."""
     from meanflock.studies.store import Store
 
     new = not out.exists()
@@ -89,7 +89,7 @@ def store_in(out: Path) -> Iterator["Store"]:
     tell_if_slow()
     try:
         yield store
-    except BadInput:  # nothing was flown: the folders are empty, or hold what was there before
+    except BadInput:  # nothing was flown: only empty folders are removed
         for folder in (store.data / "jobs", store.data, *([out] if new else [])):
             with suppress(OSError):
                 folder.rmdir()

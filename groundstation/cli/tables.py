@@ -1,4 +1,4 @@
-"""Tables in a terminal: the means of a study in 80 columns, and whole numbers however narrow the terminal is."""
+"""Tables in a terminal: the means of a study in 80 columns, without numbers that are cut off."""
 
 from collections.abc import Sequence
 
@@ -19,7 +19,7 @@ MEANS = (
 
 
 def means_table(means: Means, title: str, durations_s: Sequence[float]) -> Table:
-    """What a person reads; in 80 columns, without a name that is cut off."""
+    """Table of means in 80 columns, without names that are cut off."""
     note = MEANS.format(max(durations_s)) if len(set(durations_s)) == 1 else MEANS.replace(", {:g} s", "")
     shown = Table(title=title, caption=note, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     shown.show_edge = False
@@ -50,12 +50,12 @@ def _heading(quantity: quantities.Quantity, prefix: str) -> str:
 
 
 def _broken(name: str) -> str:
-    """A dotted key that may go over several lines."""
+    """A dotted key that may be broken into lines."""
     return name.replace(".", ".\n").replace("_", "_\n").replace(" (", "\n(")
 
 
 def console_for(table: Table) -> Console:
-    """Standard output, at least as wide as the table must be: a narrower terminal wraps lines, and cuts no number."""
+    """Console on standard output, at least as wide as the table; a narrower terminal wraps lines."""
     console, wide = Console(), Console(width=_WIDE)
     wanted = wide.measure(table).maximum
     for column in table.columns:

@@ -1,1 +1,1 @@
-"""One run: in this process, or as a swarm of processes on this machine, with whoever listens to it."""
+"""Launch one run: in this process, or as a swarm of processes on this machine."""

@@ -1,4 +1,4 @@
-"""The processes that a launcher has started: what they said, and their ends."""
+"""Child processes of a launcher: their start, their output, and their end."""
 
 import os
 import signal
@@ -15,18 +15,18 @@ from meanflock.swarm.errors import printable_lines
 from meanflock.swarm.process import CHILD
 
 LAST_LINES = 8
-_ERROR = "error: "  # before the line with which a process ends badly
+_ERROR = "error: "  # prefix of the last line of a process that fails
 _GONE_S = 5.0  # most time that a killed process group may take to end
 
 
 class Family:
-    """Processes of this one, with a folder for what they say; a context manager that leaves none behind."""
+    """Context of child processes, with a folder for their output. At its end no child is left."""
 
     def __init__(self) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="meanflock-")
         self.folder = Path(self._folder.name)
-        # Every child holds the reading end of this pipe as its standard input; when this process dies, however it
-        # dies, they read its end.
+        # The reading end of this pipe is the standard input of every child. When this process dies, for any reason, the
+        # children read the end of the pipe.
         self._stdin, self._hold = os.pipe()
 
     def __enter__(self) -> Self:
@@ -38,7 +38,7 @@ class Family:
     def popen(
         self, command: Sequence[str], log: Path, environment: Mapping[str, str], cwd: Path | None = None
     ) -> "subprocess.Popen[bytes]":
-        """Starts one, whose words are added to a log."""
+        """Start a process whose output is appended to a log."""
         with log.open("ab") as output:
             return subprocess.Popen(
                 command,
@@ -47,11 +47,11 @@ class Family:
                 stdout=subprocess.DEVNULL,
                 stderr=output,
                 env={**environment, CHILD: "1"},
-                start_new_session=True,  # Ctrl-C in the terminal is this process's to handle
+                start_new_session=True,  # so that this process handles Ctrl-C in the terminal
             )
 
     def close(self) -> None:
-        """Forgets what they said; whoever ended them has heard it."""
+        """Delete the output of the children."""
         for descriptor in (self._hold, self._stdin):
             if descriptor >= 0:
                 os.close(descriptor)
@@ -61,29 +61,29 @@ class Family:
 
 @dataclass
 class Child:
-    """One process of the swarm, and where its words go."""
+    """One process of the swarm, and the file of its output."""
 
     name: str
     module: str
     command: list[str]
     log: Path
-    process: "subprocess.Popen[bytes]" = field(init=False)  # once it is launched
-    given_up: bool = False  # it ended badly and is not started again
-    passed_on: int = 0  # bytes of the log that standard error has had
+    process: "subprocess.Popen[bytes]" = field(init=False)  # set when it is launched
+    given_up: bool = False  # it failed and is not started again
+    passed_on: int = 0  # bytes of the log that were copied to standard error
 
     def last_lines(self) -> str:
-        """The end of what it said."""
-        said = self.log.read_text(encoding="utf-8", errors="replace").strip() or "(it said nothing)"
+        """Last lines of its output."""
+        said = self.log.read_text(encoding="utf-8", errors="replace").strip() or "(no output)"
         return "\n".join(f"    {line}" for line in printable_lines(said).split("\n")[-LAST_LINES:])
 
     def errors(self) -> list[str]:
-        """What it said was wrong, a line each."""
+        """Error lines of its output."""
         said = printable_lines(self.log.read_text(encoding="utf-8", errors="replace")).split("\n")
         return [line.removeprefix(_ERROR) for line in said if line.startswith(_ERROR)]
 
 
 def sweep(group: int) -> None:
-    """Kills what is left of a process group whose leader is gone, and waits until it is gone."""
+    """Kill the remaining members of a process group, and wait until they are gone."""
     end = time.monotonic() + _GONE_S
     with suppress(ProcessLookupError):
         while time.monotonic() < end:
@@ -92,7 +92,7 @@ def sweep(group: int) -> None:
 
 
 def has_members(group: int) -> bool:
-    """Whether anybody is left of a process group."""
+    """Whether a process group has members."""
     try:
         os.killpg(group, 0)
     except ProcessLookupError:
@@ -101,7 +101,7 @@ def has_members(group: int) -> bool:
 
 
 def kill_all(processes: Sequence["subprocess.Popen[bytes]"]) -> None:
-    """Kills those that still run and what they have forked, each of which leads a process group."""
+    """Kill the process groups that these processes lead."""
     for process in processes:
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)

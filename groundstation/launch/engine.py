@@ -18,10 +18,10 @@ from meanflock.swarm.wire.messages import Join, Welcome
 from meanflock.worldsim.checkpoint import EVERY_TICKS, Resumption
 from meanflock.worldsim.world import World
 
-# Of a block of telemetry: who records is called within a tick here, and that costs by the call. A small swarm flies so
-# many ticks in a few hundredths of a second.
+# Of a block of telemetry. Here the recorder runs within a tick, and each call has a cost. A small swarm flies so many
+# ticks in a few hundredths of a second.
 _BLOCK_ROWS = 100
-# Of a checkpoint, on the same grounds: ticks of a UAV. One may wait for a disk five times.
+# UAV ticks between two checkpoints, for the same reason: a checkpoint may wait for the disk five times.
 _CHECKPOINT_STATES, _CHECKPOINT_TICKS_AT_MOST = 25_000, 1000
 
 
@@ -30,7 +30,7 @@ Observer = Callable[["Engine"], None]
 
 
 class Engine:
-    """One run in this process. Every node answers the moment it is asked, so the world never waits."""
+    """One run in this process. Every node replies at once, so the world never waits."""
 
     def __init__(
         self,
@@ -44,13 +44,12 @@ class Engine:
         leaders: int | None = None,
         memory: Mapping[str, NDArray[Any]] | None = None,
     ) -> None:
-        """`uavs_per_node`: None for all in one node. `sinks` are given the telemetry as it comes; without any, nothing
-        is encoded or kept. `resume`: where to go on. `leaders`: one and its standbys; None for as many as the fault
-        script needs. `memory`: arrays of N rows, what the controllers
-        take off with instead of what `init` gives them.
+        """`uavs_per_node`: None for all in one node. `sinks` get the telemetry; without any, nothing is encoded or
+        stored. `resume`: the checkpoint to continue from. `leaders`: one and its standbys; None: as many as the fault
+        script needs. `memory`: arrays of N rows that replace the memory of `init`.
 
         Raises:
-            BadInput: what is to be resumed does not fit the scenario.
+            BadInput: the checkpoint does not fit the scenario.
         """
         self._run, self._memory = run, memory
         self._agents: list[Agent] = []
@@ -74,14 +73,14 @@ class Engine:
         self.world.gather(0.0)
 
     def _record(self, sinks: Sequence[Sink], first_block: int | None, uavs: int) -> Station:
-        """A ground station takes part."""
+        """Add a ground station."""
         bus = self.network.endpoint()
         station = Station(bus, self._run, sinks, first_block=first_block, uavs=uavs)
         bus.handler = station.handle
         return station
 
     def _crew(self, scenario: Scenario, rows: int, leaders: int | None) -> None:
-        """Agents of at most so many rows take part, and the leaders."""
+        """Add agents of at most so many rows, and the leaders."""
         for _ in range(-(-scenario.uavs // rows)):
             self.join(Join("agent", rows), Agent)
         wanted = scenario.leaders(self.world.flight.tick)
@@ -93,8 +92,8 @@ class Engine:
         return self.world.fly()
 
     def complete(self, observe: Observer | None = None) -> dict[str, Any]:
-        """The whole flight; its summary. `observe` is called at take-off and after every tick, and must only look: at
-        `world.flight`, `world.air.meter` and `world.diagnostics`, at `models`.
+        """Fly the whole flight; returns its summary. `observe` is called at take-off and after every tick. It may read
+        `world.flight`, `world.air.meter`, `world.diagnostics` and `models`, and must not change them.
         """
         if observe is not None:
             observe(self)
@@ -105,7 +104,7 @@ class Engine:
 
     @property
     def models(self) -> Floats:
-        """What every UAV has learned so far, `(N, W)`; of one that is lost, what it had last."""
+        """Learned weights of every UAV, `(N, W)`; the last ones of a lost UAV."""
         scenario = self.world.flight.scenario
         models = np.zeros((scenario.uavs, scenario.declared.weights))
         for agent in self._agents:
@@ -113,7 +112,7 @@ class Engine:
         return models
 
     def join(self, request: Join, make: Callable[[Welcome], Node]) -> NodeClient:
-        """Another node of this process takes part."""
+        """Add another node to this process."""
 
         def build(welcome: Welcome) -> Node:
             if self._memory is not None and welcome.tick == 0:
@@ -132,7 +131,7 @@ class Engine:
 
 
 def _checkpoint_every(scenario: Scenario, realtime: float | None) -> int:
-    """Ticks, a multiple of what it is in a swarm of processes; that, where ticks follow the wall clock."""
+    """Ticks between checkpoints: a multiple of that of a swarm of processes, or the same in real time."""
     if realtime is not None:
         return EVERY_TICKS
     ticks = min(_CHECKPOINT_TICKS_AT_MOST, _CHECKPOINT_STATES // scenario.uavs)

@@ -1,4 +1,4 @@
-"""A swarm of processes on this machine: starts them, again where they die, and ends them. No orphan is ever left."""
+"""Swarm of processes on this machine: starts the processes, restarts those that die, and ends all of them."""
 
 import logging
 import os
@@ -22,25 +22,25 @@ from meanflock.swarm.process import Restarts, end_all, how_it_ended
 log = logging.getLogger("meanflock.launch")
 
 _FORKED = "agents"  # all of them, and the process they are forked from
-# Variables of processes that are started by hand: here it is the launcher that says what is flown.
+# Variables of processes that are started by hand. Here the launcher sets these options.
 _FLAGS = ("ENDPOINT", "RUN", "TLS", "WAIT", "SCENARIO", "SET", "STATIONS", "REALTIME", "METRICS", "UAVS_PER_PROCESS")
 _OURS = {f"MEANFLOCK_{flag}" for flag in (*_FLAGS, "RESUME", "ROWS", "UAV", "COUNT")}
 
 
 def free_endpoint() -> str:
-    """A loopback endpoint nobody listens on."""
+    """A free loopback endpoint."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         return f"tcp/127.0.0.1:{server.getsockname()[1]}"
 
 
 class Swarm(Family):
-    """World, leader and agents as processes of this one; a context manager that leaves none behind."""
+    """Context of the processes of a swarm: world, leader and agents. At its end no process is left."""
 
     def __init__(
         self, run: str, endpoint: str | None = None, tls: Path | None = None, log_format: str | None = None
     ) -> None:
-        """`tls`: folder of certificates, for links that are mutual TLS. `log_format`: the logs of all processes are
-        passed on to standard error in that form; None: they are kept for what goes wrong.
+        """`tls`: folder of certificates, for links that are mutual TLS. `log_format`: form in which the logs of all
+        processes are copied to standard error; None: they are not copied, and used for error messages only.
         """
         super().__init__()
         self.endpoint = endpoint or free_endpoint()
@@ -59,9 +59,7 @@ class Swarm(Family):
         resume: bytes | None = None,
         metrics: Address | None = None,
     ) -> None:
-        """The world, flying a scenario given as TOML; `resume`: from where, an encoded Resumption. `metrics`: where
-        Prometheus can read it.
-        """
+        """Start the world with a scenario as TOML. `resume`: encoded Resumption. `metrics`: address for Prometheus."""
         path = self.folder / "scenario.toml"
         path.write_text(scenario, encoding="utf-8")
         extra = [f"--realtime={realtime or ''}", f"--metrics={metrics or ''}"]
@@ -73,12 +71,12 @@ class Swarm(Family):
         self._start("worldsim", "world", ["--scenario", str(path), "--wait", str(wait_s), "--stations", "1", *extra])
 
     def start_leaders(self, count: int, wait_s: float) -> None:
-        """The leader, and standbys if more than one are wanted."""
+        """Start a leader and, if `count` is more than one, standbys."""
         for number in range(count):
             self._start("leader", f"standby leader {number}" if number else "leader", ["--wait", str(wait_s)])
 
     def start_agents(self, uavs: int, rows: int, wait_s: float) -> None:
-        """As many agents as `uavs` need, `rows` UAVs in each; where that is safe, forked from the first."""
+        """Start agents with `rows` UAVs each; where a fork is safe, from one process."""
         processes = -(-uavs // rows)
         together = processes if prefork.SAFE else 1
         for number in range(0, processes, together):
@@ -87,17 +85,17 @@ class Swarm(Family):
             self._start("agent", name, ["--count", str(together), "--rows", str(rows), "--wait", str(wait_s), *who])
 
     def connect(self, timeout_s: float) -> ZenohBus:
-        """This process as a listener of the swarm."""
+        """Connect this process to the swarm as a listener."""
         identity = Identity(self._tls, STATION) if self._tls is not None else None
         return ZenohBus.client(self.endpoint, timeout_s, identity)
 
     def check(self, flying: bool) -> None:
-        """Passes on what the processes say, and starts agents and leaders again that died. `flying`: the flight has
-        begun; before it, who died before it could fork any agent is started again, too.
+        """Copy the output of the processes, and restart agents and leaders that died. `flying`: whether the flight has
+        begun; before it, the parent of the agents is restarted too.
 
         Raises:
             RunFailed: the world has crashed, or a leader or all agents cannot be kept alive; with the last lines of
-                that process. BadInput: one was given what it cannot use; with what it said of it.
+                that process. BadInput: a process ended with bad input; with its error.
         """
         self._pass_on()
         for child in self._children:
@@ -105,23 +103,23 @@ class Swarm(Family):
                 self._replace(child, flying)
 
     def check_world(self) -> None:
-        """Passes on what the processes say; raises RunFailed if the world has crashed."""
+        """Copy the output of the processes; raises RunFailed if the world has crashed."""
         self._pass_on()
         if self._children[0].process.poll():
             raise _failed(self._children[0])
 
     @property
     def world_ended(self) -> bool:
-        """Whether the process of the world is gone, however it ended."""
+        """Whether the process of the world has ended."""
         return self._children[0].process.poll() is not None
 
     def _replace(self, child: Child, flying: bool) -> None:
         code = child.process.returncode
         if child.module == "worldsim" or code == EXIT_BAD_INPUT:
             raise _failed(child)
-        if child.name == _FORKED and code > 0:  # it starts its own again
+        if child.name == _FORKED and code > 0:  # it restarts its children itself
             raise _failed(child)
-        if child.name == _FORKED and (flying or has_members(child.process.pid)):  # they go on without it
+        if child.name == _FORKED and (flying or has_members(child.process.pid)):  # its children continue without it
             child.given_up = True
             log.warning("what starts agents %s: none is started again", how_it_ended(code))
         elif self._restarts.again(child.name):
@@ -135,12 +133,12 @@ class Swarm(Family):
             log.error("%s %s, as often before: it stays away", child.name, how_it_ended(code))
 
     def interrupt(self) -> None:
-        """Asks the world to end the flight here and now; everyone follows."""
+        """Ask the world to end the flight now; the other processes follow."""
         if self._children and self._children[0].process.poll() is None:
             self._children[0].process.send_signal(signal.SIGINT)
 
     def wait(self, timeout_s: float) -> list[str]:
-        """Waits until every process has ended by itself; the names of those that did not in time."""
+        """Wait until every process has ended by itself; returns the names of those that have not in time."""
         end = time.monotonic() + timeout_s
         while left := [child.name for child in self._children if child.process.poll() is None]:
             if time.monotonic() > end:
@@ -149,22 +147,22 @@ class Swarm(Family):
         return left
 
     def kill(self) -> None:
-        """Ends whatever runs at once: for a process that ends itself at once."""
+        """Kill all processes, for a process that ends itself at once."""
         kill_all([child.process for child in self._children])
         self._folder.cleanup()
 
     def close(self) -> None:
-        """Ends whatever still runs: first asked, then killed."""
+        """End all processes: SIGTERM, then SIGKILL."""
         end_all([child.process for child in self._children])
         for child in self._children:
-            if child.process.returncode < 0:  # killed: what it had forked may still be on its way out
+            if child.process.returncode < 0:  # after SIGKILL of the parent its children may still run
                 sweep(child.process.pid)
         self._pass_on()
         self._children = []
         super().close()
 
     def _pass_on(self) -> None:
-        """Whole lines only: what several processes say does not get mixed up within one."""
+        """Copy whole lines of the output, so that lines of several processes are not mixed."""
         for child in self._children if self._log_format else ():
             with child.log.open("rb") as log:
                 log.seek(child.passed_on)
@@ -175,7 +173,7 @@ class Swarm(Family):
                 print(line if self._log_format == logs.JSON else f"{child.name}: {line}", file=sys.stderr, flush=True)
 
     def _start(self, module: str, name: str, flags: list[str]) -> None:
-        # -P: a file or folder of the user's in the working folder is not taken for ours, whatever its name.
+        # -P: Python does not import files from the user's working folder.
         command = [sys.executable, "-P", "-m", f"meanflock.{module}", "--endpoint", self.endpoint, "--run", self._run]
         command += [*flags, *([] if self._tls is None else ["--tls", str(self._tls)])]
         command += ["--log-format", self._log_format or logs.TEXT]
@@ -184,13 +182,13 @@ class Swarm(Family):
         self._children.append(child)
 
     def _launch(self, child: Child) -> None:
-        """Starts it, or starts it again."""
+        """Start or restart a child."""
         self._restarts.started(child.name)
         child.process = self.popen(child.command, child.log, {**_environment(), **_import_path()})
 
 
 class ProcessDied(RunFailed):
-    """A process that a run cannot do without died."""
+    """A process died that a run needs."""
 
 
 def _failed(child: Child) -> MeanflockError:
@@ -206,7 +204,7 @@ def _environment() -> dict[str, str]:
 
 
 def _import_path() -> dict[str, str]:
-    """What lets a child find the packages of this process where they are a checkout that is not installed."""
+    """PYTHONPATH with which a child finds the packages of a checkout that is not installed."""
     root = str(Path(swarm.__file__).parents[2])
     if root in site.getsitepackages():
         return {}

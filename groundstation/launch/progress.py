@@ -1,4 +1,4 @@
-"""What a person sees while a swarm flies: one line that moves, on stderr."""
+"""Progress bar of a flight on standard error, and the table of its summary."""
 
 from types import TracebackType
 
@@ -17,10 +17,10 @@ _WIDE = 120  # columns of a terminal with room for everything
 
 
 class FlightProgress:
-    """A progress bar fed with telemetry; a `Sink`. What a narrow terminal has no room for is left out."""
+    """Progress bar fed with telemetry; a `Sink`. In a narrow terminal it leaves columns out."""
 
     def __init__(self, scenario: Scenario, quiet: bool, console: Console | None = None) -> None:
-        """`console`: where it is shown; None for standard error, and nothing where that is no terminal."""
+        """`console`: where to show it; None: standard error, if that is a terminal."""
         self._scenario = scenario
         self._console = console or Console(stderr=True)
         bar = _BAR if self._console.width >= _WIDE else _BAR_NARROW
@@ -50,16 +50,16 @@ class FlightProgress:
         self._bar.stop()
 
     def give_up(self) -> None:
-        """Gives a terminal its cursor back, and nothing else: the process ends now."""
+        """Restore the cursor of the terminal, before the process ends at once."""
         if not self._bar.disable:
             self._console.show_cursor()
 
     def say(self, text: str) -> None:
-        """What is going on before the first tick."""
+        """Show a text before the first tick."""
         self._bar.update(self._task, description=text)
 
     def write(self, block: Telemetry) -> None:
-        """Shows the last row of a block."""
+        """Show the last row of a block."""
         tick = block.first_tick + len(block.states) - 1
         row = block.swarm[-1]
         now = self._bar.tasks[0].elapsed or 0.0
@@ -85,7 +85,7 @@ class FlightProgress:
 
 
 def summary_table(summary: dict[str, object]) -> Table:
-    """The summary as a person reads it."""
+    """Table of the summary for a terminal."""
     table = Table(title=f"{summary['method']}, {summary['uavs']} UAVs, seed {summary['seed']}", show_header=False)
     table.add_column(style="bold")
     table.add_column(justify="right")

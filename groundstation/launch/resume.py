@@ -1,4 +1,4 @@
-"""Where a run goes on: its last checkpoint, and what its folder holds up to there."""
+"""State from which a run is resumed: its last checkpoint, and its rows and events up to it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ from meanflock.worldsim.checkpoint import Resumption
 
 @dataclass(frozen=True)
 class Back:
-    """A run that died, ready to go on."""
+    """An unfinished run, ready to be resumed."""
 
     folder: Path
     scenario: Scenario
@@ -25,7 +25,7 @@ class Back:
 
     @property
     def run_id(self) -> str:
-        """Its name, which is that of its folder."""
+        """Name of the run, which is that of its folder."""
         return keys.check_run(self.folder.name)
 
 

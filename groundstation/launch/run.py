@@ -31,7 +31,7 @@ _CONNECT_S = 60.0
 _JOIN_S = 60.0
 _LAST_WORDS_S = 15.0
 _ON_ITS_WAY_S = 2.0  # after the world has ended
-_LAST_WORDS_OF_THE_LOST_S = 2.0  # a node that was lost may be frozen, and is then ended without them
+_LOST_NODES_S = 2.0  # a lost node may be stopped, and is then killed
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Options:
     watch: Callable[[str], object] | None = None  # called with the URL of the live recording before take-off
     metrics: Address | None = None  # where Prometheus can read the run
     log_format: str | None = (
-        None  # what all processes say goes to standard error in that form; None: only warnings here
+        None  # form in which the output of all processes goes to standard error; None: warnings only
     )
 
 
@@ -63,12 +63,12 @@ class Run:
 
 
 def new_run_id(scenario: Scenario, parent: Path) -> str:
-    """A name nobody has used in `parent`: time, method, seed."""
+    """New name of a run in `parent`: time, method, seed."""
     return unused(parent, f"{datetime.now():%Y%m%d-%H%M%S}-{scenario.method}-s{scenario.seed}")
 
 
 def unused(parent: Path, stem: str) -> str:
-    """`stem` itself, or with a number behind it, whatever is not there in `parent` yet."""
+    """A name that is free in `parent`: `stem`, or `stem` with a number."""
     taken = 0
     while (parent / (name := stem if not taken else f"{stem}-{taken}")).exists():
         taken += 1
@@ -76,11 +76,11 @@ def unused(parent: Path, stem: str) -> str:
 
 
 def fly(scenario: Scenario, options: Options, back: Back | None = None) -> Run:
-    """Flies a scenario and leaves its folder; with `back`, goes on in the folder of a run that died.
+    """Fly a scenario and write its run folder; with `back`, continue in the folder of an unfinished run.
 
     Raises:
-        BadInput: something asked for cannot be had; nothing was written.
-        RunFailed: a process crashed, or the run was interrupted; the folder holds what there was.
+        BadInput: an option cannot be used; nothing was written.
+        RunFailed: a process crashed, or the run was interrupted; the folder has the part that was flown.
     """
     with Interrupted() as interrupted:
         return _fly(scenario, options, back, interrupted)
@@ -120,32 +120,31 @@ def _fly(scenario: Scenario, options: Options, back: Back | None, interrupted: I
 
 
 def go_on(folder: Path) -> str:
-    """How to fly the rest of a run that was interrupted, or whose world died."""
+    """Text that says how to fly the rest of a run that was interrupted, or whose world died."""
     if (folder / CHECKPOINT).exists():
         return f"`meanflock resume {folder}` flies the rest"
     return f"that is too little to resume, `meanflock run {folder / SCENARIO}` flies it again"
 
 
 def _what_there_is(folder: RunFolder) -> str:
-    """Of a run that was interrupted: how to fly it, or the rest of it."""
+    """Text for an interrupted run: how to fly it, or the rest of it."""
     if folder.last_tick < 0:
         return f"before take-off; `meanflock run {folder.path / SCENARIO}` flies it"
     return f"{folder.path} holds the flight up to tick {folder.last_tick}; {go_on(folder.path)}"
 
 
 class Outputs:
-    """Everything that keeps or shows a run: folder, recording, viewer, progress. A context manager that completes them.
+    """Context of all outputs of a run: folder, recording, viewer, progress. It completes them at its end.
 
     `summary` is written with the folder if it is set before the end.
     """
 
     def __init__(self, scenario: Scenario, run_id: str, options: Options, past: Past | None = None) -> None:
-        """`past`: what the folder holds of the run already.
-
-        Raises BadInput, with nothing written, where a file or port cannot be had.
+        """`past`: rows and events that the folder has already. Raises BadInput, with nothing written, if a file or port
+        cannot be used.
         """
         self.summary: dict[str, Any] = {}
-        self.kill: Callable[[], None] = lambda: None  # what flies it
+        self.kill: Callable[[], None] = lambda: None  # kills the processes of the swarm
         self._stack = ExitStack()
         with ExitStack() as opening:
             self.folder = opening.enter_context(RunFolder(options.out, run_id, scenario, past))
@@ -172,13 +171,13 @@ class Outputs:
         return self
 
     def give_up(self) -> str:
-        """Completes nothing any more; what is said of it."""
+        """Stop all outputs without completing them; returns a text about the run."""
         self.kill()
         self.progress.give_up()
         return f"interrupted twice, nothing was completed; {_what_there_is(self.folder)}"
 
     def __exit__(self, *failure: Any) -> None:
-        with self._stack.pop_all():  # closes everything, whatever comes of the summary
+        with self._stack.pop_all():  # closes all outputs, also after an error
             if self.summary:
                 self.folder.summarise(self.summary)
             if failure[1] is not None:
@@ -225,9 +224,9 @@ def _processes(
             resume=None if start is None else start.encode(),
             metrics=options.metrics,
         )
-        if options.metrics is not None and options.log_format is None:  # the world says so itself, in its log
+        if options.metrics is not None and options.log_format is None:  # the world's log says so
             logs.tell(f"metrics at http://{options.metrics}/metrics")
-        if scenario.declared.is_federated or scenario.faults:  # else nobody waits for one: it may come after the flight
+        if scenario.declared.is_federated or scenario.faults:  # otherwise the station may come after the flight
             swarm.start_leaders(scenario.leaders(0 if start is None else start.tick), _JOIN_S)
         swarm.start_agents(scenario.uavs, options.uavs_per_process, _JOIN_S)
         bus = _connect(swarm, interrupted, outputs.folder)
@@ -239,19 +238,19 @@ def _processes(
         except BadInput as error:
             if outputs.folder.last_tick < 0:
                 raise
-            raise RunFailed(str(error)) from error  # of a node that was started again: it has flown before
+            raise RunFailed(str(error)) from error  # of a restarted node
         finally:
             bus.close()
         assert station.summary is not None
         some_lost = station.summary["nodes_lost"] > 0
-        left = swarm.wait(_LAST_WORDS_OF_THE_LOST_S if some_lost else _LAST_WORDS_S)
+        left = swarm.wait(_LOST_NODES_S if some_lost else _LAST_WORDS_S)
         if left and not some_lost:
             logs.tell(
                 f"warning: the flight is complete, but not all processes ended within {_LAST_WORDS_S:g} s of it; "
                 f"ended now: {', '.join(left)}",
                 WARNING,
             )
-        if not (interrupted or every_uav_was_lost(scenario, station.summary)):  # else it ends with an error, too
+        if not (interrupted or every_uav_was_lost(scenario, station.summary)):  # otherwise it ends with an error too
             swarm.check_world()
     return station.summary
 
@@ -288,7 +287,7 @@ def _listen(bus: ZenohBus, station: Station, swarm: Swarm, interrupted: Interrup
         if not asked and now - checked > 0.1:
             checked = now
             swarm.check(flying=folder.last_tick >= 0)
-        if delivery is None and swarm.world_ended:  # nothing can come any more but what is on its way
+        if delivery is None and swarm.world_ended:  # only deliveries under way can still arrive
             ended = ended or now
             if now - ended > _ON_ITS_WAY_S:
                 why = "interrupted" if interrupted else "the world ended before this process had its last words"

@@ -1,4 +1,4 @@
-"""The ground station on the bus: takes the telemetry in order, hands it to the sinks, tells the world it is safe."""
+"""Ground station on the bus: receives telemetry in order, passes it to the sinks, and acknowledges it."""
 
 import logging
 import os
@@ -16,19 +16,19 @@ from meanflock.swarm.wire.messages import Finished, Join, Received, Telemetry
 
 log = logging.getLogger("meanflock.station")
 
-MAX_DROP_LINES = 100  # in the log; the counter goes on
+MAX_DROP_LINES = 100  # in the log; the counter counts all
 _ASK_S = 2.0  # at most, for what is missing
 
 
 class Sink(Protocol):
-    """Something that keeps or shows telemetry."""
+    """Interface of outputs that store or show telemetry."""
 
     def write(self, block: Telemetry) -> None:
         """Takes the next block; blocks come in order, each once."""
 
 
 class Kept:
-    """A sink that keeps the telemetry of a flight in memory."""
+    """Sink that stores the telemetry of a flight in memory."""
 
     def __init__(self) -> None:
         self.blocks: list[Telemetry] = []
@@ -49,24 +49,24 @@ class Station:
         first_block: int | None = None,
         uavs: int | None = None,
     ) -> None:
-        """`first_block`: the first one the sinks do not have yet; None for whatever comes first. `uavs`: of the swarm
-        that is flown; None for what the telemetry says.
+        """`first_block`: the first block that the sinks need; None: the first that arrives. `uavs`: number of UAVs;
+        None: as in the telemetry.
         """
         self._bus = bus
         self._run = run
         self._sinks = sinks
         self._fingerprint = keys.fingerprint(run)
         self._next_block, self._uavs = first_block, uavs
-        self._asked_at = -1  # the block before which some were missing, when the world was asked for them
+        self._asked_at = -1  # the block before which others were missing when the world was asked
         self.summary: dict[str, Any] | None = None
         self.dropped: Counter[str] = Counter()
         bus.subscribe(keys.telemetry(run))
-        # Of equal tokens the world is told of the first alone: it would send nothing to who takes the place of one that
-        # it does not miss yet.
+        # The world notices only the first of equal tokens. Without this, a station would get nothing if the world has
+        # not yet noticed the loss of the station that it replaces.
         bus.announce(keys.alive(run, STATION, f"{STATION}.{os.urandom(4).hex()}"))
 
     def handle(self, delivery: Delivery) -> None:
-        """One delivery; what is not telemetry of this run is dropped, counted and logged."""
+        """Handle one delivery. Anything but telemetry of this run is dropped, counted and logged."""
         if delivery.kind != "message":
             return
         try:
@@ -99,8 +99,10 @@ class Station:
         self._acknowledge(block.block)
 
     def _follows(self, block: int) -> bool:
-        """Whether nothing before a block can come any more. What was lost with a session the world still has; it is
-        asked to send what waits once more, and has given up what it then leaves out.
+        """Whether no earlier block is missing, or all missing ones are lost.
+
+        The world still has blocks that were lost with a session, so the station first asks it to send all waiting
+        blocks again. A block that does not come then was dropped by the world.
         """
         if self._next_block is None or block <= max(self._next_block, self._asked_at):
             self._asked_at = -1

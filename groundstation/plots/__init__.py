@@ -1,1 +1,1 @@
-"""Plots: of one run, of methods side by side, of a parameter swept."""
+"""Plots of one run, of methods side by side, and of a swept parameter."""

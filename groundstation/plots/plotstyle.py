@@ -33,7 +33,7 @@ Dash = tuple[float, tuple[float, ...]]
 
 
 class Look(NamedTuple):
-    """How a method is drawn: colour, marker of its points, dashes of its lines and their width, points."""
+    """Style of a method: colour, marker, dashes and width of its lines, in points."""
 
     colour: str
     marker: str
@@ -41,7 +41,7 @@ class Look(NamedTuple):
     width: float = 1.4
 
 
-# Okabe and Ito's palette, told apart with every common colour vision; marker and dash say the same once more.
+# Okabe and Ito's palette, for every common colour vision; marker and dash carry the same information.
 LOOKS = {
     "hjb": Look("#D55E00", "s", (0, (5, 1.6))),
     "mfg": Look("#7F7F7F", "D", (0, (1, 1.2))),
@@ -50,7 +50,7 @@ LOOKS = {
     "mfgfl-hf": Look("#0072B2", "o", (0, ()), 1.9),
     "offline": Look("#CC79A7", "X", (0, (6, 1, 1, 1, 1, 1))),
 }
-# Of methods that have no look of their own: each by its name, unless somebody else in the figure has it.
+# For methods without a look of their own: chosen by the name, unless another method of the figure has it.
 OTHER_COLOURS = ("#56B4E9", "#332288", "#882255", "#999933", "#661100", "#44AA99")
 OTHER_MARKERS = ("P", "8", "<", ">", "p", "h", "d")
 OTHER_DASHES: tuple[Dash, ...] = ((0, (4, 1)), (0, (1, 0.8)), (0, (4, 1, 1, 1)), (0, (7, 2)))
@@ -151,7 +151,7 @@ def name(method: str) -> str:
 
 
 def look(method: str) -> Look:
-    """A method's look, whoever else is in the figure."""
+    """A method's preferred look."""
     at = crc32(method.encode())
     colour, marker = OTHER_COLOURS[at % len(OTHER_COLOURS)], OTHER_MARKERS[at % len(OTHER_MARKERS)]
     return LOOKS.get(method, Look(colour, marker, OTHER_DASHES[at % len(OTHER_DASHES)]))
@@ -163,7 +163,7 @@ def colour(method: str) -> str:
 
 
 def looks(methods: Iterable[str]) -> dict[str, Look]:
-    """The looks of the methods of one figure: no two have the same colour or marker while there are others left."""
+    """Looks of the methods of one figure; two share a colour or marker only if no other is free."""
     named = list(dict.fromkeys(methods))
     found = {method: look(method) for method in named if method in LOOKS}
     for method in named:
@@ -176,7 +176,7 @@ def looks(methods: Iterable[str]) -> dict[str, Look]:
 
 
 def _free(own: str, others: Sequence[str], part: str, taken: Iterable[Look]) -> str:
-    """One's own if nobody has it, else the next of the others, or of the paper's, that is free; else one's own."""
+    """The preferred value if it is free, else the next free one, else the preferred one."""
     first = others.index(own)
     papers, has = ([getattr(each, part) for each in looks] for looks in (LOOKS.values(), taken))
     return next((each for each in (*others[first:], *others[:first], *papers) if each not in has), own)
@@ -184,7 +184,7 @@ def _free(own: str, others: Sequence[str], part: str, taken: Iterable[Look]) -> 
 
 @contextmanager
 def style() -> Iterator[None]:
-    """The look, for the figures made and saved inside, whatever a `matplotlibrc` of the reader's says."""
+    """Context with our plot settings, which override the user's `matplotlibrc`."""
     with mpl.style.context(["default", _RC]):
         yield
 
@@ -199,7 +199,7 @@ def figure(width_in: float, height_in: float) -> Figure:
 def save(made: Figure, folder: Path, name: str) -> list[Path]:
     """Writes `name`.png and `name`.svg, each whole or not at all; equal figures give equal bytes.
 
-    Where everything goes is worked out for the first, and is the same in the second.
+    The layout is computed for the PNG, and reused for the SVG.
 
     Raises:
         BadInput: the folder cannot be made.
@@ -238,13 +238,13 @@ def axis(field: str) -> str:
 
 
 def letter(number: int) -> str:
-    """Of the panels of a figure, counted from 0: a, b, … z, aa, ab, …"""
+    """Letter of a panel, counted from 0: a, b, … z, aa, ab, …"""
     first, second = divmod(number, len(ascii_lowercase))
     return (ascii_lowercase[first - 1] if first else "") + ascii_lowercase[second]
 
 
 def titled(ax: Axes, letter: str, text: str) -> None:
-    """A panel's letter and title, flush left, in as many lines as its width asks for."""
+    """Set a panel's letter and title, flush left, broken into lines that fit."""
     place, made = ax.get_subplotspec(), ax.get_figure(root=True)
     assert made is not None
     columns = place.get_gridspec().ncols if place is not None else 1

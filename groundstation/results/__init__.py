@@ -1,1 +1,1 @@
-"""The run folder: what a flight leaves on disk, complete at the end and usable if it is killed."""
+"""Files of a run: written during the flight, complete at its end, and usable after a kill."""

@@ -41,7 +41,7 @@ KINDS = {  # of events
 
 
 class EventLog:
-    """The file of the events; the process that has it open has the run folder to itself."""
+    """File of the events; while it is open, the run folder is locked."""
 
     def __init__(self, path: Path, dt: float) -> None:
         """Opens or creates the file; a tick takes `dt` seconds.
@@ -62,7 +62,7 @@ class EventLog:
         return os.fstat(self._file.fileno()).st_size
 
     def append(self, events: Iterable[Event]) -> None:
-        """Writes events, a line each. Raises OSError where there is no room; a part may be there."""
+        """Append events, a line each. Raises OSError if there is no room; a part may be written."""
         self.write("".join(json.dumps(row_of(event, self._dt)) + "\n" for event in events).encode())
 
     def write(self, content: bytes) -> None:
@@ -70,7 +70,7 @@ class EventLog:
         durable.write(self._file, content)
 
     def truncate(self, size: int) -> None:
-        """Forgets what lies behind the first `size` bytes."""
+        """Delete everything after the first `size` bytes."""
         os.ftruncate(self._file.fileno(), size)
 
     def fileno(self) -> int:
@@ -78,18 +78,18 @@ class EventLog:
         return self._file.fileno()
 
     def close(self) -> None:
-        """No more events; the folder is free for another."""
+        """Close the file and unlock the folder."""
         self._file.close()
 
 
 def row_of(event: Event, dt: float) -> dict[str, Any]:
-    """An event as a line of the file says it; a tick takes `dt` seconds."""
+    """An event as a row of the file; a tick takes `dt` seconds."""
     row = {"tick": event.tick, "sim_time_s": round(event.tick * dt, 6), "kind": event.kind}
     return {**row, "text": event.text, "uavs": list(event.uavs)}
 
 
 def lock(file: IO[Any], folder: Path) -> None:
-    """Takes a run folder as long as `file`, its events, is open. Raises BadInput where it is not free."""
+    """Lock a run folder while `file`, its events, is open. Raises BadInput if it is locked."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
@@ -97,10 +97,10 @@ def lock(file: IO[Any], folder: Path) -> None:
 
 
 def past_events(path: Path, size: int, uavs: int, mend: str) -> list[Event]:
-    """Reads the events that belong to what was flown: the first `size` bytes of the file, of a swarm of so many UAVs.
+    """Read the events in the first `size` bytes of the file.
 
     Raises:
-        BadInput: some of them are missing or damaged; `mend` says what then.
+        BadInput: some of them are missing or damaged; `mend` is the advice in the message.
     """
     try:
         with path.open("rb") as file:
@@ -115,7 +115,7 @@ def past_events(path: Path, size: int, uavs: int, mend: str) -> list[Event]:
 
 
 def _event(row: Any, uavs: int) -> Event:
-    """Raises ValueError, TypeError, KeyError or OverflowError where the row is none of an event."""
+    """Parse a row; raises ValueError, TypeError, KeyError or OverflowError if it is invalid."""
     event = Event(int(row["tick"]), str(row["kind"]), str(row["text"]), tuple(map(int, row["uavs"])))
     if event.tick < 0 or any(not 0 <= uav < uavs for uav in event.uavs):
         raise ValueError(f"an event of tick {event.tick} and UAVs {event.uavs}")

@@ -1,4 +1,4 @@
-"""The plug-in files of a run, copied into its folder, so that it says what flew; they are never imported from there."""
+"""Copies of a run's plug-in files in its folder, as a record; they are never imported from there."""
 
 import hashlib
 from collections.abc import Sequence
@@ -12,10 +12,10 @@ FOLDER = "plugins"
 
 
 def files(flown: Scenario) -> dict[str, bytes]:
-    """Name and contents of every file that has a plug-in of the scenario; a class of this process is in none.
+    """Names and contents of the files with plug-ins of the scenario; none for classes of this process.
 
     Raises:
-        BadInput: one is not what was loaded, or cannot be read; or a plug-in is not installed here.
+        BadInput: a file has changed since it was loaded, or cannot be read; or a plug-in is not installed here.
     """
     found: dict[str, bytes] = {}
     for door, name, fingerprint in flown.plugins():
@@ -38,7 +38,7 @@ def files(flown: Scenario) -> dict[str, bytes]:
 
 
 def keep(folder: Path, sources: dict[str, bytes]) -> None:
-    """Writes the files into the folder of a run. Raises OSError."""
+    """Write the files to the folder of a run. Raises OSError."""
     if sources:
         (folder / FOLDER).mkdir(exist_ok=True)
         for name, source in sources.items():
@@ -46,10 +46,10 @@ def keep(folder: Path, sources: dict[str, bytes]) -> None:
 
 
 def check(folder: Path, flown: Scenario) -> None:
-    """Lets through a run whose plug-ins are all here.
+    """Check that all plug-ins of a run are here.
 
     Raises:
-        BadInput: one is not; the message names the copies in the folder.
+        BadInput: one is missing; the message names the copies in the folder.
     """
     try:
         flown.plugins()
@@ -63,10 +63,10 @@ def check(folder: Path, flown: Scenario) -> None:
 
 
 def check_unchanged(folder: Path, flown: Scenario, was: Sequence[Sequence[str]]) -> None:
-    """Lets through a run whose plug-ins are those that flew; `was`: door, name and fingerprint of each.
+    """Check that the plug-ins of a run are those that flew. `was`: kind, name and fingerprint of each.
 
     Raises:
-        BadInput: one is another; the message names the copies in the folder.
+        BadInput: one has changed; the message names the copies in the folder.
     """
     for before, now in zip(was, flown.plugins(), strict=False):
         if tuple(before) != now:
@@ -78,6 +78,6 @@ def check_unchanged(folder: Path, flown: Scenario, was: Sequence[Sequence[str]])
 
 
 def _copies(folder: Path) -> str:
-    """The command that goes on with the copies of the plug-ins of a run; nothing where there are none."""
+    """The command that resumes with the copies of the plug-ins; empty if there are none."""
     given = [f"--plugin {path}" for path in sorted((folder / FOLDER).glob("*.py"))]
     return f"meanflock resume {folder} {' '.join(given)}" if given else ""

@@ -1,4 +1,4 @@
-"""What the ground station lets in: telemetry that fits itself and the swarm, and a summary that is one."""
+"""Validation of telemetry and summary by the ground station."""
 
 import json
 from typing import Any
@@ -16,7 +16,7 @@ _LAST_TICK = 2**31 - 1  # ticks are kept in 32 bits
 
 
 def check(block: Telemetry, uavs: int | None) -> Telemetry:
-    """`block` itself, if its arrays are of the same T ≥ 1 rows and of `uavs` UAVs (None: of as many as its states).
+    """Check that the arrays of a block have the same T ≥ 1 rows and `uavs` UAVs (None: as many as its states).
 
     Raises:
         MessageRejected: `wrong-shape` or `non-finite`.
@@ -57,10 +57,10 @@ def check(block: Telemetry, uavs: int | None) -> Telemetry:
 
 
 def summary(message: Finished) -> dict[str, Any]:
-    """The summary in a message.
+    """Read the summary in a message.
 
     Raises:
-        MessageRejected: `malformed`: it is none.
+        MessageRejected: `malformed`: it is not a summary.
     """
     try:
         record = json.loads(message.summary)

@@ -1,4 +1,4 @@
-"""The run folder: what a run leaves on disk, complete at the end and usable if the run is killed."""
+"""The run folder: all files of a run, complete at its end and usable after a kill."""
 
 import hashlib
 import json
@@ -45,23 +45,23 @@ class BackgroundWorker:
         self._doing: Future[None] | None = None
 
     def do(self, work: Callable[..., None], *arguments: Any) -> None:
-        """Waits for the work before, then begins the next. Raises the error of the work before and begins nothing."""
+        """Wait for the last work, then begin the next. Raises the error of the last work, and then begins nothing."""
         self.wait()
         self._doing = self._pool.submit(work, *arguments)
 
     def look(self) -> None:
-        """Raises the error of the work, if it has failed by now."""
+        """Raise the error of the work, if it has failed."""
         if self._doing is not None and self._doing.done():
             self.wait()
 
     def wait(self) -> None:
-        """Waits for the work. Raises its error, once."""
+        """Wait for the work. Raises its error, once."""
         doing, self._doing = self._doing, None
         if doing is not None:
             doing.result()
 
     def close(self) -> None:
-        """Waits, and accepts no more work."""
+        """Wait, and accept no more work."""
         try:
             self.wait()
         finally:
@@ -108,14 +108,14 @@ class RunFolder:
         self._background = BackgroundWorker("checkpoints")  # they wait for the disk
 
     def _create(self, sources: dict[str, bytes]) -> None:
-        """The folder of a new run, and in it what will fly and the files of its plug-ins."""
+        """Create the folder of a new run, with the scenario and the files of its plug-ins."""
         self.path.mkdir(parents=True)
         durable.replace(self.path / SCENARIO, to_toml(self._flown).encode())
         flown_plugins.keep(self.path, sources)
         durable.sync_folder(self.path.parent)
 
     def _begin(self, past: Past | None) -> Spool:
-        """A new spool, with all rows of a past that goes on; what was said of its end is taken back.
+        """Begin a new spool, with all rows of a resumed run, and delete the events about its end.
 
         Raises:
             MessageRejected: a row of the past is damaged. OSError: there is no room. The folder is as it was.
@@ -148,16 +148,16 @@ class RunFolder:
         return BadInput(f"--out {self.path.parent}: {_reason(error)}; name a folder that can be written")
 
     def write(self, block: Telemetry) -> None:
-        """Appends a block and its events: first these, so that a block that is whole has all of them.
+        """Append a block and its events. Events come first, so that a complete block has all of them.
 
         Raises:
-            RunFailed: the disk is full or gone; the folder holds every block before this one, and nothing of it.
+            RunFailed: the disk is full or gone; the folder has all blocks before this one.
         """
         if self._full:
             raise RunFailed(self._holds("no more is kept"))
         size = self._events.size
         try:
-            self._background.look()  # where there was no room for a checkpoint, there is none for what comes
+            self._background.look()  # without room for a checkpoint there is none for more blocks
             self._append(block)
         except OSError as error:
             self._full = True
@@ -190,8 +190,7 @@ class RunFolder:
         return f"{self.path}: {why}; it holds {there}: make room, then {command}"
 
     def summarise(self, summary: dict[str, Any]) -> None:
-        """Writes `summary.json`, whole or not at all; a run that failed has none. One that finished needs no
-        checkpoint any more.
+        """Write `summary.json` atomically, and delete the checkpoint. A failed run has no summary.
 
         Raises:
             RunFailed: there is no room for it.
@@ -209,10 +208,10 @@ class RunFolder:
         return self
 
     def __exit__(self, failure: type[BaseException] | None, *_: object) -> None:
-        """Completes the time series; a folder of bad input, in which nothing was flown, is taken away again.
+        """Complete the time series; delete the folder after bad input, when nothing was flown.
 
         Raises:
-            RunFailed: there is no room for the time series; its rows stay where they are.
+            RunFailed: there is no room for the time series; the spool keeps its rows.
         """
         try:
             try:
@@ -224,10 +223,10 @@ class RunFolder:
                 self._spool.close()
             if failure is not None and issubclass(failure, BadInput) and not self._resumed:
                 shutil.rmtree(self.path)
-                with suppress(OSError):  # others may have begun to fly there
+                with suppress(OSError):  # another run may have begun there
                     if self._first:
                         self.path.parent.rmdir()
-            elif not self._full:  # where there is no room, the rows stay in the spool as after a kill
+            elif not self._full:  # without room the rows stay in the spool, as after a kill
                 recover(self.path)
         except OSError as error:
             if failure is None:
@@ -240,10 +239,10 @@ class RunFolder:
 
 @contextmanager
 def alone(folder: Path) -> Iterator[None]:
-    """Nobody else writes the run in `folder` while the context lasts.
+    """Context in which no other process writes to the run in `folder`.
 
     Raises:
-        BadInput: somebody does.
+        BadInput: another process writes to it.
     """
     path = folder / EVENTS
     with path.open("rb") if path.is_file() else nullcontext() as events:
@@ -253,27 +252,27 @@ def alone(folder: Path) -> Iterator[None]:
 
 
 def _sync(events: EventLog, spool: Spool) -> None:
-    """Makes sure that all rows and events so far are on the disk; in between, the system may take its time."""
+    """Wait until all rows and events so far are on the disk."""
     for file in (events, spool):
         os.fsync(file.fileno())
 
 
 def said_of_loss(folder: Path) -> str:
-    """What the events of a run say first of a UAV that was lost; empty where nothing is said."""
+    """Text of the first event about a lost UAV; empty if there is none."""
     events = map(json.loads, (folder / EVENTS).read_text(encoding="utf-8").splitlines())
     return next((str(event["text"]) for event in events if event["kind"] in LOSS), "")
 
 
 def lost_everyone(folder: Path) -> str:
-    """The error of a finished run that lost every UAV: why the first one was lost, and where the rest can be read."""
+    """Error text of a finished run that lost every UAV, with the reason of the first loss."""
     return f"every UAV was lost: {said_of_loss(folder)}; all events are in {folder / EVENTS}, the summary in {SUMMARY}"
 
 
 def completed(folder: Path) -> None:
-    """`recover`, for who wants to look at the run.
+    """Like `recover`, for commands that read a run.
 
     Raises:
-        RunFailed: there is no room for the time series; its rows stay where they are.
+        RunFailed: there is no room for the time series; the spool keeps its rows.
     """
     try:
         recover(folder)
@@ -327,7 +326,7 @@ def _digest(record: bytes) -> bytes:
 
 
 def _reason(error: OSError) -> str:
-    """In words; an error of a library has its number at most."""
+    """Text of an error of the disk."""
     return error.strerror or (os.strerror(error.errno) if error.errno else str(error))
 
 

@@ -1,4 +1,4 @@
-"""The time series of a run: its schema, telemetry as rows and back, and lines that sum up all UAVs tick by tick."""
+"""The time series of a run: schema, conversion from and to telemetry, and statistics over the UAVs of each tick."""
 
 import functools
 from collections.abc import Iterator
@@ -21,9 +21,7 @@ MOST_LINES = 60  # of the plot of a model's weights
 
 
 class Reported(NamedTuple):
-    """What a controller reports in flight. diagnostics: names of the numbers that every UAV reports in every tick.
-    weights: numbers in a model.
-    """
+    """Reports of a controller. diagnostics: names of the numbers of every UAV and tick. weights: numbers of a model."""
 
     diagnostics: tuple[str, ...]
     weights: int
@@ -41,7 +39,7 @@ class Reported(NamedTuple):
 
     @property
     def drawn(self) -> NDArray[np.intp]:
-        """Numbers of the weights that are drawn: all, or some at even distances."""
+        """Indices of the weights that are drawn: all, or some at even distances."""
         return np.unique(np.linspace(0, self.weights - 1, min(self.weights, MOST_LINES)).round().astype(np.intp))
 
     @property

@@ -1,7 +1,7 @@
-"""A flight on its way to the time series: blocks of telemetry as they came, one after the other in a file.
+"""Spool of a flight: a file of telemetry blocks, from which the time series is made at the end.
 
-To write a block down takes a tenth of what it takes to make columns of it. These are made when the flight is over, of
-all blocks that are whole: a kill cuts off the end of this file, and would leave nothing of a Parquet file.
+Writing a block takes a tenth of the time of converting it to columns. The columns are made after the flight, from all
+complete blocks. A kill cuts off the end of this file only; a Parquet file would be lost.
 """
 
 import logging
@@ -37,15 +37,15 @@ class Spooled(NamedTuple):
 
 
 class Spool:
-    """Writes the file; what is written is with the system, and survives a kill."""
+    """Writer of the file; written blocks survive a kill of the process."""
 
     def __init__(self, path: Path, dt: float) -> None:
-        """A new file in the place of what is there."""
+        """Create the file, or replace it."""
         self._file, self._dt = path.open("wb", buffering=0), dt
         durable.write(self._file, _SIGNATURE)
 
     def append(self, block: Telemetry, events_bytes: int) -> None:
-        """Writes the rows of a block; if there is no room, nothing of them stays. Raises OSError."""
+        """Append the rows of a block, completely or not at all. Raises OSError if there is no room."""
         rows = control.encode(msgspec.structs.replace(block, links=_NO_LINKS, events=(), checkpoint=b""))
         before = self._file.tell()
         try:
@@ -62,13 +62,14 @@ class Spool:
         return self._file.fileno()
 
     def close(self) -> None:
-        """No more blocks."""
+        """Close the file."""
         self._file.close()
 
 
 def spooled(path: Path) -> Iterator[Spooled]:
-    """Everything before the cut a kill may have left. A block whose checksum is wrong is left out, and so is all that
-    cannot be told apart any more; a warning says so. Raises OSError where there is no file."""
+    """Read all complete blocks. A block with a wrong checksum is left out with a warning, and so is the rest if block
+    limits are lost. Raises OSError without a file.
+    """
     with path.open("rb") as file:
         if file.read(len(_SIGNATURE)) != _SIGNATURE:
             _warn(path, 0, "all of it is left out")
@@ -91,7 +92,7 @@ def spooled(path: Path) -> Iterator[Spooled]:
 
 
 def _block(rows: bytes) -> Telemetry | None:
-    """What was written; None where it is no block of telemetry."""
+    """Decode a block; None if it is invalid."""
     try:
         block = control.decode(rows)
         if isinstance(block, Telemetry):

@@ -1,7 +1,7 @@
-"""The files of a run's time series: Parquet, made of the spool at the end of the flight, and CSV.
+"""Files of a run's time series: Parquet, made from the spool at the end of the flight, and CSV.
 
-Parquet has checksums of pages, but none of the footer, which says what lies where. `_seal` adds one between the last
-page and the footer, where no reader of Parquet looks.
+Parquet has checksums of pages, but none of the footer, which has the layout. `_seal` adds one between the last page and
+the footer, which readers of Parquet ignore.
 """
 
 from collections.abc import Callable, Iterator
@@ -34,7 +34,7 @@ _MARK_BLOCK, _MARK_EVENTS = "meanflock.block", "meanflock.events_bytes"
 
 @dataclass(frozen=True)
 class Past:
-    """What a run folder holds of a flight that is to go on: rows of ticks 0…n, and up to where its events belong."""
+    """Part of a flight in a run folder, to be resumed: rows of ticks 0…n, and the size of the file of events."""
 
     rows: pa.Table
     next_block: int  # the first block of telemetry it does not hold
@@ -42,7 +42,7 @@ class Past:
 
 
 def recover(folder: Path) -> None:
-    """Turns what a run has spooled, to its end or to where it was killed, into `timeseries.parquet`."""
+    """Convert the spool of a run, finished or killed, to `timeseries.parquet`."""
     spool = folder / SPOOL
     if not spool.exists():
         return
@@ -71,7 +71,7 @@ def _to_parquet(spool: Path, path: Path) -> None:
 
 
 def read_table(path: Path) -> pa.Table:
-    """The rows of a time series, all checksums compared. Raises OSError where it is damaged or not there."""
+    """Read the rows of a time series and compare all checksums. Raises OSError if the file is damaged or missing."""
     try:
         _check_seal(path)
         return pq.read_table(path, page_checksum_verification=True)
@@ -84,7 +84,7 @@ def read_table(path: Path) -> pa.Table:
 
 
 def past(folder: Path, tick: int | None = None) -> Past:
-    """What a folder holds: all of it, or up to the checkpoint of a tick.
+    """Read the rows of a folder: all, or up to the checkpoint of a tick.
 
     Raises:
         BadInput: there is no time series, or it has a gap before the tick.
@@ -108,7 +108,7 @@ def past(folder: Path, tick: int | None = None) -> Past:
 
 
 def _rows_of(spool: Path) -> Iterator[tuple[pa.RecordBatch, dict[str, str]]]:
-    """The rows of every block, with what is to be known of the folder that ends with it."""
+    """The rows of every block, with the numbers of a `Past` that ends with it."""
     for block, events_bytes, dt in spooled(spool):
         yield rows_of(block, dt), {_MARK_BLOCK: str(block.block), _MARK_EVENTS: str(events_bytes)}
 
