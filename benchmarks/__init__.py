@@ -1,7 +1,7 @@
-"""How fast meanflock is, beside the floor of the same machine in the same minute. `python -m benchmarks --help`.
+"""Benchmarks of meanflock, each in turns with a floor on the same machine. `python -m benchmarks --help`.
 
 One file a race; a race measures a thing and its floor in turns, A/B/A/B, and reports medians, spreads and ratios.
-A time alone says more about the machine than about the program; a ratio says what the program adds.
+A time depends on the machine; a ratio to the floor shows the cost of the program.
 """
 
 import os

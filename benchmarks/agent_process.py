@@ -1,4 +1,4 @@
-"""What a process of the swarm weighs, and how long it takes to be there."""
+"""Memory and start-up time of a process of the swarm."""
 
 import re
 import subprocess
@@ -84,7 +84,7 @@ def memory_mib(process: "subprocess.Popen[bytes] | psutil.Process") -> tuple[flo
 
 
 def _swarm() -> tuple[float, list[tuple[float, float]]]:
-    """Seconds to the first tick, and the weights of the agents some ticks later."""
+    """Seconds to the first tick, and memory of the agents some ticks later."""
     with Children("weigh") as children:
         start = time.perf_counter()
         flags = ("--set", "stop=duration", "--set", "duration=3600", "--set", f"uavs={AGENTS}")
@@ -117,7 +117,7 @@ def _swarm() -> tuple[float, list[tuple[float, float]]]:
 
 
 def connected(children: Children) -> ZenohBus:
-    """In short steps, as `meanflock run` does: whoever asks before the world listens waits for the next try."""
+    """Connect in short steps, as `meanflock run` does, because a try before the world listens waits for its timeout."""
     end = time.monotonic() + _DEADLINE_S
     while True:
         children.check()
@@ -144,7 +144,7 @@ def _floor() -> tuple[float, list[tuple[float, float]]]:
 
 
 def _join_agent() -> float:
-    """Seconds from the launch of `python -m meanflock.agent` until the world has nobody left to wait for."""
+    """Seconds from the launch of `python -m meanflock.agent` until the swarm is complete."""
     with Children("single") as children:
         bus = ZenohBus.router(children.endpoint)
         try:

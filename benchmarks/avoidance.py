@@ -1,4 +1,4 @@
-"""Keeping apart: the filter's tick beside the tick without it, and ORCA among a hundred."""
+"""Collision avoidance: a tick with the filter and without it, and ORCA with a hundred UAVs."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -49,7 +49,7 @@ def step(flown: Scenario, backend: ModuleType = kernels) -> Callable[[], object]
 
 @contextmanager
 def nearest_of(backend: ModuleType) -> Iterator[None]:
-    """Half-planes solved by one form of the kernels."""
+    """Solve half-planes with one form of the kernels."""
     before = kernels.nearest
     kernels.nearest = backend.nearest
     try:

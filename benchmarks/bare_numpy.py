@@ -1,7 +1,7 @@
 """The floor of a learner's tick: the array operations a NumPy learner cannot do without, on buffers made beforehand.
 
 Shapes are those of σ_H (54 features), σ_F (69) and the quadrature (495 products, 64 nodes); the numbers mean nothing.
-With one row the arithmetic vanishes, and what is left is what calling NumPy this often costs.
+With one row the arithmetic is negligible; the cost is that of the NumPy calls.
 """
 
 from collections.abc import Callable

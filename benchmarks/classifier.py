@@ -1,4 +1,4 @@
-"""The classifier of the examples beside Flower: the same training and averaging gives the same global model."""
+"""The classifier of the examples against Flower: same training and averaging, same global model."""
 
 import importlib.util
 import multiprocessing
@@ -74,7 +74,7 @@ def example() -> ModuleType:
 
 
 def scenario(classifier: ModuleType, bits: int) -> Scenario:
-    """What we fly."""
+    """The scenario of the flight."""
     return Scenario(
         method=classifier.Classifier,
         uavs=UAVS,
@@ -87,7 +87,7 @@ def scenario(classifier: ModuleType, bits: int) -> Scenario:
 
 
 def write_task(folder: Path, bits: int) -> None:
-    """Pictures, batches and first model as files, for a program that knows nothing of ours."""
+    """Write pictures, batches and first model to files, for the other program."""
     classifier = example()
     flown = scenario(classifier, bits)
     made = classifier.Classifier(classifier.Classifier.Options(**flown.controller), flown)
@@ -104,7 +104,7 @@ def write_task(folder: Path, bits: int) -> None:
 
 
 def fly(bits: int) -> Flown:
-    """Our rounds, in this process."""
+    """Fly our rounds in this process."""
     classifier = example()
     flown = scenario(classifier, bits)
     engine = Engine(flown, "benchmark")
@@ -117,7 +117,7 @@ def fly(bits: int) -> Flown:
 
 
 def fly_apart(bits: int) -> Flown:
-    """The same in a process of its own."""
+    """Fly our rounds in a process of its own."""
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         return pool.apply(fly, (bits,))
 

@@ -1,4 +1,4 @@
-"""What a race reports: samples of a quantity, its floor, its target."""
+"""Results of a race: samples of a quantity, its floor and its target."""
 
 import enum
 import time
@@ -50,7 +50,7 @@ class Figure:
         return [median(self.samples) / median(self.floor.samples)]
 
     def record(self) -> dict[str, Any]:
-        """As it goes into `latest.json`; unknown is null."""
+        """Record for `latest.json`; unknown is null."""
         ratios = self.ratios
         return {
             "name": self.name,
@@ -74,7 +74,7 @@ class Figure:
 
 @dataclass
 class Outcome:
-    """What a race found; `notes` are sentences for the page, `details` numbers that are no figures."""
+    """Result of a race; `notes`: sentences for the page. `details`: further numbers."""
 
     figures: list[Figure] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)

@@ -1,8 +1,8 @@
 """The floor of a networked tick: a lockstep of raw bytes over the same Zenoh session settings, and nothing else.
 
-The benchmark process is router and world; every client is a process that answers each message with as many bytes as
-it is told. No codec, no learning, no physics. `python -m benchmarks.lockstep_floor` is such a client, or many that are
-forked as agents are: what they share in memory they share in the caches.
+The benchmark process is router and world; every client is a process that answers each message with the requested number
+of bytes. No codec, no learning, no physics. `python -m benchmarks.lockstep_floor` is such a client, or many that are
+forked as agents are: so they share memory and caches.
 """
 
 import argparse
@@ -70,7 +70,7 @@ class FloorWorld:
                 self._left -= _HEAD.unpack_from(delivery.payload)[0] == self._tick
 
     def _overhear(self, _key: str, answer: bytes) -> bool:
-        """Counts answers in the thread that brings them, as the world does; the last is left to who waits for it."""
+        """Count answers in the thread that brings them, as the world does; the waiting thread gets the last one."""
         with self._gate:
             if self._left < 2 or _HEAD.unpack_from(answer)[0] != self._tick:
                 return False
@@ -78,16 +78,16 @@ class FloorWorld:
             return True
 
     def close(self) -> None:
-        """Sends the clients home."""
+        """End the clients."""
         for key in self._sense.values():
             self._bus.put(key, b"")
-        time.sleep(0.05)  # a router that closes at once takes its last words with it
+        time.sleep(0.05)  # the last messages are lost if the router closes at once
         self._bus.close()
 
 
 @contextmanager
 def floor_of(children: "Children", names: Sequence[str]) -> Iterator[FloorWorld]:
-    """The world of such clients; they go home when it ends."""
+    """Context with the world of such clients, which end with it."""
     world = FloorWorld(children.endpoint, children.run, names)
     try:
         yield world
@@ -97,7 +97,7 @@ def floor_of(children: "Children", names: Sequence[str]) -> Iterator[FloorWorld]
 
 
 def main() -> None:
-    """A client: says hello until it is asked, then answers."""
+    """A client: announces itself until the first request, then answers."""
     options = argparse.ArgumentParser()
     options.add_argument("--endpoint", required=True)
     options.add_argument("--run", required=True)

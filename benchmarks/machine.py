@@ -1,4 +1,4 @@
-"""What was measured on what: the machine, the versions, the commit, and how busy it was."""
+"""Conditions of a measurement: machine, versions, commit and load."""
 
 import importlib.metadata
 import os
@@ -26,7 +26,7 @@ def machine() -> dict[str, Any]:
 
 
 def versions() -> dict[str, str]:
-    """Python, meanflock and what it stands on; "absent" where not installed."""
+    """Versions of Python, meanflock and its dependencies; "absent" if not installed."""
     found = {"python": platform.python_version(), "meanflock": _version("meanflock"), "commit": _commit()}
     return found | {name: _version(name) for name in PACKAGES}
 
@@ -65,5 +65,5 @@ def _git(*words: str) -> str | None:
 
 
 def committed(path: str) -> str | None:
-    """A file as it is in the last commit; None where there is none."""
+    """A file of the last commit; None if it is not there."""
     return _git("show", f"HEAD:{path}")

@@ -1,4 +1,4 @@
-"""Many flights: what a flight of the paper's grid costs, and the whole grid."""
+"""Time of a flight of the paper's grid, and of the whole grid."""
 
 import time
 from collections import Counter

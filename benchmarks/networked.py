@@ -1,4 +1,4 @@
-"""The main job: agents as processes of their own over Zenoh, learning and recorded."""
+"""The main use: agents as processes over Zenoh, which learn and are recorded."""
 
 import itertools
 
@@ -21,7 +21,7 @@ FLOOR_RATIO = 1.5
 
 
 def run(effort: Effort, say: Say) -> Outcome:
-    """25 processes, and when there is time 64, each beside its floor."""
+    """Fly 25 processes, and 64 at full effort, each against its floor."""
     outcome = Outcome()
     swarms = [(25, effort.choose(600, 200), effort.choose(9, 1))] + ([(64, 300, 5)] if effort is Effort.FULL else [])
     for uavs, ticks, repeats in swarms:

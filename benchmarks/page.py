@@ -1,4 +1,4 @@
-"""The measurements of `docs/performance.md` from a record; its words are in the page."""
+"""Writes the measurements of a record into `docs/performance.md`."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ BEGIN, END = "<!-- measured -->", "<!-- end -->"
 
 
 def page(record: dict[str, Any], text: str) -> str:
-    """The page, whose words are in `text`, with these measurements."""
+    """The page `text` with these measurements."""
     races = record["races"]
     parts = [_machine(record)]
     parts += [_race(race) for name, race in races.items() if name != "profile"]
@@ -64,7 +64,7 @@ def _ratio(value: float) -> str:
 
 
 def number(value: float | None) -> str:
-    """Three figures, or what there is."""
+    """A number with three digits."""
     if value is None:
         return "–"
     if value == int(value) and abs(value) < 1e6:

@@ -1,7 +1,7 @@
-"""Other people's programs at comparable work, each in an environment of its own: `make peers` sets them up.
+"""Other software (peers) at comparable work, each in an environment of its own; `make peers` sets them up.
 
-None is a dependency of meanflock, and their pins clash with each other's. One that is not set up, cannot be installed
-or does not answer in time is a note on the page and fails nothing.
+None is a dependency of meanflock, and their pins clash with each other's. A peer that is not set up, cannot be
+installed or does not answer in time becomes a note on the page.
 """
 
 import argparse
@@ -167,7 +167,7 @@ def run(effort: Effort, say: Say) -> Outcome:
         say(f"{race.peer}, {race.size}")
         try:
             outcome.figures += _hold(race, effort)
-        except Exception as error:  # whatever a stranger's program does, the others still run
+        except Exception as error:  # an error of one peer does not stop the others
             outcome.notes.append(f"{race.peer}, {race.theirs}: not measured: {error or type(error).__name__}")
     return outcome
 

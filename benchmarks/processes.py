@@ -19,11 +19,11 @@ _COMMAND_S = 150.0
 
 
 class BenchmarkFailed(Exception):
-    """A process of the benchmark did not do its part; the text says which and what it said."""
+    """A process of the benchmark failed; the text names it and its output."""
 
 
 class Children(Family):
-    """Modules run as processes that share an endpoint and a run name; a context manager that leaves none behind."""
+    """Context of processes that share an endpoint and a run name; at its end none is left."""
 
     def __init__(self, run: str) -> None:
         super().__init__()
@@ -45,7 +45,7 @@ class Children(Family):
                 raise BenchmarkFailed(f"{process.args[2]} ended with {process.returncode}: {said}")  # type: ignore[index]
 
     def wait(self, timeout_s: float) -> None:
-        """Waits until all have ended by themselves; whoever has not by then is ended at `close`."""
+        """Wait until all have ended by themselves; `close` ends the others."""
         end = time.monotonic() + timeout_s
         for process in self.processes:
             try:
@@ -54,7 +54,7 @@ class Children(Family):
                 return
 
     def close(self) -> None:
-        """Ends whatever still runs: first asked, then killed."""
+        """End all processes: SIGTERM, then SIGKILL."""
         end_all(self.processes)
         self.processes = []
         super().close()

@@ -1,7 +1,7 @@
-"""Where a tick goes. Functions of the product are wrapped from outside and put back; nothing in it is changed.
+"""Profile of a tick. Functions of meanflock are wrapped for the measurement, and restored after it.
 
-Times are exclusive: what a wrapped function spends in another wrapped one counts there only. `python -m
-benchmarks.profile` is an agent that weighs itself.
+Times are exclusive: time that a wrapped function spends in another one counts there only. `python -m
+benchmarks.profile` is an agent that measures itself.
 """
 
 import argparse
@@ -69,7 +69,7 @@ ZENOH_BUS: list[Part] = [("meanflock.swarm.net.session:ZenohBus.put", "bus: put"
 
 
 class Stopwatch:
-    """Exclusive time and calls by label; a context manager, the wraps go when it ends."""
+    """Exclusive time and calls by label; a context that removes its wrappers at the end."""
 
     def __init__(self, clock: Callable[[], int] = time.perf_counter_ns) -> None:
         self.ns: Counter[str] = Counter()
@@ -183,7 +183,7 @@ def _in_process(effort: Effort) -> dict[str, Any]:
 
 
 def _networked(effort: Effort) -> dict[str, Any]:
-    """World here, one agent of 25 weighs itself, a ground station records."""
+    """Profile a swarm: the world in this process, one agent of 25 that measures itself, and a ground station."""
     from benchmarks.processes import Children
     from meanflock.swarm import scenario
     from meanflock.worldsim.world import World
@@ -212,7 +212,7 @@ def _networked(effort: Effort) -> dict[str, Any]:
             tick_us = 1e3 * per_tick_ms(flight, ticks)
             cpu_us = (time.process_time() - cpu) / ticks * 1e6
             parts = watch.parts(ticks, tick_us)
-            for _ in range(30):  # until the agent that weighs itself has written
+            for _ in range(30):  # until the measuring agent has written its result
                 next(flight)
             children.check()
             agent = json.loads(report.read_text(encoding="utf-8"))
@@ -225,7 +225,7 @@ def _networked(effort: Effort) -> dict[str, Any]:
 
 
 class _Weighed(Agent):
-    """An agent that notes what its process had used at two ticks."""
+    """An agent that measures its process at two ticks."""
 
     stopwatch: Stopwatch
     first = 20
@@ -233,7 +233,7 @@ class _Weighed(Agent):
     report = Path()
 
     def act(self, sense: Sense) -> Act:
-        """As any agent; at the last tick it writes what it found."""
+        """Act as an agent; at the last tick write the result."""
         tick = sense.tick
         if tick == self.first:
             self.stopwatch.clear()
@@ -259,7 +259,7 @@ def _used() -> tuple[int, int, int]:
 
 
 def main() -> None:
-    """`python -m meanflock.agent`, weighed."""
+    """`python -m meanflock.agent`, with measurement."""
     options = argparse.ArgumentParser()
     options.add_argument("--endpoint", required=True)
     options.add_argument("--run", required=True)

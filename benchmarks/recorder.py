@@ -1,4 +1,4 @@
-"""What recording costs a tick, and a disk: in one process, and in a swarm of processes."""
+"""Cost of recording in time and disk space, in one process and in a swarm of processes."""
 
 import tempfile
 import time

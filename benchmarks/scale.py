@@ -1,4 +1,4 @@
-"""What a UAV costs as the swarm grows."""
+"""Cost of a UAV as the swarm grows."""
 
 from collections.abc import Callable
 from statistics import median

@@ -1,4 +1,4 @@
-"""What a process costs as the swarm grows to 200 of them; slow and heavy, so only where it is asked for."""
+"""Cost of a process in swarms of up to 200; slow, so it runs only on request."""
 
 import time
 from itertools import pairwise
@@ -25,7 +25,7 @@ _DEADLINE_S = 120.0
 
 
 class Stopwatch:
-    """A sink that keeps when each block of rows came, s, and how long ago take-off is, ticks."""
+    """Sink that stores the arrival time of each block, s, and the ticks since take-off."""
 
     def __init__(self) -> None:
         self.ticks: list[int] = []

@@ -1,4 +1,4 @@
-"""The messages of a tick as they really are, and their sizes in bytes; floors carry as many."""
+"""Messages of a tick and their sizes in bytes, which the floors use too."""
 
 from functools import cache
 
@@ -18,17 +18,17 @@ TICK = 1000
 
 @cache
 def declared(method: str) -> Declared:
-    """What the controller of a method declares."""
+    """Declarations of a method's controller."""
     return scenario.load(None, method=method).declared
 
 
 def sense(inbox: tuple[Frames, ...] = ()) -> Sense:
-    """What one UAV is asked."""
+    """Request of one UAV."""
     return Sense(RUN, TICK, np.full((1, state.SIZE), 1.5), inbox=inbox)
 
 
 def act(outbox: tuple[Frames, ...] = (), report: bool = False, method: str = "mfgfl-hf") -> Act:
-    """What one UAV replies; with its weights in a tick in which they are reported."""
+    """Reply of one UAV; with its weights in a tick of reports."""
     commands = np.full((1, state.AXES + len(declared(method).diagnostics)), 1.5)
     return Act(
         RUN, TICK, commands, models=np.full((1, declared(method).weights), 1.5) if report else None, outbox=outbox

@@ -1,4 +1,4 @@
-"""`latest.json`: what was found, and what got worse since the last commit of it."""
+"""`latest.json`: the results, and comparison with its last commit."""
 
 import json
 from pathlib import Path
@@ -50,13 +50,13 @@ def _valid(text: str) -> dict[str, Any] | None:
 
 
 def write(path: Path, record: dict[str, Any]) -> None:
-    """Whole, with a newline at the end."""
+    """Write the record atomically, with a newline at the end."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(record, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def worse(now: dict[str, Any], before: dict[str, Any]) -> list[str]:
-    """Sentences about what got worse: ratios to the floor by more than 15 %, and what can no longer be measured.
+    """Sentences about regressions: ratios to the floor that rose by more than 15 %, and races that fail now.
 
     Ratios only: machines differ. A quick run measures less, which is no loss.
     """

@@ -1,4 +1,4 @@
-"""What encryption and certificates cost the swarm of processes."""
+"""Cost of encryption and certificates for a swarm of processes."""
 
 import tempfile
 from pathlib import Path

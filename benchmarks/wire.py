@@ -1,4 +1,4 @@
-"""What a model costs on the wire, and what coding a message costs."""
+"""Bytes of a model on the wire, and time of coding a message."""
 
 from collections.abc import Callable
 from functools import partial

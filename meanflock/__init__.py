@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from meanflock.swarm.scenario import Scenario as Scenario
     from meanflock.worldsim.vehicles.base import Vehicle as Vehicle
 
-_WHERE = {  # a name → its module, and what it is called there
+_WHERE = {  # a name → its module, and its name there
     "Aggregator": ("meanflock.federation.rules.base", "Aggregator"),
     "BadInput": ("meanflock.swarm.errors", "BadInput"),
     "Broadcast": ("meanflock.agent.controllers.base", "Broadcast"),
@@ -66,7 +66,7 @@ _WHERE = {  # a name → its module, and what it is called there
     "sweep": ("meanflock.comparing", "sweep"),
 }
 
-__all__ = [  # made when asked for
+__all__ = [  # imported at first use
     "Aggregator",
     "BadInput",
     "Broadcast",

@@ -1,4 +1,4 @@
-"""A scenario from what somebody wrote in Python: a name or a file, options, and dotted keys."""
+"""Makes a scenario from the arguments of the Python API: a name or a file, options, and dotted keys."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -30,10 +30,10 @@ def with_settings(function: Callable[Arguments, Returned]) -> WithSettings[Argum
 
 
 def load_plugins(given: str | Path | Sequence[str | Path] | None) -> None:
-    """Registers the plug-ins of a file or several, for this process and those it starts.
+    """Registers the plug-ins of one or several files, in this process and those that it starts.
 
     Raises:
-        BadInput: one cannot be used.
+        BadInput: a file cannot be used.
     """
     if given is not None:
         plugins.load_files([given] if isinstance(given, str | Path) else given)
@@ -47,7 +47,7 @@ def scenario_of(scenario: str | Path | Scenario | None, settings: Mapping[str, A
             may be a controller's class, which is then registered.
 
     Raises:
-        BadInput: no such scenario, or a key or value that is none.
+        BadInput: no such scenario, or an invalid key or value.
     """
     given = {key: value for key, value in options.items() if value is not None} | dict(settings)
     if isinstance(scenario, Scenario):

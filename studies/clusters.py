@@ -1,4 +1,4 @@
-"""Measures what clusters cost beside one leader for all, and writes the table of scaling.md."""
+"""Measures the cost of clusters relative to one leader, and writes the table of scaling.md."""
 
 import numpy as np
 
@@ -51,7 +51,7 @@ def main() -> None:
 
 
 def measure(flown: Scenario) -> dict[str, float]:
-    """What a round of one flight came to, on the way up; means over its rounds."""
+    """Cost of the uplink of a round; means over the rounds of one flight."""
     summary = Engine(flown, "clusters", sinks=[kept := Kept()]).complete()
     up = [summary["radio"]["traffic"][name] for name in ("uplink", "relay")]
     rounds, leader = summary["rounds"], flown.federation.leader
@@ -73,7 +73,7 @@ def measure(flown: Scenario) -> dict[str, float]:
 
 
 def _share(flown: Scenario, sent: np.ndarray, number: int) -> float:
-    """Percent of the models of a round that are in its mean."""
+    """Percent of the models of a round that reach the mean."""
     period = flown.period_ticks
     in_round = sent[(sent[:, 0] >= number * period) & (sent[:, 0] < (number + 1) * period)]
     failed = in_round[in_round[:, 4] < 0]

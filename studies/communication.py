@@ -108,7 +108,7 @@ def flights(runs: dict[Any, list[dict[str, Any]]]) -> list[str]:
 
 
 def rounding(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[str]:
-    """How far rounding moves the mean of one round, and the mean over all rounds of a flight."""
+    """Error by rounding of the mean of one round, and of the mean over all rounds of a flight."""
     rows = []
     for method, measured in runs.items():
         for name, active in product(ROUNDED, (False, True)):

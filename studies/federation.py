@@ -19,7 +19,7 @@ from meanflock.swarm.scenario import Scenario
 
 PAGE = published.DOCS / "federation.md"
 RESULTS = published.DOCS / "results" / "federation.json"
-SEEDS = range(92001, 92031)  # nothing was tuned on them
+SEEDS = range(92001, 92031)  # seeds that were not used for tuning
 ECBF = {"filter.kind": "ecbf"}
 NEIGHBOURS = {"federation.topology": "neighbours"}
 INT8 = {"federation.payload": "int8"}
@@ -29,7 +29,7 @@ def _threshold(value: float) -> dict[str, Any]:
     return {"federation.upload_threshold": value}
 
 
-WAYS: dict[str, dict[str, Any]] = {  # of `fed-lspi`: name in the tables → settings; the first is compared with
+WAYS: dict[str, dict[str, Any]] = {  # of `fed-lspi`: name in the tables → settings; the first is the reference
     "leader": {},
     "leader, 0.03, int8": _threshold(0.03) | INT8,
     "neighbours": NEIGHBOURS,
@@ -45,7 +45,7 @@ TROUBLES: dict[str, dict[str, Any]] = {
     "uploads reach 2 m": {"federation.range_m": 2.0},
 }
 TROUBLED = {"leader": {}, "neighbours": NEIGHBOURS}
-SPARING: dict[str, dict[str, Any]] = {  # of `mfgfl-hf` on `paper`: fewer uploads by lot, or by the trigger
+SPARING: dict[str, dict[str, Any]] = {  # of `mfgfl-hf` on `paper`: fewer uploads at random, or by the threshold
     "fraction 0.8": {},
     "fraction 0.4": {"federation.fraction": 0.4},
     "fraction 0.2": {"federation.fraction": 0.2},
@@ -59,7 +59,7 @@ Flight = dict[str, Any]
 
 
 def main() -> None:
-    """Flies what the tables need, unless they are only to be written again."""
+    """Fly the cases of the tables, unless `--page` is set, and write the tables."""
     given = published.options(__doc__, page=True).parse_args()
     if not given.page:
         points = {case: [scenario(case, seed) for seed in SEEDS] for case in cases()}
@@ -100,7 +100,7 @@ def scenario(case: Case, seed: int) -> Scenario:
 
 
 def flight_of(case: Case, seed: int, summary: Mapping[str, Any]) -> Flight:
-    """One flight as it is kept."""
+    """Row of one flight in the results."""
     traffic = summary["radio"]["traffic"]
     models = ("uplink", "relay", "broadcast")
     return {
@@ -135,7 +135,7 @@ _HEAD = ("", "way", "models, kbit", "airtime of models, s", "tracking", "Δ time
 
 
 def _without(kind: str) -> Any:
-    """The cells of a row, without tracking where nothing is tracked."""
+    """Cells of a row, without tracking for methods that do not track."""
     return lambda row: row if kind != "sparing" else row[:4] + row[5:]
 
 

@@ -1,4 +1,4 @@
-"""Flies those who promise not to collide, on seeds that nothing was tuned on, and writes their table in controllers.md.
+"""Flies collision-free controllers on seeds that were not used for tuning, and writes their table in controllers.md.
 
 python -m meanflock.studies.free_flights          # 400 flights; five minutes on two cores
 python -m meanflock.studies.free_flights --page   # the table again, from docs/results/free_flights.json
@@ -18,7 +18,7 @@ PAGE = published.DOCS / "controllers.md"
 RESULTS = published.DOCS / "results" / "free_flights.json"
 BEGIN, END = "<!-- table: meanflock.studies.free_flights -->", "<!-- end of table -->"
 FIRST_SEED = 9001
-OUTAGE_SNR_DB = {0.03: None, 12.0: 75.8876, 50.0: 76.3523}  # of a message of one slot, %; None: the paper's
+OUTAGE_SNR_DB = {0.03: None, 12.0: 75.8876, 50.0: 76.3523}  # outage of a message of one slot, %; None: as in the paper
 SWARMS, SHAKES = (25, 64), (0.1, 0.5)  # UAVs; σ of the wind
 KEPT = ("collisions_all", "closest_approach_m", "arrived", "t_avg_s", "energy_mean_J")
 Case = tuple[str, int, float, float, int]  # method, UAVs, σ, outage in % and seed
@@ -26,7 +26,7 @@ Row = dict[str, Any]
 
 
 def main() -> None:
-    """Flies what the table needs, unless it is only to be written again."""
+    """Fly the cases of the table, unless `--page` is set, and write the table."""
     given = published.options(__doc__, page=True).parse_args()
     if not given.page:
         points = {case: [case_scenario(*case)] for case in cases()}
@@ -38,8 +38,8 @@ def main() -> None:
 
 
 def cases() -> Iterable[Case]:
-    """What each flight is."""
-    seeds = count(FIRST_SEED)  # every flight has its own: what hardly speaks flies alike whatever the radio loses
+    """All cases."""
+    seeds = count(FIRST_SEED)  # a seed for each flight, because UAVs that send little fly alike at every outage
     for uavs, sigma, outage in product(SWARMS, SHAKES, OUTAGE_SNR_DB):
         yield from (("plan", uavs, sigma, outage, next(seeds)) for _ in range(25))
     yield from (("fed-lspi", SWARMS[0], SHAKES[0], min(OUTAGE_SNR_DB), next(seeds)) for _ in range(100))
@@ -54,7 +54,7 @@ def case_scenario(method: str, uavs: int, sigma: float, outage: float, seed: int
 
 
 def row_of(case: Case, summary: Mapping[str, Any]) -> Row:
-    """One flight as it is kept."""
+    """Row of one flight in the results."""
     named = dict(zip(("method", "uavs", "sigma", "outage_percent", "seed"), case, strict=True))
     return named | {name: summary[name] for name in KEPT} | {"kbit": summary["payload_bits"]["total"] / 1e3}
 

@@ -1,4 +1,4 @@
-"""The file of a job: the runs it finished, with a checksum and the version of the code that flew them."""
+"""The file of a job: its finished runs, with a checksum and the version of the code that flew them."""
 
 import ast
 import hashlib
@@ -51,7 +51,7 @@ class _Body(msgspec.Struct, frozen=True):
 
 
 def encode(runs: Iterable[StoredRun], code: str | None = None) -> bytes:
-    """A job file: a line to know it by, the hash of the rest, the rest.
+    """Encode a job file: a magic line, the hash of the rest, the rest.
 
     Args:
         code: version of the code that flew the runs; None: `version()`.
@@ -64,7 +64,7 @@ def decode(raw: bytes, code: str | None = None) -> tuple[StoredRun, ...]:
     """The runs of a job file of this version; `code` as in `encode`.
 
     Raises:
-        ValueError: not whole, not a job file, or of another version.
+        ValueError: incomplete, not a job file, or of another version.
     """
     if raw[: len(_MAGIC)] != _MAGIC:
         raise ValueError("not a job file")
@@ -81,7 +81,7 @@ def decode(raw: bytes, code: str | None = None) -> tuple[StoredRun, ...]:
 
 
 _ROOMS = (swarm, federation, kernels, agent, channel, leader, worldsim)
-_FLYING = (  # files of other packages that decide a run too
+_FLYING = (  # files of other packages on which a run depends
     *("clusters.py", "communication.py"),
     *("leaderboard/flights.py", "../groundstation/launch/engine.py"),
 )
@@ -89,12 +89,12 @@ _FLYING = (  # files of other packages that decide a run too
 
 @cache
 def version(*more: Path) -> str:
-    """Package version, and a fingerprint of the code that decides a run.
+    """Package version, and a fingerprint of the code on which a run depends.
 
     The fingerprint is of the syntax trees without docstrings: a change of words alone needs no new flights.
 
     Args:
-        more: Python files outside the package that decide a run too.
+        more: Python files outside the package on which a run depends.
     """
     digest = hashlib.sha256()
     for room in _ROOMS:

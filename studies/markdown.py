@@ -1,4 +1,4 @@
-"""Pages in Markdown: a table, and the part of a page that a program writes."""
+"""Markdown tables, and replacement of the generated part of a page."""
 
 from collections.abc import Iterable, Sequence
 
@@ -10,10 +10,10 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
 
 
 def replaced(page: str, begin: str, end: str, lines: Iterable[str]) -> str:
-    """A page, what stands between two marks replaced by lines.
+    """Replace the part of a page between two marks by lines.
 
     Raises:
-        ValueError: it has no such place, or several.
+        ValueError: the page has no such part, or several.
     """
     before, *there = page.split(begin)
     if len(there) != 1 or end not in there[0]:

@@ -1,4 +1,4 @@
-"""What a study found, a row a point: means over its flights, and as a CSV file."""
+"""Means of a study's points over their flights, as rows and as a CSV file."""
 
 import csv
 import io
@@ -22,7 +22,7 @@ METRICS = sorted(quantities.COMPARED, key=lambda field: field != "arrived")
 class Means:
     """Means of a study's points, in their order.
 
-    names: what tells the points apart, with units. points: their values → the summaries of their flights.
+    names: names of the varied values, with units. points: the values of a point → the summaries of its flights.
     """
 
     names: tuple[str, ...]

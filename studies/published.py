@@ -1,4 +1,4 @@
-"""What the studies whose results are pages of docs/ share: options, flights, and where pages and results are."""
+"""Shared code of the studies behind pages of docs/: options, flights, and files of pages and results."""
 
 import argparse
 import json
@@ -19,7 +19,7 @@ DOCS = Path(__file__).resolve().parents[1] / "docs"
 
 
 def options(about: str | None, seeds: int | None = None, page: bool = False) -> ArgumentParser:
-    """The options `--jobs` and, where asked for, `--seeds` and `--page`."""
+    """Parser of the options `--jobs` and, if wanted, `--seeds` and `--page`."""
     parser = ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--jobs", type=int, default=-1, help="processes; -1 for one a core")
     if seeds is not None:
@@ -36,7 +36,7 @@ def flown(
     fly: Fly | None = None,
     out: Path | None = None,
 ) -> dict[Any, Summaries]:
-    """What `fly_all` returns, with progress on stderr. Finished flights are kept in `out`, or else in out/`study`.
+    """Fly with `fly_all`, with progress on stderr. Finished flights are stored in `out`, by default out/`study`.
 
     Raises:
         RunFailed: interrupted, disk full or a process died; the same command flies the rest.

@@ -1,4 +1,4 @@
-"""Flies swarms with malicious UAVs under every rule of aggregation, and writes what came of it into docs/robustness.md.
+"""Flies swarms with malicious UAVs under every aggregation rule, and writes docs/robustness.md.
 
     make robustness          # 360 flights of the paper's scenario; ten minutes on two cores
 
@@ -35,7 +35,7 @@ Row = dict[str, Any]
 
 
 def main() -> None:
-    """Flies what the page needs, unless it is only to be written again."""
+    """Fly the cases of the page, unless `--page` is set, and write the page."""
     given = published.options(__doc__, seeds=10, page=True).parse_args()
     if not given.page:
         cases = [("none", 0.0, rule) for rule in RULES] + list(product(ATTACKS, SHARES, RULES))
@@ -56,13 +56,13 @@ def case_scenario(attack: str, share: float, rule: str, seed: int) -> Scenario:
 
 
 def row_of(case: tuple[str, float, str], summary: Mapping[str, Any]) -> Row:
-    """One flight as it is kept."""
+    """Row of one flight in the results."""
     named = dict(zip(("attack", "share", "rule"), case, strict=True))
     return named | {name: summary[name] for name in ("seed", "uavs", *KEPT)}
 
 
 def page(rows: Sequence[Row], text: str) -> str:
-    """The page, whose words are in `text`, with what these flights came to."""
+    """The page `text` with the results of these flights."""
     by_case: dict[tuple[str, float, str], list[Row]] = {}
     for row in rows:
         by_case.setdefault((row["attack"], row["share"], row["rule"]), []).append(row)
@@ -89,7 +89,7 @@ def page(rows: Sequence[Row], text: str) -> str:
 
 
 def judge(flown: Sequence[Row], honest: Sequence[Row]) -> str:
-    """One word for a case beside the same rule and seeds without malicious UAVs."""
+    """Verdict on a case, relative to the same rule and seeds without malicious UAVs."""
     if mean(row["arrived"] for row in flown) < HOLDS * mean(row["arrived"] for row in honest):
         return "broken"
     slower = mean(row["t_avg_s"] for row in flown) / mean(row["t_avg_s"] for row in honest)

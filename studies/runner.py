@@ -48,8 +48,8 @@ def run(
 ) -> None:
     """Calls `function` of every task, and in this process `finished` of each task and its result, as results come.
 
-    A task whose process died is tried once more. However this call ends, its processes end with it. A process that
-    cannot have others, such as a worker of a pool, flies everything itself.
+    A task whose process died is tried once more. The processes end with this call. A process that cannot have children,
+    such as a worker of a pool, flies everything itself.
 
     Args:
         function: a function of a module, which other processes import. With one job, any function.
@@ -89,7 +89,7 @@ def _number_of(jobs: int) -> int:
 
 
 def cores(groups: Path = Path("/sys/fs/cgroup")) -> int:
-    """Cores that this process may use: those it is bound to, or fewer where a container grants less."""
+    """Cores that this process may use: those it is bound to, or fewer by the limit of a container."""
     bound = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     try:
         quota, period = (groups / "cpu.max").read_text().split()
@@ -106,7 +106,7 @@ def _fly(
     finished: Callable[[Task, Result], None],
     running: dict[Future[Result], int],
 ) -> None:
-    """Submits the tasks, at most `width` at once. `waiting` and `running` always hold what has not come back."""
+    """Submits the tasks, at most `width` at once. `waiting` and `running` always have the tasks without a result."""
     ended: SimpleQueue[Future[Result]] = SimpleQueue()
     numbers = iter(list(waiting))
     while waiting:
@@ -126,9 +126,9 @@ def _fly(
 def _fly_in_processes(
     count: int, call: Callable[[Task], Result], waiting: dict[int, Task], finished: Callable[[Task, Result], None]
 ) -> None:
-    """Flies in a pool of processes, and in a new pool what was submitted to one that broke.
+    """Fly in a pool of processes; tasks of a pool that breaks are flown again in a new one.
 
-    A pool does not say on which task a process died: all that were submitted and did not come back are suspects.
+    A pool does not tell in which task a process died, so all submitted tasks without a result are suspects.
     """
     deaths: Counter[int] = Counter()
     while waiting:
@@ -184,7 +184,7 @@ class _Context(SpawnContext):
 
 
 def _become_a_worker(parent: int) -> None:
-    """Leaves Ctrl-C to the parent, and ends with it, however it ends."""
+    """Ignore Ctrl-C, and end when the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 

@@ -1,4 +1,4 @@
-"""A recording of several flights side by side on one timeline: who is where at the same moment, at what cost."""
+"""Recording of several flights side by side on one timeline."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,7 +17,7 @@ from meanflock.swarm import durable
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Telemetry
 
-# What the flights show in one plot: entity below the part of each, and what it is.
+# Plots that all flights share: entity below the part of each, and its description.
 ENERGY, BITS = "shared/energy", "shared/bits"
 COLLISIONS, ARRIVED = "shared/collisions", "shared/arrived"
 _TITLES = {
@@ -29,16 +29,15 @@ _TITLES = {
 
 
 def part_of(name: str) -> str:
-    """Under which entity a flight lies that is called so."""
+    """Entity of the flight with a name."""
     return rr.escape_entity_path_part(name)
 
 
 def record(flights: Mapping[str, Scenario], path: Path) -> dict[str, dict[str, Any]]:
-    """Flies every scenario once in this process, into one recording; their summaries.
+    """Fly every scenario once in this process, into one recording; returns the summaries.
 
     Args:
-        flights: what is flown, by its name in the recording; one at least. path: of the recording; what was there is
-            replaced.
+        flights: at least one scenario, by its name in the recording. path: of the recording, which is replaced.
 
     Raises:
         BadInput: the file cannot be written, or a controller fails before it flies.
@@ -71,7 +70,7 @@ def record(flights: Mapping[str, Scenario], path: Path) -> dict[str, dict[str, A
 
 
 class _Beside(Writer):
-    """Sends a flight under its part, and a line for each plot that all flights share."""
+    """Sends a flight to its part of the recording, and a line to each shared plot."""
 
     def __init__(
         self, scenario: Scenario, stream: rr.RecordingStream, part: str, name: str, color: int, maps: int

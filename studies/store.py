@@ -1,8 +1,8 @@
-"""What a study leaves on disk while it flies: a file for every finished job; whoever is interrupted flies the rest.
+"""Store of a study's finished jobs, a file each, so that an interrupted study flies only the rest.
 
 In DIR, the folder of `--out`:
-    DIR/data/jobs/*.job    checked, atomic: all that a study that goes on trusts
-    DIR/data/*.parquet     the tables made of them, if it makes any
+    DIR/data/jobs/*.job    with checksums, written atomically
+    DIR/data/*.parquet     tables made from them, if any
 """
 
 import hashlib
@@ -23,7 +23,7 @@ class Store:
 
     def __init__(self, out: Path, code: str | None = None) -> None:
         """Args:
-            code: version of the code that decides the runs; None: that of the package.
+            code: version of the code on which the runs depend; None: that of the package.
 
         Raises:
             BadInput: the folder cannot be made.
@@ -39,7 +39,7 @@ class Store:
             raise BadInput(f"--out {out}: {error.strerror}; name a folder that can be written") from error
 
     def finished(self) -> dict[str, StoredRun]:
-        """Every run that is safely there, by key. What cannot be trusted is deleted: it will be flown again."""
+        """All valid runs, by key. Invalid files are deleted, and flown again."""
         runs: dict[str, StoredRun] = {}
         for path in sorted(self._jobs.glob("*.job")):
             try:
@@ -49,7 +49,7 @@ class Store:
         return runs
 
     def add(self, raw: bytes) -> None:
-        """Keeps the encoded runs of a job.
+        """Store the encoded runs of a job.
 
         Raises:
             RunFailed: the disk is full or the folder gone, or the worker runs other code than this process; what was
@@ -64,7 +64,7 @@ class Store:
         self.write(self._jobs / f"{hashlib.sha256(raw).hexdigest()[:24]}.job", raw)
 
     def write(self, path: Path, raw: bytes | memoryview) -> None:
-        """Writes a file whole or not at all; raises RunFailed."""
+        """Write a file atomically; raises RunFailed."""
         durable.put(path, raw, "the runs finished so far are kept: make room and repeat the command")
 
     def save(self, name: str, table: pa.Table) -> None:

@@ -1,7 +1,7 @@
-"""Anyone's own scenario, flown many times: several methods side by side, or one key swept.
+"""Many flights of a user's scenario: several methods, or values of one key.
 
-What is finished is kept in `OUT/data/jobs` at once, by the hash of its scenario and of the code: whoever is interrupted
-and repeats the command flies the rest.
+Finished runs are stored in `OUT/data/jobs` at once, by the hash of scenario and code. A repeated command flies only the
+rest.
 """
 
 import json
@@ -30,7 +30,7 @@ STUDY = "study"
 
 
 class Interrupted(RunFailed):
-    """By Ctrl-C, as the command tells it; from Python it is a KeyboardInterrupt."""
+    """Error of a study that Ctrl-C interrupted; the Python API raises KeyboardInterrupt instead."""
 
 
 def seeded(flown: Scenario, count: int) -> list[Scenario]:
@@ -47,8 +47,8 @@ def fly_all(
     fly: Fly | None = None,
     keeps: bool = True,
 ) -> dict[Any, Summaries]:
-    """Flies what `store` does not have yet, without a bus: the first flight of each point, the second of each, and so
-    on, so that the time left can be estimated from the time it took.
+    """Fly the runs that `store` does not have: the first flight of each point, then the second of each, and so on, so
+    that the time left can be estimated.
 
     Args:
         points: name → scenarios that differ in their seeds only.
@@ -56,7 +56,7 @@ def fly_all(
         progress: called with the numbers of runs finished and wanted.
         study: first word of the names of its runs in the store.
         fly: flies a scenario, in any process, and returns what the store keeps; None: `summarised`.
-        keeps: whether `store` outlives this call.
+        keeps: whether `store` is kept after this call.
 
     Returns:
         For each point what `fly` returned, in the order of its scenarios.
@@ -98,9 +98,7 @@ def _kept(done: int, total: int, store: Store | None) -> str:
 
 
 def key_of(flown: Scenario, study: str = STUDY) -> str:
-    """The name of a run in the store, where the paper's grid may keep its own; another if a plug-in's file, or the
-    version of its package, has changed.
-    """
+    """Key of a run in the store. It changes with the files of plug-ins and the versions of their packages."""
     found = (plugins.find(door, name) for door, name, _ in flown.plugins())
     theirs = (
         plugin for plugin in found if not plugin.reference.startswith("meanflock.")
@@ -120,13 +118,13 @@ def _fly(flown: Scenario, study: str, fly: Fly) -> bytes:
 
 
 def summarised(flown: Scenario) -> dict[str, Any]:
-    """Flies it in this process; the summary, see `of_all`."""
+    """Fly a scenario in this process; returns the summary, see `of_all`."""
     return of_all(flown, Engine(flown, f"{flown.method}-s{flown.seed}").complete())
 
 
 def of_all(flown: Scenario, summary: Mapping[str, Any]) -> dict[str, Any]:
     """The summary with `t_avg_censored_s`, the mean travel time of all UAVs: one that never arrived counts with the
-    duration. That is a lower bound of the mean, which those who arrived alone are not.
+    duration. That is a lower bound of the mean, unlike the mean of arrived UAVs.
     """
     arrived = summary["arrived"]
     late = (flown.uavs - arrived) * flown.max_ticks * flown.dt
@@ -135,7 +133,7 @@ def of_all(flown: Scenario, summary: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def save(flown: Iterable[Summaries], path: Path) -> None:
-    """Writes every summary as one line of JSON, all of them or nothing.
+    """Write every summary as one line of JSON, atomically.
 
     Raises:
         RunFailed: the disk is full.

@@ -1,4 +1,4 @@
-"""What a sweep varies: one key of the scenario, and the values it takes."""
+"""The key that a sweep varies, and its values."""
 
 import json
 import re
@@ -41,14 +41,13 @@ class Swept:
         return f"{self.key}={_toml(value)}"
 
     def check(self, options: Mapping[str, Any], settings: Iterable[str]) -> None:
-        """Nothing else may set the swept key.
+        """Check that no other argument sets the swept key.
 
         Args:
-            options: what was given beside, by flag, None where it was not; those that set the key, and no others.
-            settings: of `--set`.
+            options: values of flags, None if not given. settings: of `--set`.
 
         Raises:
-            BadInput: something does.
+            BadInput: another argument sets it.
         """
         for flag, given in options.items():
             if given is not None:
@@ -57,14 +56,14 @@ class Swept:
 
 
 def refuse_setting(key: str, settings: Iterable[str], why: str) -> None:
-    """Raises BadInput where `--set` sets a key that something else decides."""
+    """Raise BadInput if `--set` sets a key that another argument decides."""
     for setting in settings:
         if setting.partition("=")[0].strip() == key:
             raise BadInput(f"--set {setting}: `{key}` {why}; leave out this --set")
 
 
 def _values(listed: str) -> list[Any]:
-    """A TOML list without its brackets; where it is none, words and numbers between commas."""
+    """Parse a TOML list without brackets; else words and numbers between commas."""
     try:
         return list(tomllib.loads(f"values = [{listed}]")["values"])
     except tomllib.TOMLDecodeError:
@@ -79,7 +78,7 @@ def _value(text: str) -> Any:
 
 
 def _toml(value: Any) -> str:
-    """In a line; a text by itself is a bare word."""
+    """A value as TOML in a line; a text alone is a bare word."""
     if isinstance(value, list):
         return f"[{', '.join(map(_within, value))}]"
     if isinstance(value, dict):
@@ -92,7 +91,7 @@ def _key(name: str) -> str:
 
 
 def _within(value: Any) -> str:
-    """What is part of a list or table: texts have quotes."""
+    """A value within a list or table; texts have quotes."""
     if not isinstance(value, str):
         return _toml(value)
     return f"'{value}'" if value.isprintable() and "'" not in value else json.dumps(value)

@@ -5,7 +5,7 @@
 All candidates of an arm (`tuning.toml`) fly all missions of the leaderboard with seed 1; the best two fly seeds 2 to
 10 as well, and the better one of these is chosen by all ten. A candidate is better if fewer flights are unsafe (a
 collision, an obstacle hit, or a UAV that never arrived), and among equals if its objective is less. A learner is tuned
-for what it learns: first by its tracking cost, and among equals by safety. The record is docs/results/tuning.json.
+first by its tracking cost, and among equals by safety. The record is docs/results/tuning.json.
 """
 
 import json
@@ -101,7 +101,7 @@ def arms() -> tuple[Arm, ...]:
 
 
 def main() -> None:
-    """Flies what is missing and writes the record."""
+    """Fly the missing runs and write the record."""
     parser = published.options(__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/tuning"), help="folder of the flights")
     parser.add_argument("--arms", nargs="+", metavar="NAME", help="tune these arms only, and keep the record of others")
@@ -177,7 +177,7 @@ def _chosen(names: Sequence[str] | None) -> list[Arm]:
 
 
 def _claim(out: Path) -> None:
-    """Marks a folder as that of this code.
+    """Mark a folder with the version of this code.
 
     Raises:
         BadInput: the folder has flights of other code, which must not be mixed with these.

@@ -1,1 +1,1 @@
-"""Other people's programs: one script each, run by an interpreter that has that peer and nothing of ours."""
+"""Scripts of peers, each run by an interpreter with that peer only, without meanflock."""

@@ -1,11 +1,11 @@
-"""Conformance suites, which check that a plug-in does all that a flight relies on. Use them in your own tests:
+"""Conformance suites, which check everything that a flight relies on in a plug-in. Use them in your own tests:
 
     from meanflock.testing import check_controller
 
     def test_mine() -> None:
         check_controller(Mine)
 
-Each check raises `ConformanceError`, an AssertionError that says what came, what was expected and what to mend.
+Each check raises `ConformanceError`, an AssertionError with the result, the expected one, and what to mend.
 """
 
 from meanflock.testing.aggregator import check_aggregator

@@ -24,8 +24,8 @@ from meanflock.testing.error import (
 from meanflock.testing.pace import SLOW_MS, check_pace
 
 PARAMETERS = 12
-UPLOADS = (2, 1, 3, 5, 1, 7)  # of each round, as far as the swarm has so many UAVs; after these, one of every UAV
-SWARM, MODEL = 25, 216  # of the paper, for the time a round takes
+UPLOADS = (2, 1, 3, 5, 1, 7)  # uploads of each round, if the swarm has so many UAVs; then a round of all UAVs
+SWARM, MODEL = 25, 216  # of the paper, to measure the time of a round
 
 
 def check_aggregator(
@@ -78,7 +78,7 @@ def check_aggregator(
                     fail(
                         aggregator, "`step` writes to an array it was given", "return new arrays; copy before you write"
                     )
-                if model is None:  # it waits for more
+                if model is None:  # the rule waits for more uploads
                     averaged.append(np.zeros(0))
                     continue
                 if np.shape(model) != (PARAMETERS,):
@@ -118,14 +118,14 @@ def check_aggregator(
 
 
 def _is_mean(model: np.ndarray, models: np.ndarray, weights: Any) -> bool:
-    """Whether a model is the weighted mean of models (S, L), but for rounding."""
+    """Whether a model is the weighted mean of models (S, L), within rounding."""
     if np.shape(weights) != (len(models),) or not (np.asarray(weights) > 0.0).all():
         return False
     return bool(np.allclose(model, np.average(models, axis=0, weights=weights), rtol=1e-9, atol=1e-12))
 
 
 def _begun(rule: Aggregator, parameters: int) -> State:
-    """What a rule remembers at first."""
+    """Initial state of a rule."""
     state = asked(type(rule), rule.init, parameters, mend="return a dict of arrays")
     check_kept(type(rule), "state", state)
     return state

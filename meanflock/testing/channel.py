@@ -11,9 +11,9 @@ from meanflock.testing.error import asked, check_class, fail, make, same, with_o
 from meanflock.testing.pace import SLOW_MS, check_pace
 
 BITS = (1, 128, 3456, 7872)
-# Number of links of each message, and the longest of them in m: the same again, moved, another number, none.
+# Number of links of each message, and the longest of them in m: equal messages, other distances, another number, none.
 LINKS = ((40, 200.0), (40, 200.0), (40, 90.0), (1, 200.0), (1, 200.0), (1, 90.0), (0, 0.0))
-ALL_LINKS = 25 * 24  # of the paper's swarm, for the time a message takes
+ALL_LINKS = 25 * 24  # of the paper's swarm, to measure the time of a message
 
 
 def check_channel(

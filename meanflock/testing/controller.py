@@ -42,22 +42,22 @@ def check_controller(
     flown = msgspec.structs.replace(flown, method=controller.name, controller=dict(options or {}))
 
     def made() -> Controller:
-        """As a flight makes it, behind the scenario's filter."""
+        """Make the controller as a flight does, behind the scenario's filter."""
         alone: Controller = make(controller, options or {}, flown)
         behind: Controller = declared.filtered(alone, flown)
         return behind
 
     swarm = PointSwarm(controller, flown, made)
-    vars(flown)["declared"] = swarm.declared  # the class need not be registered, so its name may not lead to it
+    vars(flown)["declared"] = swarm.declared  # the class need not be registered under its name
     check_swarm(swarm, slow_ms)
-    with suppress(ModuleNotFoundError):  # where only agents are, there is no channel
+    with suppress(ModuleNotFoundError):  # the package `channel` is not installed with agents only
         from meanflock.channel.outlook import tell_of_lost_models
 
         tell_of_lost_models([flown])
 
 
 def check_swarm(swarm: PointSwarm, slow_ms: float) -> None:
-    """Everything that a flight relies on.
+    """Check everything that a flight relies on.
 
     Raises:
         ConformanceError: a check fails; the text says what to mend.
@@ -74,14 +74,14 @@ def check_swarm(swarm: PointSwarm, slow_ms: float) -> None:
 
 
 def _empty_rows(swarm: PointSwarm) -> None:
-    """A node without rows is of use to nobody, but arrays of none must come out as such."""
+    """Check that arrays without rows have the right shapes."""
     made, none = swarm.make(), np.zeros((0, 4))
     memory = swarm.init(made, swarm.uavs[:0])
     swarm.checked(swarm.step(made, memory, 0, none, ()), memory, 0)
 
 
 def _silence(swarm: PointSwarm) -> None:
-    """A flight in which nothing is ever received."""
+    """Fly without received frames."""
     made = swarm.make()
     memory = swarm.init(made, swarm.uavs)
     for tick in range(3):
@@ -91,7 +91,7 @@ def _silence(swarm: PointSwarm) -> None:
 
 
 def _pure(swarm: PointSwarm) -> None:
-    """No argument is written to."""
+    """Check that no argument is written to."""
     made = swarm.make()
     memory = swarm.init(made, swarm.uavs)
     own = swarm.plan + 0.5
@@ -106,13 +106,13 @@ def _pure(swarm: PointSwarm) -> None:
 
 
 def _deterministic(swarm: PointSwarm, together: Trial) -> None:
-    """The same flight twice, whatever the global generators of Python and NumPy say."""
+    """Check that two flights are equal, with other seeds of the global generators of Python and NumPy."""
     if (difference := together.differs(swarm.trial(seed=2))) is not None:
         fail(swarm.controller, f"the same flight came out otherwise a second time, in tick {difference}", _RANDOM)
 
 
 def _rows_alone(swarm: PointSwarm, together: Trial) -> None:
-    """Every row flown by an instance of its own."""
+    """Check that rows fly the same with an instance each."""
     if (difference := together.differs(swarm.trial(alone=True))) is not None:
         fail(
             swarm.controller,
@@ -122,14 +122,14 @@ def _rows_alone(swarm: PointSwarm, together: Trial) -> None:
 
 
 def _checkpointed(swarm: PointSwarm, together: Trial) -> None:
-    """In every tick another instance, which knows nothing but the memory, written and read back."""
+    """Check a flight with a new instance in every tick, which gets only the memory, encoded and decoded."""
     afresh = swarm.trial(afresh=True)
     if (difference := together.differs(afresh)) is not None:
         fail(swarm.controller, f"a flight that goes on from a checkpoint differs in tick {difference}", _MEMORY)
 
 
 def _models(swarm: PointSwarm, together: Trial) -> None:
-    """What is uploaded can be set, and reaches the rows it is for."""
+    """Check that `set` stores models in the given rows, and `get` returns them."""
     made = swarm.make()
     parameters = swarm.declared.parameters
     plugin = swarm.controller

@@ -1,4 +1,4 @@
-"""What a check raises, and what checks have in common."""
+"""The error of the checks, and functions that all suites use."""
 
 import random
 from collections.abc import Callable, Iterable, Mapping
@@ -25,7 +25,7 @@ def fail(plugin: Any, what: str, mend: str) -> NoReturn:
 
 
 def check_class(plugin: Any, door: Door) -> None:
-    """What a flight asks of the class itself, before it makes anything of it."""
+    """Check the class before an instance is made."""
     if not isinstance(plugin, type):
         fail(plugin, "it is no class", "pass the class itself, neither its name nor an instance")
     for attribute in ("name", "Options"):
@@ -38,7 +38,7 @@ def check_class(plugin: Any, door: Door) -> None:
 
 
 def make(plugin: type, options: Mapping[str, Any], *context: Any) -> Any:
-    """An instance with such options, as a flight makes it."""
+    """Make an instance with options, as a flight does."""
     try:
         typed = msgspec.convert(dict(options), plugin.Options)  # type: ignore[attr-defined]
     except msgspec.ValidationError as error:
@@ -56,7 +56,7 @@ def make(plugin: type, options: Mapping[str, Any], *context: Any) -> Any:
 
 
 def asked(plugin: type, method: Callable[..., T], *given: Any, mend: str) -> T:
-    """What a method answers."""
+    """Call a method; an exception fails the check."""
     try:
         return method(*given)
     except FAILURES as error:
@@ -64,7 +64,7 @@ def asked(plugin: type, method: Callable[..., T], *given: Any, mend: str) -> T:
 
 
 def check_kept(plugin: type, what: str, arrays: Any, rows: int | None = None) -> None:
-    """What a plug-in remembers: arrays by name, finite, of a kind that a checkpoint keeps."""
+    """Check a memory: arrays by name, finite, of dtypes that a checkpoint stores."""
     try:
         guard.check_memory(what, arrays, rows)
     except (TypeError, ValueError) as error:
@@ -75,7 +75,7 @@ def check_kept(plugin: type, what: str, arrays: Any, rows: int | None = None) ->
 
 
 def check_same_form(plugin: type, what: str, after: Any, begun: Mapping[str, NDArray[Any]]) -> None:
-    """What a plug-in remembers later: the arrays that it began with, each of the same dtype and shape."""
+    """Check that a later memory has the arrays of the first one, with the same dtypes and shapes."""
     try:
         guard.check_same_form(what, after, begun)
     except (TypeError, ValueError) as error:
@@ -83,7 +83,7 @@ def check_same_form(plugin: type, what: str, after: Any, begun: Mapping[str, NDA
 
 
 def same(one: NDArray[Any], other: NDArray[Any]) -> bool:
-    """Whether two arrays have the same shape and bits; any NaN is like any other."""
+    """Whether two arrays have the same shape and bits; all NaNs are equal."""
     one, other = np.asarray(one), np.asarray(other)
     if one.shape != other.shape or one.dtype != other.dtype:
         return False
@@ -105,7 +105,7 @@ def copies(arrays: Iterable[NDArray[Any]]) -> list[NDArray[Any]]:
 
 
 def with_other_randomness(run: Callable[[], T], seed: int) -> T:
-    """Runs something with the global generators of Python and NumPy seeded, and puts them back."""
+    """Call a function with other seeds of the global generators of Python and NumPy, then restore these."""
     python, numpy = random.getstate(), np.random.get_state()  # noqa: NPY002  # the very thing that is looked for
     random.seed(seed)
     np.random.seed(seed)  # noqa: NPY002

@@ -17,7 +17,7 @@ from meanflock.testing.trial import PointSwarm
 
 
 class Hasty(Controller):
-    """What the filter stands before: all hurry to the same place, with a model, a diagnostic and a broadcast."""
+    """Controller behind the filter: all UAVs fly to one place; it has a model, a diagnostic and a broadcast."""
 
     name = "hasty"
     parameters = 2
@@ -28,7 +28,7 @@ class Hasty(Controller):
         return {"model": np.zeros((len(uavs), 2)), "frames": np.zeros(len(uavs))}
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
-        """To the origin; it counts the frames it receives."""
+        """Flies to the origin and counts received frames."""
         count = memory["frames"].copy()
         for frames in received:
             np.add.at(count, frames.links[:, 1], 1.0)
@@ -70,13 +70,13 @@ def check_filter(
         return make(filter_, given, flown, Hasty(Hasty.Options(), flown))
 
     swarm = PointSwarm(filter_, flown, made)
-    vars(flown)["declared"] = swarm.declared  # no name leads to the controller
+    vars(flown)["declared"] = swarm.declared  # the controller is not registered
     _admits(filter_, made(), swarm)
     check_swarm(swarm, slow_ms)
 
 
 def _admits(plugin: type[Filter], made: Filter, swarm: PointSwarm) -> None:
-    """What it makes of commands: as many as there are, nothing of what it is given, and no number of what is none."""
+    """Check `admit`: shapes, no written arguments, and rows that are not finite stay so."""
     uavs = len(swarm.uavs)
     others = np.repeat(swarm.plan[None], uavs, axis=0)
     wanted = np.linspace(-5.0, 5.0, 2 * uavs).reshape(uavs, 2)

@@ -1,4 +1,4 @@
-"""How long a call of a plug-in may take, in all suites."""
+"""Limit of the time of a call, for all suites."""
 
 import time
 from collections.abc import Callable
@@ -7,13 +7,12 @@ import numpy as np
 
 from meanflock.testing.error import fail
 
-SLOW_MS = 50.0  # half of a tick of the paper's; ours take less than one hundredth of it
+SLOW_MS = 50.0  # half of a tick of the paper; built-in plug-ins take less than one hundredth of it
 CALLS = 11
 
 
 def check_pace(plugin: type, what: str, slow_ms: float, call: Callable[[int], object]) -> None:
-    """Fails where `call(number)`, number 1, 2, …, takes longer than `slow_ms`: the median, so that a machine that
-    stands still once or twice does not count."""
+    """Check that the median time of `call(number)`, number 1, 2, …, is at most `slow_ms`."""
     took = []
     for number in range(1, CALLS + 1):
         began = time.perf_counter()

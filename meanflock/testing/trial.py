@@ -1,4 +1,4 @@
-"""A trial flight of a controller: a swarm of points that it pushes, and a radio that loses some of their frames."""
+"""Trial flight of a controller: a swarm of points, and a radio that loses some of their frames."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -23,7 +23,7 @@ LOST = 0.2  # share of the frames that the radio loses in the trial
 
 
 class Trial(NamedTuple):
-    """What a controller did: commands (N, 2 + K) and broadcasts of every tick, and its memory and models at the end."""
+    """Record of a trial: commands (N, 2 + K) and broadcasts of every tick, memory and models at the end."""
 
     commands: list[NDArray[np.float64]]
     broadcasts: list[list[tuple[NDArray[np.intp], NDArray[Any]]]]
@@ -31,7 +31,7 @@ class Trial(NamedTuple):
     models: NDArray[np.float64]
 
     def differs(self, other: "Trial") -> int | None:
-        """The first tick in which two trials differ; `TICKS`: only in memory or models at the end; None: in nothing."""
+        """First tick in which two trials differ; `TICKS`: they differ only at the end; None: they are equal."""
         for tick in range(TICKS):
             if not same(self.commands[tick], other.commands[tick]) or len(self.broadcasts[tick]) != len(
                 other.broadcasts[tick]
@@ -44,11 +44,11 @@ class Trial(NamedTuple):
 
 
 class PointSwarm:
-    """A small swarm of points under instances of a class of controllers; whatever the class does wrong in it fails.
+    """Small swarm of points that a class of controllers flies; its errors raise ConformanceError.
 
     Attributes:
-        controller: the class, of controllers or of what stands before one. make: an instance. declared: what it
-            declares. uavs: numbers of the UAVs, (N,). plan: states in which they begin, (N, 4), m and m/s.
+        controller: the class of a controller or filter. make: makes an instance. declared: its declarations.
+        uavs: numbers of the UAVs, (N,). plan: initial states, (N, 4), m and m/s.
     """
 
     def __init__(self, controller: Any, scenario: Scenario, make: Callable[[], Controller]) -> None:
@@ -62,7 +62,7 @@ class PointSwarm:
         self._arrives = draw.random((TICKS, scenario.uavs, scenario.uavs)) > LOST
         made = self.make()
         try:
-            # What a flight asks of the class, of this very instance.
+            # Checks of a flight, of this instance.
             self.declared = declarations_of(made, controller.name)
             with suppress(ModuleNotFoundError):  # where only agents are, there are no files with columns
                 from meanflock.groundstation.results.quantities import check_diagnostics
@@ -72,7 +72,7 @@ class PointSwarm:
             fail(controller, str(error), "mend the declaration")
 
     def init(self, made: Controller, uavs: NDArray[np.intp]) -> Memory:
-        """The memory of UAVs with numbers (M,), a row each."""
+        """Initial memory of UAVs with numbers (M,)."""
         given = uavs.copy(), self.plan.copy()
         try:
             memory = made.init(*given)
@@ -89,14 +89,14 @@ class PointSwarm:
         return memory
 
     def step(self, made: Controller, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
-        """A step of UAVs in states `own`, (M, 4)."""
+        """One step of UAVs with states `own`, (M, 4)."""
         try:
             return made.step(memory, tick, own, received)
         except FAILURES as error:
             fail(self.controller, f"`step` with {len(own)} UAVs failed in tick {tick}: {last_line(error)}", "mend it")
 
     def checked(self, step: Step, before: Memory, rows: int) -> NDArray[np.float64]:
-        """The commands of a step, (M, 2 + K), `before` being its memory of M rows: what is declared, and finite."""
+        """Check a step after the memory `before`; returns its commands (M, 2 + K)."""
         try:
             blank = np.zeros((rows, AXES + len(self.declared.diagnostics)))
             commands, _ = checked_step(step, before, blank, self.declared, len(self.uavs))
@@ -118,17 +118,17 @@ class PointSwarm:
         return commands
 
     def trial(self, alone: bool = False, afresh: bool = False, seed: int = 1) -> Trial:
-        """A flight of all.
+        """Fly all UAVs.
 
         Args:
-            alone: with an instance for each UAV, else one for all. afresh: another instance in every tick, which knows
-                nothing but the memory, written and read back. seed: of the global generators of Python and NumPy.
+            alone: an instance for each UAV, else one for all. afresh: a new instance in every tick, which gets only the
+                memory, encoded and decoded. seed: of the global generators of Python and NumPy.
         """
         groups = [np.array([uav]) for uav in self.uavs] if alone else [self.uavs]
         return with_other_randomness(lambda: self._fly(groups, afresh), seed)
 
     def received(self, step: Step, uavs: NDArray[np.intp], arrives: NDArray[np.bool_]) -> list[Received]:
-        """What UAVs (M,) broadcast in a step, as it reaches all others; arrives: (N, N), from source to target."""
+        """Broadcasts of UAVs (M,) as all others receive them; arrives: (N, N), from source to target."""
         sent = [
             self._frames(number, uavs if one.rows is None else uavs[one.rows], np.array(one.payload), arrives)
             for number, one in enumerate(step.broadcasts)
@@ -136,7 +136,7 @@ class PointSwarm:
         return [frames for frames in sent if frames is not None]
 
     def _fly(self, groups: Sequence[NDArray[np.intp]], afresh: bool) -> Trial:
-        """One instance a group of UAVs."""
+        """Fly with one instance for each group of UAVs."""
         made = [self.make() for _ in groups]
         memories = [self.init(one, group) for one, group in zip(made, groups, strict=True)]
         own, columns = self.plan.copy(), AXES + len(self.declared.diagnostics)
@@ -174,7 +174,7 @@ class PointSwarm:
     def _joined(
         self, number: int, sent: list[tuple[NDArray[np.intp], NDArray[Any]]]
     ) -> tuple[NDArray[np.intp], NDArray[Any]]:
-        """A broadcast of all groups as one, sources ascending."""
+        """Join a broadcast of all groups, sources ascending."""
         if len({(payload.shape[1], payload.dtype.str) for _, payload in sent}) > 1:
             what = f"broadcast {number} is {' and '.join(sorted({f'{p.shape[1]} × {p.dtype}' for _, p in sent}))}"
             fail(self.controller, f"{what}, as the UAV is", "say as many numbers of one type, whoever says them")
@@ -190,7 +190,7 @@ class PointSwarm:
     def _frames(
         self, number: int, source: NDArray[np.intp], payload: NDArray[Any], arrives: NDArray[np.bool_]
     ) -> Received | None:
-        """A broadcast as it reaches everyone but its sender, but for what is lost."""
+        """A broadcast as received by all but its sender, without lost frames."""
         if payload.dtype.kind == "f":
             payload = payload.astype(np.float32).astype(np.float64)
         reaches = arrives[source] & (source[:, None] != self.uavs)
@@ -199,7 +199,7 @@ class PointSwarm:
 
 
 def _for(group: NDArray[np.intp], frames: Sequence[Received]) -> tuple[Received, ...]:
-    """What the UAVs of a group receive, links renumbered to its rows."""
+    """Frames that the UAVs of a group receive, with links to its rows."""
     own: list[Received] = []
     for batch in frames:
         mine = batch.links[np.isin(batch.links[:, 1], group)]

@@ -1,4 +1,4 @@
-"""A leaderboard as it is kept: leaderboard.json, everything its pages and pictures are made of."""
+"""The record of a leaderboard, leaderboard.json, from which its pages and pictures are made."""
 
 import json
 import math
@@ -66,8 +66,9 @@ FIELDS = (  # of `leaderboard.json`: a course is a mission as flown, a standing 
 
 
 class Cell(msgspec.Struct, frozen=True):
-    """Mean over n flights with its 95 % interval, null where there is none; best: told from every other row; least: of
-    all flights."""
+    """Mean over n flights with its 95 % interval, null if there is none; best: significantly better than all other
+    rows; least: of all flights.
+    """
 
     mean: float
     low: float | None
@@ -78,15 +79,15 @@ class Cell(msgspec.Struct, frozen=True):
 
     @property
     def estimate(self) -> Estimate:
-        """The same as the statistics have it."""
+        """The cell as an `Estimate`."""
         low = -math.inf if self.low is None else self.low
         return Estimate(self.mean, low, math.inf if self.high is None else self.high, self.n)
 
 
 class Standing(msgspec.Struct, frozen=True):
-    """A row of a mission. values: of each measure, a number a seed, null where the flight has none. kbit_by_kind: mean
-    of the payload until the last arrival, by kind. failed: flights that could not be flown, why: the reason of the
-    first, or of the first UAV lost. lost: UAVs that were lost, over all flights."""
+    """A row of a mission. values: of each measure, a number a seed, null if the flight has none. kbit_by_kind: mean
+    payload until the last arrival, by kind. failed: number of flights that failed; why: reason of the first one, or of
+    the first lost UAV. lost: number of lost UAVs in all flights."""
 
     name: str
     controller: str
@@ -101,13 +102,13 @@ class Standing(msgspec.Struct, frozen=True):
     why: str = ""
 
     def column(self, key: str) -> Floats:
-        """A measure's numbers, (K,), NaN where there is none."""
+        """Numbers of a measure, (K,), NaN if a flight has none."""
         return np.array(self.values[key], dtype=np.float64)
 
 
 class Course(msgspec.Struct, frozen=True):
-    """A mission as flown. absent: rows that cannot fly it, and why. front_s, front_J: the least energy for the time,
-    mean of the UAVs; empty where it is not known."""
+    """A mission as flown. absent: rows that cannot fly it, with reasons. front_s, front_J: the least energy for a time,
+    mean over the UAVs; empty if unknown."""
 
     name: str
     title: str
@@ -155,10 +156,10 @@ def _json(value: Any) -> str:
 
 
 def read(path: Path) -> Board:
-    """A leaderboard that was written.
+    """Read a leaderboard.
 
     Raises:
-        BadInput: it is none.
+        BadInput: the file is not a leaderboard.
     """
     try:
         return msgspec.json.decode(path.read_bytes(), type=Board)
@@ -169,12 +170,12 @@ def read(path: Path) -> Board:
 
 
 def rounded(value: float) -> float | None:
-    """A flight's number as it is kept; None where there is none."""
+    """A number of a flight, rounded for the file; None if there is none."""
     return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
 
 
 def cells(columns: dict[str, Floats]) -> dict[str, Cell]:
-    """What a row shows, not yet marked. columns: measures by key, (K,)."""
+    """Cells of a row, without marks. columns: measures by key, (K,)."""
     made = {}
     for key, values in columns.items():
         known = values[np.isfinite(values)]
@@ -188,7 +189,7 @@ def cells(columns: dict[str, Floats]) -> dict[str, Cell]:
 
 
 def remarked(found: Board) -> Board:
-    """The same board with its marks made again from the values of the flights."""
+    """The same board, with new marks from the values of the flights."""
     courses = [msgspec.structs.replace(course, standings=marked(course.standings)) for course in found.courses]
     return msgspec.structs.replace(found, courses=courses)
 

@@ -1,4 +1,4 @@
-"""Flies a leaderboard: missions × rows × seeds with the one engine, and makes the board of what was flown."""
+"""Flies a leaderboard, missions × rows × seeds, and makes the board."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -32,7 +32,7 @@ class Contest:
 
     Attributes:
         points: scenarios, one for each seed, by mission and row.
-        absent: rows that cannot fly a mission, and why, by mission.
+        absent: rows that cannot fly a mission, with reasons, by mission.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class Contest:
             raise BadInput(f"nothing can be flown: {'; '.join(sorted(whys))}")
 
     def fly(self, jobs: Jobs, progress: Callable[[int, int], None], store: Store) -> Board:
-        """Flies what `store` does not have yet; see `study.fly_all`.
+        """Fly the runs that `store` does not have; see `study.fly_all`.
 
         Raises:
             RunFailed: interrupted, disk full or a process died; what was finished is kept.
@@ -143,7 +143,7 @@ def _by_kind(flown: Sequence[Mapping[str, Any]]) -> dict[str, float]:
 
 
 def _line(fronts: Fronts, scenario: Scenario) -> tuple[list[float], list[float]]:
-    """The front as a picture shows it, from the fastest flight worth a look to the duration."""
+    """The front for a picture, up to the duration."""
     times = np.geomspace(1.0, scenario.duration, 400)
     least = fronts.mean(times)
     if least is None:

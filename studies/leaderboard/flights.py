@@ -1,4 +1,4 @@
-"""One flight of a leaderboard: its summary, what each UAV took, and if it failed, why."""
+"""One flight of a leaderboard: its summary, time and energy of each UAV, and the reason if it failed."""
 
 import logging
 from typing import Any
@@ -14,17 +14,17 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Telemetry
 
 STUDY = "leaderboard"  # the first word of a flight's name in the store
-FAILED = "failed"  # in the place of a summary: the reason
-LOST = "lost_why"  # of a flight that lost UAVs: what was said of the first
+FAILED = "failed"  # instead of a summary: the reason
+LOST = "lost_why"  # of a flight that lost UAVs: the text about the first one
 
 
 def fly(flown: Scenario) -> dict[str, Any]:
     """Flies it in this process.
 
     Returns:
-        The summary as `study.of_all` gives it, without single links, and of each UAV `travel_s` since it left the
-        ground, None where it never arrived, and `energy_J` until then or until the end. Of a flight that could not be
-        flown, `failed` alone.
+        The summary as `study.of_all` gives it, without single links, and for each UAV `travel_s` from its
+        launch, None if it never arrived, and `energy_J` until its arrival or the end. Only `failed` if the flight
+        failed.
     """
     try:
         engine = Engine(flown, "leaderboard")
@@ -43,22 +43,22 @@ def fly(flown: Scenario) -> dict[str, Any]:
 
 
 class _FirstWord:
-    """A sink that keeps what was said first of a UAV that is lost."""
+    """Sink that stores the text of the first event about a lost UAV."""
 
     def __init__(self) -> None:
         self.text = ""
 
     def write(self, block: Telemetry) -> None:
-        """Looks at the events of a block."""
+        """Search the events of a block."""
         said = (event.text for event in block.events if event.kind in LOSS)
         self.text = self.text or next(said, "")
 
 
 def _why(flown: Scenario) -> str:
-    """Flies it once more, to the same bits, until somebody says why a UAV is lost."""
+    """Repeat the flight, which has the same bits, until an event names the reason of a loss."""
     first = _FirstWord()
     log = logging.getLogger("meanflock.agent")
-    before, log.disabled = log.disabled, True  # it was said when it flew the first time
+    before, log.disabled = log.disabled, True  # the first flight had such an event
     try:
         engine = Engine(flown, "leaderboard", sinks=[first])
         if not any(first.text for _ in engine.fly()):

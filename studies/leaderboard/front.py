@@ -4,7 +4,7 @@ Energy is ∫P(‖v − w‖) dt, a function of the velocity alone: v over groun
 zero where it goes by ground speed. Let P** be the convex envelope of P as a radial function of the plane. A flight
 that covers the displacement d in the time T has the mean velocity d/T, so by Jensen's inequality its energy is at least
 T·P**(‖d/T − w‖); mixing the two speeds between which P** is straight attains it, but for the first and last moment.
-The front is the least of that over all T no longer than the time taken: who is slower could have been there before.
+The front is the minimum of that over all T up to the time taken, because a slower UAV can wait at the goal.
 
 The vehicle has no limit of acceleration, so this is a bound and not a flight plan: flights that accelerate as craft do
 come within a few per cent of it (a test flies some). Others in the air and obstacles only add to it.
@@ -24,13 +24,13 @@ from meanflock.swarm.scenario import Scenario
 
 Floats = NDArray[np.float64]
 
-_SPEEDS = 12001  # at which the power is known
-_SPEED_MAX = 60.0  # m/s, faster than anybody flies
-_TIMES = 6000  # at which the front is known
+_SPEEDS = 12001  # number of speeds in the table of power
+_SPEED_MAX = 60.0  # m/s, above all speeds of flights
+_TIMES = 6000  # number of times of the front
 
 
 def power(scenario: Scenario, speed: Floats) -> Floats:
-    """Power of the scenario's vehicle in steady flight in W, at speeds (K,), m/s, of whatever kind costs it power."""
+    """Power of the scenario's vehicle in steady flight in W, at speeds (K,), m/s, over ground or through the air."""
     still = msgspec.structs.replace(scenario.vehicle, power_speed="ground")
     scenario = msgspec.structs.replace(scenario, vehicle=still)
     vehicle = plugins.create("vehicle", scenario.vehicle.model, scenario.vehicle.options, scenario)
@@ -42,7 +42,7 @@ def power(scenario: Scenario, speed: Floats) -> Floats:
 
 def envelope(x: Floats, y: Floats) -> tuple[Floats, Floats]:
     """Corners of the convex envelope, in the plane, of a radial function that is y (K,) at the radii x (K,) ≥ 0,
-    ascending from 0. It nowhere falls: opposite velocities add up to less than either."""
+    ascending from 0. It never decreases, because opposite velocities can be combined to a slower mean."""
     corners: list[tuple[float, float]] = []
     for right in zip(x.tolist(), np.minimum.accumulate(y[::-1])[::-1].tolist(), strict=True):
         while len(corners) > 1 and _above(corners[-2], corners[-1], right):
@@ -60,7 +60,7 @@ def _above(left: tuple[float, float], middle: tuple[float, float], right: tuple[
 
 @dataclass(frozen=True)
 class Front:
-    """Least energies, J, for the times, s; both (K,), the first of which is the shortest that is considered."""
+    """Least energies, J, for the times, s; both (K,), ascending."""
 
     times_s: Floats
     energies_J: Floats  # a unit
@@ -71,7 +71,7 @@ class Front:
 
 
 def cheapest(scenario: Scenario) -> tuple[Floats, Floats]:
-    """P** of the scenario's vehicle: its corners, m/s and W."""
+    """Corners of P** of the scenario's vehicle, m/s and W."""
     speeds = np.linspace(0.0, _SPEED_MAX, _SPEEDS)
     return envelope(speeds, power(scenario, speeds))
 
@@ -85,8 +85,8 @@ def front(
     """The front of one UAV that is to be moved by `displacement` (2,), m, to within the destination's radius.
 
     Args:
-        wind: (2,), m/s, where power goes by airspeed; None where it goes by ground speed. corners: of `cheapest`, where
-            they are known already.
+        wind: (2,), m/s, if power depends on airspeed; None if it depends on ground speed. corners: of `cheapest`, if
+            known already.
     """
     at, watts = corners or cheapest(scenario)
     air = np.zeros(2) if wind is None else np.asarray(wind, dtype=np.float64)
@@ -97,13 +97,13 @@ def front(
     mean = np.asarray(displacement, dtype=np.float64) / times[:, None] - air
     airspeed = np.maximum(np.hypot(mean[:, 0], mean[:, 1]) - radius / times, 0.0)
     energies = times * np.interp(airspeed, at, watts)
-    if airspeed[0] > _SPEED_MAX:  # the envelope is not known there
+    if airspeed[0] > _SPEED_MAX:  # the envelope ends there
         times, energies = times[airspeed <= _SPEED_MAX], energies[airspeed <= _SPEED_MAX]
     return Front(times, np.minimum.accumulate(energies))
 
 
 class Fronts:
-    """The fronts of a scenario's UAVs, each worked out once."""
+    """Fronts of a scenario's UAVs, and the regret: energy above the least that one UAV alone needs in the same time."""
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario, self._corners = scenario, cheapest(scenario)
@@ -112,7 +112,7 @@ class Fronts:
 
     @cached_property
     def each(self) -> list[Front] | None:
-        """Of every UAV; None where the wind that power goes by is not the same everywhere."""
+        """Fronts of all UAVs; None if power depends on a wind that varies from place to place."""
         if self.scenario.vehicle.power_speed == "air" and self.scenario.wind.field_rms > 0.0:
             return None
         ways = mission.goals(self.scenario) - mission.starts(self.scenario)[:, state.POSITION]
@@ -120,19 +120,21 @@ class Fronts:
         return [of_way(x, y) for x, y in ways.tolist()]
 
     def regret(self, kept: Mapping[str, Any]) -> float | None:
-        """Mean over the UAVs of a flight, J; kept: of `flights.fly`. One that never arrived is taken by what it used
-        until the end; None where one was lost, for which no time is known, or used less than the whole way takes."""
+        """Mean regret of the UAVs of a flight, J; kept: of `flights.fly`.
+
+        A UAV that never arrived counts with its energy until the end. None if a UAV was lost, or ended with less energy
+        than its whole way needs."""
         if self.each is None or kept["lost"]:
             return None
         above = []
         for least, arrival, energy in zip(self.each, kept["travel_s"], kept["energy_J"], strict=True):
             above.append(energy - least.least_J(self.scenario.duration if arrival is None else arrival))
-            if arrival is None and above[-1] < 0.0:  # it was cheap because it ended before it had flown
+            if arrival is None and above[-1] < 0.0:  # it did not fly its whole way
                 return None
         return float(np.mean(above))
 
     def mean(self, times_s: Floats) -> Floats | None:
-        """The least energies for the times (K,), mean of the UAVs, J; NaN where some UAV cannot be so fast."""
+        """The least energies for the times (K,), mean over the UAVs, J; NaN if a UAV cannot be so fast."""
         if self.each is None:
             return None
         rows = [np.interp(times_s, each.times_s, each.energies_J, left=np.nan) for each in self.each]

@@ -1,4 +1,4 @@
-"""Names beside the points of a plot: none covers another, a point or an error bar where there is room elsewhere."""
+"""Placement of names next to the points of a plot, so that they overlap as little as possible."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 _SIZE, _LARGE = 6.8, 8.5  # points
-_POINT_PX = 6.0  # half a side of the square a point takes
+_POINT_PX = 6.0  # half the side of a point's square
 _GAP_PX = 3.0  # between a point and its name
 _LEADER_PX = 14.0  # a name farther from its point than this has a line to it
 # Places that are tried around a point
@@ -29,13 +29,13 @@ _LEADER_OVER_A_NAME = 400.0
 _LEADER_OVER_A_LEADER = 150.0
 _LEADER_OVER_A_POINT = 90.0
 _NEARER_TO_ANOTHER = 60.0
-_LONG_PX = 60.0  # a leader so long costs twice what its length is
-_SWEEPS = 6  # in which every name is placed anew, the others where they are
-_ORDERS = ((0.0, -1.0), (0.0, 1.0), (1.0, 0.0), (-1.0, 0.0))  # directions in which one begins: the best result is kept
+_LONG_PX = 60.0  # a line of this length costs twice its length
+_SWEEPS = 6  # rounds in which each name is moved while the others stay
+_ORDERS = ((0.0, -1.0), (0.0, 1.0), (1.0, 0.0), (-1.0, 0.0))  # initial directions; the best result is used
 
 
 class Named(NamedTuple):
-    """A point and what it is called; large: it stands out."""
+    """A point and its name; large: emphasised."""
 
     name: str
     x: float
@@ -45,27 +45,27 @@ class Named(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """Where a name stands: its box [left, low, right, high], (4,) px, and its point, (2,) px."""
+    """A placed name: its box [left, low, right, high], (4,) px, and its point, (2,) px."""
 
     box: Floats
     point: Floats
 
     @property
     def leader(self) -> Floats:
-        """From the point to the nearest of the box, [x, y, x, y], px."""
+        """Line from the point to the nearest point of the box, [x, y, x, y], px."""
         return np.concatenate([self.point, np.clip(self.point, self.box[:2], self.box[2:])])
 
     @property
     def is_far(self) -> bool:
-        """Whether it takes a line to see whose name it is."""
+        """Whether the name needs a line to its point."""
         return math.dist(self.leader[:2], self.leader[2:]) > _LEADER_PX
 
 
 def label(ax: Axes, named: Sequence[Named], lines: Sequence[Floats] = ()) -> None:
-    """Writes the names; the plot's limits and size are those it keeps, and it has been laid out.
+    """Write the names into a plot whose limits, size and layout are final.
 
     Args:
-        lines: what else names keep off, where they can: polylines (K, 2), in the plot's coordinates.
+        lines: polylines (K, 2) to avoid, in the plot's coordinates.
     """
     figure = ax.get_figure(root=True)
     assert figure is not None
@@ -95,13 +95,13 @@ def place(
     segments: Floats,
     kept_free: Sequence[Floats] = (),
 ) -> list[Placed]:
-    """Where the names of `points` (P, 2) stand, whose texts are of `sizes` width and height; all of it in pixels.
+    """Places of the names of `points` (P, 2), with texts of `sizes` (width and height); all in pixels.
 
-    Every name takes the cheapest place around its point, the others where they are, until nothing changes; of several
-    orders in which they do, the cheapest result is taken.
+    Each name in turn takes the cheapest place around its point, until nothing changes. Of several orders the cheapest
+    result is used.
 
     Args:
-        frame: [left, low, right, high] that holds them. segments: (S, 4), lines to keep off. kept_free: boxes likewise.
+        frame: [left, low, right, high] around all names. segments: (S, 4), lines to avoid. kept_free: boxes to avoid.
     """
     squares = np.concatenate([points - _POINT_PX, points + _POINT_PX], axis=1)
     tried = [_around(point, *size, frame) for point, size in zip(points, sizes, strict=True)]
@@ -122,7 +122,7 @@ def place(
 def _settled(
     points: Floats, tried: Sequence[Floats], fixed: Sequence[Floats], order: Iterable[int]
 ) -> tuple[dict[int, int], float]:
-    """The place of every name, by its number in `tried`, and what all of them cost, placed in an order."""
+    """Index in `tried` of the place of every name, and the total cost, for one order."""
     chosen: dict[int, int] = {}
     cost = 0.0
     for _ in range(_SWEEPS):
@@ -138,7 +138,7 @@ def _settled(
 
 
 def _beside(boxes: Floats, point: Floats, others: Sequence[Placed]) -> Floats | float:
-    """What each place costs for what stands already."""
+    """Cost of each place, given the placed names."""
     if not others:
         return 0.0
     leaders = _leaders(boxes, point)
@@ -166,7 +166,7 @@ def _segments(ax: Axes, lines: Sequence[Floats]) -> Floats:
 
 
 def _around(point: Floats, width: float, height: float, frame: Floats) -> Floats:
-    """Boxes (B, 4) around a point that lie in the frame, near ones first; where none does, one on the point."""
+    """Boxes (B, 4) around a point within the frame, near ones first; if there is none, one on the point."""
     boxes = np.array(list(_rings(point, width, height)))
     inside = (boxes[:, :2] >= frame[:2]).all(axis=1) & (boxes[:, 2:] <= frame[2:]).all(axis=1)
     return boxes[inside] if inside.any() else boxes[:1]
@@ -183,14 +183,14 @@ def _rings(point: Floats, width: float, height: float) -> Iterator[tuple[float, 
 
 
 def _leaders(boxes: Floats, point: Floats) -> Floats:
-    """(B, 4): from the point to the nearest of each box; none, so to say, where the box is near."""
+    """Lines (B, 4) from the point to each box; zero length if the box is near."""
     ends = np.clip(point, boxes[:, :2], boxes[:, 2:])
     near = np.hypot(*(ends - point).T) <= _LEADER_PX
     return np.concatenate([np.broadcast_to(np.where(near[:, None], ends, point), ends.shape), ends], axis=1)
 
 
 def _lengths(boxes: Floats, point: Floats) -> Floats:
-    """What the distance of each box from the point costs."""
+    """Cost of the distance of each box from the point."""
     gaps = np.clip(point, boxes[:, :2], boxes[:, 2:]) - point
     far = np.hypot(gaps[:, 0], gaps[:, 1])
     cost: Floats = far * (1.0 + far / _LONG_PX)
@@ -198,7 +198,7 @@ def _lengths(boxes: Floats, point: Floats) -> Floats:
 
 
 def _is_nearer_to_another(boxes: Floats, points: Floats, own: int) -> NDArray[np.bool_]:
-    """(B,): whether somebody would take the name for that of another point."""
+    """Mask (B,) of boxes that are nearer to another point."""
     gaps = np.clip(points[None], boxes[:, None, :2], boxes[:, None, 2:]) - points[None]  # (B, P, 2)
     far = np.hypot(gaps[..., 0], gaps[..., 1])
     found: NDArray[np.bool_] = far.min(axis=1) < far[:, own] - _GAP_PX
@@ -206,7 +206,7 @@ def _is_nearer_to_another(boxes: Floats, points: Floats, own: int) -> NDArray[np
 
 
 def _overlaps(boxes: Floats, others: Floats) -> NDArray[np.bool_]:
-    """(B, O): whether box and box have a point in common."""
+    """Mask (B, O) of boxes that overlap."""
     one, other = boxes[:, None], others[None]
     found: NDArray[np.bool_] = np.all(one[..., :2] < other[..., 2:], axis=-1) & np.all(
         other[..., :2] < one[..., 2:], axis=-1
@@ -215,7 +215,7 @@ def _overlaps(boxes: Floats, others: Floats) -> NDArray[np.bool_]:
 
 
 def _crosses(boxes: Floats, segments: Floats) -> NDArray[np.bool_]:
-    """(B, S): whether a segment has a point in the box: what the box's slabs leave of it, an axis after the other."""
+    """Mask (B, S) of segments that cross a box, by clipping at its slabs, axis by axis."""
     start, way = segments[None, :, :2], segments[None, :, 2:] - segments[None, :, :2]
     way = np.where(way == 0.0, 1e-9, way)
     low, high = (boxes[:, None, :2] - start) / way, (boxes[:, None, 2:] - start) / way
@@ -228,7 +228,7 @@ def _crosses(boxes: Floats, segments: Floats) -> NDArray[np.bool_]:
 
 
 def _meet(segments: Floats, others: Floats) -> NDArray[np.bool_]:
-    """(S, O): whether two segments cross: the ends of each lie on both sides of the other."""
+    """Mask (S, O) of segments that cross: the ends of each lie on both sides of the other."""
     a = segments[:, None, :2]
     b = segments[:, None, 2:]
     c = others[None, :, :2]

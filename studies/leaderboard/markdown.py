@@ -12,7 +12,7 @@ def markdown(board: Board, pictures: Mapping[str, str], introduction: str = "") 
     """The text of the page.
 
     Args:
-        pictures: a link for a mission's name. introduction: in the place of the first paragraph.
+        pictures: a link for a mission's name. introduction: replaces the first paragraph.
     """
     parts = [
         "# Leaderboard",
@@ -30,7 +30,7 @@ def markdown(board: Board, pictures: Mapping[str, str], introduction: str = "") 
 
 
 def how_flown(board: Board) -> str:
-    """Who flew what, in a sentence."""
+    """Sentence about rows, missions and seeds."""
     first, last = board.seeds[0], board.seeds[-1]
     seeds = f"seeds {first} to {last}" if last > first else f"seed {first}"
     flights = sum(len(row.values["time_s"]) for course in board.courses for row in course.standings)
@@ -39,7 +39,7 @@ def how_flown(board: Board) -> str:
 
 
 def columns() -> str:
-    """What each column is."""
+    """Descriptions of all columns."""
     return "\n".join(f"- *{measure.titled}*: {measure.about}." for measure in MEASURES)
 
 
@@ -57,7 +57,7 @@ def section(course: Course, policies: Sequence[str], pictures: Mapping[str, str]
 
 
 def rows(board: Board) -> list[Standing]:
-    """Every row once, as the first mission that has it flew it."""
+    """All rows, each from the first mission that has it."""
     found: dict[str, Standing] = {}
     for course in board.courses:
         for row in course.standings:

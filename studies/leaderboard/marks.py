@@ -1,8 +1,8 @@
-"""Who is best in a column, and whether that can be told: paired by seed, corrected for the number of comparisons.
+"""Marks of the significantly best row of a column: paired by seed, corrected for the number of comparisons.
 
 The best row of a column is compared with every other one, seed by seed: by Student's paired t test, by McNemar's exact
-test where a flight is a yes or a no. All comparisons of a table are one family: by Holm's method the chance that any of
-its marks is wrong is at most 5 %. A row is marked where it is told from every other row.
+test if a flight is a yes or a no. All comparisons of a table are one family: by Holm's method the chance that any of
+its marks is wrong is at most 5 %. A row is marked if it differs significantly from every other row.
 """
 
 import math
@@ -16,7 +16,9 @@ from scipy import special
 from meanflock.studies.leaderboard.measures import Measure
 
 ALPHA = 0.05
-COMPETES = 0.99  # of the UAVs arrived: who stays behind saves all else, and is compared in no other column
+COMPETES = (
+    0.99  # share of arrived UAVs; rows with less compete in no other column, because UAVs that stay behind save energy
+)
 
 SAFE = 0.9  # share of free flights that a safe row exceeds with a confidence of 1 − ALPHA
 
@@ -27,7 +29,7 @@ Contest: TypeAlias = tuple[Measure, Mapping[str, Floats]]  # a measure, and the 
 def is_safe(free: ArrayLike) -> bool:
     """Whether the one-sided 95 % Clopper–Pearson bound of the share of free flights (K,) is at least 90 %.
 
-    Of 30 flights all must be free; of 29, too; fewer flights are never enough.
+    All of 29 or 30 flights must be free; fewer flights are never enough.
     """
     flights = np.asarray(free, dtype=np.float64)
     count = int((flights > 0.5).sum())
@@ -37,7 +39,7 @@ def is_safe(free: ArrayLike) -> bool:
 
 
 def holm(p_values: Sequence[float]) -> list[bool]:
-    """Which hypotheses Holm's step-down method rejects, at most one in 1/ALPHA families with any wrongly."""
+    """Hypotheses that Holm's step-down method rejects, with a family-wise error rate of ALPHA."""
     order = np.argsort(p_values, kind="stable")
     rejected = [False] * len(order)
     for left, number in enumerate(order):
@@ -48,8 +50,9 @@ def holm(p_values: Sequence[float]) -> list[bool]:
 
 
 def paired(first: ArrayLike, second: ArrayLike) -> float:
-    """Two-sided p value that two columns (K,) of the same seeds have the same mean: Student's paired t test. Where all
-    differences are the same number, which leaves nothing to estimate their spread from, the sign test."""
+    """Two-sided p value that two columns (K,) of the same seeds have the same mean: Student's paired t test. If all
+    differences are equal, so that their spread cannot be estimated, the sign test.
+    """
     difference = np.asarray(first, dtype=np.float64) - np.asarray(second, dtype=np.float64)
     if len(difference) < 2 or not np.isfinite(difference).all() or not difference.any():
         return 1.0
@@ -73,7 +76,7 @@ def best(contests: Sequence[Contest]) -> set[tuple[str, str]]:
         contests: for each measure the rows that compete; all columns are of the same seeds. A measure may occur more
             than once, with other rows.
     """
-    tests: list[tuple[int, float]] = []  # number of the contest, p value of its best row beside another
+    tests: list[tuple[int, float]] = []  # number of the contest, p value of its best row against another
     leaders: dict[int, tuple[str, str]] = {}
     for number, (measure, rows) in enumerate(contests):
         known = {name: values for name, values in rows.items() if np.isfinite(values).all()}

@@ -1,4 +1,4 @@
-"""What a leaderboard measures of a flight: one number a flight each, with unit and direction."""
+"""Measures of a leaderboard: one number for each flight, with unit and direction."""
 
 import math
 from collections.abc import Mapping
@@ -13,8 +13,8 @@ class Measure:
     """A column of the tables.
 
     key: in leaderboard.json, with its unit. heading: of the column; short: in a terminal of 80 columns, empty if it has
-    no room there. about: a sentence. field: of the summary, if it is one. better: which end is. share: the mean of yes
-    and no, with the exact binomial interval. least: the least of all flights is shown, too. optional: left out of
+    no room there. about: a sentence. field: of the summary, if it is one. better: which end is. share: a yes or no,
+    with the exact binomial interval of its mean. least: the least of all flights is shown too. optional: left out of
     tables in which no row has it. of_safe: only safe rows are compared, see `marks.is_safe`.
     """
 
@@ -76,7 +76,7 @@ MEASURES = (
     Measure("kbit", "radio", "kbit", "payload sent by all UAVs until the last arrival", short="radio"),
     Measure("infeasible", "infeasible", "", "ticks in which a UAV's filter had no answer, all UAVs", optional=True),
 )
-TOTAL = "total"  # of bits, beside the kinds
+TOTAL = "total"  # of the total of bits
 BY_KEY = {measure.key: measure for measure in MEASURES}
 
 

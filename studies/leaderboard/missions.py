@@ -1,4 +1,4 @@
-"""The missions of a leaderboard: scenarios, without who flies them."""
+"""The missions of a leaderboard: scenarios without controllers."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -10,14 +10,14 @@ from meanflock.swarm import scenarios, toml
 from meanflock.swarm.errors import BadInput
 
 ALL = "all"
-# Who flies says these; a mission says where, in what wind and over what radio.
+# Keys that rows set. Missions set places, wind and radio.
 _OF_ROWS = ("method", "controller", "filter", "sharing", "seed", "federation.period", "federation.options")
 ACCELERATION_MAX_M_S2 = 6.0  # of a mission that sets no limit itself
 
 
 class Mission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """name: of its scenario file. title, about: in words. time_price_W: what a second is worth where a mission weighs
-    energy against time, J/s; None: it does not."""
+    """name: of its scenario file. title, about: in words. time_price_W: price of a second, J/s, if a mission weighs
+    energy against time, else None."""
 
     name: str
     title: str = ""
@@ -25,7 +25,7 @@ class Mission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     time_price_W: float | None = None  # a unit
 
     def table(self) -> dict[str, Any]:
-        """Its scenario as plain values, without the keys that rows set, and with a limit of acceleration.
+        """The scenario as plain values, without the keys that rows set, and with a limit of acceleration.
 
         Raises:
             BadInput: the file is damaged.
@@ -52,7 +52,7 @@ def chosen(names: Iterable[str]) -> list[Mission]:
     too.
 
     Raises:
-        BadInput: a name that is none of these.
+        BadInput: an unknown name.
     """
     known = {mission.name: mission for mission in shipped()}
     missions: dict[str, Mission] = {}

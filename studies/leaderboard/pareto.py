@@ -20,8 +20,11 @@ from meanflock.studies.leaderboard.marks import COMPETES
 YOURS = "#CC2222"
 _ORDINARY = 4.5  # size of a marker
 _YOURS = 11.0
-_LEADS = ((1, 2, 3, 5), (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9))  # of the numbers written at an axis: the fewest that suffice
-_LEAST_NUMBERS = 2  # at an axis: fewer tell no scale
+_LEADS = (
+    (1, 2, 3, 5),
+    (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9),
+)  # leading digits of the numbers at an axis; the shortest list that suffices is used
+_LEAST_NUMBERS = 2  # least numbers at an axis
 _TICKS = 100  # of an axis, at the most
 _LEAST_KBIT, _LEAST_PAIRS = 1.0, 0.1  # below, the axes are linear, so that nothing has a place
 
@@ -56,7 +59,7 @@ def write(courses: Sequence[Course], out: Path) -> dict[str, Path]:
 
 
 def drawn(row: Standing) -> bool:
-    """Whether a row is in the pictures: one whose UAVs were all lost before they arrived is in the table only."""
+    """Whether a row is in the pictures; not if all its UAVs were lost before they arrived."""
     return bool(row.cells) and (row.cells["arrived"].mean > 0.0 or not row.lost)
 
 
@@ -103,7 +106,7 @@ def _bits_collisions(ax: Axes, rows: Sequence[Standing]) -> None:
 
 
 def _point(ax: Axes, row: Standing, across: str, up: str) -> None:
-    """The mean and its interval both ways."""
+    """Point and intervals of a row."""
     x, y = row.cells[across], row.cells[up]
     tone, size = _tone(row), _YOURS if row.yours else _ORDINARY
     marker = "*" if row.yours else plotstyle.look(row.name).marker
@@ -151,13 +154,13 @@ def _frame(ax: Axes, x: Sequence[float], y: Sequence[float]) -> None:
 
 
 def _written(leads: Sequence[float], low: float, high: float) -> int:
-    """How many numbers with these leads lie on a logarithmic axis."""
+    """Number of labels with these leading digits on a logarithmic axis."""
     powers = range(math.floor(math.log10(low)), math.floor(math.log10(high)) + 1)
     return sum(low <= lead * 10.0**power <= high for lead in leads for power in powers)
 
 
 def _plain(leads: Sequence[float], value: float, _: int | None = None) -> str:
-    """A number that is one of the leads times a power of ten, in digits; others unwritten."""
+    """Label of a number that is a leading digit times a power of ten; else empty."""
     if value == 0:
         return "0"
     lead = value / 10 ** math.floor(math.log10(abs(value)) + 1e-9)

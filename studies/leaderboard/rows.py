@@ -1,4 +1,4 @@
-"""The rows of a leaderboard: a controller, and with which settings it flies."""
+"""The rows of a leaderboard: controllers with settings."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -17,9 +17,8 @@ ALL = "all"
 class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A row as rows.toml has it.
 
-    name: in tables. method: the controller; unset: called as the row. about: in a few words. settings: keys of the
-    scenario, dotted, whatever the mission. missions: the only ones it can fly; empty for all. yours: it came in a
-    file of the reader's.
+    name: in tables. method: the controller; unset: as `name`. about: short description. settings: dotted keys of
+    the scenario, for all missions. missions: those it can fly; empty for all. yours: from a file of the user.
     """
 
     name: str
@@ -35,7 +34,7 @@ class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return self.method or self.name
 
     def under(self, policies: Sequence[str], table: dict[str, Any], where: str) -> list["Row"]:
-        """The row once for each policy of communication, named `orca/event` where there are several.
+        """The row for each policy of communication, named such as `orca/event` if there are several.
 
         A row whose UAVs share no states is returned once, unchanged, and so is one that sets `sharing` itself.
         """
@@ -53,7 +52,7 @@ class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         ]
 
     def flies(self, mission: str) -> bool:
-        """Whether it is meant for a mission."""
+        """Whether the row can fly a mission."""
         return not self.missions or mission in self.missions
 
     def scenario(self, table: dict[str, Any], seed: int, where: str) -> Scenario:
@@ -77,8 +76,8 @@ def shipped() -> tuple[Row, ...]:
 
 
 def chosen(names: Iterable[str]) -> list[Row]:
-    """Rows by name, each once; `all` for those of rows.toml and every controller of the reader's files. What is no row
-    may be a controller: it flies with its defaults.
+    """Rows by name, each once; `all` for those of rows.toml and every controller of the reader's files. Another name
+    may be that of a controller, which flies with its defaults.
 
     Raises:
         BadInput: a name that is neither.

@@ -1,4 +1,4 @@
-"""The table of a mission, as Markdown, HTML and a terminal show it: the same cells in the same words."""
+"""Cells and texts of a mission's table, for Markdown, HTML and the terminal."""
 
 import math
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ class Text(NamedTuple):
 
 
 def measures(course: Course) -> list[Measure]:
-    """The columns of a mission: those that any row has, where they are optional."""
+    """The columns of a mission, without optional ones that no row has."""
     return [
         measure
         for measure in MEASURES
@@ -42,7 +42,7 @@ def measures(course: Course) -> list[Measure]:
 
 
 def conditions(course: Course, policies: Sequence[str]) -> str:
-    """What holds for every row of a mission: number of UAVs, limit of acceleration, policy of communication."""
+    """Conditions of all rows of a mission: number of UAVs, limit of acceleration, policy of communication."""
     parts = [f"{course.uavs} UAVs."]
     if course.acceleration_max_m_s2 is not None:
         parts.append(f"Acceleration is limited to {course.acceleration_max_m_s2:g} m/s².")
@@ -72,7 +72,7 @@ def body(course: Course) -> list[list[Text]]:
 
 
 def words(measure: Measure, cell: Cell, flown: int) -> str:
-    """`9.08 ± 0.01`, `100 (88…100)` of a share, `0.61 ± 0.02 (least 0.44)`; n where it is not that of the row."""
+    """`9.08 ± 0.01`, `100 (88…100)` of a share, `0.61 ± 0.02 (least 0.44)`; n if it differs from that of the row."""
     scale = 100.0 if measure.key in _PER_CENT else 1.0
     if measure.share and cell.low is not None and cell.high is not None:
         text = f"{scale * cell.mean:.0f} ({scale * cell.low:.0f}…{scale * cell.high:.0f})"
@@ -98,7 +98,7 @@ def mean(measure: Measure, cell: Cell | None) -> str:
 
 
 def overview(board: Board) -> tuple[list[str], list[list[Text]]]:
-    """Share of flights free of any collision or hit, of every row in every mission, %; marked where all were."""
+    """Share of flights free of any collision or hit, of every row in every mission, %; marked if all were."""
     lines = []
     for name in dict.fromkeys(row.name for course in board.courses for row in course.standings):
         line = [Text(name)]
@@ -115,7 +115,7 @@ def kinds(row: Standing) -> str:
 
 
 def notes(course: Course) -> list[str]:
-    """What is to be known of single rows: flights that failed, UAVs lost, rows that are not there."""
+    """Notes on rows: failed flights, lost UAVs, missing rows."""
     said = []
     for row in course.standings:
         if row.failed:
