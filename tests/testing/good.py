@@ -1,7 +1,7 @@
 """A good plug-in of each kind, and ways to make a wrong one of it."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Rece
 from meanflock.agent.controllers.filtered import Filter
 from meanflock.channel.base import Channel
 from meanflock.federation.rules.base import Aggregator, State, Uploads
+from meanflock.testing import check_aggregator, check_channel, check_controller, check_filter, check_vehicle
 from meanflock.worldsim.vehicles.base import Hidden, Vehicle
 
 
@@ -95,6 +96,26 @@ class GoodVehicle(Vehicle):
         return 1.0 + hidden["thrust"][:, 0] ** 2
 
 
+class Kind(NamedTuple):
+    """A suite, a class that it accepts, the method that a flight calls most, and the array in the method's answer."""
+
+    check: Callable[..., None]
+    good: type
+    method: str
+    position: int
+    mend: str  # part of the text where randomness is wrong
+    pace: str
+
+
+KINDS = {
+    "controller": Kind(check_controller, GoodController, "step", 0, "mf.seeds", "a tick of 6 UAVs"),
+    "filter": Kind(check_filter, GoodFilter, "admit", 0, "mf.seeds", "a tick of 6 UAVs"),
+    "aggregator": Kind(check_aggregator, GoodAggregator, "step", 1, "global generators", "a round of 25 models"),
+    "channel": Kind(check_channel, GoodChannel, "transmit", 0, "the generator you are given", "over 600 links"),
+    "vehicle": Kind(check_vehicle, GoodVehicle, "step", 0, "the argument `noise`", "a tick of 5 UAVs"),
+}
+
+
 def changed(good: type, method: str, change: Callable[..., Any]) -> Any:
     """A class whose `method` returns `change(self, answer, *arguments)`, `answer` being that of the good class."""
 
@@ -108,11 +129,21 @@ def changed(good: type, method: str, change: Callable[..., Any]) -> Any:
 def failing(good: type, method: str, error: BaseException) -> Any:
     """A class whose `method` raises."""
 
-    def wrong(self: Any, *arguments: Any) -> Any:
+    def fail(*_: Any) -> Any:
         raise error
 
-    wrong.__name__ = method
-    return type("Wrong", (good,), {method: wrong})
+    return changed(good, method, fail)
+
+
+def writing(good: type, method: str, place: int, name: str = "") -> Any:
+    """A class whose `method` changes an argument in place, or the array of that name in it."""
+
+    def write(_self: Any, answer: Any, *given: Any) -> Any:
+        array = given[place][name] if name else given[place]
+        array += 1
+        return answer
+
+    return changed(good, method, write)
 
 
 def calls(plugin: Any) -> int:

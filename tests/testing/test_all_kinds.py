@@ -1,55 +1,37 @@
 """The suites accept the built-in plug-ins, and reject what is wrong with a plug-in of any kind."""
 
 import random
+import re
+import runpy
 import time
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 
 from meanflock.agent.controllers.base import Step
-from meanflock.swarm import plugins
-from meanflock.swarm.scenario import Filter, Scenario, Sharing
+from meanflock.swarm import plugins, seeds
+from meanflock.swarm.scenario import Filter, Obstacle, Scenario, Sharing, Start
 from meanflock.testing import (
     ConformanceError,
     check_aggregator,
-    check_channel,
     check_controller,
     check_filter,
-    check_vehicle,
 )
 from tests.testing.good import (
+    KINDS,
     GoodAggregator,
-    GoodChannel,
     GoodController,
-    GoodFilter,
-    GoodVehicle,
+    Kind,
     calls,
     changed,
     failing,
 )
 
-
-class Kind(NamedTuple):
-    """A suite, a class that it accepts, the method that a flight calls most, and the array in the method's answer."""
-
-    check: Callable[..., None]
-    good: type
-    method: str
-    position: int
-    mend: str  # part of the text where randomness is wrong
-    pace: str
-
-
-KINDS = {
-    "controller": Kind(check_controller, GoodController, "step", 0, "mf.seeds", "a tick of 6 UAVs"),
-    "filter": Kind(check_filter, GoodFilter, "admit", 0, "mf.seeds", "a tick of 6 UAVs"),
-    "aggregator": Kind(check_aggregator, GoodAggregator, "step", 1, "global generators", "a round of 25 models"),
-    "channel": Kind(check_channel, GoodChannel, "transmit", 0, "the generator you are given", "over 600 links"),
-    "vehicle": Kind(check_vehicle, GoodVehicle, "step", 0, "the argument `noise`", "a tick of 5 UAVs"),
-}
+EXAMPLES = Path(__file__).parents[2] / "examples"
 every = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 
 
@@ -68,23 +50,72 @@ def shifted(kind: Kind, shift: Callable[[Any], Any]) -> type:
 
 
 @pytest.mark.parametrize(
-    ("kind", "name"), [(kind, name) for kind in KINDS for name in plugins.names(kind)]  # type: ignore[arg-type]
+    ("kind", "name"), [(kind, name) for kind in KINDS for name in (*plugins.names(kind), "good")]  # type: ignore[arg-type]
 )  # fmt: skip
 def test_every_built_in_plugin_conforms(kind: str, name: str) -> None:
-    KINDS[kind].check(plugins.load(kind, name))  # type: ignore[arg-type]
-
-
-@every
-def test_a_good_plugin_conforms(kind: Kind) -> None:
-    kind.check(kind.good)
+    KINDS[kind].check(KINDS[kind].good if name == "good" else plugins.load(kind, name))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("name", plugins.names("filter"))
 def test_every_built_in_filter_conforms_when_states_are_sent_in_every_tick(name: str) -> None:
-    check_filter(
-        plugins.load("filter", name),
-        scenario=Scenario(uavs=6, filter=Filter(kind=name), sharing=Sharing(policy="tick")),
-    )
+    scenario = Scenario(uavs=6, filter=Filter(kind=name), sharing=Sharing(policy="tick"))
+    check_filter(plugins.load("filter", name), scenario=scenario)
+
+
+@pytest.mark.parametrize("name", ["vasarhelyi", "olfati-saber", "potential-field", "bvc", "orca"])
+@pytest.mark.parametrize("uavs", [1, 6])
+@pytest.mark.parametrize("sharing", [Sharing(policy="tick", forget_s=0.2), Sharing(repeats=3, delta_m=0.02)])
+def test_controllers_that_share_states_conform_alone_and_among_obstacles(
+    name: str, uavs: int, sharing: Sharing
+) -> None:
+    discs = (Obstacle(centre=(140.0, 96.0), radius=4.0), Obstacle(centre=(152.0, 90.0), radius=3.0))
+    scenario = Scenario(uavs=uavs, obstacles=discs, start=Start(spacing=0.5), sharing=sharing)
+    check_controller(plugins.load("controller", name), scenario=scenario)
+
+
+@pytest.mark.parametrize(
+    ("check", "file", "name", "options"),
+    [
+        (check_controller, "spring.py", "Spring", {"stiffness": 0.05}),
+        (check_controller, "trim.py", "Trim", {"stiffness": 0.05}),
+        (check_aggregator, "momentum.py", "Momentum", {"beta": 0.9}),
+    ],
+)
+def test_every_example_conforms(check: Callable[..., None], file: str, name: str, options: dict[str, float]) -> None:
+    check(runpy.run_path(str(EXAMPLES / file))[name], options)
+
+
+def test_the_first_example_is_short_and_imports_nothing_internal() -> None:
+    text = (EXAMPLES / "spring.py").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 25
+    assert re.findall(r"^(?:import|from) (\w+)", text, flags=re.M) == ["typing", "numpy", "msgspec", "meanflock"]
+
+
+def test_a_controller_that_draws_by_tick_and_uav_conforms() -> None:
+    def draw(self: Any, step: Any, memory: Any, tick: int, *_: Any) -> Any:
+        index = tick * self.scenario.uavs + memory["uav"]
+        noise = [seeds.generator(self.scenario.seed, "controller", int(k)).standard_normal(2) for k in index]
+        return msgspec.structs.replace(step, acceleration=step.acceleration + np.reshape(noise, (-1, 2)))
+
+    check_controller(changed(GoodController, "step", draw))
+
+
+class RowForEachUav(GoodAggregator):
+    """Remembers the last upload of every UAV of the swarm."""
+
+    def init(self, parameters: int) -> dict[str, Any]:
+        return {"last": np.zeros((self.scenario.uavs, parameters))}
+
+    def step(self, state: Any, uploads: Any) -> Any:
+        last = state["last"].copy()
+        last[uploads.uavs] = uploads.models
+        return {"last": last}, last.mean(axis=0)
+
+
+@pytest.mark.parametrize("uavs", [1, 60])
+@pytest.mark.parametrize("good", [GoodAggregator, RowForEachUav])
+def test_a_good_rule_conforms_in_swarms_of_all_sizes(good: type[GoodAggregator], uavs: int) -> None:
+    check_aggregator(good, scenario=Scenario(uavs=uavs))
 
 
 @every

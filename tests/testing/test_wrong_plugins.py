@@ -1,0 +1,207 @@
+"""Each suite rejects each kind of mistake, and names it."""
+
+import re
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from meanflock.agent.controllers.base import Broadcast, Controller
+from meanflock.testing import ConformanceError
+from tests.testing.good import (
+    KINDS,
+    GoodAggregator,
+    GoodChannel,
+    GoodController,
+    GoodFilter,
+    GoodVehicle,
+    calls,
+    changed,
+    failing,
+    writing,
+)
+
+
+def having(good: type, **members: Any) -> Any:
+    return type("Wrong", (good,), members)
+
+
+# -- controllers: a step with another field, which is a function of the good step and of the states ------------------
+
+
+def step(**fields: Any) -> Any:
+    def change(_self: Any, good: Any, memory: Any, _tick: int, own: Any, _received: Any) -> Any:
+        return msgspec.structs.replace(good, **{name: make(good, memory, own) for name, make in fields.items()})
+
+    return changed(GoodController, "step", change)
+
+
+def sets_every_row(_self: Any, _after: Any, memory: Any, _rows: Any, models: Any) -> Any:
+    return memory | {"model": np.repeat(models[:1], len(memory["model"]), axis=0)}
+
+
+ERROR = KeyError("weights")
+COPY = "writes to an array it was given"
+CONTROLLERS: dict[str, tuple[Any, str]] = {
+    "an infinite broadcast": (
+        step(broadcasts=lambda _, __, own: [Broadcast(np.full_like(own, np.inf))]),
+        "such a frame is not sent",
+    ),
+    "a memory of NaNs": (step(memory=lambda good, _, own: good.memory | {"heard": own[:, 0] * np.nan}), "'heard'"),
+    "a command of NaNs": (step(acceleration=lambda good, *_: good.acceleration * np.nan), "`step` returned a number"),
+    "a model of NaNs": (
+        changed(GoodController, "get", lambda _, models, *__: models * np.nan),
+        "`get` returns a number",
+    ),
+    "broadcasts of two widths": (
+        step(broadcasts=lambda _, memory, own: [Broadcast(own[:, : 1 + int(memory["uav"].sum() > 3)])]),
+        "broadcast 0 is 1 × float64 and 2 × float64, as the UAV is",
+    ),
+    "a refused UAV that is none": (step(refused=lambda *_: np.array([-1])), "`refused` names UAVs from -1"),
+    "another row": (step(acceleration=lambda good, _, own: good.acceleration + own[:, :2].sum(axis=0)), "than alone"),
+    "three axes": (step(acceleration=lambda _, __, own: own[:, :3]), "acceleration has shape"),
+    "no diagnostics": (step(diagnostics=lambda *_: None), "no diagnostics"),
+    "needs a frame": (changed(GoodController, "step", lambda *given: given[-1][0] and given[1]), "IndexError"),
+    "a model of another length": (having(GoodController, parameters=4), r"`get` returns shape \(6, 3\)"),
+    "takes no model": (having(GoodController, set=Controller.set), "must override `set`"),
+    "the name of a column": (having(GoodController, diagnostics=("arrived",)), "has columns of that name"),
+    "a memory without rows": (having(GoodController, init=lambda *_: {"model": np.zeros(3)}), "leading axis"),
+    "writes to states": (writing(GoodController, "step", 2), COPY),
+    "writes to the memory": (writing(GoodController, "step", 0, "heard"), COPY),
+    "writes to the numbers of UAVs": (writing(GoodController, "init", 0), f"`init` {COPY}"),
+    "writes to the plan": (writing(GoodController, "init", 1), f"`init` {COPY}"),
+    "writes to models": (writing(GoodController, "set", 2), f"`set` {COPY}"),
+    "fails in get": (failing(GoodController, "get", ERROR), "`get` failed: KeyError: 'weights'"),
+    "fails in set": (failing(GoodController, "set", ERROR), "`set` failed: KeyError: 'weights'"),
+    "fails in report": (having(failing(GoodController, "report", ERROR), weights=2), "`report` failed: KeyError"),
+    "set returns some rows": (
+        having(GoodController, set=lambda _, memory, __, models: memory | {"model": models}),
+        r"`set` returns what a flight cannot use: memory\['model'\] is \(2, 3\)",
+    ),
+    "set changes every row": (changed(GoodController, "set", sets_every_row), "rows it was not told to"),
+}
+
+# -- filters, rules, channels and vehicles: another part of the answer -----------------------------------------------
+
+
+def part(good: type, place: int, change: Any) -> Any:
+    """A class whose main method returns another part, `change(part, arguments)`."""
+
+    def replace(_self: Any, answer: Any, *given: Any) -> Any:
+        parts = list(answer)
+        parts[place] = change(parts[place], *given)
+        return tuple(parts)
+
+    return changed(good, next(kind.method for kind in KINDS.values() if kind.good is good), replace)
+
+
+FILTERS: dict[str, tuple[Any, str]] = {
+    "another row": (part(GoodFilter, 0, lambda wanted, own, *_: wanted + own[:, :2].sum(axis=0)), "than alone"),
+    "writes to commands": (writing(GoodFilter, "admit", 3), f"`admit` {COPY}"),
+    "reports nothing": (part(GoodFilter, 1, lambda said, *_: said[:, :0]), r"\(6, 0\)\), expected .*\(6, 1\)\)"),
+    "commands of NaNs": (part(GoodFilter, 0, lambda wanted, *_: wanted * np.nan), "not finite"),
+    "makes up a command": (part(GoodFilter, 0, lambda wanted, *_: np.nan_to_num(wanted)), "a command that is none"),
+    "columns are a text": (having(GoodFilter, columns="apart"), r"`columns` is a text; write \('apart',\)"),
+}
+RULES: dict[str, tuple[Any, str]] = {
+    "writes to models": (
+        changed(GoodAggregator, "step", lambda _, answer, __, given: (given.models.fill(0.0), answer)[1]),
+        COPY,
+    ),
+    "writes to the state": (writing(GoodAggregator, "step", 0, "last"), COPY),
+    "a model of another shape": (part(GoodAggregator, 1, lambda model, *_: model[:-1]), r"\(11,\), expected \(12,\)"),
+    "a model of NaNs": (part(GoodAggregator, 1, lambda model, *_: model * np.nan), "model is not finite"),
+    "a complex model": (part(GoodAggregator, 1, lambda model, *_: model.astype(complex)), "model is complex128"),
+    "needs two models": (part(GoodAggregator, 1, lambda _, __, given: given.models[1]), "1 model failed: IndexError"),
+    "weights of another mean": (
+        having(GoodAggregator, weights=lambda _, given: np.ones(len(given.models))),
+        "`step` is not the mean by `weights`",
+    ),
+    "fails in init": (failing(GoodAggregator, "init", ERROR), "`init` failed: KeyError"),
+    "a state that grows": (
+        part(GoodAggregator, 0, lambda state, _, given: {**state, f"round_{given.round}": state["last"]}),
+        r"state has \['last', 'round_1'\]; of `init` it had",
+    ),
+    "an infinite state": (part(GoodAggregator, 0, lambda state, *_: {"last": state["last"] + np.inf}), "not finite"),
+    "a state of texts": (having(GoodAggregator, init=lambda *_: {"who": np.array(["me"])}), r"state\['who'\] is <U2"),
+}
+
+
+def fades_slowly(self: Any, answer: Any, *_: Any) -> Any:
+    """Remembers the fading of its links, and forgets it when their number changes."""
+    slots, delivered = answer
+    last = getattr(self, "last", delivered)
+    self.last = delivered & last if len(last) == len(slots) else delivered
+    return slots, self.last
+
+
+def depends_on_motion(self: Any, answer: Any, distance_m: Any, *_: Any) -> Any:
+    """Remembers the distances, which shows once they change."""
+    slots, delivered = answer
+    last, self.last = getattr(self, "last", distance_m), distance_m
+    return slots + (len(last) == len(slots) and not np.array_equal(last, distance_m)), delivered
+
+
+class SpawnsGenerators(GoodChannel):
+    """The number of generators that were spawned is in no checkpoint."""
+
+    def transmit(self, distance_m: Any, bits: int, rng: np.random.Generator) -> tuple[Any, Any]:
+        return super().transmit(distance_m, bits, rng.spawn(1)[0])
+
+
+REMEMBERS = "go on from a checkpoint differ; keep nothing between two calls"
+CHANNELS: dict[str, tuple[Any, str]] = {
+    "fades slowly": (changed(GoodChannel, "transmit", fades_slowly), REMEMBERS),
+    "depends on motion": (changed(GoodChannel, "transmit", depends_on_motion), REMEMBERS),
+    "expects by its past": (changed(GoodChannel, "expected", lambda self, *_: (float(calls(self)), 1.0)), REMEMBERS),
+    "spawns generators": (SpawnsGenerators, f"{REMEMBERS}, and of `rng` take numbers only"),
+    "writes to distances": (writing(GoodChannel, "transmit", 0), "writes to the distances"),
+    "a column of slots": (part(GoodChannel, 0, lambda slots, *_: slots[:, None]), r"int64 \(40, 1\), expected"),
+    "slots of 32 bits": (part(GoodChannel, 0, lambda slots, *_: slots.astype(np.int32)), r"int32 \(40,\), expected"),
+    "a list of slots": (part(GoodChannel, 0, lambda slots, *_: slots.tolist()), "slots: a list, expected"),
+    "messages of no time": (part(GoodChannel, 0, lambda slots, *_: slots - 1), "slots from 0 to"),
+    "messages without end": (part(GoodChannel, 0, lambda slots, *_: slots * 1_000_000), "a message takes 1 to 1000000"),
+    "expects a NaN": (having(GoodChannel, expected=lambda *_: (np.nan, 1.0)), "expected two finite numbers, or None"),
+    "expects one number": (having(GoodChannel, expected=lambda *_: 1.0), "expected two finite numbers, or None"),
+    "needs a link": (changed(GoodChannel, "transmit", lambda _, answer, d, *__: d[0] >= 0 and answer), "IndexError"),
+}
+
+
+def powered(power: Any) -> Any:
+    """A vehicle whose power is `power(states)`."""
+    return having(GoodVehicle, power=lambda _self, states, *_: power(states))
+
+
+VEHICLES: dict[str, tuple[Any, str]] = {
+    "another row": (part(GoodVehicle, 0, lambda states, *_: states - 1e-3 * states.sum(axis=0)), "than alone"),
+    "writes to states": (writing(GoodVehicle, "step", 0), COPY),
+    "hidden of another type": (
+        part(GoodVehicle, 1, lambda hidden, *_: {"thrust": np.float32(hidden["thrust"])}),
+        "hidden.* of `init` it .*; .*keep dtypes and shapes",
+    ),
+    "hidden of one row": (having(GoodVehicle, init=lambda *_: {"thrust": np.zeros((1, 2))}), "leading axis of 5"),
+    "fails in init": (failing(GoodVehicle, "init", ERROR), "`init` failed: KeyError"),
+    "a column of power": (powered(lambda states: np.ones((len(states), 1))), r"power \(5, 1\) of 5 UAVs"),
+    "power of 32 bits": (powered(lambda states: np.ones(len(states), "f4")), "power is float32; return float64"),
+    "infinite power": (powered(lambda states: np.full(len(states), np.inf)), "not finite"),
+    "power below zero": (powered(lambda states: -np.ones(len(states))), "below zero"),
+    "needs a UAV": (powered(lambda states: np.full(len(states), states[0, 0] ** 2)), "IndexError"),
+}
+TABLES = {
+    "controller": CONTROLLERS,
+    "filter": FILTERS,
+    "aggregator": RULES,
+    "channel": CHANNELS,
+    "vehicle": VEHICLES,
+}
+
+
+@pytest.mark.parametrize(("kind", "mistake"), [(kind, mistake) for kind in TABLES for mistake in TABLES[kind]])
+def test_a_wrong_plugin_is_rejected_with_its_mistake_and_what_to_do(kind: str, mistake: str) -> None:
+    wrong, expected = TABLES[kind][mistake]
+    with pytest.raises(ConformanceError) as caught:
+        KINDS[kind].check(wrong)
+    text = str(caught.value)
+    assert re.match(rf"{wrong.__name__}: .*; \S", text)
+    assert re.search(expected, text)
