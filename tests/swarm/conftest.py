@@ -1,21 +1,16 @@
 """What tests of `swarm` share."""
 
-import socket
 from collections.abc import Callable, Iterator
 
 import pytest
 
 from meanflock import kernels
+from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.swarm.net.bus import Bus, MemoryNetwork
 from meanflock.swarm.net.session import ZenohBus
 from tests.swarm.backends import BACKENDS, Backend
 
 Open = Callable[[], Bus]
-
-
-def free_endpoint() -> str:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return f"tcp/127.0.0.1:{server.getsockname()[1]}"
 
 
 @pytest.fixture(params=["memory", "zenoh"])

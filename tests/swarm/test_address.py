@@ -1,7 +1,5 @@
 """Hosts and ports of the command line."""
 
-import socket
-
 import pytest
 
 from meanflock.swarm.errors import BadInput
@@ -12,10 +10,8 @@ from meanflock.swarm.net.address import Address, check_free
     ("text", "host", "port", "shown"),
     [
         ("9464", "127.0.0.1", 9464, "127.0.0.1:9464"),
-        ("0", "127.0.0.1", 0, "127.0.0.1:0"),
-        ("0.0.0.0:80", "0.0.0.0", 80, "0.0.0.0:80"),
         ("world:65535", "world", 65535, "world:65535"),
-        ("[::1]:9464", "::1", 9464, "[::1]:9464"),
+        ("[::1]:0", "::1", 0, "[::1]:0"),
     ],
 )
 def test_a_port_is_of_this_machine_unless_there_is_a_host(text: str, host: str, port: int, shown: str) -> None:
@@ -30,22 +26,20 @@ def test_a_text_that_is_no_address_is_named_with_its_flag(text: str) -> None:
         Address.parse("--metrics", text)
 
 
-def test_a_free_port_can_be_had_and_a_taken_one_is_refused() -> None:
-    free = Address("127.0.0.1", 0).free("--metrics")
-    assert free.port > 0
-    with socket.create_server(free):
-        with pytest.raises(BadInput, match=rf"--metrics 127.0.0.1:{free.port}: Address already in use; choose"):
-            free.free("--metrics")
-        with pytest.raises(BadInput, match=r"192.0.2.1:0: Cannot assign requested address; choose"):
-            Address("192.0.2.1", 0).free("--metrics")
-
-
 @pytest.mark.parametrize("host", ["127.0.0.1", "::1"])
-def test_an_endpoint_is_free_until_somebody_listens_there(host: str) -> None:
+def test_a_free_port_can_be_had_and_a_taken_one_is_refused(host: str) -> None:
     try:
         free = Address(host, 0).free("--metrics")
     except BadInput:
         pytest.skip("this machine has no such address")
     check_free(f"tcp/{free}")
-    with free.listen(), pytest.raises(BadInput, match=r"Address already in use.*choose a free one"):
-        check_free(f"tcp/{free}")
+    with free.listen():
+        with pytest.raises(BadInput, match=rf"--metrics .*:{free.port}: Address already in use; choose"):
+            free.free("--metrics")
+        with pytest.raises(BadInput, match=r"Address already in use.*choose a free one"):
+            check_free(f"tcp/{free}")
+
+
+def test_an_address_of_another_machine_is_refused() -> None:
+    with pytest.raises(BadInput, match=r"192.0.2.1:0: Cannot assign requested address; choose"):
+        Address("192.0.2.1", 0).free("--metrics")

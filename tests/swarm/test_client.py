@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -148,6 +148,15 @@ def test_a_complaint_of_a_node_reaches_the_world_once_and_before_the_answer(monk
     assert [tick.read_act(answer.payload).tick for answer in (first, second)] == [0, 2]
 
 
+def test_a_stop_of_this_run_ends_the_service_and_one_of_another_run_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    world = World(monkeypatch, WELCOME)
+    world.join(Node())
+    for run, reason in ((keys.fingerprint("another"), "not ours"), (keys.fingerprint(RUN), "finished")):
+        world.bus.put(keys.sense(RUN, WELCOME.node), control.encode(Stop(run, reason)))
+    assert world.client.serve(lambda: False, lambda: False) == "finished"
+    assert world.client.dropped == {"wrong-run": 1}
+
+
 # -- a part from its beginning to its end -------------------------------------------------------------------------
 
 
@@ -155,68 +164,60 @@ def nowhere(_timeout_s: float) -> Bus:
     raise BusError("cannot open a session")
 
 
-def take(connect: Callable[[float], Bus], wait_s: float = 60.0, is_over: bool = False) -> str:
-    return take_part(connect, RUN, MINE, Agent, wait_s, lambda: is_over, lambda: False)
-
-
 def alone(_timeout_s: float) -> Bus:
     return MemoryNetwork().endpoint()
 
 
-@pytest.mark.parametrize("connect", [nowhere, alone])
-def test_a_node_that_is_told_to_leave_before_there_is_a_world_leaves(connect: Callable[[float], Bus]) -> None:
-    assert take(connect, is_over=True) == "interrupted"
+def take(connect: Callable[[float], Bus], wait_s: float = 60.0, is_over: bool = False) -> str:
+    return take_part(connect, RUN, MINE, Agent, wait_s, lambda: is_over, lambda: False)
 
 
-def test_a_node_that_finds_no_world_in_time_says_so() -> None:
+def test_a_node_without_a_world_leaves_when_it_is_told_to_or_says_so_in_time() -> None:
+    for connect in (nowhere, alone):
+        assert take(connect, is_over=True) == "interrupted"
     with pytest.raises(BusError, match="cannot open a session"):
         take(nowhere, wait_s=0.0)
 
 
-class Returning:
-    """A `NodeClient` that is accepted `times` times, loses its session each time, and is refused from then on."""
-
-    times = 0
-
-    def __init__(self, bus: Bus, run: str) -> None:
-        pass
-
-    def join(self, *_: object) -> None:
-        if not Returning.times:
-            raise Refused("the world refused: no", over=True)
-        Returning.times -= 1
-
-    def serve(self, *_: object) -> str:
-        raise WorldGone("gone")
+LOST = WorldGone("gone")
+REFUSED = Refused("the world refused: no", over=True)
 
 
-@pytest.mark.parametrize("times", [0, 1, 2])
-def test_a_node_that_lost_its_session_leaves_when_the_flight_is_over_and_one_that_never_flew_is_refused(
-    times: int, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("script", "ends"),
+    [
+        ([REFUSED], REFUSED),  # it never flew
+        ([LOST, REFUSED], "the world refused: no"),  # the flight is over
+        ([LOST, LOST, REFUSED], "the world refused: no"),
+        ([Stop(1, "for a reason", lost=True), Stop(1, "lost: and found")], "lost: and found"),  # it joins again
+    ],
+)
+def test_a_node_joins_again_until_it_is_stopped_or_the_flight_is_over(
+    script: list[Any], ends: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(client, "NodeClient", Returning)
-    Returning.times = times
-    if times:
-        assert take(alone) == "the world refused: no"
-    else:
+    script = list(script)
+
+    class Scripted:
+        """A client whose part ends as the script says."""
+
+        def __init__(self, bus: Bus, run: str) -> None:
+            self.stopped: Stop | None = None
+
+        def join(self, *_: object) -> None:
+            if script[0] is REFUSED:
+                raise script.pop(0)
+
+        def serve(self, *_: object) -> str:
+            step = script.pop(0)
+            if step is LOST:
+                raise step
+            self.stopped = step
+            return str(step.reason)
+
+    monkeypatch.setattr(client, "NodeClient", Scripted)
+    if ends is REFUSED:
         with pytest.raises(Refused):
             take(alone)
-
-
-class Stopped(Returning):
-    """A `NodeClient` that the world stops each time."""
-
-    stops: ClassVar[list[Stop]] = []
-
-    def join(self, *_: object) -> None:
-        pass
-
-    def serve(self, *_: object) -> str:
-        self.stopped = Stopped.stops.pop(0)
-        return self.stopped.reason
-
-
-def test_a_node_that_counts_as_lost_joins_again_and_one_that_is_stopped_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(client, "NodeClient", Stopped)
-    Stopped.stops = [Stop(1, "for a reason", lost=True), Stop(1, "lost: and found"), Stop(1, "never heard")]
-    assert take(alone) == "lost: and found"
+    else:
+        assert take(alone) == ends
+    assert script == []

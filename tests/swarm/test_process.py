@@ -9,13 +9,10 @@ from meanflock.swarm.errors import BadInput
 from meanflock.swarm.process import AT_MOST, QUICK_S, Interrupted, Restarts, parser, seconds
 
 
-@pytest.mark.parametrize("text", ["nan", "inf", "-1", "soon", ""])
+@pytest.mark.parametrize("text", ["nan", "-1", "soon"])
 def test_a_flag_rejects_a_value_that_is_no_time(text: str) -> None:
     with pytest.raises(BadInput, match=r"^--wait .*: seconds, at least 0, for example --wait 30$"):
         parser("agent", "what", "example").parse_args([f"--wait={text}"])
-
-
-def test_a_time_has_a_least_value() -> None:
     assert seconds("--barrier", 0.1)("0.1") == 0.1
     with pytest.raises(BadInput, match=r"at least 0\.1"):
         seconds("--barrier", 0.1)("0")
@@ -27,8 +24,7 @@ def test_a_wrong_command_line_is_an_error_that_names_the_help(
     with pytest.raises(SystemExit) as left:
         parser("agent", "what", "example").parse_args(["--bogus"])
     assert left.value.code == 2
-    said = capsys.readouterr().err
-    assert said == "error: unrecognized arguments: --bogus; see python -m meanflock.agent --help\n"
+    assert capsys.readouterr().err == "error: unrecognized arguments: --bogus; see python -m meanflock.agent --help\n"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -100,6 +100,16 @@ def test_a_controller_that_draws_by_tick_and_uav_conforms() -> None:
     check_controller(changed(GoodController, "step", draw))
 
 
+def test_a_controller_that_asks_when_rounds_open_conforms() -> None:
+    def ask(self: Any, step: Any, _memory: Any, tick: int, *_: Any) -> Any:
+        opens = tick % self.scenario.period_ticks == 0
+        return msgspec.structs.replace(step, acceleration=step.acceleration + opens)
+
+    asking = type("Asking", (changed(GoodController, "step", ask),), {"name": "asking", "period_ticks": 7})
+    check_controller(asking)
+    check_controller(asking, scenario=Scenario(uavs=3, federation={"period": 5}))
+
+
 class RowForEachUav(GoodAggregator):
     """Remembers the last upload of every UAV of the swarm."""
 
