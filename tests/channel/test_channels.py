@@ -1,5 +1,6 @@
 """Channels as plug-ins: a channel of a file carries frames, and a wrong one ends the run with its mistake."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,6 @@ from meanflock.channel.medium import Medium
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput, RunFailed
-from meanflock.swarm.plugins import registry
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames
 from tests.channel.frames import line
@@ -37,17 +37,12 @@ class Disk(Channel):
 
 
 @pytest.fixture
-def disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Registers the disk, its source changed as told."""
-    monkeypatch.setattr(registry, "registered", {})
+def disk(tmp_path: Path) -> Callable[..., None]:
+    """Registers the disk, a part of its source replaced."""
 
-    def make(*changes: tuple[str, str]) -> None:
-        text = DISK
-        for old, new in changes:
-            assert old in text
-            text = text.replace(old, new)
-        path = tmp_path / "disk.py"
-        path.write_text(text)
+    def make(old: str = "", new: str = "") -> None:
+        assert old in DISK
+        (path := tmp_path / "disk.py").write_text(DISK.replace(old, new) if old else DISK)
         plugins.load_file(path)
 
     return make
@@ -57,7 +52,7 @@ def scenario(*settings: str, **options: Any) -> Scenario:
     return load(None, ["uavs=5", *settings], **options)
 
 
-def test_a_channel_of_a_file_carries_frames_without_a_closed_form(disk) -> None:
+def test_a_channel_of_a_file_carries_frames_without_a_closed_form(disk: Callable[..., None]) -> None:
     disk()
     medium = Medium(scenario("radio.model=disk"))
     sent = [Frames(FrameKind.STATE, 0, np.arange(5, dtype=np.int32), np.ones((5, 4), dtype=np.float32))]
@@ -77,7 +72,7 @@ def test_a_channel_of_a_file_carries_frames_without_a_closed_form(disk) -> None:
 
 
 @pytest.mark.parametrize(("model", "unknown"), [("disk", True), ("ideal", False), ("rice", False)])
-def test_a_summary_has_the_closed_forms_there_are(disk, model: str, unknown: bool) -> None:
+def test_a_summary_has_the_closed_forms_there_are(disk: Callable[..., None], model: str, unknown: bool) -> None:
     disk()
     radio = Engine(scenario(f"radio.model={model}", "duration=2", method="hjb"), "forms").complete()["radio"]
     assert radio["sent"] > 0
@@ -96,15 +91,16 @@ ANSWER = "np.where(near, 1, 2), near"
     [
         (ANSWER, "np.where(near, 1, 2)[1:], near", r"slots: int64 \(19,\), expected int64 \(20,\)"),
         (ANSWER, "np.where(near, 0, 2), near", "slots from 0 to 2"),
-        (ANSWER, "np.where(near, 1, 10**6 + 1), near", "slots from 1 to 1000001"),
         (ANSWER, "np.where(near, 1, 2), near * 1", "delivered: int64"),
         (ANSWER, "near", "failed: TypeError: `transmit` returns a ndarray"),
         ("        near =", "        raise SystemExit(3)\n        near =", r"SystemExit: 3 \(\w+.py, line \d+\)"),
         ("class Options", "expected = lambda self, *given: 'many'\n\n    class Options", "`expected` returns 'many'"),
     ],
 )
-def test_a_wrong_channel_ends_the_run_with_its_mistake(disk, old: str, new: str, expected: str) -> None:
-    disk((old, new))
+def test_a_wrong_channel_ends_the_run_with_its_mistake(
+    disk: Callable[..., None], old: str, new: str, expected: str
+) -> None:
+    disk(old, new)
     engine = Engine(scenario("radio.model=disk", "duration=2", method="hjb"), "wrong")
     with pytest.raises(RunFailed, match=f"channel 'disk': .*{expected}"):
         engine.complete()
@@ -126,7 +122,7 @@ def test_broadcasts_of_a_tick_keep_their_numbers_payloads_and_links() -> None:
         Frames(FrameKind.STATE, 0, everyone, np.ones((5, 4), dtype=np.float32)),
         Frames(FrameKind.STATE, 1, everyone, np.arange(15, dtype=np.int16).reshape(5, 3)),
     ]
-    for tick, states in enumerate([near, near, apart, near, apart, apart]):
+    for tick, states in enumerate([near, apart, near]):
         reach = np.abs(states[:, None, 0] - states[None, :, 0]) <= 100
         np.fill_diagonal(reach, False)
         records = medium.send(tick, batches, states)
@@ -142,8 +138,8 @@ def test_broadcasts_of_a_tick_keep_their_numbers_payloads_and_links() -> None:
                 (int(s), t) for s in batch.source for t in range(5) if reach[s, t]
             ]
     total = medium.meter.traffic[FrameKind.STATE]
-    assert total.payload_bits == 6 * (5 * 4 * 32 + 5 * 3 * 16 + 2 * 8)
-    assert total.transmissions == 6 * 12
+    assert total.payload_bits == 3 * (5 * 4 * 32 + 5 * 3 * 16 + 2 * 8)
+    assert total.transmissions == 3 * 12
 
 
 def test_a_snapshot_has_every_broadcast_that_is_under_way() -> None:

@@ -3,7 +3,7 @@
 import json
 import math
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,36 +32,21 @@ SETTINGS: dict[str, tuple[tuple[str, ...], float, int]] = {  # settings, distanc
 }
 
 
-class Sent(NamedTuple):
-    """What became of a message on each of some links."""
-
-    slots: np.ndarray
-    delivered: np.ndarray
-
-
-def transmit(by: Radio, rng: np.random.Generator, distance_m: np.ndarray, bits: int) -> Sent:
-    return Sent(*Rice(Rice.Options(), Scenario(radio=by)).transmit(distance_m, bits, rng))
+KEYS = {  # of a case of the oracle
+    **{"path_loss_exponent": "path_loss_exponent", "rice_chi": "rice_chi", "rice_xi": "rice_xi"},
+    **{"target_snr_db": "target_snr_dB", "tx_power_dbm": "tx_power_dBm", "noise_psd_dbm_hz": "noise_psd_dBm_Hz"},
+    **{"coherence_time_s": "coherence_time_s", "bandwidth_hz": "bandwidth_Hz"},
+    "latency_threshold_slots": "latency_threshold_slots",
+}
 
 
 def radio(*settings: str) -> Radio:
     return load(None, [f"radio.{setting}" for setting in settings]).radio
 
 
-KEYS = {  # of a case of the oracle
-    "path_loss_exponent": "path_loss_exponent",
-    "target_snr_db": "target_snr_dB",
-    "coherence_time_s": "coherence_time_s",
-    "latency_threshold_slots": "latency_threshold_slots",
-    "tx_power_dbm": "tx_power_dBm",
-    "bandwidth_hz": "bandwidth_Hz",
-    "noise_psd_dbm_hz": "noise_psd_dBm_Hz",
-    "rice_chi": "rice_chi",
-    "rice_xi": "rice_xi",
-}
-
-
-def of_case(case: dict[str, Any]) -> Radio:
-    return radio(*(f"{key}={case[name]}" for key, name in KEYS.items()))
+def transmit(by: Radio, rng: np.random.Generator, distance_m: np.ndarray, bits: int) -> tuple[np.ndarray, np.ndarray]:
+    """Slots and delivery of a message on each link."""
+    return Rice(Rice.Options(), Scenario(radio=by)).transmit(distance_m, bits, rng)
 
 
 def brute_force(p: float, needed: int, slots: int) -> tuple[float, float]:
@@ -77,7 +62,8 @@ def within_four_standard_errors(sample: np.ndarray, expected: float, variance: f
 
 @pytest.mark.parametrize("case", ORACLE, ids=lambda case: f"{case['target_snr_dB']}dB-{case['bits']}b")
 def test_the_closed_forms_are_the_oracle_s(case: dict[str, Any]) -> None:
-    given, distance, bits = of_case(case), np.array([case["distance_m"]]), case["bits"]
+    given = radio(*(f"{key}={case[name]}" for key, name in KEYS.items()))
+    distance, bits = np.array([case["distance_m"]]), case["bits"]
     success = theory.slot_success(given, distance)
     assert success == pytest.approx([case["slot_success_probability"]], rel=RTOL)
     assert bits_per_slot(given) == pytest.approx(case["bits_per_slot"], rel=RTOL)
@@ -92,24 +78,11 @@ def test_outage_and_delivered_latency_are_their_own_sums(needed: int, slots: int
     given = radio(f"latency_threshold_slots={slots}")
     bits = math.floor(needed * bits_per_slot(given))
     assert slots_needed(given, bits) == needed
-    for p in (1e-3, 0.1, 0.5, 0.95, 1.0):
+    for p in (0.0, 1e-3, 0.1, 0.5, 0.95, 1.0):
         through, latency = brute_force(p, needed, slots)
         success = np.array([p])
         np.testing.assert_allclose(1 - theory.outage(given, success, bits), [through], rtol=1e-9, atol=1e-14)
         np.testing.assert_allclose(theory.delivered_latency(given, success, bits), [latency], rtol=1e-9)
-
-
-def test_success_depends_on_distance_only_with_path_loss() -> None:
-    distance = np.array([0.0, 1.0, 10.0, 100.0])
-    alike = theory.slot_success(radio(), distance)
-    assert len(set(alike.tolist())) == 1
-    falling = theory.slot_success(radio("path_loss_exponent=2", "target_snr_db=40"), distance)
-    assert (np.diff(falling) <= 0).all()
-    assert falling[0] == 1.0
-    assert falling[-1] < 0.01
-    never = np.zeros(2)
-    np.testing.assert_array_equal(theory.outage(radio(), never, 128), [1.0, 1.0])
-    np.testing.assert_array_equal(theory.delivered_latency(radio(), never, 128), [0.0, 0.0])
 
 
 @pytest.mark.parametrize(("xi", "chi"), [(6.649, 1.347), (0.0, 1.347), (2.0, 0.5)])
@@ -128,49 +101,40 @@ def test_successes_outages_and_latencies_are_those_of_the_closed_form(name: str)
     assert 0.05 < p < 1.0 - 1e-6, "a setting that tests nothing"
 
     one_slot = radio(*(s for s in settings if "threshold" not in s), "latency_threshold_slots=1")
-    single = transmit(one_slot, draw, distance, 1)
-    within_four_standard_errors(single.delivered.astype(float), p, p * (1 - p))
+    within_four_standard_errors(transmit(one_slot, draw, distance, 1)[1].astype(float), p, p * (1 - p))
 
-    sent = transmit(given, draw, distance, bits)
+    slots, delivered = transmit(given, draw, distance, bits)
     outage = float(theory.outage(given, np.array([p]), bits)[0])
-    within_four_standard_errors((~sent.delivered).astype(float), outage, outage * (1 - outage))
-    observed = np.where(sent.delivered, sent.slots, 0).astype(float)
+    within_four_standard_errors((~delivered).astype(float), outage, outage * (1 - outage))
+    observed = np.where(delivered, slots, 0).astype(float)
     within_four_standard_errors(observed, float(theory.delivered_latency(given, np.array([p]), bits)[0]))
-    np.testing.assert_array_equal(sent.slots[~sent.delivered], given.latency_threshold_slots)
-    if sent.delivered.any():
-        assert sent.slots[sent.delivered].min() >= slots_needed(given, bits)
-        assert sent.slots[sent.delivered].max() <= given.latency_threshold_slots
-
-
-def test_every_link_has_its_own_distance() -> None:
-    given = radio("path_loss_exponent=2", "target_snr_db=36", "latency_threshold_slots=1")
-    metres = np.tile([60.0, 80.0, 90.0], LINKS)
-    delivered = transmit(given, np.random.default_rng(4), metres, 128).delivered
-    for value, p in zip((60.0, 80.0, 90.0), theory.slot_success(given, metres[:3]), strict=True):
-        within_four_standard_errors(delivered[metres == value].astype(float), p, p * (1 - p))
+    np.testing.assert_array_equal(slots[~delivered], given.latency_threshold_slots)
+    if delivered.any():
+        assert slots[delivered].min() >= slots_needed(given, bits)
+        assert slots[delivered].max() <= given.latency_threshold_slots
 
 
 def test_links_fade_independently() -> None:
     given = radio("target_snr_db=76", "latency_threshold_slots=6")
     n, fading = LINKS, np.random.default_rng(5)
     first, second = (transmit(given, fading, np.full(2 * n, 50.0), 246 * 32) for _ in range(2))
-    for one, other in (
-        (first.delivered[0::2], first.delivered[1::2]),  # neighbours
-        (first.delivered[:n], first.delivered[n:]),
-        (first.delivered, second.delivered),  # the same link, later
-        (first.slots[0::2], first.slots[1::2]),
-        (first.slots, second.slots),
-    ):
-        assert abs(np.corrcoef(one, other)[0, 1]) < 4 / math.sqrt(len(one))
+    for one, later in zip(first, second, strict=True):  # slots and delivery, of other links and of the same link later
+        for some, others in ((one[0::2], one[1::2]), (one[:n], one[n:]), (one, later)):
+            assert abs(np.corrcoef(some, others)[0, 1]) < 4 / math.sqrt(len(some))
 
 
 def test_the_expectation_of_links_is_the_sum_of_their_closed_forms() -> None:
     metres = np.array([3.0, 60.0, 90.0])
     for by in (radio(), radio("path_loss_exponent=2", "target_snr_db=36")):
         success = theory.slot_success(by, metres)
+        assert len(set(success.tolist())) == (3 if by.path_loss_exponent else 1)
+        assert theory.slot_success(by, np.zeros(1))[0] == 1.0 or not by.path_loss_exponent
         found = Rice(Rice.Options(), Scenario(radio=by)).expected(metres, 7872)
         each = theory.outage(by, success, 7872), theory.delivered_latency(by, success, 7872)
         assert found == pytest.approx([part.sum() for part in each], rel=1e-12)
+        delivered = transmit(by, np.random.default_rng(4), np.tile(metres, LINKS), 7872)[1].reshape(LINKS, 3)
+        for got, outage in zip(delivered.T, each[0], strict=True):
+            within_four_standard_errors((~got).astype(float), outage, outage * (1 - outage))
 
 
 def test_the_ideal_channel_delivers_everything_in_the_slots_its_bits_take_and_draws_nothing() -> None:

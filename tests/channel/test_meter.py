@@ -1,4 +1,4 @@
-"""The meter: the bill of a flight is the count of its frames and links."""
+"""The meter: the bill of a flight counts its frames and links."""
 
 from typing import Any
 
@@ -30,11 +30,8 @@ def test_a_transmission_costs_its_floats_and_every_copy_is_delivered_or_in_outag
     states = UAVS * TICKS if method == "hjb" else UAVS  # the mission plan is the first, then every tick
 
     assert summary["rounds"] == len(rounds)
-    assert [traffic[name]["transmissions"] for name in ("uplink", "broadcast", "state")] == [
-        uploads,
-        len(rounds),
-        states,
-    ]
+    counts = [traffic[name]["transmissions"] for name in ("uplink", "broadcast", "state")]
+    assert counts == [uploads, len(rounds), states]
     assert summary["payload_bits"] == {
         "uplink": uploads * model_bits,
         "relay": 0,
@@ -53,17 +50,14 @@ def test_a_transmission_costs_its_floats_and_every_copy_is_delivered_or_in_outag
 
 
 def test_the_figures_are_the_totals_of_the_bill_and_survive_a_snapshot() -> None:
-    medium, states = (
-        Medium(scenario("method=mfgfl-hf", "federation.clusters=2", "radio.target_snr_db=77")),
-        line(*range(UAVS)),
-    )
+    medium = Medium(scenario("method=mfgfl-hf", "federation.clusters=2", "radio.target_snr_db=77"))
+    states = line(*range(UAVS))
     medium.meter.initial(128)
     kinds = [FrameKind.UPLOAD, FrameKind.STATE, FrameKind.GLOBAL, FrameKind.RELAY, FrameKind.STATE]
     for tick, kind in enumerate(kinds):
         medium.send(tick, [frames(kind, [tick % 3 + 1], 4 + tick)], states)
-        bills = [
-            medium.meter.traffic[of] for of in (FrameKind.UPLOAD, FrameKind.RELAY, FrameKind.GLOBAL, FrameKind.STATE)
-        ]
+        shown = (FrameKind.UPLOAD, FrameKind.RELAY, FrameKind.GLOBAL, FrameKind.STATE)
+        bills = [medium.meter.traffic[kind] for kind in shown]
         totals = [sum(getattr(bill, name) for bill in bills) for name in ("delivered", "outages", "airtime_s")]
         assert medium.meter.figures() == pytest.approx((*(bill.payload_bits for bill in bills), *totals))
         again = Meter(medium.meter.radio, UAVS)

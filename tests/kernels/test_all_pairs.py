@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from meanflock.kernels import reference
 from meanflock.kernels.all_pairs import FEW
 from meanflock.swarm import state
 
@@ -106,13 +107,11 @@ def test_pairs_in_motion_are_those_of_all_closest_approaches(
     assert nearest == pytest.approx(float(least), rel=1e-9, abs=1e-12)
 
 
-@pytest.mark.parametrize("uavs", [0, 1, 2, 25, FEW, FEW + 1, 333])
+@pytest.mark.parametrize("uavs", [0, 1, 25, FEW, FEW + 1, 333])
 @pytest.mark.parametrize("spread", [300.0, 3.0, 0.03])  # nobody is near, some are, all are
 @pytest.mark.parametrize("step", [0.0, 0.4, 100.0])
 def test_both_forms_give_the_same_bits(uavs: int, spread: float, step: float) -> None:
     compiled = pytest.importorskip("meanflock.kernels.compiled")
-    from meanflock.kernels import reference
-
     draw = np.random.default_rng(uavs)
     before = draw.normal(size=(uavs, state.SIZE)) * [spread, spread, 1.0, 1e-9] + [150.0, 100.0, 12.0, -7.0]
     after = before + draw.normal(size=before.shape) * step

@@ -11,7 +11,6 @@ from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.mission import starts
 from meanflock.swarm.net import keys
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire import control
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Welcome
 
@@ -97,22 +96,6 @@ def test_a_round_with_no_model_but_the_leader_s_own_is_void_and_changes_nothing(
     assert node.act(sense(closing(of, 2), both)).memory == fresh.act(sense(closing(of, 2), both)).memory
 
 
-def test_a_relay_of_the_leader_s_own_cluster_counts_if_it_holds_the_model_of_another_uav() -> None:
-    of = flown("federation.clusters=3", "federation.fraction=1.0")
-    for models, averaged in ((1, []), (2, [(FrameKind.GLOBAL, 1, [3])])):
-        assert said(leader(of).act(sense(closing(of, 1), relayed({3: models})))) == averaged
-
-
-def test_a_round_is_averaged_once_and_its_models_do_not_reach_the_next() -> None:
-    of = flown()
-    node, end = leader(of), closing(of, 1)
-    assert node.act(sense(end, upload([0, 1]))).outbox
-    assert not node.act(sense(end + 1)).outbox
-    act = node.act(sense(closing(of, 2), upload([5], number=2)))
-    np.testing.assert_array_equal(act.outbox[0].payload[0], mean_of([5]))
-    assert not node.act(sense(closing(of, 3))).outbox  # void: nothing arrived
-
-
 def test_an_upload_that_comes_after_its_round_was_closed_is_forgotten() -> None:
     """On a channel whose messages may take longer than D_M."""
     of = flown()
@@ -123,14 +106,6 @@ def test_an_upload_that_comes_after_its_round_was_closed_is_forgotten() -> None:
     assert not said(node.act(sense(closing(of, 4))))
     (averager,) = node._party._averagers
     assert not averager._mail  # or a long flight keeps them all
-
-
-@pytest.mark.parametrize("bits", [16, 64])
-def test_models_travel_at_the_radio_s_width(bits: int) -> None:
-    of = flown(f"radio.bits_per_float={bits}")
-    dtype = control.FLOAT_OF_BITS[bits]
-    batch = changed(payload=upload([0, 1]).payload.astype(dtype))
-    assert leader(of).act(sense(closing(of, 1), batch)).outbox[0].payload.dtype == dtype
 
 
 @pytest.mark.parametrize("down", ["int8", "float16", "float32"])

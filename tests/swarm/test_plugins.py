@@ -1,5 +1,8 @@
-"""Plug-ins by name: those that are found and refused; the network can name one and no file."""
+"""Plug-ins, of packages and of files: which are found, which are refused; and the network can name one, but no file."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,14 +12,35 @@ import pytest
 import meanflock as mf
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plugins, scenario
-from meanflock.swarm.errors import BadInput
+from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput
 from meanflock.swarm.net import client
 from meanflock.swarm.plugins import Plugin, registry
 from meanflock.swarm.scenario import load
-from tests.swarm.plugin_files import SPRING, written
+from tests.polling import DEADLINE_S
+
+GOOD = """
+from meanflock.agent.controllers.base import Controller, Step
+
+class Mine(Controller):
+    name = "mine"
+
+    def init(self, uavs, plan):
+        return {}
+
+    def step(self, memory, tick, own, received):
+        return Step(memory, -own[:, 2:])
+"""
 
 
-@pytest.mark.parametrize("name", ["../mine", "a/b", "a b", ".", "-x", "ä", "a*", "x" * 65, "a\nb"])
+def written(folder: Path, text: str, name: str = "mine.py") -> Path:
+    (path := folder / name).write_text(text, encoding="utf-8")
+    return path
+
+
+# -- names ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["../mine", "a b", ".", "-x", "ä", "a*", "x" * 65, "a\nb"])
 def test_a_name_that_could_not_be_part_of_a_file_name_is_refused(name: str) -> None:
     with pytest.raises(BadInput, match=r"a name is up to 64 of A-Z, a-z, 0-9"):
         plugins.register(type("Mine", (mf.Controller,), {"name": name, "step": lambda *_: None}))
@@ -42,51 +66,6 @@ def test_a_class_is_found_by_its_name_once_it_has_the_methods_of_its_kind(base: 
     assert plugin.kind == base.lower()
 
 
-def test_two_packages_of_one_name_are_refused_with_both_packages(monkeypatch: pytest.MonkeyPatch) -> None:
-    both = tuple(Plugin("controller", "twice", f"package-{k} 1.0", f"of_{k}:Mine", f"{k}") for k in "ab")
-    monkeypatch.setattr(registry, "_packaged", lambda: {("controller", "twice"): both})
-    with pytest.raises(BadInput, match=r"named 'twice': of_a:Mine \(package-a 1.0\) and of_b:Mine \(package-b 1.0\)"):
-        plugins.find("controller", "twice")
-
-
-@pytest.mark.parametrize(
-    ("reference", "text"),
-    [
-        ("nothing_of_the_kind:Mine", "ModuleNotFoundError"),
-        ("of_a_stranger:Odd", r"SystemExit: no such device \(of_a_stranger.py, line 1\)"),
-        ("meanflock.swarm.plugins:Nobody", "AttributeError"),
-        ("meanflock.swarm.plugins:find", "is a function; it must be a class"),
-        ("meanflock.swarm.plugins:Plugin", "lacks `init` and `step`"),
-    ],
-)
-def test_a_package_whose_entry_point_is_of_no_use_is_named(
-    reference: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    written(tmp_path, "raise SystemExit('no such device')", "of_a_stranger.py")
-    monkeypatch.syspath_prepend(tmp_path)
-    plugin = Plugin("controller", "odd", "odd-package 2.0", reference, "odd-package 2.0")
-    monkeypatch.setattr(registry, "_packaged", lambda: {("controller", "odd"): (plugin,)})
-    with pytest.raises(BadInput, match=text) as caught:
-        plugins.load("controller", "odd")
-    assert "'odd' of odd-package 2.0" in str(caught.value)
-    assert "registry.py" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("setting", "expected"),
-    [
-        ("controller.stiffness=-1", r"controller\.stiffness: .*> 0"),
-        ("controller.stiffness=soft", r"controller\.stiffness: expected a number, got 'soft'"),
-        ("controller.stifness=1", r"controller: .*`stifness`; did you mean `controller\.stiffness`\?"),
-    ],
-)
-def test_options_that_do_not_fit_are_named_with_how_to_list_them(setting: str, expected: str) -> None:
-    plugins.load_file(SPRING)
-    with pytest.raises(BadInput, match=expected) as caught:
-        load(None, [setting], method="spring").declared  # noqa: B018
-    assert "`meanflock scenario schema --method spring` lists the options" in str(caught.value)
-
-
 @pytest.mark.parametrize("door", plugins.GROUPS)
 def test_a_misspelt_name_is_answered_with_the_one_that_is_meant(door: plugins.Door) -> None:
     for name in plugins.names(door):
@@ -96,7 +75,7 @@ def test_a_misspelt_name_is_answered_with_the_one_that_is_meant(door: plugins.Do
         plugins.find(door, "/etc/passwd")
 
 
-@pytest.mark.parametrize("method", ["/etc/passwd", "../mine.py", "mine.py", "os:system", "os.system", "", "."])
+@pytest.mark.parametrize("method", ["/etc/passwd", "mine.py", "os:system", ""])
 def test_a_scenario_from_the_network_names_a_plugin_and_no_file_and_no_module(
     method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -126,3 +105,136 @@ def test_a_node_with_another_version_of_a_plugin_is_refused_with_its_host(
     monkeypatch.setattr(client.platform, "node", lambda: "far-away")
     with pytest.raises(BadInput, match=f"agent-0 on host far-away: {kind} '{name}' is "):
         Engine(load(None, ["uavs=2", "filter.kind=ecbf"], method="hjb"), "hosts")
+
+
+# -- packages -------------------------------------------------------------------------------------------------------
+
+
+def test_two_packages_of_one_name_are_refused_with_both_packages(monkeypatch: pytest.MonkeyPatch) -> None:
+    both = tuple(Plugin("controller", "twice", f"package-{k} 1.0", f"of_{k}:Mine", f"{k}") for k in "ab")
+    monkeypatch.setattr(registry, "_packaged", lambda: {("controller", "twice"): both})
+    with pytest.raises(BadInput, match=r"named 'twice': of_a:Mine \(package-a 1.0\) and of_b:Mine \(package-b 1.0\)"):
+        plugins.find("controller", "twice")
+
+
+@pytest.mark.parametrize(
+    ("reference", "text"),
+    [
+        ("nothing_of_the_kind:Mine", "ModuleNotFoundError"),
+        ("of_a_stranger:Odd", r"SystemExit: no such device \(of_a_stranger.py, line 1\)"),
+        ("meanflock.swarm.plugins:find", "is a function; it must be a class"),
+        ("meanflock.swarm.plugins:Plugin", "lacks `init` and `step`"),
+    ],
+)
+def test_a_package_whose_entry_point_is_of_no_use_is_named(
+    reference: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written(tmp_path, "raise SystemExit('no such device')", "of_a_stranger.py")
+    monkeypatch.syspath_prepend(tmp_path)
+    plugin = Plugin("controller", "odd", "odd-package 2.0", reference, "odd-package 2.0")
+    monkeypatch.setattr(registry, "_packaged", lambda: {("controller", "odd"): (plugin,)})
+    with pytest.raises(BadInput, match=f"'odd' of odd-package 2.0.*{text}"):
+        plugins.load("controller", "odd")
+
+
+# -- files ----------------------------------------------------------------------------------------------------------
+
+NUMPY = "import numpy as np\n\nnp.linalg.inv(np.zeros((2, 2)))"
+FILES = [  # text of a file, and the error
+    ("import nothing_of_the_kind", r"ModuleNotFoundError: No module named 'nothing_of.*line 1\)"),
+    ("x = 1\ndef (:", r"SyntaxError: invalid syntax \(mine.py, line 2\)"),
+    (NUMPY, r"LinAlgError: Singular matrix \(mine.py, line 3\)"),
+    ("raise SystemExit(3)", "SystemExit: 3"),
+    ("x = 1", "no plug-in in it; derive a class"),
+    (GOOD.replace('name = "mine"', ""), "no plug-in in it; derive a class"),
+    (GOOD.replace("def step(self", "def stap(self"), r"controller 'mine' of .*mine.py lacks `step`$"),
+    (GOOD.replace('name = "mine"', 'name = "mine"\n    Options = dict'), "`Options` must be a msgspec.Struct"),
+    (f"{GOOD}\nclass Taken(Mine):\n    name = 'hjb'\n", "'hjb' is installed already.*another name"),
+    (f"{GOOD}\nclass Better(Mine):\n    pass\n", "two controllers are named 'mine', Mine and Better"),
+    ("from . import helper", "attempted relative import .*; a plug-in is one file, or a package: install"),
+    (f"from beside.inner import x\n{GOOD}", r"line 1\); a plug-in is one file, or a package: install what 'beside"),
+]
+
+
+@pytest.mark.parametrize(("text", "expected"), FILES)
+def test_a_file_that_is_no_plugin_is_bad_input_with_the_place(text: str, expected: str, tmp_path: Path) -> None:
+    written(tmp_path, "x = 1", "beside.py")
+    path = written(tmp_path, text)
+    with pytest.raises(BadInput, match=expected) as caught:
+        plugins.load_file(path)
+    assert str(path) in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+    assert not registry.registered
+
+
+def test_a_file_that_cannot_be_read_or_has_another_ending_is_bad_input(tmp_path: Path) -> None:
+    for path in (tmp_path / "nowhere.py", tmp_path):
+        with pytest.raises(BadInput, match="name a readable Python file"):
+            plugins.load_file(path)
+    with pytest.raises(BadInput, match=r"must end in \.py"):
+        plugins.load_file(written(tmp_path, GOOD, "mine.txt"))
+    (folder := tmp_path / f"a{os.pathsep}b").mkdir()
+    with pytest.raises(BadInput, match="may be in its path; give the file another place"):
+        plugins.load_files([written(folder, GOOD)])
+
+
+def test_a_file_that_changed_within_a_second_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    for number in (1, 2):
+        path = written(tmp_path, f"{GOOD}\nMine.number = {number}\nAlso = Mine\n")
+        os.utime(path, (1e9, 1e9))  # a file of the same length, of the same second
+        plugins.load_file(path)
+        assert plugins.load("controller", "mine").number == number  # type: ignore[attr-defined]
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_file_replaces_a_registered_class_and_is_refused_beside_another_of_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plugins.register(type("Mine", (mf.Controller,), {"name": "mine", "step": lambda *_: None}))
+    (plugin,) = plugins.load_file(first := written(tmp_path, GOOD))
+    assert (plugin.source, plugins.find("controller", "mine")) == (str(first), plugin)
+    with pytest.raises(BadInput, match=rf"two controllers are named 'mine', the other in {first}"):
+        plugins.load_file(written(tmp_path, GOOD, "other.py"))
+    assert plugins.load_file(first)  # the same again is the same
+    monkeypatch.chdir(tmp_path)
+    assert plugins.load_file(Path(first.name))  # by another path
+    assert plugins.find("controller", "mine").source == str(first)
+
+
+@pytest.mark.parametrize(
+    ("setting", "expected"),
+    [
+        ("controller.stiffness=-1", r"controller\.stiffness: .*> 0"),
+        ("controller.stiffness=soft", r"controller\.stiffness: expected a number, got 'soft'"),
+        ("controller.stifness=1", r"controller: .*`stifness`; did you mean `controller\.stiffness`\?"),
+    ],
+)
+def test_options_that_do_not_fit_are_named_with_how_to_list_them(setting: str, expected: str) -> None:
+    plugins.load_file(Path(__file__).parents[2] / "examples" / "spring.py")
+    with pytest.raises(BadInput, match=f"{expected}.*`meanflock scenario schema --method spring` lists the options"):
+        load(None, [setting], method="spring").declared  # noqa: B018
+
+
+FAILS_IN_INIT = GOOD.replace("return {}", "return {} if 1 not in uavs else 1 / 0")
+
+
+@pytest.mark.parametrize(
+    ("text", "flags", "expected"),
+    [
+        (GOOD.replace("return {}", "1 / 0"), ["--in-process"], "failed in `init` with UAV 0: ZeroDivisionError"),
+        pytest.param(FAILS_IN_INIT, [], "failed in `init` with UAV 1: ZeroDivisionError", marks=pytest.mark.processes),
+        (GOOD, ["--in-process", "--set", "vehicle.options.mass=2"], "vehicle.options: there is no key `mass`"),
+    ],
+)
+def test_a_plugin_that_cannot_begin_ends_the_command_with_one_line_and_leaves_no_folder(
+    text: str, flags: list[str], expected: str, tmp_path: Path
+) -> None:
+    command = [str(Path(sys.executable).with_name("meanflock")), "run", "--quiet", "--method", "mine", *flags]
+    command += ["--plugin", str(written(tmp_path, text)), "--set", "uavs=2", "--out", str(tmp_path / "runs")]
+    ended = subprocess.run(command, capture_output=True, text=True, env=dict(os.environ), timeout=DEADLINE_S)
+    assert ended.returncode == EXIT_BAD_INPUT, ended.stderr
+    (line,) = ended.stderr.splitlines()
+    assert line.startswith("error: ")
+    assert expected in line
+    assert not (tmp_path / "runs").exists()

@@ -1,21 +1,14 @@
-"""Features with the coefficients of the paper's powers: closed forms of the sums, and both forms to the same bits."""
-
-from types import ModuleType
+"""Features with the coefficients of the paper's powers: closed forms of their sums."""
 
 import numpy as np
-import pytest
 
-from meanflock.agent.controllers.mean_field.learner import Learner
 from meanflock.agent.controllers.mean_field.tables import offsets, tables
-from meanflock.kernels import reference
 from meanflock.kernels.mean_field import features, fpk, interaction, layout
 from meanflock.swarm import state
-from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import load
 
 SCALES = ["learner.position_scale=300", "learner.velocity_scale=60"]
 PRINTED = load(None, ["uavs=9", "learner.multinomial=true", *SCALES], method="mfg")
-PLAIN = load(None, ["uavs=9", *SCALES], method="mfg")
 T = tables(PRINTED)
 STATES = np.random.default_rng(2).uniform([-50, -50, -8, -8], [180, 130, 8, 8], (13, state.SIZE))
 SCALED = STATES / [300.0, 300.0, 60.0, 60.0]
@@ -53,30 +46,3 @@ def test_the_density_at_the_nodes_is_that_power_there() -> None:
     at_nodes = interaction.density(T, np.ones((13, layout.DENSITY_FEATURES)), terms)
     there = (STATES[:, None, :] + offsets(PRINTED)) / [300.0, 300.0, 60.0, 60.0]
     np.testing.assert_allclose(at_nodes, (1.0 + there.sum(axis=-1)) ** 4 - 1.0, rtol=1e-9, atol=1e-12)
-
-
-def test_a_smaller_model_in_larger_features_is_the_same_function() -> None:
-    """A model c times smaller in features c times larger is the same function; only its learning step differs."""
-    plain = tables(PLAIN)
-    weights = np.random.default_rng(4).normal(size=(13, layout.DENSITY_FEATURES))
-    both = [features.terms(t, features.pairs(t, features.powers(t, STATES))) for t in (plain, T)]
-    np.testing.assert_allclose(
-        interaction.quadrature(plain, weights, both[0]),
-        interaction.quadrature(T, weights / T.coefficient[1:], both[1]),
-        rtol=1e-9,
-    )
-
-
-def test_both_forms_give_the_same_bits() -> None:
-    rows = 25
-    compiled = pytest.importorskip("meanflock.kernels.compiled")
-    draw = np.random.default_rng(rows)
-    weights = Learner(PRINTED).init(rows, starts(PRINTED)) + draw.normal(0, 1e-3, (rows, layout.MODEL_FLOATS))
-    states = draw.uniform([-50, -50, -8, -8], [180, 130, 8, 8], (rows, state.SIZE))
-
-    def tick(backend: ModuleType) -> bytes:
-        stepped, numbers = np.empty_like(weights), np.empty((rows, layout.NUMBERS))
-        backend.learn(backend.prepare(T), states, weights, None, stepped, numbers)
-        return np.concatenate([stepped, numbers], axis=-1).tobytes()
-
-    assert tick(compiled) == tick(reference)

@@ -17,27 +17,21 @@ from meanflock.swarm.scenario import load
 ORACLE = json.loads((Path(__file__).parents[2] / "oracle" / "learner.json").read_text())
 CASES = range(len(ORACLE["cases"]))
 RTOL = 1e-9
+KEYS = {  # of the scenario, with the names of the oracle
+    **{
+        "learner.position_scale": "L_r",
+        "learner.velocity_scale": "L_v",
+        "learner.mu_h": "mu_H",
+        "learner.mu_f": "mu_F",
+    },
+    **{"learner.c_h": "c_H", "learner.kappa": "kappa", "cost.c1": "c1", "cost.c2": "c2", "cost.c3": "c3"},
+    **{"wind.sigma": "sigma_wind", "wind.drag": "c0", "wind.mean": "v_o", "destination.radius": "s_dest"},
+}
 
 
 @pytest.fixture(scope="module")
 def t() -> Tables:
-    given = ORACLE["parameters"]
-    settings = [
-        f"learner.position_scale={given['L_r']}",
-        f"learner.velocity_scale={given['L_v']}",
-        f"learner.mu_h={given['mu_H']}",
-        f"learner.mu_f={given['mu_F']}",
-        f"learner.c_h={given['c_H']}",
-        f"learner.kappa={given['kappa']}",
-        f"cost.c1={given['c1']}",
-        f"cost.c2={given['c2']}",
-        f"cost.c3={given['c3']}",
-        f"wind.sigma={given['sigma_wind']}",
-        f"wind.drag={given['c0']}",
-        f"wind.mean={given['v_o']}",
-        f"destination.radius={given['s_dest']}",
-    ]
-    return tables(load(None, settings))
+    return tables(load(None, [f"{key}={ORACLE['parameters'][name]}" for key, name in KEYS.items()]))
 
 
 def rows(name: str) -> np.ndarray:

@@ -55,15 +55,14 @@ def test_two_uavs_that_meet_are_pushed_apart_alike(backend: ModuleType) -> None:
     np.testing.assert_array_equal(alone, 0.0)
 
 
-@pytest.mark.parametrize("others", [0, 1, 2, 7, 8, 25, 129, 300])
-@pytest.mark.parametrize("range_m", [0.05, 0.5, 40.0])
+@pytest.mark.parametrize("others", [0, 1, 7, 8, 129, 300])
+@pytest.mark.parametrize("range_m", [0.05, 40.0])
 def test_both_forms_give_the_same_bits(others: int, range_m: float) -> None:
     compiled = pytest.importorskip("meanflock.kernels.compiled")
     draw = np.random.default_rng(others)
     states, known = draw.normal(0, 1.0, (9, 4)), draw.normal(0, 1.0, (9, others, 4))
-    assert pushed(compiled, states, known, 5.0, range_m).tobytes() == (
-        pushed(reference, states, known, 5.0, range_m).tobytes()
-    )
+    first, second = (pushed(backend, states, known, 5.0, range_m) for backend in (compiled, reference))
+    assert first.tobytes() == second.tobytes()
 
 
 @settings(max_examples=100, deadline=None)
