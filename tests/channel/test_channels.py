@@ -140,15 +140,3 @@ def test_broadcasts_of_a_tick_keep_their_numbers_payloads_and_links() -> None:
     total = medium.meter.traffic[FrameKind.STATE]
     assert total.payload_bits == 3 * (5 * 4 * 32 + 5 * 3 * 16 + 2 * 8)
     assert total.transmissions == 3 * 12
-
-
-def test_a_snapshot_has_every_broadcast_that_is_under_way() -> None:
-    flown = scenario("radio.target_snr_db=60", "radio.coherence_time_s=0.2", "radio.bandwidth_hz=1000")
-    medium, states = Medium(flown), line(0, 1, 2, 3, 4)
-    source = np.arange(5, dtype=np.int32)
-    medium.send(0, [Frames(FrameKind.STATE, k, source, np.full((5, 2 + k), k, dtype="<i4")) for k in range(3)], states)
-    other = Medium(flown)
-    other.restore(medium.snapshot())
-    for tick in range(1, 20):
-        one, two = medium.due(tick), other.due(tick)
-        assert [(b.round, b.payload.tolist()) for b in one] == [(b.round, b.payload.tolist()) for b in two]

@@ -69,23 +69,6 @@ def test_a_leader_broadcasts_the_mean_of_the_uploads_when_a_round_closes(method:
     assert isinstance(wire.read_act(wire.write_act(act)), Act)
 
 
-def test_uploads_of_a_round_count_once_and_together_in_any_order() -> None:
-    of = flown("radio.coherence_time_s=0.1", "radio.latency_threshold_slots=4")
-    end = closing(of, 1)
-    assert end == PERIOD + 4
-    batches = [upload([6, 1]), upload([4]), upload([0, 2, 7])]
-    again, strangers = upload([1, 6], seed=9), upload([3, 5], number=7)  # a second copy; another round
-    bits = set()
-    for order in ((0, 1, 2), (2, 1, 0), (1, 2, 0)):
-        node = leader(of)
-        for tick, k in enumerate(order, PERIOD + 1):
-            assert not node.act(sense(tick, batches[k])).outbox
-            node.act(sense(tick, *([again, strangers] if tick == PERIOD + 3 else [])))
-        act = node.act(sense(end))
-        bits.add(act.outbox[0].payload.tobytes())
-    assert bits == {mean_of([0, 1, 2, 4, 6, 7]).tobytes()}
-
-
 @pytest.mark.parametrize("rule", ["fedavg", "precision", "krum"])
 def test_a_round_with_no_model_but_the_leader_s_own_is_void_and_changes_nothing(rule: str) -> None:
     of = flown(f'federation.aggregation="{rule}"')
@@ -94,18 +77,6 @@ def test_a_round_with_no_model_but_the_leader_s_own_is_void_and_changes_nothing(
     assert (said(act), act.memory) == ([], b"")
     both = upload([3, 5], number=2)
     assert node.act(sense(closing(of, 2), both)).memory == fresh.act(sense(closing(of, 2), both)).memory
-
-
-def test_an_upload_that_comes_after_its_round_was_closed_is_forgotten() -> None:
-    """On a channel whose messages may take longer than D_M."""
-    of = flown()
-    node = leader(of)
-    for number in (1, 2, 3):
-        node.act(sense(closing(of, number)))
-        node.act(sense(closing(of, number) + 1, upload([2, 5], number)))
-    assert not said(node.act(sense(closing(of, 4))))
-    (averager,) = node._party._averagers
-    assert not averager._mail  # or a long flight keeps them all
 
 
 @pytest.mark.parametrize("down", ["int8", "float16", "float32"])
@@ -128,16 +99,6 @@ def relayed(counts: dict[int, int], number: int = 1) -> Frames:
     source = np.array(sorted(counts), dtype=np.int32)
     payload = np.stack([np.append(model_of(uav)[:108], np.float32(counts[uav])) for uav in sorted(counts)])
     return Frames(FrameKind.RELAY, number, source, payload, np.array([[row, 3] for row in range(len(source))], "<i4"))
-
-
-def test_relays_are_weighed_by_how_many_models_are_behind_them() -> None:
-    of = flown("federation.clusters=3")
-    node, end = leader(of), closing(of, 1)
-    assert end == PERIOD + 2
-    act = node.act(sense(end, relayed({0: 3, 3: 1, 6: 2})))
-    total = 3.0 * model_of(0).astype(float) + 1.0 * model_of(3) + 2.0 * model_of(6)
-    assert said(act) == [(FrameKind.GLOBAL, 1, [3])]
-    np.testing.assert_array_equal(act.outbox[0].payload[0], (total[:108] / 6.0).astype(np.float32))
 
 
 def test_an_absurd_relay_is_refused_by_the_name_of_its_head() -> None:

@@ -13,7 +13,7 @@ from meanflock.swarm.net import client, keys
 from meanflock.swarm.net.bus import Bus, Delivery, MemoryNetwork
 from meanflock.swarm.net.client import NodeClient, take_part
 from meanflock.swarm.wire import control, tick
-from meanflock.swarm.wire.messages import Act, Event, Join, Message, Refusal, Sense, Stop, Welcome
+from meanflock.swarm.wire.messages import Act, Join, Message, Refusal, Sense, Stop, Welcome
 from tests.polling import DEADLINE_S
 
 RUN = "client"
@@ -133,19 +133,6 @@ def test_a_tick_is_answered_in_the_thread_that_asks_and_never_beside_another(mon
         other.join()
         loop.join()
     assert node.answered == [(0, here), (1, other.ident), (2, loop.ident)]
-
-
-def test_a_complaint_of_a_node_reaches_the_world_once_and_before_the_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    world, node = World(monkeypatch, WELCOME), Node()
-    world.join(node)
-    node.complaints.append("the controller of UAV 3 has failed")
-    for number in (0, 2):
-        world.ask(number)
-    _, complaint, first, second = (world.hear() for _ in range(4))
-    event = control.decode(complaint.payload)
-    assert isinstance(event, Event)
-    assert (event.tick, event.text) == (0, "the controller of UAV 3 has failed")
-    assert [tick.read_act(answer.payload).tick for answer in (first, second)] == [0, 2]
 
 
 def test_a_stop_of_this_run_ends_the_service_and_one_of_another_run_does_not(monkeypatch: pytest.MonkeyPatch) -> None:

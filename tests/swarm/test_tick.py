@@ -14,7 +14,7 @@ from meanflock.swarm.wire import tick
 from meanflock.swarm.wire.messages import Act, Frames, Sense
 from tests.swarm.backends import Backend
 from tests.swarm.examples import arrays_in, same
-from tests.swarm.ticks import QUICK, acts, as_documented, as_meant, batches, read, senses, written
+from tests.swarm.ticks import QUICK, acts, as_documented, batches, read, senses, written
 
 pytestmark = pytest.mark.usefixtures("backend")  # all of this holds for every form
 
@@ -28,7 +28,7 @@ def test_a_message_is_read_as_it_was_written_by_us_and_by_other_libraries(messag
     for array in arrays_in(received):
         assert not array.flags.writeable
     for unpack in (msgpack.unpackb, msgspec.msgpack.decode):
-        assert as_documented(unpack(raw)) == as_meant(message)
+        same(as_documented(unpack(raw)), message)
 
 
 @QUICK

@@ -78,52 +78,25 @@ def read(raw: bytes) -> Sense | Act:
     return tick.read_act(raw) if raw[1:2] == bytes([ACT]) else tick.read_sense(raw)
 
 
-def numbers_of(dtype: str, raw: bytes) -> list[Any]:
-    """Numbers of a dtype, without NumPy."""
-    letter, size = {"<f2": "e", "<f4": "f", "<f8": "d", "<i4": "i", "u1": "B", "<i2": "h", "i1": "b"}[dtype], 0
-    size = struct.calcsize(f"<{letter}")
-    assert len(raw) % size == 0
-    return list(struct.unpack(f"<{len(raw) // size}{letter}", raw))
+def array_of(dtype: str, raw: bytes, *shape: int) -> np.ndarray:
+    """Numbers of a dtype by the standard library, without NumPy's reader."""
+    letter = {"<f2": "e", "<f4": "f", "<f8": "d", "<i4": "i", "u1": "B", "<i2": "h", "i1": "b"}[dtype]
+    numbers = struct.unpack(f"<{len(raw) // struct.calcsize(letter)}{letter}", raw)
+    return np.array(numbers, dtype).reshape(shape or -1)
 
 
-def as_documented(tree: list[Any]) -> dict[str, Any]:
-    """The fields of a message that some library unpacked, as docs/wire.md describes them; not read by ours."""
+def as_documented(tree: list[Any]) -> Sense | Act:
+    """The message in what some library unpacked, read as docs/wire.md says and not by our reader."""
     kind, run, number, flags, rows, columns, first, *rest = tree
-    fields: dict[str, Any] = {"run": run, "tick": number, "table": (rows, columns, numbers_of("<f8", first))}
+    table_, frames = array_of("<f8", first, rows, columns), []
+    for of, round_, code, width, source, said, links in rest.pop():
+        dtype, count = DTYPES[code], len(source) // 4
+        pairs = array_of("<i4", links, len(links) // 8, 2) if links else None
+        payload = array_of(dtype, said, count, width)
+        frames.append(Frames(FrameKind(of), round_, array_of("<i4", source), payload, pairs))
     if kind == SENSE:
-        memory, frames = rest
-        fields |= {"report": bool(flags & 1), "checkpoint": bool(flags & 2), "memory": memory}
-    else:
-        lost, refused, models, memory, frames = rest
-        assert flags == 0
-        fields |= {"lost": numbers_of("<i4", lost), "refused": numbers_of("<i4", refused), "memory": memory}
-        fields["models"] = numbers_of("<f8", models)
-    fields["frames"] = []
-    for of, round_, code, width, source, said, links in frames:
-        pairs = numbers_of("<i4", links)
-        batch = [of, round_, DTYPES[code], width, numbers_of("<i4", source), numbers_of(DTYPES[code], said)]
-        fields["frames"].append([*batch, list(zip(pairs[::2], pairs[1::2], strict=True))])
-    return fields
-
-
-def as_meant(message: Sense | Act) -> dict[str, Any]:
-    """The same of a message as it is in memory."""
-    first = message.states if isinstance(message, Sense) else message.commands
-    fields: dict[str, Any] = {
-        "run": message.run,
-        "tick": message.tick,
-        "table": (*first.shape, first.ravel().tolist()),
-        "memory": message.memory,
-        "frames": [],
-    }
-    if isinstance(message, Sense):
-        fields |= {"report": message.report, "checkpoint": message.checkpoint}
-    else:
-        fields |= {"lost": message.lost.tolist(), "refused": message.refused.tolist()}
-        fields["models"] = [] if message.models is None else message.models.ravel().tolist()
-    for batch in message.inbox if isinstance(message, Sense) else message.outbox:
-        dtype = next(name for name in DTYPES if np.dtype(name) == batch.payload.dtype)
-        links = [] if batch.links is None else [tuple(pair) for pair in batch.links.tolist()]
-        head = [int(batch.kind), batch.round, dtype, batch.payload.shape[1], batch.source.tolist()]
-        fields["frames"].append([*head, batch.payload.ravel().tolist(), links])
-    return fields
+        return Sense(run, number, table_, bool(flags & 1), bool(flags & 2), tuple(frames), *rest)
+    lost, refused, models, memory = rest
+    assert flags == 0
+    learned = array_of("<f8", models, rows, len(models) // (8 * rows)) if models else None
+    return Act(run, number, table_, array_of("<i4", lost), array_of("<i4", refused), learned, memory, tuple(frames))

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from meanflock.agent.controllers.base import Broadcast, Controller
+from meanflock.agent.controllers.base import Broadcast
 from meanflock.testing import ConformanceError
 from tests.testing.good import (
     KINDS,
@@ -58,13 +58,10 @@ CONTROLLERS: dict[str, tuple[Any, str]] = {
         step(broadcasts=lambda _, memory, own: [Broadcast(own[:, : 1 + int(memory["uav"].sum() > 3)])]),
         "broadcast 0 is 1 × float64 and 2 × float64, as the UAV is",
     ),
-    "a refused UAV that is none": (step(refused=lambda *_: np.array([-1])), "`refused` names UAVs from -1"),
     "another row": (step(acceleration=lambda good, _, own: good.acceleration + own[:, :2].sum(axis=0)), "than alone"),
     "three axes": (step(acceleration=lambda _, __, own: own[:, :3]), "acceleration has shape"),
-    "no diagnostics": (step(diagnostics=lambda *_: None), "no diagnostics"),
     "needs a frame": (changed(GoodController, "step", lambda *given: given[-1][0] and given[1]), "IndexError"),
     "a model of another length": (having(GoodController, parameters=4), r"`get` returns shape \(6, 3\)"),
-    "takes no model": (having(GoodController, set=Controller.set), "must override `set`"),
     "the name of a column": (having(GoodController, diagnostics=("arrived",)), "has columns of that name"),
     "a memory without rows": (having(GoodController, init=lambda *_: {"model": np.zeros(3)}), "leading axis"),
     "writes to states": (writing(GoodController, "step", 2), COPY),

@@ -3,14 +3,12 @@
 from collections.abc import Sequence
 from typing import Any
 
-import daqp
 import numpy as np
 import pytest
 
 import meanflock as mf
 from meanflock.agent.controllers.barriers import Barrier, Braking, Ecbf
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.agent.controllers.sharing.nearby import closest
 from meanflock.swarm.scenario import Filter, Scenario, Sharing, Wind, load
 
 AIR = Wind(drag=0.3, mean=(3.0, -2.0))
@@ -86,27 +84,6 @@ def test_together_every_pair_keeps_the_condition_of_its_barrier(kind: type[Barri
         assert (exponential if kind is Ecbf else braking)(distance, first, second) >= -1e-4
         checked += 1
     assert checked >= 20
-
-
-@pytest.mark.parametrize("kind", [Ecbf, Braking])
-@pytest.mark.parametrize("seed", range(5))
-def test_the_admitted_motion_is_that_of_a_solver_of_quadratic_programs(kind: type[Barrier], seed: int) -> None:
-    scenario = Scenario(uavs=5, wind=Wind(drag=0.0))
-    own, wanted = swarm(5, 4.0, seed)
-    made = filtered(scenario, kind, acceleration_max_m_s2=1e3)
-    acceleration, infeasible = admit(made, own, wanted)
-    everyone = np.repeat(own[None], 5, axis=0)
-    near = closest(own, everyone, np.arange(5), made.options.reach_m, 10)
-    normals, bounds = made.half_planes(near, made.options.rate_1_s, made.options.distance_m, 0.5)
-    assert not infeasible.any()
-    for row in range(5):
-        rows, least = normals[row][near.there[row]], bounds[row][near.there[row]]
-        most = np.full(len(rows), 1e30)
-        found, _, status, _ = daqp.solve(
-            np.eye(2), -wanted[row], np.ascontiguousarray(rows), most, least, primal_tol=1e-12
-        )
-        assert status == 1
-        np.testing.assert_allclose(acceleration[row], found, atol=1e-6)
 
 
 @pytest.mark.parametrize("speed", [1.0, 2.25, 4.0])

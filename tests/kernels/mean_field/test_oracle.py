@@ -11,7 +11,6 @@ import pytest
 from meanflock.agent.controllers.mean_field.tables import DENSITY_EXPONENTS, VALUE_EXPONENTS, tables
 from meanflock.kernels.mean_field import features, fpk, hjb, layout
 from meanflock.kernels.mean_field.layout import Tables
-from meanflock.swarm import state
 from meanflock.swarm.scenario import load
 
 ORACLE = json.loads((Path(__file__).parents[2] / "oracle" / "learner.json").read_text())
@@ -49,30 +48,6 @@ def test_exponents_are_in_the_agreed_order() -> None:
 
 def weights(first: str, second: str) -> np.ndarray:
     return np.concatenate([rows(first), rows(second)], axis=-1)
-
-
-def test_value_features_and_derivatives(t: Tables) -> None:
-    of = features.value(t, features.powers(t, rows("state")))
-    sigma, by_position, by_velocity, curvature = np.moveaxis(of, -3, 0)
-    close(sigma.reshape(-1, 54), "sigma_H")
-    gradient = np.zeros((len(CASES), 54, 4))
-    for axis, part in enumerate((slice(0, 27), slice(27, 54))):
-        gradient[:, part, axis] = by_position[:, axis]
-        gradient[:, part, axis + state.VX] = by_velocity[:, axis]
-    close(gradient, "grad_sigma_H")
-    close(curvature.reshape(-1, 54), "velocity_laplacian_sigma_H")
-
-
-def test_value_step(t: Tables) -> None:
-    states = rows("state")
-    result = hjb.step(t, weights("w_H0", "w_H1"), states, features.powers(t, states), rows("phi_G"))
-    close(hjb.local_cost(states, t.c1), "phi_L")
-    close(result.action_before, "action_before")
-    close(result.residual, "e_H")
-    close(result.weights[:, :54], "w_H0_next")
-    close(result.weights[:, 54:], "w_H1_next")
-    close(result.action, "action_after")
-    close(hjb.lyapunov_rate(t, states, hjb.drift(t, states, result.action_before)), "L_s_dot")
 
 
 def test_a_tick_of_either_form_under_the_oracle_s_interaction(t: Tables, backend: ModuleType) -> None:
