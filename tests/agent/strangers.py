@@ -1,4 +1,4 @@
-"""Controllers of strangers: an honest one, and what makes others of it that go wrong."""
+"""An honest controller of a stranger, and functions that make wrong ones of it."""
 
 from collections.abc import Sequence
 from typing import Any, ClassVar
@@ -14,7 +14,7 @@ UAVS = 5
 
 
 class Honest(Controller):
-    """Flies to the destination, learns a number, and says where it is; the base of all that go wrong."""
+    """Flies to the destination, learns two numbers, and broadcasts its state; the base of the wrong controllers."""
 
     name: ClassVar[str] = "stranger"
     parameters = 2
@@ -57,7 +57,7 @@ def wrong(**methods: Any) -> type[Controller]:
 
 
 def changed(**fields: Any) -> Any:
-    """A step in which something is not as it must be, of the bad UAV from some tick on."""
+    """A step with other fields, of the bad UAV from some tick on."""
 
     def step(self: Honest, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
         good = Honest.step(self, memory, tick, own, received)

@@ -59,18 +59,12 @@ def test_an_agent_loads_nothing_it_does_not_need(method: str) -> None:
 
 
 IMPORTS = """
-import ctypes
-import hmac
-import ssl
-
-import numpy as np
-import typing_extensions
+import ctypes, hmac, ssl, typing_extensions
 from hashlib import scrypt
-
+import numpy as np
 import meanflock as mf
 
 assert np.ones(1).ctypes.data_as(ctypes.POINTER(ctypes.c_double))[0] == 1.0
-
 
 class Linked(mf.Controller):
     name = "linked"

@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 
 from meanflock.agent.node import Agent
-from meanflock.federation.schedule import Schedule
 from meanflock.kernels.mean_field import layout
 from meanflock.swarm import plugins, state
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense
-from tests.agent.nodes import UAVS, flown, frames, models, sense, states_at, welcome
+from tests.agent.nodes import flown, frames, models, sense, states_at, welcome
 
 
 @pytest.mark.parametrize("method", ["mfgfl-h", "mfgfl-f", "mfgfl-hf"])
@@ -38,23 +37,6 @@ def test_the_global_model_is_in_place_before_the_update_of_the_tick() -> None:
     taught, fresh = old.act(sense(2, nothing)), new.act(sense(2))
     assert fresh.commands[:, :2].all()
     np.testing.assert_array_equal(taught.commands[:, :2], fresh.commands[:, :2])
-
-
-def test_participants_upload_their_model_as_it_is_in_the_round_s_tick() -> None:
-    of = flown(method="mfgfl-hf")
-    agent, rounds = Agent(welcome(of)), Schedule(of)
-    seen = models(agent.act(sense(0)))
-    for tick in range(1, 16):
-        act = agent.act(sense(tick))
-        expected = [u for u in UAVS if u in rounds.participants(tick // 5)] if tick % 5 == 0 else []
-        assert [batch.kind for batch in act.outbox] == [FrameKind.UPLOAD] * bool(expected)
-        for batch in act.outbox:
-            assert batch.round == tick // 5
-            assert batch.source.tolist() == expected
-            rows = [UAVS.index(u) for u in expected]
-            np.testing.assert_array_equal(batch.payload, seen[rows].astype(np.float32))
-            assert batch.links is None
-        seen = models(act)
 
 
 def test_hjb_knows_of_others_only_what_the_radio_brought() -> None:

@@ -92,15 +92,6 @@ def test_the_hash_does_not_depend_on_how_a_scenario_was_written(tmp_path: Path) 
     assert load(None, ["uavs=9"], method="mfgfl-h").sha256() not in hashes
 
 
-def test_the_resolved_scenario_has_the_period_of_the_method() -> None:
-    for method, period in (("mfgfl-h", 100), ("mfgfl-f", 100), ("mfgfl-hf", 200)):
-        loaded = load(None, method=method)
-        assert loaded.period_ticks == period
-        assert loaded.resolved().federation.period == period
-        assert loaded.resolved().sha256() == loaded.sha256()
-    assert load(None, ["federation.period=7"]).period_ticks == 7
-
-
 @pytest.mark.parametrize("bits", [16, 32, 64])
 def test_a_payload_of_the_radio_s_width_leaves_no_trace_in_the_hash(bits: int) -> None:
     left_out = load(None, [f"radio.bits_per_float={bits}"])

@@ -50,15 +50,6 @@ def test_without_noise_the_best_gains_are_found(drag: float, push: tuple[float, 
     assert gains == pytest.approx([k1, k2, along_x, riccati(drag, push[1])[2]], rel=1e-3, abs=1e-3)
 
 
-def test_in_wind_many_uavs_that_average_find_the_best_gains() -> None:
-    squares, steps = observed(25, 700, 0.1, (0.285, 0.0), 0.1)
-    every = np.tile([0.3, 1.0, 0.0, 0.0], (25, 1))
-    for _ in range(12):
-        every = np.tile(lspi.improve(every, squares, steps, DISCOUNT, 2.0, 0.3).mean(axis=0), (25, 1))
-    assert every[0, :3] == pytest.approx(riccati(0.1, 0.285), rel=0.2)
-    assert every[0, 3] == pytest.approx(0.0, abs=0.05)
-
-
 def test_a_step_changes_gains_by_at_most_its_limits() -> None:
     squares, steps = observed(4, 300, 0.3, (2.5, -2.5), 0.1)
     before = np.tile([0.1, 5.0, -1.0, 1.0], (4, 1))

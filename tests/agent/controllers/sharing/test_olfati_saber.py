@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from meanflock.agent.controllers.sharing.olfati_saber import bump
 from meanflock.swarm.errors import BadInput
 from tests.agent.controllers.by_hand import DISCS, accelerations, made
 
@@ -14,16 +13,6 @@ ALONE = (UNLIMITED, "controller.pull_m_s2=1e-12", "controller.damping_1_s=1e-12"
 def pair(distance: float, *settings: str) -> np.ndarray:
     states = np.array([[0.0, 0, 0, 0], [distance, 0, 0, 0]])
     return accelerations("olfati-saber", states, *ALONE, *settings)
-
-
-def test_the_bump_falls_smoothly_from_one_to_nothing() -> None:
-    z = np.linspace(0.0, 1.2, 1201)
-    value = bump(z, 0.2)
-    assert (value[z < 0.2] == 1.0).all()
-    assert not value[z > 1.0].any()
-    assert (np.diff(value) <= 0.0).all()
-    assert np.abs(np.diff(value)).max() < 2.1e-3  # π/2/0.8 a unit of z
-    assert bump(np.array([0.6]), 0.2)[0] == pytest.approx(0.5)
 
 
 def test_a_pair_is_repelled_within_the_distance_attracted_beyond_and_at_rest_at_it() -> None:

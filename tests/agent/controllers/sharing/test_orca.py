@@ -48,17 +48,6 @@ def test_velocities_are_those_of_pyrvo(radius: float, horizon: float, spread: fl
     assert np.quantile(errors, 0.95) < 1e-2
 
 
-def test_two_uavs_that_meet_head_on_share_the_way_out() -> None:
-    own = np.array([[0.0, 0.0, 1.0, 0.0], [1.5, 0.0, -1.0, 0.0]])
-    velocity, missing = ours(own, own[:, 2:])
-    assert not missing.any()
-    relative = velocity[0] - velocity[1]
-    away = own[1, :2] - own[0, :2]
-    along = np.clip(relative @ away / (relative @ relative), 0.0, 1.0)
-    assert np.linalg.norm(away - along * relative) == pytest.approx(0.9, abs=1e-9)  # of the next 3 s
-    np.testing.assert_allclose(velocity[0], -velocity[1], atol=1e-12)
-
-
 def test_where_the_relative_velocity_is_the_very_centre_there_is_a_way_out() -> None:
     own = np.array([[0.0, 0.0, 5.0, 0.0], [0.5, 0.0, 0.0, 0.0]])  # two that touch, a tick from being one
     everyone = np.repeat(own[None], 2, axis=0)

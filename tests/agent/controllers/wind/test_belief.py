@@ -12,14 +12,6 @@ def grid(spacing: float = 10.0) -> WindGrid:
     return WindGrid(np.array([5.0, -3.0]), BACK, 60.0, 20.0, spacing, 1.0, 15.0)
 
 
-def test_nodes_cover_the_corridor() -> None:
-    off = grid().nodes - np.array([5.0, -3.0])
-    along, across = off @ BACK, off @ np.array([-0.6, 0.8])
-    assert (along.min(), across.min()) == pytest.approx((0.0, -20.0))
-    assert (along.max(), across.max()) == pytest.approx((60.0, 20.0))
-    assert grid().count == 7 * 5
-
-
 def test_a_linear_wind_is_interpolated_exactly_and_is_constant_beyond_the_edge() -> None:
     map_ = grid()
     maps = (map_.nodes @ np.array([[0.1, -0.2], [0.3, 0.05]]))[None]

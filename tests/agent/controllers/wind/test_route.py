@@ -23,15 +23,6 @@ def ways(maps: np.ndarray, start: np.ndarray = START) -> tuple[np.ndarray, np.nd
 STILL = np.zeros((1, GRID.count, 2))
 
 
-def test_a_lane_with_the_wind_from_behind_is_taken() -> None:
-    lane = np.where(GRID.nodes[:, 1] > 10.0, -3.0, 1.0)[:, None] * BACK  # to the goal is −x
-    offsets, speeds = ways(lane[None])
-    assert offsets[0, 10] >= 10.0
-    assert offsets[0, 0] == 0.0
-    assert np.abs(np.diff(offsets[0])).max() <= 2 * ABREAST_M
-    assert speeds[0, 10] > 3.0
-
-
 def test_no_straight_way_at_any_offset_is_cheaper() -> None:
     maps = np.random.default_rng(0).standard_normal((1, GRID.count, 2))
     offsets, _ = ways(maps)
