@@ -152,7 +152,10 @@ FILES = [  # text of a file, and the error
     (f"{GOOD}\nclass Taken(Mine):\n    name = 'hjb'\n", "'hjb' is installed already.*another name"),
     (f"{GOOD}\nclass Better(Mine):\n    pass\n", "two controllers are named 'mine', Mine and Better"),
     ("from . import helper", "attempted relative import .*; a plug-in is one file, or a package: install"),
-    (f"from beside.inner import x\n{GOOD}", r"line 1\); a plug-in is one file, or a package: install what 'beside"),
+    (
+        f"from beside.inner import x\n{GOOD}",
+        r"line 1\); a plug-in is one file, or a package: install the package of 'beside",
+    ),
 ]
 
 
