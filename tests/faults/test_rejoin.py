@@ -1,5 +1,7 @@
 """A node that is lost costs nobody else anything, and another may take its place."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,8 @@ from meanflock.swarm.errors import BusError, Refused
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Join, Status
+from meanflock.swarm.wire.messages import Join, Ready, Status
+from meanflock.worldsim.members import JoinRefused, Members
 from tests.faults.conftest import RUN, Lab, scenario
 
 
@@ -111,3 +114,56 @@ def test_a_node_that_never_becomes_ready_frees_its_place_in_flight() -> None:
     summary = lab.fly({10: lambda: lab.kill("agent-5"), 20: half, 30: patience_ends, 32: lab.agent})
     assert summary["lost"] == 0
     assert [event.tick for event in lab.record.events if event.kind == "rejoined"] == [32]
+
+
+def test_a_lost_node_that_speaks_again_is_sent_home_and_its_successor_is_not() -> None:
+    lab = Lab(scenario(), uavs_per_node=1)
+    old, client = lab.bus_of("agent-1"), lab.client_of("agent-1")
+
+    def thaw() -> None:
+        old.handler = client.handle
+        old.put(keys.act(RUN, "agent-1"), control.encode(Ready(keys.fingerprint(RUN))))
+        assert client.stopped is not None
+        assert client.stopped.lost
+
+    def freeze() -> None:
+        old.handler = lambda delivery: None  # it hears nothing of its loss
+        lab.world.handle(Delivery("gone", keys.alive(RUN, "agent", "agent-1")))
+
+    summary = lab.fly({20: freeze, 40: lab.agent, 60: thaw})
+    assert (summary["lost"], summary["nodes_lost"]) == (0, 1)
+    assert summary["dropped_messages"] == {"unknown-node": 1}
+
+
+# -- places --------------------------------------------------------------------------------------------------------
+
+
+def test_a_repeated_join_gets_the_same_place() -> None:
+    members = Members(3, leaders=1)
+    first = members.admit(Join("agent", 1, token=11))
+    assert members.admit(Join("agent", 1, token=11)) is first
+    assert members.admit(Join("agent", 1, token=12)).uavs.tolist() == [1]
+    assert members.admit(Join("leader", 0, token=11)).role == "leader"  # another role is another node
+    assert members.admit(Join("agent", 1, token=13)).uavs.tolist() == [2]
+    with pytest.raises(JoinRefused, match="every UAV"):
+        members.admit(Join("agent", 1, token=14))
+
+
+def test_a_shut_place_is_refused_and_another_is_given() -> None:
+    members = Members(3, leaders=1)
+    first, second, _ = (members.admit(Join("agent", 1, uav)) for uav in range(3))
+    for lost in (first, second):
+        members.lose(lost)
+    members.shut(first, 60.0, "was slow")
+    with pytest.raises(JoinRefused, match="refused for 50 s: the agent of UAV 0 was slow") as for_now:
+        members.admit(Join("agent", 1, 0), 10.0)
+    assert members.admit(Join("agent", 2), 10.0).uavs.tolist() == [1]
+    with pytest.raises(JoinRefused, match="refused for 50 s"):
+        members.admit(Join("agent", 1), 10.0)
+    assert members.admit(Join("agent", 1), 60.0).uavs.tolist() == [0]
+    leader = members.admit(Join("leader", 0))
+    members.lose(leader)
+    members.shut(leader, math.inf, "was slow")
+    with pytest.raises(JoinRefused, match="refused for good: the leader was slow") as for_good:
+        members.admit(Join("leader", 0), 1e9)
+    assert (for_now.value.for_now, for_good.value.for_now) == (True, False)

@@ -46,11 +46,6 @@ class Mishaps:
         self._bag: list[Callable[[], None]] = list(self._kinds)  # each kind once, then by weight
         self._random.shuffle(self._bag)
 
-    @property
-    def each_happened(self) -> bool:
-        """Whether each kind has happened."""
-        return len(self.happened) == len(self._kinds)
-
     def next(self) -> Callable[[], None] | None:
         """A mishap whose victims are well; None if there is none now."""
         with self._lock:

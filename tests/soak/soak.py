@@ -62,7 +62,7 @@ def settings(uavs: int, ticks: int, seed: int) -> tuple[str, ...]:
 
 
 class Soak:
-    """One flight. It ends when it has flown so many ticks and every kind of mishap has happened."""
+    """One flight. It ends when it has flown so many ticks with as many mishaps as belong to them."""
 
     def __init__(
         self,
@@ -133,7 +133,7 @@ class Soak:
         agent, sampled = self._flight.agents[0], 0.0
         while not self._over.is_set():
             tick, mishaps = self._tick, self._mishaps.happened.total()
-            if tick >= self._ticks and self._mishaps.each_happened:
+            if min(tick, mishaps * self._every) >= self._ticks:
                 return
             self._tell(tick, mishaps)
             assert self._flight.world.poll() is None, "the world ended"

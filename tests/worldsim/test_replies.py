@@ -1,29 +1,47 @@
-"""The reply of a node: the world accepts its broadcasts, and merges the frames of all nodes.
+"""The replies of a tick: read at the barrier, merged into commands and frames, and joined into memories.
 
-Replies that it rejects: tests/faults/test_hostile_input.py.
+Replies that are rejected: tests/faults/test_hostile_input.py.
 """
 
 from typing import Any
 
 import numpy as np
+import pytest
 
 from meanflock.channel.meter import Meter
 from meanflock.federation import coding as codings
 from meanflock.federation.post import Post
-from meanflock.swarm.declared import MAX_BROADCASTS
+from meanflock.swarm.declared import MAX_BROADCASTS, MAX_MEMORY_BYTES
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import MemoryNetwork
 from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.state import BEYOND_SENSE
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
+from meanflock.worldsim.barrier import Barrier
+from meanflock.worldsim.checkpoint import Memories
 from meanflock.worldsim.members import Member
-from meanflock.worldsim.replies import FrameMerger, Replies
+from meanflock.worldsim.replies import Commands, FrameMerger, Replies
+from meanflock.worldsim.summary import Counters, protocol_summary
 from tests.swarm.examples import same
 
-RUN, TICK = 0xC0FFEE42, 20
+NAME, TICK = "replies", 20
+RUN = keys.fingerprint(NAME)
 STATES = load(None, ["uavs=8"], method="hjb")
 MODELS = load(None, ["uavs=8", "federation.period=10"], method="mfgfl-hf")
 ALL = MODELS.replace(**{"federation.fraction": 1.0})
 MOST = STATES.declared.broadcast_numbers  # of a UAV in a tick
 INTEGERS = ("i1", "u1", "<i2", "<i4")
+WIDTH = 2 + len(STATES.declared.diagnostics)
+
+
+def member(*uavs: int) -> Member:
+    return Member(f"agent-{uavs[0]}", "agent", np.array(uavs))
+
+
+def readers(flown: Scenario) -> Replies:
+    return Replies(flown, RUN, Post(flown), lambda rows: 2**16)
 
 
 def broadcast(*uavs: int, dtype: Any = "<f4", width: int = 4, number: int = 0) -> Frames:
@@ -31,21 +49,32 @@ def broadcast(*uavs: int, dtype: Any = "<f4", width: int = 4, number: int = 0) -
     return Frames(FrameKind.STATE, number, np.array(uavs, np.int32), payload)
 
 
-def upload(flown: Scenario, *uavs: int, number: int = 2) -> Frames:
-    coding = codings.of_uploads(flown)
-    models = np.random.default_rng(uavs[0]).normal(size=(len(uavs), coding.floats))
-    return Frames(FrameKind.UPLOAD, number, np.array(uavs, np.int32), coding.encode(models))
-
-
 def test_broadcasts_of_any_width_and_type_of_some_rows_are_accepted() -> None:
     frames = [broadcast(3, 5, dtype=name, width=width, number=width) for width, name in enumerate(INTEGERS, 1)]
     frames += [broadcast(2, width=MOST), broadcast(2, 5, number=MAX_BROADCASTS - 1)]
-    act = Act(RUN, TICK, np.full((3, 2 + len(STATES.declared.diagnostics)), 0.25), outbox=tuple(frames))
-    replies = Replies(STATES, RUN, Post(STATES), lambda rows: 2**16)
-    same(replies.read(Member("agent-2", "agent", np.array([2, 3, 5])), TICK, wire.write_act(act)), act)
+    act = Act(RUN, TICK, np.full((3, WIDTH), 0.25), outbox=tuple(frames))
+    same(readers(STATES).read(member(2, 3, 5), TICK, wire.write_act(act)), act)
 
 
-# -- the frames of a tick -----------------------------------------------------------------------------------------
+# -- the barrier ----------------------------------------------------------------------------------------------------
+
+
+def test_commands_stand_in_the_rows_of_their_uavs_and_the_last_reply_wakes_the_waiting_thread() -> None:
+    barrier, both = Barrier(MemoryNetwork().endpoint(), NAME, readers(STATES)), (member(1, 4), member(2))
+    barrier.open(TICK, reporting=False)
+    for node in both:
+        barrier.ask(node, np.zeros((node.rows, 4)))
+    raws = [wire.write_act(Act(RUN, TICK, np.full((node.rows, WIDTH), 1.0 + node.rows))) for node in both]
+    assert barrier.offer(keys.act(NAME, "agent-1"), raws[0])
+    assert not barrier.offer(keys.act(NAME, "agent-1"), raws[0])  # it counts once
+    assert not barrier.offer(keys.act(NAME, "agent-2"), raws[1])  # the last one is left to the waiting thread
+    barrier.take(both[1], raws[1])
+    assert not barrier.silent
+    assert barrier.replied.tolist() == [False, True, True, False, True, False, False, False]
+    assert barrier.commands[[1, 2, 4], 0].tolist() == [3.0, 2.0, 3.0]
+
+
+# -- frames ---------------------------------------------------------------------------------------------------------
 
 
 class Air:
@@ -56,14 +85,20 @@ class Air:
         self.meter = Meter(flown.radio, flown.uavs)
         self._merger = FrameMerger(Post(flown), lambda error, where: self.dropped.append(where))
 
-    def merge(self, *batches: Frames, silent: tuple[int, ...] = (), tick: int = TICK) -> list[Frames]:
+    def merge(self, *batches: Frames, silent: tuple[int, ...] = ()) -> list[Frames]:
         active = np.ones(8, dtype=bool)
         active[list(silent)] = False
-        return self._merger.merged(tick, batches, active, self.meter)
+        return self._merger.merged(TICK, batches, active, self.meter)
 
     @property
     def billed(self) -> int:
         return self.meter.traffic[FrameKind.UPLOAD].wire_bytes
+
+
+def upload(flown: Scenario, *uavs: int, number: int = 2) -> Frames:
+    coding = codings.of_uploads(flown)
+    models = np.random.default_rng(uavs[0]).normal(size=(len(uavs), coding.floats))
+    return Frames(FrameKind.UPLOAD, number, np.array(uavs, np.int32), coding.encode(models))
 
 
 def test_uploads_are_merged_into_one_batch_and_billed_by_their_bytes() -> None:
@@ -84,3 +119,83 @@ def test_uploads_of_other_rounds_and_of_silent_uavs_are_left_out() -> None:
     assert air.dropped == ["frames of UAV 1", "frames of UAV 5"]
     assert air.billed == sum(wire.bytes_of_batch(each) for each in (upload(ALL, 0), upload(ALL, 2)))
     assert Air(MODELS).merge(upload(MODELS, 1, number=7)) == []
+
+
+# -- commands -------------------------------------------------------------------------------------------------------
+
+UAVS = 5
+EACH = np.ones(UAVS, dtype=bool)
+
+
+def numbers() -> np.ndarray:
+    return np.random.default_rng(1).normal(size=(UAVS, 5))
+
+
+@pytest.mark.parametrize("column", range(5))
+@pytest.mark.parametrize("size", [BEYOND_SENSE, -BEYOND_SENSE, np.inf, np.nan])
+def test_a_command_beyond_the_bound_is_named_and_not_used(size: float, column: int) -> None:
+    commands, given = Commands(UAVS, 3), numbers()
+    given[2, column] = given[4, 0] = size
+    assert commands.store(given, EACH & (np.arange(UAVS) != 4), EACH, EACH).tolist() == [2]  # 4 has not replied
+    assert commands.accelerations.any(axis=-1).tolist() == [True, True, False, True, False]
+    assert commands.largest.max() < BEYOND_SENSE
+
+
+def test_diagnostics_of_uavs_on_the_way_add_up() -> None:
+    commands, on_way = Commands(UAVS, 3), np.array([True, False, True, True, False])
+    commands.store(numbers(), EACH, EACH, on_way)
+    commands.store(numbers(), EACH, EACH, EACH)
+    twice = commands.diagnostics[on_way].sum(axis=0) + commands.diagnostics.sum(axis=0)
+    np.testing.assert_allclose(commands.summed, twice, rtol=1e-12)
+    summary = protocol_summary(Counters(), Post(load(None)), commands, ["a", "b", "c"], None, 0)
+    assert list(summary["diagnostics"].values()) == commands.summed.tolist()
+    assert summary["diagnostics_max"] == dict(zip("abc", commands.largest.tolist(), strict=True))
+
+
+# -- memories -------------------------------------------------------------------------------------------------------
+
+ROWS = 100
+
+
+def memory(rows: int, first: float = 0.0) -> dict[str, np.ndarray]:
+    return {"model": first + np.arange(3.0 * rows).reshape(rows, 3), "tick": np.full(rows, 7, dtype=np.int32)}
+
+
+def test_memories_are_joined_by_row_and_missing_ones_are_zero() -> None:
+    memories = Memories(ROWS)
+    memories.take(member(2), memory(1, 9.0))
+    memories.take(member(0, 1), memory(2))
+    assert memories.arrays["model"][:3].tolist() == [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0], [9.0, 10.0, 11.0]]
+    assert memories.arrays["tick"].tolist() == [7, 7, 7, *[0] * (ROWS - 3)]
+    assert memories.present.tolist() == [True] * 3 + [False] * (ROWS - 3)
+
+
+@pytest.mark.parametrize(
+    ("record", "reason"),
+    [
+        ({"model": np.zeros((2, 3))}, "wrong-shape"),
+        ({"model": "learned"}, "wrong-shape"),
+        ({"model": np.zeros((1, MAX_MEMORY_BYTES // 8 // ROWS)), "more": np.zeros((1, 1))}, "oversized"),
+    ],
+)
+def test_a_reply_that_is_no_memory_is_refused_and_the_next_one_is_stored(record: dict[str, Any], reason: str) -> None:
+    memories = Memories(ROWS)
+    with pytest.raises(MessageRejected, match=f"^{reason}"):
+        memories.take(member(2), record)
+    memories.take(member(0, 1), memory(2))
+    assert memories.present.sum() == 2
+
+
+@pytest.mark.parametrize(
+    "record",
+    [{}, memory(1) | {"more": np.zeros(1)}, memory(1) | {"model": np.zeros((1, 4))}, memory(1) | {"tick": np.zeros(1)}],
+)
+def test_a_memory_unlike_the_others_is_refused_and_changes_nothing(record: dict[str, Any]) -> None:
+    memories = Memories(ROWS)
+    memories.take(member(0, 1), memory(2))
+    before = {name: array.copy() for name, array in memories.arrays.items()}
+    with pytest.raises(MessageRejected, match="as of the others"):
+        memories.take(member(2), record)
+    assert not memories.present[2:].any()
+    for name, array in memories.arrays.items():
+        np.testing.assert_array_equal(array, before[name])
