@@ -107,13 +107,10 @@ class Flight:
     opened: list[ZenohBus] = field(default_factory=list)
     crew: list[threading.Thread] = field(default_factory=list)
     go_on: threading.Event = field(default_factory=threading.Event)  # for the agent that stands still
-    barrier_s: float = DEADLINE_S
-    settings: tuple[str, ...] = ()  # beside `SETTINGS`
-    buses: dict[int, Callable[[Bus], Any]] = field(default_factory=dict)  # what stands before the bus of an agent
 
     def __post_init__(self) -> None:
-        flags = ["--endpoint", self.endpoint, "--run", RUN, "--barrier", str(self.barrier_s)]
-        flags += [flag for setting in (*SETTINGS, *self.settings) for flag in ("--set", setting)]
+        flags = ["--endpoint", self.endpoint, "--run", RUN, "--barrier", str(DEADLINE_S)]
+        flags += [flag for setting in SETTINGS for flag in ("--set", setting)]
         if self.folders is not None:
             flags += ["--tls", str(self.folders.good)]
         with self.log.open("wb") as log:
@@ -137,7 +134,6 @@ class Flight:
             bus: Any = self.client(keys.asker("agent", uav))
             if uav == HELD:
                 bus = self.held = Holding(bus, self.go_on)
-            bus = self.buses.get(uav, lambda bus: bus)(bus)
             self._board(bus, Join("agent", 1, uav), Agent)
         self._board(self.client(LEADER), Join(LEADER, 0), Leader)
         assert self.held.reached.wait(DEADLINE_S), self.said()
