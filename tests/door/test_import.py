@@ -8,7 +8,6 @@ from pathlib import Path
 import meanflock as mf
 from tests.polling import DEADLINE_S
 
-ROOT = Path(__file__).parents[2]
 LOOK = """
 import json, os, signal, sys
 before = dict(os.environ), signal.getsignal(signal.SIGINT), set(sys.modules)

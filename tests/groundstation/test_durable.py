@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -12,34 +11,10 @@ from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.resume import back
 from meanflock.groundstation.results.run_folder import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, RunFolder
-from meanflock.swarm import durable
 from meanflock.swarm import scenario as scenarios
 from tests.polling import DEADLINE_S
 
 SETTINGS = ("uavs=3", "seed=7", "duration=30", "stop=duration", "federation.period=40")
-
-
-class Died(Exception):
-    """Ends a process in the middle of a test."""
-
-
-@pytest.mark.parametrize("at", ["fsync", "replace"])
-def test_a_process_that_dies_before_the_new_file_is_in_place_leaves_the_old_one(
-    at: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "kept"
-    durable.replace(path, b"old")
-
-    def dies(*_: object) -> None:
-        raise Died
-
-    with monkeypatch.context() as patched:
-        patched.setattr(os, at, dies)
-        with pytest.raises(Died):
-            durable.replace(path, b"new and longer")
-    assert path.read_bytes() == b"old"
-    durable.replace(path, b"newer")  # what was left over is not in the way
-    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == {"kept": b"newer"}
 
 
 def test_rows_and_events_are_on_the_disk_before_the_checkpoint_and_that_before_its_name(
@@ -131,18 +106,3 @@ def test_a_run_killed_at_any_step_of_replacing_its_checkpoint_resumes_to_the_sam
         assert f'"trajectory_sha256": "{expected}"' in (folder / SUMMARY).read_text()
         assert sorted(path.name for path in folder.iterdir()) == [EVENTS, SCENARIO, SUMMARY, "timeseries.parquet"]
     assert starts == [1, 1, 1, 1, 101, 101]
-
-
-@pytest.mark.parametrize(("ends_at", "file", "calls"), [(5, True, 5), (100, True, 6), (100, False, 2)])
-def test_a_writer_may_take_as_long_as_its_file_grows(tmp_path: Path, ends_at: int, file: bool, calls: int) -> None:
-    path, waits = tmp_path / "growing", []
-
-    def flush(seconds: float) -> None:
-        waits.append(seconds)
-        path.write_bytes(b"." * min(len(waits), 5))
-        if len(waits) < ends_at:
-            raise RuntimeError("not yet")
-
-    with pytest.raises(RuntimeError) if ends_at > calls else nullcontext():
-        durable.settle(flush, path if file else None, 0.5)
-    assert waits == [0.5] * calls

@@ -3,7 +3,6 @@
 import re
 import subprocess
 import sys
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -13,8 +12,6 @@ from meanflock.channel.link import slot_success
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Finished, Telemetry
 from tests.golden.flights import steady
 from tests.groundstation.flights import INT8, RUN, UAVS, fly, scenario
 from tests.methods import METHODS
@@ -79,36 +76,6 @@ def test_the_telemetry_is_the_flight_row_by_row() -> None:
     events = [event.kind for block in kept.blocks for event in block.events]
     assert events.count("round") == summary["rounds"] == 3
     assert (events[0], events[-1]) == ("joined", "finished")
-
-
-def test_an_observer_sees_take_off_and_every_tick() -> None:
-    engine, ticks, bits = Engine(scenario("mfgfl-h", "duration=4"), RUN), [], []
-
-    def look(seen: Engine) -> None:
-        ticks.append(seen.world.flight.tick)
-        bits.append(seen.world.air.meter.total("payload_bits"))
-
-    summary = engine.complete(look)
-    assert ticks == list(range(41))
-    assert bits[0] == UAVS * 4 * 32  # the mission plan
-    assert bits[-1] == summary["payload_bits"]["total"] > bits[0]
-    assert not engine.world.outbox.waiting
-    assert summary["telemetry_blocks_dropped"] == 0
-
-
-def test_without_a_listener_no_block_is_encoded_and_the_flight_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    flown = scenario("mfgfl-h", "duration=6")
-    told = fly(flown, sinks=[Kept()])
-    encode, kinds = control.encode, set()
-
-    def listed(message: Any) -> bytes:
-        kinds.add(type(message))
-        return encode(message)
-
-    monkeypatch.setattr(control, "encode", listed)
-    assert steady(told) == steady(fly(flown))
-    assert kinds
-    assert not kinds & {Telemetry, Finished}
 
 
 @pytest.mark.parametrize("rows", [1, 4])

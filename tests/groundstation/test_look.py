@@ -1,8 +1,6 @@
-"""`view`, `plot` and `picture`: finished, killed and flying runs, with and without a display."""
+"""`view`, `plot` and `picture`: finished and flying runs, with and without a display."""
 
-import os
 import socket
-import subprocess
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -18,34 +16,6 @@ from meanflock.swarm import scenario
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, RunFailed
 
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
-
-
-def test_view_of_a_killed_run_completes_its_recording_from_its_time_series(run, tmp_path, monkeypatch) -> None:
-    flown = scenario.load(None, ["duration=12", "stop=duration"], uavs=3)
-    folder = RunFolder(tmp_path, "killed", flown)
-    recorder = Recorder(flown, "killed", folder.path / "recording.rrd")
-    for _ in Engine(flown, "killed", sinks=[folder, recorder]).fly():
-        pass
-    recorder._pending = []  # as after kill -9: nothing is sent, nothing completed
-    recorder.close()
-    with (folder.path / "recording.rrd").open("r+b") as file:
-        file.truncate(file.seek(0, os.SEEK_END) - 100)
-    folder._background.wait()
-    folder._spool = None  # type: ignore[assignment]
-    folder._events.close()
-    opened: list[Path] = []
-
-    def close_at_once(path: Path) -> "subprocess.Popen[bytes]":
-        opened.append(path)
-        return subprocess.Popen(["true"])
-
-    monkeypatch.setattr(display, "check", lambda _: None)
-    monkeypatch.setattr(viewer, "open_viewer", close_at_once)
-    code, _, _ = run("view", str(folder.path))
-    assert (code, opened) == (EXIT_DONE, [folder.path / "recording.rrd"])
-    rows = len(pq.read_table(folder.path / "timeseries.parquet"))
-    assert recorded(opened).ticks.tolist() == list(range(rows))
-    assert rows > 100
 
 
 def test_a_run_that_still_flies_is_refused_and_not_completed(run, tmp_path) -> None:

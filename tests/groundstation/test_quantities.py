@@ -18,7 +18,7 @@ from rich.console import Console
 
 from meanflock.groundstation.launch.progress import summary_table
 from meanflock.groundstation.launch.run import Options, fly
-from meanflock.groundstation.plots import comparison, plotstyle
+from meanflock.groundstation.plots import plotstyle
 from meanflock.groundstation.plots.run import plot_run
 from meanflock.groundstation.recording import plots
 from meanflock.groundstation.recording.plots import plot_rows
@@ -197,18 +197,6 @@ def test_a_lost_uav_has_no_part_in_the_mean_of_a_diagnostic(of_a_stranger: Path)
     assert list(ticks) == list(range(1, len(rows) - 1))
 
 
-def test_an_unknown_method_has_its_own_look_in_every_figure() -> None:
-    strangers = [f"mine-{number}" for number in range(50)]
-    looks = {name: (each.colour, each.marker, each.dash) for name in strangers for each in [plotstyle.look(name)]}
-    assert looks["mine-0"] == ("#999933", "P", (0, (7, 2)))  # today and on every machine
-    assert len(set(looks.values())) > 20
-    known = {look[:2] for look in plotstyle.LOOKS.values()}
-    assert not known & {(tone, marker) for tone, marker, _ in looks.values()}
-    summary = dict.fromkeys(quantities.COMPARED, 1.0) | {"payload_bits": {"total": 8.0}, "uavs": 4}
-    made = comparison.plot_sweep("wind.sigma", {0.1: {"mine-0": [summary]}, 0.2: {"mine-0": [summary]}})
-    assert [text.get_text() for text in made.legends[0].get_texts()] == ["mine-0"]
-
-
 def test_methods_of_one_figure_differ_in_colour_and_marker() -> None:
     assert plotstyle.colour("plan") == plotstyle.colour("orca")  # each alone has this one
     looks = plotstyle.looks(["plan", "orca", "hjb", "cruise", "lqr", "vasarhelyi", "rls"])
@@ -218,29 +206,3 @@ def test_methods_of_one_figure_differ_in_colour_and_marker() -> None:
     assert looks["hjb"] == plotstyle.look("hjb")
     assert looks["plan"] == plotstyle.look("plan")
     assert len(plotstyle.looks([f"mine-{number}" for number in range(50)])) == 50
-
-
-def test_every_line_of_a_panel_with_two_has_a_label_and_the_legend_keeps_off_them(runs: dict[str, Path]) -> None:
-    made = plot_run(runs["offline"])["curves"]
-    panels = titles(made)
-    made.canvas.draw()
-    for title, labels in (
-        ("collision risk φ_C", ["with self-pairs", "distinct pairs"]),
-        ("arrived and collisions", ["arrived, of 9", "collisions (pairs)"]),
-    ):
-        ax = panels[title]
-        assert [each.get_label() for each in ax.lines] == labels
-        legend = ax.get_legend()
-        assert legend is not None
-        assert [text.get_text() for text in legend.get_texts()] == labels
-        bottom = ax.transData.inverted().transform(legend.get_window_extent().p0)[1]
-        assert bottom > max(each.get_ydata().max() for each in ax.lines)  # type: ignore[union-attr]
-
-
-def test_the_goal_is_a_ring_above_the_paths_and_in_the_legend(runs: dict[str, Path]) -> None:
-    made = plot_run(runs["mfgfl-hf"])["paths"]
-    ax = made.axes[0]
-    rings = [patch for patch in ax.patches if tuple(getattr(patch, "center", ())) == (0.0, 0.0)]
-    assert [ring.get_radius() for ring in rings] == [5.0, 5.0]  # type: ignore[attr-defined]
-    assert min(ring.get_zorder() for ring in rings) > max(line.get_zorder() for line in (*ax.lines, *ax.collections))
-    assert "goal, 5 m" in [text.get_text() for text in made.legends[0].get_texts()]

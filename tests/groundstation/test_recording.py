@@ -137,21 +137,6 @@ def test_links_are_green_where_delivered_and_red_in_outage(recorded: tuple[Path,
     assert len(edges[-1]) == np.count_nonzero(sources % 5)
 
 
-@pytest.mark.parametrize("last", [2, 12])
-def test_a_round_whose_uploads_are_all_in_outage_is_a_graph_without_edges(tmp_path: Path, last: int) -> None:
-    """Alone in its batch, and after a round of the same batch that was received."""
-    path, (block,) = tmp_path / "silent.rrd", flight(uavs=4, ticks=20)
-    links = [(2, uav, 0, FrameKind.UPLOAD, 4) for uav in (1, 2, 3)] if last > 2 else []
-    links += [(last, uav, 0, FrameKind.UPLOAD, -8) for uav in (1, 2, 3)]
-    record(path, [msgspec.structs.replace(block, links=np.array(links, dtype=np.int32))])
-    ticks, edges = column(path, look.ROUND, "GraphEdges:edges")
-    _, colors = column(path, look.ROUND, "GraphNodes:colors")
-    assert ticks.tolist() == [last]
-    assert edges == [[]]
-    assert colors == [[drawing.WHITE, drawing.RED, drawing.RED, drawing.RED]]
-    assert verify(path) is None
-
-
 def test_a_round_of_clusters_is_a_tree(tmp_path: Path) -> None:
     """Five of five UAVs each, headed by UAVs 0, 5 … 20; UAV 7 and the head of UAVs 10 to 14 are not heard."""
     path, (block,) = tmp_path / "tree.rrd", flight(ticks=20)

@@ -11,7 +11,7 @@ from meanflock.groundstation.launch.run import Options, Outputs
 from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import plots
 from meanflock.groundstation.recording.recorder import Recorder
-from meanflock.groundstation.recording.replay import Continued, Recorded, complete, missing, recorded, verify
+from meanflock.groundstation.recording.replay import Continued, Recorded, complete, missing, verify
 from meanflock.groundstation.results.run_folder import EVENTS, RunFolder
 from meanflock.groundstation.results.timeseries_file import past, recover
 from meanflock.swarm.errors import BadInput
@@ -161,15 +161,6 @@ def test_a_recording_that_cannot_be_read_is_made_anew_and_the_old_one_stays_besi
     complete(folder)
     assert contents(folder / "recording.rrd") == whole
     assert (folder / ".earlier-000.recording.rrd").read_bytes() == b"no recording"
-
-
-def test_a_recording_without_its_folder_is_repaired_as_far_as_it_goes(
-    blocks: list[Telemetry], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    killed(tmp_path / "recording.rrd", blocks, 3, monkeypatch)
-    complete(tmp_path)
-    assert verify(tmp_path / "recording.rrd") is None
-    assert recorded([tmp_path / "recording.rrd"]).ticks[-1] == blocks[3].first_tick - 1
 
 
 def test_rows_and_events_of_another_flight_are_bad_input(blocks: list[Telemetry], tmp_path: Path) -> None:

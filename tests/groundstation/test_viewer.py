@@ -1,11 +1,8 @@
 """Rerun's program: live viewers, pictures and repairs."""
 
-import os
 import shutil
-import signal
 import socket
 import subprocess
-import sys
 import threading
 from pathlib import Path
 
@@ -61,9 +58,6 @@ def test_the_viewer_waits_until_a_server_listens() -> None:
         assert not waiting.is_alive()
 
 
-LONG = 2400  # ticks: more than one batch
-
-
 def ticks_so_far(growing: Path) -> np.ndarray:
     """The ticks in a recording that another process may still write."""
     if not growing.exists():
@@ -77,32 +71,6 @@ def ticks_so_far(growing: Path) -> np.ndarray:
         return np.array([])
     finally:
         read.unlink()
-
-
-@pytest.mark.processes
-def test_a_killed_recording_is_repaired(tmp_path: Path) -> None:
-    path = tmp_path / "recording.rrd"
-    child = subprocess.Popen(
-        [sys.executable, "-m", "tests.groundstation.test_viewer", str(path)],
-        cwd=Path(__file__).parents[2],
-        stdout=subprocess.PIPE,
-        env={**os.environ, "CI": "1"},
-    )
-    try:
-        assert child.stdout is not None
-        assert child.stdout.readline() == b"recorded\n"
-        until(lambda: len(ticks_so_far(path)) > 0, "rows in the file")
-    finally:
-        child.send_signal(signal.SIGKILL)
-        child.wait()
-    assert verify(path) is not None
-    repair(path)
-    assert verify(path) is None
-    ticks, positions = column(path, look.UAVS, "Points2D:positions")
-    states = np.concatenate([block.states for block in flight(ticks=LONG)])
-    assert len(ticks) > 0
-    np.testing.assert_array_equal(np.array(positions), states[ticks, :, :2].astype(np.float32))
-    assert [file.name for file in tmp_path.iterdir()] == ["recording.rrd"]
 
 
 def test_a_file_that_is_no_recording_is_refused_and_left_alone(tmp_path: Path) -> None:
@@ -153,11 +121,3 @@ def save_live(url: str, path: Path) -> "subprocess.Popen[bytes]":
     return subprocess.Popen(
         [*viewer._program(), url, "--save", str(path)], env=viewer._environment(), stderr=subprocess.DEVNULL
     )
-
-
-if __name__ == "__main__":  # the child that is killed
-    interrupted = Recorder(Scenario(), "test", Path(sys.argv[1]))
-    for part in flight(ticks=LONG):
-        interrupted.write(part)
-    print("recorded", flush=True)
-    signal.pause()
