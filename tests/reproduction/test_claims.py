@@ -169,14 +169,6 @@ def test_measured_numbers_are_judged_like_runs(values: list[float], expected: st
     assert verdict([row("s0", HF, 1)], {"growth": values}, **THEORY) == expected
 
 
-def test_a_best_case_stays_open_while_one_comparison_does() -> None:
-    rows = noisy("x", {HF: 0.9, H: 1.0}, noise=0.001)  # a tenth less, for certain
-    rows += [row("s0", F, seed, x=1.8 + 2.0 * (seed % 2)) for seed in {each["seed"] for each in rows}]
-    check = {"kind": "best", "experiments": ("s0",), "threshold": 0.7}
-    assert verdict(rows, against=(H,), **check) == NOT_REPRODUCED
-    assert verdict(rows, against=(H, F), **check) == UNDECIDED
-
-
 def test_a_best_case_names_the_share_of_uavs_that_never_arrive() -> None:
     rows = [
         row("s0", method, seed, x=level + 0.001 * seed, arrived=arrived)

@@ -5,7 +5,6 @@ from collections import Counter
 from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
@@ -13,9 +12,9 @@ from meanflock.studies import job_file, runner
 from meanflock.studies.store import Store
 from meanflock.swarm.errors import BadInput, RunFailed
 from reproduction import claims, experiments, grid, tables
-from reproduction.grid import Point, Wanted
+from reproduction.grid import Wanted
 from reproduction.tables import COORDINATES
-from tests.reproduction.tiny import fly, plan, same, tiny
+from tests.reproduction.tiny import fly, plan, same
 
 
 @pytest.fixture
@@ -101,13 +100,6 @@ def test_the_tables_have_the_documented_columns(kept: Path) -> None:
     assert len(results.weights["model"][0].as_py()) == 246
 
 
-def test_diverged_runs_stay_in_the_table_and_are_counted(tmp_path: Path) -> None:
-    wild = tiny("mfg", "learner.position_scale=30", "learner.velocity_scale=3", duration=30.0)
-    results = fly(tmp_path, plan=[Wanted(Point("sensitivity", wild), 1), Wanted(Point("s0", tiny("mfg")), 1)])
-    assert results.diverged == 1
-    assert results.runs["diverged"].to_pylist() == [True, False]
-
-
 # -- a run flies once --------------------------------------------------------------------------------------------------
 
 
@@ -165,24 +157,6 @@ def test_the_version_depends_on_the_code_and_not_on_its_docstrings(
 
 
 # -- errors ------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("where", "error", "says"),
-    [
-        ((experiments, "fly"), ZeroDivisionError("no"), "s0 mfgfl-hf, seed 1: ZeroDivisionError"),
-        ((runner, "run"), runner.WorkerDied(plan()[2:4]), "died twice on one of: s0 hjb; the rest is kept"),
-    ],
-)
-def test_a_defect_and_a_dead_process_name_the_run(
-    where: tuple[Any, str], error: Exception, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def broken(*_: object, **__: object) -> None:
-        raise error
-
-    monkeypatch.setattr(*where, broken)
-    with pytest.raises(RunFailed, match=says):
-        fly(tmp_path, plan=plan()[:1])
 
 
 def test_bad_options_are_rejected_before_a_folder_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,6 @@ from meanflock.swarm.errors import BadInput
 from reproduction import figures, report
 from reproduction.grid import COMPARED, FEDERATED, PERIODS, SIGMAS, UAVS
 from reproduction.tables import Results, View
-from reproduction.traces import Trace, collisions
 from reproduction.verdict import evaluate
 from tests.groundstation.axes import every_axis
 from tests.reproduction.synthetic import map_rows, results, row
@@ -100,22 +99,6 @@ def test_every_axis_has_a_unit(name: str, tables: Results) -> None:
 
 
 # -- numbers -----------------------------------------------------------------------------------------------------------
-
-
-def test_a_trace_has_the_collisions_between_its_samples_and_ends_with_the_last_arrival() -> None:
-    """Two UAVs meet at the odd tick between two samples, and only there."""
-    status = np.array([[0, 0], [1, 0], [1, 2], [1, 2]], dtype=np.uint8)
-    assert Trace(np.arange(4.0), np.zeros((4, 2, 4)), status).mission_s == 2.0
-    assert Trace(np.arange(4.0), np.zeros((4, 2, 4)), np.zeros_like(status)).mission_s == 3.0
-    states = np.zeros((3, 2, 4))
-    states[:, 1, 0] = [1.0, -1.0, -3.0]
-    states[1:, 1, 2] = -10.0  # m/s: 1 m back at the tick between
-    times, flying = np.array([0.0, 0.2, 0.4]), np.zeros((3, 2), dtype=np.uint8)
-    assert collisions(Trace(times, states, flying)) == pytest.approx(np.array([[0.1, 0.0, 0.0]]))
-    assert len(collisions(Trace(times, states, np.ones((3, 2), dtype=np.uint8)))) == 0
-    states[..., 0] -= 0.5  # they meet on the way from tick to tick
-    states[:, 0, 0] = 0.0
-    assert collisions(Trace(times, states, flying)) == pytest.approx(np.array([[0.1, -0.25, 0.0]]))
 
 
 def test_the_report_has_every_claim_figure_and_reading(tables: Results, tmp_path: Path) -> None:

@@ -35,12 +35,6 @@ def gradients(width: int) -> np.ndarray:
     return theory.fpk_gradients(scenario(), states, np.zeros((4000, 2)), np.zeros(4000))[:, :width]
 
 
-def mean_deviation(r: np.ndarray, start: np.ndarray, mu: float, steps: int) -> np.ndarray:
-    """E[w̃(n)] = (I − μR)ⁿ w̃(0), `(M,)`."""
-    values, vectors = np.linalg.eigh(r)
-    return vectors @ ((1.0 - mu * values) ** steps * (vectors.T @ start))
-
-
 # -- the density learner as an LMS filter ------------------------------------------------------------------------------
 
 
@@ -55,13 +49,6 @@ def test_the_closed_form_of_the_deviation_holds_for_small_steps_only() -> None:
 
     assert abs(excess(0.002, 2000)) < 0.05
     assert excess(0.02, 2000) > 0.15  # the closed form leaves out the fourth moment of g
-
-
-def test_the_mean_diverges_above_the_bound_of_the_step() -> None:
-    r = theory.correlation(gradients(6))
-    start = np.linalg.eigh(r)[1][:, -1]
-    assert np.linalg.norm(mean_deviation(r, start, 1.01 * theory.step_bound(r), 2000)) > 1e3
-    assert np.linalg.norm(mean_deviation(r, start, 0.99 * theory.step_bound(r), 2000)) < 1e-3
 
 
 def test_the_moments_of_spread_states_meet_proposition_3() -> None:
@@ -174,13 +161,3 @@ def test_far_from_home_the_optimal_flight_is_the_riccati_solution() -> None:
         errors.append(theory.best_flight(fine, far, round(4 / dt)).cost - 1e4 - exact)
     assert abs(errors[-1]) < 0.3
     assert np.divide(errors[:2], errors[1:]) == pytest.approx(2.0, abs=0.15)  # first order in dt
-
-
-def test_the_gap_of_the_optimal_flight_is_one_and_of_any_other_more() -> None:
-    plain = Scenario()
-    best = theory.best_flight(plain, START, 200)
-    states = np.stack([best.states, theory.coast(plain, START, 200)], axis=1)
-    commands = np.stack([best.accelerations, np.zeros((200, 2))], axis=1)
-    gaps = theory.gaps(plain, states, commands, np.array([200, -1]))
-    assert gaps[0] == pytest.approx(1.0)
-    assert gaps[1] > 1.5

@@ -50,14 +50,9 @@ LARGE = summary(
 DISCS = "[{'x': 10.0, 'y': 20.0, 'radius': 3.0}, {'x': 30.0, 'y': 20.0, 'radius': 3.0}]"
 
 
-@pytest.mark.parametrize("columns", [20, 80, 120])
+@pytest.mark.parametrize("columns", [20, 80])
 @pytest.mark.parametrize(
-    ("key", "values"),
-    [
-        ("radio.latency_threshold_slots (slots)", (0.125, 1000)),
-        ("federation.broadcast_payload", ("float16", "int8")),
-        ("obstacles", ("[]", DISCS)),
-    ],
+    ("key", "values"), [("federation.broadcast_payload", ("float16", "int8")), ("obstacles", ("[]", DISCS))]
 )
 def test_a_table_of_means_fits_80_columns_and_cuts_no_number(
     key: str, values: Any, columns: int, monkeypatch, capsys
