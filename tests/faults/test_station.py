@@ -13,8 +13,10 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Station
 from meanflock.groundstation.results.run_folder import SUMMARY, RunFolder
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Join, Welcome
 from tests.faults.conftest import RUN, Lab, scenario
 from tests.telemetry import Record
 
@@ -42,6 +44,24 @@ def test_a_station_that_comes_late_is_sent_every_row_and_the_latest_checkpoint()
     assert ticks.tolist() == list(range(601))
     assert next(event.kind for event in late[0].events) == "joined"
     assert sum(bool(block.checkpoint) for block in late[0].blocks) == 1
+
+
+def test_a_station_that_starts_after_the_last_tick_is_let_in_and_sent_what_waits() -> None:
+    lab = Lab(scenario())
+    lab.engine.network.endpoints[1].close()
+    lab.world._stations = 1
+    late: list[Record] = []
+
+    def start(_timeout_s: float) -> None:
+        if not late:
+            raw = control.encode(Join("station", 0))
+            answer = lab.engine.network.endpoint().ask(keys.join(RUN, keys.asker("station")), raw, 1.0)
+            assert isinstance(control.decode(answer), Welcome)
+            late.append(listen(lab))
+
+    lab.world._wait = start  # type: ignore[method-assign]
+    lab.fly()
+    assert sum(len(block.states) for block in late[0].blocks) == 121
 
 
 def test_beyond_its_bound_the_world_gives_up_the_oldest_blocks_and_counts_them(
