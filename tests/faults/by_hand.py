@@ -63,30 +63,18 @@ class Processes:
             process.communicate()
 
 
-class Flight:
-    """World, station, leaders, and agents with a UAV each."""
+class Recorded:
+    """What a run that flies has written to the disk."""
 
-    def __init__(
-        self,
-        processes: Processes,
-        out: Path,
-        barrier_s: float = 10.0,
-        settings: tuple[str, ...] = ENDLESS,
-        agents: int = 3,
-        leaders: int = 1,
-        station_base: tuple[str, ...] | None = None,
-    ) -> None:
-        self.processes, self.out = processes, out
-        self.world = processes.world("--stations", "1", "--barrier", str(barrier_s), settings=settings)
-        self.station = processes.station(out, "--resume", "latest", base=station_base)
-        self.agents = [self.agent(uav) for uav in range(agents)]
-        self.leaders = [self.leader() for _ in range(leaders)]
+    def __init__(self, out: Path) -> None:
+        """`out`: the folder with the run folder."""
+        self.out = out
 
-    def agent(self, uav: int, *flags: str, **options: Any) -> Process:
-        return self.processes.start("agent", "--uav", str(uav), *flags, **options)
-
-    def leader(self) -> Process:
-        return self.processes.start("leader")
+    @property
+    def folder(self) -> Path:
+        """The only run folder."""
+        (folder,) = self.out.iterdir()
+        return folder
 
     def flying(self, more: int = 5_000) -> None:
         """Waits until that many more bytes of telemetry are on the disk."""
@@ -109,6 +97,33 @@ class Flight:
 
     def count(self, kind: str, uavs: tuple[int, ...] | None = None) -> int:
         return len(self.events(kind, uavs))
+
+
+class Flight(Recorded):
+    """World, station, leaders, and agents with a UAV each."""
+
+    def __init__(
+        self,
+        processes: Processes,
+        out: Path,
+        barrier_s: float = 10.0,
+        settings: tuple[str, ...] = ENDLESS,
+        agents: int = 3,
+        leaders: int = 1,
+        station_base: tuple[str, ...] | None = None,
+    ) -> None:
+        super().__init__(out)
+        self.processes = processes
+        self.world = processes.world("--stations", "1", "--barrier", str(barrier_s), settings=settings)
+        self.station = processes.station(out, "--resume", "latest", base=station_base)
+        self.agents = [self.agent(uav) for uav in range(agents)]
+        self.leaders = [self.leader() for _ in range(leaders)]
+
+    def agent(self, uav: int, *flags: str, **options: Any) -> Process:
+        return self.processes.start("agent", "--uav", str(uav), *flags, **options)
+
+    def leader(self) -> Process:
+        return self.processes.start("leader")
 
     def _rows(self) -> int:
         """How many rows of the flight are on the disk."""

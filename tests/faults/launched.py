@@ -7,11 +7,10 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import psutil
 
-from tests.faults.by_hand import events_in, spool_bytes
+from tests.faults.by_hand import Recorded, spool_bytes
 from tests.polling import DEADLINE_S, until
 
 COMMAND = [sys.executable, "-m", "meanflock.groundstation.cli"]
@@ -29,11 +28,11 @@ def alive(process: psutil.Process) -> bool:
     return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
 
 
-class Launched:
+class Launched(Recorded):
     """A run of the command with settings and flags."""
 
     def __init__(self, out: Path, settings: tuple[str, ...], flags: tuple[str, ...], **environment: str) -> None:
-        self.out = out
+        super().__init__(out)
         words = [word for setting in settings for word in ("--set", setting)]
         self.process = subprocess.Popen(
             [*COMMAND, "run", "--out", str(out), "--quiet", "--json", *flags, *words],
@@ -43,12 +42,6 @@ class Launched:
             env={**os.environ, **ENVIRONMENT, **environment},
             preexec_fn=_let_hang_up_end,
         )
-
-    @property
-    def folder(self) -> Path:
-        """The only run folder."""
-        (folder,) = self.out.iterdir()
-        return folder
 
     def child(self, module: str) -> psutil.Process:
         """The process of a module that the launcher itself has started."""
@@ -62,22 +55,6 @@ class Launched:
     def family(self) -> list[psutil.Process]:
         """All processes of the run but the launcher."""
         return psutil.Process(self.process.pid).children(recursive=True)
-
-    def events(self, kind: str, count: int) -> list[dict[str, Any]]:
-        """Waits for so many events of a kind."""
-        return until(
-            lambda: len(found := [e for e in events_in(self.folder) if e["kind"] == kind]) >= count and found,
-            f"{count} events {kind}",
-        )
-
-    def count(self, kind: str) -> int:
-        """How many events of a kind are on the disk."""
-        return sum(event["kind"] == kind for event in events_in(self.folder))
-
-    def flying(self, more: int = 20_000) -> None:
-        """Waits until that many more bytes of telemetry are on the disk."""
-        before = spool_bytes(self.out)
-        until(lambda: spool_bytes(self.out) > before + more, "telemetry")
 
     def ended(self, code: int) -> tuple[str, str]:
         """Waits for the command to end with an exit code; its output and errors."""

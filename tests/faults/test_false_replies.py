@@ -173,22 +173,6 @@ def test_the_leader_refuses_a_finite_weight_beyond_all_bounds() -> None:
     assert summary["rounds"] == ROUNDS
 
 
-def test_a_node_cannot_take_the_uploads_of_all_to_another_round() -> None:
-    """Frames of a kind go on the air together, those of UAV 0 first; its round must not be that of all."""
-    flown = rule("fedavg", "federation.leader=5")
-    silent = saying(flown, "agent-0", lambda act: [only(act) if act.outbox else act]).fly()
-
-    def elsewhere(act: Act) -> list[Act | bytes]:
-        return [only(act, *(Frames(batch.kind, 2**31, batch.source, batch.payload) for batch in act.outbox))]
-
-    lab = saying(flown, "agent-0", elsewhere)
-    summary = lab.fly()
-    assert summary["dropped_messages"] == {"wrong-round": ROUNDS}
-    assert summary["rounds"] == ROUNDS
-    assert summary["trajectory_sha256"] == silent["trajectory_sha256"]
-    assert not any(box._frames for _, box in lab.world.post._boxes)
-
-
 @pytest.mark.parametrize(
     ("when", "refused", "counts"), [(PERIOD, (5,), (0, 1)), (PERIOD + 1, (5,), (0, 1)), (PERIOD + 1, (~5, 5), (1, 1))]
 )

@@ -63,7 +63,7 @@ def test_a_killed_leader_killed_stations_and_a_killed_world_cost_neither_a_round
     for number in (signal.SIGKILL, signal.SIGTERM):
         flight.flying()
         flight.station_again(number)
-    (folder,) = tmp_path.iterdir()
+    folder = flight.folder
     until((folder / CHECKPOINT).exists, "a checkpoint")
     flight.world.kill()
     for process in (*flight.agents, *flight.leaders, flight.station):
@@ -124,7 +124,7 @@ def test_nodes_whose_links_are_reset_or_cut_come_back_to_a_flight_that_went_on(
 # -- processes of `meanflock run`: one endless run ------------------------------------------------------------------
 
 # A learner, a leader, and a filter that remembers what UAVs heard of each other.
-TICKS = 2000
+TICKS = 1500
 _LEARNER = ("uavs=4", "seed=7", "federation.period=40", "method=fed-lspi", "filter.kind=ecbf", "start.spacing=2")
 FLOWN = (*_LEARNER, f"duration={TICKS / 10}", "stop=duration")
 of_command = pytest.mark.xdist_group("endless command")  # and in this order
@@ -143,8 +143,8 @@ def test_the_command_starts_a_killed_agent_again(number: signal.Signals, command
     losses, agents = command.count("lost"), command.agents()
     assert len(agents) == 4
     agents[2].send_signal(number)
-    lost = command.events("lost", losses + 1)[-1]
-    rejoined = command.events("rejoined", losses + 1)[-1]
+    lost = command.event("lost", losses + 1)
+    rejoined = command.event("rejoined", losses + 1)
     assert len(lost["uavs"]) == 1
     assert rejoined["uavs"] == lost["uavs"]
     another = command.agents()[0]
@@ -157,8 +157,8 @@ def test_the_command_starts_a_killed_agent_again(number: signal.Signals, command
 def test_the_command_starts_a_killed_leader_again(command: Launched) -> None:
     rejoins, rounds = command.count("rejoined"), command.count("round")
     command.child("leader").kill()
-    assert command.events("rejoined", rejoins + 1)[-1]["text"] == "leader.2 stands by"
-    command.events("round", rounds + 5)
+    assert command.event("rejoined", rejoins + 1)["text"] == "leader.2 stands by"
+    command.event("round", rounds + 5)
 
 
 @forks
@@ -166,9 +166,9 @@ def test_the_command_starts_a_killed_leader_again(command: Launched) -> None:
 def test_the_command_gives_an_agent_up_that_dies_again_and_again(command: Launched) -> None:
     losses, rejoins = command.count("lost"), command.count("rejoined")
     for deaths in range(6):
-        command.events("rejoined", rejoins + deaths)
+        command.event("rejoined", rejoins + deaths)
         command.agents()[0 if deaths else -1].kill()  # one that has never been started again, and then the same
-        command.events("lost", losses + deaths + 1)
+        command.event("lost", losses + deaths + 1)
     command.flying(100_000)
     assert command.count("rejoined") == rejoins + 5
 
@@ -178,7 +178,7 @@ def test_the_command_gives_an_agent_up_that_dies_again_and_again(command: Launch
 def test_a_frozen_agent_costs_its_uav_and_ctrl_c_ends_the_flight_cleanly(command: Launched) -> None:
     losses, family = command.count("lost"), command.family()
     command.agents()[0].suspend()
-    assert f"no answer for {BARRIER_S} s" in command.events("lost", losses + 1)[-1]["text"]
+    assert f"no answer for {BARRIER_S} s" in command.event("lost", losses + 1)["text"]
     command.flying()
     command.process.send_signal(signal.SIGINT)
     _, err = command.ended(1)

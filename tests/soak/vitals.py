@@ -2,6 +2,7 @@
 
 import time
 from collections import defaultdict
+from contextlib import suppress
 
 import numpy as np
 import psutil
@@ -33,8 +34,9 @@ class Vitals:
         for process in (flight.world, flight.station, *flight.agents, *flight.leaders):
             if process.poll() is None:
                 name = f"{process.args[2].rpartition('.')[2]} {process.pid}"  # type: ignore[index]
-                self.memory[name].append((tick, psutil.Process(process.pid).memory_info().rss / MIB))
-                self.seconds[name].append(time.monotonic())
+                with suppress(psutil.NoSuchProcess):  # it may be killed right now
+                    self.memory[name].append((tick, psutil.Process(process.pid).memory_info().rss / MIB))
+                    self.seconds[name].append(time.monotonic())
         if all_well:
             self.descriptors.append(psutil.Process(flight.world.pid).num_fds())
 

@@ -113,9 +113,9 @@ def test_uploads_are_merged_into_one_batch_and_billed_by_their_bytes() -> None:
 
 def test_uploads_of_other_rounds_and_of_silent_uavs_are_left_out() -> None:
     air = Air(ALL)
-    batches = [upload(ALL, 0), upload(ALL, 1, number=3), upload(ALL, 2, 3), upload(ALL, 4), upload(ALL, 5, number=1)]
+    batches = [upload(ALL, 1, number=3), upload(ALL, 0), upload(ALL, 2, 3), upload(ALL, 4), upload(ALL, 5, number=1)]
     (merged,) = air.merge(*batches, silent=(3, 4))
-    assert merged.source.tolist() == [0, 2]
+    assert (merged.source.tolist(), merged.round) == ([0, 2], 2)  # not that of the first batch
     assert air.dropped == ["frames of UAV 1", "frames of UAV 5"]
     assert air.billed == sum(wire.bytes_of_batch(each) for each in (upload(ALL, 0), upload(ALL, 2)))
     assert Air(MODELS).merge(upload(MODELS, 1, number=7)) == []
